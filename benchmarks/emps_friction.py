@@ -131,7 +131,9 @@ def print_simulation(_robot: Robot, data: Recording, pulses: Recording) -> None:
     for model in MODELS:
         trials.append(try_axis_model(model, run, PLAN, generator=np.random.default_rng(0)))
         blocks = "  ".join(f"{1e3 * value:.2f}" for value in trials[-1].held)
-        print(f"{model.name:40}{trials[-1].unknowns:7}   {1e3 * trials[-1].rmse:6.3f}   {blocks}", flush=True)
+        print(
+            f"{model.name:40}{len(model.parameters):7}   {1e3 * trials[-1].rmse:6.3f}   {blocks}", flush=True
+        )
     chosen = choose_axis_trial(trials)
     print(f"chosen: {chosen.model.name}")
     fits = [

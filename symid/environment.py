@@ -1,11 +1,7 @@
 """One thread for linear algebra, the folders that come with symid, paths as people type them, files written.
 
-Threads: a sum that threads share gives other digits on another number of cores, so the command line asks
-OpenBLAS, MKL, BLIS, Accelerate and OpenMP for one thread. They read the environment once, when they are
-loaded.
-
-Folders: robot files and templates of a source checkout, of an editable installation (beside the package)
-and of a wheel (in `symid/_data`).
+A sum that threads share gives other digits on another number of cores, so the command line sets OpenBLAS,
+MKL, BLIS, Accelerate and OpenMP to one thread. They read the environment once, when they are loaded.
 
 Not supported: linear algebra that is loaded already; a package imported from inside a zip file.
 """
@@ -13,7 +9,6 @@ Not supported: linear algebra that is loaded already; a package imported from in
 import os
 import tempfile
 from collections.abc import Callable, Iterable
-from errno import EINVAL
 from pathlib import Path
 from typing import IO
 
@@ -29,12 +24,7 @@ def show_path(path: Path) -> str:
 
 
 def check_suffix(path: Path, what: str, known: Iterable[str]) -> str:
-    """Return the ending of a file that is to be written, in lower case.
-
-    Args:
-        path: of the file.
-        what: is written, for the message, such as "a log".
-        known: endings, with their dots.
+    """Return the suffix of an output file in lower case, one of `known`; messages call the file `what`.
 
     Raises:
         OutputError: it is another one.
@@ -54,15 +44,17 @@ def write_file(
     Args:
         path: of the file.
         content: its text, written in UTF-8, or what writes its bytes.
-        what: is written, for the message, such as "the log".
-        with_folder: whether folders that do not exist are made.
+        what: the message's name of the content, such as "the log".
+        with_folder: whether folders that do not exist are created.
 
     Raises:
         OutputError: the folder does not exist or must not be written.
     """
     temporary = ""
     try:
-        handle, temporary = _open_temporary(path, with_folder=with_folder)
+        if with_folder:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         with os.fdopen(handle, "wb") as stream:
             if callable(content):
                 content(stream)
@@ -74,35 +66,21 @@ def write_file(
         os.umask(mask)
         Path(temporary).chmod(0o666 & ~mask)
         Path(temporary).replace(path)
-    except OSError as error:
+    except (OSError, ValueError) as error:
+        # A name that no file can have, with a null byte or no Unicode, is a ValueError.
+        if temporary and isinstance(error, ValueError):
+            raise
+        text = f"cannot be written: {getattr(error, 'strerror', None) or error}"
         if what:
-            notice = Notice(
-                code="output.unwritable",
-                text=f"{what} cannot be written: {error.strerror or error}",
-                file=str(path),
-            )
+            notice = Notice(code="output.unwritable", text=f"{what} {text}", file=str(path))
         else:
-            reason = f"cannot be written: {error.strerror}; name a file in a folder that exists and is yours"
-            notice = Notice(code="output.write", text=reason, file=str(path))
+            text += "; name a file in a folder that exists and is yours"
+            notice = Notice(code="output.write", text=text, file=str(path))
         raise OutputError(notice) from error
     finally:
         if temporary:
             Path(temporary).unlink(missing_ok=True)
     return path
-
-
-def _open_temporary(path: Path, *, with_folder: bool) -> tuple[int, str]:
-    """Return handle and name of a new file beside `path`.
-
-    Raises:
-        OSError: there can be none, also where no file can have the name: it holds a null byte or no Unicode.
-    """
-    try:
-        if with_folder:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        return tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    except ValueError as error:
-        raise OSError(EINVAL, str(error)) from error
 
 
 _PACKAGE = Path(__file__).resolve().parent
@@ -112,7 +90,7 @@ def locate_resource_folder(name: str) -> Path:
     """Return the folder `name`, "robots" or "templates", that belongs to this installation.
 
     Raises:
-        SymidError: the installation is incomplete; the message names the places looked at.
+        SymidError: the installation is incomplete; the message names the places searched.
     """
     # The wheel's copy first: beside an installed package stand other people's folders.
     places = (_PACKAGE / "_data" / name, _PACKAGE.parent / name)
@@ -120,8 +98,7 @@ def locate_resource_folder(name: str) -> Path:
         if place.is_dir():
             return place
     text = (
-        f"the folder {name!r} that belongs to symid is missing, looked for {places[0]} and {places[1]}; "
-        "install symid again"
+        f"the folder {name!r} of symid is missing, searched {places[0]} and {places[1]}; install symid again"
     )
     raise SymidError(Notice(code="symid.missing-resource", text=text))
 

@@ -1,90 +1,49 @@
 """The errors of symid, one tree, and the notices they are made of.
 
-    SymidError                  70  a bug in symid, if it is none of the following
+    SymidError                  70  a bug in symid, unless it is one of the following
     |-- UsageError               2  the call itself is wrong: a name, an option
-    |-- InputError               3  a file says something that cannot be used
+    |-- InputError               3  a file holds something that cannot be used
     |   |-- RobotError              the robot file, or a robot that is not supported
     |   |-- LogError                the log, its columns, units, times
     |   `-- EstimateError           a file of identified parameters
     |-- OutputError              3  a folder or file that must not be written
     |-- GenerationError         70  generated code that does not compile or disagrees with itself
-    |-- IdentifiabilityError     4  nothing can be learnt from this log
+    |-- IdentifiabilityError     4  nothing is identifiable from this log
     `-- SolverError              5  a solver ended without a usable result
 
-The number is the exit code of the command line. An error carries one notice or
-many: all that is wrong with a file is said at once.
+The number is the exit code of the command line. An error carries one notice or many: all mistakes of a file
+are reported at once.
 """
 
 from dataclasses import dataclass
 from typing import ClassVar
 
-__all__ = [
-    "NOTES",
-    "EstimateError",
-    "GenerationError",
-    "IdentifiabilityError",
-    "InputError",
-    "LogError",
-    "Notice",
-    "OutputError",
-    "RobotError",
-    "SolverError",
-    "SymidError",
-    "UsageError",
-]
-
-
 NOTES = frozenset(
-    {
-        "check.elastic",
-        "elastic.motor-side",
-        "estimate.settings-differ",
-        "identify.automatic",
-        "identify.second-encoder",
-        "identify.slow-rows",
-        "identify.unused-processing",
-        "log.aligned",
-        "log.converted",
-        "log.cut",
-        "log.folded",
-        "log.in-line",
-        "log.motor-position",
-        "log.offset",
-        "log.payload",
-        "log.resampled",
-        "new.assumed-gear",
-        "new.assumed-order",
-        "new.assumed-side",
-        "new.ends",
-        "new.gravity",
-        "new.preset",
-        "new.standstill",
-        "new.unused-columns",
-        "robot.assumed-gravity",
-        "robot.cut-off",
-        "robot.default-axis",
-        "robot.elastic-joint",
-        "robot.endless-limits",
-        "robot.fixed-to-base",
-        "robot.follower-still",
-        "robot.lumped",
-        "robot.renamed",
-        "robot.urdf-unused",
-    }
+    (
+        *("check.elastic", "elastic.motor-side", "estimate.settings-differ"),
+        *("identify.automatic", "identify.second-encoder", "identify.slow-rows"),
+        *("identify.unused-processing",),
+        *("log.aligned", "log.converted", "log.cut", "log.folded", "log.in-line", "log.motor-position"),
+        *("log.offset", "log.payload", "log.resampled"),
+        *("new.assumed-gear", "new.assumed-order", "new.assumed-side", "new.ends", "new.gravity"),
+        *("new.preset", "new.standstill", "new.unused-columns"),
+        *("robot.assumed-gravity", "robot.cut-off", "robot.default-axis", "robot.elastic-joint"),
+        *("robot.endless-limits", "robot.fixed-to-base", "robot.follower-still", "robot.lumped"),
+        *("robot.renamed", "robot.urdf-unused"),
+    )
 )
-"""Codes of what is as it was asked for, and only worth knowing."""
+"""Codes of notes, which report a choice or a fact; all other notices are warnings or errors."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Notice:
-    """One thing to tell: what, where, what was found, what is allowed, what to do.
+    """One message: what was found and where, what is allowed, what to do.
 
     Attributes:
-        code: stable and made for programs, as in "robot.unknown-key".
+        code: for programs, stable, as in "robot.unknown-key".
         text: for people.
         file: what it is about; empty where that is no file.
-        line: counted from one, zero where there is no such place.
-        column: likewise.
+        line, column: counted from one, zero where there is no such place.
 
     Example:
         >>> import symid
@@ -100,16 +59,13 @@ class Notice:
 
     @property
     def is_note(self) -> bool:
-        """Return whether it is as it was asked for, and only worth knowing."""
+        """Return whether it is a note, neither a warning nor an error."""
         return self.code in NOTES
 
     def __str__(self) -> str:
         """Return `file:line:column: text` with the parts that are known."""
-        place = self.file
-        if self.line:
-            place += f":{self.line}"
-            if self.column:
-                place += f":{self.column}"
+        place = f"{self.file}:{self.line}" if self.line else self.file
+        place += f":{self.column}" if self.line and self.column else ""
         return f"{place}: {self.text}" if place else self.text
 
 
@@ -140,7 +96,7 @@ class UsageError(SymidError):
 
 
 class InputError(SymidError):
-    """A file says something that cannot be used."""
+    """A file holds something that cannot be used."""
 
     exit_code = 3
 
@@ -168,7 +124,7 @@ class GenerationError(SymidError):
 
 
 class IdentifiabilityError(SymidError):
-    """Nothing can be learnt from the measurements given."""
+    """Nothing is identifiable from the measurements."""
 
     exit_code = 4
 

@@ -2,11 +2,10 @@
 
     SmoothProblem, start -> minimise -> IpoptRun
 
-CasADi is loaded on first use. Of the linear solvers only MUMPS runs: the wheel of CasADi carries no other one
-that works; others end at once or crash.
+Of the linear solvers only MUMPS runs: the wheel of CasADi has no other one that works.
 
 Supported: exact Hessians where bounds are the only constraints; else, and without a Hessian, Ipopt's own
-limited-memory approximation. The return statuses of Ipopt 3.14; an unknown one is a failure that names it.
+limited-memory approximation. An unknown return status is a failure that names it.
 Not supported: parameters of the problem; second derivatives of constraints; other solvers.
 """
 
@@ -24,18 +23,18 @@ LINEAR_SOLVER = "mumps"
 
 
 class Ending(Enum):
-    """How a search ended, by Ipopt or another method; the value is the explanation, files hold the name."""
+    """How a search ended, by any method; the value is the explanation, files hold the name."""
 
     SOLVED = "solved in one pass, without iterations"
-    CONVERGED = "all tolerances are met"
-    ACCEPTABLE = "only the looser tolerances are met"
-    STAGNATED = "the search ended because it made no more progress"
-    STALLED = "no step made progress before the tolerances were met"
-    LIMIT = "a limit of iterations, generations or evaluations was reached"
+    CONVERGED = "converged"
+    ACCEPTABLE = "converged to looser tolerances only"
+    STAGNATED = "no more progress"
+    STALLED = "not converged: no step made progress"
+    LIMIT = "not converged within the limit of iterations, generations or evaluations"
     INFEASIBLE = "the constraints contradict each other"
-    DIVERGED = "the unknowns grew without bound"
-    FAILED = "the search broke down"
-    SOME_REFUSED = "the fit is complete, but some parameters cannot be learnt from these samples"
+    DIVERGED = "diverged: the unknowns grew without bound"
+    FAILED = "the solver failed"
+    SOME_REFUSED = "some parameters are not identifiable from these samples"
 
     @property
     def usable(self) -> bool:
@@ -44,8 +43,8 @@ class Ending(Enum):
 
 
 IPOPT_STATUSES: dict[str, tuple[Ending, str]] = {
-    "Solve_Succeeded": (Ending.CONVERGED, "all tolerances are met"),
-    "Solved_To_Acceptable_Level": (Ending.ACCEPTABLE, "only the looser tolerances are met"),
+    "Solve_Succeeded": (Ending.CONVERGED, "converged"),
+    "Solved_To_Acceptable_Level": (Ending.ACCEPTABLE, "converged to looser tolerances only"),
     "Feasible_Point_Found": (Ending.FAILED, "a feasible point was found, not an optimum"),
     "Infeasible_Problem_Detected": (Ending.INFEASIBLE, "the constraints contradict each other"),
     "Search_Direction_Becomes_Too_Small": (Ending.STALLED, "steps became too small to matter"),

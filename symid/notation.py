@@ -1,7 +1,6 @@
 """The table of symbols (ASCII, LaTeX, SI unit, meaning) and the closed table of units of files and logs.
 
-Units of symbols are written for a revolute joint; `get_unit` gives those of a prismatic one too. A unit's
-name -> its dimension in words and its factor to SI.
+Units of symbols are written for a revolute joint; `get_unit` gives those of a prismatic one too.
 
 Supported: the listed units; a product may be written with a space, `*` or a middle dot.
 Not supported: arithmetic on units, prefixes on names that are not listed.
@@ -17,68 +16,72 @@ INERTIAL = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 
 @dataclass(frozen=True, slots=True)
 class Symbol:
-    """A quantity: its letter in code and in print, and its SI units."""
+    """A quantity: its letter in code and in print, and its SI unit at a revolute joint."""
 
     name: str
     latex: str
     unit: str
-    unit_prismatic: str
     meaning: str
 
 
 SYMBOLS: tuple[Symbol, ...] = (
-    Symbol("t", "t", "s", "s", "time"),
-    Symbol("q", "q", "rad", "m", "link coordinate"),
-    Symbol("dq", r"\dot q", "rad/s", "m/s", "link velocity"),
-    Symbol("ddq", r"\ddot q", "rad/s^2", "m/s^2", "link acceleration"),
-    Symbol("theta", r"\theta", "rad", "m", "motor coordinate on the joint side"),
-    Symbol("dtheta", r"\dot\theta", "rad/s", "m/s", "motor velocity on the joint side"),
-    Symbol("phi", r"\varphi", "rad", "m", "torsion theta - q"),
-    Symbol("tau", r"\tau", "N m", "N", "joint torque (force, if prismatic)"),
-    Symbol("tau_m", r"\tau_m", "N m", "N", "motor torque on the joint side"),
-    Symbol("pi", r"\pi", "mixed", "mixed", "standard inertial parameters"),
-    Symbol("beta", r"\beta", "mixed", "mixed", "base inertial parameters"),
-    Symbol("h", "h", "mixed", "mixed", "energy regressor"),
-    Symbol("Yp", "Y_p", "mixed", "mixed", "momentum regressor"),
-    Symbol("Y", "Y", "mixed", "mixed", "torque regressor"),
-    Symbol("XX", "XX", "kg m^2", "kg m^2", "inertia about x, link frame's origin"),
-    Symbol("XY", "XY", "kg m^2", "kg m^2", "entry xy of the inertia tensor"),
-    Symbol("XZ", "XZ", "kg m^2", "kg m^2", "entry xz of the inertia tensor"),
-    Symbol("YY", "YY", "kg m^2", "kg m^2", "inertia about y, link frame's origin"),
-    Symbol("YZ", "YZ", "kg m^2", "kg m^2", "entry yz of the inertia tensor"),
-    Symbol("ZZ", "ZZ", "kg m^2", "kg m^2", "inertia about z, link frame's origin"),
-    Symbol("MX", "MX", "kg m", "kg m", "first moment along x"),
-    Symbol("MY", "MY", "kg m", "kg m", "first moment along y"),
-    Symbol("MZ", "MZ", "kg m", "kg m", "first moment along z"),
-    Symbol("M", "M", "kg", "kg", "mass"),
-    Symbol("IA", "I_a", "kg m^2", "kg", "reflected rotor inertia"),
-    Symbol("KS", "K_s", "N m/rad", "N/m", "stiffness of a spring at the joint"),
-    Symbol("KR", "K_r", "N m", "N", "torque of the spring at q = 0: minus stiffness times rest position"),
-    Symbol("k0", "k_0", "N m/rad", "N/m", "stiffness of an elastic joint when all its stops slip"),
-    Symbol("kc", "k_c", "N m/rad^3", "N/m^3", "cubic stiffness of an elastic joint"),
-    Symbol("k", "k", "N m/rad", "N/m", "stiffness of a stop"),
-    Symbol("r", "r", "rad", "m", "torsion at which a stop slips"),
-    Symbol("s", "s", "1", "1", "slope that a knee adds to the outer function"),
-    Symbol("R", "R", "N m", "N", "torque at which a knee begins"),
-    Symbol("P", "P", "rad", "m", "play of a torsion"),
-    Symbol("Q", "Q", "N m", "N", "play of the inverse, of a torque"),
-    Symbol("tau_J", r"\tau_J", "N m", "N", "torque of an elastic joint's spring"),
-    Symbol("Fv", "F_v", "N m s/rad", "N s/m", "viscous friction"),
-    Symbol("Fc", "F_c", "N m", "N", "Coulomb friction"),
-    Symbol("offset", r"\tau_0", "N m", "N", "constant torque: drive offset, asymmetry"),
-    Symbol("Fvp", "F_v^+", "N m s/rad", "N s/m", "viscous friction, positive velocity"),
-    Symbol("Fcp", "F_c^+", "N m", "N", "Coulomb friction, positive velocity"),
-    Symbol("Fvn", "F_v^-", "N m s/rad", "N s/m", "viscous friction, negative velocity"),
-    Symbol("Fcn", "F_c^-", "N m", "N", "Coulomb friction, negative velocity"),
-    Symbol("Fe", "F_e", "N m", "N", "static friction beyond Coulomb friction"),
-    Symbol("Fp", "F_p", "N m", "N", "constant torque of the improved Stribeck model"),
-    Symbol("Fvq", "F_{vq}", "N m s^2/rad^2", "N s^2/m^2", "friction with the square of the speed"),
-    Symbol("Fvc", "F_{vc}", "N m s^3/rad^3", "N s^3/m^3", "friction with the cube of the speed"),
-    Symbol("Fd", r"F_\delta", "N m", "N", "friction with a power of the speed, at 1 rad/s or 1 m/s"),
-    Symbol("Fm", "F_m", "N m", "N", "rise of dry friction before it falls again"),
+    Symbol("t", "t", "s", "time"),
+    Symbol("q", "q", "rad", "link coordinate"),
+    Symbol("dq", r"\dot q", "rad/s", "link velocity"),
+    Symbol("ddq", r"\ddot q", "rad/s^2", "link acceleration"),
+    Symbol("theta", r"\theta", "rad", "motor coordinate on the joint side"),
+    Symbol("dtheta", r"\dot\theta", "rad/s", "motor velocity on the joint side"),
+    Symbol("phi", r"\varphi", "rad", "torsion theta - q"),
+    Symbol("tau", r"\tau", "N m", "joint torque (force, if prismatic)"),
+    Symbol("tau_m", r"\tau_m", "N m", "motor torque on the joint side"),
+    Symbol("pi", r"\pi", "mixed", "standard inertial parameters"),
+    Symbol("beta", r"\beta", "mixed", "base inertial parameters"),
+    Symbol("h", "h", "mixed", "energy regressor"),
+    Symbol("Yp", "Y_p", "mixed", "momentum regressor"),
+    Symbol("Y", "Y", "mixed", "torque regressor"),
+    Symbol("XX", "XX", "kg m^2", "inertia about x, link frame's origin"),
+    Symbol("XY", "XY", "kg m^2", "entry xy of the inertia tensor"),
+    Symbol("XZ", "XZ", "kg m^2", "entry xz of the inertia tensor"),
+    Symbol("YY", "YY", "kg m^2", "inertia about y, link frame's origin"),
+    Symbol("YZ", "YZ", "kg m^2", "entry yz of the inertia tensor"),
+    Symbol("ZZ", "ZZ", "kg m^2", "inertia about z, link frame's origin"),
+    Symbol("MX", "MX", "kg m", "first moment along x"),
+    Symbol("MY", "MY", "kg m", "first moment along y"),
+    Symbol("MZ", "MZ", "kg m", "first moment along z"),
+    Symbol("M", "M", "kg", "mass"),
+    Symbol("IA", "I_a", "kg m^2", "reflected rotor inertia"),
+    Symbol("KS", "K_s", "N m/rad", "stiffness of a spring at the joint"),
+    Symbol("KR", "K_r", "N m", "torque of the spring at q = 0: minus stiffness times rest position"),
+    Symbol("k0", "k_0", "N m/rad", "stiffness of an elastic joint when all its stops slip"),
+    Symbol("kc", "k_c", "N m/rad^3", "cubic stiffness of an elastic joint"),
+    Symbol("k", "k", "N m/rad", "stiffness of a stop"),
+    Symbol("r", "r", "rad", "torsion at which a stop slips"),
+    Symbol("s", "s", "1", "slope that a knee adds to the outer function"),
+    Symbol("R", "R", "N m", "torque at which a knee begins"),
+    Symbol("P", "P", "rad", "play of a torsion"),
+    Symbol("Q", "Q", "N m", "play of the inverse, of a torque"),
+    Symbol("tau_J", r"\tau_J", "N m", "torque of an elastic joint's spring"),
+    Symbol("Fv", "F_v", "N m s/rad", "viscous friction"),
+    Symbol("Fc", "F_c", "N m", "Coulomb friction"),
+    Symbol("offset", r"\tau_0", "N m", "constant torque: drive offset, asymmetry"),
+    Symbol("Fvp", "F_v^+", "N m s/rad", "viscous friction, positive velocity"),
+    Symbol("Fcp", "F_c^+", "N m", "Coulomb friction, positive velocity"),
+    Symbol("Fvn", "F_v^-", "N m s/rad", "viscous friction, negative velocity"),
+    Symbol("Fcn", "F_c^-", "N m", "Coulomb friction, negative velocity"),
+    Symbol("Fe", "F_e", "N m", "static friction beyond Coulomb friction"),
+    Symbol("Fp", "F_p", "N m", "constant torque of the improved Stribeck model"),
+    Symbol("Fvq", "F_{vq}", "N m s^2/rad^2", "friction with the square of the speed"),
+    Symbol("Fvc", "F_{vc}", "N m s^3/rad^3", "friction with the cube of the speed"),
+    Symbol("Fd", r"F_\delta", "N m", "friction with a power of the speed, at 1 rad/s or 1 m/s"),
+    Symbol("Fm", "F_m", "N m", "rise of dry friction before it falls again"),
 )
 
 _BY_NAME = {symbol.name: symbol for symbol in SYMBOLS}
+
+
+def adapt_unit(unit: str, *, prismatic: bool) -> str:
+    """Return the unit of a revolute joint, or the same of a prismatic one: N for N m, m for rad."""
+    return unit.replace("N*m", "N").replace("N m", "N").replace("rad", "m") if prismatic else unit
 
 
 def get_unit(name: str, *, prismatic: bool = False) -> str:
@@ -87,73 +90,56 @@ def get_unit(name: str, *, prismatic: bool = False) -> str:
     Raises:
         KeyError: there is no such symbol in the table.
     """
-    symbol = _BY_NAME[name]
-    return symbol.unit_prismatic if prismatic else symbol.unit
+    if prismatic and name == "IA":
+        return "kg"
+    return adapt_unit(_BY_NAME[name].unit, prismatic=prismatic)
 
 
 _TURN = 2 * math.pi
 _DEGREE = math.pi / 180
 
-UNITS: dict[str, tuple[str, float]] = {
+_FACTORS = {
     # `SI` stands for rad or m, N m or N, whichever the joint has.
-    "SI": ("SI", 1.0),
-    "s": ("time", 1.0),
-    "ms": ("time", 1e-3),
-    "us": ("time", 1e-6),
-    "ns": ("time", 1e-9),
-    "min": ("time", 60.0),
-    "rad": ("angle", 1.0),
-    "mrad": ("angle", 1e-3),
-    "deg": ("angle", _DEGREE),
-    "rev": ("angle", _TURN),
-    "m": ("length", 1.0),
-    "cm": ("length", 1e-2),
-    "mm": ("length", 1e-3),
-    "um": ("length", 1e-6),
-    "rad/s": ("angular velocity", 1.0),
-    "mrad/s": ("angular velocity", 1e-3),
-    "deg/s": ("angular velocity", _DEGREE),
-    "rev/s": ("angular velocity", _TURN),
-    "rpm": ("angular velocity", _TURN / 60),
-    "rev/min": ("angular velocity", _TURN / 60),
-    "m/s": ("velocity", 1.0),
-    "cm/s": ("velocity", 1e-2),
-    "mm/s": ("velocity", 1e-3),
-    "rad/s^2": ("angular acceleration", 1.0),
-    "deg/s^2": ("angular acceleration", _DEGREE),
-    "m/s^2": ("acceleration", 1.0),
-    "mm/s^2": ("acceleration", 1e-3),
-    "N m": ("torque", 1.0),
-    "Nm": ("torque", 1.0),
-    "mN m": ("torque", 1e-3),
-    "mNm": ("torque", 1e-3),
-    "N cm": ("torque", 1e-2),
-    "Ncm": ("torque", 1e-2),
-    "kN m": ("torque", 1e3),
-    "kNm": ("torque", 1e3),
-    "N": ("force", 1.0),
-    "mN": ("force", 1e-3),
-    "kN": ("force", 1e3),
-    "V": ("voltage", 1.0),
-    "mV": ("voltage", 1e-3),
-    "A": ("current", 1.0),
-    "mA": ("current", 1e-3),
-    "1": ("number", 1.0),
-    "count": ("number", 1.0),
-    "%": ("number", 1e-2),
-    "kg": ("mass", 1.0),
-    "g": ("mass", 1e-3),
-    "kg m^2": ("inertia", 1.0),
-    "kg cm^2": ("inertia", 1e-4),
-    "g cm^2": ("inertia", 1e-7),
-    "kg m": ("first moment", 1.0),
-    "Hz": ("frequency", 1.0),
-    "kHz": ("frequency", 1e3),
-    "N m/A": ("torque constant", 1.0),
-    "Nm/A": ("torque constant", 1.0),
-    "N m s/rad": ("viscous friction", 1.0),
-    "N s/m": ("viscous friction", 1.0),
+    "SI": {"SI": 1.0},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
+    "angle": {"rad": 1.0, "mrad": 1e-3, "deg": _DEGREE, "rev": _TURN},
+    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
+    "angular velocity": {
+        "rad/s": 1.0,
+        "mrad/s": 1e-3,
+        "deg/s": _DEGREE,
+        "rev/s": _TURN,
+        "rpm": _TURN / 60,
+        "rev/min": _TURN / 60,
+    },
+    "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
+    "angular acceleration": {"rad/s^2": 1.0, "deg/s^2": _DEGREE},
+    "acceleration": {"m/s^2": 1.0, "mm/s^2": 1e-3},
+    "torque": {
+        "N m": 1.0,
+        "Nm": 1.0,
+        "mN m": 1e-3,
+        "mNm": 1e-3,
+        "N cm": 1e-2,
+        "Ncm": 1e-2,
+        "kN m": 1e3,
+        "kNm": 1e3,
+    },
+    "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
+    "voltage": {"V": 1.0, "mV": 1e-3},
+    "current": {"A": 1.0, "mA": 1e-3},
+    "number": {"1": 1.0, "count": 1.0, "%": 1e-2},
+    "mass": {"kg": 1.0, "g": 1e-3},
+    "inertia": {"kg m^2": 1.0, "kg cm^2": 1e-4, "g cm^2": 1e-7},
+    "first moment": {"kg m": 1.0},
+    "frequency": {"Hz": 1.0, "kHz": 1e3},
+    "torque constant": {"N m/A": 1.0, "Nm/A": 1.0},
+    "viscous friction": {"N m s/rad": 1.0, "N s/m": 1.0},
 }
+UNITS: dict[str, tuple[str, float]] = {
+    unit: (dimension, factor) for dimension, units in _FACTORS.items() for unit, factor in units.items()
+}
+"""Dimension and factor to SI of each unit."""
 
 
 def _normalise_unit(name: str) -> str:

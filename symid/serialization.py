@@ -1,8 +1,7 @@
 """Values as bytes and as JSON: equal input, equal text, on any machine.
 
-Supported: None, booleans, integers, floats, strings, tuples, lists, mappings with string keys, enumerations,
-dataclasses and NumPy arrays; fractions and bytes in signatures, paths in JSON.
-Not supported: sets (they have no order) and any other object (TypeError).
+Supported: None, booleans, numbers, strings, tuples, lists, mappings with string keys, enumerations,
+dataclasses and NumPy arrays; fractions and bytes in signatures, paths in JSON. Not supported: sets.
 """
 
 import hashlib
@@ -21,7 +20,7 @@ from symid.errors import InputError, Notice, SymidError
 
 Record = TypeVar("Record")
 Finite = Annotated[float, "finite"]
-"""A number that a file must state: null, which stands for infinity elsewhere, is refused."""
+"""A number that a file must state: null, which means infinity elsewhere, is refused."""
 _LARGEST = int(sys.float_info.max)
 _DEPTH = 100
 
@@ -188,7 +187,7 @@ def list_unusable(value: object, where: str = "", depth: int = 0) -> Iterator[st
 
 
 def _is_unicode(text: str) -> bool:
-    """Return whether text can be written: half of a surrogate pair, which JSON can say, cannot."""
+    """Return whether text can be written: half of a surrogate pair, which JSON can hold, cannot."""
     try:
         text.encode()
     except UnicodeEncodeError:

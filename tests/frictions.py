@@ -46,7 +46,6 @@ def draw_samples(
         time=1e-3 * np.arange(count),
         velocity=velocity,
         torque=torque,
-        noise=noise or None,
         **given,
     )
 

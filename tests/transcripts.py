@@ -10,12 +10,17 @@ writes the scripts and the answers of this machine into the page:
 
 import os
 import re
+import runpy
 import shlex
 import shutil
 import subprocess
 import sys
 import tempfile
+from contextlib import chdir, redirect_stderr, redirect_stdout
+from io import StringIO
 from pathlib import Path
+
+from symid.cli.main import run
 
 STEP = re.compile(
     r"^```sh\n(?P<command>[^\n]*)\n```\n\n```text\n(?P<answer>.*?)^```$", re.DOTALL | re.MULTILINE
@@ -41,7 +46,16 @@ def run_step(command: str, folder: Path, cache: Path) -> tuple[int, str]:
     """Return the exit code of a command, and all that it prints, in the order of a terminal."""
     first, *arguments = shlex.split(command)
     assert first == "symid"
-    return run_python(["-c", "from symid.cli.main import main; main()", *arguments], folder, cache)
+    before = dict(os.environ)
+    printed = StringIO()
+    os.environ |= {"XDG_CACHE_HOME": str(cache), "NO_COLOR": "1"}
+    try:
+        with chdir(folder), redirect_stdout(printed), redirect_stderr(printed):
+            code = run(arguments)
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
+    return code, printed.getvalue()
 
 
 def run_python(arguments: list[str], folder: Path, cache: Path) -> tuple[int, str]:
@@ -58,6 +72,23 @@ def run_python(arguments: list[str], folder: Path, cache: Path) -> tuple[int, st
         timeout=LONGEST,
     )
     return done.returncode, done.stdout
+
+
+def run_scripts(scripts: list[tuple[Path, Path]], cache: Path) -> list[str]:
+    """Run scripts in this process, each in its folder as a `__main__` of its own; return what each prints."""
+    found = []
+    before = dict(os.environ)
+    os.environ |= {"XDG_CACHE_HOME": str(cache), "NO_COLOR": "1"}
+    try:
+        for script, folder in scripts:
+            printed = StringIO()
+            with chdir(folder), redirect_stdout(printed), redirect_stderr(printed):
+                runpy.run_path(str(script), run_name="__main__")
+            found.append(printed.getvalue())
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
+    return found
 
 
 def compare(said: str, found: str) -> list[str]:

@@ -22,7 +22,7 @@ from symid.robot.description import Drive, FrictionValues, Joint, JointKind, Lim
 from symid.robot.loading import locate_robot_file
 from symid.robot.toml_reader import read_robot
 from symid.robot.urdf_reader import read_urdf
-from symid.robot.urdf_writer import write_urdf
+from symid.robot.xml_writers import write_urdf
 
 __all__ = ["ROBOTS", "Case", "build_case", "find_prefix", "import_pinocchio", "write_model", "write_states"]
 

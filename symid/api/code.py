@@ -1,6 +1,6 @@
-"""A robot's functions as code: written to a folder, or compiled, loaded and called from Python.
+"""Functions of a robot as code: written to a folder, or compiled and called from Python.
 
-Robot -> `WrittenCode`; `CompiledModel` with a `RobotFunction` for each of its functions.
+Robot -> `WrittenCode`; robot -> `CompiledModel`, with one attribute for each function.
 
     lib = robot.compile()
     M = lib.mass_matrix(q, lib.beta)            one sample (n,) or a batch (N, n)
@@ -41,11 +41,11 @@ Parameters = Literal["base", "standard"]
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class WrittenCode(Result):
-    """A folder of generated code that needs neither symid nor anything else of it.
+    """A folder of generated code, independent of symid.
 
     Attributes:
         robot: the robot.
-        product: the folder, its manifest, and what its self-test said.
+        product: the folder, its manifest, and the result of its self-test.
 
     Example:
         >>> import symid
@@ -66,17 +66,17 @@ class WrittenCode(Result):
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """Return all files that were written."""
+        """Return all written files."""
         return self.product.files
 
     @property
     def unchanged(self) -> bool:
-        """Return whether the folder was up to date, so that nothing was done."""
+        """Return whether the folder was already up to date."""
         return self.product.unchanged
 
     @property
     def selftest(self) -> str:
-        """Return how its self-test went: "passed", or "not run" where there is no compiler."""
+        """Return the result of its self-test: "passed", or "not run" without a compiler."""
         return self.product.record.selftest
 
     @property
@@ -86,11 +86,11 @@ class WrittenCode(Result):
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """Return what a reader should know of the robot, and of a self-test that was not run."""
+        """Return warnings and notes on the robot, and on a self-test that was not run."""
         return (*self.robot.notices, *self.product.notices)
 
     def summarise(self) -> str:
-        """Return the folder, what was done, and how its self-test went."""
+        """Return the folder, what was written, and the result of its self-test."""
         return report.summarise_code(self.product)
 
     def blocks(self) -> "tuple[Block, ...]":
@@ -104,7 +104,7 @@ class WrittenCode(Result):
 
 @final
 class Outputs(tuple["FloatArray", ...]):  # noqa: SLOT001  every one has its own names
-    """The outputs of a function with several: in order as a tuple, and by their names as attributes."""
+    """Several outputs of a function: a tuple, with names as attributes."""
 
     names: tuple[str, ...]
 
@@ -132,8 +132,8 @@ class _Function:
     """A function of a library.
 
     Attributes:
-        spec: its name, its inputs and outputs with shapes and units, and what it is.
-        library: that computes it.
+        spec: name, meaning, inputs and outputs with shapes and units.
+        library: the compiled library.
     """
 
     spec: "FunctionSpec"
@@ -148,29 +148,29 @@ class _Function:
         return f"<{self.spec.name}({inputs}) -> {outputs}: {self.spec.meaning}>"
 
     def bind(self, *, out: "Sequence[FloatArray] | None" = None) -> "Call":
-        """Return the function for one sample at a time, with little overhead; it returns a tuple always.
+        """Return the function for one sample at a time, with little overhead; it always returns a tuple.
 
-        One bound function belongs to one thread.
+        A bound function is for one thread.
 
         Args:
-            out: float64 arrays that every call writes its outputs to and returns; None for new ones.
+            out: float64 arrays for the outputs of every call; None for new ones.
 
         Raises:
-            UsageError: `out` cannot take the outputs.
+            UsageError: `out` does not fit the outputs.
         """
         return self.library.bind(self.spec.name, out=out)
 
     def _evaluate(
         self, inputs: "tuple[ArrayLike, ...]", out: "Sequence[FloatArray] | None"
     ) -> "tuple[FloatArray, ...]":
-        # The library reads whatever NumPy can read, and says what is wrong otherwise.
+        # The library converts and checks the inputs.
         arrays = cast("tuple[FloatArray, ...]", inputs)
         return self.library.evaluate(self.spec.name, *arrays, out=out)
 
 
 @final
 class RobotFunction(_Function):
-    """A function with one output, ready to call.
+    """A compiled function with one output.
 
     Example:
         >>> import symid
@@ -189,17 +189,17 @@ class RobotFunction(_Function):
         Args:
             inputs: in the order of `spec.inputs`: (n,) each, or (N, n) for N samples; vectors of parameters
                 are shared by all samples. SI units, angles in rad.
-            out: a float64 array to write to and return; None for a new one.
+            out: float64 array for the output; None for a new one.
 
         Raises:
-            UsageError: an input has a wrong shape or no real numbers, or `out` cannot take the output.
+            UsageError: an input has a wrong shape or is not real, or `out` does not fit the output.
         """
         return self._evaluate(inputs, None if out is None else (out,))[0]
 
 
 @final
 class TupleFunction(_Function):
-    """A function with several outputs, ready to call.
+    """A compiled function with several outputs.
 
     Example:
         >>> import symid
@@ -219,10 +219,10 @@ class TupleFunction(_Function):
         Args:
             inputs: in the order of `spec.inputs`: (n,) each, or (N, n) for N samples; vectors of parameters
                 are shared by all samples. SI units, angles in rad.
-            out: float64 arrays to write to and return; None for new ones.
+            out: float64 arrays for the outputs; None for new ones.
 
         Raises:
-            UsageError: an input has a wrong shape or no real numbers, or `out` cannot take the outputs.
+            UsageError: an input has a wrong shape or is not real, or `out` does not fit the outputs.
         """
         names = [port.name for port in self.spec.outputs]
         return Outputs.build(names, self._evaluate(inputs, out))
@@ -230,10 +230,10 @@ class TupleFunction(_Function):
 
 @final
 class CompiledModel:
-    """The functions of a robot, compiled and loaded: one attribute each; made by `RobotModel.compile`.
+    """Compiled functions of a robot as attributes; returned by `RobotModel.compile`.
 
     Attributes:
-        library: what computes them, as identification and simulation use it.
+        library: the library behind them, as identification and simulation use it.
 
     Example:
         >>> import symid
@@ -281,7 +281,7 @@ class CompiledModel:
 
     @property
     def card(self) -> "ModelCard":
-        """Return the model behind the functions: names, units, groupings and reasons of its parameters."""
+        """Return the model: names, units, groupings and reasons of its parameters."""
         return self.library.card
 
     @property
@@ -291,7 +291,7 @@ class CompiledModel:
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """Return what a user should know, for example that there was no compiler."""
+        """Return warnings and notes, for example that there is no compiler."""
         return self.library.notices
 
     @property
@@ -299,7 +299,7 @@ class CompiledModel:
         """Return the base parameters with the robot file's values: (b,), SI units.
 
         Raises:
-            UsageError: the robot file does not state them all; the message has what is missing.
+            UsageError: the robot file does not state all of them; the message lists the missing ones.
         """
         return self._take_values("beta", self.card.beta)
 
@@ -308,18 +308,18 @@ class CompiledModel:
         """Return the friction parameters with the robot file's values: (p,), SI units.
 
         Raises:
-            UsageError: the robot file does not state them all; the message has what is missing.
+            UsageError: the robot file does not state all of them; the message lists the missing ones.
         """
         return self._take_values("f", self.card.friction)
 
     @property
     def h(self) -> "FloatArray":
-        """Return the parameters of the springs with the robot file's values, SI units; see `f`."""
+        """Return the parameters of the springs with the robot file's values, SI units, as `f`."""
         return self._take_values("h", self.card.springs)
 
     @property
     def IA(self) -> "FloatArray":
-        """Return the rotor inertias of elastic joints on the joint side, (n,) kg m^2; see `f`."""
+        """Return the rotor inertias of elastic joints on the joint side, (n,) kg m^2, as `f`."""
         return self._take_values("IA", self.card.rotors)
 
     def _take_values(self, letter: str, entries: "Sequence[ParameterCard]") -> "FloatArray":
@@ -338,7 +338,7 @@ class CompiledModel:
     if not TYPE_CHECKING:  # what is annotated above is all there is
 
         def __getattr__(self, name: str) -> object:
-            """Refuse a name that is none of the functions, with the nearest one."""
+            """Refuse an unknown function, with the nearest names."""
             if name.startswith("_") or "library" not in self.__dict__:
                 raise AttributeError(name)
             from symid.robot import suggest_names
@@ -349,4 +349,4 @@ class CompiledModel:
 
 
 _TUPLES = {name: kind is TupleFunction for name, kind in CompiledModel.__annotations__.items()}
-"""Of every function of the catalogue, whether it can have several outputs."""
+"""Whether a function of the catalogue can have several outputs, by name."""

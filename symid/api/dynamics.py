@@ -1,6 +1,6 @@
-"""What can be known of a robot's dynamics: its base parameters, exactly, with reasons, and their derivation.
+"""Exact base parameters of a robot, with reasons, and the derivation of its dynamics.
 
-Robot -> `BaseSet`; robot -> `Derivation`, step by step, with what code of it costs.
+Robot -> `BaseSet`; robot -> `Derivation`, step by step, with operation counts of the generated code.
 """
 
 from collections.abc import Iterator, Mapping
@@ -24,11 +24,11 @@ BaseForm = Literal["torque", "energy", "momentum", "gravity"]
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class BaseSet(Result):
-    """The base parameters of a robot; iterate over it for the names, in Khalil's order.
+    """The base parameters of a robot; iteration yields their names in Khalil's order.
 
     Attributes:
         robot: the robot.
-        form: what was looked at: "torque", "energy", "momentum" or "gravity" (torques at rest).
+        form: "torque", "energy", "momentum" or "gravity" (torques at rest).
         product: names, groupings, reasons, and the exact null space.
 
     Example:
@@ -48,7 +48,7 @@ class BaseSet(Result):
 
     @property
     def count(self) -> int:
-        """Return how many inertial base parameters there are; friction parameters are counted apart."""
+        """Return the number of inertial base parameters, without friction parameters."""
         return self.product.count
 
     @property
@@ -63,18 +63,18 @@ class BaseSet(Result):
 
     @property
     def values(self) -> Mapping[str, float]:
-        """Return the values of base and friction parameters that the robot file states, SI units, by name."""
+        """Return the values of base and friction parameters in the robot file, SI units, by name."""
         from symid.dynamics import compute_parameter_values
 
         return compute_parameter_values(self.robot, self.product)
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """Return what a reader should know of the robot."""
+        """Return warnings and notes on the robot."""
         return self.robot.notices
 
     def __len__(self) -> int:
-        """Return how many inertial base parameters there are."""
+        """Return the number of inertial base parameters."""
         return self.count
 
     def __iter__(self) -> Iterator[str]:
@@ -93,7 +93,8 @@ class BaseSet(Result):
 
             gone = {entry.name: entry.reason for entry in self.product.eliminated}
             groups = {
-                plain: f"it heads the group {entry.name}" for plain, entry in self._list_heads().items()
+                plain: f"it is the first of the group {entry.name}"
+                for plain, entry in self._list_heads().items()
             }
             hint = (
                 gone.get(name)
@@ -101,19 +102,19 @@ class BaseSet(Result):
                 or suggest_names(name, entries)
                 or f"there are {', '.join(entries)}"
             )
-            text = f"{name!r} is no base parameter of {self.robot.name}: {hint}"
+            text = f"{name!r} is not a base parameter of {self.robot.name}: {hint}"
             raise UsageError(Notice(code="usage.unknown-parameter", text=text))
         return entries[name]
 
     def _list_heads(self) -> "dict[str, BaseParameter]":
-        """Return the base parameters by the standard parameters that their groups are named after."""
+        """Return the base parameters by the name of the first standard parameter of their group."""
         from symid.dynamics import write_label
 
         entries = (*self.product.parameters, *self.product.friction)
         return {write_label(self.robot, entry.label): entry for entry in entries}
 
     def explain(self, name: str) -> str:
-        """Return what a parameter groups and why, or why it has no effect and was eliminated.
+        """Return the grouping of a parameter with its reason, or why it was eliminated.
 
         Args:
             name: of a base, friction or standard parameter, such as "MXR1" or "YY2".
@@ -148,7 +149,7 @@ class BaseSet(Result):
 
 
 def derive_base_set(robot: "Robot", form: BaseForm = "torque") -> BaseSet:
-    """Return the base parameters of `robot`; see `BaseSet`.
+    """Derive the base parameters of `robot`; see `BaseSet`.
 
     Raises:
         UsageError: there is no such form.
@@ -164,13 +165,13 @@ def derive_base_set(robot: "Robot", form: BaseForm = "torque") -> BaseSet:
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Derivation(Result):
-    """The derivation of a robot's dynamics; iterate over `steps`.
+    """The derivation of a robot's dynamics.
 
     Attributes:
         robot: the robot.
-        steps: each a title, a sentence, formulas in text and LaTeX, and what was checked.
-        operations: of every function and every route that gives it; `chosen` is the one that is written.
-        latex: whether it is printed with formulas in LaTeX.
+        steps: each with a title, a sentence, formulas in text and LaTeX, and the checks.
+        operations: of every function and every route to it; `chosen` marks the route that is generated.
+        latex: print formulas in LaTeX.
 
     Example:
         >>> import symid
@@ -186,7 +187,7 @@ class Derivation(Result):
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """Return what a reader should know of the robot."""
+        """Return warnings and notes on the robot."""
         return self.robot.notices
 
     def summarise(self) -> str:

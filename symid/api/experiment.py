@@ -1,7 +1,7 @@
-"""Experiments: a trajectory on which the parameters can be identified best, and a simulated log.
+"""Experiments: an optimal trajectory for identification, and a simulated log.
 
-Robot, what to search for -> `ExcitedTrajectory`; robot whose file states masses and friction, trajectory,
-sensors -> `Simulation`, a log whose truth is known.
+Robot, options -> `ExcitedTrajectory`; robot with masses and friction, trajectory, sensors -> `Simulation`, a
+log with known true parameters.
 """
 
 from collections.abc import Mapping
@@ -35,9 +35,9 @@ class ExcitedTrajectory(Result):
     """A finite Fourier series of every joint, within all limits at all times.
 
     Attributes:
-        robot: that it moves.
-        product: the trajectory, its figures, what the search found from every start.
-        seed: of the random series that the search started from.
+        robot: the robot.
+        product: the trajectory, its properties, and the result of the search from every start.
+        seed: of the random series at the start of the search.
 
     Example:
         >>> import symid
@@ -75,24 +75,24 @@ class ExcitedTrajectory(Result):
 
     @property
     def margins(self) -> "tuple[Margin, ...]":
-        """Return every limit with the part of it that is used, and clearances in m."""
+        """Return the used part of every limit, and clearances in m."""
         return self.product.margins
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """Return what was assumed, such as limits that the robot file does not state."""
+        """Return warnings and notes, such as limits that the robot file does not state."""
         return (*self.robot.notices, *self.product.notices)
 
     def save(self, path: str | PathLike[str], *, rate: float = 1000.0, periods: int = 1) -> Path:
         """Write t, q, dq, ddq as a .csv that `RobotModel.simulate` follows; return its path.
 
         Args:
-            path: of the file; one that exists is overwritten.
+            path: an existing file is overwritten.
             rate: samples a second, Hz.
-            periods: how often the file runs through the trajectory.
+            periods: number of periods of the trajectory.
 
         Raises:
-            OutputError: the file is no .csv, or cannot be written.
+            OutputError: the suffix is not .csv, or the file cannot be written.
         """
         from symid.excitation import write_trajectory
 
@@ -102,7 +102,7 @@ class ExcitedTrajectory(Result):
         return file
 
     def count_samples(self, *, rate: float = 1000.0, periods: int = 1) -> int:
-        """Return how many samples `save` writes with this `rate` in Hz and these `periods`."""
+        """Return the number of samples that `save` writes."""
         return round(self.trajectory.duration * rate) * periods + 1
 
     def summarise(self) -> str:
@@ -110,29 +110,29 @@ class ExcitedTrajectory(Result):
         return f"{self.robot.name}: {self.trajectory.source}; condition number {self.condition:.4g}"
 
     def blocks(self) -> "tuple[Block, ...]":
-        """Return its figures next to those of random series, and the part of each limit that it uses."""
+        """Return its condition number beside those of random series, and the used part of each limit."""
         return report.show_excitation(self.product)
 
     def to_dict(self) -> dict[str, object]:
-        """Return coefficients, figures, limits and starts in plain types."""
+        """Return coefficients, criteria, limits and starts in plain types."""
         return report.describe_excitation(self.robot, self.product, self.seed)
 
 
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Simulation(Result):
-    """What the sensors of a simulated robot saw.
+    """The measured log of a simulated robot.
 
     Attributes:
-        robot: that moved.
+        robot: the robot.
         recording: the log, in SI units.
-        trajectory: that it was to follow, in words.
+        trajectory: the reference, in words.
         duration: of the trajectory, s.
         seed: of all random numbers.
-        energy_gap: how far work, energy and losses disagree, relative to the work.
+        energy_gap: error of the energy balance, relative to the work.
         backend: what computed the motion.
         details: noise, controller, largest torsions, in plain types.
-        library_notices: what a reader should know of the compiled functions.
+        library_notices: warnings and notes on the compiled functions.
 
     Example:
         >>> import symid
@@ -153,7 +153,7 @@ class Simulation(Result):
 
     @property
     def log(self) -> Log:
-        """Return it as a log for `RobotModel.identify` and its kin."""
+        """Return the log, for `RobotModel.identify`."""
         return Log(recording=self.recording, robot=self.robot)
 
     @property
@@ -163,36 +163,36 @@ class Simulation(Result):
 
     @property
     def q(self) -> "FloatArray":
-        """Return the measured positions (N, n), rad or m; of an elastic robot those of the links."""
+        """Return the measured positions (N, n), rad or m; for an elastic robot those of the links."""
         return self.recording.position
 
     @property
     def tau(self) -> "FloatArray":
-        """Return the measured torques (N, n), N m or N; of an elastic robot those of the motors."""
+        """Return the measured torques (N, n), N m or N; for an elastic robot those of the motors."""
         return self.recording.torque
 
     @property
     def theta(self) -> "FloatArray | None":
-        """Return the motor positions (N, n) on the joint side, rad or m; None of a rigid robot."""
+        """Return the motor positions (N, n) on the joint side, rad or m; None for a rigid robot."""
         return self.recording.motor_position
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """Return what a reader should know of the robot, its compiled functions and the log."""
+        """Return warnings and notes on the robot, its compiled functions and the log."""
         return (*self.robot.notices, *self.library_notices, *self.recording.notices)
 
     def save(self, path: str | PathLike[str]) -> Path:
-        """Write the log to `path`, .npz or .csv, in place of an older file; return the path.
+        """Write the log to `path`, .npz or .csv, and return the path; an existing file is overwritten.
 
         Raises:
-            OutputError: the ending is another one, or the file cannot be written.
+            OutputError: the suffix is another one, or the file cannot be written.
         """
         from symid.logs import write_recording
 
         return write_recording(self.recording, Path(path), self.robot)
 
     def summarise(self) -> str:
-        """Return the number of samples, the trajectory, and how well the energy balance closes."""
+        """Return the number of samples, the trajectory, and the error of the energy balance."""
         return (
             f"{len(self.time)} samples of {self.trajectory}; "
             f"work, energy and losses agree to {self.energy_gap:.1e} of the work"
@@ -203,7 +203,7 @@ class Simulation(Result):
         return (f"{self.robot.name}: {self.summarise()}",)
 
     def to_dict(self) -> dict[str, object]:
-        """Return how the log came about in plain types."""
+        """Return the settings of the simulation in plain types."""
         return {
             "robot": self.robot.name,
             "trajectory": self.trajectory,

@@ -1,7 +1,6 @@
-"""First steps: what this installation has and lacks, and the main job on an arm with elastic joints.
+"""First steps: a check of the installation, and a demo: the main job on an arm with elastic joints.
 
-Nothing -> `Doctor`, with what to do; folder -> `DemoResult`: from the robot file to the report; code, logs,
-estimate, robot file and report stand in the folder.
+Nothing -> `Doctor`; folder -> `DemoResult`, with code, logs, estimate, robot file and report in the folder.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Doctor(Result):
-    """What was looked at.
+    """The checks of an installation.
 
     Attributes:
         findings: Python, packages, compiler, calls of compiled code, make, cache, shared files.
@@ -44,27 +43,27 @@ class Doctor(Result):
 
     @property
     def missing(self) -> "tuple[InstallationFinding, ...]":
-        """Return what has a remedy."""
+        """Return the findings with a remedy."""
         return tuple(entry for entry in self.findings if entry.remedy)
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """Return what is missing that symid works without, but slower."""
-        return tuple(entry.tell() for entry in self.missing if not entry.needed)
+        """Return what is missing, but not required."""
+        return tuple(entry.build_notice() for entry in self.missing if not entry.needed)
 
     @property
     def errors(self) -> tuple[Notice, ...]:
-        """Return what is missing that symid cannot work without."""
-        return tuple(entry.tell() for entry in self.missing if entry.needed)
+        """Return what is missing and required."""
+        return tuple(entry.build_notice() for entry in self.missing if entry.needed)
 
     def summarise(self) -> str:
-        """Return how much there is to do."""
-        return f"{len(self.findings)} looked at, {len(self.missing)} to do"
+        """Return the number of checks and remedies."""
+        return f"{len(self.findings)} checks, {len(self.missing)} remedies"
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return a table."""
         rows = [(entry.name, entry.found, entry.remedy or "ok") for entry in self.findings]
-        return (report.Table(("what", "found", "to do"), rows, left=(0, 1, 2)),)
+        return (report.Table(("item", "found", "remedy"), rows, left=(0, 1, 2)),)
 
     def to_dict(self) -> dict[str, object]:
         """Return the findings in plain types."""
@@ -80,7 +79,7 @@ class Doctor(Result):
 
 
 def doctor() -> Doctor:
-    """Look at Python, packages, compiler, cache and shared files, and say what to do.
+    """Check Python, packages, compiler, cache and shared files; list remedies.
 
     Example:
         >>> import symid
@@ -97,7 +96,7 @@ _TRAINING = ("TA10", "TB1", "TB2")
 _HELD_OUT = "TC"
 _MOST_PARAMETERS = 2.0
 _MOST_HYSTERESIS = 3.0
-"""Errors in percent that a demo must not end above."""
+"""Limits of the errors of the demo, percent."""
 _AUTOMATIC = "automatic"
 _METHODS = ("linear-spring", "two-step", "independent", _AUTOMATIC)
 _LOGS = {"TA": "ta.npz", "TA10": "ta10.npz", "TB1": "tb1.npz", "TB2": "tb2.npz", "TC": "tc.npz"}
@@ -110,18 +109,18 @@ DemoErrors = tuple[float, float]
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class DemoResult(Result):
-    """What the demo found, and how far it is from the truth.
+    """The result of the demo, and its errors.
 
     Attributes:
         robot: the arm, simulated with the values of its file.
         fits: by method; `automatic` is the one chosen.
-        deviations: by method: percent off the truth of the worst parameter, and of the worse hysteresis on a
+        deviations: by method: errors (percent) of the worst parameter, and of the worse hysteresis on a
             held-out motion.
         tracking: closed loops along the held-out motion: rigid feed-forward first, then identified ones.
         seed: of the noise.
         folder: with code, logs, estimate.json, identified.toml and report.html.
-        files: of C.
-        built: how the C was tested, in words.
+        files: C sources.
+        built: result of the self-test of the C code, in words.
 
     Example:
         >>> import symid
@@ -151,23 +150,21 @@ class DemoResult(Result):
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """Return what a reader should know of compiled functions and fit."""
+        """Return warnings and notes on compiled functions and fit."""
         return (*self.robot.library.notices, *self.fit.estimate.notices)
 
     @property
     def errors(self) -> tuple[Notice, ...]:
-        """Return where it is further off the truth than a demo may be."""
+        """Return the errors that exceed their limits."""
         return judge_demo(self.deviations[_AUTOMATIC], self.tracking)
 
     def summarise(self) -> str:
-        """Return the errors against the truth."""
+        """Return the errors against the true values."""
         parameters, hysteresis = self.deviations[_AUTOMATIC]
-        return (
-            f"{self.robot.name}: parameters {parameters:.3g} %, hysteresis {hysteresis:.3g} % off the truth"
-        )
+        return f"{self.robot.name}: parameters {parameters:.3g} %, hysteresis {hysteresis:.3g} % error"
 
     def blocks(self) -> "tuple[Block, ...]":
-        """Return parameters, springs, errors, tracking, and where the files are."""
+        """Return parameters, springs, errors, tracking, and the paths of the files."""
         from symid.environment import show_path
 
         best = self.fit.estimate
@@ -187,15 +184,15 @@ class DemoResult(Result):
         chosen = f"{_AUTOMATIC}: {self.fit.estimate.method}"
         rows = [[chosen if name == _AUTOMATIC else name, *pair] for name, pair in self.deviations.items()]
         title = (
-            "errors against the truth in percent: the largest of all dynamic parameters; the hysteresis of "
-            f"the worse joint on {_LOGS[_HELD_OUT]}, a motion that was held out"
+            "errors in percent: largest error of a dynamic parameter; hysteresis of the worse joint on the "
+            f"held-out motion {_LOGS[_HELD_OUT]}"
         )
         return (title, report.Table(["method", "parameters", "hysteresis"], rows))
 
     def _show_tracking(self) -> "tuple[Block, ...]":
         header = ["feed-forward", *(f"{joint.name}/mrad" for joint in self.robot.joints)]
         rows = [[run.name, *(1e3 * run.rms).tolist()] for run in self.tracking]
-        title = f"how links follow the motion of {_LOGS[_HELD_OUT]} in closed loop: root mean square errors"
+        title = f"RMS tracking errors of the links in closed loop, motion of {_LOGS[_HELD_OUT]}"
         return (title, report.Table(header, rows))
 
     def to_dict(self) -> dict[str, object]:
@@ -226,14 +223,14 @@ def demo(
     """Simulate an arm with elastic joints, identify dynamics and hysteresis, validate, report.
 
     Args:
-        folder: for code, logs, estimate and report; made if it is not there.
+        folder: for code, logs, estimate and report; created if it does not exist.
         seed: of the noise.
         backend: what computes the arm's functions: "auto", "c", "python" or "casadi".
-        force: whether to write over the files of an earlier demo; files of others are always refused.
-        progress: told what begins.
+        force: overwrite the files of an earlier demo; other files are always refused.
+        progress: called with a short text at each stage.
 
     Raises:
-        OutputError: the folder holds something already, or cannot be made.
+        OutputError: the folder is not empty, or cannot be created.
 
     Example:
         >>> import symid
@@ -270,7 +267,7 @@ def demo(
 
 
 def _prepare_folder(folder: Path, *, force: bool) -> None:
-    """Make the folder; refuse one with files of others, and with `force` take one of an earlier demo."""
+    """Create the folder; refuse one with other files, and without `force` one of an earlier demo."""
     if folder.is_file():
         text = "is a file, not a folder; give the name of a folder"
         raise OutputError(Notice(code="output.not-a-folder", text=text, file=str(folder)))
@@ -278,19 +275,19 @@ def _prepare_folder(folder: Path, *, force: bool) -> None:
     if found and (found - _OURS or not force):
         text = "is not empty; give another folder with -o"
         if not found - _OURS:
-            text += ", or --force to write over the last demo"
+            text += ", or --force to overwrite the last demo"
         raise OutputError(Notice(code="output.foreign-folder", text=text, file=str(folder)))
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        text = f"cannot be made: {error.strerror}"
+        text = f"cannot be created: {error.strerror}"
         raise OutputError(Notice(code="output.cannot-write", text=text, file=str(folder))) from error
 
 
 def _simulate_logs(
     robot: RobotModel, folder: Path, seed: int
 ) -> "tuple[Mapping[str, ElasticRun], dict[str, Log]]":
-    """Return runs with their truth, and their logs, written and read again like those of a real robot."""
+    """Return runs with true values, and their logs, written and read again like those of a real robot."""
     from symid.logs import write_recording
     from symid.study import SensorCondition, observe_runs, simulate_runs
 
@@ -305,7 +302,7 @@ def _simulate_logs(
 
 
 def _compute_errors(robot: RobotModel, fit: ElasticFit, held_out: "ElasticRun") -> DemoErrors:
-    """Return how far a fit is off the truth."""
+    """Return the errors of a fit."""
     from symid.study import compute_hysteresis_errors, compute_parameter_error, get_true_parameters
 
     card = robot.library.card
@@ -356,22 +353,22 @@ def _write_report(
 
 
 def judge_demo(deviations: DemoErrors, tracking: "Sequence[TrackingRun]") -> tuple[Notice, ...]:
-    """Return what a demo must not end with.
+    """Return the errors that exceed their limits.
 
     Args:
-        deviations: percent off the truth, of parameters and of the hysteresis.
-        tracking: rigid feed-forward, then that of the identified model.
+        deviations: errors (percent) of parameters and of the hysteresis.
+        tracking: with rigid feed-forward first, then with that of the identified model.
     """
     parameters, hysteresis = deviations
     notices = []
     if not parameters <= _MOST_PARAMETERS:
-        text = f"a parameter is {parameters:.3g} % off the truth; the limit is {_MOST_PARAMETERS:g} %"
+        text = f"largest parameter error {parameters:.3g} %; the limit is {_MOST_PARAMETERS:g} %"
         notices.append(Notice(code="demo.off-truth", text=text))
     if not hysteresis <= _MOST_HYSTERESIS:
-        text = f"the hysteresis is {hysteresis:.3g} % off the truth; the limit is {_MOST_HYSTERESIS:g} %"
+        text = f"hysteresis error {hysteresis:.3g} %; the limit is {_MOST_HYSTERESIS:g} %"
         notices.append(Notice(code="demo.off-spring", text=text))
     rigid, identified = tracking[0], tracking[1]
     if not all(mine < theirs for mine, theirs in zip(identified.rms, rigid.rms, strict=True)):
-        text = "the links follow no better with the identified model than with a rigid one"
+        text = "feed-forward of the identified model does not reduce the tracking errors of the rigid one"
         notices.append(Notice(code="demo.no-gain", text=text))
     return tuple(notices)

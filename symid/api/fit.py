@@ -3,7 +3,7 @@
 Estimates, of now or from a file -> `RigidFit`, `ElasticFit`, `FrictionFit`, all of them a `Fit`.
 
     fit["ZZ2"].value, fit["ZZ2"].std    one parameter
-    fit.validate("test.csv")            what it explains of a log that was not fitted
+    fit.validate("test.csv")            prediction of a held-out log
     fit.save("fit.json")                symid.load_fit("fit.json") reads it back
 """
 
@@ -40,12 +40,12 @@ class Fit(Result):
     """The result of an identification, of any kind.
 
     Attributes:
-        estimate: all that was found, and how.
-        file: where it was read from; None for a fit of now.
-        model: the robot, as it was loaded; None for a fit from a file that named none.
-        progress: told what begins, where the robot is loaded by its name.
-        said: what a reader should know, those of robot and logs included; None for those of the estimate.
-        extra: entries for programs that only a fit of now has, such as what computed the functions.
+        estimate: the full result, with the settings used.
+        file: where it was read from; None for a new fit.
+        model: the robot; None for a fit read from a file without naming its robot.
+        progress: called with a short text when the robot is loaded by its name.
+        notices: warnings and notes on the fit, its robot and its logs.
+        extra: entries of `to_dict` that only a new fit has, such as the backend.
 
     Example:
         >>> import symid
@@ -61,41 +61,36 @@ class Fit(Result):
     file: Path | None = None
     model: RobotModel | None = None
     progress: Progress = ignore
-    said: tuple[Notice, ...] | None = None
+    notices: tuple[Notice, ...] = ()
     extra: Mapping[str, object] = field(default_factory=dict)
 
     @property
     def product(self) -> "Estimate | ElasticEstimate | FrictionIdentification":
-        """Return the estimate with all that was used to get it."""
+        """Return the full result, with the settings used."""
         return self.estimate
 
     @property
     @abstractmethod
     def parameters(self) -> "tuple[ParameterEstimate, ...]":
-        """Return the parameters that were found, with value, standard deviation and unit."""
+        """Return the identified parameters with value, standard deviation and unit."""
 
     @property
     @abstractmethod
     def residual(self) -> "tuple[Residual, ...]":
-        """Return what the fit leaves of the logs it was fitted to, joint by joint."""
+        """Return the residual of the fit on its own logs, joint by joint."""
 
     @cached_property
     def robot(self) -> RobotModel:
-        """Return the robot, loaded by the name that the fit states where none was given.
+        """Return the robot; if none was given, it is loaded by the name stored in the fit.
 
         Raises:
-            UsageError: the name leads to no robot file.
+            UsageError: there is no robot of this name.
         """
         return self.model if self.model is not None else _load_named(self.product.robot, self.progress)
 
     @property
-    def notices(self) -> tuple[Notice, ...]:
-        """Return what a reader should know of the fit, its robot and its logs."""
-        return self.product.notices if self.said is None else self.said
-
-    @property
     def settings(self) -> Mapping[str, object]:
-        """Return processing, log map and options, after overrides; a copy, so that the fit stays as it is."""
+        """Return a copy of processing, log map and options, after overrides."""
         return deepcopy(dict(self.product.settings))
 
     @property
@@ -105,7 +100,7 @@ class Fit(Result):
 
     @property
     def refused(self) -> Mapping[str, str]:
-        """Return the parameters or joints that the logs cannot tell, with the reason."""
+        """Return the parameters or joints that are not identifiable, with the reason."""
         return dict(self.product.refused)
 
     @property
@@ -115,7 +110,7 @@ class Fit(Result):
 
     @property
     def verdict(self) -> "FitVerdict":
-        """Return what the fit is worth by its own logs, in sentences; held-out logs say more (`validate`)."""
+        """Return a verdict on the fit from its own logs; held-out logs give a stronger one (`validate`)."""
         return report.judge_fit(self.product)
 
     def opening(self) -> "tuple[Block, ...]":
@@ -132,7 +127,7 @@ class Fit(Result):
         return Figures(drawings=report.draw_fit(self.product))
 
     def __len__(self) -> int:
-        """Return how many parameters were found."""
+        """Return the number of identified parameters."""
         return len(self.parameters)
 
     def __iter__(self) -> Iterator[str]:
@@ -143,7 +138,7 @@ class Fit(Result):
         """Return the parameter called `name`, with `.value`, `.std` and `.unit`.
 
         Raises:
-            UsageError: it was refused, or there is none; the message says why, or has the nearest name.
+            UsageError: it was refused, or does not exist; the message gives the reason, or the nearest names.
         """
         entries = {entry.name: entry for entry in self.parameters}
         if name in entries:
@@ -154,7 +149,7 @@ class Fit(Result):
             from symid.robot import suggest_names
 
             hint = suggest_names(name, entries) or f"there are {', '.join(entries)}"
-            text = f"{name!r} is no parameter of this fit: {hint}"
+            text = f"{name!r} is not a parameter of this fit: {hint}"
         raise UsageError(Notice(code="usage.unknown-parameter", text=text))
 
     def save(self, path: str | PathLike[str]) -> Path:
@@ -177,17 +172,17 @@ class Fit(Result):
     def validate(
         self, log: LogLike, *, gate: float | None = None, settings: Settings | None = None
     ) -> LogValidation:
-        """Return what the fit explains of a log that it was not fitted to; nothing is fitted.
+        """Return the prediction error of the fit on a held-out log; nothing is fitted.
 
         Args:
             log: a file, or a log that was read.
-            gate: percent, the largest acceptable mean of the joints' relative residuals.
-            settings: in place of those of the fit, by dotted key.
+            gate: percent, limit of the mean relative residual of the joints.
+            settings: replace those of the fit, by dotted key.
 
         Raises:
-            EstimateError: the fit is of another model than the robot.
+            EstimateError: the fit belongs to another model.
             LogError: the log does not fit the robot.
-            IdentifiabilityError: no joint moves in it.
+            IdentifiabilityError: no joint moves in the log.
 
         Example:
             >>> import symid
@@ -213,7 +208,7 @@ class Fit(Result):
             self.robot.description,
             self.estimate,
             log,
-            self.robot.workshop,
+            self.robot.context,
             pairs=pairs,
             band=band,
             tracking=tracking,
@@ -230,21 +225,22 @@ class Fit(Result):
         read_as: Mapping[str, str] | None = None,
         gate: float | None = None,
     ) -> "Comparison":
-        """Return the values of the fit beside those of others, in standard deviations of both sides.
+        """Compare the values of the fit with others; differences in standard deviations of both sides.
 
         Args:
-            others: fits of the same robot or their files, or tables (CSV) of values that somebody else found
-                in groups of their own: ours are brought to them exactly.
-            name: of a table: the column of names or groups.
-            value: of a table: the column of values.
-            deviation: of a table: the column of standard deviations.
-            deviation_unit: of a table: "absolute" or "percent"; by the name of their column by default.
-            read_as: of a table: groups to read as other sums, such as {"fv5": "fv5 + fvm6"}.
-            gate: largest acceptable difference in standard deviations.
+            others: fits of the same robot, their files, or tables (CSV) of published values in other
+                groupings;
+                ours are regrouped exactly.
+            name: for a table: column of names or groups.
+            value: for a table: column of values.
+            deviation: for a table: column of standard deviations.
+            deviation_unit: for a table: "absolute" or "percent"; taken from the column's name by default.
+            read_as: for a table: groups to read as other sums, such as {"fv5": "fv5 + fvm6"}.
+            gate: limit of the largest difference, in standard deviations.
 
         Raises:
-            UsageError: a column is not there, or a reading is no sum of ours.
-            EstimateError: another is of another robot, cannot be read, or has nothing in common.
+            UsageError: a column is missing, or a reading is not a sum of our parameters.
+            EstimateError: another fit cannot be read, belongs to another robot, or has nothing in common.
 
         Example:
             >>> import symid
@@ -269,18 +265,18 @@ class Fit(Result):
         )
 
     def export(self, path: str | PathLike[str], *, precision: "Precision" = "double") -> "ExportedFile":
-        """Write the robot with the values of the fit, in the format that the name of the file ends in.
+        """Write the robot with the values of the fit; the suffix of `path` selects the format.
 
-        Of all bodies that have the identified combinations of masses and inertias the nearest to those of the
-        robot file are taken, and only bodies that can exist.
+        Among all physically consistent bodies with the identified combinations of masses and inertias, those
+        nearest to the robot file are written.
 
         Args:
-            path: .toml (robot file), .urdf, .xml or .mjcf (MuJoCo), .h (C) or .json; written over.
+            path: .toml (robot file), .urdf, .xml or .mjcf (MuJoCo), .h (C) or .json; overwritten.
             precision: of the numbers in a C header: that of the generated library.
 
         Raises:
             UsageError: the format is unknown, or cannot hold this fit.
-            EstimateError: no such file can have these values.
+            EstimateError: the format cannot represent these values.
             OutputError: the file cannot be written.
 
         Example:
@@ -303,16 +299,17 @@ class Fit(Result):
         settings: Settings | None = None,
         diagnose: bool = False,
     ) -> FitPage:
-        """Write one HTML page that needs nothing else: verdict, parameters, torques, figures.
+        """Write a self-contained HTML page: verdict, parameters, torques, figures.
 
         Args:
             path: of the page.
             validation: held-out logs to predict.
-            settings: for these logs, in place of those of the fit.
-            diagnose: whether the logs of the fit are read again, for what they tell beyond parameters.
+            settings: for these logs; replace those of the fit, by dotted key.
+            diagnose: read the logs of the fit again for a diagnosis: correlations, bootstrap, drift,
+                structure.
 
         Raises:
-            UsageError: validation or diagnosis is asked for where the kind of fit has none.
+            UsageError: this kind of fit has no validation or diagnosis.
             LogError: a log does not fit the robot.
             OutputError: the page cannot be written.
 
@@ -325,7 +322,7 @@ class Fit(Result):
         """
         pairs = list_pairs(settings)
         logs = list_logs(validation, pairs)
-        known = (self.robot.description, self.robot.workshop) if logs or diagnose else None
+        known = (self.robot.description, self.robot.context) if logs or diagnose else None
         page = report.write_fit_page(
             Path(fspath(path)),
             self.product,
@@ -338,7 +335,7 @@ class Fit(Result):
         return FitPage(page=page)
 
     def summarise(self) -> str:
-        """Return robot, kind of fit, and how much it leaves."""
+        """Return robot, number of parameters, and mean relative residual."""
         left = sum(entry.relative_percent for entry in self.residual) / max(1, len(self.residual))
         return f"{self.product.robot}: {len(self)} parameters, mean relative residual {left:.4g} %"
 
@@ -351,17 +348,17 @@ class _DynamicsFit(Fit):
 
     @property
     def parameters(self) -> "tuple[ParameterEstimate, ...]":
-        """Return the base and friction parameters that were found; of elastic joints rotor inertias too."""
+        """Return the identified base and friction parameters; for elastic joints also rotor inertias."""
         return self.estimate.parameters
 
     @property
     def residual(self) -> "tuple[Residual, ...]":
-        """Return what the fit leaves of the logs it was fitted to, joint by joint."""
+        """Return the residual of the fit on its own logs, joint by joint."""
         return self.estimate.residual
 
     @property
     def beta(self) -> "FloatArray":
-        """Return the base parameters in the order that compiled functions take them: (b,), SI units.
+        """Return the base parameters in the order of compiled functions: (b,), SI units.
 
         Raises:
             UsageError: one of them was not identified, or the joints of an elastic robot were taken as rigid.
@@ -370,7 +367,7 @@ class _DynamicsFit(Fit):
 
     @property
     def f(self) -> "FloatArray":
-        """Return the friction parameters in the order that functions take them: (p,), SI units.
+        """Return the friction parameters in the order of compiled functions: (p,), SI units.
 
         Raises:
             UsageError: as for `beta`.
@@ -383,16 +380,16 @@ class _DynamicsFit(Fit):
         values = self.values
         missing = [name for name in names if name not in values]
         if self.robot.elastic and isinstance(self, RigidFit):
-            text = "the joints were taken as rigid, and functions of the elastic robot group rotors otherwise"
+            text = "the fit takes the joints as rigid; elastic robots group rotors differently"
         elif missing:
-            text = f"{', '.join(missing)} not identified; record logs that excite more, or take `fit.values`"
+            text = f"{', '.join(missing)} not identified; excite more, or use `fit.values`"
         else:
             return np.array([values[name] for name in names])
         raise UsageError(Notice(code="usage.no-vector", text=text))
 
     @property
     def covariance(self) -> "FloatArray":
-        """Return the covariance of the parameters: (p, p); (0, 0) where the method has none."""
+        """Return the covariance of the parameters: (p, p); (0, 0) if the method has none."""
         import numpy as np
 
         from symid.arrays import freeze
@@ -404,10 +401,10 @@ class _DynamicsFit(Fit):
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class RigidFit(_DynamicsFit):
-    """Base parameters and friction of a robot whose joints are rigid, or taken as rigid.
+    """Base parameters and friction of a robot with rigid joints, or with joints taken as rigid.
 
     Attributes:
-        estimate: all that was found, and how.
+        estimate: the full result, with the settings used.
 
     Example:
         >>> import symid
@@ -420,10 +417,10 @@ class RigidFit(_DynamicsFit):
     estimate: "Estimate"
 
     def diagnose(self) -> "FitDiagnosis":
-        """Return what the logs of the fit tell beyond parameters: correlations, bootstrap, drift, structure.
+        """Diagnose the fit with its own logs: correlations, bootstrap, drift, structure of the residual.
 
         Raises:
-            LogError: a log is not there any more.
+            LogError: a log no longer exists.
             UsageError: the rows of the fit mix the joints.
 
         Example:
@@ -434,7 +431,7 @@ class RigidFit(_DynamicsFit):
         """
         from symid.identification import diagnose_fit
 
-        found = diagnose_fit(self.robot.description, self.estimate, self.robot.workshop)
+        found = diagnose_fit(self.robot.description, self.estimate, self.robot.context)
         return FitDiagnosis(robot=self.estimate.robot, product=found)
 
     def validate(
@@ -445,18 +442,18 @@ class RigidFit(_DynamicsFit):
         settings: Settings | None = None,
         band: float | None = None,
     ) -> LogValidation:
-        """Return what the fit explains of a log that it was not fitted to; nothing is fitted.
+        """Return the prediction error of the fit on a held-out log; nothing is fitted.
 
         Args:
             log: a file, or a log that was read.
-            gate: percent, the largest acceptable mean of the joints' relative residuals.
-            settings: in place of those of the fit, by dotted key.
-            band: Hz; compare torques at the full sample rate, both low-passed alike at this frequency.
+            gate: percent, limit of the mean relative residual of the joints.
+            settings: replace those of the fit, by dotted key.
+            band: Hz; compare torques at the full sample rate, both with the same low-pass filter.
 
         Raises:
-            EstimateError: the fit is of another model than the robot.
+            EstimateError: the fit belongs to another model.
             LogError: the log does not fit the robot.
-            IdentifiabilityError: no joint moves in it.
+            IdentifiabilityError: no joint moves in the log.
 
         Example:
             >>> import symid
@@ -470,7 +467,7 @@ class RigidFit(_DynamicsFit):
         return LogValidation(product=self._try(take_one_log(log, pairs), pairs, band=band), gate=gate)
 
     def blocks(self) -> "tuple[Block, ...]":
-        """Return a headline, and the tables of parameters and residuals."""
+        """Return a headline, and tables of parameters and residuals."""
         return report.show_estimate(self.estimate)
 
     def to_dict(self) -> dict[str, object]:
@@ -484,8 +481,8 @@ class ElasticFit(_DynamicsFit):
     """Dynamics, friction and springs with hysteresis of a robot whose joints are elastic.
 
     Attributes:
-        estimate: all that was found, and how.
-        alignment: delay and offsets of the link encoders, None where they were not looked for.
+        estimate: the full result, with the settings used.
+        alignment: delay and offsets of the link encoders; None if they were not estimated.
 
     Example:
         >>> import symid
@@ -500,7 +497,7 @@ class ElasticFit(_DynamicsFit):
 
     @property
     def springs(self) -> "tuple[SpringEstimate, ...]":
-        """Return the spring of every joint; empty where the method gives none."""
+        """Return the spring of every joint; empty if the method gives none."""
         return self.estimate.springs
 
     def track(
@@ -512,14 +509,14 @@ class ElasticFit(_DynamicsFit):
         gate: float | None = None,
         settings: Settings | None = None,
     ) -> LogValidation:
-        """Validate, and simulate how links follow another motion with feed-forward of the fit.
+        """Validate, and simulate the tracking of another motion with feed-forward of the fit.
 
         Args:
             log: a file, or a log that was read.
             against: further fits to compare with.
-            seed: of a random motion; None for the one that validation is made for.
+            seed: of a random motion; None for the standard validation motion.
             gate: percent, as for `validate`.
-            settings: in place of those of the fit.
+            settings: replace those of the fit, by dotted key.
 
         Raises:
             RobotError: the robot file does not state the true values.
@@ -540,7 +537,7 @@ class ElasticFit(_DynamicsFit):
         return LogValidation(product=found, gate=gate)
 
     def blocks(self) -> "tuple[Block, ...]":
-        """Return a headline, why the method was taken, parameters, springs and residuals."""
+        """Return a headline, the reason for the method, parameters, springs and residuals."""
         return report.show_elastic(self.estimate)
 
     def to_dict(self) -> dict[str, object]:
@@ -553,10 +550,10 @@ class ElasticFit(_DynamicsFit):
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class FrictionFit(Fit):
-    """A law of friction, and its parameters, for every joint that moves.
+    """A friction law and its parameters for every joint that moves.
 
     Attributes:
-        estimate: all that was found, and how.
+        estimate: the full result, with the settings used.
 
     Example:
         >>> import symid
@@ -573,7 +570,7 @@ class FrictionFit(Fit):
 
     @property
     def joints(self) -> "Mapping[str, JointFriction]":
-        """Return what was found of every joint, by its name."""
+        """Return the result of every joint by its name."""
         return {entry.joint: entry for entry in self.estimate.joints}
 
     @property
@@ -587,7 +584,7 @@ class FrictionFit(Fit):
 
     @property
     def refused(self) -> Mapping[str, str]:
-        """Return the joints and parameters that the logs cannot tell, with the reason."""
+        """Return the joints and parameters that are not identifiable, with the reason."""
         found = {
             f"{joint.joint}.{name}": reason
             for joint in self.estimate.joints
@@ -597,7 +594,7 @@ class FrictionFit(Fit):
 
     @property
     def residual(self) -> "tuple[Residual, ...]":
-        """Return what each law leaves of the logs it was fitted to."""
+        """Return the residual of each law on its own logs."""
         return tuple(entry.residual for entry in self.estimate.joints)
 
     def summarise(self) -> str:
@@ -621,11 +618,11 @@ def load_fit(
 
     Args:
         path: a file that `Fit.save` or `symid identify -o` wrote.
-        robot: its robot; the one of the name that the file states by default, loaded when it is needed.
-        progress: told what begins, where the robot is loaded by its name.
+        robot: its robot; loaded on use by the name stored in the file by default.
+        progress: called with a short text when the robot is loaded by its name.
 
     Raises:
-        EstimateError: there is no such file, or it holds something else.
+        EstimateError: the file does not exist, or is not a fit.
 
     Example:
         >>> import symid
@@ -639,17 +636,19 @@ def load_fit(
     from symid.identification.elastic import ElasticEstimate
     from symid.identification.friction import FrictionIdentification
 
-    match read_fit(file):
-        case FrictionIdentification() as estimate:
-            return FrictionFit(estimate=estimate, file=file, model=robot, progress=progress)
-        case ElasticEstimate() as estimate:
-            return ElasticFit(estimate=estimate, file=file, model=robot, progress=progress)
-        case estimate:
-            return RigidFit(estimate=estimate, file=file, model=robot, progress=progress)
+    estimate = read_fit(file)
+    match estimate:
+        case FrictionIdentification():
+            kind: type[Fit] = FrictionFit
+        case ElasticEstimate():
+            kind = ElasticFit
+        case _:
+            kind = RigidFit
+    return kind(estimate=estimate, file=file, model=robot, progress=progress, notices=estimate.notices)
 
 
 def take_estimate(fit: "Fit | str | PathLike[str] | None") -> "Estimate | Path | None":
-    """Return an estimate of base parameters, or its file, as the rooms below take it.
+    """Return the estimate of a rigid fit, or the path of its file.
 
     Raises:
         EstimateError: the fit is of another kind.
@@ -660,7 +659,7 @@ def take_estimate(fit: "Fit | str | PathLike[str] | None") -> "Estimate | Path |
         case RigidFit():
             return fit.estimate
         case Fit():
-            text = "this is no fit of base parameters of a rigid robot; give one that robot.identify returned"
+            text = "expected base parameters of a rigid robot, as `robot.identify` returns them"
             raise EstimateError(Notice(code="estimate.kind", text=text, file=_name_file(fit.file)))
     return Path(fspath(fit))
 

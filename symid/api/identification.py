@@ -1,4 +1,4 @@
-"""Results of an identification that are no fits: the stiffness of joints, and what a robot carries.
+"""Further results of identification: the stiffness of joints, and the payload of a robot.
 
 `Stiffness`: joint by joint, with delay and offsets of encoders; `PayloadResult`: mass, centre of mass and
 inertia, from fits or logs with the payload and without it.
@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Stiffness(Result):
-    """The stiffness of every joint that the logs tell, with 95 % intervals, and what the encoders say.
+    """The stiffness of every joint with 95 % intervals, and delay and offsets of the encoders.
 
     Attributes:
-        estimate: all that was found.
-        said: what a reader should know.
+        estimate: the full result.
+        notices: warnings and notes on the robot, its logs and the result.
 
     Example:
         >>> import symid
@@ -41,17 +41,12 @@ class Stiffness(Result):
     """
 
     estimate: "StiffnessEstimate"
-    said: tuple[Notice, ...]
+    notices: tuple[Notice, ...] = ()
 
     @property
     def joints(self) -> "dict[str, JointStiffness]":
-        """Return what was found of every joint, by its name."""
+        """Return the result of every joint by its name."""
         return {entry.joint: entry for entry in self.estimate.joints}
-
-    @property
-    def notices(self) -> tuple[Notice, ...]:
-        """Return what a reader should know of the robot, its logs and the result."""
-        return self.said
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write the result to `path` as JSON and return the path.
@@ -66,9 +61,9 @@ class Stiffness(Result):
         return write_file(file, write_json({**self.to_dict(), "file": file}))
 
     def summarise(self) -> str:
-        """Return which joints have a stiffness."""
-        told = [name for name, entry in self.joints.items() if entry.stiffness is not None]
-        return f"{self.estimate.robot}: stiffness of {', '.join(told) or 'no joint'}"
+        """Return the joints with a stiffness."""
+        names = [name for name, entry in self.joints.items() if entry.stiffness is not None]
+        return f"{self.estimate.robot}: stiffness of {', '.join(names) or 'no joint'}"
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return delay, offsets and stiffness."""
@@ -88,10 +83,10 @@ PayloadSide: TypeAlias = "GivenResult | LogLike | Sequence[LogLike]"
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PayloadResult(Result):
-    """What a robot carries, in the frame that the robot file gives to the link; a body that can exist.
+    """The payload of a robot, in the link frame of the robot file; a physically consistent body.
 
     Attributes:
-        product: the payload, how surely each quantity is known, what cannot be told.
+        product: the payload with standard deviations, and the quantities that are not identifiable.
 
     Example:
         >>> import symid
@@ -110,7 +105,7 @@ class PayloadResult(Result):
 
     @property
     def payload(self) -> "Payload":
-        """Return all that was found."""
+        """Return the full result."""
         return self.product.payload
 
     @property
@@ -149,7 +144,7 @@ class PayloadResult(Result):
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """Return what speaks against it: what is not identifiable, what else changed between both sides."""
+        """Return warnings: quantities that are not identifiable, other changes between both sides."""
         return tuple(dict.fromkeys((*self.product.notices, *report.warn_payload(self.payload))))
 
     def summarise(self) -> str:
@@ -157,11 +152,11 @@ class PayloadResult(Result):
         return f"{self.product.robot.name}: {self.mass:.4g} kg on the link of joint {self.joint!r}"
 
     def blocks(self) -> "tuple[Block, ...]":
-        """Return the table of what was identified, and what was refused, with the reasons."""
+        """Return the tables of identified and of refused quantities, with the reasons."""
         return report.show_payload(self.product.robot, self.payload)
 
     def to_dict(self) -> dict[str, object]:
-        """Return quantities, deviations and what changed besides in plain types."""
+        """Return quantities, deviations and other changes in plain types."""
         return report.describe_payload(self.product.robot, self.payload)
 
     def save(self, path: str | PathLike[str]) -> Path:
@@ -177,7 +172,7 @@ class PayloadResult(Result):
 
 
 def list_payload_side(side: PayloadSide) -> "GivenSide":
-    """Return one side of a payload as the rooms below take it."""
+    """Return one side of a payload: a fit, files or recordings."""
     entries = side if isinstance(side, Sequence) and not isinstance(side, str) else (side,)
     found = (entry.log if isinstance(entry, Logged) else entry for entry in entries)
     return tuple(entry.recording if isinstance(entry, Log) else entry for entry in found)

@@ -1,7 +1,4 @@
-"""What an installation has, what it lacks, and what to do about it.
-
-Nothing -> `InstallationFinding`, one for each thing looked at.
-"""
+"""Checks of an installation: Python, packages, compiler, cache, shared files."""
 
 import os
 import platform
@@ -19,12 +16,12 @@ _OLDEST = (3, 11)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InstallationFinding:
-    """One thing looked at.
+    """One check.
 
     Args:
-        name: of the thing; found: what is there.
-        remedy: what to do; empty where nothing has to be done.
-        needed: whether symid cannot work without.
+        name: of the item; found: its version or place.
+        remedy: what to do; empty if nothing has to be done.
+        needed: symid cannot work without it.
     """
 
     name: str
@@ -32,39 +29,39 @@ class InstallationFinding:
     remedy: str = ""
     needed: bool = True
 
-    def tell(self) -> Notice:
+    def build_notice(self) -> Notice:
         """Return what is missing and what to do."""
         return Notice(code="doctor.missing", text=f"{self.name}: {self.found}; {self.remedy}")
 
 
 def check_installation() -> tuple[InstallationFinding, ...]:
-    """Look at Python, packages, compiler, calls, make, cache and shared files."""
+    """Check Python, packages, compiler, calls, make, cache and shared files."""
     return (
-        _look_at_python(),
-        *map(_look_at_package, _PACKAGES),
-        _look_at_compiler(),
-        _look_at_calls(),
-        _look_at_make(),
-        _look_at_cache(),
-        *map(_look_at_resource, ("robots", "templates")),
+        _check_python(),
+        *map(_check_package, _PACKAGES),
+        _check_compiler(),
+        _check_calls(),
+        _check_make(),
+        _check_cache(),
+        *map(_check_resource, ("robots", "templates")),
     )
 
 
-def _look_at_python() -> InstallationFinding:
+def _check_python() -> InstallationFinding:
     remedy = "" if sys.version_info >= _OLDEST else "install Python 3.11 or later"
     return InstallationFinding(
         name="python", found=f"{platform.python_version()}, {platform.machine()}", remedy=remedy
     )
 
 
-def _look_at_package(name: str) -> InstallationFinding:
+def _check_package(name: str) -> InstallationFinding:
     try:
         return InstallationFinding(name=name, found=version(name))
     except PackageNotFoundError:
         return InstallationFinding(name=name, found="not installed", remedy=f"pip install {name}")
 
 
-def _look_at_compiler() -> InstallationFinding:
+def _check_compiler() -> InstallationFinding:
     from symid.codegen import locate_compiler
 
     compiler = locate_compiler()
@@ -74,7 +71,7 @@ def _look_at_compiler() -> InstallationFinding:
     return InstallationFinding(name="C compiler", found=f"{compiler.path}: {compiler.version}")
 
 
-def _look_at_calls() -> InstallationFinding:
+def _check_calls() -> InstallationFinding:
     from symid.codegen import choose_call_path
 
     path = choose_call_path()
@@ -83,13 +80,13 @@ def _look_at_calls() -> InstallationFinding:
     )
 
 
-def _look_at_make() -> InstallationFinding:
+def _check_make() -> InstallationFinding:
     path = shutil.which("make")
     remedy = "" if path else "install make, to build generated folders and run their self-test"
     return InstallationFinding(name="make", found=path or "none", remedy=remedy, needed=False)
 
 
-def _look_at_cache() -> InstallationFinding:
+def _check_cache() -> InstallationFinding:
     from symid.codegen import locate_cache_folder
 
     folder = locate_cache_folder()
@@ -105,7 +102,7 @@ def _is_writable(folder: Path) -> bool:
     return os.access(existing, os.W_OK)
 
 
-def _look_at_resource(name: str) -> InstallationFinding:
+def _check_resource(name: str) -> InstallationFinding:
     from symid.environment import locate_resource_folder
 
     try:

@@ -1,7 +1,7 @@
-"""A log of the API: what was measured, in SI units, on the joint side, nothing left out; and its check.
+"""A log of the API: all measurements in SI units on the joint side; and its check.
 
-File and the robot whose map says which column is what, or arrays -> `Log`; robot, logs -> `RobotCheck`,
-before anything is identified.
+File and robot (its map assigns the columns), or arrays -> `Log`; robot, logs -> `RobotCheck`, before
+identification.
 
 Supported: csv, npz, mat, hdf5, and files (.toml) that list several runs.
 """
@@ -33,8 +33,8 @@ class Log(Result):
     """A log as it was read.
 
     Attributes:
-        recording: time, positions, torques and what else was measured, SI units.
-        robot: whose `[log]` map said which column is what.
+        recording: time, positions, torques and other measurements, SI units.
+        robot: its `[log]` map assigned the columns.
 
     Example:
         >>> import symid
@@ -48,7 +48,7 @@ class Log(Result):
 
     @property
     def source(self) -> str:
-        """Return the file that it was read from, or what made it."""
+        """Return the file, or the name of another source."""
         return self.recording.source
 
     @property
@@ -63,7 +63,7 @@ class Log(Result):
 
     @property
     def dq(self) -> "FloatArray | None":
-        """Return the joint velocities in rad/s or m/s where the log has them: (N, n)."""
+        """Return the joint velocities in rad/s or m/s: (N, n); None if the log has none."""
         return self.recording.velocity
 
     @property
@@ -78,7 +78,7 @@ class Log(Result):
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """Return what a reader should know: conversions, columns not used, odd samples."""
+        """Return warnings and notes: conversions, unused columns, suspicious samples."""
         from symid.logs import check_recording
 
         return (*self.recording.notices, *check_recording(self.recording, self.robot))
@@ -91,7 +91,7 @@ class Log(Result):
         """Write the log to `path`, .npz or .csv, in SI units, and return the path.
 
         Raises:
-            OutputError: the name ends in something else, or the file cannot be written.
+            OutputError: the suffix is another one, or the file cannot be written.
 
         Example:
             >>> import symid
@@ -125,7 +125,7 @@ class Log(Result):
 
 @runtime_checkable
 class Logged(Protocol):
-    """What has a log, such as a simulated experiment."""
+    """An object with a log, such as a simulation."""
 
     @property
     def log(self) -> Log:
@@ -134,25 +134,25 @@ class Logged(Protocol):
 
 
 LogLike = str | PathLike[str] | Log | Logged
-"""A file, a log that was read, or what has one."""
+"""A file, a log, or an object with one."""
 Logs = LogLike | Sequence[LogLike]
 """One log or several."""
 
 
 def list_logs(logs: Logs, pairs: Sequence[tuple[str, str]] = ()) -> "tuple[Path | Recording, ...]":
-    """Return logs as the rooms below take them.
+    """Return logs as paths and recordings.
 
     Args:
         logs: one or several.
         pairs: settings of the call, keys and values.
 
     Raises:
-        UsageError: a setting says how to read a log that was read before.
+        UsageError: a setting changes how to read a log that is already read.
     """
     entries = _list_files_and_logs(logs)
     late = [key for key, _ in pairs if key.startswith("log.")]
     if late and any(isinstance(entry, Log) for entry in entries):
-        text = f"{', '.join(late)}: the log was read before; read it again with a robot that has the setting"
+        text = f"{', '.join(late)}: the log is already read; read it again with a robot that has this setting"
         raise UsageError(Notice(code="usage.read-before", text=text))
     return tuple(entry.recording if isinstance(entry, Log) else entry for entry in entries)
 
@@ -165,10 +165,10 @@ def _list_files_and_logs(logs: Logs) -> tuple[Path | Log, ...]:
 
 
 def adopt_log_map(robot: "Robot", logs: Logs) -> "Robot":
-    """Return the robot with the `[log]` map that said how logs were read, which a fit keeps.
+    """Return the robot with the `[log]` map of its logs, which is stored with a fit.
 
     Raises:
-        UsageError: logs were read with other maps than each other, or than files would be.
+        UsageError: the logs were read with different maps.
     """
     entries = _list_files_and_logs(logs)
     read = [entry.robot.log for entry in entries if isinstance(entry, Log)]
@@ -180,28 +180,28 @@ def adopt_log_map(robot: "Robot", logs: Logs) -> "Robot":
 
 
 def take_one_log(log: LogLike, pairs: Sequence[tuple[str, str]] = ()) -> "Path | Recording":
-    """Return the one log that is tried, as the rooms below take it; see `list_logs`.
+    """Return one log as a path or recording; see `list_logs`.
 
     Raises:
-        UsageError: there are several, or none.
+        UsageError: the number of logs is not one.
     """
     found = list_logs(log, pairs)
     if len(found) != 1:
-        text = f"{len(found)} logs were given, and one is tried at a time: call it once for each"
+        text = f"expected one log, got {len(found)}; make one call for each"
         raise UsageError(Notice(code="usage.one-log", text=text))
     return found[0]
 
 
 def read_logs(path: str | PathLike[str], robot: "RobotModel", *, uneven: bool = False) -> tuple[Log, ...]:
-    """Return the logs behind a file: one, or those of all runs that a `.toml` lists.
+    """Return the logs of a file: one, or those of all runs listed in a `.toml`.
 
     Args:
         path: a log, or a file with `[[run]]` tables.
-        robot: its `[log]` map says which column is what.
-        uneven: whether uneven time stamps are left as they are; else they are refused or resampled.
+        robot: its `[log]` map assigns the columns.
+        uneven: keep uneven time stamps; otherwise they are refused or resampled.
 
     Raises:
-        LogError: with what is wrong with any of them.
+        LogError: a log cannot be used; the message lists all mistakes.
 
     Example:
         >>> import symid
@@ -221,10 +221,10 @@ def read_log(path: str | PathLike[str], robot: "RobotModel", *, uneven: bool = F
     Args:
         path: csv, npz, mat or hdf5.
         robot: its `[log]` map says which column is what, in which unit, and on which side of the gear.
-        uneven: whether uneven time stamps are left as they are; else they are refused or resampled.
+        uneven: keep uneven time stamps; otherwise they are refused or resampled.
 
     Raises:
-        LogError: with all that is wrong with it; a file that lists several runs is for `read_logs`.
+        LogError: the log cannot be used (all mistakes are listed), or the file lists several runs.
 
     Example:
         >>> import symid
@@ -250,16 +250,16 @@ def build_log(
     theta: "ArrayLike | None" = None,
     source: str = "arrays",
 ) -> Log:
-    """Return a log made of arrays, in SI units and on the joint side already.
+    """Return a log from arrays in SI units on the joint side.
 
     Args:
         robot: its number of joints.
         time: (N,) s, strictly increasing.
-        q: (N, n) rad or m, of the links where `theta` is given.
+        q: (N, n) rad or m; positions of the links if `theta` is given.
         tau: (N, n) N m or N.
-        dq: (N, n) rad/s or m/s, where measured.
-        theta: (N, n) rad or m, motor positions on the joint side, of elastic robots.
-        source: what made it, for messages.
+        dq: (N, n) rad/s or m/s, if measured.
+        theta: (N, n) rad or m, motor positions on the joint side, for elastic robots.
+        source: name of the log in messages.
 
     Raises:
         LogError: shapes do not fit, a value is not finite, or time does not increase.
@@ -281,7 +281,7 @@ def build_log(
         given = {name: np.asarray(value, dtype=float) for name, value in arrays.items() if value is not None}
         stamps = np.asarray(time, dtype=float)
     except (TypeError, ValueError) as error:
-        text = f"these are no arrays of real numbers: {error}"
+        text = f"expected arrays of real numbers: {error}"
         raise LogError(Notice(code="log.arrays", text=text, file=source)) from error
     size = len(robot.joints)
     wrong = [
@@ -312,11 +312,11 @@ def build_log(
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class RobotCheck(Result):
-    """What a robot file says, and which parameters logs identify; `errors` where that is too little.
+    """Summary of a robot file, and which parameters are identifiable from logs; `errors` if too few are.
 
     Attributes:
-        robot: the robot, whose file has no mistakes.
-        product: what was found in the logs.
+        robot: the robot.
+        product: the full result for the logs.
 
     Example:
         >>> import symid
@@ -331,37 +331,37 @@ class RobotCheck(Result):
 
     @property
     def logs(self) -> "tuple[CheckedLog, ...]":
-        """Return of every log its recording at even times, how it was sampled, and what its joints do."""
+        """Return for every log its evenly sampled recording, its sampling, and the range of its joints."""
         return self.product.logs
 
     @property
     def dynamics(self) -> "tuple[LogCheck, ...]":
-        """Return signs, exchanged joints and the delay of the torque in every log; of rigid robots."""
+        """Return signs, exchanged joints and torque delay of every log; for rigid robots."""
         return self.product.dynamics
 
     @property
     def excitation(self) -> "LogExcitation | None":
-        """Return a verdict on every parameter, singular values, rank and condition; of rigid robots."""
+        """Return identifiability of every parameter, singular values, rank, condition; for rigid robots."""
         return self.product.excitation
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """Return what is odd in the robot file and in the logs, with what to do."""
+        """Return warnings on the robot file and the logs, with remedies."""
         return (*self.robot.notices, *self.product.notices)
 
     @property
     def errors(self) -> tuple[Notice, ...]:
-        """Return why the logs are not enough for a model of the robot."""
+        """Return why the logs do not suffice for a model of the robot."""
         return self.product.errors
 
     def summarise(self) -> str:
-        """Return the robot, and how many logs were looked at."""
+        """Return the robot and the number of logs."""
         return f"{report.summarise_robot(self.robot)}: {len(self.logs)} log{'s'[: len(self.logs) != 1]}"
 
     def blocks(self) -> "tuple[Block, ...]":
-        """Return what was read, the joints of every log, and what the logs tell of the parameters."""
+        """Return the robot, the joints of every log, and the identifiability of the parameters."""
         return report.show_robot_check(self.robot, self.product)
 
     def to_dict(self) -> dict[str, object]:
-        """Return joints, logs, and what they tell of every parameter, in plain types."""
+        """Return joints, logs, and identifiability of every parameter in plain types."""
         return report.describe_robot_check(self.robot, self.product)

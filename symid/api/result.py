@@ -1,8 +1,8 @@
-"""What all results of the API have in common: they print themselves, and say what speaks against them.
+"""What all results of the API have in common: printing, JSON, notebooks, warnings and errors.
 
 str(result)             as the command line prints it, with warnings and errors
 result.to_dict()        as the command line gives it with --json
-result.notices          what a reader should know; result.errors why it is not acceptable
+result.notices          warnings and notes; result.errors why it is not acceptable
 in a notebook           tables, texts and figures; `Figures` are also written as SVG or HTML
 
 Arguments that must be of a range or one of a list are checked here, before anything is done.
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from symid.report import Block, Drawing
 
 Progress = Callable[[str], None]
-"""Called with a short text on what begins now."""
+"""Called with a short text at each stage."""
 
 
 def ignore(text: str) -> None:
-    """Say nothing of what begins."""
+    """Report no progress."""
 
 
 class Result(ABC):
@@ -47,63 +47,62 @@ class Result(ABC):
     @property
     @abstractmethod
     def notices(self) -> tuple[Notice, ...]:
-        """Return what a reader should know of it."""
+        """Return warnings and notes on it."""
 
     @property
     def errors(self) -> tuple[Notice, ...]:
-        """Return why it is not acceptable, such as a gate that was missed; nothing where it is."""
+        """Return why it is not acceptable, such as a missed gate; empty if it is."""
         return ()
 
     @property
     def accepted(self) -> bool:
-        """Return whether nothing makes it unacceptable."""
+        """Return whether there are no errors."""
         return not self.errors
 
     @abstractmethod
     def summarise(self) -> str:
-        """Return the result in a few words, in one line."""
+        """Return a summary in one line."""
 
     @abstractmethod
     def blocks(self) -> "tuple[Block, ...]":
-        """Return the paragraphs and tables that it is printed as."""
+        """Return the paragraphs and tables of the printed form."""
 
     @abstractmethod
     def to_dict(self) -> dict[str, object]:
-        """Return the result in plain types, as `--json` gives it."""
+        """Return the result in plain types, as `--json` prints it."""
 
     def opening(self) -> "tuple[Block, ...]":
-        """Return what a notebook shows first, such as a verdict."""
+        """Return the first blocks in a notebook, such as a verdict."""
         return ()
 
     def figures(self) -> "tuple[Block, ...]":
-        """Return the figures that a notebook shows behind the tables."""
+        """Return the figures shown after the tables in a notebook."""
         return ()
 
     def __repr__(self) -> str:
         """Return the result in one line."""
         return f"<{type(self).__name__} {self.summarise()}>"
 
-    def tell(self) -> str:
-        """Return the result as text, without what a reader should know of it."""
+    def to_text(self) -> str:
+        """Return texts and tables, without warnings and errors."""
         return report.write_text(self.blocks())
 
     def __str__(self) -> str:
-        """Return the result as the command line prints it: texts and tables, then warnings and errors."""
-        said = self._tell_notices()
-        return f"{self.tell()}\n\n{said}" if said else self.tell()
+        """Return texts and tables, then warnings and errors, as the command line prints them."""
+        return "\n\n".join(filter(None, (self.to_text(), self._list_notices())))
 
-    def _tell_notices(self) -> str:
+    def _list_notices(self) -> str:
         kinds = [("note" if entry.is_note else "warning", entry) for entry in self.notices]
         return "\n".join(f"{kind}: {entry}" for kind, entry in (*kinds, *(("error", e) for e in self.errors)))
 
     def _tabulate(self) -> "tuple[Block, ...]":
-        """Return what a notebook, which is wider than a terminal, shows in place of `blocks`."""
+        """Return the blocks for a notebook, which is wider than a terminal."""
         return self.blocks()
 
     def _repr_html_(self) -> str:
         """Return the result for a notebook."""
-        said = self._tell_notices()
-        blocks = (*self.opening(), *self._tabulate(), *((said,) if said else ()), *self.figures())
+        notices = filter(None, (self._list_notices(),))
+        blocks = (*self.opening(), *self._tabulate(), *notices, *self.figures())
         return report.write_html(blocks, failed=not self.accepted)
 
 
@@ -127,7 +126,7 @@ class Figures:
     drawings: "tuple[Drawing, ...]"
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return the number of figures."""
         return len(self.drawings)
 
     def __repr__(self) -> str:
@@ -142,7 +141,7 @@ class Figures:
         """Write the figures below one another to `path`, .svg or .html, and return the path.
 
         Raises:
-            UsageError: the name ends in something else.
+            UsageError: the suffix is another one.
             OutputError: the file cannot be written.
         """
         from symid.environment import write_file
@@ -158,10 +157,10 @@ class Figures:
 
 
 def check_count(name: str, value: int | None, least: int = 0) -> None:
-    """Refuse what is no whole number of at least `least`; None, which stands for the default, passes.
+    """Refuse values other than whole numbers of at least `least`; None (the default) is accepted.
 
     Raises:
-        UsageError: it is none.
+        UsageError: the value is refused.
     """
     if value is None:
         return
@@ -172,10 +171,10 @@ def check_count(name: str, value: int | None, least: int = 0) -> None:
 
 
 def check_positive(name: str, value: float | None, *, zero: bool = False) -> None:
-    """Refuse what is no positive finite number, or, if `zero`, not zero either; None passes.
+    """Refuse values other than positive finite numbers, and zero if `zero`; None is accepted.
 
     Raises:
-        UsageError: it is none.
+        UsageError: the value is refused.
     """
     if value is None:
         return
@@ -186,10 +185,10 @@ def check_positive(name: str, value: float | None, *, zero: bool = False) -> Non
 
 
 def check_choice(name: str, value: str, allowed: Sequence[str]) -> None:
-    """Refuse what is not one of `allowed`.
+    """Refuse values that are not among `allowed`.
 
     Raises:
-        UsageError: it is none.
+        UsageError: the value is refused.
     """
     if value not in allowed:
         text = f"{name}={value!r}: expected one of {', '.join(map(repr, allowed))}"

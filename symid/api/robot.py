@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 Settings = Mapping[str, object]
-"""Settings in place of the robot file's, such as {"processing.filter_cutoff": 50}; see docs/robot_file.md."""
+"""Replace settings of the robot file, such as {"processing.filter_cutoff": 50}; see docs/robot_file.md."""
 
 
 def list_pairs(settings: Settings | None, **named: object) -> tuple[tuple[str, str], ...]:
@@ -98,7 +98,7 @@ class RobotModel:
     Attributes:
         description: joints, placements, drives, friction, springs, log map, as read and overridden.
         backend: what computes its functions: "auto" (compiled C, else NumPy), "c", "python" or "casadi".
-        progress: called with a short text on what begins; does nothing by default, `print` is a good choice.
+        progress: called with a short text at each stage; does nothing by default, `print` is a good choice.
 
     Example:
         >>> import symid
@@ -128,7 +128,7 @@ class RobotModel:
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """Return what a reader should know of the robot file, such as what of a URDF is not used."""
+        """Return warnings and notes on the robot file, such as the parts of a URDF that are not used."""
         return self.description.notices
 
     @property
@@ -137,7 +137,7 @@ class RobotModel:
         return any(self.description.elastic)
 
     def __getstate__(self) -> dict[str, object]:
-        """Return what is copied or pickled: all but the compiled functions, which are loaded again on use."""
+        """Return the state to copy or pickle, without compiled functions, which are loaded again on use."""
         return {name: value for name, value in self.__dict__.items() if name != "library"}
 
     def __repr__(self) -> str:
@@ -159,7 +159,7 @@ class RobotModel:
             settings: keys under `log`, `processing` and `controller` of the robot file, with values.
             friction: the friction model of all joints.
             backend: what computes its functions.
-            progress: told what begins.
+            progress: called with a short text at each stage.
 
         Raises:
             UsageError: a setting cannot be made, or its value does not fit.
@@ -181,11 +181,11 @@ class RobotModel:
             progress=progress or self.progress,
         )
 
-    # What can be known of the robot.
+    # Base parameters.
 
     @cached_property
     def base(self) -> BaseSet:
-        """Return the base parameters: all that the robot's motions and torques identify.
+        """Return the base parameters: the smallest set that describes all motions and torques.
 
         Example:
             >>> import symid
@@ -194,15 +194,15 @@ class RobotModel:
         """
         return derive_base_set(self.description)
 
-    def find_base(self, form: BaseForm = "torque") -> BaseSet:
-        """Return what the torques, the energies, the momentum, or torques at rest ("gravity") identify.
+    def derive_base(self, form: BaseForm = "torque") -> BaseSet:
+        """Return the base parameters of the torques, energies, momentum, or torques at rest ("gravity").
 
         Args:
             form: "torque", "energy", "momentum" or "gravity".
 
         Example:
             >>> import symid
-            >>> symid.load("two_link").find_base("gravity").names
+            >>> symid.load("two_link").derive_base("gravity").names
             ('MXR1', 'MY1', 'MX2', 'MY2')
         """
         return self.base if form == "torque" else derive_base_set(self.description, form)
@@ -210,10 +210,10 @@ class RobotModel:
     # Derivation, exact functions and code.
 
     def derivation(self, *, latex: bool = False) -> "Derivation":
-        """Return how the dynamics come about, from the frames to the torques, each step checked.
+        """Return the derivation of the dynamics, from the frames to the torques, with a check of each step.
 
         Args:
-            latex: whether it is printed with formulas in LaTeX.
+            latex: print formulas in LaTeX.
 
         Raises:
             RobotError: a symbolic length has no value.
@@ -266,12 +266,12 @@ class RobotModel:
         Args:
             name: of the function, such as "forward_dynamics".
             standard: whether it takes the standard parameters pi in place of beta.
-            constant: whether it holds the robot file's values of beta, rotors and friction, and takes none of
-                them; the parameters h of springs stay arguments.
+            constant: use the robot file's values of beta, rotors and friction as constants; the parameters h
+                of springs stay arguments.
 
         Raises:
             RobotError: a symbolic length has no value.
-            UsageError: the robot has no such function, or its file lacks a value that shall be constant.
+            UsageError: the robot has no such function, or its file lacks a value for a constant.
 
         Example:
             >>> import symid
@@ -300,7 +300,7 @@ class RobotModel:
             raise UsageError(Notice(code="usage.unknown-function", text=text))
 
     def compile(self) -> "CompiledModel":
-        """Return all functions of the robot compiled and loaded, one attribute each; `backend` says by what.
+        """Return all functions of the robot, compiled and loaded by its `backend`, as attributes.
 
         Raises:
             RobotError: a symbolic length has no value.
@@ -335,20 +335,22 @@ class RobotModel:
 
         Args:
             target: "c", "python" (one module of NumPy), or "casadi" (functions, their C, and a loader).
-            folder: new, or one that symid wrote; files of others in it stay as they are.
+            folder: new, or written by symid earlier; other files in it are not changed.
             functions: the names of those wanted; all by default.
             precision: type of all numbers in C.
-            parameters: what functions take: "base" for beta, "standard" for all standard parameters pi.
-            constant: whether the robot file's values are part of the functions, which then take none.
-            trigonometry: sines in C: "own", of all angles at once, in the code itself, or of the C library.
-            friction_laws: whether the C library holds all static friction laws too.
-            force: whether to write over files that were edited since.
+            parameters: arguments of the functions: "base" for beta, "standard" for all standard parameters
+                pi.
+            constant: use the robot file's values as constants.
+            trigonometry: sines in C: "own" (code that computes all angles at once) or "library" (the C
+                library).
+            friction_laws: add all static friction laws to the C library.
+            force: overwrite files that were edited since.
 
         Raises:
             RobotError: a symbolic length has no value.
             UsageError: a value is not offered, the robot has no such function, or its file lacks a value that
-                shall be constant.
-            OutputError: the folder cannot be written, or holds what symid did not write.
+                is to be constant.
+            OutputError: the folder cannot be written, or belongs to something else.
             GenerationError: the code fails its self-test.
 
         Example:
@@ -380,18 +382,19 @@ class RobotModel:
     # Logs.
 
     def check(self, *logs: "LogLike", resample: str | PathLike[str] | None = None) -> "RobotCheck":
-        """Return what the robot file says and which parameters logs identify.
+        """Return a summary of the robot file, and which parameters are identifiable from logs.
 
-        Looked at are time stamps, units, steps and limits; with the dynamics also signs, exchanged joints,
-        delays, and which parameters are identifiable from all logs together.
+        Checks time stamps, units, steps and limits; with the dynamics also signs, exchanged joints, delays,
+        and
+        which parameters are identifiable from all logs together.
 
         Args:
-            logs: files, files that list runs, or logs that were read; none to look at the robot file alone.
+            logs: files, files that list runs, or logs that were read; none to check the robot file alone.
             resample: a file, .npz or .csv, for an evenly sampled copy of the one log.
 
         Raises:
-            UsageError: a copy of several logs is asked for.
-            LogError: with what is wrong with any of the logs.
+            UsageError: `resample` is given with several logs.
+            LogError: a log cannot be used; the message lists all mistakes.
             OutputError: the copy cannot be written.
 
         Example:
@@ -420,8 +423,8 @@ class RobotModel:
     # Identification.
 
     @property
-    def workshop(self) -> "TaskContext":
-        """Return what long work in the rooms below needs: compiled functions, and a callable for progress."""
+    def context(self) -> "TaskContext":
+        """Return compiled functions on demand, and the callback for progress, for long computations."""
         from symid.identification import TaskContext
 
         return TaskContext(prepare=self._prepare, progress=self.progress)
@@ -458,10 +461,10 @@ class RobotModel:
         rate: float | None = None,
         elastic: "ElasticOptions | None" = None,
     ) -> "RigidFit | ElasticFit":
-        """Return the base parameters and friction that explain logs best; of elastic joints springs too.
+        """Identify base parameters and friction from logs; for elastic joints also springs and hysteresis.
 
-        Which way is taken follows from the robot and its logs: rigid; elastic, where all joints are and the
-        logs have the positions of motors and links; else the motor side alone.
+        Robot and logs decide the model: rigid; elastic, if all joints are elastic and the logs have positions
+        of motors and links; otherwise the motor side alone.
 
         Args:
             logs: files, files of runs, or logs that were read.
@@ -472,29 +475,30 @@ class RobotModel:
             method: of elastic joints: "automatic" (the default), "two-step", "linear-spring", "elimination",
                 "weighted", "nlp" or "independent".
             friction: the friction model of all joints, in place of the robot file's.
-            settings: any setting in place of the robot file's, by dotted key.
+            settings: replace those of the robot file, by dotted key.
             cutoff: Hz, of the low-pass filter.
             decimate: keep one sample in so many.
             drop_first: number of samples cut off at the start.
             drop_last: number of samples cut off at the end.
-            partial: whether to fit what can be identified where the logs hold less than three quarters.
-            window: s, length of a momentum, filtered or energy row.
-            overlap: part of a window that the next one shares, of momentum and energy rows.
-            period: s, of a repeated motion, for "gls": one for all logs or one each.
-            prior: of "ridge": a fit to stay near to, its file, or "robot" for the robot file's values.
+            partial: fit the identifiable parameters even if they are less than three quarters of all.
+            window: s, length of the interval of a momentum, filtered or energy row.
+            overlap: part of the window shared with the next one, for momentum and energy rows.
+            period: s, of a repeated motion, for "gls": one value for all logs, or one for each.
+            prior: for "ridge": a fit or its file as the prior, or "robot" for the robot file's values.
             prior_deviation: percent of the robot file's values, or a factor on the prior's deviations.
-            prior_weight: 1 to believe these deviations, 0 for no prior; cross-validated by default.
-            start: of estimators that simulate: a fit, or its file, to begin with.
-            tolerance: of elastic joints: relative change at which an iteration stops.
-            thresholds: of elastic joints: number of stops of each joint's hysteresis.
-            knees: of elastic joints: number of knees on each side of a spring.
-            rate: of elastic joints: rad/s, corner frequency of the first-order filter.
-            elastic: all options of elastic joints at once; arguments given besides win.
+            prior_weight: 1 to use these deviations as stated, 0 for no prior; chosen by cross-validation by
+                default.
+            start: for estimators that simulate: a fit or its file with the initial values.
+            tolerance: for elastic joints: relative change at which an iteration stops.
+            thresholds: for elastic joints: number of stops of each joint's hysteresis.
+            knees: for elastic joints: number of knees on each side of a spring.
+            rate: for elastic joints: rad/s, corner frequency of the first-order filter.
+            elastic: all options for elastic joints; the arguments above take precedence.
 
         Raises:
             UsageError: options that do not go together, or not with this robot and these logs.
-            LogError: a log cannot be read or used; all that is wrong is said.
-            IdentifiabilityError: too little can be learnt; the message names every parameter.
+            LogError: a log cannot be read or used; the message lists all mistakes.
+            IdentifiabilityError: too few parameters are identifiable; the message names the others.
             SolverError: a search ended without a usable result.
 
         Example:
@@ -535,17 +539,17 @@ class RobotModel:
             "rate": _to_plain(rate),
         }
         task = IdentifyTask(pairs=pairs, rigid=options, method=method, elastic=given, options=elastic)
-        found = identify_robot(*self._gather(logs, pairs, friction), task, self.workshop)
+        found = identify_robot(*self._gather(logs, pairs, friction), task, self.context)
         extra = {"backend": found.backend}
         if isinstance(found.estimate, ElasticEstimate):
             return ElasticFit(
                 estimate=found.estimate,
                 alignment=found.alignment,
                 model=self,
-                said=found.notices,
+                notices=found.notices,
                 extra=extra,
             )
-        return RigidFit(estimate=found.estimate, model=self, said=found.notices, extra=extra)
+        return RigidFit(estimate=found.estimate, model=self, notices=found.notices, extra=extra)
 
     def _gather(
         self, logs: "Logs", pairs: tuple[tuple[str, str], ...], friction: str | None
@@ -577,29 +581,30 @@ class RobotModel:
         drop_last: int | None = None,
         options: "FrictionOptions | None" = None,
     ) -> "FrictionFit":
-        """Return a law of friction, and its parameters, for every joint that moves.
+        """Identify a friction law and its parameters for every joint that moves.
 
         Args:
             logs: files, files of runs, or logs that were read.
-            model: a law, such as "stribeck+offset", or "auto" (the default): chosen by torques held back.
+            model: a law, such as "stribeck+offset", or "auto" (the default): chosen on held-out data.
             estimator: "varpro" (the default), "root-finding", "nlp", "genetic", "annealing" or
                 "differential-evolution".
-            known: base parameters to subtract, a fit or its file; else the rigid part is fitted along.
+            known: base parameters to subtract, a fit or its file; otherwise the rigid part is fitted too.
             smoothing: rad/s or m/s over which dry friction changes its sign.
-            period: s, of a cosine motion, to average over all periods: one for all logs or one each.
+            period: s, of a cosine motion, to average over all periods: one value for all logs, or one for
+                each.
             seed: of a stochastic estimator.
             friction: the friction model of all joints in the rigid part, in place of the robot file's.
-            settings: any setting in place of the robot file's, by dotted key.
+            settings: replace those of the robot file, by dotted key.
             cutoff: Hz, of the low-pass filter.
             decimate: keep one sample in so many.
             drop_first: number of samples cut off at the start.
             drop_last: number of samples cut off at the end.
-            options: of the estimators, all at once; `seed` wins.
+            options: all options of the estimators; `seed` takes precedence.
 
         Raises:
-            UsageError: no such law or estimator.
+            UsageError: there is no such law or estimator.
             LogError: a log cannot be read or used.
-            IdentifiabilityError: nothing can be learnt of any joint.
+            IdentifiabilityError: no joint has an identifiable law.
             SolverError: a search ended without usable numbers.
 
         Example:
@@ -630,9 +635,9 @@ class RobotModel:
             friction=friction,
             options=options or FrictionOptions(),
         )
-        found = identify_robot_friction(*self._gather(logs, pairs, friction), request, self.workshop)
+        found = identify_robot_friction(*self._gather(logs, pairs, friction), request, self.context)
         extra = {"backend": found.backend}
-        return FrictionFit(estimate=found.estimate, model=self, said=found.notices, extra=extra)
+        return FrictionFit(estimate=found.estimate, model=self, notices=found.notices, extra=extra)
 
     def identify_stiffness(
         self,
@@ -643,12 +648,12 @@ class RobotModel:
         drop_first: int | None = None,
         drop_last: int | None = None,
     ) -> "Stiffness":
-        """Return delay and offsets between the encoders, and the stiffness of every joint, with intervals.
+        """Identify delay and offsets of the encoders, and the stiffness of every joint, with intervals.
 
         Args:
             logs: with the positions of motors and links; of any robot.
             friction: the friction model of all joints, in place of the robot file's.
-            settings: any setting in place of the robot file's, by dotted key.
+            settings: replace those of the robot file, by dotted key.
             drop_first: number of samples cut off at the start.
             drop_last: number of samples cut off at the end.
 
@@ -668,8 +673,8 @@ class RobotModel:
 
         pairs = list_pairs(settings, drop_first=drop_first, drop_last=drop_last)
         described, recordings = self._gather(logs, pairs, friction)
-        found, notices = identify_stiffness(described, recordings, pairs, self.workshop)
-        return Stiffness(estimate=found, said=notices)
+        found, notices = identify_stiffness(described, recordings, pairs, self.context)
+        return Stiffness(estimate=found, notices=notices)
 
     # Trajectories and experiments.
 
@@ -695,25 +700,25 @@ class RobotModel:
         starts: int = 10,
         seed: int = 1,
     ) -> "ExcitedTrajectory":
-        """Return the trajectory on which the parameters can be identified best, within all limits.
+        """Return an optimal trajectory for identification, within all limits.
 
         Args:
             harmonics: number of harmonics of each joint.
             period: length of the trajectory, s.
-            criterion: least condition number of the scaled regressor, or most information.
-            weight: of the information beside the condition number.
-            moving: whether it need not start and end at rest.
-            start: (n,) pose in which it starts and ends, rad or m.
+            criterion: "condition" (condition number of the scaled regressor) or "d-optimal" (information).
+            weight: weight of the information, added to the condition number.
+            moving: let it start and end in motion instead of at rest.
+            start: (n,) pose at its start and end, rad or m.
             share: part of every limit that may be used.
-            sweep: position limit either side of zero where the robot file states none, rad or m.
+            sweep: position limit on either side of zero where the robot file states none, rad or m.
             velocity: limit where the robot file states none, rad/s or m/s.
             acceleration: limit where the robot file states none, rad/s^2 or m/s^2.
             jerk: limit where the robot file states none, rad/s^3 or m/s^3; None for none.
-            workspace: file of spheres and planes that links keep to, .toml.
+            workspace: file (.toml) of spheres and planes that bound the links.
             torsion: largest torsion of elastic joints, rad or m.
             stiffness: (n,) for the torsion, N m/rad or N/m; else the robot file's.
             deviations: (n,) of the torque noise, N m or N; equal where left out.
-            candidates: number of random trajectories to start from, and to beat.
+            candidates: number of random trajectories to start from and to compare with.
             starts: how many of them are optimised.
             seed: of the random trajectories.
 
@@ -776,19 +781,20 @@ class RobotModel:
         offset: float = 0.0,
         seed: int = 1,
     ) -> "Simulation":
-        """Move the robot under PD control along a trajectory and return what its sensors see.
+        """Simulate the robot under PD control along a trajectory; return the measured log.
 
         Args:
-            trajectory: "fourier", a random series; "ta" or "tb", published ones; "tc", kept for validation; a
-                file or a result of `excite`; or a motion.
+            trajectory: "fourier" (a random series), "ta" or "tb" (published), "tc" (for validation), a file,
+                a
+                result of `excite`, or a motion.
             scale: factor on the trajectory's amplitudes.
             joint: that "tb" moves, counted from one.
             duration: s; that of the trajectory where left out.
             noise: standard deviation of the torque sensors, N m or N; 0.05 by default, of an elastic robot
                 2 % of each joint's RMS torque.
             clean: whether the sensors are perfect: no noise, no encoder steps.
-            delay: of an elastic robot: by how much its link encoders are later than its motor encoders, s.
-            offset: of an elastic robot: what its link encoders read at zero, rad or m.
+            delay: for an elastic robot: delay of the link encoders relative to the motor encoders, s.
+            offset: for an elastic robot: reading of the link encoders at zero, rad or m.
             seed: of all random numbers.
 
         Raises:
@@ -850,25 +856,25 @@ class RobotModel:
         rows: "PayloadRows" = "torque",
         estimator: "PayloadEstimator" = "wls",
     ) -> "PayloadResult":
-        """Return mass, centre of mass and inertia of what the robot carries in `loaded` and not in `empty`.
+        """Identify mass, centre of mass and inertia of the payload: in `loaded`, but not in `empty`.
 
-        A body that is fixed to a link changes the base parameters by K_link delta, delta its ten standard
-        parameters; generalised least squares with the covariance of both sides, and of all bodies that exist
-        the nearest. What the robot cannot show, or noise hides, is refused by name.
+        A body fixed to a link changes the base parameters by K_link delta, where delta are its ten standard
+        parameters. They are estimated by generalised least squares with the covariance of both sides, and
+        moved to the nearest physically consistent body. Quantities that are not identifiable are refused.
 
         Args:
             loaded: with the payload: a fit, its file, or logs.
             empty: without it, likewise.
-            joint: whose link carries it; the last one where left out.
-            mass: kg, where a balance told it.
-            rows: of logs: "torque" or "momentum" equations.
-            estimator: of logs: "ols", or "wls", weighted by the noise of each joint.
+            joint: joint of the link that carries it; the last one by default.
+            mass: kg, if it is known.
+            rows: for logs: "torque" or "momentum" equations.
+            estimator: for logs: "ols", or "wls", weighted by the noise of each joint.
 
         Raises:
-            UsageError: a file is given twice, estimates stand among logs, or there is no such joint.
+            UsageError: a file is given twice, fits and logs are mixed, or there is no such joint.
             EstimateError: an estimate is of another model.
             LogError: a log cannot be used.
-            IdentifiabilityError: no payload can be told from none.
+            IdentifiabilityError: no quantity of the payload is identifiable.
 
         Example:
             >>> import symid
@@ -900,10 +906,10 @@ class RobotModel:
         return PayloadResult(product=identify_payload(self.description, *sides, task))
 
     def export(self, path: str | PathLike[str], *, precision: "Precision" = "double") -> "ExportedFile":
-        """Write the robot with the values that its file states, in the format that the file's name ends in.
+        """Write the robot with the values of its robot file; the suffix of `path` selects the format.
 
         Args:
-            path: of the file, which is written over: .toml, .urdf, .xml or .mjcf (MuJoCo), .h (C) or .json.
+            path: an existing file is overwritten: .toml, .urdf, .xml or .mjcf (MuJoCo), .h (C) or .json.
             precision: of the numbers in a C header: that of the generated library.
 
         Raises:
@@ -933,7 +939,8 @@ class RobotModel:
         Args:
             seeds: draws of the noise.
             seed: the first one.
-            jobs: processes; None for one a core. A script starts them below `if __name__ == "__main__":`.
+            jobs: number of processes; one for each core by default. A script starts them below `if __name__
+                == "__main__":`.
 
         Example:
             >>> import symid
@@ -955,11 +962,11 @@ class RobotModel:
             product=found,
             tables=report.show_precision(found),
             described=asdict(found),
-            told=self.notices,
+            notices=self.notices,
         )
 
     def study_cutoff(self, log: "LogLike") -> "Study[CutoffStudy]":
-        """Show what the cut-off of the position filter does to what a fit predicts.
+        """Show how the cut-off of the position filter changes the prediction error of a fit.
 
         Args:
             log: of this robot, a file or one that was read.
@@ -992,7 +999,7 @@ class RobotModel:
             product=found,
             tables=report.show_cutoff(found),
             described=asdict(found),
-            told=(*robot.notices, *recording.notices, *library.notices),
+            notices=(*robot.notices, *recording.notices, *library.notices),
         )
 
     def study_elastic(
@@ -1003,8 +1010,9 @@ class RobotModel:
         Args:
             seeds: draws of the noise; a seed takes half a minute.
             seed: the first one.
-            jobs: processes; None for one a core. A script starts them below `if __name__ == "__main__":`.
-            timed: whether to tell what each method took, which differs from run to run.
+            jobs: number of processes; one for each core by default. A script starts them below `if __name__
+                == "__main__":`.
+            timed: measure the time of each method, which differs from run to run.
 
         Raises:
             UsageError: the robot has not two joints, or its file states no truth.
@@ -1037,12 +1045,13 @@ class RobotModel:
     def study_tracking(
         self, *, seeds: int = 20, seed: int = 1, jobs: int | None = None
     ) -> "Study[TrackingStudy]":
-        """Show how well links follow when the controller knows the identified model, another one, or none.
+        """Compare tracking errors of links with feed-forward of the identified model, another one, or none.
 
         Args:
             seeds: draws of the noise of the logs that models are identified from.
             seed: the first one.
-            jobs: processes; None for one a core. A script starts them below `if __name__ == "__main__":`.
+            jobs: number of processes; one for each core by default. A script starts them below `if __name__
+                == "__main__":`.
 
         Raises:
             UsageError: the robot has not two joints, or its file states no truth.
@@ -1068,7 +1077,7 @@ class RobotModel:
         )
 
     def study_six_joints(self, *, seeds: int = 1, seed: int = 1) -> "Study[tuple[ManyJointsResult, ...]]":
-        """Judge the dynamics of an elastic arm of any number of joints on a held-out motion.
+        """Validate the identified dynamics of an elastic arm with any number of joints on a held-out motion.
 
         Args:
             seeds: draws of motion and noise.
@@ -1096,7 +1105,7 @@ class RobotModel:
             product=found,
             tables=tuple(map(report.show_many_joints, found)),
             described={"runs": [report.describe_many_joints(result) for result in found]},
-            told=tuple(dict.fromkeys(notice for result in found for notice in result.notices)),
+            notices=tuple(dict.fromkeys(notice for result in found for notice in result.notices)),
         )
 
 
@@ -1118,20 +1127,21 @@ def load(
     Args:
         robot: the path of a robot file (.toml), a URDF or a table of rows (.csv), or the name of a robot in
             ./robots or of those that come with symid.
-        settings: in place of the file's, by dotted key.
+        settings: replace those of the file, by dotted key.
         friction: the friction model of all joints: "none", "viscous_coulomb", "viscous_coulomb_offset",
             "asymmetric".
-        base: of a URDF: the link to start from; its root by default.
-        tip: of a URDF: the link to end at; branches are cut off.
-        snap: of a URDF: angles this near (rad) to a quarter turn become one; 1e-5 by default.
-        convention: of a table of rows: "modified" or "standard" Denavit-Hartenberg; it is never guessed.
-        gravity: of a table of rows: in the base frame, m/s^2; 0, 0, -9.81 by default.
+        base: for a URDF: first link of the robot; its root by default.
+        tip: for a URDF: last link of the robot; other branches are removed.
+        snap: for a URDF: angles within this distance (rad) of a quarter turn are rounded to it; 1e-5 by
+            default.
+        convention: for a table of rows: "modified" or "standard" Denavit-Hartenberg; it is never guessed.
+        gravity: for a table of rows: in the base frame, m/s^2; 0, 0, -9.81 by default.
         backend: what computes the functions: "auto", "c", "python" or "casadi".
-        progress: told in a few words what begins, for example `print`.
+        progress: called with a short text at each stage, for example `print`.
 
     Raises:
         UsageError: there is no such robot, or an option does not fit the file.
-        RobotError: the file is wrong; all mistakes at once, each with its line and column.
+        RobotError: the file has mistakes; all are listed, each with its line and column.
 
     Example:
         >>> import symid

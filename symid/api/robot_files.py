@@ -1,7 +1,7 @@
-"""Robot files in and out: a draft to complete by hand, and a robot with its values for other programs.
+"""Robot files: a draft to complete by hand, and export with values to other formats.
 
-URDF, table of rows or robot at hand, and a log -> `RobotDraft`; robot whose file states values, or what was
-identified of one -> a file, and `ExportedFile`.
+URDF, table of rows or existing robot, and a log -> `RobotDraft`; robot with values, or a fit -> a file, and
+`ExportedFile`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class RobotDraft(Result):
-    """A robot file that is not written yet.
+    """A new robot file, not yet written.
 
     Attributes:
-        product: the robot, the text, and what the log adds to it.
+        product: the robot, the text, and the columns of the log.
 
     Example:
         >>> import symid
@@ -40,29 +40,29 @@ class RobotDraft(Result):
 
     @property
     def robot(self) -> "Robot":
-        """Return the robot that the file describes."""
+        """Return the robot."""
         return self.product.robot
 
     @property
     def source(self) -> Path:
-        """Return the file that the robot comes from."""
+        """Return the source file."""
         return self.product.source
 
     @property
     def text(self) -> str:
-        """Return the text of the file, TOML; what is not known stands in comments."""
+        """Return the text of the file (TOML), with comments for unknown values."""
         return self.product.text
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """Return what was taken for granted, and what is odd about source and log."""
+        """Return assumptions, and warnings on source and log."""
         return self.product.notices
 
     def save(self, path: str | PathLike[str]) -> Path:
-        """Write the file to `path`, in place of an older one; return the path.
+        """Write the file to `path`, and return the path; an existing file is overwritten.
 
         Raises:
-            OutputError: it is no .toml, or cannot be written.
+            OutputError: the suffix is not .toml, or the file cannot be written.
         """
         from symid.environment import check_suffix, write_file
 
@@ -72,7 +72,7 @@ class RobotDraft(Result):
         return file
 
     def summarise(self) -> str:
-        """Return name and number of joints."""
+        """Return the name and the number of joints."""
         return report.summarise_draft(self.robot)
 
     def blocks(self) -> "tuple[Block, ...]":
@@ -102,29 +102,30 @@ def new_robot(
     torque_constant: str | float | Sequence[float] | None = None,
     progress: Progress = ignore,
 ) -> RobotDraft:
-    """Return a robot file to be completed by hand; give one of `urdf`, `table` and `robot`.
+    """Return a robot file to complete by hand, from one of `urdf`, `table` and `robot`.
 
     Args:
         urdf: a URDF.
         table: a CSV table of Denavit-Hartenberg rows.
-        robot: a robot at hand: a file is copied, a URDF converted.
-        base: of the URDF: the link to start from; its root by default.
-        tip: of the URDF: the link to end at; others are cut off.
-        convention: of the table: "modified" or "standard"; it is never guessed.
-        gravity: of the table: in its base frame, m/s^2; 0, 0, -9.81 by default.
+        robot: an existing robot: a robot file is copied, a URDF is converted.
+        base: for the URDF: first link of the robot; its root by default.
+        tip: for the URDF: last link of the robot; other branches are removed.
+        convention: for the table: "modified" or "standard"; it is never guessed.
+        gravity: for the table: in its base frame, m/s^2; 0, 0, -9.81 by default.
         log: a log of the robot: its columns and their units become the `[log]` table.
-        columns: of the log by quantity (time, position, torque, velocity); by their names where left out.
-        units: of the columns by quantity, one for each or one for all, where the log states none.
+        columns: columns of the log by quantity (time, position, torque, velocity); recognised by their names
+            by default.
+        units: units of the columns by quantity, one for each or one for all, if the log states none.
         friction: the friction model of all joints.
-        rotors: whether every drive gets a rotor whose inertia is to be identified.
+        rotors: give every drive a rotor with unknown inertia.
         gear: motor turns per joint turn, one for each joint or one for all.
         torque_constant: N m/A at the motor, one for each joint or one for all.
-        progress: told what begins.
+        progress: called with a short text at each stage.
 
     Raises:
         UsageError: the arguments do not go together.
-        RobotError: the source is wrong.
-        LogError: the log cannot be read, or its columns cannot be told.
+        RobotError: the source has mistakes.
+        LogError: the log cannot be read, or its columns are not recognised.
 
     Example:
         >>> import symid
@@ -162,10 +163,10 @@ Precision = Literal["double", "float"]
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ExportedFile(Result):
-    """A file that was written.
+    """A written file.
 
     Attributes:
-        product: what was written, with the bodies or the friction that were found.
+        product: the full result, with the written bodies or friction laws.
 
     Example:
         >>> import symid
@@ -183,34 +184,34 @@ class ExportedFile(Result):
 
     @property
     def format(self) -> str:
-        """Return what the file is: "robot file", "URDF", "MJCF model", "C header" or "values as JSON"."""
+        """Return "robot file", "URDF", "MJCF model", "C header" or "values as JSON"."""
         return self.product.format
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """Return what the format has no words for; it stands in comments."""
+        """Return the parts that the format cannot hold; they are written as comments."""
         return self.product.left_out
 
     @property
     def not_identified(self) -> tuple[str, ...]:
-        """Return what has no identified value, so that the robot file's own or the nearest bodies stand."""
+        """Return the parameters without an identified value; robot file or nearest bodies give one."""
         return self.product.missing
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """Return what a user of the file must know."""
+        """Return warnings and notes on the file."""
         return self.product.notices
 
     def summarise(self) -> str:
-        """Return what the file is, and where."""
+        """Return the format and the path."""
         return f"{self.format}: {self.file}"
 
     def blocks(self) -> "tuple[Block, ...]":
-        """Return what was written and where, and how bodies were found or which laws joints have."""
+        """Return the format and the path, and the accuracy of bodies or the laws of joints."""
         return report.show_export(self.product)
 
     def to_dict(self) -> dict[str, object]:
-        """Return the file, how bodies were found, and what was left out, in plain types."""
+        """Return the file, the accuracy of bodies, and the parts left out, in plain types."""
         return report.describe_export(self.product)
 
 
@@ -222,10 +223,10 @@ def export_fit(
     precision: Precision = "double",
     progress: Progress = ignore,
 ) -> ExportedFile:
-    """Write a robot with what was identified, a fit or its file; see `Fit.export`.
+    """Write a robot with the values of a fit, or of its file; see `Fit.export`.
 
-    Springs are written as found. Friction that was identified by itself goes into robot files, where they
-    have a model of its law.
+    Springs are written as identified. Friction laws are written to robot files if these have a model for
+    them.
     """
     from symid.identification import (
         build_identified,
@@ -243,5 +244,5 @@ def export_fit(
         progress(f"comparing {robot.name} with the model whose friction was identified")
         return ExportedFile(product=write_friction(robot, result, source, output))
     identified = build_identified(robot, result, source)
-    progress(f"looking for bodies with the identified values of {robot.name}")
+    progress(f"computing consistent bodies with the identified values of {robot.name}")
     return ExportedFile(product=write_identified(identified, source, output, precision=precision))

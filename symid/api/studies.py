@@ -1,6 +1,6 @@
-"""Studies: many identifications of simulated robots with a known truth, methods next to each other.
+"""Studies: comparisons of methods by many identifications of simulated robots with known parameters.
 
-Robot, how many draws of the noise -> `Study`, or `FrictionTables` for those of a paper.
+Robot, number of noise draws -> `Study`, or `FrictionTables` for those of a paper.
 """
 
 from collections.abc import Callable, Mapping
@@ -25,14 +25,14 @@ T_co = TypeVar("T_co", covariant=True)
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Study(Result, Generic[T_co]):
-    """What a study found.
+    """The result of a study.
 
     Attributes:
         title: the study and the robot, in words.
         product: the numbers.
-        tables: what it is printed as.
+        tables: the printed form.
         described: the numbers in plain types.
-        told: what a reader should know.
+        notices: warnings and notes on the robot and its logs.
 
     Example:
         >>> import symid
@@ -45,12 +45,7 @@ class Study(Result, Generic[T_co]):
     product: T_co
     tables: "tuple[Block, ...]"
     described: Mapping[str, object]
-    told: tuple[Notice, ...] = ()
-
-    @property
-    def notices(self) -> tuple[Notice, ...]:
-        """Return what a reader should know of the robot and its logs."""
-        return self.told
+    notices: tuple[Notice, ...] = ()
 
     def summarise(self) -> str:
         """Return the study and the robot."""
@@ -66,19 +61,15 @@ class Study(Result, Generic[T_co]):
 
 
 def report_count(progress: Progress) -> Callable[[int, int], None]:
-    """Return what tells how many tasks are done, of how many."""
-
-    def tell(done: int, whole: int) -> None:
-        progress(f"{done} of {whole}")
-
-    return tell
+    """Return a callback that reports how many of all tasks are done."""
+    return lambda done, count: progress(f"{done} of {count}")
 
 
 def list_seeds(seeds: int, seed: int) -> range:
-    """Return so many seeds from the first one on.
+    """Return `seeds` consecutive seeds, starting with `seed`.
 
     Raises:
-        UsageError: there is none, or the first one is negative.
+        UsageError: `seeds` is not positive, or `seed` is negative.
     """
     check_count("seeds", seeds, least=1)
     check_count("seed", seed)
@@ -88,7 +79,7 @@ def list_seeds(seeds: int, seed: int) -> range:
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class FrictionTables(Result):
-    """The tables of Zhang, Hu and Zou (2021) on joint friction, theirs and ours side by side.
+    """The tables of Zhang, Hu and Zou (2021) on joint friction, with our results beside theirs.
 
     Attributes:
         product: the numbers.
@@ -103,11 +94,11 @@ class FrictionTables(Result):
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """Return nothing: the joints are those of the paper."""
+        """Return no notices."""
         return ()
 
     def save(self, path: str | PathLike[str]) -> Path:
-        """Write one page with all tables and figures to `path`, in place of an older file; return the path.
+        """Write one page with all tables and figures to `path`, and return the path.
 
         Raises:
             OutputError: the file cannot be written.
@@ -115,12 +106,12 @@ class FrictionTables(Result):
         return report.write_page(Path(path), report.build_friction_study_page(self.product))
 
     def summarise(self) -> str:
-        """Return how many claims are met."""
+        """Return the number of claims that are met."""
         judged = [check.met for check in self.product.checks if check.met is not None]
         return f"friction tables: {sum(judged)} of {len(judged)} claims met"
 
     def blocks(self) -> "tuple[Block, ...]":
-        """Return all tables, and what is asked of ours."""
+        """Return all tables, and the claims."""
         return report.show_friction_tables(self.product)
 
     def to_dict(self) -> dict[str, object]:
@@ -136,14 +127,15 @@ def study_friction_tables(
     timed: bool = False,
     progress: Progress = ignore,
 ) -> FrictionTables:
-    """Return the tables of a paper on joint friction, its numbers and ours side by side.
+    """Return the tables of a paper on joint friction, with our results beside theirs.
 
     Args:
-        seeds: draws of the noise, at least two; some tables take fewer.
+        seeds: number of noise draws, at least two; some tables use fewer.
         seed: the first one.
-        jobs: processes; None for one a core. A script starts them below `if __name__ == "__main__":`.
-        timed: whether the time that each estimator takes is measured, which differs from run to run.
-        progress: told what begins, and how many tasks are done.
+        jobs: number of processes; one for each core by default. A script starts them below `if __name__ ==
+            "__main__":`.
+        timed: measure the time of each estimator, which differs from run to run.
+        progress: called with a short text at each stage, and with the number of finished tasks.
 
     Raises:
         UsageError: fewer than two draws.

@@ -1,4 +1,4 @@
-"""What a fit is tested by: a held-out log, its own logs again, values of others; and the page of it all.
+"""Tests of a fit: a held-out log, its own logs again, values of others; and its page.
 
 Validation -> `LogValidation`: residuals, a gate, figures; diagnosis -> `FitDiagnosis`; page -> `FitPage`;
 estimate, other estimates or tables of values -> `Comparison`, group by group.
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class LogValidation(Result):
-    """What a fit explains of a log; nothing was fitted to it.
+    """Prediction error of a fit on a held-out log.
 
     Attributes:
-        product: all that was found.
-        gate: percent, the largest acceptable mean of the relative residuals; None for none.
+        product: the full result.
+        gate: percent, limit of the mean relative residual; None for no limit.
 
     Example:
         >>> import symid
@@ -44,10 +44,10 @@ class LogValidation(Result):
     gate: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse a gate that is no positive number.
+        """Check the gate.
 
         Raises:
-            UsageError: it is none.
+            UsageError: it is not a positive number.
         """
         check_positive("gate", self.gate)
 
@@ -58,7 +58,7 @@ class LogValidation(Result):
 
     @property
     def residual(self) -> "tuple[Residual, ...]":
-        """Return what is left of the torque, joint by joint."""
+        """Return the residual torque, joint by joint."""
         return self.product.residual
 
     @property
@@ -68,12 +68,12 @@ class LogValidation(Result):
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """Return what a reader should know, for example that the log is one of the fit."""
+        """Return warnings and notes, for example that the log belongs to the fit."""
         return self.product.notices
 
     @property
     def errors(self) -> tuple[Notice, ...]:
-        """Return why the gate was missed; nothing where it was not, or there was none."""
+        """Return the reason if the gate is missed."""
         return self.product.find_missed(self.gate)
 
     def summarise(self) -> str:
@@ -90,7 +90,7 @@ class LogValidation(Result):
         return {**report.describe_trial(self.product), "gate": self.gate, "accepted": self.accepted}
 
     def figures(self) -> "tuple[Block, ...]":
-        """Return measured and predicted torques; of elastic joints their hysteresis loops."""
+        """Return measured and predicted torques; for elastic joints hysteresis loops."""
         return self.plot().drawings
 
     def plot(self) -> Figures:
@@ -101,11 +101,11 @@ class LogValidation(Result):
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class FitDiagnosis(Result):
-    """What the logs of a fit tell beyond parameters: correlations, bootstrap, drift, structure.
+    """Diagnosis of a fit with its own logs: correlations, bootstrap, drift, structure of the residual.
 
     Attributes:
         robot: its name.
-        product: all that was found.
+        product: the full result.
 
     Example:
         >>> import symid
@@ -121,15 +121,15 @@ class FitDiagnosis(Result):
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """Return what a reader should know, for example that a log has changed since the fit."""
+        """Return warnings and notes, for example that a log has changed since the fit."""
         return self.product.notices
 
     def summarise(self) -> str:
-        """Return robot and how many parameters are essential."""
+        """Return the robot and the number of essential parameters."""
         return f"{self.robot}: {len(self.product.essential.kept)} essential parameters"
 
     def blocks(self) -> "tuple[Block, ...]":
-        """Return what was found, in a few sentences and a table of what the residual follows."""
+        """Return the findings, and a table of residual structure."""
         return report.show_diagnosis(self.product)
 
     def to_dict(self) -> dict[str, object]:
@@ -140,10 +140,10 @@ class FitDiagnosis(Result):
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class FitPage(Result):
-    """A page that was written, and what was found on the way.
+    """A page that was written, with validation and diagnosis.
 
     Attributes:
-        page: all that was found.
+        page: the full result.
 
     Example:
         >>> import symid
@@ -157,32 +157,32 @@ class FitPage(Result):
 
     @property
     def file(self) -> Path:
-        """Return where the page is."""
+        """Return the path of the page."""
         return self.page.file
 
     @property
     def diagnosis(self) -> "Diagnosis | None":
-        """Return what the logs of the fit tell, None where that was not asked for."""
+        """Return the diagnosis; None if it was not requested."""
         return self.page.diagnosis
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """Return what a reader should know."""
+        """Return warnings and notes."""
         return self.page.notices
 
     def summarise(self) -> str:
-        """Return where the page is."""
+        """Return the path of the page."""
         return str(self.file)
 
     def blocks(self) -> "tuple[Block, ...]":
-        """Return where the page is, how logs were processed, and the diagnosis."""
+        """Return the path of the page, the processing of the logs, and the diagnosis."""
         from symid.environment import show_path
 
         head = "\n".join((f"report: {show_path(self.file)}", *self.page.lines))
         return (head, *(() if self.diagnosis is None else report.show_diagnosis(self.diagnosis)))
 
     def to_dict(self) -> dict[str, object]:
-        """Return what was written and tried in plain types."""
+        """Return the written file and its contents in plain types."""
         page = self.page
         found: dict[str, object] = {"robot": page.robot, "file": page.file, "validations": page.sources}
         if page.processing is not None:
@@ -200,12 +200,12 @@ _TABLE_OPTIONS = ("--name", "--value", "--deviation", "--deviation-unit", "--rea
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Comparison(Result):
-    """An estimate beside one other or several, in the groups of the others.
+    """A comparison of a fit with one or more others, in the groupings of the others.
 
     Attributes:
-        ours: the estimate.
-        found: one entry for every other, with all that was found.
-        gate: the largest acceptable difference in standard deviations; None for none.
+        ours: the fit.
+        found: the full result for every other.
+        gate: limit of the largest difference in standard deviations; None for no limit.
 
     Example:
         >>> import symid
@@ -222,7 +222,7 @@ class Comparison(Result):
 
     @property
     def others(self) -> tuple["Comparison", ...]:
-        """Return the comparisons with every other alone."""
+        """Return the comparison with every other, separately."""
         return tuple(replace(self, found=(entry,)) for entry in self.found)
 
     @property
@@ -232,7 +232,7 @@ class Comparison(Result):
 
     @property
     def judged(self) -> int:
-        """Return how many groups have a standard deviation."""
+        """Return the number of groups with a standard deviation."""
         return sum(entry.comparison.judged for entry in self.found)
 
     @property
@@ -241,7 +241,7 @@ class Comparison(Result):
         return max(entry.comparison.largest for entry in self.found)
 
     def count_within(self, limit: float) -> int:
-        """Return how many groups differ by at most `limit` standard deviations of both sides together."""
+        """Return the number of groups that differ by at most `limit` standard deviations of both sides."""
         return sum(entry.comparison.count_within(limit) for entry in self.found)
 
     @property
@@ -249,33 +249,33 @@ class Comparison(Result):
         """Return d' V^-1 d, d the differences and V the sum of both covariances; None where V is singular.
 
         Raises:
-            UsageError: there are several others, of which each has its own.
+            UsageError: there are several others.
         """
         if len(self.found) > 1:
-            text = f"chi-square belongs to one other, and there are {len(self.found)}: ask each of `.others`"
+            text = f"chi-square needs one comparison, got {len(self.found)}; use each entry of `.others`"
             raise UsageError(Notice(code="usage.several-others", text=text))
         return self.found[0].comparison.chi_square
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """Return what speaks against the deviations, what was left out, how groups may be meant."""
+        """Return warnings: doubtful deviations, parameters left out, possible readings of groups."""
         return report.warn_comparison(self.ours, self.found)
 
     @property
     def errors(self) -> tuple[Notice, ...]:
-        """Return what misses the gate."""
+        """Return the reasons if the gate is missed."""
         from symid.identification import check_comparison_gate
 
         return tuple(notice for entry in self.found for notice in check_comparison_gate(entry, self.gate))
 
     def summarise(self) -> str:
-        """Return how many groups agree with how many others."""
+        """Return the number of groups within two standard deviations."""
         others = ", ".join(entry.other.source.name for entry in self.found)
         within = f"{self.count_within(2.0)} of {self.judged} groups within 2 standard deviations"
         return f"{self.ours.identified.robot.name}: {within} of {others}"
 
     def blocks(self) -> "tuple[Block, ...]":
-        """Return for every other the values of both sides, counts, chi-square, the largest differences."""
+        """Return values of both sides, counts, chi-square and largest differences, for every other."""
         return report.show_comparison(self.ours, self.found)
 
     def to_dict(self) -> dict[str, object]:
@@ -296,10 +296,10 @@ def compare_fit(
     gate: float | None = None,
     progress: Progress = ignore,
 ) -> Comparison:
-    """Return an estimate, itself or its file, beside others; see `Fit.compare`.
+    """Compare a fit, or its file, with others; see `Fit.compare`.
 
     Raises:
-        UsageError: no other is given, or a file twice, or options for tables do not fit.
+        UsageError: no other is given, a file is given twice, or options for tables do not fit.
         EstimateError: files cannot be read (all of them are named), are of another model, or have nothing in
             common.
     """
@@ -314,7 +314,7 @@ def compare_fit(
     from symid.robot import TableColumns
 
     if not others:
-        text = "nothing to compare with was given: name a fit, its file, or a table"
+        text = "expected at least one fit, file or table to compare with, got none"
         raise UsageError(Notice(code="usage.no-other", text=text))
     check_positive("gate", gate)
     files = [Path(entry) for entry in others if isinstance(entry, str | PathLike)]
@@ -325,10 +325,10 @@ def compare_fit(
     if not tables and any(asked.values()):
         used = ", ".join(option for option, entry in asked.items() if entry)
         text = (
-            f"{used}: of tables, and there is none among {', '.join(map(str, files)) or 'fits'}; leave it out"
+            f"{used}: only for tables, and none is among {', '.join(map(str, files)) or 'fits'}; leave it out"
         )
         raise UsageError(Notice(code="usage.no-table", text=text))
-    progress(f"finding the base parameters of {robot.name}")
+    progress(f"deriving the base parameters of {robot.name}")
     ours = build_side(robot, *read_dynamics(estimate))
     percent = None if deviation_unit is None else deviation_unit == "percent"
     columns = TableColumns(name=name, value=value, deviation=deviation, percent=percent)

@@ -38,9 +38,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
-    """What a verb found out: `text` for people, `result` for programs.
+    """The answer of a verb: `text` for people, `result` for programs.
 
-    `errors` make the answer an unacceptable one; `exit_code` is then not zero.
+    With `errors` it is not acceptable, and `exit_code` is not zero.
     """
 
     text: str
@@ -53,17 +53,17 @@ class Answer:
 def make_answer(
     result: "Result", *lines: str, exit_code: int = 1, notices: Sequence[Notice] = (), **added: object
 ) -> Answer:
-    """Return the answer that a result of the API gives.
+    """Return the answer for a result of the API.
 
     Args:
-        result: what the API returned.
-        lines: what the verb says besides, such as the file that it wrote.
-        exit_code: where the result is not acceptable.
-        notices: what the verb has to tell besides.
-        added: entries of the object for programs.
+        result: of the API.
+        lines: further text, such as the path of a written file.
+        exit_code: if the result is not acceptable.
+        notices: further warnings and notes.
+        added: further entries of the JSON object.
     """
     return Answer(
-        text="\n\n".join((result.tell(), *lines)),
+        text="\n\n".join((result.to_text(), *lines)),
         result={**result.to_dict(), **added},
         warnings=(*result.notices, *notices),
         errors=result.errors,
@@ -73,20 +73,20 @@ def make_answer(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Console:
-    """How much is said on stderr while a verb works."""
+    """Progress messages on stderr."""
 
     quiet: bool = False
     verbose: bool = False
     start: float = field(default_factory=time.monotonic)
 
     def progress(self, text: str) -> None:
-        """Say what begins now."""
+        """Print the stage that begins."""
         if not self.quiet:
             passed = f" [{time.monotonic() - self.start:.1f} s]" if self.verbose else ""
             click.echo(f"{text}{passed}", err=True)
 
     def detail(self, text: str) -> None:
-        """Say something that only matters to those who asked for more."""
+        """Print a detail with --verbose."""
         if self.verbose:
             click.echo(text, err=True)
 
@@ -166,11 +166,11 @@ _FILES = {
     "results": ("validate", "compare", "export", "report"),
     "studies": ("study",),
 }
-"""Verbs by the file that holds them; a file is loaded when one of its verbs is called."""
+"""Verbs by file; a file is imported when one of its verbs is called."""
 
 
 class _Verbs(click.Group):
-    """A group whose commands stand in files of this room, imported on demand."""
+    """The group of verbs, imported on demand."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002  click's interface
         """Return the verbs in the order in which they are used."""
@@ -196,7 +196,7 @@ def symid() -> None:
 
 
 def answer_call(arguments: Sequence[str]) -> int:
-    """Run the command line with `arguments`, print what it has to say, and return the exit code."""
+    """Run the command line with `arguments`, print its answer, and return the exit code."""
     if sys.stdout is None:
         return _explain_stream(OSError(errno.EBADF, "standard output is closed"))
     try:
@@ -233,7 +233,7 @@ def _answer(arguments: Sequence[str]) -> int:
 
 
 def _explain_stream(error: OSError) -> int:
-    """Say in one line that nobody gets the answer; say nothing to a reader that has gone."""
+    """Report in one line that the answer cannot be written, unless the reader has closed the pipe."""
     if sys.stdout is not None:
         # Python must not complain about it again when it flushes at exit.
         with contextlib.suppress(OSError, ValueError):

@@ -1,9 +1,4 @@
-"""The verbs on a robot's dynamics: `symid derive`, `symid base`, `symid generate`.
-
-derive ROBOT: the derivation of the dynamics, step by step.
-base ROBOT: the minimal parameters, exactly, with the reason for each.
-generate ROBOT --target c -o FOLDER: the robot's functions as code that stands alone.
-"""
+"""The verbs on a robot's dynamics: `symid derive`, `symid base`, `symid generate`."""
 
 from pathlib import Path
 from typing import Literal
@@ -32,10 +27,10 @@ from symid.errors import Notice, UsageError
 @option("--latex", OUTPUT, "Print formulas in LaTeX.", is_flag=True)
 @verb
 def derive_command(console: Console, *, robot: NamedRobot, latex: bool) -> Answer:
-    """Show how the dynamics come about, from the frames to the torques, and what code of them costs.
+    """Derive the dynamics step by step, from the frames to the torques, with operation counts.
 
-    Each step is a sentence, its formulas, and what was checked. Behind them stand the operations of
-    generated functions; --json has those of every route that was counted, not of the chosen ones alone.
+    Each step has a sentence, its formulas and a check. Then follow the operations of the generated
+    functions; --json lists those of all routes, not only the chosen ones.
     """
     return make_answer(robot.load(console).derivation(latex=latex))
 
@@ -46,20 +41,20 @@ def derive_command(console: Console, *, robot: NamedRobot, latex: bool) -> Answe
 @option(
     "--of form",
     MODEL,
-    "What is looked at: all torques, the energies, the momentum, or torques at rest.",
+    "Base parameters of all torques, the energies, the momentum, or torques at rest (gravity).",
     type=click.Choice(("torque", "energy", "momentum", "gravity")),
     default="torque",
 )
 @verb
 def base_command(console: Console, *, robot: NamedRobot, friction: str | None, form: BaseForm) -> Answer:
-    """Show the base parameters: all that a robot's motions and torques identify.
+    """List the base parameters, the smallest set that describes all motions and torques.
 
-    For each its name, what it groups, and why; then those that were eliminated. With --of only
-    what the energies, the momentum or a static test identify.
+    Each has its grouping and the reason for it; then follow the eliminated parameters. --of selects
+    those of the energies, the momentum or a static test.
     """
     model = robot.load(console, friction=friction)
-    console.progress(f"finding the base parameters of {model.name}")
-    return make_answer(model.find_base(form))
+    console.progress(f"deriving the base parameters of {model.name}")
+    return make_answer(model.derive_base(form))
 
 
 @click.command("generate", cls=Verb)
@@ -81,20 +76,20 @@ def base_command(console: Console, *, robot: NamedRobot, friction: str | None, f
 @option(
     "--parameters",
     MODEL,
-    "What functions take: the base parameters beta, or all standard parameters pi.",
+    "Arguments of the functions: base parameters beta, or all standard parameters pi.",
     type=click.Choice(("base", "standard")),
     default="base",
 )
 @option(
     "--constant",
     MODEL,
-    "Bake the robot file's values into the functions, which then take none.",
+    "Use the robot file's values as constants in the functions.",
     is_flag=True,
 )
 @option(
     "--trigonometry",
     OUTPUT,
-    "Sines in C: of all angles at once, in the code itself, or calls of the C library.",
+    "Sines in C: own code for all angles at once, or calls of the C library.",
     type=click.Choice(("own", "library")),
     default="own",
 )
@@ -123,11 +118,11 @@ def generate_command(
 ) -> Answer:
     """Write the robot's functions as a C library, as a Python module, or for CasADi.
 
-    The folder needs no symid. Its self-test is run where a compiler is; those of Python and of CasADi are
-    run always. Where neither the robot nor anything else has changed since the last time, nothing is done.
+    The folder does not need symid. Its self-test runs after writing, for C if there is a compiler. A
+    folder that is up to date is not changed.
     """
     if friction_laws and target != "c":
-        text = f"--friction-laws: these are written in C; leave out --target {target}"
+        text = f"--friction-laws: only for C; leave out --target {target}"
         raise UsageError(Notice(code="usage.friction-laws", text=text))
     return make_answer(
         robot.load(console, friction=friction).write(

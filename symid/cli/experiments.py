@@ -1,8 +1,4 @@
-"""The verbs on experiments: `symid excite`, `symid simulate`.
-
-excite ROBOT -o FILE: a trajectory on which all parameters can be identified.
-simulate ROBOT -o LOG: an experiment on the computer, logged like a real one.
-"""
+"""The verbs on experiments: `symid excite`, `symid simulate`."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -49,12 +45,12 @@ excite_options = add_options(
     option(
         "--weight",
         METHOD,
-        "Weight of the information beside the condition number, which alone favours tiny motions.",
+        "Weight of the information; the condition number alone favours tiny motions.",
         type=FiniteRange(min=0.0),
         default=0.1,
     ),
     option("--moving", METHOD, "Let it start and end in motion instead of at rest.", is_flag=True),
-    option("--start", METHOD, "Pose in which it starts and ends, rad or m.", metavar="Q1,Q2,..."),
+    option("--start", METHOD, "Pose at the start and at the end, rad or m.", metavar="Q1,Q2,..."),
     option(
         "--share",
         MODEL,
@@ -65,7 +61,7 @@ excite_options = add_options(
     option(
         "--sweep",
         MODEL,
-        f"Position limit either side of zero {_UNSTATED}, rad or m.",
+        f"Position limit on either side of zero {_UNSTATED}, rad or m.",
         type=POSITIVE,
         default=1.0,
     ),
@@ -81,7 +77,7 @@ excite_options = add_options(
     option(
         "--workspace",
         INPUT,
-        "File of spheres and planes that links keep to, .toml.",
+        "File (.toml) of spheres and planes that bound the links.",
         type=click.Path(path_type=Path, exists=True, dir_okay=False),
         metavar="FILE",
     ),
@@ -89,7 +85,7 @@ excite_options = add_options(
     option(
         "--stiffness",
         MODEL,
-        "Stiffness of all joints for --torsion, in place of the robot file's, N m/rad or N/m.",
+        "Stiffness of all joints for --torsion; replaces that of the robot file, N m/rad or N/m.",
         metavar="K1,K2,...",
     ),
     option(
@@ -101,7 +97,7 @@ excite_options = add_options(
     option(
         "--candidates",
         METHOD,
-        "Number of random feasible trajectories to start from, and to beat.",
+        "Number of random feasible trajectories to start from and to compare with.",
         type=COUNT,
         default=1000,
         metavar="N",
@@ -113,7 +109,7 @@ excite_options = add_options(
     option(
         "--periods",
         OUTPUT,
-        "How often the file runs through the trajectory.",
+        "Number of periods in the file.",
         type=COUNT,
         default=1,
         metavar="N",
@@ -144,10 +140,10 @@ def excite_command(
     workspace: Path | None,
     **search: Any,  # noqa: ANN401  the options of the search, typed in `RobotModel.excite`
 ) -> Answer:
-    """Find the trajectory on which the parameters of a robot can be identified best.
+    """Compute an optimal trajectory for identification.
 
-    A finite Fourier series of every joint, within all limits of the robot file at all times. The file is one
-    that `symid simulate --trajectory FILE` follows.
+    It is a finite Fourier series for every joint, within all limits of the robot file at all times;
+    `symid simulate --trajectory FILE` follows it.
     """
     model = robot.load(console, friction=friction)
     if output is not None:
@@ -167,7 +163,7 @@ def _split_numbers(name: str, text: str | None, joints: int) -> Sequence[float] 
     """Return the numbers of a list such as 1,2,3.
 
     Raises:
-        UsageError: it is no list of one number a joint.
+        UsageError: the list does not have one number for each joint.
     """
     if text is None:
         return None
@@ -187,8 +183,8 @@ def _split_numbers(name: str, text: str | None, joints: int) -> Sequence[float] 
 @option(
     "--trajectory",
     METHOD,
-    "fourier, a random Fourier series; ta or tb, published ones; tc, kept for validation; or a "
-    "file of symid excite, .csv.",
+    "fourier (a random Fourier series), ta or tb (published), tc (for validation), or a file (.csv) "
+    "of symid excite.",
     metavar="NAME|FILE",
     default="fourier",
 )
@@ -203,7 +199,7 @@ def _split_numbers(name: str, text: str | None, joints: int) -> Sequence[float] 
 @option(
     "--joint",
     METHOD,
-    "Number of the joint that tb moves; those that follow another do not count.",
+    "Number of the joint that tb moves, without mimic joints.",
     type=COUNT,
     default=1,
 )
@@ -226,7 +222,7 @@ def _split_numbers(name: str, text: str | None, joints: int) -> Sequence[float] 
 @option(
     "--delay",
     MODEL,
-    "Elastic robots only: how much later than the motor encoders the link encoders are, s.",
+    "Elastic robots only: delay of the link encoders relative to the motor encoders, s.",
     type=FiniteRange(),
     default=0.0,
     metavar="S",
@@ -235,7 +231,7 @@ def _split_numbers(name: str, text: str | None, joints: int) -> Sequence[float] 
 @option(
     "--offset",
     MODEL,
-    "Elastic robots only: what the link encoders read at zero, rad or m.",
+    "Elastic robots only: reading of the link encoders at zero, rad or m.",
     type=FiniteRange(),
     default=0.0,
     metavar="RAD",
@@ -263,10 +259,10 @@ def simulate_command(
     output: Path,
     force: bool,
 ) -> Answer:
-    """Move the robot under PD control along a trajectory and write what its sensors see.
+    """Simulate the robot under PD control along a trajectory and write the measured log.
 
-    The robot file must state masses and friction. Elastic robots are moved by their motors; their log holds
-    link positions q, motor positions theta and motor torques tau.
+    The robot file must state masses and friction. The log of an elastic robot holds link positions q,
+    motor positions theta and motor torques tau.
     """
     model = robot.load(console, friction=friction)
     check_suffix(output, "a log", (".npz", ".csv"))

@@ -1,10 +1,4 @@
-"""The verbs to begin with: `symid doctor`, `symid demo`, `symid new`, `symid check`.
-
-doctor: what this installation has, what it lacks, and what to do about it.
-demo: the main job on a two-link arm with elastic joints, from the robot file to the report.
-new ROBOT.toml: a robot file to complete, from a URDF, a table of rows, or a robot at hand.
-check ROBOT [LOG...]: is the robot file right, and which parameters the logs identify.
-"""
+"""The first verbs: `symid doctor`, `symid demo`, `symid new`, `symid check`."""
 
 import shlex
 import sys
@@ -45,9 +39,9 @@ from symid.errors import Notice, UsageError
 @click.command("doctor", cls=Verb)
 @verb
 def doctor_command(console: Console) -> Answer:
-    """Look at Python, packages, compiler, cache and shared files, and say what to do.
+    """Check the installation: Python, packages, compiler, cache and shared files.
 
-    Exit code 1 when something is missing that symid cannot work without.
+    Exit code 1 if a required item is missing.
     """
     console.detail(f"python: {sys.executable}")
     return make_answer(symid.doctor())
@@ -62,8 +56,8 @@ def doctor_command(console: Console) -> Answer:
 def demo_command(console: Console, *, backend: str, seed: int, output: Path | None, force: bool) -> Answer:
     """Simulate an arm with elastic joints, identify dynamics and hysteresis, validate, report.
 
-    Exit code 1 when a parameter is more than 2 % or the hysteresis more than 3 % off the truth, or
-    when the links follow no better with the identified model than with a rigid one.
+    Exit code 1 if the largest parameter error exceeds 2 %, the hysteresis error exceeds 3 %, or the
+    identified model does not reduce the tracking errors of a rigid one.
     """
     folder = output or Path("demo")
     return make_answer(symid.demo(folder, seed=seed, backend=backend, force=force, progress=console.progress))
@@ -84,7 +78,7 @@ def demo_command(console: Console, *, backend: str, seed: int, output: Path | No
     "Gravity in the base frame of the table, m/s^2.  [default: 0,0,-9.81]",
     metavar="X,Y,Z",
 )
-@option("--from name", INPUT, "Copy the file of a robot at hand, or convert its URDF.", metavar="ROBOT")
+@option("--from name", INPUT, "Copy the file of an existing robot, or convert its URDF.", metavar="ROBOT")
 @option(
     "--log",
     INPUT,
@@ -95,20 +89,20 @@ def demo_command(console: Console, *, backend: str, seed: int, output: Path | No
 @option(
     "--columns",
     INPUT,
-    "Columns of a quantity (time, position, torque, velocity), one for each joint.  [default: by "
-    "their names]",
+    "Columns of a quantity (time, position, torque, velocity), one for each joint.  [default: "
+    "recognised by name]",
     multiple=True,
     metavar="QUANTITY=NAME,...",
 )
 @option(
     "--units",
     INPUT,
-    "Unit of the columns, one for each or one for all, where the log states none or another one.",
+    "Unit of the columns, one for each or one for all, if the log states none or a wrong one.",
     multiple=True,
     metavar="QUANTITY=UNIT,...",
 )
 @friction_option
-@option("--rotors", MODEL, "Give every drive a rotor whose inertia is to be identified.", is_flag=True)
+@option("--rotors", MODEL, "Give every drive a rotor with unknown inertia.", is_flag=True)
 @option("--gear", MODEL, "Motor turns per joint turn, one for each joint or one for all.", metavar="N,...")
 @option(
     "--torque-constant",
@@ -140,8 +134,8 @@ def new_command(
 ) -> Answer:
     """Write a commented robot file, to be completed by hand.
 
-    It comes from a URDF, from a table of Denavit-Hartenberg rows, or from a robot that is at hand. With
-    --log it says which column of a log is what; assumptions are printed, and stand in the file.
+    Source is a URDF, a table of Denavit-Hartenberg rows, or an existing robot. With --log the columns
+    of a log are assigned; assumptions are printed, and written to the file.
     """
     _check_suffix(file)
     check_output(file, force=force, inputs=[entry for entry in (urdf, table, log) if entry is not None])
@@ -165,7 +159,7 @@ def new_command(
     )
     check_output(file, force=force, inputs=(draft.source,))
     draft.save(file)
-    told = [
+    notices = [
         replace(entry, file=str(file)) if entry.code == "new.gravity" else entry for entry in draft.notices
     ]
     head = f"robot file: {show_path(file)} ({draft.summarise()})"
@@ -173,7 +167,7 @@ def new_command(
     return Answer(
         text="\n".join((head, *shown, f"next: {_suggest_next(file, log)}")),
         result={"file": file, **draft.to_dict()},
-        warnings=tuple(told),
+        warnings=tuple(notices),
     )
 
 
@@ -184,13 +178,13 @@ def _suggest_next(file: Path, log: Path | None) -> str:
 
 
 def _check_suffix(file: Path) -> None:
-    """Refuse a name under which no verb would read the file as what it is.
+    """Check the suffix of a robot file.
 
     Raises:
-        UsageError: the name does not end in .toml.
+        UsageError: the suffix is not .toml.
     """
     if file.suffix.lower() != ".toml":
-        text = f"{file}: a robot file is TOML; give a name that ends in .toml, such as {file.stem}.toml"
+        text = f"{file}: a robot file needs the suffix .toml, such as {file.stem}.toml"
         raise UsageError(Notice(code="usage.suffix", text=text))
 
 
@@ -205,7 +199,7 @@ _TOO_LITTLE = 4
 @option(
     "--resample",
     OUTPUT,
-    "Write an evenly sampled copy of the log (.npz or .csv), with its columns, and say what was done.",
+    "Write an evenly sampled copy of the log (.npz or .csv) with all its columns.",
     type=FILE,
     metavar="FILE",
 )
@@ -221,14 +215,14 @@ def check_command(
     resample: Path | None,
     force: bool,
 ) -> Answer:
-    """Check a robot file, and which parameters logs identify.
+    """Check a robot file and logs, and list the identifiable parameters.
 
-    All that is wrong is said at once, each with its file, line and column: exit code 3. What is odd in a
-    log is a warning that says what to do: time stamps, units, signs, exchanged joints, delays, motion that
-    excites too little. Exit code 4 where the logs tell less than three quarters of the parameters.
+    All mistakes are listed at once, with file, line and column: exit code 3. Warnings concern time stamps,
+    units, signs, exchanged joints, delays and insufficient excitation. Exit code 4 if less than three
+    quarters of the parameters are identifiable.
     """
     if resample is not None and len(logs) != 1:
-        text = f"--resample {resample}: takes one log at a time, got {len(logs)}"
+        text = f"--resample {resample}: expected one log, got {len(logs)}"
         raise UsageError(Notice(code="usage.one-log", text=text))
     model = robot.load(console, settings=split_settings(settings), friction=friction)
     check_output(resample, force=force, inputs=(model.path, *logs))

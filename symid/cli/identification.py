@@ -1,8 +1,4 @@
-"""The verbs that identify: `symid identify`, `symid payload`.
-
-identify ROBOT LOG...: parameters with their uncertainty, from logs.
-payload ROBOT LOADED... --empty EMPTY: what the robot carries, from logs or estimates of both.
-"""
+"""The verbs that identify: `symid identify`, `symid payload`."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -50,14 +46,14 @@ rows_options = add_options(
     option(
         "--rows",
         METHOD,
-        "Equations that measurements become; friction: a friction law for every joint that moves.  "
+        "Equations built from measurements; friction: a friction law for every joint that moves.  "
         "[default: torque]",
         type=click.Choice(("torque", "momentum", "filtered", "power", "energy", "friction")),
     ),
     option(
         "--estimator",
         METHOD,
-        "How equations become parameters: ols, wls, gls, huber, ridge, consistent, sequential, "
+        "Estimator of the parameters: ols, wls, gls, huber, ridge, consistent, sequential, "
         "output-error or instrumental; with --rows friction varpro, root-finding, nlp, genetic, "
         "annealing or differential-evolution.  [default: ols, varpro]",
         metavar="NAME",
@@ -67,49 +63,49 @@ rigid_options = add_options(
     option(
         "--partial",
         METHOD,
-        "Fit what can be identified, even where that is less than three quarters of the parameters.",
+        "Fit the identifiable parameters, even if they are less than three quarters of all.",
         is_flag=True,
     ),
     option(
         "--overlap",
         METHOD,
-        "Momentum and energy rows: part of a window that the next one shares.  [default: 0]",
+        "Momentum and energy rows: part of a window shared with the next one.  [default: 0]",
         type=FiniteRange(min=0.0, max=0.95),
         metavar="PART",
     ),
     option(
         "--prior",
         METHOD,
-        "Ridge: an earlier estimate to stay near to, or robot for the robot file's values.  [default: robot]",
+        "Ridge: an earlier estimate as prior, or robot for the robot file's values.  [default: robot]",
         metavar="ESTIMATE",
     ),
     option(
         "--prior-deviation",
         METHOD,
-        "Ridge: how well the prior is known, in percent of the robot file's values, or as a factor on "
-        "an estimate's deviations.  [default: 20 %; 1]",
+        "Ridge: standard deviation of the prior, in percent of the robot file's values, or as a factor "
+        "on an estimate's deviations.  [default: 20 %; 1]",
         type=POSITIVE,
         metavar="X",
     ),
     option(
         "--prior-weight",
         METHOD,
-        "Ridge: 1 to believe the deviations stated, 0 for no prior.  [default: by cross validation]",
+        "Ridge: 1 to use the prior's deviations as stated, 0 for no prior.  [default: cross-validated]",
         type=FiniteRange(min=0.0),
         metavar="W",
     ),
     option(
         "--start",
         METHOD,
-        "Output error and instrumental: an estimate of the same model to begin with.  [default: a fit "
-        "of the same logs]",
+        "Output error and instrumental: an estimate of the same model as initial values.  [default: a "
+        "fit of the same logs]",
         metavar="ESTIMATE",
     ),
     option(
         "--period",
         PROCESSING,
-        "Period of a repeated motion (s), once or once for each log: average over all periods (--rows "
-        "friction), or take what differs between them as noise (--estimator gls).",
+        "Period of a repeated motion (s), one for all logs or one for each: average over the periods "
+        "(--rows friction), or use their differences as noise (--estimator gls).",
         type=POSITIVE,
         multiple=True,
         metavar="S",
@@ -119,7 +115,7 @@ elastic_options = add_options(
     option(
         "--method",
         METHOD,
-        "Elastic joints: the method; stiffness alone is for any robot.  [default: automatic]",
+        "Elastic joints: the method; stiffness works for any robot.  [default: automatic]",
         type=click.Choice((*METHODS, "stiffness")),
     ),
     option(
@@ -154,15 +150,15 @@ friction_law_options = add_options(
     option(
         "--model",
         MODEL,
-        "With --rows friction: a law, such as stribeck+offset, or auto, which chooses one by torques "
-        "held back.  [default: auto]",
+        "With --rows friction: a law, such as stribeck+offset, or auto, chosen on held-out data.  "
+        "[default: auto]",
         metavar="NAME",
     ),
     option(
         "--known",
         MODEL,
-        "With --rows friction: base parameters to subtract, an estimate of other rows.  [default: the "
-        "rigid part is fitted along]",
+        "With --rows friction: an estimate with base parameters to subtract.  [default: the rigid part "
+        "is fitted too]",
         type=FILE,
         metavar="ESTIMATE",
     ),
@@ -214,17 +210,17 @@ def identify_command(
     force: bool,
     **further: Any,  # noqa: ANN401  as the options say
 ) -> Answer:
-    """Identify a robot's base parameters and friction from one log or several.
+    """Identify base parameters and friction from logs; for elastic joints also springs.
 
     Columns, units, filter and decimation are those of the robot file; options override them.
-    Parameters that the logs cannot identify are refused by name, with the reason. With --rows friction a
-    law of friction is found for every joint that moves: which one, and its parameters.
+    Parameters that are not identifiable are listed with the reason. With --rows friction a friction law
+    and its parameters are identified for every joint that moves.
     """
     rigid, elastic, law = (_select_options(further, names) for names in (RIGID, ELASTIC, FRICTION))
     _check_mixed(rows, {"method": method, **elastic, **rigid}, law)
     shared = {key: value for key, value in further.items() if key not in (*RIGID, *ELASTIC, *FRICTION)}
     shared["settings"] = split_settings(settings)
-    # A setting that cannot be made is refused before anything else.
+    # Wrong settings are refused before anything else.
     model = robot.load(console, settings=shared["settings"], friction=shared["friction"])
     check_output(output, force=force, inputs=(model.path, *logs))
     if rows == _LAWS:
@@ -251,7 +247,7 @@ def _answer_stiffness(
     shared: Mapping[str, Any],
     output: Path | None,
 ) -> Answer:
-    """Return the stiffness of all joints, for which options of rows and estimators have no meaning."""
+    """Return the stiffness of all joints; options of rows and estimators are refused."""
     if given:
         them = "them" if given[1:] else "it"
         text = f"{', '.join(given)} cannot be used with --method stiffness; leave {them} out"
@@ -275,7 +271,7 @@ def _select_options(options: Mapping[str, Any], names: tuple[str, ...]) -> dict[
 
 
 def _list_given(options: Mapping[str, object]) -> list[str]:
-    """Return the options that were given, as they are written."""
+    """Return the given options as on the command line."""
     return [_write_option(name) for name, value in options.items() if value not in (None, (), False)]
 
 
@@ -284,10 +280,10 @@ def _write_option(name: str) -> str:
 
 
 def _check_mixed(rows: str | None, others: Mapping[str, object], law: Mapping[str, object]) -> None:
-    """Refuse options of friction laws for other rows, and those of rows and methods for friction.
+    """Refuse options for friction laws with other rows, and other options with friction laws.
 
     Raises:
-        UsageError: options of one kind with rows of the other.
+        UsageError: some are given.
     """
     asked = rows == _LAWS
     given = _list_given(others if asked else law)
@@ -310,11 +306,11 @@ def _check_mixed(rows: str | None, others: Mapping[str, object], law: Mapping[st
     metavar="EMPTY",
     type=FILE,
 )
-@option("--joint", MODEL, "Joint whose link carries the payload.  [default: the last joint]", metavar="NAME")
+@option("--joint", MODEL, "Joint of the link with the payload.  [default: the last joint]", metavar="NAME")
 @option(
     "--mass",
     MODEL,
-    "Known mass, for example from a balance: the rest becomes more certain.",
+    "Known mass, for example from a balance; it reduces the other uncertainties.",
     type=POSITIVE,
     metavar="KG",
 )
@@ -348,10 +344,10 @@ def payload_command(
     output: Path | None,
     force: bool,
 ) -> Answer:
-    """Find mass, centre of mass and inertia of what ROBOT carries in LOADED and not in EMPTY.
+    """Identify mass, centre of mass and inertia of a payload: in LOADED, but not in EMPTY.
 
-    LOADED and EMPTY are an estimate each, as `identify` writes them, or logs. The inertia is that of a
-    body that can exist. What the robot cannot show, or noise hides, is refused by name.
+    LOADED and EMPTY are estimates, as `identify` writes them, or logs. The result is a physically
+    consistent body; quantities that are not identifiable are listed with the reason.
     """
     check_output(output, force=force, inputs=(*loaded, *empty))
     model = robot.load(console)

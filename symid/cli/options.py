@@ -1,8 +1,4 @@
-"""What verbs share: help in groups, common options, the robot of the call, checks before the work.
-
-Options of the call -> a `Console`, a `NamedRobot`, keys and values of settings; a file that exists is not
-overwritten.
-"""
+"""Shared parts of verbs: help in groups, common options, the robot, checks of outputs."""
 
 import functools
 import math
@@ -25,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedRobot:
-    """ROBOT of the command line, and what the call says of how to read and to run it."""
+    """ROBOT of the command line, with the options for reading and running it."""
 
     name: str
     base: str | None = None
@@ -36,7 +32,7 @@ class NamedRobot:
     def load(
         self, console: Console, *, settings: dict[str, str] | None = None, friction: str | None = None
     ) -> "RobotModel":
-        """Return the robot, whose progress the console tells."""
+        """Load the robot; the console prints its progress."""
         return symid.load(
             self.name,
             settings=settings,
@@ -62,11 +58,10 @@ def split_settings(texts: Sequence[str]) -> dict[str, str]:
 def split_pairs(
     name: str, texts: Sequence[str], expected: str, code: str, *, once: bool = False
 ) -> dict[str, str]:
-    """Return what stands left and right of the equals sign in what the option `name` was given.
+    """Return key and value of every KEY=VALUE text of the option `name`.
 
     Raises:
-        UsageError: with `code`, for each text that is not what was expected, or whose key, which may be there
-            once, was there before.
+        UsageError: with `code`, for each text without key or equals sign, and for repeated keys if `once`.
     """
     pairs: dict[str, str] = {}
     mistakes = []
@@ -83,21 +78,21 @@ def split_pairs(
 
 
 def check_output(path: Path | None, *, force: bool, inputs: Sequence[Path | str] = ()) -> None:
-    """Refuse to write over a file, before the work is done and not after.
+    """Check an output file before the work begins.
 
     Raises:
-        OutputError: the file exists and --force is not given, it is one of `inputs` (--force or not),
-            or its folder does not exist.
+        OutputError: the file exists and --force is not given, it is one of `inputs`, or its folder does not
+            exist.
     """
     if path is None:
         return
     if path.resolve() in {Path(entry).resolve() for entry in inputs} or any(
         _is_same_file(path, entry) for entry in inputs
     ):
-        text = "is an input of this call and would be destroyed; give another name"
+        text = "is an input of this call and would be overwritten; give another name"
         raise OutputError(Notice(code="output.is-input", text=text, file=str(path)))
     if os.path.lexists(path) and not force:
-        text = "exists already; give another name, or --force to write over it"
+        text = "exists already; give another name, or --force to overwrite it"
         raise OutputError(Notice(code="output.exists", text=text, file=str(path)))
     if not os.path.isdir(path.parent):  # noqa: PTH112  Path.is_dir fails on names that are too long
         text = f"the folder {path.parent} does not exist; make it first"
@@ -123,7 +118,7 @@ _AUTO = BACKENDS[0]
 
 
 class _GroupedOption(click.Option):
-    """An option that knows under which heading of the help it stands."""
+    """An option with a heading in the help."""
 
     def __init__(self, *arguments: Any, group: str = "", **settings: Any) -> None:  # noqa: ANN401  click's own
         super().__init__(*arguments, **settings)
@@ -131,10 +126,10 @@ class _GroupedOption(click.Option):
 
 
 class Verb(click.Command):
-    """A command whose options stand in groups, and whose summary is never cut off."""
+    """A command with grouped options, and a summary that is never shortened."""
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the options, group by group; those of no group come last."""
+        """Write the options by group; those without a group come last."""
         groups: dict[str, list[tuple[str, str]]] = {name: [] for name in (*_GROUPS, "")}
         for parameter in self.get_params(ctx):
             # Newer versions of click have a record of arguments too, which the usage line names already.
@@ -147,12 +142,12 @@ class Verb(click.Command):
                 formatter.write_dl(records)
 
     def get_short_help_str(self, limit: int = 45) -> str:  # noqa: ARG002  click's interface
-        """Return the first sentence of the help, whole."""
+        """Return the whole first sentence of the help."""
         return (self.help or "").strip().split("\n\n")[0].replace("\n", " ").removesuffix(".")
 
 
 class FiniteRange(click.FloatRange):
-    """A range of numbers; "nan" and "inf" are none."""
+    """A range of finite numbers."""
 
     def _describe_range(self) -> str:
         return super()._describe_range() if (self.min, self.max) != (None, None) else ""
@@ -171,20 +166,20 @@ FILE = click.Path(path_type=Path)
 
 
 def option(names: str, group: str, meaning: str, **settings: Any) -> Decorator:  # noqa: ANN401  click's own
-    """Return an option that stands in `group` of the help, which shows its default; the rest is click's.
+    """Return an option of click in a `group` of the help, which shows its default.
 
     Args:
-        names: of the option and, where it is another one, of its argument, blanks between them.
-        group: heading of the help.
-        meaning: for the help.
-        settings: such as type, metavar, default.
+        names: of the option and, if different, of its argument, separated by blanks.
+        group: heading in the help.
+        meaning: text in the help.
+        settings: of click, such as type, metavar, default.
     """
     settings.setdefault("show_default", settings.get("default") is not None)
     return click.option(*names.split(), cls=_GroupedOption, group=group, help=meaning, **settings)
 
 
 def add_options(*options: Decorator) -> Decorator:
-    """Return a decorator that gives a verb several options, in their order."""
+    """Return a decorator that adds several options in order."""
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
         for entry in reversed(options):
@@ -196,19 +191,22 @@ def add_options(*options: Decorator) -> Decorator:
 
 force_option = option("--force", OUTPUT, "Overwrite an existing output file, whoever wrote it.", is_flag=True)
 force_folder_option = option(
-    "--force", OUTPUT, "Overwrite what symid wrote before; files of others stay refused.", is_flag=True
+    "--force",
+    OUTPUT,
+    "Overwrite files that symid wrote; other files are still refused.",
+    is_flag=True,
 )
 seed_option = option("--seed", METHOD, "Random seed.", type=WHOLE, default=DEFAULT_SEED, metavar="N")
 friction_option = option(
     "--friction",
     MODEL,
-    "Friction model of all joints, in place of the robot file's.",
+    "Friction model of all joints; replaces that of the robot file.",
     type=click.Choice(_FRICTION),
 )
 set_option = option(
     "--set settings",
     PROCESSING,
-    "Any setting in place of the robot file's, such as processing.filter_cutoff=50.",
+    "Replace a setting of the robot file, such as processing.filter_cutoff=50.",
     multiple=True,
     metavar="KEY=VALUE",
 )
@@ -237,14 +235,17 @@ processing_options = add_options(
     ),
 )
 _CUTS = (
-    option("--base base_link", INPUT, "URDF only: the link at which the robot starts.", metavar="LINK"),
+    option("--base base_link", INPUT, "URDF only: first link of the robot.", metavar="LINK"),
     option(
-        "--tip tip_link", INPUT, "URDF only: the link at which it ends; branches are cut off.", metavar="LINK"
+        "--tip tip_link",
+        INPUT,
+        "URDF only: last link of the robot; other branches are removed.",
+        metavar="LINK",
     ),
     option(
         "--snap",
         INPUT,
-        "URDF only: angles this near to a quarter turn become one; 0 for none.  [default: 1e-5]",
+        "URDF only: round angles within this distance of a quarter turn; 0 for none.  [default: 1e-5]",
         type=FiniteRange(min=0.0, max=0.01),
         metavar="RAD",
     ),
@@ -252,28 +253,28 @@ _CUTS = (
 backend_option = option(
     "--backend",
     METHOD,
-    "What computes the robot's functions: compiled C, the NumPy module, or code that CasADi generated.",
+    "Backend of the functions: compiled C, NumPy, or C generated by CasADi.",
     type=click.Choice(BACKENDS),
     default=_AUTO,
 )
 
 
 def robot_argument(*, computes: bool = False) -> Decorator:
-    """Return the argument ROBOT with the options that say how it is read, as one `NamedRobot`.
+    """Return the argument ROBOT and the options for reading it, as one `NamedRobot`.
 
     Args:
-        computes: whether the verb runs the robot's functions, and so takes --backend.
+        computes: the verb runs the robot's functions, and has --backend.
     """
     taken = add_options(*((backend_option,) if computes else ()), *_CUTS)
     return lambda function: click.argument("robot")(taken(_name_robot(function)))
 
 
 def robot_option(meaning: str, default: str | None = None) -> Decorator:
-    """Return the option --robot of verbs that have a robot of their own, or know it by its estimate.
+    """Return the option --robot of verbs with a default robot, or with the robot of an estimate.
 
     Args:
-        meaning: what it is, for the help.
-        default: the robot where none is given; None for none.
+        meaning: text in the help.
+        default: the default robot; None for none.
     """
     shown = default is not None
     named = option("--robot", INPUT, meaning, metavar="ROBOT", default=default, show_default=shown)
@@ -303,10 +304,10 @@ def _name_robot(function: Callable[..., R]) -> Callable[..., R]:
 
 
 def _refuse_unnamed(**options: object) -> None:
-    """Refuse options of a robot that was not named: they would have no effect.
+    """Refuse options for reading a robot without --robot.
 
     Raises:
-        UsageError: some were given.
+        UsageError: some are given.
     """
     given = [f"--{name}" for name, value in options.items() if value is not None]
     if given:
@@ -323,7 +324,7 @@ def output_option(meaning: str, *, required: bool = False, folder: bool = False)
 
 
 def build_flags(group: str, *, exposed: bool = True) -> Decorator:
-    """Return the flags that all verbs have; `exposed` is whether the verb gets them."""
+    """Return the common flags; `exposed`: pass them to the verb."""
     flags = (
         ("--json as_json", "Print one JSON object on stdout."),
         ("-q --quiet", "No progress and no warnings."),
@@ -335,12 +336,12 @@ def build_flags(group: str, *, exposed: bool = True) -> Decorator:
 
 
 def verb(function: Callable[..., Answer]) -> Callable[..., Answer]:
-    """Give a verb the options that all have, and its console in place of them."""
+    """Add the common flags to a verb, and pass them as its console."""
 
     @build_flags(OUTPUT)
     @functools.wraps(function)
     def call(*, as_json: bool, quiet: bool, verbose: bool, **options: object) -> Answer:
-        # The answer is printed by `main`, which reads --json and -q for itself: it must print errors too.
+        # `answer_call` prints the answer, and reads --json and -q itself: it must print errors too.
         return function(Console(quiet=quiet, verbose=verbose and not (quiet or as_json)), **options)
 
     return call

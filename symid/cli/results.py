@@ -1,10 +1,4 @@
-"""The verbs on an estimate: `symid validate`, `symid compare`, `symid report`, `symid export`.
-
-validate ROBOT ESTIMATE LOG: what an estimate explains of a log it was not fitted to.
-compare ROBOT ESTIMATE OTHER...: identified values beside those of others, group by group.
-report ESTIMATE -o report.html: what was found, on one page.
-export ROBOT [ESTIMATE] -o FILE: identified values, or a robot file's own, for other programs.
-"""
+"""The verbs on an estimate: `symid validate`, `symid compare`, `symid report`, `symid export`."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -45,22 +39,22 @@ from symid.errors import Notice, UsageError
 @option(
     "--gate",
     OUTPUT,
-    "Largest acceptable mean of the joints' relative residuals; of elastic joints, in each table.",
+    "Limit of the mean relative residual of the joints; for elastic joints, of each table.",
     type=POSITIVE,
     metavar="PERCENT",
 )
 @option(
     "--band",
     PROCESSING,
-    "Compare torques at the full sample rate, both low-passed alike at HZ, without half a second "
-    "at either end; the gate is of that figure.",
+    "Compare torques at the full sample rate, both with the same low-pass filter, without half a "
+    "second at either end; --gate applies to this value.",
     type=POSITIVE,
     metavar="HZ",
 )
 @option(
     "--tracking",
     METHOD,
-    "Elastic joints: simulate how links follow another motion with feed-forward of ESTIMATE; the "
+    "Elastic joints: simulate the tracking of another motion with feed-forward of ESTIMATE; the "
     "robot file must state the true values.",
     is_flag=True,
 )
@@ -95,13 +89,13 @@ def validate_command(
 ) -> Answer:
     """Predict the torques of LOG with the parameters in ESTIMATE; nothing is fitted.
 
-    Filter and friction are those of the identification; a result of --rows friction is tried as
-    well, with the rigid part beside it. Exit code 1 when the gate is missed.
+    Filter and friction model are those of the identification. Results of --rows friction are accepted
+    too. Exit code 1 if the gate is missed.
     """
     pairs = split_settings(settings)
     given = [name for name, value in (("--against", against), ("--seed", seed)) if value is not None]
     if given and not tracking:
-        text = f"{', '.join(given)} is of the motion that --tracking simulates; give --tracking too"
+        text = f"{', '.join(given)} needs --tracking; give it too, or leave the option out"
         raise UsageError(Notice(code="usage.no-tracking", text=text))
     fit = symid.load_fit(estimate, robot.load(console))
     if isinstance(fit, ElasticFit) and tracking:
@@ -133,7 +127,7 @@ def _refuse_band(fit: Fit, band: float | None) -> None:
 def _load_elastic(path: Path) -> ElasticFit:
     fit = symid.load_fit(path)
     if not isinstance(fit, ElasticFit):
-        text = "--against compares with another estimate of elastic joints, and this is none"
+        text = "--against: expected an estimate of elastic joints"
         raise UsageError(Notice(code="usage.rigid-tracking", text=text, file=str(path)))
     return fit
 
@@ -161,7 +155,7 @@ def _load_elastic(path: Path) -> ElasticFit:
 @option(
     "--gate",
     METHOD,
-    "Largest acceptable difference, in standard deviations.",
+    "Limit of the largest difference, in standard deviations.",
     type=POSITIVE,
     metavar="SIGMA",
 )
@@ -179,11 +173,11 @@ def compare_command(
     read_as: tuple[str, ...],
     gate: float | None,
 ) -> Answer:
-    """Show how far the values in ESTIMATE are from those of every OTHER.
+    """Compare the values in ESTIMATE with those of every OTHER.
 
-    OTHER is another estimate of the same robot, or a table (CSV) of values that somebody else found, in
-    groups of their own: ours are brought to them exactly. Differences are in standard deviations of both
-    sides together. Exit code 1 when the gate is missed.
+    OTHER is another estimate of the same robot, or a table (CSV) of published values in other groupings;
+    ours are regrouped exactly. Differences are in standard deviations of both sides. Exit code 1 if the
+    gate is missed.
     """
     found = compare_fit(
         robot.load(console).description,
@@ -201,7 +195,7 @@ def compare_command(
 
 
 def _split_readings(texts: Sequence[str]) -> dict[str, str]:
-    """Return what groups are to be read as, by their text without blanks.
+    """Return the readings of groups by their text without blanks.
 
     Raises:
         UsageError: a text has no equals sign, or a group is given twice.
@@ -255,8 +249,8 @@ def report_command(
 ) -> Answer:
     """Write one self-contained HTML page: verdict, parameters, measured and predicted torques.
 
-    For elastic joints also springs, hysteresis loops, and the methods that were compared; for friction
-    its curves, and the laws that were compared.
+    For elastic joints also springs, hysteresis loops and the compared methods; for friction the curves
+    and the compared laws.
     """
     pairs = split_settings(settings)
     # A diagnosis reads the logs of the fit as the fit did.
@@ -296,12 +290,11 @@ def export_command(
     precision: Precision,
     force: bool,
 ) -> Answer:
-    """Write ROBOT with the values in ESTIMATE, in the format that the name of FILE ends in.
+    """Write ROBOT with the values in ESTIMATE; the suffix of FILE selects the format.
 
-    Logs show combinations of masses and inertias; of all bodies that have them the nearest to
-    those of the robot file are taken, and only bodies that can exist. Springs are written as found.
-    A result of --rows friction gives its laws to the joints, where robot files have a model of them.
-    Without ESTIMATE the robot file's own values are written.
+    Among all physically consistent bodies with the identified combinations of masses and inertias,
+    those nearest to the robot file are written. Results of --rows friction give the joints their laws, if
+    robot files have a model for them. Without ESTIMATE the values of the robot file are written.
     """
     model = robot.load(console)
     check_output(output, force=force, inputs=(model.path, *([estimate] if estimate else [])))

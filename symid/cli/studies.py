@@ -1,4 +1,4 @@
-"""`symid study NAME`: many identifications of a simulated robot with a known truth, in one table."""
+"""`symid study NAME`: comparisons of methods on simulated robots."""
 
 from pathlib import Path
 
@@ -33,7 +33,7 @@ _ELASTIC = "Robot with elastic joints and all values stated."
 
 
 class _Studies(Verb, click.Group):
-    """A verb of several parts, whose common flags may stand before a part as well as behind it."""
+    """A verb with several parts; common flags may stand before or after a part."""
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options, then the parts."""
@@ -41,7 +41,7 @@ class _Studies(Verb, click.Group):
         self.format_commands(ctx, formatter)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Hand the common flags to the part, which has the console."""
+        """Pass the common flags to the part."""
         count = next((k for k, text in enumerate(args) if not _is_flag(text)), len(args))
         flags, rest = args[:count], args[count:]
         if flags and not rest:
@@ -54,12 +54,12 @@ def _is_flag(text: str) -> bool:
 
 
 def _runs_options(seeds: int, seed: int = DEFAULT_SEED, *, jobs: bool = True) -> Decorator:
-    """Return the options of a study's runs, with their defaults."""
+    """Return the options for the runs of a study."""
     options = (
         option(
             "--seeds",
             METHOD,
-            "Number of draws of the noise, from --seed on.",
+            "Number of noise draws, starting with --seed.",
             type=COUNT,
             default=seeds,
             metavar="N",
@@ -73,7 +73,7 @@ def _runs_options(seeds: int, seed: int = DEFAULT_SEED, *, jobs: bool = True) ->
         option(
             "--jobs",
             METHOD,
-            "Number of processes.  [default: one a core]",
+            "Number of processes.  [default: one for each core]",
             type=COUNT,
             metavar="N",
         ),
@@ -88,9 +88,9 @@ _times_option = option(
 @click.group("study", cls=_Studies, subcommand_metavar="NAME [ARGS]...")
 @build_flags("", exposed=False)
 def study_command() -> None:
-    """Compare methods on simulated robots whose truth is known.
+    """Compare methods on simulated robots with known parameters.
 
-    Each study draws noise many times and shows what comes out in one table.
+    Each study repeats identification with many noise draws, and prints tables.
     """
 
 
@@ -112,7 +112,7 @@ def _elastic(
 @_runs_options(20)
 @verb
 def _tracking(console: Console, *, robot: NamedRobot, seeds: int, seed: int, jobs: int | None) -> Answer:
-    """How well links follow when the controller knows the identified model, another one, or none."""
+    """Tracking errors of links with feed-forward of the identified model, another one, or none."""
     return make_answer(robot.load(console).study_tracking(seeds=seeds, seed=seed, jobs=jobs))
 
 
@@ -121,7 +121,7 @@ def _tracking(console: Console, *, robot: NamedRobot, seeds: int, seed: int, job
 @_runs_options(1, jobs=False)
 @verb
 def _six_joints(console: Console, *, robot: NamedRobot, seeds: int, seed: int) -> Answer:
-    """Dynamics of an elastic six-axis arm, judged on a held-out motion."""
+    """Dynamics of an elastic six-axis arm, validated on a held-out motion."""
     return make_answer(robot.load(console).study_six_joints(seeds=seeds, seed=seed))
 
 
@@ -141,8 +141,8 @@ def _friction_tables(
     output: Path | None,
     force: bool,
 ) -> Answer:
-    """Tables of Zhang, Hu and Zou (2021) on joint friction, theirs and ours side by side."""
-    # Minutes before it is written: a page that cannot be is refused now.
+    """Tables of Zhang, Hu and Zou (2021) on joint friction, with our results beside theirs."""
+    # Refuse an output that cannot be written before minutes of work.
     check_output(output, force=force)
     found = symid.study_friction_tables(
         seeds=seeds, seed=seed, jobs=jobs, timed=times, progress=console.progress
@@ -166,5 +166,5 @@ def _precision(console: Console, *, robot: NamedRobot, seeds: int, seed: int, jo
 @click.argument("log", type=FILE)
 @verb
 def _cutoff(console: Console, *, robot: NamedRobot, log: Path) -> Answer:
-    """What the cut-off of the position filter does to what a fit predicts."""
+    """Prediction error of a fit for several cut-offs of the position filter."""
     return make_answer(robot.load(console).study_cutoff(log))

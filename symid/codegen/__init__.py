@@ -14,6 +14,7 @@ if TYPE_CHECKING:
         build_functions as build_functions,
     )
     from symid.codegen.catalogue import (
+        build_model_card as build_model_card,
         build_spring_vector as build_spring_vector,
         list_robot_specs as list_robot_specs,
     )
@@ -30,9 +31,7 @@ if TYPE_CHECKING:
         generate_folder as generate_folder,
     )
     from symid.codegen.library import Library as Library
-    from symid.codegen.model_card import build_model_card as build_model_card
     from symid.codegen.plant_code import (
-        CompiledPlant as CompiledPlant,
         PlantExperiment as PlantExperiment,
         PlantLog as PlantLog,
         PlantRobot as PlantRobot,

@@ -3,9 +3,7 @@
 Static laws -> one function a law,
     double symid_friction_stribeck(double velocity, const double p[4]);
 where p holds the physical parameters in the order of the law.
-`DynamicLaw` -> a struct for the deflection of the bristles, how it is made and moved on.
-
-The statements come from the law's own columns or step, over the expressions of all generated code.
+`DynamicLaw` -> a struct for the deflection of the bristles, with functions to initialise and to advance it.
 
 Supported: double and float; all laws of the joint models.
 Not supported: several joints in one state; each joint has its own.
@@ -16,7 +14,7 @@ import re
 from collections.abc import Iterator, Sequence
 
 from symid.codegen.functions import FunctionSpec, Port
-from symid.codegen.material import BANNER
+from symid.codegen.material import BANNER, Fields
 from symid.codegen.printing import FunctionBody, print_c, write_c_helper, write_literal
 from symid.codegen.programs import ExpressionTable, Program, ValueAlgebra
 from symid.codegen.source_text import clean_text, write_template
@@ -25,17 +23,19 @@ from symid.joint_models import DynamicLaw, FrictionLaw, compute_bristle_step
 _INPUT_UNITS = {"velocity": "rad/s or m/s", "load": "N m or N", "position": "rad or m"}
 
 
-Fields = dict[str, object]
-"""One entry of a list in a template."""
-
-
 def build_law_program(law: FrictionLaw) -> Program:
     """Return the torque of a law as a program of its inputs, a port each, and its physical parameters p."""
     table = ExpressionTable()
     algebra = ValueAlgebra(table)
     inputs = {name: table.input(port, 0) for port, name in enumerate(law.inputs)}
     values = [table.input(len(law.inputs), k) for k in range(len(law.physical))]
-    own = [_combine_parameters(algebra, row, values) for row in law.unmixing]
+    own = []
+    for row in law.unmixing:
+        total = algebra.zero
+        for factor, value in zip(row, values, strict=True):
+            if factor:
+                total = algebra.add(total, algebra.scale(float(factor), value))
+        own.append(total)
     count = len(law.linear)
     torque = algebra.zero
     for factor, column in zip(own[:count], law.columns(algebra, inputs, own[count:]), strict=True):
@@ -52,25 +52,11 @@ def build_law_program(law: FrictionLaw) -> Program:
     return table.build_program(spec, [[torque]])
 
 
-def _combine_parameters(algebra: ValueAlgebra, row: Sequence[int], values: Sequence[int]) -> int:
-    total = algebra.zero
-    for factor, value in zip(row, values, strict=True):
-        if factor:
-            total = algebra.add(total, algebra.scale(float(factor), value))
-    return total
-
-
 def _build_law_name(law: FrictionLaw) -> str:
     name = re.sub(r"[^a-z0-9]+", "_", law.name)
     if not law.smoothing:
         return name
     return f"{name}_smooth_{re.sub(r'[^a-z0-9]+', '_', f'{law.smoothing:g}')}"
-
-
-def _write_return(body: FunctionBody) -> tuple[str, ...]:
-    """Return the statements of a function of numbers that returns one, from those of arrays."""
-    statements = [re.sub(r"\b(velocity|load|position)\[0\]", r"\1", line) for line in body.statements]
-    return *statements[:-1], "return " + statements[-1].removeprefix("tau[0] = ")
 
 
 def _describe_law(law: FrictionLaw) -> Iterator[str]:
@@ -89,13 +75,15 @@ def _describe_law(law: FrictionLaw) -> Iterator[str]:
 
 
 def _describe_function(law: FrictionLaw, body: FunctionBody, prefix: str, real: str) -> Fields:
+    # The program's inputs and output are arrays, those of the function numbers.
+    lines = [re.sub(r"\b(velocity|load|position)\[0\]", r"\1", line) for line in body.statements]
     inputs = "".join(f"{real} {name}, " for name in law.inputs)
     name = f"{prefix}_friction_{_build_law_name(law)}"
     return {
         "name": name,
         "lines": [f" {line}".rstrip() for line in _describe_law(law)],
         "declaration": f"{real} {name}({inputs}const {real} p[{len(law.physical)}])",
-        "statements": _write_return(body),
+        "statements": (*lines[:-1], "return " + lines[-1].removeprefix("tau[0] = ")),
     }
 
 
@@ -105,7 +93,7 @@ def generate_friction_laws(
     """Return path and text of the header and of the source of friction laws.
 
     Args:
-        laws: each under a name of its own.
+        laws: with different names.
         prefix: of the files, which end in _friction_laws, and of the functions.
         precision: "double" or "float".
     """
@@ -152,41 +140,26 @@ def build_step_program(law: DynamicLaw) -> Program:
     return table.build_program(spec, [[value] for value in step])
 
 
-def _write_checks(law: DynamicLaw, real: str, largest: str) -> list[str]:
-    """Return the conditions that the parameters meet; a NaN meets none."""
-    checks = []
-    for parameter in law.parameters:
-        relation = ">=" if parameter.lower_is_allowed else ">"
-        checks.append(f"p->{parameter.name} {relation} {write_literal(parameter.lower, real)}")
-        upper = write_literal(parameter.upper, real) if math.isfinite(parameter.upper) else largest
-        checks.append(f"p->{parameter.name} <= {upper}")
-    return checks
-
-
 def generate_friction_state(law: DynamicLaw, *, precision: str = "double") -> tuple[tuple[str, str], ...]:
-    """Return name and text of the header and the source of a law.
-
-    Args:
-        law: the model.
-        precision: "double" or "float".
-    """
+    """Return name and text of the header and the source of a law, for `precision` "double" or "float"."""
     prefix = f"symid_friction_{law.name}"
     body = print_c(build_step_program(law), precision)
     largest = "FLT_MAX" if precision == "float" else "DBL_MAX"
-    units = [f"{parameter.unit} ({parameter.unit_prismatic})" for parameter in law.parameters]
-    pairs = zip(law.parameters, units, strict=True)
-    facts = {
-        "banner": _LAW_BANNER,
-        "prefix": prefix,
-        "macro": prefix.upper(),
-        "real": precision,
-    }
+    # Conditions on the parameters; a NaN meets none.
+    checks, lines = [], []
+    for entry in law.parameters:
+        relation = ">=" if entry.lower_is_allowed else ">"
+        checks.append(f"p->{entry.name} {relation} {write_literal(entry.lower, precision)}")
+        upper = write_literal(entry.upper, precision) if math.isfinite(entry.upper) else largest
+        checks.append(f"p->{entry.name} <= {upper}")
+        lines.append(f"{entry.name}; /**< {entry.meaning}, {entry.unit} ({entry.unit_prismatic}) */")
+    facts = {"banner": _LAW_BANNER, "prefix": prefix, "macro": prefix.upper(), "real": precision}
     header = write_template(
         "c/friction_state.h.jinja",
         facts,
         law=law.name,
         formula=clean_text(law.formula),
-        parameter_lines=[f"{entry.name}; /**< {entry.meaning}, {unit} */" for entry, unit in pairs],
+        parameter_lines=lines,
     )
     source = write_template(
         "c/friction_state.c.jinja",
@@ -197,7 +170,7 @@ def generate_friction_state(law: DynamicLaw, *, precision: str = "double") -> tu
         parameter_count=len(law.parameters),
         parameters=", ".join(f"state->parameters.{name}" for name in law.names),
         helpers=[write_c_helper(name, precision) for name in body.helpers],
-        checks=_write_checks(law, precision, largest),
+        checks=checks,
         statements=body.statements,
     )
     return ((f"{prefix}.h", header), (f"{prefix}.c", source))

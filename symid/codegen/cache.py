@@ -1,13 +1,7 @@
-"""What was compiled is kept in the user's cache folder, found again by a signature of all that went into it.
+"""Compiled libraries are kept in the user's cache folder, by a signature of all that they were made from.
 
-Robot -> `Library`, from the cache or made now. `CacheEntry` -> whatever is loaded from it.
-
-The signature of a library covers what of the robot its functions depend on (not limits, motors, logs,
-prose), the versions of symid, CasADi and SymPy, the bytes of the templates, of the kernel and of the rooms
-that describe, derive and print, the compiler and its flags, the machine with its processor. An entry is a
-folder that appears by one rename. What is in it is run, and a digest beside a file tells of accidents, not
-of malice: so an entry is used only if every file still has its digest, nobody but the user owns or may
-write it, and it loads. Else it is made again, and a notice says why.
+An entry is a folder that appears by one rename. It is used only if every file still has its digest, the user
+alone owns and may write it, and it loads. Else it is made again, with a notice.
 
 Supported: the XDG base directory specification; users without a home, who get a private temporary folder;
 several processes at once; machines without a compiler, which get the NumPy module or CasADi's virtual
@@ -28,8 +22,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -38,9 +31,9 @@ from symid.codegen.calls import choose_call_path
 from symid.codegen.compiler import CANDIDATES, Compiler, compile_sources, diagnose_compiler, locate_compiler
 from symid.codegen.library import Library, load_library
 from symid.codegen.source_folder import compute_digest, write_sources
-from symid.codegen.source_text import BACKENDS, build_library_prefix, read_template_bytes
+from symid.codegen.source_text import BACKENDS, build_library_prefix, check_choice, read_template_bytes
 from symid.errors import GenerationError, Notice, OutputError, UsageError
-from symid.robot import Joint, Limits, LogMap, Processing, Robot
+from symid.robot import Limits, LogMap, Processing, Robot
 from symid.serialization import compute_signature
 
 T = TypeVar("T")
@@ -52,7 +45,7 @@ _SECONDS_A_DAY = 86400.0
 def locate_user_folder() -> Path | None:
     """Return `symid` in the user's cache folder, as the XDG specification has it; None without a home."""
     named = os.environ.get("XDG_CACHE_HOME", "")
-    # A relative path there is to be ignored, says the specification.
+    # The specification has relative paths ignored.
     if Path(named).is_absolute():
         return Path(named) / "symid"
     try:
@@ -83,18 +76,14 @@ def make_temporary_folder() -> Path:
     except FileExistsError:
         if not folder.is_dir() or describe_path_risk(folder) or not os.access(folder, os.W_OK):
             return Path(tempfile.mkdtemp(prefix="symid-"))
-        # The user's own, which nobody else could write: what is in it is sound, but it was not private.
+        # Only the user could write to it, so that its content is sound, but others could read it.
         if stat.S_IMODE(folder.stat().st_mode) != stat.S_IRWXU:
             folder.chmod(stat.S_IRWXU)
     return folder
 
 
 def describe_path_risk(path: Path) -> str:
-    """Return why what is at `path`, itself, may be the work of others, or nothing.
-
-    Raises:
-        OSError: it cannot be looked at.
-    """
+    """Return why others may have written `path` itself, or nothing."""
     found = path.lstat()
     if not (stat.S_ISDIR(found.st_mode) or stat.S_ISREG(found.st_mode)):
         return "is a link or no file"
@@ -107,11 +96,7 @@ def describe_path_risk(path: Path) -> str:
 
 
 def describe_entry_risk(entry: Path) -> str:
-    """Return why what an entry of the cache holds may be the work of others, or nothing.
-
-    Raises:
-        OSError: it cannot be looked at.
-    """
+    """Return why others may have written a part of an entry of the cache, or nothing."""
     if weakness := describe_path_risk(entry):
         return f"it {weakness}"
     if not entry.is_dir():
@@ -120,32 +105,8 @@ def describe_entry_risk(entry: Path) -> str:
     return next((f"{path.relative_to(entry)} {weakness}" for path, weakness in weak if weakness), "")
 
 
-def _make_cache_folder(folder: Path) -> None:
-    """Make the folder of the cache, closed to others, if it is not there.
-
-    Raises:
-        OSError: it cannot be made.
-        OutputError: others could put entries of theirs in the place of the user's.
-    """
-    folder.mkdir(mode=stat.S_IRWXU, parents=True, exist_ok=True)
-    # A link to a folder is the user's choice, if the folder is the user's.
-    place = folder.resolve()
-    weakness = describe_path_risk(place)
-    sticky = place.stat().st_mode & stat.S_ISVTX
-    if weakness and not (sticky and weakness == "may be written by others"):
-        text = f"the cache folder {weakness}; make it yours alone (chmod go-w), or name another one"
-        raise OutputError(Notice(code="output.cache", text=text, file=str(folder)))
-
-
-def _restrict_entry(entry: Path) -> None:
-    """Take from others the right to write to an entry, which a user's umask may have left them."""
-    entry.chmod(stat.S_IRWXU)
-    for path in entry.rglob("*"):
-        path.chmod(stat.S_IMODE(path.stat().st_mode) & ~_WRITE_BY_OTHERS)
-
-
 def _remove_entry(path: Path) -> None:
-    """Move what is at `path` out of the way, then remove it: nobody sees half of it."""
+    """Remove an entry after a rename, so that no process reads half of it."""
     aside = path.parent / f".old-{secrets.token_hex(6)}"
     with contextlib.suppress(FileNotFoundError):
         path.rename(aside)
@@ -153,14 +114,6 @@ def _remove_entry(path: Path) -> None:
             shutil.rmtree(aside, ignore_errors=True)
         else:
             aside.unlink()
-
-
-def _remove_leftovers(folder: Path) -> None:
-    """Remove what processes that were killed left behind a day ago or more."""
-    for path in (*folder.glob(".new-*"), *folder.glob(".old-*")):
-        with contextlib.suppress(OSError):
-            if time.time() - path.lstat().st_mtime > _SECONDS_A_DAY:
-                shutil.rmtree(path, ignore_errors=True)
 
 
 _SEAL = "seal.json"
@@ -193,8 +146,8 @@ def _read_digests(folder: Path) -> dict[str, str]:
 def _describe_damage(place: Path, key: str) -> str:
     """Return what is wrong with the entry at `place`, or nothing."""
     try:
-        if distrust := describe_entry_risk(place):
-            return distrust
+        if risk := describe_entry_risk(place):
+            return risk
         seal: object = json.loads((place / _SEAL).read_text(encoding="utf-8"))
         found = _read_digests(place)
     except (OSError, ValueError) as error:
@@ -215,7 +168,10 @@ def _store_entry(entry: CacheEntry[T], place: Path) -> None:
         entry.make(staging)
         seal = {"key": entry.key, "files": _read_digests(staging)}
         (staging / _SEAL).write_text(json.dumps(seal, indent=1, sort_keys=True) + "\n", encoding="utf-8")
-        _restrict_entry(staging)
+        staging.chmod(stat.S_IRWXU)
+        for path in staging.rglob("*"):
+            # The user's umask may let others write.
+            path.chmod(stat.S_IMODE(path.stat().st_mode) & ~_WRITE_BY_OTHERS)
         try:
             staging.rename(place)
         except OSError:
@@ -233,14 +189,18 @@ def _load_or_make(entry: CacheEntry[T], place: Path) -> tuple[T, str]:
         try:
             return entry.load(place), ""
         except (GenerationError, UsageError) as error:
-            # It is as its seal says; but whoever can write an entry can write its seal.
+            # It agrees with its seal; but who can write an entry can write its seal.
             damage = str(error)
-    # Only what was looked at: where nothing was, another process may have stored a sound entry since.
+    # Only a damaged one: another process may have stored a sound entry since.
     if damage:
         _remove_entry(place)
+    # What processes that were killed left behind.
+    for path in (*place.parent.glob(".new-*"), *place.parent.glob(".old-*")):
+        with contextlib.suppress(OSError):
+            if time.time() - path.lstat().st_mtime > _SECONDS_A_DAY:
+                shutil.rmtree(path, ignore_errors=True)
     tries = 3
     while True:
-        _remove_leftovers(place.parent)
         _store_entry(entry, place)
         try:
             return entry.load(place), damage
@@ -254,7 +214,14 @@ def _load_or_make(entry: CacheEntry[T], place: Path) -> tuple[T, str]:
 def _obtain_from(entry: CacheEntry[T], folder: Path) -> tuple[T, tuple[Notice, ...]]:
     place = folder / f"{entry.name}-{entry.key[:24]}"
     try:
-        _make_cache_folder(folder)
+        folder.mkdir(mode=stat.S_IRWXU, parents=True, exist_ok=True)
+        # A link to a folder is the user's choice, if the folder is the user's.
+        resolved = folder.resolve()
+        weakness = describe_path_risk(resolved)
+        sticky = resolved.stat().st_mode & stat.S_ISVTX
+        if weakness and not (sticky and weakness == "may be written by others"):
+            text = f"the cache folder {weakness}; make it yours alone (chmod go-w), or name another one"
+            raise OutputError(Notice(code="output.cache", text=text, file=str(folder)))
         found, damage = _load_or_make(entry, place)
     except OSError as error:
         text = f"the cache folder cannot be written: {error.strerror or error}"
@@ -266,12 +233,12 @@ def _obtain_from(entry: CacheEntry[T], folder: Path) -> tuple[T, tuple[Notice, .
 
 
 def obtain_entry(entry: CacheEntry[T], cache: Path | None) -> tuple[T, tuple[Notice, ...]]:
-    """Return what is loaded from an entry, found or made now, and what a user should know of that.
+    """Return what is loaded from an entry, found or made now, and notices.
 
     Args:
         entry: what is wanted.
-        cache: folder of the cache; None for the user's, and if that cannot be written, a temporary one, of
-            which a notice tells.
+        cache: folder of the cache; None for the user's, and if that cannot be written, a temporary one, with
+            a notice.
 
     Raises:
         OutputError: the folder `cache`, or the temporary one, cannot be written.
@@ -284,7 +251,7 @@ def obtain_entry(entry: CacheEntry[T], cache: Path | None) -> tuple[T, tuple[Not
     else:
         with contextlib.suppress(OSError):
             found = folder.stat()
-            # It is symid's own, but the umask of many users lets their group write to what they make.
+            # The umask of many users lets their group write to what they make.
             if found.st_mode & _WRITE_BY_OTHERS and found.st_uid == os.getuid():
                 folder.chmod(stat.S_IMODE(found.st_mode) & ~_WRITE_BY_OTHERS)
         try:
@@ -301,37 +268,10 @@ def obtain_entry(entry: CacheEntry[T], cache: Path | None) -> tuple[T, tuple[Not
     return loaded, (Notice(code="codegen.cache-temporary", text=text, file=str(temporary)), *notices)
 
 
-def _get_package_version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return ""
-
-
 def _read_code_bytes() -> tuple[tuple[str, bytes], ...]:
     folders = (_PACKAGE, *(_PACKAGE / room for room in _HASHED_ROOMS))
     paths = [path for folder in folders for path in sorted(folder.glob("*.py"))]
     return tuple((path.relative_to(_PACKAGE).as_posix(), path.read_bytes()) for path in paths)
-
-
-def _strip_robot(robot: Robot) -> Robot:
-    """Return `robot` without what its functions do not depend on."""
-
-    def keep(joint: Joint) -> Joint:
-        drive = replace(joint.drive, torque_constant=None)
-        return replace(joint, limits=Limits(), drive=drive)
-
-    return replace(
-        robot,
-        joints=tuple(map(keep, robot.joints)),
-        convention="",
-        description="",
-        source="",
-        log=LogMap(),
-        processing=Processing(),
-        path="",
-        notices=(),
-    )
 
 
 def compute_library_key(
@@ -345,42 +285,36 @@ def compute_library_key(
     """Return the signature of all that a library is made from.
 
     Args:
-        robot: its functions count, see `prepare_library`.
+        robot: what its functions do not depend on, such as limits and logs, takes no part.
         names: of functions, None for all.
         compiler: None for none.
-        calls: what serves calls from Python.
+        calls: how Python calls the functions.
         casadi: whether CasADi computes the functions.
     """
-    tools = (
-        __version__,
-        _get_package_version("casadi"),
-        _get_package_version("sympy"),
-        _get_package_version("mpmath"),
-    )
+    plain = [
+        replace(joint, limits=Limits(), drive=replace(joint.drive, torque_constant=None))
+        for joint in robot.joints
+    ]
+    model = replace(robot, joints=tuple(plain), log=LogMap(), processing=Processing())
+    model = replace(model, convention="", description="", source="", path="", notices=())
+    tools = (__version__, *map(version, ("casadi", "sympy", "mpmath")))
     built_by = (compiler or f"python {sys.version_info.major}.{sys.version_info.minor}", calls, casadi)
     # A library that was linked with a newer C library may not load with an older one.
-    runtime = (
-        os.confstr("CS_GNU_LIBC_VERSION") if "CS_GNU_LIBC_VERSION" in getattr(os, "confstr_names", ()) else ""
-    )
-    machine = (platform.system(), platform.machine(), runtime)
+    named = "CS_GNU_LIBC_VERSION" in getattr(os, "confstr_names", ())
+    machine = (platform.system(), platform.machine(), os.confstr("CS_GNU_LIBC_VERSION") if named else "")
     templates = read_template_bytes("c", "python", "casadi")
-    return compute_signature(
-        _strip_robot(robot), names, tools, machine, templates, _read_code_bytes(), built_by
-    )
+    return compute_signature(model, names, tools, machine, templates, _read_code_bytes(), built_by)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _LibraryRequest:
-    """What is to be made, and by what."""
-
-    robot: Robot
-    names: tuple[str, ...] | None
-    compiler: Compiler | None
-    progress: Callable[[str], None]
-    casadi: bool = False
-
-
-def _make_library(order: _LibraryRequest, folder: Path) -> None:
+def _make_library(
+    folder: Path,
+    robot: Robot,
+    names: tuple[str, ...] | None,
+    compiler: Compiler | None,
+    progress: Callable[[str], None],
+    *,
+    casadi: bool,
+) -> None:
     # Imported here: a library that is found needs neither CasADi nor SymPy.
     from symid.codegen.c_library import generate_c_library, write_python_call
     from symid.codegen.casadi_functions import build_functions
@@ -390,43 +324,29 @@ def _make_library(order: _LibraryRequest, folder: Path) -> None:
         list_casadi_sources,
     )
 
-    order.progress(f"deriving the dynamics of {order.robot.name}")
-    functions = build_functions(order.robot, names=order.names)
-    prefix = build_library_prefix(order.robot.name)
+    progress(f"deriving the dynamics of {robot.name}")
+    functions = build_functions(robot, names=names)
+    prefix = build_library_prefix(robot.name)
     flags: tuple[str, ...] = ()
-    if order.casadi:
-        order.progress("writing CasADi functions and their C")
+    if casadi:
+        progress("writing CasADi functions and their C")
         write_sources(generate_casadi_target(functions), folder)
-        # Without Jacobians, which nobody asks a `Library` for.
+        # Without Jacobians, which a `Library` does not have.
         sources, binary = [folder / path for path in list_casadi_sources(prefix)], f"lib{prefix}_casadi.so"
-    elif order.compiler is None:
-        order.progress("writing the NumPy module")
+    elif compiler is None:
+        progress("writing the NumPy module")
         write_sources(generate_python_module(functions), folder)
     else:
-        order.progress("writing C")
+        progress("writing C")
         paths = write_sources(generate_c_library(functions), folder)
         sources = [path for path in paths if path.suffix == ".c" and path.name.startswith(f"{prefix}_")]
         binary, flags = f"lib{prefix}.so", choose_call_path().flags
         if flags:
             sources.append(folder / "python_call.c")
             sources[-1].write_text(write_python_call(functions.card, prefix), encoding="utf-8")
-    if order.compiler is not None:
-        order.progress(f"compiling with {order.compiler.path}")
-        compiler = replace(order.compiler, flags=(*order.compiler.flags, *flags))
-        compile_sources(compiler, sources, folder / binary)
-
-
-_FALLBACKS = {"auto": "the NumPy module", "casadi": "CasADi's virtual machine"}
-"""What serves without a compiler, by backend; where nothing does, that is an error."""
-
-
-def _fall_back(order: _LibraryRequest, backend: str, cache: Path | None, code: str, reason: str) -> Library:
-    """Return the library that needs no compiler, and say so; for "c" there is none."""
-    if backend not in _FALLBACKS:
-        text = f"{reason}; give another backend than {backend!r}, or see `symid doctor`"
-        raise GenerationError(Notice(code=code, text=text))
-    text = f"{reason}; {_FALLBACKS[backend]} is used, which is slower"
-    return _obtain_library(replace(order, compiler=None), cache, Notice(code=code, text=text))
+    if compiler is not None:
+        progress(f"compiling with {compiler.path}")
+        compile_sources(replace(compiler, flags=(*compiler.flags, *flags)), sources, folder / binary)
 
 
 def prepare_library(
@@ -442,53 +362,54 @@ def prepare_library(
 
     Args:
         robot: its log mapping and processing take no part.
-        progress: told what is being done, if something has to be done.
+        progress: called with what is being done, if something has to be done.
         names: functions to include; None for all.
         cache: folder of the cache; None for `locate_cache_folder()`, and if that cannot be written, a
-            temporary folder, of which a notice tells.
+            temporary folder, with a notice.
         compiler: command of the C compiler; None for the first of cc, gcc, clang.
-        backend: what computes the functions: "c"; "python" for NumPy; "casadi" for the C of CasADi, or where
-            there is no compiler for its virtual machine, of which a notice tells; "auto" for C, or where
-            there is no compiler for NumPy, of which a notice tells.
+        backend: what computes the functions: "c"; "python" for NumPy; "casadi" for the C of CasADi, or its
+            virtual machine where there is no compiler; "auto" for C, or NumPy where there is no compiler.
+            A notice names the fallback.
 
     Raises:
         RobotError: the robot is not supported.
         UsageError: there is no such backend.
-        GenerationError: the compiler fails on generated code, or there is none and the backend is "c".
+        GenerationError: the compiler fails on generated code, or the backend is "c" and there is no compiler.
         OutputError: the folder `cache`, or the temporary one, cannot be written.
     """
-    if backend not in BACKENDS:
-        text = f"backend: expected one of {', '.join(BACKENDS)}, got {backend!r}"
-        raise UsageError(Notice(code="usage.backend", text=text))
-    found = None if backend == "python" else locate_compiler(compiler, native=True)
-    order = _LibraryRequest(
-        robot=robot,
-        names=names,
-        compiler=found,
-        progress=progress or (lambda _: None),
-        casadi=backend == "casadi",
-    )
+    check_choice("backend", backend, BACKENDS)
+    casadi, report = backend == "casadi", progress or (lambda _: None)
+
+    def obtain(compiler: Compiler | None, *notices: Notice) -> Library:
+        calls = "" if casadi else choose_call_path().name
+        key = compute_library_key(robot, names, compiler, calls=calls, casadi=casadi)
+
+        def make(folder: Path) -> None:
+            _make_library(folder, robot, names, compiler, report, casadi=casadi)
+
+        entry = CacheEntry(name=build_library_prefix(robot.name), key=key, make=make, load=load_library)
+        library, more = obtain_entry(entry, cache)
+        library.notices = (*more, *notices)
+        return library
+
     if backend == "python":
-        return _obtain_library(order, cache)
+        return obtain(None)
+    found = locate_compiler(compiler, native=True)
     if found is None:
         missing = f"the C compiler {compiler!r}" if compiler else f"a C compiler ({', '.join(CANDIDATES)})"
-        return _fall_back(order, backend, cache, "codegen.no-compiler", f"{missing} was not found")
-    try:
-        return _obtain_library(order, cache)
-    except GenerationError:
-        fault = diagnose_compiler(found)
-        if not fault:
-            raise
-    # Not the generated code is at fault but the compiler, for example one without the C library's headers.
-    reason = f"the C compiler cannot be used: {fault}"
-    return _fall_back(order, backend, cache, "codegen.compiler-unusable", reason)
-
-
-def _obtain_library(order: _LibraryRequest, cache: Path | None, *notices: Notice) -> Library:
-    calls = "" if order.casadi else choose_call_path().name
-    key = compute_library_key(order.robot, order.names, order.compiler, calls=calls, casadi=order.casadi)
-    name = build_library_prefix(order.robot.name)
-    entry = CacheEntry(name=name, key=key, make=partial(_make_library, order), load=load_library)
-    library, more = obtain_entry(entry, cache)
-    library.notices = (*more, *notices)
-    return library
+        code, reason = "codegen.no-compiler", f"{missing} was not found"
+    else:
+        try:
+            return obtain(found)
+        except GenerationError:
+            fault = diagnose_compiler(found)
+            if not fault:
+                raise
+        # The compiler is at fault, not the generated code: for example one without the C library's headers.
+        code, reason = "codegen.compiler-unusable", f"the C compiler cannot be used: {fault}"
+    if backend == "c":
+        text = f"{reason}; give another backend than {backend!r}, or see `symid doctor`"
+        raise GenerationError(Notice(code=code, text=text))
+    slower = "CasADi's virtual machine" if casadi else "the NumPy module"
+    notice = Notice(code=code, text=f"{reason}; {slower} is used, which is slower")
+    return obtain(None, notice)

@@ -1,9 +1,8 @@
 """Calls of a library's functions: inputs checked and turned into arrays, and the call path without ctypes.
 
-Model card, name of a function, what a caller gave -> float64 arrays, row-major.
-Shared library with the extension module of `python_call.c` in it -> the module: functions of CPython
-without copies. It uses Python's limited API, the same for every version from 3.11, and NumPy's for arrays;
-where their headers are not installed, calls go through ctypes.
+A shared library can hold the extension module of `python_call.c`: functions of CPython without copies. It
+uses Python's limited API, the same for every version from 3.11, and NumPy's for arrays; where their headers
+are not installed, calls go through ctypes.
 
 Supported: anything that NumPy reads as real numbers, one sample or a batch; extensions for CPython with
 its global lock, which a call holds, in double precision.
@@ -29,7 +28,7 @@ from symid.arrays import FloatArray
 from symid.codegen.functions import FunctionSpec, ModelCard, Port
 from symid.errors import GenerationError, Notice, UsageError
 
-REAL_KINDS = "biuf"
+_REAL_KINDS = "biuf"
 _DOUBLE = np.dtype(np.float64)
 
 Arrays = tuple[FloatArray, ...]
@@ -37,17 +36,12 @@ Call = Callable[..., Arrays]
 
 
 def get_spec(card: ModelCard, name: str) -> FunctionSpec:
-    """Return the function `name` of the card.
-
-    Raises:
-        UsageError: the function does not exist.
-    """
-    for spec in card.functions:
-        if spec.name == name:
-            return spec
-    known = ", ".join(spec.name for spec in card.functions)
-    text = f"the library of {card.robot!r} has no function {name!r}; it has {known}"
-    raise UsageError(Notice(code="usage.unknown-function", text=text))
+    """Return the function `name` of the card; UsageError where there is none."""
+    specs = {spec.name: spec for spec in card.functions}
+    if name not in specs:
+        text = f"the library of {card.robot!r} has no function {name!r}; it has {', '.join(specs)}"
+        raise UsageError(Notice(code="usage.unknown-function", text=text))
+    return specs[name]
 
 
 def _build_call_input_error(card: ModelCard, spec: FunctionSpec, text: str) -> UsageError:
@@ -55,25 +49,22 @@ def _build_call_input_error(card: ModelCard, spec: FunctionSpec, text: str) -> U
     return UsageError(notice)
 
 
-def _convert_input(card: ModelCard, spec: FunctionSpec, port: Port, value: object) -> FloatArray:
-    try:
-        array = np.asarray(value)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise _build_call_input_error(
-            card, spec, f"input {port.name!r}: expected an array of numbers, got {error}"
-        ) from error
-    if array.dtype.kind not in REAL_KINDS:
-        text = f"input {port.name!r}: expected real numbers, got an array of {array.dtype}"
-        raise _build_call_input_error(card, spec, text)
-    return np.ascontiguousarray(array, dtype=np.float64)
-
-
 def _convert_inputs(card: ModelCard, spec: FunctionSpec, inputs: Sequence[object]) -> Arrays:
     if len(inputs) != len(spec.inputs):
         names = ", ".join(port.name for port in spec.inputs)
         raise _build_call_input_error(card, spec, f"expected the inputs {names}, got {len(inputs)} arrays")
-    pairs = zip(spec.inputs, inputs, strict=True)
-    return tuple(_convert_input(card, spec, port, value) for port, value in pairs)
+    arrays = []
+    for port, value in zip(spec.inputs, inputs, strict=True):
+        try:
+            array = np.asarray(value)
+        except (TypeError, ValueError, OverflowError) as error:
+            text = f"input {port.name!r}: expected an array of numbers, got {error}"
+            raise _build_call_input_error(card, spec, text) from error
+        if array.dtype.kind not in _REAL_KINDS:
+            text = f"input {port.name!r}: expected real numbers, got an array of {array.dtype}"
+            raise _build_call_input_error(card, spec, text)
+        arrays.append(np.ascontiguousarray(array, dtype=np.float64))
+    return tuple(arrays)
 
 
 def check_inputs(card: ModelCard, spec: FunctionSpec, inputs: Sequence[object]) -> tuple[int | None, Arrays]:
@@ -84,15 +75,13 @@ def check_inputs(card: ModelCard, spec: FunctionSpec, inputs: Sequence[object]) 
     """
     arrays = _convert_inputs(card, spec, inputs)
     pairs = tuple(zip(spec.inputs, arrays, strict=True))
-    lead = next(((port, array) for port, array in pairs if not port.shared), None)
-    samples = None
-    if lead is not None and lead[1].ndim == len(lead[0].shape) + 1:
-        samples = lead[1].shape[0]
+    leads = [pair for pair in pairs if not pair[0].shared][:1]
+    samples = next((array.shape[0] for port, array in leads if array.ndim == len(port.shape) + 1), None)
     for port, array in pairs:
         batch = () if port.shared or samples is None else (samples,)
         if array.shape != (*batch, *port.shape):
             allowed = f"{port.shape}" if port.shared else f"{port.shape} or (N, {str(port.shape)[1:]}"
-            text = f"input {port.name!r}: expected the shape {allowed}, N alike for all, got {array.shape}"
+            text = f"input {port.name!r}: expected the shape {allowed}, the same N for all, got {array.shape}"
             raise _build_call_input_error(card, spec, text)
     return samples, arrays
 
@@ -103,7 +92,7 @@ def check_sample(card: ModelCard, spec: FunctionSpec, inputs: Sequence[object]) 
     Raises:
         UsageError: a shape is not that of one sample, or an input holds no real numbers.
     """
-    # The usual case is told in a few comparisons; anything else is converted or refused.
+    # The usual case takes a few comparisons; anything else is converted or refused.
     if len(inputs) == len(spec.inputs):
         for port, value in zip(spec.inputs, inputs, strict=True):
             if type(value) is not np.ndarray or value.dtype is not _DOUBLE or value.shape != port.shape:
@@ -144,19 +133,17 @@ def check_outputs(card: ModelCard, spec: FunctionSpec, samples: int | None, out:
         raise _build_call_input_error(
             card, spec, f"out: expected a tuple of arrays for the outputs {names}, got {got}"
         )
-    arrays: list[FloatArray] = []
-    for port, array in zip(spec.outputs, out, strict=True):
+    pairs = list(zip(spec.outputs, out, strict=True))
+    for port, array in pairs:
         shape = port.shape if samples is None else (samples, *port.shape)
         if refusal := _describe_refusal(array, shape):
             text = f"out, for {port.name!r}: expected an array of float64 of the shape {shape}, {refusal}"
             raise _build_call_input_error(card, spec, text)
-        arrays.append(cast("FloatArray", array))
-    pairs = combinations(zip(spec.outputs, arrays, strict=True), 2)
-    for (one, first), (other, second) in pairs:
+    for (one, first), (other, second) in combinations(pairs, 2):
         if np.may_share_memory(first, second):
             text = f"out: the arrays for {one.name!r} and {other.name!r} share memory; give separate ones"
             raise _build_call_input_error(card, spec, text)
-    return tuple(arrays)
+    return tuple(out)
 
 
 def allocate_output(port: Port, samples: int | None, dtype: type[np.floating]) -> FloatArray:
@@ -169,7 +156,7 @@ def allocate_output(port: Port, samples: int | None, dtype: type[np.floating]) -
 def redirect_outputs(card: ModelCard, spec: FunctionSpec, call: Call, kept: Arrays | None) -> Call:
     """Return `call` of one sample, its outputs written to the arrays `kept` if there are any.
 
-    These are looked at again at each call: UsageError where they cannot take the outputs any more.
+    These are checked again at each call: UsageError where they cannot take the outputs any more.
     """
     if kept is None:
         return call
@@ -185,11 +172,11 @@ def redirect_outputs(card: ModelCard, spec: FunctionSpec, call: Call, kept: Arra
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CallPath:
-    """How compiled functions are called from this Python.
+    """How compiled functions are called from this Python: by its limited API, or by ctypes.
 
     Attributes:
-        name: the interface that serves; for ctypes also why it does.
-        flags: of the compiler, for Python's and NumPy's headers; none where ctypes serves.
+        name: of the interface; for ctypes also the reason.
+        flags: of the compiler, for Python's and NumPy's headers; none for ctypes.
         remedy: what would make calls faster, or nothing.
     """
 
@@ -199,7 +186,7 @@ class CallPath:
 
 
 def choose_call_path() -> CallPath:
-    """Return what serves calls from this Python: its limited API, or ctypes."""
+    """Return how compiled functions are called from this Python."""
     if sys.implementation.name != "cpython":
         return CallPath(name=f"ctypes: this is {sys.implementation.name}, not CPython")
     if sysconfig.get_config_var("Py_GIL_DISABLED"):
@@ -221,12 +208,18 @@ def choose_call_path() -> CallPath:
     return CallPath(name=name, flags=tuple(flags))
 
 
+def build_load_error(path: Path, text: str) -> GenerationError:
+    """Return the error that a generated file cannot be loaded."""
+    notice = Notice(code="codegen.cannot-load", text=f"cannot be loaded: {text}", file=str(path))
+    return GenerationError(notice)
+
+
 def load_extension(binary: Path, prefix: str) -> ModuleType | None:
     """Return the extension module in a library, or None where calls go through ctypes.
 
     Its `bind(name, ask, kept)` returns a function for one sample. `ask` is the same function in Python, for
-    every call that is out of the ordinary; `kept` is the tuple of arrays that every call overwrites and
-    returns, or None for new ones at each call.
+    unusual calls; `kept` is the tuple of arrays that every call overwrites and returns, or None for new ones
+    at each call.
 
     Raises:
         GenerationError: the module does not load with this Python and NumPy.
@@ -238,6 +231,5 @@ def load_extension(binary: Path, prefix: str) -> ModuleType | None:
         module = module_from_spec(ModuleSpec(prefix, loader, origin=str(binary)))
         loader.exec_module(module)
     except ImportError as error:
-        text = f"cannot be loaded: {error}; build it again on this machine"
-        raise GenerationError(Notice(code="codegen.cannot-load", text=text, file=str(binary))) from error
+        raise build_load_error(binary, f"{error}; build it again on this machine") from error
     return module

@@ -1,9 +1,6 @@
 """The catalogue as programs and CasADi SX functions.
 
 Robot -> BaseParameters -> card;  Robot -> routes -> the program with the fewest operations -> SX function.
-Result: `Functions`, with inputs and outputs named, ordered and shaped as the specs say; a port of shape
-(n, k, m) is a matrix of n rows and k m columns. CasADi numbers the elements of a matrix by columns, symid
-by rows.
 
 An SX operation costs the same Python time for one number as for many: instructions that do not need one
 another are written together, as one operation on columns.
@@ -12,15 +9,15 @@ Supported: rigid robots, symbolic lengths with a value; all operations of `Op`.
 Not supported: symbolic lengths without a value (RobotError).
 """
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
 
-from symid.codegen.catalogue import list_robot_specs
+from symid.codegen.catalogue import build_model_card, drop_constants, get_constants, list_robot_specs
 from symid.codegen.functions import ModelCard, Port
-from symid.codegen.model_card import build_model_card, drop_constants, get_constants
-from symid.codegen.programs import Instruction, Op, Program
+from symid.codegen.programs import Op, Program
 from symid.codegen.routes import choose_route
 from symid.codegen.workspace import check_symbols
 from symid.dynamics import build_standard_parameters, derive_base_parameters
@@ -70,7 +67,7 @@ def _group_instructions(program: Program) -> list[tuple[Op, list[int]]]:
 
 
 class _ValuePool:
-    """A column of all values so far, and where each reference stands in it."""
+    """A column of all values so far, and the place of each reference in it."""
 
     def __init__(self, size: int) -> None:
         self.column = ca.SX.zeros(size)
@@ -93,20 +90,14 @@ def _start_pool(program: Program, inputs: Sequence[ca.SX]) -> _ValuePool:
     """Return the pool with the inputs and constants that the program reads."""
     pool = _ValuePool(len(program.instructions))
     rows = [ca.vec(value.T) for value in inputs]
-    kinds: Mapping[Op, list[tuple[int, Instruction]]] = {Op.INPUT: [], Op.CONSTANT: []}
-    for number, instruction in enumerate(program.instructions, start=1):
-        if instruction.op in kinds:
-            kinds[instruction.op].append((number, instruction))
-    starts = [0]
-    for value in rows:
-        starts.append(starts[-1] + value.numel())
-    if kinds[Op.INPUT]:
-        numbers, found = zip(*kinds[Op.INPUT], strict=True)
-        elements = [starts[instruction.args[0]] + instruction.args[1] for instruction in found]
-        pool.append(numbers, ca.vertcat(*rows)[elements])
-    if kinds[Op.CONSTANT]:
-        numbers, found = zip(*kinds[Op.CONSTANT], strict=True)
-        pool.append(numbers, ca.SX(ca.DM([instruction.constant for instruction in found])))
+    starts = [0, *itertools.accumulate(value.numel() for value in rows)]
+    read = {k: i for k, i in enumerate(program.instructions, start=1) if i.op is Op.INPUT}
+    if read:
+        elements = [starts[i.args[0]] + i.args[1] for i in read.values()]
+        pool.append(list(read), ca.vertcat(*rows)[elements])
+    known = {k: i.constant for k, i in enumerate(program.instructions, start=1) if i.op is Op.CONSTANT}
+    if known:
+        pool.append(list(known), ca.SX(ca.DM(list(known.values()))))
     return pool
 
 
@@ -132,8 +123,7 @@ def build_sx_function(program: Program) -> ca.Function:
 class Functions:
     """A model card, and in its order the chosen programs and the SX functions built from them.
 
-    Code is printed from the programs; what CasADi makes of them on the way is for its users. `constant` says
-    whether the values of the robot file are part of the functions.
+    `constant`: whether the parameter values of the robot file are constants of the functions.
     """
 
     card: ModelCard
@@ -151,7 +141,7 @@ def build_functions(
         robot: the robot.
         names: of the functions wanted, None for all.
         standard: whether functions take the standard parameters pi in place of beta.
-        constant: whether functions hold the values of the robot file, and take no parameters.
+        constant: whether the parameter values of the robot file are constants of the functions.
 
     Raises:
         RobotError: a symbolic length has no value.
@@ -177,19 +167,9 @@ def build_casadi_function(
 ) -> ca.Function:
     """Return one function of the catalogue over SX, with derivatives of any order.
 
-    Vectors are columns: `map`, and matrices of samples side by side, work as CasADi has them. The rotation
-    matrices of the forward kinematics, of shape (n, 3, 3), stand row by row in n x 9. SI units, angles in
-    rad. Where friction or a spring changes its slope at once, derivatives are those of one side; friction
-    with a speed to a power below one has none at rest.
-
-    Args:
-        robot: the robot.
-        name: of the function.
-        standard: whether it takes the standard parameters pi in place of beta.
-        constant: whether it holds the values of the robot file, and takes no parameters.
-
-    Raises:
-        RobotError: a symbolic length has no value.
-        UsageError: the name is not in the catalogue, or the robot file lacks a value that shall be constant.
+    Vectors are columns: `map`, and matrices of samples side by side, work as usual in CasADi. The rotation
+    matrices of the forward kinematics, of shape (n, 3, 3), are the rows of an n x 9 matrix. SI units, angles
+    in rad. At a kink of friction or of a spring, derivatives are those of one side; friction with a speed to
+    a power below one has none at rest. Arguments and errors are those of `build_functions`.
     """
     return build_functions(robot, names=(name,), standard=standard, constant=constant).functions[0]

@@ -1,23 +1,32 @@
-"""The catalogue of functions: names, ordered inputs and outputs, shapes, units; and the spring parameters h.
-
-Robot, its base parameters, or sizes alone -> `FunctionSpec` records in the order of one table.
+"""The catalogue of functions, the vector h of the springs, and the model card of a robot.
 
 The vector h holds, for every coordinate, k0, the cubic kc where the robot file states one, k and r of
 every stop, s and R of every knee in the order of their thresholds. Names end in the number of the joint:
 k0_1, k2_1, r2_1, s1_1, R1_1. Damping is not among them.
 
-Supported: rigid robots with friction; robots all of whose joints are elastic.
-Units are written for revolute joints; of a prismatic one read m for rad and N for N m.
+Supported: rigid robots with friction; robots all of whose joints are elastic; base or standard parameters,
+rotor inertias of elastic joints and friction as constants. Units are those of revolute joints; for prismatic
+ones read m for rad and N for N m.
+Not supported: springs as constants; functions of hysteresis take h.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from symid.arrays import FloatArray
-from symid.codegen.functions import FunctionSpec, ModelCard, ParameterCard, Port
+from symid.codegen.functions import (
+    FollowerCard,
+    FunctionSpec,
+    JointCard,
+    ModelCard,
+    ParameterCard,
+    Port,
+    compute_model_signature,
+)
 from symid.errors import Notice, UsageError
 from symid.joint_models import SpringTerms
 from symid.notation import get_unit
@@ -40,14 +49,14 @@ _SPRING_REASONS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ElasticSizes:
-    """What the catalogue must know of the elastic joints of a robot.
+    """Sizes of a robot all of whose joints are elastic.
 
     Args:
-        stops: all stops of the robot: length of P and Q.
+        stops: number of all stops: length of P and Q.
         springs: length of h.
         invertible: whether the springs have an inverse: none has a cubic part.
-        feed: whether torque of the motors can be found from the motion of the links: every motor has a rotor
-            of its own, no spring is damped, nothing is coupled.
+        feed: whether motor torques follow from the motion of the links: every motor has a rotor of its own,
+            no spring is damped, nothing is coupled.
     """
 
     stops: int
@@ -107,36 +116,32 @@ def list_spring_parameters(robot: Robot) -> Iterator[ParameterCard]:
             )
 
 
-def _count_spring_parts(elasticity: Elasticity) -> tuple[int, int, int, int]:
-    """Return what the place of an entry in h means: cubic parts, stops, knees below zero and above."""
-    below = sum(knee.threshold < 0 for knee in elasticity.knees)
-    return int(bool(elasticity.cubic)), len(elasticity.stops), below, len(elasticity.knees) - below
-
-
-def _check_spring_parts(elasticities: Sequence[Elasticity], card: ModelCard) -> None:
-    for joint, wanted, given in zip(card.joints, card.elasticity, elasticities, strict=True):
-        if wanted is None or _count_spring_parts(wanted) != _count_spring_parts(given):
-            allowed = "none" if wanted is None else "{} cubic parts, {} stops, {} knees below, {} above"
-            text = (
-                f"joint {joint.name!r}: the library was made for a spring with "
-                f"{allowed.format(*_count_spring_parts(wanted or given))}; this one has "
-                f"{'{}, {}, {} and {}'.format(*_count_spring_parts(given))}: generate a library for it"
-            )
-            raise UsageError(Notice(code="usage.spring-layout", text=text))
-
-
 def build_spring_vector(elasticities: Sequence[Elasticity], card: ModelCard | None = None) -> FloatArray:
     """Return h of springs whose numbers are all known, one a coordinate.
 
     Args:
         elasticities: one a coordinate.
-        card: of the library that shall take h; None leaves unchecked whether its springs are built alike.
+        card: of the library that shall take h; None to leave out the check that its springs are built alike.
 
     Raises:
         UsageError: a number is unknown, or the springs have other parts than those of `card`.
     """
-    if card is not None:
-        _check_spring_parts(elasticities, card)
+
+    def describe(elasticity: Elasticity) -> str:
+        """Return what the places of entries in h depend on."""
+        below = sum(knee.threshold < 0 for knee in elasticity.knees)
+        above, cubic = len(elasticity.knees) - below, int(bool(elasticity.cubic))
+        return f"{cubic} cubic parts, {len(elasticity.stops)} stops, {below} knees below and {above} above"
+
+    parts = zip(card.joints, card.elasticity, elasticities, strict=True) if card else ()
+    for joint, wanted, given in parts:
+        allowed = describe(wanted) if wanted else "no spring"
+        if allowed != describe(given):
+            text = (
+                f"joint {joint.name!r}: the library expects {allowed}; this spring has {describe(given)}. "
+                "Generate a library for it"
+            )
+            raise UsageError(Notice(code="usage.spring-layout", text=text))
     entries = [entry for elasticity in elasticities for entry in _list_spring_entries(elasticity)]
     values = [value for _, _, value in entries if value is not None]
     if len(values) < len(entries):
@@ -222,75 +227,34 @@ _OUTPUTS = {
     "dtheta": ("n", "rad/s", "motor velocities on the joint side"),
 }
 
-_Entry = tuple[str, str, str, str]
-"""Name, inputs, outputs, meaning."""
-_RIGID: tuple[_Entry, ...] = (
-    ("forward_kinematics", "q", "R P", "pose of every link frame in the base frame"),
-    (
-        "jacobian",
-        "q",
-        "J",
-        "geometric Jacobian of the last link frame, base axes: linear rows, then angular",
-    ),
-    ("mass_matrix", "q beta", "M", "joint-space mass matrix, rotor inertias included"),
-    (
-        "coriolis_matrix",
-        "q dq beta",
-        "C",
-        "factor C of the Coriolis torque C dq for which dM/dt - 2 C is skew",
-    ),
-    ("gravity", "q beta", "g", "gravity torque"),
-    ("bias", "q dq beta", "c", "Coriolis, centrifugal and gravity torque"),
-    ("inverse_dynamics", "q dq ddq beta", "tau", "torque that gives the acceleration ddq"),
-    ("forward_dynamics", "q dq tau beta", "ddq", "acceleration under the torque tau"),
-    (
-        "inverse_dynamics_derivatives",
-        "q dq ddq beta",
-        "dtau_dq dtau_ddq dtau_dddq",
-        "derivatives of the inverse dynamics",
-    ),
-    (
-        "energy",
-        "q dq beta",
-        "T V",
-        "kinetic and potential energy, up to the constant that base parameters cannot know",
-    ),
-    ("energy_regressor", "q dq", "hT hV", "kinetic and potential energy per base parameter"),
-    ("momentum_regressor", "q dq", "Yp", "generalised momentum dT/ddq per base parameter"),
-    ("lagrange_regressor", "q dq", "YL", "dL/dq = dT/dq - dV/dq per base parameter"),
-    ("torque_regressor", "q dq ddq", "Y", "joint torque per base parameter"),
-    ("slotine_li_regressor", "q dq dqr ddqr", "Yr", "M ddqr + C dqr + g per base parameter"),
-)
-_FRICTION: tuple[_Entry, ...] = (
-    ("friction", "dq f", "tau_f", "friction torque, positive against positive velocity"),
-    ("friction_regressor", "dq", "Yf", "friction torque per friction parameter"),
-)
-_HYSTERESIS: _Entry = (
-    "hysteresis_step",
-    "phi P h",
-    "tau_J P_next",
-    "torque of the springs when the torsion has gone to phi, without turning back on the way",
-)
-_INVERSE_HYSTERESIS: _Entry = (
-    "hysteresis_inverse_step",
-    "tau_J Q h",
-    "phi Q_next",
-    "torsion of the springs when their torque has gone to tau_J, without turning back on the way",
-)
-_FEED_FORWARD: _Entry = (
-    "elastic_inverse_dynamics",
-    "q dq ddq dddq ddddq beta IA f h Q",
-    "tau_m theta dtheta Q_next",
-    "torque of the motors under which the links move as wanted, friction included",
-)
-
-
-def _list_entries(friction: int, elastic: ElasticSizes | None) -> tuple[_Entry, ...]:
-    entries = (*_RIGID, *_FRICTION) if friction else _RIGID
-    if elastic is None:
-        return entries
-    inverse = (_INVERSE_HYSTERESIS,) if elastic.invertible else ()
-    return (*entries, _HYSTERESIS, *inverse, *((_FEED_FORWARD,) if elastic.feed else ()))
+# Name: inputs -> outputs, and the meaning.
+_ENTRIES = {
+    "forward_kinematics: q -> R P": "pose of every link frame in the base frame",
+    "jacobian: q -> J": "geometric Jacobian of the last link frame, base axes: linear rows, then angular",
+    "mass_matrix: q beta -> M": "joint-space mass matrix, rotor inertias included",
+    "coriolis_matrix: q dq beta -> C": "factor C of the Coriolis torque C dq for which dM/dt - 2 C is skew",
+    "gravity: q beta -> g": "gravity torque",
+    "bias: q dq beta -> c": "Coriolis, centrifugal and gravity torque",
+    "inverse_dynamics: q dq ddq beta -> tau": "torque that gives the acceleration ddq",
+    "forward_dynamics: q dq tau beta -> ddq": "acceleration under the torque tau",
+    "inverse_dynamics_derivatives: q dq ddq beta -> dtau_dq dtau_ddq dtau_dddq": "derivatives of "
+    "the inverse dynamics",
+    "energy: q dq beta -> T V": "kinetic and potential energy, up to the constant that base "
+    "parameters cannot know",
+    "energy_regressor: q dq -> hT hV": "kinetic and potential energy per base parameter",
+    "momentum_regressor: q dq -> Yp": "generalised momentum dT/ddq per base parameter",
+    "lagrange_regressor: q dq -> YL": "dL/dq = dT/dq - dV/dq per base parameter",
+    "torque_regressor: q dq ddq -> Y": "joint torque per base parameter",
+    "slotine_li_regressor: q dq dqr ddqr -> Yr": "M ddqr + C dqr + g per base parameter",
+    "friction: dq f -> tau_f": "friction torque, positive against positive velocity",
+    "friction_regressor: dq -> Yf": "friction torque per friction parameter",
+    "hysteresis_step: phi P h -> tau_J P_next": "torque of the springs when the torsion has gone to phi, "
+    "without turning back on the way",
+    "hysteresis_inverse_step: tau_J Q h -> phi Q_next": "torsion of the springs when their torque has gone "
+    "to tau_J, without turning back on the way",
+    "elastic_inverse_dynamics: q dq ddq dddq ddddq beta IA f h Q -> tau_m theta dtheta Q_next": "torque of "
+    "the motors under which the links move as wanted, friction included",
+}
 
 
 def list_specs(
@@ -302,9 +266,9 @@ def list_specs(
     vector: str = "beta",
     elastic: ElasticSizes | None = None,
 ) -> tuple[FunctionSpec, ...]:
-    """Return the catalogue for so many coordinates, inertial and friction parameters.
+    """Return the catalogue for numbers of coordinates, of inertial and of friction parameters.
 
-    Without friction parameters the friction functions are left out: they would be empty code.
+    Functions and vectors that would be empty (no friction, no stops) are left out.
 
     Args:
         joints: joints with a coordinate of their own.
@@ -312,11 +276,16 @@ def list_specs(
         friction: friction parameters.
         links: moving links; as many as joints by default.
         vector: the name of the inertial parameters, beta or pi.
-        elastic: of a robot all of whose joints are elastic; None for others. Vectors that would be empty
-            (no stops, no friction) are left out of the functions of elastic joints.
+        elastic: of a robot all of whose joints are elastic; None for others.
     """
     sizes = {"n": joints, "l": joints if links is None else links, "b": parameters, "p": friction}
     sizes |= {"s": elastic.stops if elastic else 0, "h": elastic.springs if elastic else 0}
+    offered = {
+        **dict.fromkeys(("friction", "friction_regressor"), friction > 0),
+        "hysteresis_step": elastic is not None,
+        "hysteresis_inverse_step": elastic is not None and elastic.invertible,
+        "elastic_inverse_dynamics": elastic is not None and elastic.feed,
+    }
 
     def build_ports(names: str, known: Mapping[str, tuple[str, str, str]]) -> tuple[Port, ...]:
         ports = []
@@ -328,15 +297,14 @@ def list_specs(
             ports.append(Port(name=name, shape=shape, unit=unit, meaning=meaning, shared=name in _SHARED))
         return tuple(ports)
 
-    return tuple(
-        FunctionSpec(
-            name=name,
-            inputs=build_ports(inputs.replace("beta", vector), _INPUTS),
-            outputs=build_ports(outputs, _OUTPUTS),
-            meaning=meaning,
-        )
-        for name, inputs, outputs, meaning in _list_entries(friction, elastic)
-    )
+    specs = []
+    for entry, meaning in _ENTRIES.items():
+        name, ports = entry.split(": ")
+        if offered.get(name, True):
+            given, found = ports.replace("beta", vector).split(" -> ")
+            inputs, outputs = build_ports(given, _INPUTS), build_ports(found, _OUTPUTS)
+            specs.append(FunctionSpec(name=name, inputs=inputs, outputs=outputs, meaning=meaning))
+    return tuple(specs)
 
 
 def list_robot_specs(
@@ -366,3 +334,95 @@ def list_robot_specs(
             text = f"function '{name}' is not in the catalogue; there are {', '.join(known)}"
             raise UsageError(Notice(code="usage.unknown-function", text=text))
     return tuple(spec for spec in specs if names is None or spec.name in names)
+
+
+def _write_fraction(value: Fraction) -> str:
+    """Return a number as a decimal where a short one is exact, else as a quotient."""
+    text = f"{float(value):g}"
+    return text if Fraction(text) == value else str(value)
+
+
+def build_model_card(robot: Robot, base: "BaseParameters", specs: tuple[FunctionSpec, ...]) -> ModelCard:
+    """Return what users of the functions must know of the model."""
+    # Imported here: the rest of this module needs no SymPy.
+    from symid.dynamics import compute_parameter_values, get_label_unit, get_owner
+
+    values, numbered = compute_parameter_values(robot, base), list(enumerate(robot.joints, start=1))
+
+    def describe(
+        name: str, expression: str, label: tuple[int, str], reason: str, value: float | None
+    ) -> ParameterCard:
+        unit, joint = get_label_unit(robot, label), get_owner(robot, label)
+        return ParameterCard(
+            name=name, expression=expression, unit=unit, reason=reason, joint=joint, value=value
+        )
+
+    beta, friction = (
+        tuple(describe(p.name, p.expression, p.label, p.reason, values.get(p.name)) for p in parameters)
+        for parameters in (base.parameters, base.friction)
+    )
+    turning = "the rotor turns with the motor, apart from the link"
+    grouped = [(entry.name, entry.expression) for entry in (*base.parameters, *base.friction)]
+    return ModelCard(
+        robot=robot.name,
+        signature=compute_model_signature(robot, grouped),
+        joints=tuple(
+            JointCard(
+                number=number,
+                name=joint.name,
+                kind=joint.kind.value,
+                friction=joint.friction.kind.value,
+                smoothing=joint.friction.smoothing,
+            )
+            for number, joint in numbered
+            if joint.mimic is None
+        ),
+        beta=beta,
+        friction=friction,
+        functions=specs,
+        vector=base.vector,
+        followers=tuple(
+            FollowerCard(
+                number=number,
+                name=joint.name,
+                kind=joint.kind.value,
+                master=robot.joints[joint.mimic.master].name,
+                multiplier=_write_fraction(joint.mimic.multiplier),
+            )
+            for number, joint in numbered
+            if joint.mimic is not None
+        ),
+        rotors=tuple(
+            describe(f"IA{n}", f"IA{n}", (n - 1, "IA"), turning, joint.drive.rotor_inertia)
+            for n, joint in numbered
+            if joint.elasticity is not None and joint.drive.has_rotor
+        ),
+        elasticity=tuple(joint.elasticity for joint in robot.axes) if any(robot.elastic) else (),
+        springs=tuple(list_spring_parameters(robot)) if all(robot.elastic) else (),
+    )
+
+
+Constants = Mapping[str, tuple[float, ...]]
+"""Values of whole input ports by their name."""
+
+
+def get_constants(card: ModelCard) -> Constants:
+    """Return the values of all parameters that may be constants.
+
+    Raises:
+        UsageError: the robot file does not state all of them.
+    """
+    vectors = {card.vector: card.beta, "IA": card.rotors, "f": card.friction}
+    missing = [entry.name for entries in vectors.values() for entry in entries if entry.value is None]
+    if missing:
+        text = (
+            f"constants: the robot file has no value of {', '.join(missing)}. Add the values, or write "
+            "identified ones into a robot file with `symid export`"
+        )
+        raise UsageError(Notice(code="usage.unknown-constants", text=text))
+    return {name: tuple(entry.value or 0.0 for entry in entries) for name, entries in vectors.items()}
+
+
+def drop_constants(spec: FunctionSpec, constants: Constants) -> FunctionSpec:
+    """Return the function without the inputs that are constants."""
+    return replace(spec, inputs=tuple(port for port in spec.inputs if port.name not in constants))

@@ -1,19 +1,13 @@
-"""A C compiler, if the machine has one, what it makes of generated sources, and how large that is.
-
-C files -> shared library.  Folder with object files -> `CodeSize` by function: code, constants, stack.
+"""A C compiler, if the machine has one, shared libraries made with it, and the sizes of their functions.
 
 Arithmetic stays that of IEEE 754, operation by operation: no fast-math, and no product fused with a sum
-(-ffp-contract=off), so that the same input gives the same bytes whether or not the processor can fuse them;
-what is left to differ is the C library's sine and cosine. Fusing would save 4 to 13 % of a call's time.
-GCC 12 fuses even so where it vectorises straight-line code, hence -fno-tree-slp-vectorize, which costs
-nothing.
-
-No function recurses: the stack of one is at most its own frame and those of all that it may call in its
-file. What the functions of the mathematics library take comes on top.
+(-ffp-contract=off), so that the same input gives the same bytes on all processors; only the C library's sine
+and cosine may differ. Fusing would save 4 to 13 % of a call's time. GCC 12 fuses even so where it vectorises
+straight-line code, hence -fno-tree-slp-vectorize, which costs nothing.
 
 Supported: cc, gcc and clang, or one given by name; code for the processor at hand, on Linux; sizes from
 ELF files of 32 and 64 bits, both byte orders.
-Not supported: sizes from Mach-O, COFF or linked files; there are none then.
+Not supported: sizes from Mach-O, COFF or linked files; the stack of the mathematics library.
 """
 
 import os
@@ -21,35 +15,22 @@ import shutil
 import struct
 import subprocess
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
 
 from symid.errors import GenerationError, Notice
 
 _ELF_MAGIC = b"\x7fELF"
 _ELF_SYMBOL_TABLE = 2
 _ELF_FUNCTION = 2
-
-
-class _ElfLayout(NamedTuple):
-    """Where an ELF header has the sections, how sections and symbols read, and what stands where in them."""
-
-    offset: int
-    offset_kind: str
-    counts: int
-    section: str
-    symbol: str
-    symbol_places: tuple[int, int, int]
-
-
-# By the fifth byte of the file: 32 bits, 64 bits. Places in a symbol are those of size, kind and section.
+# By the fifth byte of the file, 32 or 64 bits: place and format of the offset of the sections, place of their
+# count, formats of a section and of a symbol, places of size, kind and section in a symbol.
 _ELF_LAYOUTS = {
-    b"\1": _ElfLayout(32, "I", 46, "IIIIIIIIII", "IIIBBH", (2, 3, 5)),
-    b"\2": _ElfLayout(40, "Q", 58, "IIQQQQIIQQ", "IBBHQQ", (5, 1, 3)),
+    b"\1": (32, "I", 46, "IIIIIIIIII", "IIIBBH", (2, 3, 5)),
+    b"\2": (40, "Q", 58, "IIQQQQIIQQ", "IBBHQQ", (5, 1, 3)),
 }
 
 
@@ -65,34 +46,26 @@ def _read_text(content: bytes, start: int) -> str:
     return content[start : content.index(b"\0", start)].decode("utf-8", "replace")
 
 
-def _read_function_sizes(
-    content: bytes, order: str, layout: _ElfLayout, sections: list[tuple[int, ...]]
-) -> Iterator[tuple[str, int]]:
-    for _, kind, _, _, offset, size, link, *_ in sections:
-        if kind != _ELF_SYMBOL_TABLE:
-            continue
-        names = sections[link][4]
-        for row in struct.iter_unpack(order + layout.symbol, content[offset : offset + size]):
-            length, info, section = (row[place] for place in layout.symbol_places)
-            # Functions of other files have no section here.
-            if info % 16 == _ELF_FUNCTION and section != 0:
-                yield _read_text(content, names + row[0]), length
-
-
 def read_object_file(content: bytes) -> ObjectFile | None:
     """Return the sizes in an object file, None for a format that is not ELF or a file that is cut off."""
-    layout = _ELF_LAYOUTS.get(content[4:5])
-    if content[:4] != _ELF_MAGIC or layout is None:
+    if content[:4] != _ELF_MAGIC or content[4:5] not in _ELF_LAYOUTS:
         return None
+    start_place, start_format, counts, section_format, symbol_format, places = _ELF_LAYOUTS[content[4:5]]
     order = ">" if content[5:6] == b"\2" else "<"
+    functions = {}
     try:
-        (start,) = struct.unpack_from(order + layout.offset_kind, content, layout.offset)
-        size, count, names = struct.unpack_from(f"{order}HHH", content, layout.counts)
+        (start,) = struct.unpack_from(order + start_format, content, start_place)
+        size, count, names = struct.unpack_from(f"{order}HHH", content, counts)
         # Name, kind, flags, address, offset, size, link.
-        rows = [struct.unpack_from(order + layout.section, content, start + size * k) for k in range(count)]
+        rows = [struct.unpack_from(order + section_format, content, start + size * k) for k in range(count)]
         base = rows[names][4]
         constants = sum(row[5] for row in rows if _read_text(content, base + row[0]).startswith(".rodata"))
-        functions = dict(_read_function_sizes(content, order, layout, rows))
+        for _, _, _, _, offset, length, link, *_ in (row for row in rows if row[1] == _ELF_SYMBOL_TABLE):
+            for symbol in struct.iter_unpack(order + symbol_format, content[offset : offset + length]):
+                code, info, section = (symbol[place] for place in places)
+                # Functions of other files have no section here.
+                if info % 16 == _ELF_FUNCTION and section != 0:
+                    functions[_read_text(content, rows[link][4] + symbol[0])] = code
     except (struct.error, IndexError, ValueError):
         return None
     return ObjectFile(functions=functions, constants=constants)
@@ -103,9 +76,10 @@ STACK_FLAG = "-fstack-usage"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CodeSize:
-    """Bytes of a function for one sample, and of its batch with all that only that needs.
+    """Bytes of a function for one sample, of its batch function with helpers, and of the constants of both.
 
-    `constants` are those of both. `stack` and `batch_stack` are bounds; None where the compiler says none.
+    `stack` and `batch_stack` are bounds: as no function recurses, the frames of all functions in the file are
+    enough. None where the compiler gives no sizes of frames.
     """
 
     code: int
@@ -119,7 +93,7 @@ def _read_stack_frames(path: Path) -> dict[str, int] | None:
     """Return bytes of stack by function; the compiler writes file:line:column:name, size and kind."""
     try:
         rows = [line.split("\t") for line in path.read_text(encoding="utf-8").splitlines()]
-        # A frame without a bound has a size that is none.
+        # The size of a frame without a bound means nothing.
         if any("dynamic" in row[2] and "bounded" not in row[2] for row in rows):
             return None
         return {row[0].rpartition(":")[2]: int(row[1]) for row in rows}
@@ -127,35 +101,33 @@ def _read_stack_frames(path: Path) -> dict[str, int] | None:
         return None
 
 
-def _measure_code_size(folder: Path, symbol: str) -> CodeSize | None:
-    try:
-        found = read_object_file((folder / f"{symbol}.o").read_bytes())
-    except OSError:
-        return None
-    if found is None or symbol not in found.functions:
-        return None
-    code = found.functions[symbol]
-    frames = _read_stack_frames(folder / f"{symbol}.su")
-    batch = f"{symbol}_batch"
-    return CodeSize(
-        code=code,
-        batch_code=sum(found.functions.values()) - code,
-        constants=found.constants,
-        stack=None if frames is None else sum(frames.values()) - frames.get(batch, 0),
-        batch_stack=None if frames is None else sum(frames.values()),
-    )
-
-
 def measure_code_sizes(folder: Path, prefix: str, names: Sequence[str]) -> dict[str, CodeSize]:
-    """Return the sizes of the functions `names`, without those of which nothing is known.
+    """Return the sizes of the functions `names`, where they are known.
 
     Args:
         folder: of sources and object files.
         prefix: of the library.
         names: of functions without the prefix.
     """
-    sizes = {name: _measure_code_size(folder, f"{prefix}_{name}") for name in names}
-    return {name: size for name, size in sizes.items() if size is not None}
+    sizes = {}
+    for name in names:
+        symbol = f"{prefix}_{name}"
+        try:
+            found = read_object_file((folder / f"{symbol}.o").read_bytes())
+        except OSError:
+            continue
+        if found is None or symbol not in found.functions:
+            continue
+        code, frames = found.functions[symbol], _read_stack_frames(folder / f"{symbol}.su")
+        stack = None if frames is None else sum(frames.values())
+        sizes[name] = CodeSize(
+            code=code,
+            batch_code=sum(found.functions.values()) - code,
+            constants=found.constants,
+            stack=None if stack is None or frames is None else stack - frames.get(f"{symbol}_batch", 0),
+            batch_stack=stack,
+        )
+    return sizes
 
 
 # -O3 makes the same code of straight lines, in the same time.
@@ -166,8 +138,8 @@ _WORKERS = 2
 _SMALLEST_SOURCE = "#include <math.h>\ndouble smallest(double x) { return sin(x); }\n"
 _COMPILER_TIMEOUT = 600.0
 _PROCESSORS = Path("/proc/cpuinfo")
-# What Linux tells of a processor on one kind of machine or another: what it can do, and which one it is;
-# not what changes, such as its clock.
+# Fields of /proc/cpuinfo on different machines: what a processor can do, and which one it is; not what
+# changes, such as its clock.
 _PROCESSOR_ABILITIES = frozenset({"flags", "Features", "features", "isa", "cpu"})
 _PROCESSOR_NAMES = frozenset(
     {
@@ -179,7 +151,7 @@ _PROCESSOR_NAMES = frozenset(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Compiler:
-    """A compiler: where it is, the first line of its version, the flags it is called with.
+    """A compiler: its path, the first line of its version, its flags.
 
     Where `processor` is not empty, code is made for that one, and may not run on others.
     """
@@ -211,16 +183,16 @@ def _run_compiler(command: Sequence[str]) -> str:
 
 
 def read_processor() -> str:
-    """Return what tells this machine's processors from others, or nothing where that cannot be said."""
+    """Return a description that differs from that of other processors, or nothing where there is none."""
     try:
         lines = _PROCESSORS.read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
         return ""
     pairs = (line.partition(":") for line in lines)
     traits = {(name.strip(), value.strip()) for name, _, value in pairs}
-    told = sorted((name, value) for name, value in traits if name in _PROCESSOR_ABILITIES | _PROCESSOR_NAMES)
+    kept = sorted((name, value) for name, value in traits if name in _PROCESSOR_ABILITIES | _PROCESSOR_NAMES)
     # A name alone does not say what a hypervisor or the system has switched off.
-    return "\n".join(f"{n}: {v}" for n, v in told) if any(n in _PROCESSOR_ABILITIES for n, _ in told) else ""
+    return "\n".join(f"{n}: {v}" for n, v in kept) if any(n in _PROCESSOR_ABILITIES for n, _ in kept) else ""
 
 
 def locate_compiler(command: str | None = None, *, native: bool = False) -> Compiler | None:
@@ -228,7 +200,7 @@ def locate_compiler(command: str | None = None, *, native: bool = False) -> Comp
 
     Args:
         command: of the compiler to look for; None for the first of cc, gcc, clang.
-        native: make code for this machine's processor, where that can be told from others.
+        native: make code for this machine's processor, where that is known.
     """
     for name in (command,) if command else CANDIDATES:
         path = shutil.which(name)
@@ -253,7 +225,7 @@ def _choose_native_flags(compiler: Compiler) -> tuple[str, ...]:
 
 
 def diagnose_compiler(compiler: Compiler) -> str:
-    """Return why the compiler cannot make a library of the smallest file, or nothing: is it the machine?"""
+    """Return why the compiler cannot make a library of the smallest file, or nothing."""
     with tempfile.TemporaryDirectory(prefix="symid-") as scratch:
         source = Path(scratch) / "smallest.c"
         source.write_text(_SMALLEST_SOURCE, encoding="utf-8")

@@ -1,11 +1,8 @@
 """From a straight-line program over exact numbers to SymPy expressions.
 
-Program, expressions of its inputs -> expressions of its outputs, and the program itself as named
-intermediate results.
-
-What is a short polynomial in the inputs, sines and cosines is written as such, in normal form:
-s^2 = 1 - c^2 and the squares of roots are replaced, terms are collected by parameters, then by sines and
-cosines, and sums of angles are found in products. Longer values are the program's own operations, nested.
+Short polynomials in the inputs, sines and cosines are written in normal form: s^2 = 1 - c^2 and the squares
+of roots are replaced, terms are collected by parameters, then by sines and cosines, and sums of angles are
+found in products. Longer values are the program's own operations, nested.
 
 Supported: all operations of `Op`; polynomials of sums, products, sines and cosines.
 Not supported: a closed form of nested values; nothing is expanded.
@@ -32,7 +29,7 @@ Terms = dict[tuple[int, ...], Any]
 KnownSquare = tuple[int, tuple[tuple[Mapping[int, int], int], ...]]
 """A generator, and its square as powers of others and an integer."""
 
-# A polynomial is short with so many terms; none is sought where the program's own operations, written out,
+# A polynomial is short with so many terms; none is computed where the program's own operations, written out,
 # are more than so many, or where so many products would be made at once.
 _MOST_TERMS = 80
 _MOST_OPERATIONS = 400
@@ -43,7 +40,7 @@ _ALGEBRAIC = frozenset({Op.ADD, Op.SUB, Op.MUL, *SOURCE_OPS, *_TRIGONOMETRIC})
 
 
 def count_expanded_values(instructions: Sequence[Instruction]) -> list[int]:
-    """Return the operations of every value when written out; of the reference 0, none."""
+    """Return the operations of every value when written out, by its number."""
     sizes = [0]
     for instruction in instructions:
         source = instruction.op in SOURCE_OPS
@@ -79,7 +76,7 @@ class PolynomialGenerators:
     """The generators of a program's polynomials: parameters, sines and cosines in pairs, then the others.
 
     `places` has the generator of every element that is read, `turns` that of the sine of every angle, whose
-    cosine follows it. Symbolic lengths have theirs in `lengths`; sqrt(2) and sqrt(3) are the last two.
+    cosine follows it, `lengths` those of symbolic lengths; sqrt(2) and sqrt(3) are the last two.
     """
 
     ring: PolyRing
@@ -129,8 +126,7 @@ def build_generators(source: ExactProgram) -> PolynomialGenerators:
     )
 
 
-def raise_powers(monomial: tuple[int, ...], changes: Mapping[int, int]) -> tuple[int, ...]:
-    """Return the monomial with the powers of some letters changed."""
+def _raise_powers(monomial: tuple[int, ...], changes: Mapping[int, int]) -> tuple[int, ...]:
     return tuple(power + changes.get(place, 0) for place, power in enumerate(monomial))
 
 
@@ -145,7 +141,7 @@ def _replace_squares(value: PolyElement, squares: Sequence[KnownSquare]) -> Poly
             if coefficient is None:
                 continue
             for powers, factor in square:
-                key = raise_powers(monomial, {**powers, place: -2})
+                key = _raise_powers(monomial, {**powers, place: -2})
                 terms[key] = terms.get(key, 0) + factor * coefficient
                 if key[place] > 1:
                     waiting.append(key)
@@ -153,10 +149,7 @@ def _replace_squares(value: PolyElement, squares: Sequence[KnownSquare]) -> Poly
 
 
 def _choose_useful_values(program: Program, sizes: Sequence[int]) -> frozenset[int]:
-    """Return the values whose polynomials are of use, in writing or on the way to others.
-
-    Written are outputs, and what meets a quotient, an absolute value and the like on its way there.
-    """
+    """Return the values whose polynomials are written, see `_choose_written_values`, or lead to others."""
     algebraic = mark_algebraic(program.instructions)
     wanted = {abs(ref) for port in program.outputs for ref in port}
     for number in range(len(program.instructions), 0, -1):
@@ -177,20 +170,19 @@ def build_polynomials(source: ExactProgram, letters: PolynomialGenerators) -> li
     wanted = _choose_useful_values(source.program, count_expanded_values(source.program.instructions))
     values: list[PolyElement | None] = [ring.zero]
 
-    def read(instruction: Instruction) -> PolyElement:
-        if instruction.op is Op.CONSTANT:
-            constant = Fraction(instruction.constant)
-            return ring.ground_new(QQ(constant.numerator, constant.denominator))
-        if instruction.args[0] == NUMBERS:
-            return letters.convert(source.numbers[instruction.args[1]])
-        return ring.gens[letters.places[instruction.args]]
-
     def compute(number: int, instruction: Instruction) -> PolyElement | None:
         op, args = instruction.op, instruction.args
         if number not in wanted:
             return None
-        if op in SOURCE_OPS:
-            return read(instruction)
+        if op is Op.CONSTANT:
+            constant = Fraction(instruction.constant)
+            return ring.ground_new(QQ(constant.numerator, constant.denominator))
+        if op is Op.INPUT:
+            return (
+                letters.convert(source.numbers[args[1]])
+                if args[0] == NUMBERS
+                else ring.gens[letters.places[args]]
+            )
         found = [values[abs(ref)] for ref in args]
         known = [
             value if ref > 0 else -value for ref, value in zip(args, found, strict=True) if value is not None
@@ -220,10 +212,6 @@ _PER_TERM = 6
 _LARGE = 4
 
 
-def _select(chosen: Expr, value: Expr) -> Expr:
-    return sympy.Piecewise((value, sympy.Ne(chosen, 0)), (0, True))
-
-
 def _write_truth(condition: Expr) -> Expr:
     return sympy.Piecewise((1, condition), (0, True))
 
@@ -245,7 +233,7 @@ _SYMPY_RULES: Mapping[Op, Callable[..., Expr]] = {
     Op.LESS: lambda a, b: _write_truth(sympy.Lt(a, b)),
     Op.LESS_EQUAL: lambda a, b: _write_truth(sympy.Le(a, b)),
     Op.IS_ZERO: lambda a: _write_truth(sympy.Eq(a, 0)),
-    Op.SELECT: _select,
+    Op.SELECT: lambda a, b: sympy.Piecewise((b, sympy.Ne(a, 0)), (0, True)),
     # SymPy would compare long expressions with one another to find out which is greater.
     Op.MAXIMUM: lambda a, b: sympy.Max(a, b, evaluate=False),
     Op.MINIMUM: lambda a, b: sympy.Min(a, b, evaluate=False),
@@ -260,27 +248,14 @@ def count_expanded_operations(program: Program) -> int:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _GeneratorText:
-    """What polynomials are written with.
+    """The expression of every generator, and the range of sines and cosines among them.
 
-    Args:
-        letters: the expression of every generator.
-        bounds: where sines and cosines begin and end.
-        angles: per angle the place of its sine, whose cosine follows, and the angle.
+    `angles` has the place of the sine of every angle, whose cosine follows, and the angle.
     """
 
     letters: tuple[Expr, ...]
     bounds: tuple[int, int]
     angles: tuple[tuple[int, Expr], ...]
-
-    def insert(self, angle: Expr) -> "_GeneratorText":
-        """Return the same with the sine and the cosine of one more angle behind the others."""
-        start, end = self.bounds
-        new = (sympy.sin(angle), sympy.cos(angle))
-        return _GeneratorText(
-            letters=(*self.letters[:end], *new, *self.letters[end:]),
-            bounds=(start, end + 2),
-            angles=(*self.angles, (end, angle)),
-        )
 
 
 def _complete_squares(terms: Terms, turns: Iterable[int]) -> Terms:
@@ -333,8 +308,8 @@ def _join_angle_pair(terms: Terms, pair: tuple[int, int], sign: int, end: int) -
         for monomial, coefficient in terms.items():
             if min(monomial[place] for place in first) < 1 or monomial not in left:
                 continue
-            bare = raise_powers(monomial, dict.fromkeys(first, -1))
-            partner = raise_powers(bare, dict.fromkeys(second, 1))
+            bare = _raise_powers(monomial, dict.fromkeys(first, -1))
+            partner = _raise_powers(bare, dict.fromkeys(second, 1))
             if left.get(partner) == wanted * coefficient:
                 del left[monomial], left[partner]
                 key = (*bare[:end], int(new == end), int(new > end), *bare[end:])
@@ -356,7 +331,15 @@ def _join_angles(terms: Terms, text: _GeneratorText) -> tuple[Terms, _GeneratorT
             if found is None:
                 continue
             angle = first[1] + sign * second[1]
-            terms, text = found, text.insert(angle)
+            new = (sympy.sin(angle), sympy.cos(angle))
+            terms, text = (
+                found,
+                _GeneratorText(
+                    letters=(*text.letters[:end], *new, *text.letters[end:]),
+                    bounds=(text.bounds[0], end + 2),
+                    angles=(*text.angles, (end, angle)),
+                ),
+            )
             waiting.extend(
                 ((end, angle), other) for other in text.angles[:-1] if other not in (first, second)
             )
@@ -428,7 +411,7 @@ class _PolynomialWriter:
 def _choose_written_values(source: ExactProgram, writer: _PolynomialWriter) -> dict[int, bool]:
     """Return the values that are needed, in falling order, and which are written as polynomials.
 
-    These are outputs, and what meets a quotient, an absolute value and the like on its way there.
+    These are outputs, and operands of a quotient, an absolute value and the like on the way there.
     """
     instructions = source.program.instructions
     algebraic = mark_algebraic(instructions)
@@ -439,8 +422,7 @@ def _choose_written_values(source: ExactProgram, writer: _PolynomialWriter) -> d
         if number not in roots and number not in inner:
             continue
         instruction = instructions[number - 1]
-        source_itself = instruction.op in SOURCE_OPS
-        found[number] = source_itself or (number in roots and writer.has(number))
+        found[number] = instruction.op in SOURCE_OPS or (number in roots and writer.has(number))
         if not found[number]:
             chosen = inner if algebraic[number] else roots
             chosen.update(dict.fromkeys(instruction.operands))

@@ -1,13 +1,11 @@
-"""The functions of a robot as their users see them, and the model card that travels with generated code.
-
-Catalogue specs, names and reasons of the parameters -> `ModelCard`, as an object and as JSON, so that
-users of a library need neither the robot file nor SymPy.
+"""The functions of a robot, and the model card that comes with generated code.
 
 Shapes are those of one sample; in a batch, inputs and outputs that change from sample to sample get a
 leading axis.
 """
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
@@ -28,15 +26,12 @@ class Port:
     @property
     def size(self) -> int:
         """Return the number of scalars in one sample."""
-        total = 1
-        for extent in self.shape:
-            total *= extent
-        return total
+        return math.prod(self.shape)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FunctionSpec:
-    """A function of the catalogue: what goes in, what comes out, in one sentence what it is."""
+    """A function of the catalogue: inputs, outputs, and its meaning in one sentence."""
 
     name: str
     inputs: tuple[Port, ...]
@@ -58,11 +53,10 @@ class ParameterCard:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointCard:
-    """What a user of the functions must know of a joint with a coordinate of its own.
+    """A joint with a coordinate of its own.
 
-    `number` is its place among all joints, from one: it is in the names of its parameters, and its link
-    is the one of that number. `smoothing` is the speed (rad/s or m/s) over which dry friction changes its
-    sign, 0 where it jumps.
+    `number` is its place among all joints, from one; its link and its parameters have the same number.
+    `smoothing` is the speed (rad/s or m/s) over which dry friction changes its sign, 0 for a jump.
     """
 
     number: int
@@ -84,7 +78,7 @@ class JointCard:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FollowerCard:
-    """A joint without a coordinate: its place among all joints, and what it follows how many times."""
+    """A joint that follows another one, `multiplier` times its motion."""
 
     number: int
     name: str
@@ -95,15 +89,16 @@ class FollowerCard:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelCard:
-    """The model behind a set of functions; `signature` is that of `compute_model_signature`.
+    """The model behind a set of functions.
 
-    `joints` are the joints with a coordinate, in the order of the coordinates; `followers` the others.
-    `beta` describes the base inertial parameters (drives included), `friction` the friction
-    parameters; both in the order of the vectors of the same names. Values are those of the
-    robot file, where it states all of them. `vector` is "beta", or "pi" where functions take all
-    standard parameters, which `beta` then lists. `elasticity` holds what the robot file says of every
-    coordinate's spring, empty where no joint is elastic; `rotors` are the rotor inertias of elastic joints,
-    which move with their motors and so take no part in `beta`; `springs` describes the vector h.
+    Attributes:
+        signature: see `compute_model_signature`.
+        joints: those with a coordinate, in the order of the coordinates; `followers` are the others.
+        beta: the base inertial parameters, drives included, in the order of the vector, with the values of
+            the robot file where it states all of them; the standard parameters where `vector` is "pi".
+        friction: the friction parameters in the order of the vector f. springs: the same of the vector h.
+        elasticity: the spring of every coordinate in the robot file, empty where no joint is elastic.
+        rotors: rotor inertias of elastic joints, which move with the motors and so are not in `beta`.
     """
 
     robot: str
@@ -140,28 +135,20 @@ def write_model_card(card: ModelCard) -> str:
 
 
 def compute_model_signature(robot: Robot, parameters: Sequence[tuple[str, str]]) -> str:
-    """Return the signature of a model: what two sets of numbers must share to mean the same.
+    """Return the signature of a model: parameter values of two models with the same one mean the same.
 
     Args:
-        robot: names, joints, placements, drives with a rotor, friction models, which joints are elastic,
-            gravity and lengths count; not the values of parameters (they are arguments), nor how logs read.
+        robot: its structure counts; the values of parameters and how logs are read do not.
         parameters: name and expression of every base and friction parameter, in order.
     """
-    joints = tuple(
-        (
-            (
-                joint.name,
-                joint.kind,
-                joint.parent,
-                joint.placement,
-                joint.drive.has_rotor,
-                joint.friction.kind,
-                joint.friction.smoothing,
-            ),
-            (joint.mimic, joint.spring is not None, joint.elasticity is not None),
-        )
-        for joint in robot.joints
-    )
+
+    def describe(joint: Joint) -> tuple[object, ...]:
+        friction, driven = joint.friction, joint.drive.has_rotor
+        fixed = (joint.name, joint.kind, joint.parent, joint.placement, driven, friction.kind)
+        elastic = (joint.mimic, joint.spring is not None, joint.elasticity is not None)
+        return (*fixed, friction.smoothing), elastic
+
+    joints = tuple(map(describe, robot.joints))
     couplings = tuple(
         (entry.name, entry.terms, entry.has_rotor, entry.friction.kind) for entry in robot.couplings
     )

@@ -1,14 +1,10 @@
 """A folder of generated code: written and tested where something has changed, else left as it is.
 
-Robot -> Functions -> SourceSet -> files -> self-test -> record.   Result: `GeneratedFolder`.
-
-The self-test runs in a copy of what the manifest lists. It counts as passed where the program itself ran,
-ended with zero and said so in its last line; what `make` says of its own run proves nothing, as variables
-of the environment can keep it from doing anything.
+Robot -> Functions -> SourceSet -> files -> self-test -> record.
 
 The sources and most of the manifest are the same on every machine. The entry "build" is not: which compiler
 passed the self-test, and how large every function became. It is written after the files and holds a digest
-of the manifest's other entries, which tells when somebody edited these.
+of the manifest's other entries, which shows when these were edited.
 
 Supported: the targets of `TARGETS`; one run of a user at a time writes a folder, another waits.
 Not supported: files of others in the folder (they take no part in the test); waiting for other users or
@@ -47,33 +43,13 @@ from symid.codegen.source_folder import (
     write_manifest_text,
     write_sources,
 )
-from symid.codegen.source_text import GenerateOptions
+from symid.codegen.source_text import GenerateOptions, check_choice
 from symid.errors import GenerationError, Notice, OutputError, UsageError
 from symid.robot import Robot
 from symid.serialization import compute_signature
 
 _ENTRY = "build"
 _LOCK_PATIENCE = 1.0
-
-
-def _find_lock_files(target: Path) -> tuple[Path, ...]:
-    """Return the file whose lock keeps `target`, then those to wait for.
-
-    Where the folder above `target` is missing, the file is in the nearest one that is there. A run that began
-    so still holds it after it has made the folders between: whoever comes then has to wait for that one too.
-    """
-    digest = compute_digest(os.fsencode(target))[:24]
-    name = f".{target.name}-{digest}.symid-lock"
-    above = [place for place in target.parents if place.is_dir()] or [target]
-    nearest, *farther = above
-    if os.access(nearest, os.W_OK | os.X_OK):
-        first = nearest / (f".{target.name}.symid-lock" if nearest == target.parent else name)
-    elif own := locate_user_folder():
-        own.mkdir(mode=stat.S_IRWXU, parents=True, exist_ok=True)
-        first = own / f"{digest}.lock"
-    else:
-        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(nearest))
-    return first, *(place / name for place in farther)
 
 
 def _is_held(lock: BaseFileLock, file: Path) -> bool:
@@ -86,59 +62,48 @@ def _is_held(lock: BaseFileLock, file: Path) -> bool:
         return False
 
 
-def _release_lock(lock: BaseFileLock) -> None:
-    # The file goes while the lock is held: who waits for it sees by `_is_held` that it is another by then.
-    with contextlib.suppress(OSError):
-        Path(lock.lock_file).unlink()
-    lock.release()
-
-
-def _acquire_lock(file: Path, tell: Callable[[], None]) -> BaseFileLock:
+def _acquire_lock(target: Path, progress: Callable[[], None]) -> tuple[BaseFileLock, Path]:
+    file = target.parent / f".{target.name}.symid-lock"
+    if not os.access(target.parent, os.W_OK | os.X_OK):
+        own = locate_user_folder()
+        if own is None:
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(target.parent))
+        own.mkdir(mode=stat.S_IRWXU, parents=True, exist_ok=True)
+        file = own / f"{compute_digest(os.fsencode(target))[:24]}.lock"
     while True:
         lock = FileLock(file)
-        try:
-            lock.acquire(timeout=_LOCK_PATIENCE)
-        except Timeout:
-            tell()
-            lock.acquire()
-        if _is_held(lock, file):
-            return lock
-        lock.release()
-
-
-def _acquire_folder(target: Path, tell: Callable[[], None]) -> BaseFileLock:
-    while True:
-        files = _find_lock_files(target)
-        lock = _acquire_lock(files[0], tell)
-        try:
-            # Folders above may have come meanwhile, and with them a place that others prefer.
-            if _find_lock_files(target)[0] == files[0]:
-                for file in filter(Path.exists, files[1:]):
-                    with contextlib.suppress(PermissionError):
-                        _release_lock(_acquire_lock(file, tell))
-                return lock
-        except BaseException:
-            _release_lock(lock)
-            raise
-        _release_lock(lock)
+        # A run that failed removes the folders that it made.
+        with contextlib.suppress(FileNotFoundError):
+            target.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                lock.acquire(timeout=_LOCK_PATIENCE)
+            except Timeout:
+                progress()
+                lock.acquire()
+            if _is_held(lock, file):
+                return lock, file
+            lock.release()
 
 
 @contextlib.contextmanager
-def lock_folder(folder: Path, tell: Callable[[], None]) -> Iterator[None]:
+def lock_folder(folder: Path, progress: Callable[[], None]) -> Iterator[None]:
     """Wait until no other process of this user has `folder`, and keep it from others in the context.
 
     The lock is one of the system's on a file beside the folder or, where none can be written there, in the
-    user's cache folder. The file is removed; what a process that dies leaves of it keeps nobody out.
+    user's cache folder. The file is removed; the file of a process that died does not lock.
 
     Args:
-        folder: it need not be there yet.
-        tell: called once where the wait takes longer than a second.
+        folder: it need not be there yet. Missing folders above it are made, and removed if they stay empty.
+        progress: called once where the wait takes longer than a second.
 
     Raises:
         OutputError: no file for the lock can be written.
     """
+    target = folder.resolve()
+    missing = [place for place in target.parents if not place.exists()]
     try:
-        lock = _acquire_folder(folder.resolve(), functools.cache(tell))
+        target.parent.mkdir(parents=True, exist_ok=True)
+        lock, file = _acquire_lock(target, functools.cache(progress))
     except OSError as error:
         where = f" ({error.filename})" if error.filename else ""
         text = f"cannot be locked against other runs: {error.strerror or error}{where}"
@@ -146,19 +111,23 @@ def lock_folder(folder: Path, tell: Callable[[], None]) -> Iterator[None]:
     try:
         yield
     finally:
-        _release_lock(lock)
+        # The file goes while the lock is held: who waits for it sees by `_is_held` that it was removed.
+        with contextlib.suppress(OSError):
+            file.unlink()
+        lock.release()
+        with contextlib.suppress(OSError):
+            for place in missing:
+                place.rmdir()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BuildRecord:
-    """How the self-test of a folder went, who ran it, and the sizes of the functions.
+    """How the self-test of a folder went, and the sizes of the functions, where they are known.
 
     Attributes:
-        inputs: see `compute_inputs_signature`.
+        inputs: signature of all that the folder was made from, and of what ran the test.
         selftest: "passed" or "not run".
-        runner: the compiler, or Python and NumPy; empty if the test was not run.
-        flags: of the compiler.
-        sizes: by function as they were compiled, where they are known.
+        runner: the compiler, or Python and NumPy; empty if the test was not run. flags: of the compiler.
     """
 
     inputs: str
@@ -166,27 +135,6 @@ class BuildRecord:
     runner: str = ""
     flags: str = ""
     sizes: Mapping[str, CodeSize] = field(default_factory=dict)
-
-
-def compute_inputs_signature(
-    robot: Robot,
-    names: tuple[str, ...] | None,
-    choices: object,
-    *,
-    compiler: Compiler | None,
-    runner: str,
-) -> str:
-    """Return the signature of all that a folder and its record are made from.
-
-    Args:
-        robot: all of it but where its file is.
-        names: of functions, None for all.
-        choices: whatever else fixes the code, as frozen dataclasses of plain values.
-        compiler: what compiles the self-test.
-        runner: what runs it.
-    """
-    described = replace(robot, path="", notices=())
-    return compute_signature(compute_library_key(robot, names, compiler), described, choices, runner)
 
 
 def read_operations(manifest: Mapping[str, object]) -> dict[str, dict[str, int]]:
@@ -213,7 +161,7 @@ def read_unchanged(folder: Path, inputs: str) -> tuple[Mapping[str, object], Bui
         sizes = {name: CodeSize(**size) for name, size in entry.pop("sizes").items()}
         record = BuildRecord(**entry, sizes=sizes)
     except (AttributeError, KeyError, TypeError):
-        # Somebody wrote it.
+        # It was edited.
         return None
     same = record.inputs == inputs and seal == _compute_seal(manifest) and is_unchanged(folder, manifest)
     return (manifest, record) if same else None
@@ -222,17 +170,12 @@ def read_unchanged(folder: Path, inputs: str) -> tuple[Mapping[str, object], Bui
 def write_build_record(folder: Path, record: BuildRecord, sources: SourceSet) -> Mapping[str, object]:
     """Put `record` into the manifest of `folder`, and return that manifest.
 
-    Args:
-        folder: to which `sources` were written.
-        record: what was found out about them.
-        sources: whose manifest must still be the one in the folder, and their files those that it lists.
-
     Raises:
-        OutputError: the folder holds something else by now, or cannot be written.
+        OutputError: the folder holds other than `sources` by now, or cannot be written.
     """
     manifest = dict(read_manifest(folder) or {})
     if manifest != json.loads(sources.manifest) or not is_unchanged(folder, manifest):
-        text = "was changed by somebody else while its self-test ran; generate it again"
+        text = "was changed while its self-test ran; generate it again"
         raise OutputError(Notice(code="output.changed-meanwhile", text=text, file=str(folder)))
     manifest[_ENTRY] = {**asdict(record), "seal": _compute_seal(manifest)}
     write_manifest_text(json.dumps(manifest, indent=1, sort_keys=True) + "\n", folder)
@@ -241,13 +184,13 @@ def write_build_record(folder: Path, record: BuildRecord, sources: SourceSet) ->
 
 _SELFTEST_TIMEOUT = 600.0
 _SELFTEST_FLAGS = "-O2"
-# What an outer `make` was told is not meant for this one: it may build nothing, or look over all errors.
+# An outer `make` may have been told to build nothing, or to ignore all errors.
 _MAKE_VARIABLES = frozenset({"MAKEFLAGS", "MFLAGS", "GNUMAKEFLAGS", "MAKELEVEL", "MAKEFILES"})
 _PASSED = re.compile(r"0 of [1-9][0-9]* functions failed")
 
 
 def choose_runner(target: str) -> tuple[Compiler | None, str]:
-    """Return the compiler, and what runs the self-test: its version or that of Python; empty for nothing."""
+    """Return the compiler, and the version of what runs the self-test, empty where nothing can."""
     if target == "python":
         return None, f"Python {platform.python_version()}, NumPy {version('numpy')}"
     compiler = locate_compiler()
@@ -264,8 +207,7 @@ def _fail_selftest(folder: Path, text: str) -> NoReturn:
 
 
 def _copy_listed(folder: Path, manifest: Mapping[str, object], copy: Path) -> None:
-    """Copy the files that `manifest` lists, and no others: a folder may hold anything of its owner's."""
-    copy.mkdir()
+    """Copy the files that `manifest` lists, and no others: a folder may hold other files of its owner."""
     for path, digest in get_listed_digests(manifest).items():
         try:
             content = (folder / path).read_bytes()
@@ -273,9 +215,8 @@ def _copy_listed(folder: Path, manifest: Mapping[str, object], copy: Path) -> No
             _fail_selftest(folder, f"the self-test could not be run: {path}: {error.strerror or error}")
         if compute_digest(content) != digest:
             _fail_selftest(folder, f"the self-test could not be run: {path} was changed since it was written")
-        target = copy / path
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_bytes(content)
+        (copy / path).parent.mkdir(parents=True, exist_ok=True)
+        (copy / path).write_bytes(content)
 
 
 def _run_command(folder: Path, copy: Path, command: list[str]) -> subprocess.CompletedProcess[str]:
@@ -299,30 +240,17 @@ def _run_command(folder: Path, copy: Path, command: list[str]) -> subprocess.Com
     _fail_selftest(folder, f"the self-test failed: `{' '.join(command)}` {why}")
 
 
-def _fail_run(folder: Path, done: subprocess.CompletedProcess[str]) -> NoReturn:
-    how = f"the self-test failed: `{' '.join(done.args)}` ended with {done.returncode}"
-    _fail_selftest(folder, f"{how}\n{done.stdout}{done.stderr}".rstrip())
-
-
-def _make_goal(folder: Path, copy: Path, compiler: Compiler, goal: str) -> None:
-    """Make `goal`, with the stack of every function if the compiler can tell it."""
-    command = ["make", f"-j{os.cpu_count() or 1}", goal, f"CC={compiler.path}"]
-    done = _run_command(folder, copy, [*command, f"CFLAGS={_SELFTEST_FLAGS} {STACK_FLAG}"])
-    # A compiler that does not know the flag fails, and so does wrong code: then once more.
-    if done.returncode:
-        done = _run_command(folder, copy, command)
-    if done.returncode:
-        _fail_run(folder, done)
-
-
 def run_selftest(folder: Path, target: str, inputs: str, progress: Callable[[str], None]) -> BuildRecord:
     """Run the folder's own test in a copy of it and return how it went.
+
+    The test counts as passed where the program itself ran, ended with zero and said so in its last line; what
+    `make` says proves nothing, as variables of the environment can keep it from doing anything.
 
     Args:
         folder: as `write_sources` wrote it.
         target: its language.
-        inputs: see `compute_inputs_signature`.
-        progress: told what begins.
+        inputs: see `BuildRecord`.
+        progress: called with what begins.
 
     Raises:
         GenerationError: the test failed, or did not run to its end.
@@ -334,17 +262,24 @@ def run_selftest(folder: Path, target: str, inputs: str, progress: Callable[[str
     manifest = read_manifest(folder) or {}
     prefix, names = str(manifest.get("prefix")), tuple(read_operations(manifest))
     with tempfile.TemporaryDirectory(prefix="symid-") as scratch:
-        copy = Path(scratch) / "code"
+        copy = Path(scratch)
         _copy_listed(folder, manifest, copy)
+        run = functools.partial(_run_command, folder, copy)
+        done = None
         if compiler is not None:
-            _make_goal(folder, copy, compiler, "shared" if target == "casadi" else "selftest")
-        command = {
-            "python": [sys.executable, f"{prefix}.py"],
-            "casadi": [sys.executable, f"{prefix}_casadi.py"],
-        }.get(target, [str(copy / "selftest")])
-        done = _run_command(folder, copy, command)
-        if done.returncode or not _PASSED.fullmatch(done.stdout.rstrip("\n").rpartition("\n")[2]):
-            _fail_run(folder, done)
+            goal = "shared" if target == "casadi" else "selftest"
+            make = ["make", f"-j{os.cpu_count() or 1}", goal, f"CC={compiler.path}"]
+            done = run([*make, f"CFLAGS={_SELFTEST_FLAGS} {STACK_FLAG}"])
+            # A compiler that does not know the flag fails, and so does wrong code: then once more.
+            done = run(make) if done.returncode else done
+        failed = done is not None and done.returncode
+        if done is None or not failed:
+            module = {"python": f"{prefix}.py", "casadi": f"{prefix}_casadi.py"}.get(target)
+            done = run([sys.executable, module] if module else [str(copy / "selftest")])
+            failed = done.returncode or not _PASSED.fullmatch(done.stdout.rstrip("\n").rpartition("\n")[2])
+        if failed:
+            how = f"the self-test failed: `{' '.join(done.args)}` ended with {done.returncode}"
+            _fail_selftest(folder, f"{how}\n{done.stdout}{done.stderr}".rstrip())
         sizes = measure_code_sizes(copy, prefix, names) if target == "c" else {}
     flags = _SELFTEST_FLAGS if compiler else ""
     return BuildRecord(inputs=inputs, selftest="passed", runner=runner, flags=flags, sizes=sizes)
@@ -356,17 +291,12 @@ PARAMETERS = ("base", "standard")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CodeRequest:
-    """All that fixes the code besides the robot; a second run compares it with that of the first.
+    """All that fixes the code besides the robot; UsageError for a value that the target does not have.
 
     Args:
-        names: of the functions, None for all.
-        target: of `TARGETS`.
+        names: of the functions, None for all. target: of `TARGETS`. options: of the sources.
         parameters: "base" for functions of beta, "standard" for functions of all standard parameters pi.
-        constant: whether the values of the robot file are part of the functions, which then take none.
-        options: of the sources.
-
-    Raises:
-        UsageError: a value that is not offered, or that the target does not have.
+        constant: whether the parameter values of the robot file are constants of the functions.
     """
 
     names: tuple[str, ...] | None = None
@@ -378,35 +308,30 @@ class CodeRequest:
     def __post_init__(self) -> None:
         """Check the values."""
         if self.names == ():
-            text = "functions: none was named; name at least one, or leave them out for all"
+            text = "functions: no name given; name at least one, or leave the option out for all"
             raise UsageError(Notice(code="usage.functions", text=text))
-        for key, value, allowed in (
-            ("target", self.target, TARGETS),
-            ("parameters", self.parameters, PARAMETERS),
-        ):
-            if value not in allowed:
-                text = f"{key}: expected one of {', '.join(allowed)}, got {value!r}"
-                raise UsageError(Notice(code=f"usage.{key}", text=text))
-        if self.options.friction_laws and self.target != "c":
+        check_choice("target", self.target, TARGETS)
+        check_choice("parameters", self.parameters, PARAMETERS)
+        if self.target == "c":
+            return
+        if self.options.friction_laws:
             text = f"friction laws are written in C only; leave them out for target {self.target!r}"
             raise UsageError(Notice(code="usage.friction-laws", text=text))
-        plain = GenerateOptions()
-        given = [
-            key for key in ("precision", "trigonometry") if getattr(self.options, key) != getattr(plain, key)
-        ]
-        if given and self.target != "c":
+        plain, names = GenerateOptions(), ("precision", "trigonometry")
+        given = [key for key in names if getattr(self.options, key) != getattr(plain, key)]
+        if given:
             text = f"{', '.join(given)}: only C has the choice; leave it out for target {self.target!r}"
             raise UsageError(Notice(code="usage.precision", text=text))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GeneratedFolder:
-    """What is in a folder, and what its self-test said.
+    """The files of a folder and the result of its self-test.
 
     Attributes:
-        folder: with the files. manifest: as it stands there. record: of its self-test.
-        unchanged: whether it was up to date, and nothing was done.
-        notices: what a user should know, such as a self-test that could not be run.
+        folder: with the files. manifest: in it. record: of its self-test.
+        unchanged: whether it was up to date, so that nothing was written.
+        notices: for example that the self-test could not be run.
     """
 
     folder: Path
@@ -435,8 +360,8 @@ def generate_folder(
         robot: the robot.
         order: what is wanted.
         folder: new, or one that symid wrote; files of others in it stay as they are.
-        progress: told what begins.
-        force: whether to write in any case, over files too that were edited since.
+        progress: called with what begins.
+        force: whether to write in any case, over edited files too.
 
     Raises:
         RobotError: a symbolic length has no value.
@@ -445,7 +370,8 @@ def generate_folder(
         GenerationError: the code fails its self-test.
     """
     compiler, runner = choose_runner(order.target)
-    inputs = compute_inputs_signature(robot, order.names, order, compiler=compiler, runner=runner)
+    described, key = replace(robot, path="", notices=()), compute_library_key(robot, order.names, compiler)
+    inputs = compute_signature(key, described, order, runner)
     with lock_folder(folder, lambda: progress(f"{folder}: waiting for another run that writes it")):
         found = None if force else read_unchanged(folder, inputs)
         if found is None:

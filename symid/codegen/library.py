@@ -1,10 +1,8 @@
 """A robot's functions, ready to call: compiled C, the NumPy module, or CasADi.
 
 Folder of generated sources, for C with the shared library in it -> `Library`, which checks what a caller
-gives, and the `Engine` behind it, which computes.
-
-A compiled library holds a digest of what it must have been built from: model card, precision and sources,
-not the flags of the compiler.
+gives, and the `Engine` behind it, which computes. A compiled library holds a digest of what it must have been
+built from: model card, precision and sources, not the flags of the compiler.
 
 Supported: one sample and batches; double precision, and float libraries through conversion; libraries that
 were built again while this process had the old one loaded.
@@ -12,14 +10,15 @@ Not supported: shared libraries of another machine, or built from other sources 
 that a newer CasADi wrote.
 """
 
+import contextlib
 import ctypes
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, Protocol, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
@@ -28,6 +27,7 @@ from symid.codegen.calls import (
     Arrays,
     Call,
     allocate_output,
+    build_load_error,
     check_inputs,
     check_outputs,
     check_sample,
@@ -69,67 +69,36 @@ def compute_build_digest(card: ModelCard, *, prefix: str, precision: str, files:
 
 
 def open_shared(binary: Path) -> ctypes.CDLL:
-    """Return the shared library.
-
-    Raises:
-        GenerationError: it does not load on this machine.
-    """
+    """Return the shared library; GenerationError where it does not load on this machine."""
     try:
         return ctypes.CDLL(str(binary))
     except OSError as error:
-        text = f"cannot be loaded: {error}; build it again on this machine"
-        raise GenerationError(Notice(code="codegen.cannot-load", text=text, file=str(binary))) from error
+        raise build_load_error(binary, f"{error}; build it again on this machine") from error
 
 
 def _read_digest(shared: ctypes.CDLL, prefix: str) -> str:
-    """Return what a library says it was built from, nothing if it says nothing."""
-    try:
-        call = getattr(shared, f"{prefix}_digest")
-    except AttributeError:
+    """Return the digest of what a library was built from, nothing if it holds none."""
+    call = getattr(shared, f"{prefix}_digest", None)
+    if call is None:
         return ""
     call.restype = ctypes.c_char_p
     return str((call() or b"").decode("ascii", "replace"))
 
 
 def _build_stale_error(binary: Path) -> UsageError:
-    """Return the error for a library of other sources than those beside it."""
     text = "was built from other sources than those beside it; run `make clean shared` in its folder"
     return UsageError(Notice(code="usage.stale-library", text=text, file=str(binary)))
 
 
-def _open_built(binary: Path, prefix: str, digest: str) -> tuple[ctypes.CDLL, ModuleType | None]:
-    shared = open_shared(binary)
-    if _read_digest(shared, prefix) == digest:
-        return shared, load_extension(binary, prefix)
-    # The loader gives back what it already has under a name: look at the file as it is now.
+@contextlib.contextmanager
+def _open_copy(binary: Path, prefix: str, digest: str) -> Iterator[tuple[ctypes.CDLL, Path]]:
+    """Open a copy of a library: of a name that it knows, the loader gives back the file as it was."""
     with tempfile.TemporaryDirectory(prefix="symid-") as scratch:
-        copied = Path(shutil.copy(binary, scratch))
-        shared = open_shared(copied)
+        copy = Path(shutil.copy(binary, scratch))
+        shared = open_shared(copy)
         if _read_digest(shared, prefix) != digest:
             raise _build_stale_error(binary)
-        return shared, load_extension(copied, prefix)
-
-
-class Engine(Protocol):
-    """What computes functions; inputs were checked before, and share no memory with outputs."""
-
-    @property
-    def backend(self) -> str:
-        """Return "c", "python" or "casadi"."""
-        ...
-
-    @property
-    def addresses(self) -> ctypes.CDLL | None:
-        """Return the shared library in which the functions stand in double precision, if there is one."""
-        ...
-
-    def run(self, spec: FunctionSpec, samples: int | None, given: Arrays, kept: Arrays | None) -> Arrays:
-        """Return the outputs of a batch, in the arrays `kept` if there are any, or of a single sample."""
-        ...
-
-    def bind(self, card: ModelCard, spec: FunctionSpec, kept: Arrays | None) -> Call:
-        """Return a function of one sample; see `Library.bind`."""
-        ...
+        yield shared, copy
 
 
 @final
@@ -142,7 +111,7 @@ class Library:
         notices: what a user should know, for example that there was no compiler.
     """
 
-    def __init__(self, card: ModelCard, engine: Engine, notices: tuple[Notice, ...] = ()) -> None:
+    def __init__(self, card: ModelCard, engine: "Engine", notices: tuple[Notice, ...] = ()) -> None:
         self.card = card
         self.engine = engine
         self.notices = notices
@@ -155,9 +124,8 @@ class Library:
     def evaluate(self, name: str, *inputs: FloatArray, out: Sequence[FloatArray] | None = None) -> Arrays:
         """Return the outputs of function `name`.
 
-        Contiguous arrays of float64 are read where they are. The system hands out new arrays of many
-        megabytes page by page, which can cost as much as the computation: in a loop over such batches,
-        give the arrays of one pass as `out` to the next.
+        Contiguous arrays of float64 are not copied. In a loop over batches of many megabytes, give the
+        arrays of one pass as `out` to the next: new memory can cost as much as the computation.
 
         Args:
             name: of a function in the card.
@@ -182,8 +150,8 @@ class Library:
     def bind(self, name: str, *, out: Sequence[FloatArray] | None = None) -> Call:
         """Return function `name` for one sample at a time, with little overhead.
 
-        A call refuses with UsageError what is not one sample of real numbers. One bound function
-        belongs to one thread; bind another for another thread.
+        A call raises UsageError for anything but one sample of real numbers. One bound function belongs to
+        one thread; bind another for another thread.
 
         Args:
             name: of a function in the card.
@@ -198,16 +166,6 @@ class Library:
         return self.engine.bind(self.card, spec, kept)
 
 
-_SampleBuffers = tuple[Arrays, Arrays, tuple[ctypes.c_void_p, ...]]
-
-
-def _allocate_sample_buffers(spec: FunctionSpec, dtype: type[np.floating]) -> _SampleBuffers:
-    """Return arrays for inputs and for outputs of one sample, and where they are."""
-    inputs = tuple(allocate_output(port, None, dtype) for port in spec.inputs)
-    outputs = tuple(allocate_output(port, None, dtype) for port in spec.outputs)
-    return inputs, outputs, tuple(ctypes.c_void_p(array.ctypes.data) for array in (*inputs, *outputs))
-
-
 def _keep_outputs(outputs: Arrays, kept: Arrays | None) -> Arrays:
     """Return `outputs` as doubles, written to the arrays `kept` of a caller if there are any."""
     if kept is None:
@@ -219,20 +177,19 @@ def _keep_outputs(outputs: Arrays, kept: Arrays | None) -> Arrays:
 
 
 def _check_status(name: str, status: int) -> None:
+    """Raise GenerationError for a status other than 0."""
     if status:
         text = f"function {name!r} returned the error code {status}"
         raise GenerationError(Notice(code="codegen.call-failed", text=text))
 
 
 @final
-class CompiledEngine:
-    """Functions of a shared library.
+class _CompiledEngine:
+    """Functions of a shared library; `digest` is what it must have been built from.
 
-    A batch goes through ctypes, which passes arrays without a copy and releases the interpreter's lock. So
-    does nothing else: `bind` gives a built-in function where it can (see `calls`), which holds the lock and
-    copies nothing either; elsewhere it goes through ctypes and copies its few numbers.
-
-    `digest` is what the library must say it was built from; see `compute_build_digest`.
+    A batch goes through ctypes, which passes arrays without a copy and releases the interpreter's lock.
+    `bind` gives a built-in function where it can (see `calls`), which holds the lock; elsewhere it goes
+    through ctypes and copies its few numbers.
     """
 
     backend = "c"
@@ -241,12 +198,13 @@ class CompiledEngine:
         self.binary = binary
         self._prefix = prefix
         self._dtype = np.float32 if precision == "float" else np.float64
-        self._shared, self.calls = _open_built(binary, prefix, digest)
-
-    @property
-    def addresses(self) -> ctypes.CDLL | None:
-        """Return the library, if it is one of doubles."""
-        return self._shared if self._dtype is np.float64 else None
+        self._shared = open_shared(binary)
+        if _read_digest(self._shared, prefix) == digest:
+            self.calls = load_extension(binary, prefix)
+        else:
+            with _open_copy(binary, prefix, digest) as (self._shared, copy):
+                self.calls = load_extension(copy, prefix)
+        self.addresses = self._shared if self._dtype is np.float64 else None
 
     def _get_symbol(self, name: str) -> Callable[..., int]:
         try:
@@ -256,7 +214,6 @@ class CompiledEngine:
         return symbol
 
     def run(self, spec: FunctionSpec, samples: int | None, given: Arrays, kept: Arrays | None) -> Arrays:
-        """Return the outputs of a batch or of one sample; see `Engine`."""
         arrays = [np.asarray(array, dtype=self._dtype) for array in given]
         outputs = kept if self._dtype is np.float64 else None
         if outputs is None:
@@ -267,25 +224,27 @@ class CompiledEngine:
         return _keep_outputs(outputs, kept)
 
     def bind(self, card: ModelCard, spec: FunctionSpec, kept: Arrays | None) -> Call:
-        """Return a function of one sample; see `Engine`."""
-        ask = redirect_outputs(card, spec, self.bind_slowly(card, spec), kept)
-        if self.calls is None:
-            return ask
-        quick: Call = self.calls.bind(spec.name, ask, kept)
+        slow = redirect_outputs(card, spec, self.bind_slowly(card, spec), kept)
+        quick: Call = slow if self.calls is None else self.calls.bind(spec.name, slow, kept)
         return quick
 
     def bind_slowly(self, card: ModelCard, spec: FunctionSpec) -> Call:
         """Return a function through ctypes, which takes all that can be converted."""
-        call, dtype = self._get_symbol(spec.name), self._dtype
+        call = self._get_symbol(spec.name)
         # Room of calls that are over. A call has its own: ctypes lets other threads run, which may call too.
-        spare: list[_SampleBuffers] = []
+        spare: list[tuple[Arrays, Arrays, tuple[ctypes.c_void_p, ...]]] = []
+
+        def allocate() -> tuple[Arrays, Arrays, tuple[ctypes.c_void_p, ...]]:
+            ports = (spec.inputs, spec.outputs)
+            inputs, outputs = (tuple(allocate_output(p, None, self._dtype) for p in side) for side in ports)
+            return inputs, outputs, tuple(ctypes.c_void_p(a.ctypes.data) for a in (*inputs, *outputs))
 
         def evaluate_one(*values: FloatArray) -> Arrays:
             given = check_sample(card, spec, values)
             try:
                 room = spare.pop()
             except IndexError:
-                room = _allocate_sample_buffers(spec, dtype)
+                room = allocate()
             inputs, outputs, pointers = room
             for buffer, value in zip(inputs, given, strict=True):
                 buffer[...] = value
@@ -297,13 +256,13 @@ class CompiledEngine:
         return evaluate_one
 
 
-# A piece: NumPy takes about as long to begin an operation as for a thousand numbers, and a function has
-# thousands of them; but all their results are in memory at once.
+# Samples at once: NumPy takes about as long to begin an operation as for a thousand numbers, and a function
+# has thousands of operations; but all their results are in memory at once.
 _NUMPY_CHUNK = 4096
 
 
 @final
-class PythonEngine:
+class _PythonEngine:
     """Functions of a generated NumPy module; large batches go through in pieces, to save memory."""
 
     backend = "python"
@@ -317,7 +276,6 @@ class PythonEngine:
         return result if isinstance(result, tuple) else (result,)
 
     def run(self, spec: FunctionSpec, samples: int | None, given: Arrays, kept: Arrays | None) -> Arrays:
-        """Return the outputs of a batch or of one sample; see `Engine`."""
         if samples is None or samples <= _NUMPY_CHUNK:
             return _keep_outputs(self._call(spec.name, given), kept)
         outputs = kept or tuple(allocate_output(port, samples, np.float64) for port in spec.outputs)
@@ -329,8 +287,6 @@ class PythonEngine:
         return outputs
 
     def bind(self, card: ModelCard, spec: FunctionSpec, kept: Arrays | None) -> Call:
-        """Return a function of one sample; see `Engine`."""
-
         def call(*values: FloatArray) -> Arrays:
             return self._call(spec.name, check_sample(card, spec, values))
 
@@ -338,7 +294,7 @@ class PythonEngine:
 
 
 def import_generated_module(path: Path) -> ModuleType:
-    """Return the generated module at `path`, from its source: byte code beside it is not looked at.
+    """Return the generated module at `path`, from its source, not from byte code beside it.
 
     Raises:
         GenerationError: it cannot be read or is no Python.
@@ -348,8 +304,7 @@ def import_generated_module(path: Path) -> ModuleType:
     try:
         exec(compile(path.read_bytes(), str(path), "exec"), module.__dict__)  # noqa: S102  what symid wrote
     except (OSError, SyntaxError, ImportError, ValueError) as error:
-        text = f"cannot be imported: {error}; generate it again"
-        raise GenerationError(Notice(code="codegen.cannot-load", text=text, file=str(path))) from error
+        raise build_load_error(path, f"{error}; generate it again") from error
     return module
 
 
@@ -366,7 +321,7 @@ def _allocate_columns(port: Port, samples: int) -> tuple[FloatArray, FloatArray]
 
 @final
 class _MappedFunction:
-    """A function for so many samples, with memory for what goes in and out; for one caller at a time."""
+    """A function for a number of samples, with memory for inputs and outputs; for one caller at a time."""
 
     def __init__(self, function: "ca.Function", spec: FunctionSpec, samples: int) -> None:
         mapped = function if samples == 1 else function.map(samples)
@@ -386,17 +341,13 @@ class _MappedFunction:
             self._buffer.set_res(place, memory.data)
 
     def run(self) -> None:
-        """Compute the outputs from the inputs.
-
-        Raises:
-            GenerationError: CasADi returns an error.
-        """
+        """Compute the outputs from the inputs."""
         self._run()
         _check_status(self._name, self._buffer.ret())
 
 
 @final
-class CasadiEngine:
+class _CasadiEngine:
     """Functions of CasADi, by name: those of a compiled library or those that its virtual machine runs.
 
     `addresses` is that library, None for the virtual machine.
@@ -407,11 +358,10 @@ class CasadiEngine:
     def __init__(self, functions: "Mapping[str, ca.Function]", addresses: ctypes.CDLL | None = None) -> None:
         self.addresses = addresses
         self._functions = functions
-        # Rooms of calls that are over, by function and samples. A call has its own: other threads may call.
+        # Memory of finished calls, by function and samples. A call has its own: other threads may call.
         self.spare: dict[tuple[str, int], list[_MappedFunction]] = {}
 
     def run(self, spec: FunctionSpec, samples: int | None, given: Arrays, kept: Arrays | None) -> Arrays:
-        """Return the outputs of a batch or of one sample; see `Engine`."""
         outputs = kept or tuple(allocate_output(port, samples, np.float64) for port in spec.outputs)
         if samples is None:
             batch = [a if port.shared else a[None] for port, a in zip(spec.inputs, given, strict=True)]
@@ -441,14 +391,13 @@ class CasadiEngine:
             for port, target, array in ports:
                 if not port.shared:
                     target[:count] = array[piece]
-            # What a last piece leaves over holds samples of before, whose outputs nobody reads.
+            # After a shorter last piece, samples of before are left, whose outputs are not read.
             room.run()
             for output, values in zip(outputs, room.outputs, strict=True):
                 output[piece] = values[:count]
         spare.append(room)
 
     def bind(self, card: ModelCard, spec: FunctionSpec, kept: Arrays | None) -> Call:
-        """Return a function of one sample; see `Engine`."""
         room = _MappedFunction(self._functions[spec.name], spec, 1)
         targets, results = tuple(view[0] for view in room.inputs), tuple(view[0] for view in room.outputs)
 
@@ -459,6 +408,15 @@ class CasadiEngine:
             return tuple(result.copy(order="C") for result in results)
 
         return redirect_outputs(card, spec, call, kept)
+
+
+Engine = _CompiledEngine | _PythonEngine | _CasadiEngine
+"""What computes functions; inputs were checked before, and share no memory with outputs.
+
+`backend` is "c", "python" or "casadi"; `addresses` the shared library in which the functions stand in double
+precision, if there is one. `run` computes a batch, or one sample where `samples` is None, into the arrays
+`kept` if there are any; `bind` returns a function of one sample, see `Library.bind`.
+"""
 
 
 def _load_serialized(folder: Path, card: ModelCard) -> "dict[str, ca.Function]":
@@ -472,63 +430,32 @@ def _load_serialized(folder: Path, card: ModelCard) -> "dict[str, ca.Function]":
         except RuntimeError as error:
             reader = f"CasADi {ca.CasadiMeta.version()}"
             text = f"{reader} cannot read it; generate it again with this version\n{error}"
-            raise GenerationError(Notice(code="codegen.cannot-load", text=text, file=str(path))) from error
+            raise build_load_error(path, text) from error
     return functions
 
 
-def _load_compiled(binary: Path, card: ModelCard, prefix: str, digest: str) -> CasadiEngine:
+def _load_compiled(binary: Path, card: ModelCard, prefix: str, digest: str) -> _CasadiEngine:
     import casadi as ca
 
-    # The loader gives back what it already has under a name: a copy is the file as it is now.
-    with tempfile.TemporaryDirectory(prefix="symid-") as scratch:
-        copy = Path(shutil.copy(binary, scratch))
-        shared = open_shared(copy)
-        if _read_digest(shared, prefix) != digest:
-            raise _build_stale_error(binary)
+    with _open_copy(binary, prefix, digest) as (shared, copy):
         try:
             functions = {spec.name: ca.external(spec.name, str(copy)) for spec in card.functions}
         except RuntimeError as error:
-            text = f"CasADi cannot load it: {error}; build it again on this machine"
-            raise GenerationError(Notice(code="codegen.cannot-load", text=text, file=str(binary))) from error
-    return CasadiEngine(functions, shared)
-
-
-def _read_manifest_text(manifest: Mapping[str, object], key: str, folder: Path) -> str:
-    value = manifest.get(key)
-    if not isinstance(value, str):
-        text = f"the manifest has no {key!r}; generate the folder again"
-        raise UsageError(Notice(code="usage.broken-manifest", text=text, file=str(folder)))
-    return value
+            raise build_load_error(binary, f"CasADi: {error}; build it again on this machine") from error
+    return _CasadiEngine(functions, shared)
 
 
 _UPDATE_PATIENCE = 1.0
 _UPDATE_LOOK = 0.05
 
 
-def _await_update(folder: Path) -> None:
-    """Wait until no update of `folder` runs, about a second at most: one may have been interrupted."""
-    end = time.monotonic() + _UPDATE_PATIENCE
-    while list_interrupted_updates(folder) and time.monotonic() < end:
-        time.sleep(_UPDATE_LOOK)
-
-
-def _build_mixed_error(folder: Path) -> UsageError:
-    why = "an update is running or was interrupted; wait, or generate the folder again"
-    text = f"new files stand beside old ones: {why}"
+def _build_manifest_error(folder: Path, text: str) -> UsageError:
     return UsageError(Notice(code="usage.broken-manifest", text=text, file=str(folder)))
 
 
-def _build_unchanged(
-    folder: Path, manifest: Mapping[str, object], card: ModelCard, engine: Engine, *notices: Notice
-) -> Library:
-    """Return the library of `engine`, whose files were read one by one and must belong together.
-
-    Raises:
-        UsageError: an update began before all were read, or somebody changed one.
-    """
-    if not is_unchanged(folder, manifest):
-        raise _build_mixed_error(folder)
-    return Library(card, engine, notices)
+def _build_mixed_error(folder: Path) -> UsageError:
+    text = "is incomplete: an update is running or was interrupted. Wait, or generate the folder again"
+    return UsageError(Notice(code="usage.interrupted-update", text=text, file=str(folder)))
 
 
 def load_library(folder: Path, *, notices: tuple[Notice, ...] = ()) -> Library:
@@ -541,7 +468,10 @@ def load_library(folder: Path, *, notices: tuple[Notice, ...] = ()) -> Library:
             or its files do not belong together.
         GenerationError: the library does not load on this machine.
     """
-    _await_update(folder)
+    # An update takes less than a second; a folder of one that was interrupted stays.
+    end = time.monotonic() + _UPDATE_PATIENCE
+    while list_interrupted_updates(folder) and time.monotonic() < end:
+        time.sleep(_UPDATE_LOOK)
     manifest = read_manifest(folder)
     if manifest is None:
         text = "holds no library of symid: there is no manifest.json that it wrote"
@@ -549,28 +479,34 @@ def load_library(folder: Path, *, notices: tuple[Notice, ...] = ()) -> Library:
     try:
         card = read_record(ModelCard, manifest.get("card"))
     except InputError as error:
-        text = f"the manifest holds no model card ({error}); generate the folder again"
-        raise UsageError(Notice(code="usage.broken-manifest", text=text, file=str(folder))) from error
+        raise _build_manifest_error(
+            folder, f"the manifest holds no model card ({error}); generate the folder again"
+        ) from error
     if list_interrupted_updates(folder):
         raise _build_mixed_error(folder)
-    prefix = _read_manifest_text(manifest, "prefix", folder)
-    if manifest.get("target") == "python":
-        module = import_generated_module(folder / f"{prefix}.py")
-        return _build_unchanged(folder, manifest, card, PythonEngine(module), *notices)
-    precision = _read_manifest_text(manifest, "precision", folder)
-    digest = compute_build_digest(
-        card, prefix=prefix, precision=precision, files=get_listed_digests(manifest)
-    )
-    casadi = manifest.get("target") == "casadi"
-    binary = folder / (f"lib{prefix}_casadi.so" if casadi else f"lib{prefix}.so")
-    if casadi and not binary.is_file():
+    prefix, precision, target = (manifest.get(key) for key in ("prefix", "precision", "target"))
+    if not isinstance(prefix, str) or not isinstance(precision, str):
+        raise _build_manifest_error(
+            folder, "the manifest has no prefix or precision; generate the folder again"
+        )
+    binary = folder / (f"lib{prefix}_casadi.so" if target == "casadi" else f"lib{prefix}.so")
+    if target != "python" and binary.is_file():
+        files = get_listed_digests(manifest)
+        digest = compute_build_digest(card, prefix=prefix, precision=precision, files=files)
+        if target == "casadi":
+            return Library(card, _load_compiled(binary, card, prefix, digest), notices)
+        engine = _CompiledEngine(binary, prefix=prefix, precision=precision, digest=digest)
+        return Library(card, engine, notices)
+    if target == "python":
+        library = Library(card, _PythonEngine(import_generated_module(folder / f"{prefix}.py")), notices)
+    elif target == "casadi":
         text = f"no {binary.name}: CasADi's virtual machine is used, which is slower; run `make shared` there"
         notice = Notice(code="codegen.casadi-machine", text=text, file=str(folder))
-        engine = CasadiEngine(_load_serialized(folder, card))
-        return _build_unchanged(folder, manifest, card, engine, *notices, notice)
-    if casadi:
-        return Library(card, _load_compiled(binary, card, prefix, digest), notices)
-    if not binary.is_file():
+        library = Library(card, _CasadiEngine(_load_serialized(folder, card)), (*notices, notice))
+    else:
         text = f"has no {binary.name}; run `make shared` in it"
         raise UsageError(Notice(code="usage.not-compiled", text=text, file=str(folder)))
-    return Library(card, CompiledEngine(binary, prefix=prefix, precision=precision, digest=digest), notices)
+    # The files were read one by one: they must belong together.
+    if not is_unchanged(folder, manifest):
+        raise _build_mixed_error(folder)
+    return library

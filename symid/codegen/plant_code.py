@@ -1,11 +1,8 @@
-"""The compiled plant of elastic robots: built once for all robots, found again, called without copies.
+"""The compiled plant of elastic robots: built once for all robots, kept in the cache, called without copies.
 
-Compiled library of robot functions, `PlantRobot` (the robot's numbers), `PlantExperiment` -> `PlantLog`.
-
-The source is one file that knows no robot; it calls the robot's functions through their addresses. Its
-shared library stands in the cache under a key of its source, the compiler and the machine. The
-records are plain arrays for C and NumPy alike: n joints with m stops and l knees each; what a joint lacks
-has a weight or slope of zero.
+The source is one file that knows no robot; it calls the robot's functions through their addresses. The
+records are plain arrays: n joints with m stops and l knees each; what a joint lacks has a weight or slope of
+zero.
 
 Supported: libraries in double precision; several processes at once.
 Not supported: machines without a compiler (the simulation has a NumPy version for those); anything that
@@ -60,7 +57,7 @@ class PlantRobot(FrozenArrays):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlantExperiment(FrozenArrays):
-    """An experiment: what the motors are told at every tick, and where the robot starts, at rest.
+    """An experiment: references of the motors at every tick, and where the robot starts, at rest.
 
         tau = clamp(Kp (angle - theta) + Kd (speed - dtheta) + torque, limit),   held until the next tick
 
@@ -102,9 +99,9 @@ class PlantLog:
             next; the last one does nothing.
         work: of the motors. friction: lost in it. elastic: int S(v) dphi, stored and lost.
         damped: int D dphi^2 dt.
-        ticks: how many are valid; fewer than N where the state was no longer finite.
+        ticks: number of valid ones; fewer than N where the state was no longer finite.
 
-    The arrays are made read-only in place: whoever makes a log gives them away.
+    The arrays are made read-only in place.
     """
 
     q: FloatArray
@@ -155,7 +152,7 @@ class _LogStruct(ctypes.Structure):
 @final
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CompiledPlant:
-    """The loaded code; `notices` say where it is kept if not in the user's cache."""
+    """The loaded code; `notices` name its folder if that is not the user's cache."""
 
     shared: ctypes.CDLL
     notices: tuple[Notice, ...] = ()
@@ -173,7 +170,7 @@ class CompiledPlant:
         self.shared.symid_plant_scratch.restype = self.shared.symid_plant_run.restype = size
         memory = np.zeros(self.shared.symid_plant_scratch(*sizes))
         start = np.concatenate([order.q, np.zeros(robot.size), order.theta, np.zeros(robot.size)])
-        told = _RobotStruct(
+        plant = _RobotStruct(
             **dict(zip(_SIZES, (*sizes, robot.knee.shape[1]), strict=True)),
             forward=_get_function_address(library, "forward_dynamics"),
             friction=_get_function_address(library, "friction") if robot.friction.size else None,
@@ -181,7 +178,7 @@ class CompiledPlant:
             f=robot.friction.ctypes.data,
             **_get_pointers(robot, _TABLES),
         )
-        asked = _ExperimentStruct(
+        experiment = _ExperimentStruct(
             ticks=order.ticks,
             substeps=order.substeps,
             parts=order.parts,
@@ -191,7 +188,7 @@ class CompiledPlant:
         answer = _LogStruct(**{name: array.ctypes.data for name, array in arrays.items()})
         inputs = tuple(ctypes.c_void_p(array.ctypes.data) for array in (start, order.play, memory))
         ticks = self.shared.symid_plant_run(
-            ctypes.byref(told), ctypes.byref(asked), *inputs, ctypes.byref(answer)
+            ctypes.byref(plant), ctypes.byref(experiment), *inputs, ctypes.byref(answer)
         )
         return PlantLog(**arrays, ticks=int(ticks))
 
@@ -211,8 +208,7 @@ def _get_function_address(library: Library, name: str) -> int:
 
 
 def _get_pointers(record: PlantRobot | PlantExperiment, names: tuple[str, ...]) -> dict[str, int]:
-    arrays: dict[str, FloatArray] = {name: getattr(record, name) for name in names}
-    return {name: int(array.ctypes.data) for name, array in arrays.items()}
+    return {name: getattr(record, name).ctypes.data for name in names}
 
 
 def load_plant_code(*, compiler: str | None = None, cache: Path | None = None) -> CompiledPlant | None:
@@ -220,8 +216,7 @@ def load_plant_code(*, compiler: str | None = None, cache: Path | None = None) -
 
     Args:
         compiler: command of the C compiler; None for the first of cc, gcc, clang.
-        cache: folder to keep it in; None for the user's, and if that cannot be written, a temporary one,
-            of which a notice tells.
+        cache: folder to keep it in; None for the user's, or a temporary one with a notice.
 
     Raises:
         GenerationError: the compiler fails, or what it made cannot be loaded.

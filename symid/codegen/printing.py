@@ -1,11 +1,8 @@
 """Programs as text: C for one sample and for a block of samples side by side (SIMD), NumPy for batches.
 
-`Program` -> statements and the names of the helpers they need; names of helpers -> their C; numbers ->
-literals that read back as the same numbers.
-
-In C an output is written as soon as its value is there: held back to the end, values would wait on the
-stack. Sines and cosines of all angles are computed together, first. In NumPy names are used again as soon
-as their value is no longer needed, so that a batch holds no more arrays than it must.
+In C an output is written as soon as its value is there, so that few values wait on the stack. Sines and
+cosines of all angles are computed together, first. In NumPy names are used again as soon as their value is
+no longer needed, so that a batch holds few arrays.
 
 Supported: double and float C99; NumPy over whole batches; NaN passes through every helper.
 Not supported: blocks of samples for programs with other than sums, products, quotients, sines and cosines.
@@ -21,7 +18,7 @@ import numpy as np
 from symid.codegen.functions import Port
 from symid.codegen.programs import Instruction, Op, Program
 
-INFIX = {Op.ADD: "+", Op.SUB: "-", Op.MUL: "*", Op.DIV: "/"}
+_INFIX = {Op.ADD: "+", Op.SUB: "-", Op.MUL: "*", Op.DIV: "/"}
 _HELPER_OPS = (Op.SIGN, Op.LESS, Op.LESS_EQUAL, Op.IS_ZERO, Op.SELECT, Op.MAXIMUM, Op.MINIMUM)
 # NumPy's own let a NaN through.
 _NUMPY_OPS = (Op.MAXIMUM, Op.MINIMUM)
@@ -44,17 +41,19 @@ def write_literal(value: float, precision: str = "double") -> str:
     return repr(float(value))
 
 
-def list_helpers(program: Program) -> tuple[str, ...]:
-    """Return the names of the helpers that a program calls, sorted."""
+def _build_body(program: Program, statements: Iterable[str]) -> FunctionBody:
     used = {instruction.op for instruction in program.instructions}
-    return tuple(sorted(op.value for op in _HELPER_OPS if op in used))
+    helpers = tuple(sorted(op.value for op in _HELPER_OPS if op in used))
+    return FunctionBody(statements=tuple(statements), helpers=helpers)
 
 
-def write_instruction(instruction: Instruction, read: Callable[[int], str], call: Callable[[Op], str]) -> str:
+def _write_instruction(
+    instruction: Instruction, read: Callable[[int], str], call: Callable[[Op], str]
+) -> str:
     """Return the value of an instruction as text; `read` names operands, `call` functions."""
-    if instruction.op in INFIX:
+    if instruction.op in _INFIX:
         left, right = map(read, instruction.args)
-        return f"{left} {INFIX[instruction.op]} {right}"
+        return f"{left} {_INFIX[instruction.op]} {right}"
     return f"{call(instruction.op)}({', '.join(map(read, instruction.args))})"
 
 
@@ -66,20 +65,10 @@ def _write_element_index(port: Port, element: int) -> str:
     return ", ".join(["...", *reversed(places)])
 
 
-def _list_last_uses(program: Program) -> list[int]:
-    last = [0] * (len(program.instructions) + 1)
-    for number, instruction in enumerate(program.instructions, start=1):
-        for operand in instruction.operands:
-            last[operand] = number
-    for refs in program.outputs:
-        for ref in refs:
-            last[abs(ref)] = len(program.instructions) + 1
-    return last
-
-
 def print_python(program: Program) -> FunctionBody:
     """Return the body of a NumPy function; elements are the last axes, samples the axes before."""
-    last = _list_last_uses(program)
+    last = {k: number for number, one in enumerate(program.instructions, start=1) for k in one.operands}
+    last |= {abs(ref): len(program.instructions) + 1 for refs in program.outputs for ref in refs}
     names = [""]
     statements = []
     free: list[int] = []
@@ -101,7 +90,7 @@ def print_python(program: Program) -> FunctionBody:
             port = program.spec.inputs[source]
             text = f"{port.name}[{_write_element_index(port, element)}]"
         else:
-            text = write_instruction(instruction, read, call)
+            text = _write_instruction(instruction, read, call)
             for number_read in sorted(set(instruction.operands)):
                 if last[number_read] == number and number_read in registers:
                     heapq.heappush(free, registers.pop(number_read))
@@ -119,11 +108,11 @@ def print_python(program: Program) -> FunctionBody:
             for i, ref in enumerate(refs)
             if names[abs(ref)] != "0.0"
         ]
-    return FunctionBody(statements=tuple(statements), helpers=list_helpers(program))
+    return _build_body(program, statements)
 
 
 _TRIGONOMETRY = (Op.SIN, Op.COS)
-_SIMD_OPS = frozenset({Op.INPUT, Op.CONSTANT, *INFIX, *_TRIGONOMETRY})
+_SIMD_OPS = frozenset({Op.INPUT, Op.CONSTANT, *_INFIX, *_TRIGONOMETRY})
 _C_FUNCTIONS = {
     Op.SIN: "sin",
     Op.COS: "cos",
@@ -135,14 +124,13 @@ _C_FUNCTIONS = {
     Op.ABS: "fabs",
 }
 _WITHOUT_STATEMENT = (Op.CONSTANT, Op.INPUT)
-"""What needs no statement."""
 _GROUP_SIZE = 8
-"""Numbers that lanes of any width hold without rest."""
+"""A multiple of every SIMD width."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GroupedAngles:
-    """Angles whose sines and cosines are found together.
+    """Angles whose sines and cosines are computed together.
 
     `places` maps the reference of an angle to its place; `before` numbers the instructions they come from.
     """
@@ -159,7 +147,7 @@ def group_angles(program: Program) -> GroupedAngles:
     for number, instruction in enumerate(program.instructions, start=1):
         operands = instruction.operands
         plain = instruction.op in _WITHOUT_STATEMENT or (
-            instruction.op in INFIX and all(found[k] for k in operands)
+            instruction.op in _INFIX and all(found[k] for k in operands)
         )
         found.append(plain)
         sources.append(frozenset({number}.union(*(sources[k] for k in operands))) if plain else frozenset())
@@ -177,7 +165,7 @@ def group_angles(program: Program) -> GroupedAngles:
 
 
 class _CPrinter:
-    """Statements of one function: values of type `kind`, constants and inputs as its two functions say."""
+    """Statements of one function; values are of type `kind`."""
 
     def __init__(
         self,
@@ -196,16 +184,11 @@ class _CPrinter:
     def read(self, ref: int) -> str:
         return self.names[ref] if ref > 0 else f"-{self.names[-ref]}"
 
-    def find_ready(self, refs: Iterable[int]) -> int:
-        """Return the number of the last statement that values wait for; the last one if for none."""
-        numbers = [
-            abs(ref) for ref in refs if self.program.instructions[abs(ref) - 1].op not in _WITHOUT_STATEMENT
-        ]
-        return max(numbers, default=len(self.program.instructions))
-
     def promise(self, refs: Sequence[int], write: Callable[[], str]) -> None:
         """Have the text of `write` follow as soon as all `refs` have a value."""
-        self.due.setdefault(self.find_ready(refs), []).append(write)
+        instructions = self.program.instructions
+        waited = [abs(ref) for ref in refs if instructions[abs(ref) - 1].op not in _WITHOUT_STATEMENT]
+        self.due.setdefault(max(waited, default=len(instructions)), []).append(write)
 
     def print(self) -> Iterator[str]:
         """Yield all statements."""
@@ -227,16 +210,16 @@ class _CPrinter:
 
     def _print_instruction(self, number: int) -> Iterator[str]:
         instruction = self.program.instructions[number - 1]
-        if instruction.op not in _WITHOUT_STATEMENT:
-            self.names[number] = f"t{number}"
-            yield f"const {self.kind} t{number} = {self._write_value(instruction)};"
-
-    def _write_value(self, instruction: Instruction) -> str:
+        if instruction.op in _WITHOUT_STATEMENT:
+            return
         place = self.angles.places.get(instruction.args[0])
         if instruction.op not in _TRIGONOMETRY or place is None:
-            return write_instruction(instruction, self.read, self.call)
-        name = "sines" if instruction.op is Op.SIN else "cosines"
-        return f"{name}[{place}]" if self.kind == "lanes" else f"AT({name}, {place})"
+            text = _write_instruction(instruction, self.read, self.call)
+        else:
+            name = "sines" if instruction.op is Op.SIN else "cosines"
+            text = f"{name}[{place}]" if self.kind == "lanes" else f"AT({name}, {place})"
+        self.names[number] = f"t{number}"
+        yield f"const {self.kind} t{number} = {text};"
 
     def _print_angles(self) -> Iterator[str]:
         texts = [self.read(ref) for ref in self.angles.places]
@@ -260,7 +243,7 @@ def print_c(program: Program, precision: str, *, together: bool = False) -> Func
     Args:
         program: what the function computes.
         precision: "double" or "float".
-        together: whether sines and cosines are found together, with `find_sines` of the lanes' header.
+        together: whether sines and cosines are computed together, with `find_sines` of the lanes' header.
     """
     spec, suffix = program.spec, "f" if precision == "float" else ""
     printer = _CPrinter(
@@ -274,7 +257,7 @@ def print_c(program: Program, precision: str, *, together: bool = False) -> Func
     for port, refs in zip(spec.outputs, program.outputs, strict=True):
         for element, ref in enumerate(refs):
             printer.promise([ref], partial(_write_element, printer, f"{port.name}[{element}]", ref))
-    return FunctionBody(statements=tuple(printer.print()), helpers=list_helpers(program))
+    return _build_body(program, printer.print())
 
 
 def _write_element(printer: _CPrinter, target: str, ref: int) -> str:
@@ -301,8 +284,7 @@ def print_simd(program: Program, precision: str) -> tuple[str, ...]:
     for port, refs in zip(outputs, program.outputs, strict=True):
         for first in range(0, port.size, _GROUP_SIZE):
             group = refs[first : first + _GROUP_SIZE]
-            write = partial(_write_store, printer, port, first, group)
-            printer.promise(group, write)
+            printer.promise(group, partial(_write_store, printer, port, first, group))
     read = (instruction.args for instruction in program.instructions if instruction.op is Op.INPUT)
     used = sorted({(number, element) for number, element in read if not inputs[number].shared})
     loads = (
@@ -321,41 +303,36 @@ def _write_store(printer: _CPrinter, port: Port, first: int, refs: tuple[int, ..
     if len(texts) == _GROUP_SIZE:
         listed = ", ".join(texts)
         return f"store_eight({_write_place(port, first)}, {port.size}, (const lanes[]){{{listed}}});"
-    places = (_write_place(port, first + k) for k in range(len(texts)))
-    stores = (f"store_one({at}, {port.size}, {text});" for at, text in zip(places, texts, strict=True))
+    stores = (f"store_one({_write_place(port, first + k)}, {port.size}, {x});" for k, x in enumerate(texts))
     return " ".join(stores)
 
 
-# Comparisons with NaN are false: each helper lets a NaN through by its last branch.
+# Arguments and value. Comparisons with NaN are false: each helper lets a NaN through by its last branch.
 _C_HELPERS = {
-    "sign": "static {real} sign({real} x)\n"
-    "{{\n    return x > {zero} ? {one} : (x < {zero} ? -{one} : x);\n}}",
-    "less": "static {real} less({real} a, {real} b)\n"
-    "{{\n    return a < b ? {one} : (a >= b ? {zero} : a + b);\n}}",
-    "less_equal": "static {real} less_equal({real} a, {real} b)\n"
-    "{{\n    return a <= b ? {one} : (a > b ? {zero} : a + b);\n}}",
-    "is_zero": "static {real} is_zero({real} x)\n"
-    "{{\n    return x > {zero} || x < {zero} ? {zero} : (x == {zero} ? {one} : x);\n}}",
-    "maximum": "static {real} maximum({real} a, {real} b)\n"
-    "{{\n    return a > b ? a : (a <= b ? b : a + b);\n}}",
-    "minimum": "static {real} minimum({real} a, {real} b)\n"
-    "{{\n    return a < b ? a : (a >= b ? b : a + b);\n}}",
-    "select": "static {real} select({real} condition, {real} x)\n"
-    "{{\n    return condition > {zero} || condition < {zero} ? x : condition;\n}}",
+    "sign": ("x", "x > {zero} ? {one} : (x < {zero} ? -{one} : x)"),
+    "less": ("a b", "a < b ? {one} : (a >= b ? {zero} : a + b)"),
+    "less_equal": ("a b", "a <= b ? {one} : (a > b ? {zero} : a + b)"),
+    "is_zero": ("x", "x > {zero} || x < {zero} ? {zero} : (x == {zero} ? {one} : x)"),
+    "maximum": ("a b", "a > b ? a : (a <= b ? b : a + b)"),
+    "minimum": ("a b", "a < b ? a : (a >= b ? b : a + b)"),
+    "select": ("condition x", "condition > {zero} || condition < {zero} ? x : condition"),
 }
 
 
 def write_c_helper(name: str, real: str) -> str:
     """Return the definition of the helper `name` for numbers of type `real`."""
     suffix = "f" if real == "float" else ""
-    return _C_HELPERS[name].format(real=real, zero=f"0.0{suffix}", one=f"1.0{suffix}")
+    names, value = _C_HELPERS[name]
+    arguments = ", ".join(f"{real} {argument}" for argument in names.split())
+    value = value.format(zero=f"0.0{suffix}", one=f"1.0{suffix}")
+    return f"static {real} {name}({arguments})\n{{\n    return {value};\n}}"
 
 
-_LITERALS_PER_LINE = 5
+def join_lines(texts: Sequence[str], count: int) -> list[str]:
+    """Return the lines of an initialiser, `count` texts in each."""
+    return [", ".join(texts[k : k + count]) + "," for k in range(0, len(texts), count)]
 
 
-def write_table_lines(values: Sequence[float], real: str) -> tuple[str, ...]:
+def write_table_lines(values: Sequence[float], real: str) -> list[str]:
     """Return an initialiser's lines; without values it holds a zero, as an empty one is no C."""
-    literals = [write_literal(value, real) for value in values] or [write_literal(0.0, real)]
-    starts = range(0, len(literals), _LITERALS_PER_LINE)
-    return tuple(", ".join(literals[k : k + _LITERALS_PER_LINE]) + "," for k in starts)
+    return join_lines([write_literal(value, real) for value in values] or [write_literal(0.0, real)], 5)

@@ -1,32 +1,24 @@
 """Straight-line programs, and the table of expressions in which they are built.
 
-Operations on references, in any order -> `ExpressionTable` -> `Program`, from which C and Python are
-printed, and its operation counts.
+A reference is the one-based number of an instruction; a minus sign in front of it negates the value, so that
+negation costs no instruction. In a table equal expressions are one entry: constants are folded, 0, 1, -1 and
+2 cost nothing, constant factors are put together, (a - b) + b = a, and there is one zero. Derivatives are
+written into the same table, forward or backward (Griewank and Walther 2008).
 
-A reference is the one-based number of an instruction; a minus sign in front of it means the value with the
-other sign, so that negation costs no instruction. In a table equal expressions are one entry: constants
-are folded, 0, 1, -1 and 2 cost nothing, constant factors are put together, (a - b) + b = a, and there is
-one zero. Derivatives are written into the same table, forward or backward (Griewank and Walther 2008).
-
-Finished programs are ordered depth first, so that few values are alive at a time: a value is computed when
-the first that needs it is next, and of two operands first the one that needs more values itself (Sethi and
-Ullman 1970, for trees).
-
-Supported: sums, products, quotients, elementary functions, sign, selection, greater and smaller of two;
-numbers as the nearest doubles, or exact ones kept as inputs of their own, symbolic lengths with them.
-Not supported: loops, branches, calls; rules that put sums together in another way; derivatives of other
-operations than sums, products, quotients, sine and cosine (refused by name).
+Supported: all operations of `Op`; numbers as the nearest doubles, or exact ones kept as inputs of their own.
+Not supported: loops, branches, calls; derivatives of other operations than sums, products, quotients, sine
+and cosine (TypeError).
 """
 
+import itertools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from fractions import Fraction
 
 from symid.codegen.functions import FunctionSpec
-from symid.dynamics import RobotState, spread_coordinates
-from symid.robot import Exact, Robot
+from symid.robot import Exact
 
 
 class Op(Enum):
@@ -55,9 +47,9 @@ class Op(Enum):
     MINIMUM = "minimum"
 
 
-PRODUCTS = frozenset({Op.MUL, Op.DIV})
-SUMS = frozenset({Op.ADD, Op.SUB})
-ELEMENTARY = frozenset({Op.SIN, Op.COS, Op.TAN, Op.SQRT, Op.EXP, Op.TANH, Op.POWER})
+_PRODUCTS = (Op.MUL, Op.DIV)
+_SUMS = (Op.ADD, Op.SUB)
+_ELEMENTARY = (Op.SIN, Op.COS, Op.TAN, Op.SQRT, Op.EXP, Op.TANH, Op.POWER)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,10 +72,7 @@ class Instruction:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Program:
-    """A function in static single assignment form.
-
-    `outputs` holds, per output port, the references of its elements in row-major order.
-    """
+    """A function in static single assignment form; `outputs` are row-major references per port."""
 
     spec: FunctionSpec
     instructions: tuple[Instruction, ...]
@@ -104,45 +93,37 @@ def count_operations(program: Program) -> Operations:
 
     `trig` counts sines, cosines and the other elementary functions; comparisons are not counted.
     """
-    ops = [instruction.op for instruction in program.instructions]
-    return Operations(
-        mul=sum(op in PRODUCTS for op in ops),
-        add=sum(op in SUMS for op in ops),
-        trig=sum(op in ELEMENTARY for op in ops),
-    )
+    return _count([instruction.op for instruction in program.instructions])
 
 
-def _count_live_values(program: Program) -> list[int]:
-    """Return how many values are alive at once while a value is computed, were none used twice."""
+def _count(ops: list[Op]) -> Operations:
+    # An enumeration's own hash is slow, comparing its members is not.
+    mul, add, trig = (sum(map(ops.count, kinds)) for kinds in (_PRODUCTS, _SUMS, _ELEMENTARY))
+    return Operations(mul=mul, add=add, trig=trig)
+
+
+def build_depth_first(program: Program) -> Program:
+    """Return `program` with its instructions in depth-first order, so that few values are alive at a time.
+
+    A value is computed when the first that needs it is next; of two operands first the one that needs more
+    values itself (Sethi and Ullman 1970, for trees).
+    """
+    # How many values are alive at once while a value is computed, were none used twice.
     needs = [0]
     for instruction in program.instructions:
         below = sorted((needs[k] for k in set(instruction.operands)), reverse=True)
         needs.append(max([1, *(need + k for k, need in enumerate(below))]))
-    return needs
-
-
-def _list_depth_first(program: Program) -> list[int]:
-    """Return the numbers of the instructions in their new order."""
-    needs = _count_live_values(program)
     order: dict[int, None] = {}
-    for refs in program.outputs:
-        for ref in refs:
-            waiting = [abs(ref)]
-            while waiting:
-                number = waiting[-1]
-                operands = program.instructions[number - 1].operands
-                missing = [k for k in reversed(operands) if k not in order]
-                if missing:
-                    # The last one on the stack comes first; of equal needs the first operand.
-                    waiting.extend(sorted(missing, key=needs.__getitem__))
-                else:
-                    order[waiting.pop()] = None
-    return list(order)
-
-
-def build_depth_first(program: Program) -> Program:
-    """Return `program` with its instructions in depth-first order."""
-    order = _list_depth_first(program)
+    for ref in itertools.chain(*program.outputs):
+        waiting = [abs(ref)]
+        while waiting:
+            operands = program.instructions[waiting[-1] - 1].operands
+            missing = [k for k in reversed(operands) if k not in order]
+            if missing:
+                # The last one on the stack comes first; of equal needs the first operand.
+                waiting.extend(sorted(missing, key=needs.__getitem__))
+            else:
+                order[waiting.pop()] = None
     renumbered = {old: new for new, old in enumerate(order, start=1)}
 
     def move(ref: int) -> int:
@@ -166,12 +147,6 @@ _EVEN = frozenset({Op.COS, Op.ABS, Op.IS_ZERO})
 # The first entries of every table.
 _ZERO, _ONE, _TWO = 1, 2, 3
 
-PairNumbers = dict[tuple[int, int], int]
-
-
-def _is_power_of_two(value: float) -> bool:
-    return value != 0.0 and abs(math.frexp(value)[0]) == 0.5
-
 
 class ExpressionTable:
     """Hash-consed instructions. Methods take and return references (see above)."""
@@ -181,9 +156,9 @@ class ExpressionTable:
         self._args: list[tuple[int, ...]] = []
         self._sources: list[tuple[int, ...]] = []
         self._constants: dict[int, float] = {}
-        self._sums: PairNumbers = {}
-        self._differences: PairNumbers = {}
-        self._products: PairNumbers = {}
+        self._sums: dict[tuple[int, int], int] = {}
+        self._differences: dict[tuple[int, int], int] = {}
+        self._products: dict[tuple[int, int], int] = {}
         self._others: dict[tuple[str, tuple[int, ...]], int] = {}
         self._literals: dict[float, int] = {}
         for value in (0.0, 1.0, 2.0):
@@ -326,7 +301,8 @@ class ExpressionTable:
             return self.constant(a / b)
         if a == 0.0:
             return _ZERO
-        if b is not None and _is_power_of_two(b):
+        # A power of two has an exact inverse.
+        if b and abs(math.frexp(b)[0]) == 0.5:
             return self.mul(left, self.constant(1.0 / b))
         number = self._intern(Op.DIV, (abs(left), abs(right)))
         return number if (left > 0) == (right > 0) else -number
@@ -357,14 +333,8 @@ class ExpressionTable:
         return [(k, self._ops[k - 1], self._args[k - 1]) for k in self._find_needed(outputs)]
 
     def count(self, outputs: Iterable[int]) -> Operations:
-        """Return the operations that `outputs` need; see `instructions.count_operations`."""
-        ops = [self._ops[number - 1] for number in self._find_needed(outputs)]
-        # An enumeration's own hash is slow, comparing its members is not.
-        return Operations(
-            mul=sum(map(ops.count, PRODUCTS)),
-            add=sum(map(ops.count, SUMS)),
-            trig=sum(map(ops.count, ELEMENTARY)),
-        )
+        """Return the operations that `outputs` need; see `count_operations`."""
+        return _count([self._ops[number - 1] for number in self._find_needed(outputs)])
 
     def build_program(self, spec: FunctionSpec, outputs: Iterable[Iterable[int]]) -> Program:
         """Return the instructions that `outputs` need, in order and numbered anew.
@@ -404,17 +374,27 @@ _DYADIC = {Exact.of(value): value for value in (0.0, 0.5, 1.0, 2.0, -0.5, -1.0, 
 _SHORT_DENOMINATOR = 10**6
 
 
+def _apply(op: Op) -> Callable[..., int]:
+    def apply(algebra: "ValueAlgebra", *values: int) -> int:
+        return algebra.table.apply(op, *values)
+
+    return apply
+
+
 @dataclass(frozen=True, slots=True)
 class ValueAlgebra:
     """References to `table`; `symbols` holds the values of symbolic lengths in m.
 
-    `numbers` collects the exact numbers that doubles would round, symbolic lengths among them, in the order
-    of the elements of the port `NUMBERS`; None where numbers become doubles.
+    `numbers` collects the exact numbers that doubles would round, symbolic lengths among them, as elements of
+    the port `NUMBERS`; None where numbers become doubles.
     """
 
     table: ExpressionTable
     symbols: Mapping[str, float] = field(default_factory=dict)
     numbers: dict[Exact, int] | None = None
+    sin, cos, tanh, exp = map(_apply, (Op.SIN, Op.COS, Op.TANH, Op.EXP))
+    power, absolute, sign = map(_apply, (Op.POWER, Op.ABS, Op.SIGN))
+    maximum, minimum = map(_apply, (Op.MAXIMUM, Op.MINIMUM))
 
     @property
     def zero(self) -> int:
@@ -454,14 +434,6 @@ class ValueAlgebra:
         """Return left / right."""
         return self.table.div(left, right)
 
-    def maximum(self, left: int, right: int) -> int:
-        """Return the greater of two."""
-        return self.table.apply(Op.MAXIMUM, left, right)
-
-    def minimum(self, left: int, right: int) -> int:
-        """Return the smaller of two."""
-        return self.table.apply(Op.MINIMUM, left, right)
-
     def neg(self, value: int) -> int:
         """Return -value; there is one zero."""
         return value if value == self.zero else -value
@@ -469,10 +441,6 @@ class ValueAlgebra:
     def half(self, value: int) -> int:
         """Return value / 2."""
         return self.table.mul(self.table.constant(0.5), value)
-
-    def sign(self, value: int) -> int:
-        """Return -1, 0 or 1."""
-        return self.table.apply(Op.SIGN, value)
 
     def scale(self, factor: float, value: int) -> int:
         """Return factor * value."""
@@ -482,59 +450,6 @@ class ValueAlgebra:
         short = Fraction(factor).limit_denominator(_SHORT_DENOMINATOR)
         exact = Exact.of(short) if float(short) == factor else Exact.of(factor)
         return self.table.mul(self.constant(exact), value)
-
-    def tanh(self, value: int) -> int:
-        """Return the hyperbolic tangent."""
-        return self.table.apply(Op.TANH, value)
-
-    def exp(self, value: int) -> int:
-        """Return the exponential."""
-        return self.table.apply(Op.EXP, value)
-
-    def sin(self, value: int) -> int:
-        """Return the sine."""
-        return self.table.apply(Op.SIN, value)
-
-    def cos(self, value: int) -> int:
-        """Return the cosine."""
-        return self.table.apply(Op.COS, value)
-
-    def power(self, base: int, exponent: int) -> int:
-        """Return base^exponent for base >= 0, exponent > 0."""
-        return self.table.apply(Op.POWER, base, exponent)
-
-    def absolute(self, value: int) -> int:
-        """Return |value|."""
-        return self.table.apply(Op.ABS, value)
-
-
-def build_joint_state(
-    robot: Robot,
-    algebra: ValueAlgebra,
-    coordinates: tuple[Sequence[int], Sequence[int], Sequence[int]],
-    turns: Mapping[int, float],
-) -> RobotState[int]:
-    """Return the state of the joints from references to the coordinates: q, dq, ddq.
-
-    `turns` are constant angles in rad, by joint, that are added before sine and cosine.
-    """
-    table = algebra.table
-
-    def spread(values: Sequence[int]) -> tuple[int, ...]:
-        return spread_coordinates(robot, algebra, values)[: robot.size]
-
-    position, velocity, acceleration = map(spread, coordinates)
-    angles = [table.add(angle, table.constant(turns.get(joint, 0.0))) for joint, angle in enumerate(position)]
-    return RobotState(
-        sine=tuple(table.apply(Op.SIN, angle) for angle in angles),
-        cosine=tuple(table.apply(Op.COS, angle) for angle in angles),
-        position=position,
-        velocity=velocity,
-        acceleration=acceleration,
-    )
-
-
-TableEntry = tuple[int, Op, tuple[int, ...]]
 
 
 def _differentiate_instruction(
@@ -558,20 +473,6 @@ def _differentiate_instruction(
     raise TypeError(message)
 
 
-def _list_dependent_entries(
-    users: Mapping[int, Sequence[int]], steps: Sequence[TableEntry], seeds: Iterable[int]
-) -> list[int]:
-    """Return the indices of the steps that depend on `seeds`, in order."""
-    reached: set[int] = set()
-    waiting = list(seeds)
-    while waiting:
-        for index in users.get(waiting.pop(), ()):
-            if index not in reached:
-                reached.add(index)
-                waiting.append(steps[index][0])
-    return sorted(reached)
-
-
 def differentiate_along(
     table: ExpressionTable, values: Sequence[int], directions: Sequence[Mapping[int, int]]
 ) -> list[list[int]]:
@@ -591,7 +492,13 @@ def differentiate_along(
             ref: seed for ref, seed in seeds.items() if not table.is_constant(ref) and abs(seed) != zero
         }
         rates = {abs(ref): seed if ref > 0 else -seed for ref, seed in moving.items()}
-        for index in _list_dependent_entries(users, steps, tuple(rates)):
+        dependent: set[int] = set()
+        waiting = list(rates)
+        while waiting:
+            new = [index for index in users.get(waiting.pop(), ()) if index not in dependent]
+            dependent.update(new)
+            waiting.extend(steps[index][0] for index in new)
+        for index in sorted(dependent):
             number, op, args = steps[index]
             if number in rates:
                 continue

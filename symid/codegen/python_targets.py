@@ -1,24 +1,28 @@
 """The targets that Python imports: a NumPy module, and CasADi functions with their loader.
 
-`Functions` -> `SourceSet`.
-
-The NumPy module needs NumPy alone and is printed from the same programs as the C library: one sample, or
-any number of leading axes. The CasADi target holds serialised functions, CasADi's own C, and a module that
-loads either: all functions of the catalogue as .casadi files and in C, and Jacobians in C of those that
-equations of motion are made of, so that an external function has first derivatives.
+The NumPy module needs NumPy alone: one sample, or any number of leading axes. The CasADi target holds all
+functions as .casadi files and in CasADi's own C, a module that loads either, and Jacobians in C of the
+functions that equations of motion are made of.
 
 Not supported: float; Jacobians in C of regressors, of the Coriolis matrix and of derivatives, which would
 be most of the code; .casadi files have them.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import casadi as ca
 
 from symid.codegen.casadi_functions import Functions, get_matrix_shape
 from symid.codegen.functions import FunctionSpec, Port
 from symid.codegen.library import compute_build_digest
-from symid.codegen.material import BANNER, Material, prepare_material, write_manifest, write_operations
+from symid.codegen.material import (
+    BANNER,
+    Fields,
+    Material,
+    prepare_material,
+    write_manifest,
+    write_operations,
+)
 from symid.codegen.printing import print_python
 from symid.codegen.programs import Operations, Program
 from symid.codegen.references import PER_UNIT, WEIGHTS, Reference, ReferenceRows
@@ -27,25 +31,17 @@ from symid.codegen.source_text import GenerateOptions
 
 _TOLERANCE = "1e-12"
 
-Fields = dict[str, object]
-"""One entry of a list in a template."""
-
-
-def _write_rows(rows: Iterable[Sequence[float]]) -> tuple[str, ...]:
-    return ("[", *(f"    {list(row)!r}," for row in rows), "]")
-
 
 def _describe_states(material: Material) -> list[Fields]:
     """Return every input that a function is given, once; functions use it by its name and size."""
     found: dict[str, Fields] = {}
     for program, reference in zip(material.programs, material.references, strict=True):
         for port, name, rows in zip(program.spec.inputs, reference.tables, reference.inputs, strict=True):
-            if name in found:
-                continue
-            lines: tuple[str, ...] = (repr(list(rows[0])),)
+            lines = [repr(list(rows[0]))]
             if not port.shared:
-                lines = _write_rows([round(value * PER_UNIT) for value in row] for row in rows)
-            found[name] = {"name": name, "shared": port.shared, "lines": lines}
+                whole = ([round(value * PER_UNIT) for value in row] for row in rows)
+                lines = ["[", *(f"    {row!r}," for row in whole), "]"]
+            found.setdefault(name, {"name": name, "shared": port.shared, "lines": lines})
     return list(found.values())
 
 
@@ -74,33 +70,20 @@ def _write_module(material: Material, template: str, **values: object) -> str:
     )
 
 
-def _write_shape(port: Port) -> str:
-    inner = ", ".join(map(str, port.shape))
-    return f"({inner},)" if port.shared and len(port.shape) == 1 else f"(..., {inner})"
-
-
 def _describe_array_port(port: Port) -> str:
-    return f"{port.name}: {_write_shape(port)} {port.meaning}, {port.unit}"
-
-
-def _write_statements(program: Program) -> tuple[str, ...]:
-    spec = program.spec
-    samples = [port for port in spec.inputs if not port.shared]
-    prepared = [f'{port.name} = _prepare("{port.name}", {port.name}, {port.shape!r})' for port in spec.inputs]
-    shapes = ", ".join(f"{port.name}.shape[:-{len(port.shape)}]" for port in samples)
-    allocated = [
-        f"{port.name} = np.zeros((*samples, {', '.join(map(str, port.shape))}))" for port in spec.outputs
-    ]
-    return (
-        *prepared,
-        f"samples = np.broadcast_shapes({shapes})",
-        *allocated,
-        *print_python(program).statements,
-    )
+    inner = ", ".join(map(str, port.shape))
+    shape = f"({inner},)" if port.shared and len(port.shape) == 1 else f"(..., {inner})"
+    return f"{port.name}: {shape} {port.meaning}, {port.unit}"
 
 
 def _describe_function(program: Program, count: Operations) -> Fields:
     spec = program.spec
+    prepared = [f'{port.name} = _prepare("{port.name}", {port.name}, {port.shape!r})' for port in spec.inputs]
+    samples = [f"{port.name}.shape[:-{len(port.shape)}]" for port in spec.inputs if not port.shared]
+    allocated = [
+        f"{port.name} = np.zeros((*samples, {', '.join(map(str, port.shape))}))" for port in spec.outputs
+    ]
+    shapes = f"samples = np.broadcast_shapes({', '.join(samples)})"
     return {
         "name": spec.name,
         "meaning": spec.meaning,
@@ -108,7 +91,7 @@ def _describe_function(program: Program, count: Operations) -> Fields:
         "inputs": list(map(_describe_array_port, spec.inputs)),
         "outputs": list(map(_describe_array_port, spec.outputs)),
         "operations": write_operations(count),
-        "statements": _write_statements(program),
+        "statements": [*prepared, shapes, *allocated, *print_python(program).statements],
         "returns": ", ".join(port.name for port in spec.outputs),
     }
 
@@ -131,7 +114,7 @@ def generate_python_module(functions: Functions, options: GenerateOptions | None
     return SourceSet(name=material.prefix, files=files, manifest=manifest)
 
 
-# Derivatives of the forward dynamics amplify rounding by the square of what the dynamics do.
+# Derivatives of the forward dynamics amplify rounding errors by the square of what the dynamics do.
 _JACOBIAN_TOLERANCE = "1e-10"
 _JACOBIANS = frozenset(
     {
@@ -149,13 +132,6 @@ _PLANT_FUNCTIONS = ("forward_dynamics", "friction")
 def list_casadi_sources(prefix: str) -> tuple[str, str]:
     """Return the C files that a library without Jacobians is made of."""
     return f"{prefix}_casadi.c", f"{prefix}_info.c"
-
-
-def _serialize(function: ca.Function) -> str:
-    # What Function.load reads; Function.serialize leaves out the word that says a function follows.
-    serializer = ca.StringSerializer()
-    serializer.pack(function)
-    return f"{serializer.encode()}\n"
 
 
 def _write_c(name: str, functions: Sequence[ca.Function]) -> str:
@@ -197,16 +173,6 @@ def _describe_matrix_port(port: Port) -> str:
     return repr((port.name, get_matrix_shape(port), port.unit, port.meaning))
 
 
-def _describe_casadi_function(spec: FunctionSpec) -> Fields:
-    return {
-        "name": spec.name,
-        "meaning": spec.meaning,
-        "inputs": list(map(_describe_matrix_port, spec.inputs)),
-        "outputs": list(map(_describe_matrix_port, spec.outputs)),
-        "jacobian": spec.name in _JACOBIANS,
-    }
-
-
 def generate_casadi_target(functions: Functions, options: GenerateOptions | None = None) -> SourceSet:
     """Return the files that users of CasADi take: functions, C, loader with self-test, README, manifest.
 
@@ -228,10 +194,25 @@ def generate_casadi_target(functions: Functions, options: GenerateOptions | None
         material,
         "casadi/loader.py.jinja",
         jacobian_tolerance=_JACOBIAN_TOLERANCE,
-        functions=list(map(_describe_casadi_function, material.card.functions)),
+        functions=[
+            {
+                "name": spec.name,
+                "meaning": spec.meaning,
+                "inputs": list(map(_describe_matrix_port, spec.inputs)),
+                "outputs": list(map(_describe_matrix_port, spec.outputs)),
+                "jacobian": spec.name in _JACOBIANS,
+            }
+            for spec in material.card.functions
+        ],
     )
+    serialized = []
+    for function in functions.functions:
+        # What Function.load reads; Function.serialize leaves out the word that a function follows.
+        serializer = ca.StringSerializer()
+        serializer.pack(function)
+        serialized.append((f"{function.name()}.casadi", f"{serializer.encode()}\n"))
     files = (
-        *((f"{function.name()}.casadi", _serialize(function)) for function in functions.functions),
+        *serialized,
         *sources,
         (f"{prefix}_casadi.py", loader),
         ("Makefile", material.write("casadi/Makefile.jinja", objects=objects)),

@@ -1,24 +1,18 @@
 """Reference values for self-tests, the same digits on every machine.
 
 Programs and the CasADi functions built from them -> `Reference`: random states, which all functions share,
-and the outputs there: each element at the first states, and at all states weighted sums of the elements,
-which keep a table small.
+each output element at the first states, and weighted sums of the elements at all states, which keep a table
+small. Values come from the programs in 50-digit arithmetic (decimal, and mpmath for elementary functions);
+each must agree with what CasADi computes in doubles.
 
-Values come from the programs in 50-digit arithmetic: decimal, each operation rounded correctly, and mpmath
-for elementary functions; no compiler's library of mathematics takes part. Each must agree with what CasADi
-computes in doubles. Most states are near zero; at a few, inputs of which a function takes nothing but sines
-and cosines lie far out, within and beyond the limit up to which code takes whole turns off by itself.
-
-Random base parameters belong to no robot: mass matrices come near to singular ones, and the forward
-dynamics would be a test of rounding. The mass matrix M is linear in beta, so beta for which it is positive
-definite are found by alternating projections on convex sets: matrices with eigenvalues of at least one, and
-those of some beta:
+With random base parameters, mass matrices come near to singular ones. M is linear in beta, so beta for which
+it is positive definite are found by alternating projections on convex sets, matrices with eigenvalues of at
+least one, and those of some beta:
     M_k <- V max(L, 1) V^T of M(q_k, beta) = V L V^T,  beta <- argmin sum_k |M(q_k, beta) - M_k|^2
 A multiple of it is added to random numbers until M is well conditioned at every state.
 
 Supported: all operations of `Op`; base and standard parameters.
-Not supported: values that are not finite (refused); inputs that are matrices; physical consistency of
-beta, which the functions do not need.
+Not supported: values that are not finite (refused); inputs that are matrices; physical consistency of beta.
 """
 
 import operator
@@ -51,10 +45,8 @@ from symid.errors import GenerationError, Notice
 DIGITS = 50
 _MORE_DIGITS = 60
 _DECIMAL_CONTEXT = Context(prec=DIGITS, traps=[DivisionByZero, InvalidOperation, Overflow])
-_DECIMAL_ZERO, _DECIMAL_ONE = Decimal(0), Decimal(1)
 
 DecimalArray = npt.NDArray[np.object_]
-"""An array of decimal numbers."""
 
 
 @lru_cache(maxsize=1 << 16)
@@ -66,10 +58,7 @@ def _call_mpmath(name: str, *operands: Decimal) -> Decimal:
         return +Decimal(mpmath.nstr(value, _MORE_DIGITS))
 
 
-def _write_truth_value(condition: bool) -> Decimal:  # noqa: FBT001  the rules below give it as their only operand
-    return _DECIMAL_ONE if condition else _DECIMAL_ZERO
-
-
+_TRUTH = (Decimal(0), Decimal(1))
 _ELEMENTWISE: dict[Op, tuple[int, Callable[..., Decimal]]] = {
     Op.SIN: (1, lambda a: _call_mpmath("sin", a)),
     Op.COS: (1, lambda a: _call_mpmath("cos", a)),
@@ -79,15 +68,14 @@ _ELEMENTWISE: dict[Op, tuple[int, Callable[..., Decimal]]] = {
     Op.POWER: (2, lambda a, b: _call_mpmath("power", a, b)),
     Op.SQRT: (1, Decimal.sqrt),
     Op.ABS: (1, abs),
-    Op.SIGN: (1, lambda a: _write_truth_value(a > 0) - _write_truth_value(a < 0)),
-    Op.LESS: (2, lambda a, b: _write_truth_value(a < b)),
-    Op.LESS_EQUAL: (2, lambda a, b: _write_truth_value(a <= b)),
-    Op.IS_ZERO: (1, lambda a: _write_truth_value(a == 0)),
-    Op.SELECT: (2, lambda a, b: b if a else _DECIMAL_ZERO),
+    Op.SIGN: (1, lambda a: _TRUTH[a > 0] - _TRUTH[a < 0]),
+    Op.LESS: (2, lambda a, b: _TRUTH[a < b]),
+    Op.LESS_EQUAL: (2, lambda a, b: _TRUTH[a <= b]),
+    Op.IS_ZERO: (1, lambda a: _TRUTH[a == 0]),
+    Op.SELECT: (2, lambda a, b: b if a else _TRUTH[False]),
     Op.MAXIMUM: (2, max),
     Op.MINIMUM: (2, min),
 }
-
 # NumPy walks the states in C; what depends on shared inputs alone stays one number.
 _DECIMAL_RULES: dict[Op, Callable[..., Any]] = {
     Op.ADD: operator.add,
@@ -98,37 +86,9 @@ _DECIMAL_RULES: dict[Op, Callable[..., Any]] = {
 }
 
 
-def build_no_value_error(program: Program, why: str) -> GenerationError:
-    """Return the error that says that `program` has no value at a state."""
+def _build_no_value_error(program: Program, why: str) -> GenerationError:
     text = f"function {program.spec.name!r} has no value at a state of the self-test: {why}"
     return GenerationError(Notice(code="codegen.no-reference", text=text))
-
-
-def _run_program(program: Program, inputs: Sequence[DecimalArray], states: int) -> tuple[DecimalArray, ...]:
-    values: list[Any] = [None]
-
-    def read(ref: int) -> Any:  # noqa: ANN401  a number, or an array of them
-        return values[ref] if ref > 0 else -values[-ref]
-
-    def compute(instruction: Instruction) -> Any:  # noqa: ANN401
-        if instruction.op is Op.INPUT:
-            port, element = instruction.args
-            given = inputs[port]
-            return given[element] if given.ndim == 1 else given[:, element]
-        if instruction.op is Op.CONSTANT:
-            return Decimal(instruction.constant)
-        return _DECIMAL_RULES[instruction.op](*map(read, instruction.args))
-
-    for instruction in program.instructions:
-        values.append(compute(instruction))  # noqa: PERF401  later values need earlier ones
-
-    def gather(refs: Sequence[int]) -> DecimalArray:
-        found = np.empty((states, len(refs)), dtype=object)
-        for k, ref in enumerate(refs):
-            found[:, k] = read(ref)
-        return found
-
-    return tuple(map(gather, program.outputs))
 
 
 def compute_exact_outputs(
@@ -139,17 +99,36 @@ def compute_exact_outputs(
     Args:
         program: the function.
         inputs: per input port the elements at every state, (states, size); (size,) of a shared one.
-        states: how many.
+        states: their number.
 
     Raises:
         GenerationError: the function has no value at one of the states.
     """
+    values: list[Any] = [None]
+
+    def read(ref: int) -> Any:  # noqa: ANN401  a number, or an array of them
+        return values[ref] if ref > 0 else -values[-ref]
+
+    def compute(instruction: Instruction) -> Any:  # noqa: ANN401
+        if instruction.op is Op.INPUT:
+            port, element = instruction.args
+            return inputs[port][..., element]
+        if instruction.op is Op.CONSTANT:
+            return Decimal(instruction.constant)
+        return _DECIMAL_RULES[instruction.op](*map(read, instruction.args))
+
+    outputs = tuple(np.empty((states, len(refs)), dtype=object) for refs in program.outputs)
     try:
         with localcontext(_DECIMAL_CONTEXT):
-            return _run_program(program, inputs, states)
+            for instruction in program.instructions:
+                values.append(compute(instruction))  # noqa: PERF401  later values need earlier ones
+            for output, refs in zip(outputs, program.outputs, strict=True):
+                for k, ref in enumerate(refs):
+                    output[:, k] = read(ref)
     except (DecimalException, ArithmeticError, ValueError, TypeError) as error:
-        # Division by zero, and what lies outside a function's domain.
-        raise build_no_value_error(program, repr(error)) from error
+        # Division by zero, and arguments outside a function's domain.
+        raise _build_no_value_error(program, repr(error)) from error
+    return outputs
 
 
 _ANGLE_OPS = frozenset({Op.SIN, Op.COS})
@@ -159,15 +138,14 @@ PER_UNIT = 1000
 
 _INPUT_RANGES = {"q": 3.0, "dq": 2.0, "ddq": 5.0, "tau": 20.0}
 _INPUT_RANGES |= {"dddq": 20.0, "ddddq": 100.0, "phi": 0.02, "P": 0.02, "tau_J": 20.0, "Q": 5.0}
-
-
 ANGLE_LIMITS = {"double": 1e6, "float": 1e4}
 """Up to which angle the generated code takes whole turns off by itself, in rad."""
 
-# Reaches of the angle's size, in rad or as parts of the limit; single precision holds eighths up to 2^21.
-_FIFTY, _WITHIN, _BEYOND = (47.0, 53.0), (0.89, 0.91), (1.1, 1.5)
+# Ranges of far angles, in rad and then as parts of the limit, within it and beyond.
+_FAR_ANGLES = (*[(47.0, 53.0)] * 3, *[(0.89, 0.91)] * 2, *[(1.1, 1.5)] * 2)
+# Single precision holds eighths up to 2^21.
 _EIGHTHS = 8.0
-# Far states are as many before the end, this many apart: in other lanes of a vector, with near ones beside.
+# Far states are so many apart: in other lanes of a vector, with near ones beside.
 _APART = 7
 _FEWEST = 60
 
@@ -193,32 +171,16 @@ def _list_input_uses(program: Program) -> tuple[InputElements, InputElements]:
 
 
 def list_angle_inputs(programs: Sequence[Program]) -> InputElements:
-    """Return the elements of which a program takes nothing but the sine and the cosine."""
-    uses = map(_list_input_uses, programs)
-    return frozenset(element for taken, otherwise in uses for element in taken - otherwise)
-
-
-def _draw_far_angles(
-    rng: np.random.Generator, values: FloatArray, columns: Sequence[int], limit: float
-) -> None:
-    """Put angles far out at a few rows of `values`; eighths are exact in single precision too."""
-    parts = (_WITHIN, _WITHIN, _BEYOND, _BEYOND)
-    reaches = [_FIFTY] * 3 + [(low * limit, high * limit) for low, high in parts]
-    for k, (low, high) in enumerate(reaches):
-        size = np.rint(rng.uniform(low, high, len(columns)) * _EIGHTHS) / _EIGHTHS
-        values[len(values) - 1 - _APART * k, columns] = size * rng.choice((-1.0, 1.0), len(columns))
+    """Return the elements of which a program takes only the sine and the cosine."""
+    return frozenset().union(*(taken - other for taken, other in map(_list_input_uses, programs)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SampleStates:
-    """The inputs at which functions are evaluated: `shared` ones by name, others drawn by name and size.
+    """The inputs at `count` states: `shared` ones by name, others drawn by name and size, with `seed`.
 
-    Attributes:
-        count: how many.
-        seed: of the generator.
-        shared: values of shared ports, by name.
-        angles: what lies far out at a few states, where there are enough of them; see `list_angle_inputs`.
-        limit: see `ANGLE_LIMITS`, in rad.
+    `angles` are inputs that are large at a few states, where there are enough of them, see
+    `list_angle_inputs`; `limit` see `ANGLE_LIMITS`, in rad.
     """
 
     count: int
@@ -228,10 +190,10 @@ class SampleStates:
     limit: float = ANGLE_LIMITS["double"]
 
     def find(self, port: Port, near: InputElements = frozenset()) -> FloatArray:
-        """Return the port's values: (count, size), or (size,) of a shared port; `near` ones never far out."""
+        """Return the port's values: (count, size), or (size,) of a shared port; `near` ones never large."""
         if port.name in self.shared:
             return np.array(self.shared[port.name], dtype=np.float64)
-        # A generator a name: what a function is given does not depend on which others there are.
+        # A generator a name: the inputs of a function do not depend on which others there are.
         rng = np.random.default_rng((self.seed, zlib.crc32(port.name.encode()), port.size))
         reach = _INPUT_RANGES.get(port.name.removesuffix("r"), 1.0)
         drawn: FloatArray = np.rint(rng.uniform(-reach, reach, (self.count, port.size)) * PER_UNIT) / PER_UNIT
@@ -240,7 +202,10 @@ class SampleStates:
             return first
         columns = [k for k in range(port.size) if (port.name, port.size, k) in self.angles - near]
         if columns and self.count >= _FEWEST:
-            _draw_far_angles(rng, drawn, columns, self.limit)
+            for k, (low, high) in enumerate(_FAR_ANGLES):
+                unit = 1.0 if low > 1.5 else self.limit
+                size = np.rint(rng.uniform(low * unit, high * unit, len(columns)) * _EIGHTHS) / _EIGHTHS
+                drawn[self.count - 1 - _APART * k, columns] = size * rng.choice((-1.0, 1.0), len(columns))
         return drawn
 
     def find_all(self, program: Program) -> tuple[tuple[str, ...], list[FloatArray]]:
@@ -258,31 +223,25 @@ class SampleStates:
         return tuple(map(name, inputs)), [self.find(port, near) for port in inputs]
 
 
-def _stack_samples(port: Port, values: FloatArray, count: int) -> ca.DM:
-    """Return samples side by side, as CasADi takes them."""
-    return ca.DM(np.broadcast_to(values, (count, port.size)).T)
-
-
-def _split_samples(port: Port, result: ca.DM, count: int) -> FloatArray:
-    many: FloatArray = np.asarray(result.full()).reshape(result.shape[0], count, -1)
-    return many.transpose(1, 0, 2).reshape(count, port.size)
-
-
 def evaluate_casadi(
     function: ca.Function, program: Program, inputs: Sequence[FloatArray], count: int
 ) -> list[FloatArray]:
     """Return what CasADi computes per output port, (count, size), row-major.
 
     Args:
-        function: the function that `program` was made with.
-        program: its ports count.
+        function: the CasADi function of `program`.
+        program: of which the ports count.
         inputs: (count, size) a port, or (size,) of a shared one.
-        count: how many states.
+        count: number of states.
     """
-    spec = program.spec
-    given = [_stack_samples(port, values, count) for port, values in zip(spec.inputs, inputs, strict=True)]
-    results = function.map(count).call(given)
-    return [_split_samples(port, result, count) for port, result in zip(spec.outputs, results, strict=True)]
+    ports = zip(program.spec.inputs, inputs, strict=True)
+    # CasADi takes and gives the samples side by side.
+    given = [ca.DM(np.broadcast_to(values, (count, port.size)).T) for port, values in ports]
+    outputs = []
+    for port, result in zip(program.spec.outputs, function.map(count).call(given), strict=True):
+        values: FloatArray = np.asarray(result.full()).reshape(result.shape[0], count, -1)
+        outputs.append(values.transpose(1, 0, 2).reshape(count, port.size))
+    return outputs
 
 
 _ATTEMPTS = 4
@@ -292,8 +251,6 @@ _GOOD_CONDITION = 1e2
 _LARGEST_CONDITION = 1e3
 # Where rounding to thousandths has its edges: not at the simple fractions that exact solutions are made of.
 _ROUNDING_EDGE = 0.137
-
-MassEvaluator = Callable[[FloatArray], FloatArray]
 
 
 def _project_positive_definite(columns: FloatArray, size: int) -> FloatArray:
@@ -312,7 +269,9 @@ def _compute_condition(matrices: FloatArray) -> float:
     return float(np.linalg.cond(matrices).max()) if np.isfinite(matrices).all() else np.inf
 
 
-def _add_inertia(card: ModelCard, evaluate: MassEvaluator, draws: Sequence[FloatArray]) -> list[FloatArray]:
+def _add_inertia(
+    card: ModelCard, evaluate: Callable[[FloatArray], FloatArray], draws: Sequence[FloatArray]
+) -> list[FloatArray]:
     """Return every draw with as much inertia added as it takes."""
     size, count = card.size, len(card.beta)
     columns = np.stack([evaluate(unit).ravel() for unit in np.eye(count)], axis=1)
@@ -333,13 +292,13 @@ def _add_inertia(card: ModelCard, evaluate: MassEvaluator, draws: Sequence[Float
 def choose_parameters(
     card: ModelCard, functions: Sequence[ca.Function], programs: Sequence[Program], states: SampleStates
 ) -> list[tuple[float, ...]]:
-    """Return values of beta to try: those of the robot file if they are fit, then others.
+    """Return values of beta to try: those of the robot file if they are good, then others.
 
     Args:
         card: the model.
         functions: of CasADi.
         programs: of the same functions; without `mass_matrix`, beta is random.
-        states: at which the mass matrix counts.
+        states: at which the mass matrix must be well conditioned.
     """
     stated = [parameter.value for parameter in card.beta]
     known = [np.array([value for value in stated if value is not None])]
@@ -365,11 +324,10 @@ def choose_parameters(
 def estimate_amplification(
     function: ca.Function, program: Program, inputs: Sequence[FloatArray], count: int
 ) -> float:
-    """Return by how much more than a well conditioned function `program` may amplify errors of rounding.
+    """Return the factor by which `program` may amplify rounding errors more than a well conditioned function.
 
-    One, but for the forward dynamics where there was no mass matrix to choose parameters by: the condition of
-    the inverse mass matrix, its columns the differences of accelerations under unit torques, in units of that
-    which is good, as a power of two.
+    One, but for the forward dynamics: the condition number of the inverse mass matrix, its columns the
+    differences of accelerations under unit torques, divided by a good one, as a power of two.
     """
     ports = [port.name for port in program.spec.inputs]
     if program.spec.name != "forward_dynamics" or "tau" not in ports:
@@ -386,23 +344,22 @@ def estimate_amplification(
 
 
 # Errors are measured by the largest value of an output; one below NEGLIGIBLE is zero but for rounding, and
-# FLOOR stands in for its size.
+# FLOOR replaces its size.
 NEGLIGIBLE = 1e-12
 FLOOR = 0.01
 WHOLE = 2
-"""At how many states every element is given."""
+"""Number of states at which every element is given."""
 WEIGHTS = ((97, 31), (101, 37))
 """Modulus m and step s of a sum: element i weighs m + (s i mod m), between m and 2 m.
 
-No two of 97 x 101 elements weigh the same in both sums, so that two that changed places show; divided by
-m, an error of one element shows with its full size at least.
+No two of 97 x 101 elements weigh the same in both sums, so that swapped elements show; divided by m, an error
+of one element shows with its full size at least.
 """
 ReferenceRows = Sequence[Sequence[float]]
 """A row a state."""
 
 _AGREEMENT = 1e-8
-# In place of stiffnesses that the robot file does not know: k0, and those of stops.
-_STIFFNESSES = {True: 100.0, False: 20.0}
+_CONVERT_TO_DECIMALS = np.vectorize(Decimal, otypes=[object])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -410,7 +367,7 @@ class Reference:
     """Inputs and outputs of one function, by port.
 
     Attributes:
-        tables: names of the inputs; equal ones have equal values, in whichever function.
+        tables: names of the inputs; equal names have equal values in all functions.
         inputs: a row a state; a shared input has one row.
         whole: every element, a row for each of the first states.
         sums: the sums of `WEIGHTS`, a row a state.
@@ -428,28 +385,21 @@ class Reference:
 def _compute_scales(values: FloatArray) -> FloatArray:
     """Return the largest element in each row, `FLOOR` where it is zero but for rounding."""
     largest = np.abs(values).max(axis=1, initial=0.0)
-    scales: FloatArray = np.where(largest < NEGLIGIBLE, FLOOR, largest)
-    return scales
+    return np.asarray(np.where(largest < NEGLIGIBLE, FLOOR, largest))
 
 
 def _check_agreement(program: Program, exact: Sequence[FloatArray], theirs: Sequence[FloatArray]) -> None:
     for port, mine, other in zip(program.spec.outputs, exact, theirs, strict=True):
-        # What is not finite there fails the comparison.
+        # A value of CasADi that is not finite fails the comparison.
         with np.errstate(invalid="ignore"):
             errors = np.abs(mine - other).max(axis=1, initial=0.0) / _compute_scales(mine)
         error = float(np.max(errors, initial=0.0))
         if not error <= _AGREEMENT:
             text = (
                 f"function {program.spec.name!r}, output {port.name!r}: the program and CasADi differ by "
-                f"{error:.1e} of the largest element, allowed is {_AGREEMENT:.0e}"
+                f"{error:.1e} of the largest element; the limit is {_AGREEMENT:.0e}"
             )
             raise GenerationError(Notice(code="codegen.disagrees", text=text))
-
-
-def _convert_to_decimals(values: FloatArray) -> DecimalArray:
-    exact = np.empty(values.shape, dtype=object)
-    exact[...] = np.vectorize(Decimal, otypes=[object])(values) if values.size else exact
-    return exact
 
 
 def _convert_to_rows(values: FloatArray) -> tuple[tuple[float, ...], ...]:
@@ -468,10 +418,11 @@ def _sum_weighted(exact: DecimalArray) -> FloatArray:
 
 def _build_reference(function: ca.Function, program: Program, states: SampleStates) -> Reference:
     tables, inputs = states.find_all(program)
-    exact = compute_exact_outputs(program, [_convert_to_decimals(values) for values in inputs], states.count)
+    decimals = [_CONVERT_TO_DECIMALS(values) if values.size else values.astype(object) for values in inputs]
+    exact = compute_exact_outputs(program, decimals, states.count)
     outputs = [values.astype(np.float64) for values in exact]
     if not all(np.isfinite(values).all() for values in outputs):
-        raise build_no_value_error(program, "an output is not finite")
+        raise _build_no_value_error(program, "an output is not finite")
     amplification = estimate_amplification(function, program, inputs, states.count)
     _check_agreement(program, outputs, evaluate_casadi(function, program, inputs, states.count))
     return Reference(
@@ -491,20 +442,19 @@ def build_references(
     Raises:
         GenerationError: a program does not compute what CasADi computes, or has no value anywhere.
     """
-    failures = []
-    # Random numbers would be no springs, and have no inverse.
-    values = (
-        _STIFFNESSES[entry.name.startswith("k0")] if entry.value is None else entry.value
-        for entry in card.springs
-    )
-    springs = {"h": tuple(values)} if card.springs else {}
+    # In place of unknown stiffnesses: random numbers would be no springs, and have no inverse.
+    springs = {}
+    if card.springs:
+        usual = (100.0 if entry.name.startswith("k0") else 20.0 for entry in card.springs)
+        pairs = zip(card.springs, usual, strict=True)
+        springs = {"h": tuple(other if entry.value is None else entry.value for entry, other in pairs)}
     angles, limit = list_angle_inputs(programs), ANGLE_LIMITS[options.precision]
     drawn = SampleStates(count=options.states, seed=options.seed, shared={}, angles=angles, limit=limit)
+    failures = []
     for beta in choose_parameters(card, functions, programs, drawn):
         states = replace(drawn, shared={card.vector: beta, **springs})
         try:
-            pairs = zip(functions, programs, strict=True)
-            return tuple(_build_reference(function, program, states) for function, program in pairs)
+            return tuple(_build_reference(f, p, states) for f, p in zip(functions, programs, strict=True))
         except GenerationError as error:
             failures.append(error)
     raise failures[-1]

@@ -1,57 +1,516 @@
-"""All routes to the functions of the catalogue, and the choice among them.
+"""All routes to the functions of the catalogue, and the choice of the cheapest one.
 
-Robot -> `RouteChoice`: per function the program of the route with the fewest operations, and all counts.
+A route is a builder: workspace -> elements of all output ports. Lagrange's routes differentiate energies:
+p = dT/ddq and tau = dp/dt - dL/dq. Motor torques of an elastic robot follow from the motion of the links
+(Spong 1987), with the inverse of the spring:
 
-Supported: everything the dynamics supports.
+    tau_J = inverse dynamics,  phi = H^-1[tau_J],  theta = q + phi,  tau_m = IA ddtheta + F(dtheta) + tau_J
+
+Rates of phi are c times those of tau_J, c the slope of phi against tau_J in the direction of motion, which is
+constant between kinks. Rates of tau_J come from differentiating the recursion twice in time.
+
+Supported: everything the recursion and the friction models support; stops, knees, friction of the motors.
+Not supported: damping, cubic springs and coupled drives in the inverse of a spring.
 """
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
-from symid.codegen.catalogue import list_robot_specs
+from symid.codegen.catalogue import Constants, build_spring_terms, list_robot_specs
 from symid.codegen.functions import FunctionSpec
-from symid.codegen.model_card import Constants
-from symid.codegen.programs import Operations, Program, build_depth_first, count_operations
-from symid.codegen.route_builders import (
-    ProjectionPlace,
-    build_derivatives_route,
-    build_feed_forward_route,
-    build_forward_dynamics_route,
-    build_mass_matrix_route,
-    build_regressor_route,
-    build_torque_derivatives_route,
-    emit_coriolis_matrix,
-    emit_derived_lagrange_regressor,
-    emit_derived_mass_matrix,
-    emit_derived_momentum_regressor,
-    emit_derived_torque_regressor,
-    emit_derived_torques,
-    emit_energy,
-    emit_energy_of_bodies,
-    emit_energy_regressor,
-    emit_forward_kinematics,
-    emit_friction,
-    emit_friction_regressor,
-    emit_hysteresis_inverse_step,
-    emit_hysteresis_step,
-    emit_jacobian,
-    emit_mass_matrix,
-    emit_torques_by_regressor,
-    emit_torques_by_tensors,
-    emit_torques_by_vectors,
+from symid.codegen.programs import (
+    Op,
+    Operations,
+    Program,
+    ValueAlgebra,
+    build_depth_first,
+    count_operations,
+    differentiate_along,
+    differentiate_backward,
+    differentiate_forward,
 )
 from symid.codegen.workspace import (
+    Elements,
     RouteBuilder,
     RouteWorkspace,
     build_workspace,
     check_symbols,
+    flatten_columns,
+    flatten_coordinate_columns,
+    flatten_matrix,
+    flatten_vector,
+    project_at_depth,
     project_before_leaves,
     project_in_link,
 )
-from symid.dynamics import BaseParameters, derive_base_parameters, list_constant_rotations
-from symid.robot import Robot
+from symid.dynamics import (
+    DRIVE_PARAMETERS,
+    BaseParameters,
+    Columns,
+    ProjectionFrame,
+    compute_body_energy,
+    compute_drive_energy,
+    compute_energy_regressor,
+    compute_inverse_dynamics,
+    compute_jacobian,
+    compute_lagrange_columns,
+    compute_link_poses,
+    compute_mass_matrix,
+    compute_momentum_columns,
+    compute_slotine_li_columns,
+    compute_tensor_torques,
+    compute_torque_columns,
+    derive_base_parameters,
+    gather_body,
+    list_constant_rotations,
+    spread_coordinates,
+    sum_values,
+)
+from symid.joint_models import (
+    FRICTION_MODELS,
+    SpringTerms,
+    advance_inverse_spring,
+    advance_spring,
+    compute_friction_columns,
+    compute_outer_function,
+    get_friction,
+    invert_spring,
+)
+from symid.notation import INERTIAL
+from symid.robot import ZERO, Exact, Robot
 
 Routes = Mapping[str, RouteBuilder]
+
+
+def _emit_forward_kinematics(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+    poses = compute_link_poses(workspace.recursion)
+    rotations = tuple(entry for pose in poses for row in pose.rotation for entry in row)
+    return rotations, tuple(entry for pose in poses for entry in pose.origin)
+
+
+def _emit_jacobian(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+    rows = compute_jacobian(workspace.recursion)
+    return (tuple(entry for row in rows for entry in flatten_vector(workspace, row)),)
+
+
+def _list_friction_columns(workspace: RouteWorkspace) -> list[list[int]]:
+    """Return the friction regressor by columns; friction acts on the coordinates that turn its drive."""
+    robot, algebra = workspace.robot, workspace.algebra
+    speeds = spread_coordinates(robot, algebra, workspace.inputs["dq"])
+    columns = []
+    for parameter in workspace.base.friction:
+        index, name = parameter.label
+        friction = get_friction(robot, index)
+        columns_of_model = compute_friction_columns(friction, algebra, speeds[index])
+        entry = columns_of_model[FRICTION_MODELS[friction.kind].parameters.index(name)]
+        column = [algebra.zero] * robot.freedom
+        for position, factor in robot.transmission[index]:
+            column[position] = algebra.mul(algebra.constant(Exact.of(factor)), entry)
+        columns.append(column)
+    return columns
+
+
+def _emit_friction_regressor(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+    return (flatten_coordinate_columns(workspace, _list_friction_columns(workspace)),)
+
+
+def _combine_columns(
+    workspace: RouteWorkspace, columns: Sequence[Sequence[int]], parameters: Sequence[int], rows: int
+) -> list[int]:
+    """Return the sum of columns times parameters."""
+    algebra = workspace.algebra
+    total = [algebra.zero] * rows
+    for parameter, column in zip(parameters, columns, strict=True):
+        entries = zip(total, column, strict=True)
+        total = [algebra.add(value, algebra.mul(entry, parameter)) for value, entry in entries]
+    return total
+
+
+def _emit_friction(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+    columns, parameters = _list_friction_columns(workspace), workspace.inputs["f"]
+    return (tuple(_combine_columns(workspace, columns, parameters, workspace.robot.freedom)),)
+
+
+def _emit_energy_regressor(workspace: RouteWorkspace) -> tuple[Elements, Elements]:
+    algebra = workspace.algebra
+    kinetic, potential = [], []
+    rows = [compute_energy_regressor(algebra, motion) for motion in workspace.recursion.motions]
+    for link, name in workspace.base.keys:
+        if name in DRIVE_PARAMETERS:
+            drive = compute_drive_energy(workspace.recursion, (link, name))
+            kinetic.append(drive[0])
+            potential.append(drive[1])
+        else:
+            kinetic.append(rows[link].kinetic[INERTIAL.index(name)])
+            potential.append(rows[link].potential[INERTIAL.index(name)])
+    return tuple(kinetic), tuple(potential)
+
+
+def _multiply_parameters(workspace: RouteWorkspace, row: Sequence[int]) -> Elements:
+    columns, parameters = [[value] for value in row], tuple(workspace.parameters.values())
+    return tuple(_combine_columns(workspace, columns, parameters, 1))
+
+
+def _emit_energy(workspace: RouteWorkspace) -> tuple[Elements, Elements]:
+    kinetic, potential = _emit_energy_regressor(workspace)
+    return _multiply_parameters(workspace, kinetic), _multiply_parameters(workspace, potential)
+
+
+def _emit_energy_of_bodies(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+    """Return the energies as sums over links and drives."""
+    recursion, algebra = workspace.recursion, workspace.algebra
+    parts = [
+        compute_body_energy(algebra, gather_body(algebra, workspace.parameters, link), motion)
+        for link, motion in enumerate(recursion.motions)
+    ]
+    for key, value in workspace.parameters.items():
+        if key[1] in DRIVE_PARAMETERS:
+            kinetic, potential = compute_drive_energy(recursion, key)
+            parts.append((algebra.mul(value, kinetic), algebra.mul(value, potential)))
+    return tuple((sum_values(algebra, [part[place] for part in parts]),) for place in (0, 1))
+
+
+def _derive_torque(workspace: RouteWorkspace, kinetic: int, potential: int) -> list[int]:
+    table, inputs = workspace.table, workspace.inputs
+    momenta = differentiate_backward(table, kinetic, inputs["dq"])
+    slopes = differentiate_backward(table, table.add(kinetic, -potential), inputs["q"])
+    moving = (*zip(inputs["q"], inputs["dq"], strict=True), *zip(inputs["dq"], inputs["ddq"], strict=True))
+    rates = differentiate_forward(table, momenta, dict(moving))
+    return [table.add(rate, -slope) for rate, slope in zip(rates, slopes, strict=True)]
+
+
+def _emit_derived_torques(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+    (kinetic,), (potential,) = _emit_energy(workspace)
+    return (tuple(_derive_torque(workspace, kinetic, potential)),)
+
+
+def _emit_derived_mass_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+    """Return the mass matrix as dp/ddq.
+
+    The velocities are inputs of the momentum only: p is linear in them, its derivatives are free of them.
+    """
+    table = workspace.table
+    rates = tuple(table.input(-1, joint) for joint in range(workspace.robot.freedom))
+    moving = workspace.move(rates)
+    (kinetic,) = _multiply_parameters(moving, _emit_energy_regressor(moving)[0])
+    momenta = differentiate_backward(table, kinetic, rates)
+    one = table.constant(1.0)
+    columns = differentiate_along(table, momenta, [{rate: one} for rate in rates])
+    return (flatten_coordinate_columns(workspace, columns),)
+
+
+def _emit_torques_by_tensors(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+    return (flatten_vector(workspace, compute_tensor_torques(workspace.recursion, workspace.parameters)),)
+
+
+def _emit_torques_by_vectors(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+    return (flatten_vector(workspace, compute_inverse_dynamics(workspace.recursion, workspace.parameters)),)
+
+
+def _emit_torques_by_regressor(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+    parameters, meet = workspace.parameters, project_in_link(workspace.robot)
+    found = compute_torque_columns(workspace.recursion, workspace.base.keys, meet=meet)
+    columns = [found[key] for key in parameters]
+    torques = _combine_columns(workspace, columns, tuple(parameters.values()), workspace.robot.size)
+    return (flatten_vector(workspace, torques),)
+
+
+def _emit_coriolis_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+    """Return C column by column: the torques for dqr = e_k, ddqr = 0, without gravity and springs."""
+    algebra = workspace.algebra
+    weightless = replace(workspace.recursion, robot=replace(workspace.robot, gravity=(ZERO, ZERO, ZERO)))
+    parameters = {key: value for key, value in workspace.parameters.items() if key[1] not in ("KS", "KR")}
+    coordinates = range(workspace.robot.freedom)
+    columns = []
+    for k in coordinates:
+        unit = workspace.spread([algebra.one if j == k else algebra.zero for j in coordinates])
+        torques = compute_tensor_torques(weightless, parameters, (unit, workspace.zeros))
+        columns.append(flatten_vector(workspace, torques))
+    return (flatten_coordinate_columns(workspace, columns),)
+
+
+def _compute_slotine_li(workspace: RouteWorkspace, meet: ProjectionFrame | None) -> Columns[int]:
+    inputs = workspace.inputs
+    reference = (workspace.spread(inputs["dqr"]), workspace.spread(inputs["ddqr"]))
+    return compute_slotine_li_columns(workspace.recursion, reference, workspace.base.keys, meet=meet)
+
+
+_REGRESSORS: Mapping[str, Callable[[RouteWorkspace, ProjectionFrame | None], Columns[int]]] = {
+    "momentum_regressor": lambda w, meet: compute_momentum_columns(w.recursion, w.base.keys, meet=meet),
+    "lagrange_regressor": lambda w, meet: compute_lagrange_columns(w.recursion, w.base.keys, meet=meet),
+    "torque_regressor": lambda w, meet: compute_torque_columns(w.recursion, w.base.keys, meet=meet),
+    "slotine_li_regressor": _compute_slotine_li,
+}
+_PROJECTION_PLACES: Mapping[str, Callable[[Robot], ProjectionFrame] | None] = {
+    "column recursion": None,
+    "axis projection": project_in_link,
+    "axis projection, last links one joint down": project_before_leaves,
+}
+
+
+def _list_regressor_routes(
+    name: str, derive: Callable[[RouteWorkspace, int, int], list[int]] | None = None
+) -> Routes:
+    """Return the routes to a regressor: by recursion, and with `derive` from the energies."""
+
+    def build_route(place: Callable[[Robot], ProjectionFrame] | None) -> RouteBuilder:
+        def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+            meet = place(workspace.robot) if place else None
+            return (flatten_columns(workspace, _REGRESSORS[name](workspace, meet)),)
+
+        return build
+
+    def build_derived(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+        pairs = zip(*_emit_energy_regressor(workspace), strict=True)
+        columns = [derive(workspace, t, v) for t, v in pairs] if derive else []
+        return (flatten_coordinate_columns(workspace, columns),)
+
+    routes = {label: build_route(place) for label, place in _PROJECTION_PLACES.items()}
+    return {**routes, "differentiation of the energy": build_derived} if derive else routes
+
+
+def _build_mass_matrix_route(depth: int | None) -> RouteBuilder:
+    """Return the route by composite bodies whose momenta stop `depth` links above the first one."""
+
+    def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+        meet = None if depth is None else project_at_depth(workspace.robot, depth)
+        matrix = compute_mass_matrix(workspace.recursion, workspace.parameters, meet=meet)
+        return (flatten_matrix(workspace, matrix),)
+
+    return build
+
+
+def _solve_ldlt(
+    workspace: RouteWorkspace, matrix: Sequence[Sequence[int]], right: Sequence[int]
+) -> list[int]:
+    """Return x of M x = r by an LDL' factorisation written out.
+
+    Each pivot is inverted once: n more products, but a quotient takes as long as ten of them.
+    """
+    table, n = workspace.table, len(right)
+    one = table.constant(1.0)
+
+    def remove(start: int, products: Sequence[tuple[int, int]]) -> int:
+        for left, factor in products:
+            start = table.add(start, -table.mul(left, factor))
+        return start
+
+    lower = [[0] * n for _ in range(n)]
+    scaled = [[0] * n for _ in range(n)]
+    inverses: list[int] = []
+    for i in range(n):
+        for j in range(i):
+            scaled[i][j] = remove(matrix[i][j], [(lower[j][k], scaled[i][k]) for k in range(j)])
+            lower[i][j] = table.mul(scaled[i][j], inverses[j])
+        pivot = remove(matrix[i][i], [(lower[i][k], scaled[i][k]) for k in range(i)])
+        inverses.append(table.div(one, pivot))
+    solution: list[int] = []
+    for i in range(n):
+        solution.append(remove(right[i], [(lower[i][k], solution[k]) for k in range(i)]))
+    for i in reversed(range(n)):
+        solution[i] = table.mul(solution[i], inverses[i])
+        solution[i] = remove(solution[i], [(lower[k][i], solution[k]) for k in range(i + 1, n)])
+    return solution
+
+
+def _build_forward_dynamics_route(mass: RouteBuilder, torques: RouteBuilder) -> RouteBuilder:
+    """Return the route that solves M ddq = tau - c for a matrix and a bias torque from two other routes."""
+
+    def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+        table, n = workspace.table, workspace.robot.freedom
+        (entries,), (bias,) = workspace.recall(mass), workspace.recall(torques)
+        rest = [table.add(tau, -c) for tau, c in zip(workspace.inputs["tau"], bias, strict=True)]
+        matrix = [entries[n * row : n * (row + 1)] for row in range(n)]
+        return (tuple(_solve_ldlt(workspace, matrix, rest)),)
+
+    return build
+
+
+def _build_torque_derivatives_route(torques: RouteBuilder) -> RouteBuilder:
+    """Return the route to dtau/dq and dtau/ddq that differentiates the torques of another route."""
+
+    def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+        table = workspace.table
+        (values,) = workspace.recall(torques)
+        one = table.constant(1.0)
+        blocks = []
+        for name in ("q", "dq"):
+            directions = [{ref: one} for ref in workspace.inputs[name]]
+            columns = differentiate_along(table, values, directions)
+            blocks.append(flatten_coordinate_columns(workspace, columns))
+        return tuple(blocks)
+
+    return build
+
+
+def _list_springs(workspace: RouteWorkspace, memory: str) -> list[tuple[SpringTerms[int], Elements]]:
+    """Return the springs of all coordinates, each with its plays, which input `memory` holds."""
+    found = [joint.elasticity for joint in workspace.robot.axes if joint.elasticity]
+    springs = build_spring_terms(found, workspace.inputs["h"])
+    rest = iter(workspace.inputs.get(memory, ()))
+    return [(spring, tuple(itertools.islice(rest, len(spring.stops)))) for spring in springs]
+
+
+def _append_plays(*ports: Sequence[int], plays: Sequence[Sequence[int]]) -> tuple[Elements, ...]:
+    """Return values per coordinate and, where there are stops, the plays after the step."""
+    after = tuple(itertools.chain(*plays))
+    return (*map(tuple, ports), *((after,) if after else ()))
+
+
+def _emit_hysteresis_step(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+    """Return the torques after a step of the torsions, and the plays."""
+    parts = zip(_list_springs(workspace, "P"), workspace.inputs["phi"], strict=True)
+    steps = [advance_spring(workspace.algebra, spring, phi, plays) for (spring, plays), phi in parts]
+    return _append_plays([torque for torque, _ in steps], plays=[after for _, after in steps])
+
+
+def _emit_hysteresis_inverse_step(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+    """Return the torsions after a step of the torques, and the plays of the inverse."""
+    algebra = workspace.algebra
+    parts = zip(_list_springs(workspace, "Q"), workspace.inputs["tau_J"], strict=True)
+    steps = [
+        advance_inverse_spring(algebra, invert_spring(algebra, spring), torque, plays)
+        for (spring, plays), torque in parts
+    ]
+    return _append_plays([torsion for torsion, _ in steps], plays=[after for _, after in steps])
+
+
+def _invert_torque(
+    algebra: ValueAlgebra, spring: SpringTerms[int], torques: tuple[int, int, int], memory: Sequence[int]
+) -> tuple[int, int, int, Sequence[int]]:
+    """Return torsion, its two rates and the plays after the step, from a torque and its two rates."""
+    table, zero = algebra.table, algebra.zero
+    torque, rate, second = torques
+    inverse = invert_spring(algebra, spring)
+    plays, above, below = inverse
+    value, after = advance_inverse_spring(algebra, inverse, torque, memory)
+    before, outer = compute_outer_function(algebra, torque, above, below), algebra.one
+    beyond = [(slope, table.apply(Op.LESS, threshold, torque)) for threshold, slope in above]
+    beyond += [(slope, table.apply(Op.LESS, torque, threshold)) for threshold, slope in below]
+    for slope, active in beyond:
+        outer = algebra.add(outer, algebra.mul(slope, active))
+    total = plays.weights[0]
+    rising, falling = table.apply(Op.LESS, zero, rate), table.apply(Op.LESS, rate, zero)
+    for weight, threshold, play in zip(plays.weights[1:], plays.thresholds, memory, strict=True):
+        # A play at its edge moves with the torque only while that goes on beyond the edge.
+        up = table.apply(Op.LESS_EQUAL, play, algebra.sub(before, threshold))
+        down = table.apply(Op.LESS_EQUAL, algebra.add(before, threshold), play)
+        moves = algebra.add(algebra.mul(up, rising), algebra.mul(down, falling))
+        total = algebra.add(total, algebra.mul(weight, moves))
+    compliance = algebra.mul(total, outer)
+    return value, algebra.mul(compliance, rate), algebra.mul(compliance, second), after
+
+
+def _build_feed_forward_route(torques: RouteBuilder) -> RouteBuilder:
+    """Return the route to the torques of the motors that takes those of the links from another route."""
+
+    def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+        algebra, inputs, table = workspace.algebra, workspace.inputs, workspace.table
+        springs = _list_springs(workspace, "Q")
+        seeds: dict[int, int] = {}
+        for name, rate in itertools.pairwise(("q", "dq", "ddq", "dddq", "ddddq")):
+            seeds |= dict(zip(inputs[name], inputs[rate], strict=True))
+        (values,) = workspace.recall(torques)
+        rates = differentiate_forward(table, values, seeds)
+        found = list(zip(values, rates, differentiate_forward(table, rates, seeds), strict=True))
+        torsions = [
+            _invert_torque(algebra, spring, torque, plays)
+            for (spring, plays), torque in zip(springs, found, strict=True)
+        ]
+        theta = [algebra.add(q, torsion[0]) for q, torsion in zip(inputs["q"], torsions, strict=True)]
+        dtheta = [algebra.add(dq, torsion[1]) for dq, torsion in zip(inputs["dq"], torsions, strict=True)]
+        (friction,) = _emit_friction(replace(workspace, inputs={**inputs, "dq": tuple(dtheta)}, built={}))
+        motors = []
+        for k, torsion in enumerate(torsions):
+            inertial = algebra.mul(inputs["IA"][k], algebra.add(inputs["ddq"][k], torsion[2]))
+            motors.append(algebra.add(algebra.add(inertial, friction[k]), values[k]))
+        return _append_plays(motors, theta, dtheta, plays=[torsion[3] for torsion in torsions])
+
+    return build
+
+
+def _list_variants(name: str, build: RouteBuilder) -> Routes:
+    """Return a route, also with link origins moved along their axes, and with last links in fixed axes."""
+    return {
+        name: build,
+        f"{name}, shifted origins": lambda workspace: build(workspace.shift()),
+        f"{name}, last links held": lambda workspace: build(workspace.hold()),
+    }
+
+
+_emit_mass_matrix = _build_mass_matrix_route(None)
+_MASS_ROUTES: Routes = {
+    "composite bodies": _emit_mass_matrix,
+    "composite bodies, meeting in the second link": _build_mass_matrix_route(1),
+    "composite bodies, meeting in the third link": _build_mass_matrix_route(2),
+    "composite bodies, shifted origins": lambda workspace: _emit_mass_matrix(workspace.shift()),
+}
+_RECURSION_ROUTES: Routes = {
+    "vector recursion": _emit_torques_by_vectors,
+    **_list_variants("tensor recursion", _emit_torques_by_tensors),
+    "tensor recursion, shifted origins, last links held": (
+        lambda workspace: _emit_torques_by_tensors(workspace.shift().hold())
+    ),
+}
+_TORQUE_ROUTES: Routes = {
+    **_RECURSION_ROUTES,
+    "regressor times parameters": _emit_torques_by_regressor,
+    "differentiation of the energy": _emit_derived_torques,
+}
+
+
+def _combine_routes(build: Callable[[RouteBuilder, RouteBuilder], RouteBuilder], parts: Routes) -> Routes:
+    """Return the routes that take a mass matrix and `parts` from other routes."""
+    return {
+        f"{mass}; {part}": build(_MASS_ROUTES[mass], parts[part]) for mass in _MASS_ROUTES for part in parts
+    }
+
+
+_DERIVATIVE_ROUTES: Routes = {
+    name: _build_torque_derivatives_route(build) for name, build in _RECURSION_ROUTES.items()
+}
+ROUTES: Mapping[str, Routes] = {
+    "forward_kinematics": {"chain of frames": _emit_forward_kinematics},
+    "jacobian": {"axes in the base frame": _emit_jacobian},
+    "mass_matrix": {**_MASS_ROUTES, "differentiation of the energy": _emit_derived_mass_matrix},
+    "coriolis_matrix": {
+        **_list_variants("torques of unit rates", _emit_coriolis_matrix),
+        "torques of unit rates, shifted origins, last links held": (
+            lambda workspace: _emit_coriolis_matrix(workspace.shift().hold())
+        ),
+    },
+    "gravity": _TORQUE_ROUTES,
+    "bias": _TORQUE_ROUTES,
+    "inverse_dynamics": _TORQUE_ROUTES,
+    "forward_dynamics": _combine_routes(_build_forward_dynamics_route, _RECURSION_ROUTES),
+    "inverse_dynamics_derivatives": _combine_routes(
+        lambda mass, blocks: lambda workspace: (*workspace.recall(blocks), *workspace.recall(mass)),
+        _DERIVATIVE_ROUTES,
+    ),
+    "energy": {
+        "regressor times parameters": _emit_energy,
+        **_list_variants("sum over bodies", _emit_energy_of_bodies),
+    },
+    "energy_regressor": {"recursion": _emit_energy_regressor},
+    "momentum_regressor": _list_regressor_routes(
+        "momentum_regressor", lambda w, t, _: differentiate_backward(w.table, t, w.inputs["dq"])
+    ),
+    "lagrange_regressor": _list_regressor_routes(
+        "lagrange_regressor",
+        lambda w, t, v: differentiate_backward(w.table, w.table.add(t, -v), w.inputs["q"]),
+    ),
+    "torque_regressor": _list_regressor_routes("torque_regressor", _derive_torque),
+    "slotine_li_regressor": _list_regressor_routes("slotine_li_regressor"),
+    "friction": {"regressor times parameters": _emit_friction},
+    "friction_regressor": {"columns of the joint models": _emit_friction_regressor},
+    "hysteresis_step": {"plays": _emit_hysteresis_step},
+    "hysteresis_inverse_step": {"plays of the inverse": _emit_hysteresis_inverse_step},
+    "elastic_inverse_dynamics": {
+        name: _build_feed_forward_route(build) for name, build in _RECURSION_ROUTES.items()
+    },
+}
+"""Per function of the catalogue its routes by name; of routes that cost the same the first is taken."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,99 +529,6 @@ class RouteChoice:
 
     program: Program
     counts: tuple[RouteCount, ...]
-
-
-_PROJECTION_PLACES: Mapping[str, ProjectionPlace | None] = {
-    "column recursion": None,
-    "axis projection": project_in_link,
-    "axis projection, last links one joint down": project_before_leaves,
-}
-
-
-def _shift_origins(build: RouteBuilder) -> RouteBuilder:
-    """Return the route with link origins moved along their joints' axes."""
-    return lambda workspace: build(workspace.shift())
-
-
-def _hold_last_links(build: RouteBuilder) -> RouteBuilder:
-    """Return the route with the last links in axes that do not turn with them."""
-    return lambda workspace: build(workspace.hold())
-
-
-_MASS_ROUTES: Routes = {
-    "composite bodies": emit_mass_matrix,
-    "composite bodies, meeting in the second link": build_mass_matrix_route(1),
-    "composite bodies, meeting in the third link": build_mass_matrix_route(2),
-    "composite bodies, shifted origins": _shift_origins(emit_mass_matrix),
-}
-_RECURSION_ROUTES: Routes = {
-    "vector recursion": emit_torques_by_vectors,
-    "tensor recursion": emit_torques_by_tensors,
-    "tensor recursion, shifted origins": _shift_origins(emit_torques_by_tensors),
-    "tensor recursion, last links held": _hold_last_links(emit_torques_by_tensors),
-    "tensor recursion, shifted origins, last links held": _shift_origins(
-        _hold_last_links(emit_torques_by_tensors)
-    ),
-}
-_TORQUE_ROUTES: Routes = {
-    **_RECURSION_ROUTES,
-    "regressor times parameters": emit_torques_by_regressor,
-    "differentiation of the energy": emit_derived_torques,
-}
-
-
-def _list_regressor_routes(name: str, derived: RouteBuilder | None = None) -> Routes:
-    routes = {label: build_regressor_route(name, place) for label, place in _PROJECTION_PLACES.items()}
-    return routes if derived is None else {**routes, "differentiation of the energy": derived}
-
-
-def _combine_routes(build: Callable[[RouteBuilder, RouteBuilder], RouteBuilder], parts: Routes) -> Routes:
-    """Return the routes that take a mass matrix and `parts` from other routes."""
-    return {
-        f"{mass}; {part}": build(_MASS_ROUTES[mass], parts[part]) for mass in _MASS_ROUTES for part in parts
-    }
-
-
-_DERIVATIVE_ROUTES: Routes = {
-    name: build_torque_derivatives_route(build) for name, build in _RECURSION_ROUTES.items()
-}
-ROUTES: Mapping[str, Routes] = {
-    "forward_kinematics": {"chain of frames": emit_forward_kinematics},
-    "jacobian": {"axes in the base frame": emit_jacobian},
-    "mass_matrix": {**_MASS_ROUTES, "differentiation of the energy": emit_derived_mass_matrix},
-    "coriolis_matrix": {
-        "torques of unit rates": emit_coriolis_matrix,
-        "torques of unit rates, shifted origins": _shift_origins(emit_coriolis_matrix),
-        "torques of unit rates, last links held": _hold_last_links(emit_coriolis_matrix),
-        "torques of unit rates, shifted origins, last links held": _shift_origins(
-            _hold_last_links(emit_coriolis_matrix)
-        ),
-    },
-    "gravity": _TORQUE_ROUTES,
-    "bias": _TORQUE_ROUTES,
-    "inverse_dynamics": _TORQUE_ROUTES,
-    "forward_dynamics": _combine_routes(build_forward_dynamics_route, _RECURSION_ROUTES),
-    "inverse_dynamics_derivatives": _combine_routes(build_derivatives_route, _DERIVATIVE_ROUTES),
-    "energy": {
-        "regressor times parameters": emit_energy,
-        "sum over bodies": emit_energy_of_bodies,
-        "sum over bodies, shifted origins": _shift_origins(emit_energy_of_bodies),
-        "sum over bodies, last links held": _hold_last_links(emit_energy_of_bodies),
-    },
-    "energy_regressor": {"recursion": emit_energy_regressor},
-    "momentum_regressor": _list_regressor_routes("momentum_regressor", emit_derived_momentum_regressor),
-    "lagrange_regressor": _list_regressor_routes("lagrange_regressor", emit_derived_lagrange_regressor),
-    "torque_regressor": _list_regressor_routes("torque_regressor", emit_derived_torque_regressor),
-    "slotine_li_regressor": _list_regressor_routes("slotine_li_regressor"),
-    "friction": {"regressor times parameters": emit_friction},
-    "friction_regressor": {"columns of the joint models": emit_friction_regressor},
-    "hysteresis_step": {"plays": emit_hysteresis_step},
-    "hysteresis_inverse_step": {"plays of the inverse": emit_hysteresis_inverse_step},
-    "elastic_inverse_dynamics": {
-        name: build_feed_forward_route(build) for name, build in _RECURSION_ROUTES.items()
-    },
-}
-"""Per function of the catalogue its routes by name; of routes that cost the same the first is taken."""
 
 
 def _choose_in_workspace(workspace: RouteWorkspace, spec: FunctionSpec) -> RouteChoice:

@@ -1,10 +1,8 @@
 """Generated sources, and how they reach a folder.
 
-`SourceSet` -> files on disk with a manifest that names them.
-
-A new folder appears by one rename. In one that is there already each file is replaced in one step, the
-manifest last: an update that was interrupted leaves a hidden folder with the manifest of its files, by which
-the next one knows them as its own.
+A new folder appears by one rename. In an existing one each file is replaced in one step, the manifest last:
+an update that was interrupted leaves a hidden folder with the manifest of its files, by which the next one
+knows them as its own.
 
 Supported: new folders, empty ones, and folders that symid wrote before.
 Not supported: writing over files that symid did not write, or that were edited since.
@@ -61,47 +59,39 @@ def get_listed_digests(manifest: Mapping[str, object]) -> dict[str, str]:
     """Return the digests of the files that a manifest lists, by their path in the folder."""
     files = manifest.get("files")
     listed = files.items() if isinstance(files, dict) else ()
-    return {str(path): str(digest) for path, digest in listed if _is_inside(str(path))}
+    digests = {Path(path): str(digest) for path, digest in listed}
+    inside = {path: d for path, d in digests.items() if not path.is_absolute() and ".." not in path.parts}
+    return {path.as_posix(): digest for path, digest in inside.items()}
 
 
 def _read_listed_digests(folder: Path) -> ListedDigests | None:
     """Return the digests of what symid wrote into `folder`, None if it never did.
 
-    An update that was interrupted leaves the manifest of its files in a folder of its own: until the
-    next update succeeds, a file may be as the old manifest or as that one says.
+    After an interrupted update, a file may be as the old manifest says or as that of the update does.
     """
     manifests = [read_manifest(place) for place in (folder, *list_interrupted_updates(folder))]
     found = [get_listed_digests(manifest) for manifest in manifests if manifest is not None]
-    if not found:
-        return None
     paths = sorted({path for files in found for path in files})
-    return {path: tuple(files[path] for files in found if path in files) for path in paths}
+    return {p: tuple(files[p] for files in found if p in files) for p in paths} if found else None
 
 
 def list_interrupted_updates(folder: Path) -> list[Path]:
-    """Return what updates of `folder` that did not get to their end left in it."""
+    """Return what interrupted updates of `folder` left in it."""
     return sorted(folder.glob(f"{_UPDATE_PREFIX}*")) if folder.is_dir() else []
 
 
 def _list_leftovers(folder: Path) -> list[Path]:
-    """Return all that runs which did not get to their end left in `folder`."""
     return [*list_interrupted_updates(folder), *sorted(folder.glob(f"{_MANIFEST_PREFIX}*"))]
 
 
-def _is_inside(path: str) -> bool:
-    return not Path(path).is_absolute() and ".." not in Path(path).parts
-
-
 def is_unchanged(folder: Path, manifest: Mapping[str, object]) -> bool:
-    """Return whether every file that `manifest` lists is as it says, and no update was interrupted."""
+    """Return whether every file that `manifest` lists has its digest, and no update was interrupted."""
+    listed = get_listed_digests(manifest)
     try:
-        found = (
-            compute_digest((folder / path).read_bytes()) == d
-            for path, d in get_listed_digests(manifest).items()
-        )
-        return all(found) and not list_interrupted_updates(folder)
+        same = all(compute_digest((folder / path).read_bytes()) == listed[path] for path in listed)
     except OSError:
         return False
+    return same and not list_interrupted_updates(folder)
 
 
 def _sync_to_disk(path: Path) -> None:
@@ -118,7 +108,7 @@ def _sync_to_disk(path: Path) -> None:
 
 
 def _copy_owner(source: Path, *targets: Path) -> None:
-    """Let `targets` belong to whom `source` belongs; who may not give files away keeps them."""
+    """Give `targets` the owner of `source`, where the user may."""
     wanted = source.stat()
     with contextlib.suppress(OSError):
         for target in targets:
@@ -134,7 +124,7 @@ def write_manifest_text(text: str, folder: Path) -> None:
         OutputError: it cannot be written.
     """
     target = folder.resolve()
-    # Not the prefix of updates: no new files stand beside old ones meanwhile.
+    # Not the prefix of updates, during which new files stand beside old ones.
     staging = target / f"{_MANIFEST_PREFIX}{secrets.token_hex(6)}"
     try:
         staging.write_bytes(text.encode())
@@ -154,30 +144,27 @@ def _build_write_error(error: OSError, folder: Path) -> OutputError:
     return OutputError(Notice(code="output.cannot-write", text=text, file=str(folder)))
 
 
-def _check_folder(folder: Path, listed: ListedDigests | None, *, force: bool) -> None:
+def _check_folder(folder: Path, sources: SourceSet, listed: ListedDigests | None, *, force: bool) -> None:
+    """Raise OutputError where symid did not write the folder, or a file that `sources` would overwrite."""
     if folder.exists() and not folder.is_dir():
         text = "is a file, not a folder; give the name of a folder"
         raise OutputError(Notice(code="output.not-a-folder", text=text, file=str(folder)))
-    if listed is not None or force or not folder.is_dir():
-        return
-    if set(folder.iterdir()) - set(_list_leftovers(folder)):
+    foreign = listed is None and not force and folder.is_dir()
+    if foreign and set(folder.iterdir()) - set(_list_leftovers(folder)):
         text = "is not empty and holds no manifest of symid; give an empty folder, or force"
         raise OutputError(Notice(code="output.foreign-folder", text=text, file=str(folder)))
-
-
-def _check_files(folder: Path, sources: SourceSet, listed: ListedDigests, *, force: bool) -> None:
-    notices = []
+    known, notices = listed or {}, []
     for path, text in (*sources.files, (MANIFEST, sources.manifest)):
         target = folder / path
-        if not os.path.lexists(target) or (path == MANIFEST and listed):
+        if not os.path.lexists(target) or (path == MANIFEST and known):
             continue
         found = compute_digest(target.read_bytes()) if target.is_file() and not target.is_symlink() else ""
         if found == compute_digest(text.encode()):
             continue
-        if path not in listed:
-            why = "stands in the way and was not written by symid; move it, or give another folder"
+        if path not in known:
+            why = "is in the way and was not written by symid; move it, or give another folder"
             notices.append(Notice(code="output.foreign-file", text=why, file=str(target)))
-        elif found not in listed[path] and not force:
+        elif found not in known[path] and not force:
             why = "was edited since symid wrote it; move it, or force to lose the changes"
             notices.append(Notice(code="output.edited-file", text=why, file=str(target)))
     if notices:
@@ -186,12 +173,12 @@ def _check_files(folder: Path, sources: SourceSet, listed: ListedDigests, *, for
 
 def _write_staging(sources: SourceSet, staging: Path) -> None:
     staging.mkdir(parents=True)
-    # The manifest first: what is left of an interrupted update says what it was about to write.
+    # The manifest first: it shows what an interrupted update was about to write.
     for path, text in ((MANIFEST, sources.manifest), *sources.files):
         target = staging / path
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(text.encode())
-    # All are written by now: the disk takes them at once, which is faster than one after another.
+    # All at once is faster than one after another.
     with ThreadPoolExecutor(_SYNC_WORKERS) as pool:
         tuple(pool.map(_sync_to_disk, (*staging.rglob("*"), staging)))
 
@@ -232,7 +219,7 @@ def _update_folder(sources: SourceSet, folder: Path, listed: ListedDigests) -> N
         _remove_stale_files(folder, sources, listed)
         for place in sorted({(folder / path).parent for path, _ in sources.files}):
             _sync_to_disk(place)
-        # Last: until here the old manifest and the one in the staging folder speak for the files.
+        # Last: until here the old manifest and the one in the staging folder list the files.
         (staging / MANIFEST).replace(folder / MANIFEST)
         _sync_to_disk(folder)
     except BaseException:
@@ -251,15 +238,14 @@ def write_sources(sources: SourceSet, folder: Path, *, force: bool = False) -> t
     """Write `sources` into `folder` and return the paths of the files, the manifest last.
 
     Files that the last run wrote and this one does not are removed if nobody changed them. With
-    `force`, a folder that is not empty is accepted and edited files are written anew; a file that
+    `force`, a folder that is not empty is accepted and edited files are overwritten; a file that
     symid did not write is never touched.
 
     Raises:
-        OutputError: the folder or a file in it is not ours, or cannot be written.
+        OutputError: symid did not write the folder or a file in it, or they cannot be written.
     """
     listed = _read_listed_digests(folder)
-    _check_folder(folder, listed, force=force)
-    _check_files(folder, sources, listed or {}, force=force)
+    _check_folder(folder, sources, listed, force=force)
     target = folder.resolve()
     try:
         if target.is_dir():

@@ -1,14 +1,10 @@
-"""What the text of generated sources is made with: options, names made fit for code, templates.
-
-A template is filled with strings, numbers, tuples and plain records of them: all that it names, and nothing
-that it does not. Names that a robot file states become identifiers, file names, comments and prose: text that
-ends no comment, no string and no line.
+"""Options of generated code, names of robot files made safe for code, and templates.
 
 Supported: loops and joins in templates. Not supported: logic in templates; an undefined name is an error.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
@@ -22,8 +18,12 @@ if TYPE_CHECKING:
 BACKENDS = ("auto", "c", "python", "casadi")
 """What can compute a robot's functions; "auto" is C, or NumPy where there is no compiler."""
 
-_PRECISIONS = ("double", "float")
-_TRIGONOMETRIES = ("own", "library")
+
+def check_choice(key: str, value: str, allowed: Sequence[str]) -> None:
+    """Raise UsageError, code `usage.KEY`, where `value` is not one of those allowed."""
+    if value not in allowed:
+        text = f"{key}: expected one of {', '.join(allowed)}, got {value!r}"
+        raise UsageError(Notice(code=f"usage.{key}", text=text))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,10 +33,9 @@ class GenerateOptions:
     Args:
         precision: "double" or "float", the type of every number in the C library.
         trigonometry: "own" for sines and cosines of all angles at once, in the generated C itself;
-            "library" for calls of the C library's.
-        states: how many random states the self-test evaluates.
-        seed: of the generator that draws them.
-        friction_laws: whether the C library holds all static friction laws besides.
+            "library" for calls of the C library.
+        states: number of random states in the self-test. seed: of the generator that draws them.
+        friction_laws: whether the C library holds all static friction laws too.
 
     Raises:
         UsageError: a value that is not offered.
@@ -50,12 +49,8 @@ class GenerateOptions:
 
     def __post_init__(self) -> None:
         """Check the values."""
-        if self.precision not in _PRECISIONS:
-            text = f"precision: expected one of {', '.join(_PRECISIONS)}, got {self.precision!r}"
-            raise UsageError(Notice(code="usage.precision", text=text))
-        if self.trigonometry not in _TRIGONOMETRIES:
-            text = f"trigonometry: expected one of {', '.join(_TRIGONOMETRIES)}, got {self.trigonometry!r}"
-            raise UsageError(Notice(code="usage.trigonometry", text=text))
+        check_choice("precision", self.precision, ("double", "float"))
+        check_choice("trigonometry", self.trigonometry, ("own", "library"))
         if self.states < 1:
             text = f"states: expected at least one, got {self.states}"
             raise UsageError(Notice(code="usage.states", text=text))
@@ -116,11 +111,11 @@ def write_template(template: str, facts: Mapping[str, object], /, **values: obje
 
     Args:
         template: its name, for example "c/header.h.jinja".
-        facts: what any template may ask for.
+        facts: what any template may use.
         values: of this template's own variables; they go before facts of the same names.
 
     Raises:
-        GenerationError: the template asks for what is not there, or not for one of `values`.
+        GenerationError: a variable of the template is missing, or one of `values` is not used.
     """
     wanted = _list_variables(template)
     missing, unused = sorted(wanted - facts.keys() - values.keys()), sorted(values.keys() - wanted)

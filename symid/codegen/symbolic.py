@@ -1,7 +1,4 @@
-"""The catalogue as exact SymPy expressions.
-
-Robot, name of a function -> `SymbolicFunction`: symbols of the inputs, matrices of the outputs, numbers as
-the robot file writes them, roots as roots, symbolic lengths as symbols.
+"""The catalogue as exact SymPy expressions: numbers as in the robot file, roots and lengths as symbols.
 
 Robot -> BaseParameters -> routes over exact numbers -> the program that is shortest written out -> SymPy.
 
@@ -59,19 +56,18 @@ _NUMBERED = re.compile(r"^(?P<letter>[A-Za-z_]+?)(?P<place>c|\d*)_?(?P<number>\d
 class SymbolicFunction:
     """A function of the catalogue in exact symbols.
 
-    Short polynomials are collected by parameters, then by sines and cosines. What is longer is nested, as the
-    recursion makes it: nothing is expanded or simplified.
+    Short polynomials are collected by parameters, then by sines and cosines. Longer expressions are nested,
+    as the recursion makes them: nothing is expanded or simplified.
 
     Attributes:
         name: in the catalogue. meaning: in words.
         inputs: per input a column of symbols, in the order of the catalogue.
         outputs: per output a scalar, a column or matrix, or for shape (links, 3, 3) a matrix a link.
         units: of inputs and outputs, for revolute joints.
-        lengths: the symbolic lengths that take part and their values in m, None of one that has none.
+        lengths: the symbolic lengths in the expressions and their values in m, None for no value.
         operations: sums, products and functions when every output is written out.
         route: how the expressions were derived.
-        names: the LaTeX of the symbols.
-        source: the program behind the expressions.
+        names: the LaTeX of the symbols. source: the program behind the expressions.
     """
 
     name: str
@@ -109,7 +105,7 @@ class SymbolicFunction:
         """Return the outputs with a symbol for every value that is used more than once.
 
         The definitions come first, each before it is used: the form of `sympy.cse`, with about as many
-        operations as generated code has, however long the outputs are when written out.
+        operations as generated code has.
         """
         steps, values = share_values(self.source)
         return steps, _shape_outputs(self.source.program.spec, values)
@@ -117,7 +113,7 @@ class SymbolicFunction:
     def lambdify(self, modules: str = "numpy") -> Callable[..., Any]:
         """Return a Python function of one array an input that returns the list of outputs.
 
-        Like `sympy.lambdify` with `cse`, but from `share`, so that nothing needs to be searched for.
+        Like `sympy.lambdify` with `cse`, but faster: the shared values are those of `share`.
 
         Args:
             modules: as in `sympy.lambdify`: "numpy", "math", "mpmath", "jax".
@@ -136,7 +132,7 @@ class SymbolicFunction:
         """Return one equation a line, output = expression, with the letters of `symid.notation`.
 
         Raises:
-            UsageError: the expressions would fill a book.
+            UsageError: the expressions have more than 20 000 operations.
         """
         if self.operations > _LONGEST_PRINT:
             text = (
@@ -189,13 +185,11 @@ def _write_name(name: str) -> str:
 
 def _list_names(robot: Robot, base: BaseParameters, port: Port) -> list[str]:
     """Return the names of the elements of an input, numbered as the joints are."""
-    numbers = [index + 1 for index in robot.coordinates]
-    if port.name == base.vector:
-        return [parameter.name for parameter in base.parameters]
-    if port.name == "f":
-        return [parameter.name for parameter in base.friction]
+    if port.name in (base.vector, "f"):
+        return [entry.name for entry in (base.friction if port.name == "f" else base.parameters)]
     if port.name == "h":
-        return [parameter.name for parameter in list_spring_parameters(robot)]
+        return [entry.name for entry in list_spring_parameters(robot)]
+    numbers = [index + 1 for index in robot.coordinates]
     if port.name in ("P", "Q"):
         return [
             f"{port.name}{place}_{number}"
@@ -242,23 +236,6 @@ def _shape_outputs(spec: FunctionSpec, values: Sequence[Sequence[Expr]]) -> dict
     return {port.name: shape(port, part) for port, part in zip(spec.outputs, values, strict=True)}
 
 
-def _choose_shortest_route(
-    robot: Robot, base: BaseParameters, spec: FunctionSpec, inputs: Mapping[str, ImmutableDenseMatrix]
-) -> tuple[str, ExactProgram]:
-    """Return the route whose formulas are shortest, and what it computes."""
-    workspace = build_workspace(robot, base, spec, exact=True)
-    programs = {
-        route: workspace.table.build_program(spec, workspace.recall(build))
-        for route, build in ROUTES[spec.name].items()
-    }
-    chosen = min(programs, key=lambda route: count_expanded_operations(programs[route]))
-    return chosen, ExactProgram(
-        program=programs[chosen],
-        numbers=tuple(workspace.algebra.numbers or ()),
-        inputs=tuple(tuple(column) for column in inputs.values()),
-    )
-
-
 def derive_symbolic(
     robot: Robot,
     name: str,
@@ -269,16 +246,16 @@ def derive_symbolic(
 ) -> SymbolicFunction:
     """Return a function of the catalogue as exact SymPy expressions.
 
-    Of the routes to the function (recursions, regressors, differentiation of the energy) the one is taken
-    whose formulas are shortest. Equal robots give equal expressions, whatever the hash seed.
+    Of the routes to the function (recursions, regressors, differentiation of the energy) the one with the
+    shortest formulas is taken. Equal robots give equal expressions.
 
     Args:
         robot: the robot.
         name: of the function, such as "mass_matrix".
         standard: whether the function takes the standard parameters pi in place of beta.
         base: the base parameters of `robot` where they are known already.
-        symbols: own expressions for inputs, per input as many as it has elements, for example
-            {"q": dynamicsymbols("q1 q2")}; others are q1.., dq1.., and the names of the parameters (ZZR1).
+        symbols: own expressions for inputs, one an element, for example {"q": dynamicsymbols("q1 q2")};
+            others are q1.., dq1.., and the names of the parameters (ZZR1).
 
     Raises:
         UsageError: the catalogue has no such function for this robot, or `symbols` do not fit it.
@@ -287,9 +264,17 @@ def derive_symbolic(
         base = build_standard_parameters(robot) if standard else derive_base_parameters(robot)
     (spec,) = list_robot_specs(robot, base, (name,))
     inputs = _build_input_columns(robot, base, spec, symbols or {})
-    route, source = _choose_shortest_route(robot, base, spec, inputs)
+    workspace = build_workspace(robot, base, spec, exact=True)
+    programs = {
+        route: workspace.table.build_program(spec, workspace.recall(build))
+        for route, build in ROUTES[name].items()
+    }
+    sizes = {route: count_expanded_operations(program) for route, program in programs.items()}
+    route = min(sizes, key=sizes.__getitem__)
+    columns = tuple(map(tuple, inputs.values()))
+    numbers = tuple(workspace.algebra.numbers or ())
+    source = ExactProgram(program=programs[route], numbers=numbers, inputs=columns)
     values = dict(robot.symbols)
-    flat = [entry for column in inputs.values() for entry in column]
     return SymbolicFunction(
         name=name,
         meaning=spec.meaning,
@@ -300,8 +285,8 @@ def derive_symbolic(
             Symbol(length): Rational(repr(values[length])) if length in values else None
             for length in list_symbols(robot)
         },
-        operations=count_expanded_operations(source.program),
+        operations=sizes[route],
         route=route,
-        names={entry: _write_name(entry.name) for entry in flat if isinstance(entry, Symbol)},
+        names={x: _write_name(x.name) for column in columns for x in column if isinstance(x, Symbol)},
         source=source,
     )

@@ -1,11 +1,7 @@
 """What all routes to a function start from, and how their results become the elements of its output ports.
 
-Robot, base parameters, an entry of the catalogue -> `RouteWorkspace`: a table of expressions, the inputs,
-the robot in its state. A coordinate that is not an input of the function is zero: gravity is inverse
-dynamics at rest.
-
-Values per joint, per pair of joints, per joint and parameter, or per coordinate -> `Elements`. Every result
-passes here, so that the shares of joints that follow another are added at its coordinate.
+A coordinate that is not an input of the function is zero: gravity is inverse dynamics at rest. The shares of
+joints that follow another are added at its coordinate.
 
 Supported: rigid robots, trees, symbolic lengths with a value; without one where the workspace is exact.
 """
@@ -14,14 +10,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 
+from symid.codegen.catalogue import Constants
 from symid.codegen.functions import FunctionSpec
-from symid.codegen.model_card import Constants
-from symid.codegen.programs import ExpressionTable, ValueAlgebra, build_joint_state
+from symid.codegen.programs import ExpressionTable, Op, ValueAlgebra
 from symid.dynamics import (
     BaseParameters,
     Label,
     ProjectionFrame,
     Recursion,
+    RobotState,
     build_recursion,
     choose_origin_shifts,
     fix_last_link_axes,
@@ -44,10 +41,9 @@ RouteBuilder = Callable[["RouteWorkspace"], tuple[Elements, ...]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RouteWorkspace:
-    """Inputs as references, one a coordinate or parameter, and the recursion over them.
+    """References to every vector a route may ask for, zeros where the function has no such input.
 
-    `inputs` holds every vector a route may ask for, zeros where the function has no such input;
-    `parameters` the base parameters as sparse link parameters.
+    `parameters` holds the base parameters as sparse link parameters.
     """
 
     base: BaseParameters
@@ -76,7 +72,7 @@ class RouteWorkspace:
 
     def spread(self, values: Sequence[int]) -> tuple[int, ...]:
         """Return the values of the joints from those of the coordinates."""
-        return spread_coordinates(self.robot, self.recursion.algebra, values)[: self.robot.size]
+        return _spread(self.robot, self.algebra, values)
 
     def move(self, velocity: tuple[int, ...]) -> "RouteWorkspace":
         """Return the same workspace at other velocities of the coordinates."""
@@ -98,12 +94,12 @@ class RouteWorkspace:
         return replace(self, recursion=recursion, parameters=parameters, built={})
 
 
-def check_symbols(robot: Robot) -> None:
-    """Check that all symbolic lengths have a value.
+def _spread(robot: Robot, algebra: ValueAlgebra, values: Sequence[int]) -> tuple[int, ...]:
+    return spread_coordinates(robot, algebra, values)[: robot.size]
 
-    Raises:
-        RobotError: one has none.
-    """
+
+def check_symbols(robot: Robot) -> None:
+    """Raise RobotError where a symbolic length has no value."""
     missing = [name for name in list_symbols(robot) if name not in dict(robot.symbols)]
     if missing:
         text = (
@@ -123,9 +119,9 @@ def build_workspace(
 ) -> RouteWorkspace:
     """Return a new workspace for the function `spec`.
 
-    `turns` are constant turns of joints (`list_constant_rotations`) that are added to the joints' angles; the
-    others are part of the placements. `constants` are values of vectors that are no inputs of the function.
-    `exact` keeps numbers and symbolic lengths as they are, see `ValueAlgebra.numbers`.
+    `turns` are constant turns of joints (`list_constant_rotations`), in rad, that are added to the joints'
+    angles; the others are part of the placements. `constants` are values of vectors that are no inputs of the
+    function. `exact` keeps numbers and symbolic lengths as they are, see `ValueAlgebra.numbers`.
     """
     turns = turns or {}
     table = ExpressionTable()
@@ -138,7 +134,15 @@ def build_workspace(
     for name, values in (constants or {}).items():
         inputs[name] = tuple(map(table.constant, values))
     algebra = ValueAlgebra(table, dict(robot.symbols), {} if exact else None)
-    state = build_joint_state(robot, algebra, (inputs["q"], inputs["dq"], inputs["ddq"]), turns)
+    position, velocity, acceleration = (_spread(robot, algebra, inputs[name]) for name in ("q", "dq", "ddq"))
+    angles = [table.add(angle, table.constant(turns.get(joint, 0.0))) for joint, angle in enumerate(position)]
+    state = RobotState(
+        sine=tuple(table.apply(Op.SIN, angle) for angle in angles),
+        cosine=tuple(table.apply(Op.COS, angle) for angle in angles),
+        position=position,
+        velocity=velocity,
+        acceleration=acceleration,
+    )
     return RouteWorkspace(
         base=base,
         table=table,
@@ -179,7 +183,7 @@ def project_in_link(_robot: Robot) -> ProjectionFrame:
 def project_before_leaves(robot: Robot) -> ProjectionFrame:
     """Return the meeting in a link's own frame, for a link that carries no other in its parent's.
 
-    The screws of many joints come up to a last frame for the sake of one link only.
+    Into a last frame, the screws of all joints would be turned for one link only.
     """
     parents = {joint.parent for joint in robot.joints}
     places = [

@@ -31,8 +31,7 @@ if TYPE_CHECKING:
         choose_domain as choose_domain,
         list_symbols as list_symbols,
         write_name_latex as write_name_latex,
-        write_polynomial_latex as write_polynomial_latex,
-        write_polynomial_text as write_polynomial_text,
+        write_polynomial as write_polynomial,
     )
     from symid.dynamics.explanations import (
         get_label_unit as get_label_unit,

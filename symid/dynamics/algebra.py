@@ -1,17 +1,18 @@
+# ruff: noqa: D102 - operations are named as what they are
+
 """The scalar algebra that the recursion is written over, with vectors, matrices and the state on top.
 
 Numbers of one carrier (exact polynomials, code expressions, floats) -> `Algebra`, the few operations that
 dynamics needs; `RobotState`, the coordinates; vectors (x, y, z) and matrices as tuples of scalars.
 
-A carrier supplies add, sub, mul, neg, half and constants, and handles signs, zeros and ones itself, so that
-the recursion need not know them.
+A carrier handles signs, zeros and ones itself, so that the recursion need not know them.
 """
 
 import operator
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from symid.robot import Exact, Robot
 
@@ -21,33 +22,27 @@ Label = tuple[int, str]
 
 
 class Algebra(Protocol[T]):
-    """The operations of a carrier of scalars."""
+    """The operations of a carrier of scalars; constants are exact numbers or symbolic lengths."""
 
     @property
-    def zero(self) -> T:
-        """Return the number zero."""
-
+    def zero(self) -> T: ...
     @property
-    def one(self) -> T:
-        """Return the number one."""
+    def one(self) -> T: ...
+    def constant(self, value: Exact, /) -> T: ...
+    def add(self, left: T, right: T, /) -> T: ...
+    def sub(self, left: T, right: T, /) -> T: ...
+    def mul(self, left: T, right: T, /) -> T: ...
+    def neg(self, value: T, /) -> T: ...
+    def half(self, value: T, /) -> T: ...
 
-    def constant(self, value: Exact) -> T:
-        """Return an exact number, or a symbolic length, in this carrier."""
 
-    def add(self, left: T, right: T) -> T:
-        """Return left + right."""
+class OperatorAlgebra:
+    """The operations of a carrier whose numbers have the usual operators."""
 
-    def sub(self, left: T, right: T) -> T:
-        """Return left - right."""
-
-    def mul(self, left: T, right: T) -> T:
-        """Return left * right in normal form."""
-
-    def neg(self, value: T) -> T:
-        """Return -value."""
-
-    def half(self, value: T) -> T:
-        """Return value / 2."""
+    add: Any = staticmethod(operator.add)
+    sub: Any = staticmethod(operator.sub)
+    mul: Any = staticmethod(operator.mul)
+    neg: Any = staticmethod(operator.neg)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,38 +62,8 @@ class RobotState(Generic[T]):
     acceleration: tuple[T, ...]
 
 
-class OperatorAlgebra(Generic[T]):
-    """The operations of a carrier whose numbers have the usual operators."""
-
-    def add(self, left: T, right: T) -> T:
-        """Return left + right."""
-        result: T = operator.add(left, right)
-        return result
-
-    def sub(self, left: T, right: T) -> T:
-        """Return left - right."""
-        result: T = operator.sub(left, right)
-        return result
-
-    def mul(self, left: T, right: T) -> T:
-        """Return left * right."""
-        result: T = operator.mul(left, right)
-        return result
-
-    def neg(self, value: T) -> T:
-        """Return -value."""
-        result: T = operator.neg(value)  # type: ignore[arg-type]  # T has operators here
-        return result
-
-
 def spread_coordinates(robot: Robot, algebra: Algebra[T], values: Sequence[T]) -> tuple[T, ...]:
-    """Return the value of every joint, and then every coupling, from those of the coordinates.
-
-    Args:
-        robot: the robot.
-        algebra: the carrier.
-        values: positions, velocities or accelerations of the coordinates.
-    """
+    """Return the value of every joint, and then every coupling, from the `values` of the coordinates."""
     result = []
     for row in robot.transmission:
         total = algebra.zero
@@ -117,19 +82,16 @@ def build_state(robot: Robot, algebra: Algebra[T], values: Mapping[str, T]) -> R
     Joints that follow another have their own s and c, or q, with s^2 + c^2 = 1; their rates follow.
     """
 
-    def take(prefix: str) -> tuple[T, ...]:
-        return tuple(values.get(f"{prefix}{number}", algebra.zero) for number in range(1, robot.size + 1))
+    def take(prefix: str, joints: Iterable[int]) -> tuple[T, ...]:
+        return tuple(values.get(f"{prefix}{joint + 1}", algebra.zero) for joint in joints)
 
-    def spread(prefix: str) -> tuple[T, ...]:
-        rates = [values.get(f"{prefix}{index + 1}", algebra.zero) for index in robot.coordinates]
-        return spread_coordinates(robot, algebra, rates)[: robot.size]
-
+    sine, cosine, position = (take(prefix, range(robot.size)) for prefix in ("s", "c", "q"))
+    velocity, acceleration = (
+        spread_coordinates(robot, algebra, take(prefix, robot.coordinates))[: robot.size]
+        for prefix in ("dq", "ddq")
+    )
     return RobotState(
-        sine=take("s"),
-        cosine=take("c"),
-        position=take("q"),
-        velocity=spread("dq"),
-        acceleration=spread("ddq"),
+        sine=sine, cosine=cosine, position=position, velocity=velocity, acceleration=acceleration
     )
 
 
@@ -148,11 +110,6 @@ def sum_values(algebra: Algebra[T], values: Sequence[T]) -> T:
 def add_vectors(algebra: Algebra[T], left: Vector[T], right: Vector[T]) -> Vector[T]:
     """Return left + right."""
     return (algebra.add(left[0], right[0]), algebra.add(left[1], right[1]), algebra.add(left[2], right[2]))
-
-
-def subtract_vectors(algebra: Algebra[T], left: Vector[T], right: Vector[T]) -> Vector[T]:
-    """Return left - right."""
-    return (algebra.sub(left[0], right[0]), algebra.sub(left[1], right[1]), algebra.sub(left[2], right[2]))
 
 
 def scale_vector(algebra: Algebra[T], factor: T, vector: Vector[T]) -> Vector[T]:

@@ -1,40 +1,40 @@
-"""The exact base parameters: which combinations of parameters a motion can show, why, and their values.
+"""The exact base parameters: the combinations of parameters that a motion can show, why, and their values.
 
 Robot -> `BaseParameters`: the grouping beta = K pi, its representatives, and for every eliminated parameter
-what became of it. `observable_subspace` makes the rows, `explanations` names them.
-Robot, base parameters -> {name: value} for every base parameter all of whose members the robot file states,
-and the same as formulas in the symbols of the file.
+the reason. Robot, base parameters -> {name: value} for every base parameter all of whose members the robot
+file states, and the same as formulas in the symbols of the file.
 
-Supported: trees; rotors, coupled drives and springs where the robot declares them; joints that follow
-others; friction, whose offsets can coincide with a weight; symbolic lengths (generic values: no pivot
-vanishes); numbers beside symbols.
-Not supported: formulas of links that a fixed joint made heavier; their numbers stand for them.
+Supported: trees; rotors, coupled drives and springs; joints that follow others; friction, whose offsets can
+coincide with a weight; symbolic lengths (generic values: no pivot vanishes); numbers beside symbols.
+Not supported: formulas of links that a fixed joint made heavier; their numbers are used.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
-from sympy import QQ, Expr, Integer, Rational, Symbol
+from sympy import QQ, Expr, Integer, Symbol
 from sympy.polys.domains.domain import Domain
+from sympy.polys.matrices import DomainMatrix
 
 from symid.arrays import FloatArray
 from symid.dynamics.algebra import Label
 from symid.dynamics.bodies import DRIVE_PARAMETERS, list_drive_parameters
-from symid.dynamics.exact_algebra import Row, choose_domain, convert_number, list_symbols, reduce_rows
-from symid.dynamics.explanations import (
-    explain_elimination,
-    explain_grouping,
-    write_combination,
-    write_label,
+from symid.dynamics.exact_algebra import (
+    Number,
+    choose_domain,
+    convert_number,
+    list_placement_constants,
+    list_symbols,
+    reduce_rows,
 )
+from symid.dynamics.explanations import explain_elimination, explain_grouping, write_combination, write_label
 from symid.dynamics.observable_subspace import ObservableSubspace, derive_observable_subspace
 from symid.errors import Notice, RobotError
 from symid.joint_models import FRICTION_MODELS, list_friction_parameters
 from symid.notation import INERTIAL
-from symid.robot import Exact, FrictionValues, Placement, Robot, SymbolicInertia
+from symid.robot import Coupling, Exact, Joint, Placement, Robot, SymbolicInertia
 
 BASE_FORMS = ("torque", "energy", "momentum", "gravity")
 _INERTIAL = (*INERTIAL, *DRIVE_PARAMETERS)
@@ -66,7 +66,7 @@ class BaseParameters:
 
     `parameters` are the inertial ones (drives included), `friction` those of the friction models, in the
     order of the vectors beta and f; `labels` the columns of K, all parameters in their canonical order.
-    `vector` is the letter of the inertial ones: beta, or pi where every standard parameter stands for itself.
+    `vector` is the letter of the inertial ones: beta, or pi for all standard parameters.
     """
 
     robot: str
@@ -110,50 +110,12 @@ def _label_parameters(robot: Robot) -> tuple[Label, ...]:
     return (*labels, *list_friction_parameters(robot))
 
 
-def _write_parameters(
-    rows: Sequence[Row], labels: Sequence[Label], robot: Robot, shown: ObservableSubspace
-) -> Iterator[BaseParameter]:
-    for row in rows:
-        terms = tuple((labels[column], shown.field.to_sympy(value)) for column, value in sorted(row.items()))
-        label = terms[0][0]
-        named = [(write_label(robot, other), value) for other, value in terms]
-        yield BaseParameter(
-            name=write_label(robot, label, grouped=len(terms) > 1),
-            label=label,
-            terms=terms,
-            expression=write_combination(named),
-            reason=explain_grouping(
-                robot, label, [other for other, _ in terms[1:]], _list_angular_components(shown, label)
-            ),
-        )
-
-
 def _list_angular_components(shown: ObservableSubspace, label: Label) -> tuple[tuple[int, ...], ...]:
     """Return which components of the angular velocity each attainable velocity of the link holds."""
     if label[0] >= len(shown.visible):
         return ()
     rows = shown.visible[label[0]].velocities
     return tuple(tuple(sorted(column for column in row if column < 3)) for row in rows)
-
-
-def _write_eliminated(
-    labels: Sequence[Label],
-    parameters: Sequence[BaseParameter],
-    robot: Robot,
-    shown: ObservableSubspace,
-    form: str,
-) -> Iterator[EliminatedParameter]:
-    kept = {parameter.label for parameter in parameters}
-    groups: Mapping[Label, list[tuple[str, Label]]] = {label: [] for label in labels}
-    for parameter in parameters:
-        for label, _ in parameter.terms:
-            groups[label].append((parameter.name, parameter.label))
-    for label in labels:
-        if label not in kept:
-            reason = explain_elimination(
-                robot, label, groups[label], _list_angular_components(shown, label), form
-            )
-            yield EliminatedParameter(name=write_label(robot, label), label=label, reason=reason)
 
 
 def build_standard_parameters(robot: Robot) -> BaseParameters:
@@ -203,14 +165,37 @@ def derive_base_parameters(robot: Robot, *, form: str = "torque") -> BaseParamet
     column = {label: index for index, label in enumerate(labels)}
     shown = derive_observable_subspace(robot, form)
     known = ({column[label]: value for label, value in row.items() if label in column} for row in shown.rows)
-    reduced = reduce_rows(known).rows
-    written = tuple(_write_parameters(reduced, labels, robot, shown))
+    written: list[BaseParameter] = []
+    groups: dict[Label, list[tuple[str, Label]]] = {label: [] for label in labels}
+    for row in reduce_rows(known).rows:
+        terms = tuple((labels[column], shown.field.to_sympy(value)) for column, value in sorted(row.items()))
+        label, members = terms[0][0], [other for other, _ in terms[1:]]
+        name = write_label(robot, label, grouped=bool(members))
+        expression = write_combination([(write_label(robot, other), value) for other, value in terms])
+        reason = explain_grouping(robot, label, members, _list_angular_components(shown, label))
+        written.append(
+            BaseParameter(name=name, label=label, terms=terms, expression=expression, reason=reason)
+        )
+        for other, _ in terms:
+            groups[other].append((name, label))
+    kept = {parameter.label for parameter in written}
+    eliminated = (
+        EliminatedParameter(
+            name=write_label(robot, label),
+            label=label,
+            reason=explain_elimination(
+                robot, label, groups[label], _list_angular_components(shown, label), form
+            ),
+        )
+        for label in labels
+        if label not in kept
+    )
     return BaseParameters(
         robot=robot.name,
         labels=labels,
         parameters=tuple(p for p in written if p.label[1] in _INERTIAL),
         friction=tuple(p for p in written if p.label[1] not in _INERTIAL),
-        eliminated=tuple(_write_eliminated(labels, written, robot, shown, form)),
+        eliminated=tuple(eliminated),
     )
 
 
@@ -236,14 +221,11 @@ def build_grouping(robot: Robot, base: BaseParameters, names: Sequence[str] | No
     """
     missing = [name for name in list_symbols(robot) if name not in dict(robot.symbols)]
     if missing:
-        text = (
-            f"bodies need a value for the symbolic length {', '.join(missing)}: add it under [symbols], in m"
-        )
+        text = f"symbolic lengths without a value: {', '.join(missing)}; add them under [symbols], in m"
         raise RobotError(Notice(code="robot.symbol-without-value", text=text, file=robot.path))
     symbols = {Symbol(name): value for name, value in robot.symbols}
-    wanted = [p for p in (*base.parameters, *base.friction) if names is None or p.name in names]
-    if names is None:
-        wanted = list(base.parameters)
+    wanted = [p for p in (*base.parameters, *base.friction) if names is not None and p.name in names]
+    wanted = list(base.parameters) if names is None else wanted
     column = {label: index for index, label in enumerate(base.labels)}
     matrix = np.zeros((len(wanted), len(base.labels)))
     for row, parameter in enumerate(wanted):
@@ -253,31 +235,22 @@ def build_grouping(robot: Robot, base: BaseParameters, names: Sequence[str] | No
     return Grouping(parameters=tuple(wanted), labels=base.labels, matrix=matrix)
 
 
-def _list_friction(index: int, friction: FrictionValues) -> dict[Label, float]:
-    if friction.values is None:
-        return {}
-    names = FRICTION_MODELS[friction.kind].parameters
-    return {(index, name): value for name, value in zip(names, friction.values, strict=True)}
-
-
 def list_known_values(robot: Robot) -> dict[Label, float]:
     """Return every parameter whose value the file states."""
     known: dict[Label, float] = {}
     for index, joint in enumerate(robot.joints):
-        if joint.inertial is not None:
-            known |= {(index, name): value for name, value in zip(INERTIAL, joint.inertial, strict=True)}
-        if joint.drive.rotor_inertia is not None:
-            known[index, "IA"] = joint.drive.rotor_inertia
+        known |= {(index, name): value for name, value in zip(INERTIAL, joint.inertial or (), strict=False)}
         if joint.spring is not None and joint.spring.stiffness is not None:
             known[index, "KS"] = joint.spring.stiffness
             if joint.spring.rest is not None:
                 known[index, "KR"] = -joint.spring.stiffness * joint.spring.rest
-        known |= _list_friction(index, joint.friction)
-    for number, coupling in enumerate(robot.couplings):
-        index = robot.size + number
-        if coupling.rotor_inertia is not None:
-            known[index, "IA"] = coupling.rotor_inertia
-        known |= _list_friction(index, coupling.friction)
+    owners: tuple[Joint | Coupling, ...] = (*robot.joints, *robot.couplings)
+    for index, owner in enumerate(owners):
+        rotor = owner.drive.rotor_inertia if isinstance(owner, Joint) else owner.rotor_inertia
+        if rotor is not None:
+            known[index, "IA"] = rotor
+        names = FRICTION_MODELS[owner.friction.kind].parameters
+        known |= {(index, name): v for name, v in zip(names, owner.friction.values or (), strict=False)}
     return known
 
 
@@ -298,13 +271,17 @@ def derive_parameter_formulas(robot: Robot, base: BaseParameters) -> dict[str, E
     """Return beta = K pi as formulas in the file's symbols, for every base parameter that has one.
 
     A base parameter has one where all its members are known and a symbol takes part: ZZR1 of the textbook
-    arm is I1 + m1*lc1^2 + m2*L1^2. Numbers stand with 15 digits.
+    arm is I1 + m1*lc1^2 + m2*L1^2. Numbers have 15 digits.
     """
     if not robot.symbols:
         return {}
     numbers = choose_domain(robot, _list_form_constants(robot))
     field = numbers.frac_field(*(Symbol(name) for name, _ in robot.symbols))
-    known = {label: field.convert(_to_rational(value)) for label, value in list_known_values(robot).items()}
+    known: dict[Label, Number] = {}
+    for label, value in list_known_values(robot).items():
+        # Sums and products of the file's decimals, without their rounding.
+        exact = Fraction(f"{value:.15g}")
+        known[label] = field.convert(QQ(exact.numerator, exact.denominator))
     for index, joint in enumerate(robot.joints):
         if joint.form is not None:
             entries = _transform_form(joint.form, joint.frame, numbers, field)
@@ -314,56 +291,39 @@ def derive_parameter_formulas(robot: Robot, base: BaseParameters) -> dict[str, E
         if all(label in known for label, _ in parameter.terms):
             terms = (field.from_sympy(factor) * known[label] for label, factor in parameter.terms)
             total = sum(terms, field.zero)
-            if not _is_number(total):
+            if not (total.numer.is_ground and total.denom.is_ground):
                 forms[parameter.name] = field.to_sympy(total)
     return forms
-
-
-def _is_number(value: Any) -> bool:  # noqa: ANN401  an element of a SymPy domain has no type of its own
-    return bool(value.numer.is_ground and value.denom.is_ground)
-
-
-def _to_rational(value: float) -> Rational:
-    # Sums and products of the file's decimals, without their rounding.
-    exact = Fraction(f"{value:.15g}")
-    return QQ(exact.numerator, exact.denominator)
 
 
 def _list_form_constants(robot: Robot) -> Iterator[Exact]:
     """Yield the exact numbers that the file's symbolic inertias are transformed with."""
     for joint in robot.joints:
-        yield from joint.frame.translation
-        for row in joint.frame.rotation:
-            yield from row
+        yield from list_placement_constants(joint.frame)
         if joint.form is not None:
             yield from (joint.form.mass, *joint.form.com, *joint.form.inertia)
 
 
 def _transform_form(
     form: SymbolicInertia, frame: Placement, numbers: Domain, field: Domain
-) -> tuple[Any, ...]:
+) -> tuple[Number, ...]:
     """Return the ten standard parameters about the link frame's origin, in the order of the notation.
 
     With R, p the frame of the form: c = R c' + p, s = m c, I = R I' R^T + m (c.c 1 - c c^T).
     """
 
-    def convert(value: Exact) -> Any:  # noqa: ANN401  an element of `field`
+    def convert(value: Exact) -> Number:
         return convert_number(value, numbers, field)
 
-    rotation = [[convert(entry) for entry in row] for row in frame.rotation]
-    given = [convert(entry) for entry in form.com]
-    xx, xy, xz, yy, yz, zz = (convert(entry) for entry in form.inertia)
-    central = ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
-    mass = convert(form.mass)
-    axes = range(3)
-    com = [sum((rotation[i][k] * given[k] for k in axes), convert(frame.translation[i])) for i in axes]
-    square = sum((entry * entry for entry in com), field.zero)
+    def build(rows: Iterable[Sequence[Exact]]) -> DomainMatrix:
+        entries = [[convert(entry) for entry in row] for row in rows]
+        return DomainMatrix(entries, (3, len(entries[0])), field)
 
-    def find_entry(i: int, j: int) -> Any:  # noqa: ANN401  an element of `field`
-        turned = sum(
-            (rotation[i][k] * central[k][n] * rotation[j][n] for k in axes for n in axes), field.zero
-        )
-        return turned + mass * ((square if i == j else field.zero) - com[i] * com[j])
-
-    tensor = [find_entry(i, j) for i in axes for j in axes if i <= j]
-    return (*tensor, *(mass * entry for entry in com), mass)
+    rotation, mass = build(frame.rotation), convert(form.mass)
+    xx, xy, xz, yy, yz, zz = form.inertia
+    central = build(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
+    com = rotation * build([entry] for entry in form.com) + build([entry] for entry in frame.translation)
+    square = (com.transpose() * com).to_list()[0][0] * DomainMatrix.eye(3, field)
+    tensor = (rotation * central * rotation.transpose() + mass * (square - com * com.transpose())).to_list()
+    moments = [mass * row[0] for row in com.to_list()]
+    return (*(tensor[i][j] for i in range(3) for j in range(i, 3)), *moments, mass)

@@ -1,8 +1,8 @@
 """Bodies and drives: link parameters gathered into bodies, rotors and springs, and the mass matrix.
 
 Recursion, parameters {(index, name): value} -> inertia tensor, first moments and mass of a link as its
-parent sees them; energy and torque columns of rotors and springs; the joint-space mass matrix by composite
-bodies from the tip to the base. A parameter that is not listed is zero and costs nothing.
+parent sees them; energy and torque columns of rotors and springs; the joint-space mass matrix. A parameter
+that is not listed is zero and costs nothing.
 
     T = IA w^2 / 2,  w the speed of the joint, or of the coupling, sum of factor * dq over its joints;
     V = KS q^2 / 2 + KR q,  the spring KS (q - rest) with KR = -KS rest.
@@ -11,6 +11,7 @@ Supported: rotor inertias of joints and couplings, springs of joints.
 """
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 
 from symid.dynamics.algebra import (
     Algebra,
@@ -80,14 +81,13 @@ def compute_drive_energy(recursion: Recursion[T], key: Label) -> tuple[T, T]:
 def compute_drive_column(
     recursion: Recursion[T], key: Label, rates: Sequence[T] | None, springs: int
 ) -> Sequence[T]:
-    """Return the entries of a drive parameter at every joint.
+    """Return the entries of a drive parameter, IA, KS or KR, at every joint.
 
     Args:
         recursion: the robot in its state.
-        key: IA, KS or KR of a joint or coupling.
-        rates: what a rotor inertia is multiplied with at every joint: accelerations for torques,
-            velocities for momenta; None where rotors do not show.
-        springs: the sign with which spring torques count: 1 in torques, -1 in dL/dq, 0 in momenta.
+        key: the parameter.
+        rates: of the joints: accelerations for torques, velocities for momenta; None without rotors.
+        springs: the sign of spring torques: 1 in torques, -1 in dL/dq, 0 in momenta.
     """
     robot, algebra = recursion.robot, recursion.algebra
     index, name = key
@@ -114,23 +114,6 @@ def add_drive_torques(
             for joint, entry in enumerate(column):
                 result[joint] = algebra.add(result[joint], algebra.mul(parameters[key], entry))
     return tuple(result)
-
-
-def add_drive_inertia(
-    recursion: Recursion[T], matrix: Sequence[Sequence[T]], parameters: Mapping[Label, T]
-) -> tuple[tuple[T, ...], ...]:
-    """Return the mass matrix of the joints with that of the rotors."""
-    robot, algebra = recursion.robot, recursion.algebra
-    result = [list(row) for row in matrix]
-    for key in list_drive_parameters(robot):
-        if key[1] != "IA" or key not in parameters:
-            continue
-        shares = _list_shares(robot, key[0])
-        for i, left in shares:
-            for j, right in shares:
-                share = algebra.mul(algebra.constant(left * right), parameters[key])
-                result[i][j] = algebra.add(result[i][j], share)
-    return tuple(tuple(row) for row in result)
 
 
 Parameters = Mapping[tuple[int, str], T]
@@ -166,20 +149,6 @@ def rotate_tensor_about_z(algebra: Algebra[T], turn: tuple[T, T], tensor: Matrix
     return (minus(xx, e), xy, xz), (xy, plus(yy, e), yz), (xz, yz, zz)
 
 
-def _rotate_tensor(algebra: Algebra[T], frame: LinkFrame[T], tensor: Matrix[T]) -> Matrix[T]:
-    """Return R I R', turned first by the joint's angle, then by the constant rotation."""
-    turned = tensor if frame.turn is None else rotate_tensor_about_z(algebra, frame.turn, tensor)
-    half = multiply_matrices(algebra, frame.fixed, turned)
-    entries = {(i, j): dot(algebra, half[i], frame.fixed[j]) for i in range(3) for j in range(i, 3)}
-    return _fill_symmetric(entries)
-
-
-def _fill_symmetric(entries: Mapping[tuple[int, int], T]) -> Matrix[T]:
-    """Return the symmetric matrix with these entries on and above the diagonal."""
-    xy, xz, yz = entries[0, 1], entries[0, 2], entries[1, 2]
-    return (entries[0, 0], xy, xz), (xy, entries[1, 1], yz), (xz, yz, entries[2, 2])
-
-
 def transform_body(algebra: Algebra[T], frame: LinkFrame[T], body: Body[T]) -> Body[T]:
     """Return inertia tensor, first moments and mass about the parent's origin, in its axes.
 
@@ -189,22 +158,22 @@ def transform_body(algebra: Algebra[T], frame: LinkFrame[T], body: Body[T]) -> B
     plus, mul = algebra.add, algebra.mul
     m = rotate_to_parent(algebra, frame, moments)
     t = frame.origin
-    turned = _rotate_tensor(algebra, frame, tensor)
+    if frame.turn is not None:
+        tensor = rotate_tensor_about_z(algebra, frame.turn, tensor)
+    half = multiply_matrices(algebra, frame.fixed, tensor)
+    turned = {(i, j): dot(algebra, half[i], frame.fixed[j]) for i in range(3) for j in range(i, 3)}
     # With u = m + M t / 2 the shift is 2 (t.u) E - t u' - u t'; doubled constants cost nothing.
     u = add_vectors(algebra, m, scale_vector(algebra, algebra.half(mass), t))
     doubled = [mul(plus(part, part), other) for part, other in zip(t, u, strict=True)]
     entries = {}
     for i in range(3):
-        entries[i, i] = plus(turned[i][i], plus(doubled[(i + 1) % 3], doubled[(i + 2) % 3]))
+        entries[i, i] = plus(turned[i, i], plus(doubled[(i + 1) % 3], doubled[(i + 2) % 3]))
         for j in range(i + 1, 3):
             shift = plus(mul(t[i], u[j]), mul(u[i], t[j]))
-            entries[i, j] = algebra.sub(turned[i][j], shift)
-    return _fill_symmetric(entries), add_vectors(algebra, m, scale_vector(algebra, mass, t)), mass
-
-
-def _add_bodies(algebra: Algebra[T], left: Body[T], right: Body[T]) -> Body[T]:
-    first, second, third = (add_vectors(algebra, a, b) for a, b in zip(left[0], right[0], strict=True))
-    return (first, second, third), add_vectors(algebra, left[1], right[1]), algebra.add(left[2], right[2])
+            entries[i, j] = algebra.sub(turned[i, j], shift)
+    xy, xz, yz = entries[0, 1], entries[0, 2], entries[1, 2]
+    moved = ((entries[0, 0], xy, xz), (xy, entries[1, 1], yz), (xz, yz, entries[2, 2]))
+    return moved, add_vectors(algebra, m, scale_vector(algebra, mass, t)), mass
 
 
 def compute_mass_matrix(
@@ -226,9 +195,8 @@ def compute_mass_matrix(
     for joint in reversed(range(robot.size)):
         tensor, (mx, my, _), mass = bodies[joint]
         if frames[joint].revolute:
-            wrench = Wrench(
-                force=(algebra.neg(my), mx, zero), moment=(tensor[0][2], tensor[1][2], tensor[2][2])
-            )
+            column = (tensor[0][2], tensor[1][2], tensor[2][2])
+            wrench = Wrench(force=(algebra.neg(my), mx, zero), moment=column)
         else:
             wrench = Wrench(force=(zero, zero, mass), moment=(my, algebra.neg(mx), zero))
         entries = project_wrench(recursion, joint, wrench, screws, meet(joint) if meet else -1)
@@ -236,6 +204,14 @@ def compute_mass_matrix(
             matrix[joint][other] = matrix[other][joint] = entries[other]
         parent = robot.joints[joint].parent
         if parent >= 0:
-            lifted = transform_body(algebra, frames[joint], bodies[joint])
-            bodies[parent] = _add_bodies(algebra, bodies[parent], lifted)
-    return add_drive_inertia(recursion, matrix, parameters)
+            left, right = bodies[parent], transform_body(algebra, frames[joint], bodies[joint])
+            x, y, z = (add_vectors(algebra, a, b) for a, b in zip(left[0], right[0], strict=True))
+            moments = add_vectors(algebra, left[1], right[1])
+            bodies[parent] = ((x, y, z), moments, algebra.add(left[2], right[2]))
+    for key in list_drive_parameters(robot):
+        if key[1] == "IA" and key in parameters:
+            shares = _list_shares(robot, key[0])
+            for (i, first), (j, second) in product(shares, shares):
+                share = algebra.mul(algebra.constant(first * second), parameters[key])
+                matrix[i][j] = algebra.add(matrix[i][j], share)
+    return tuple(tuple(row) for row in matrix)

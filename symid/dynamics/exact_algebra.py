@@ -1,19 +1,18 @@
+# ruff: noqa: D102 - operations are named as what they are
+
 """Exact arithmetic: polynomials of a robot's coordinates, their values, row reduction, and print.
 
 Robot -> an algebra whose numbers are elements of K[s_i, c_i, q_i, dq_i, ddq_i, lengths], with s_i^2 = 1 -
 c_i^2 applied after every product, so that equal functions are equal polynomials. K is the rationals,
-extended by sqrt(2) and sqrt(3) only where the robot has them.
-
-`PointAlgebra` has the coordinates at one exact point: two polynomials that agree at a random rational point
-are the same but for bad luck. `Echelon` reduces sparse rows {column: coefficient} over any field to reduced
-row echelon form. Polynomials print as text and LaTeX; of long ones the number of terms left out is shown.
+extended by sqrt(2) and sqrt(3) only where the robot has them. `PointAlgebra` has the coordinates at one
+exact point: two polynomials that agree at a random rational point are the same but for bad luck.
 
 Supported: revolute joints (s, c), prismatic joints (q), springs, joints that follow others, symbols.
 Not supported: division of polynomials (the recursion has none).
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -23,14 +22,22 @@ from sympy.polys.domains.domain import Domain
 from sympy.polys.rings import PolyElement, PolyRing
 
 from symid.dynamics.algebra import OperatorAlgebra
-from symid.robot import Exact, JointKind, Robot, Surd
+from symid.robot import Exact, JointKind, Placement, Robot, Surd
+
+Number = Any
+"""An element of a SymPy domain, which has no type of its own."""
 
 
-def _list_constants(robot: Robot) -> Iterable[Exact]:
+def list_placement_constants(placement: Placement) -> Iterator[Exact]:
+    """Yield the exact numbers of a placement."""
+    yield from placement.translation
+    for row in placement.rotation:
+        yield from row
+
+
+def _list_constants(robot: Robot) -> Iterator[Exact]:
     for joint in robot.joints:
-        for row in joint.placement.rotation:
-            yield from row
-        yield from joint.placement.translation
+        yield from list_placement_constants(joint.placement)
     yield from robot.gravity
 
 
@@ -47,7 +54,15 @@ def list_symbols(robot: Robot) -> tuple[str, ...]:
     return tuple(sorted({name for value in _list_constants(robot) for name in value.symbols}))
 
 
-def _convert_surd(surd: Surd, domain: Domain) -> Any:  # noqa: ANN401  an element of a SymPy domain has no type of its own
+@lru_cache(maxsize=8)
+def _compute_roots(domain: Domain) -> tuple[Number, ...]:
+    """Return sqrt(2) and sqrt(3) in `domain`, zero for one that it lacks; slow in SymPy."""
+    held = [any(root == generator**2 for generator in domain.orig_ext) for root in (2, 3)]
+    pairs = zip((2, 3), held, strict=True)
+    return tuple(domain.from_sympy(sqrt(root)) if is_held else domain.zero for root, is_held in pairs)
+
+
+def _convert_surd(surd: Surd, domain: Domain) -> Number:
     one, two, three, six = (QQ(part.numerator, part.denominator) for part in surd)
     total = domain.convert(one)
     if two or three or six:
@@ -58,54 +73,35 @@ def _convert_surd(surd: Surd, domain: Domain) -> Any:  # noqa: ANN401  an elemen
     return total
 
 
-@lru_cache(maxsize=8)
-def _compute_roots(domain: Domain) -> tuple[Any, Any]:
-    """Return sqrt(2) and sqrt(3) in `domain`, zero for one that it lacks; SymPy takes long to find them."""
-
-    def find(root: int) -> Any:  # noqa: ANN401  as above
-        return domain.from_sympy(sqrt(root)) if _holds_root(domain, root) else domain.zero
-
-    return find(2), find(3)
-
-
-def _holds_root(domain: Domain, root: int) -> bool:
-    return any(root == generator**2 for generator in domain.orig_ext)
-
-
-def get_generators(field: Domain) -> dict[str, Any]:
-    """Return the symbolic lengths of a field of rational functions; none for a field of numbers."""
-    if not field.is_FractionField:
-        return {}
-    return dict(zip(map(str, field.symbols), field.gens, strict=True))
-
-
-def evaluate_constant(value: Exact, domain: Domain, symbols: Mapping[str, Any]) -> Any:  # noqa: ANN401  as above
-    """Return `value` as a number of `domain`, its symbolic lengths replaced by `symbols`."""
-    total = domain.zero
+def _sum_terms(
+    value: Exact, zero: Number, convert: Callable[[Surd], Number], symbols: Mapping[str, Number]
+) -> Number:
+    """Return a linear form of symbolic lengths, from its converted coefficients and the `symbols`."""
+    total = zero
     for name, surd in value.terms:
-        number = _convert_surd(surd, domain)
+        number = convert(surd)
         total += number * symbols[name] if name else number
     return total
 
 
-def lift_number(value: Any, domain: Domain, field: Domain) -> Any:  # noqa: ANN401  as above
-    """Return a number of `domain` in `field`: the domain itself, or rational functions over it."""
-    # SymPy's own conversion factors a polynomial for each number of an algebraic field.
-    return value if field == domain else field.new(field.field.ring.ground_new(value))
+def get_generators(field: Domain) -> dict[str, Number]:
+    """Return the symbolic lengths of a field of rational functions; none for a field of numbers."""
+    return dict(zip(map(str, field.symbols), field.gens, strict=True)) if field.is_FractionField else {}
 
 
-def convert_number(value: Exact, domain: Domain, field: Domain) -> Any:  # noqa: ANN401  an element of `field`
+def convert_number(value: Exact, domain: Domain, field: Domain) -> Number:
     """Return `value` in `field`, which contains `domain` and the symbolic lengths of `value`."""
-    generators = get_generators(field)
-    total = field.zero
-    for name, surd in value.terms:
-        number = lift_number(_convert_surd(surd, domain), domain, field)
-        total += number * generators[name] if name else number
-    return total
+
+    def convert(surd: Surd) -> Number:
+        number = _convert_surd(surd, domain)
+        # SymPy's own conversion factors a polynomial for each number of an algebraic field.
+        return number if field == domain else field.new(field.field.ring.ground_new(number))
+
+    return _sum_terms(value, field.zero, convert, get_generators(field))
 
 
 @dataclass(frozen=True, slots=True)
-class ExactAlgebra:
+class ExactAlgebra(OperatorAlgebra):
     """Polynomials of one ring; `sines` pairs the index of each s_i with that of its c_i."""
 
     ring: PolyRing
@@ -113,45 +109,27 @@ class ExactAlgebra:
 
     @property
     def zero(self) -> PolyElement:
-        """Return the zero polynomial."""
         return self.ring.zero
 
     @property
     def one(self) -> PolyElement:
-        """Return the polynomial one."""
         return self.ring.one
 
     def constant(self, value: Exact) -> PolyElement:
         """Return an exact number or linear form of symbolic lengths as a polynomial."""
-        result = self.ring.zero
-        for name, surd in value.terms:
-            number = self.ring.ground_new(_convert_surd(surd, self.ring.domain))
-            result += number * self.generator(name) if name else number
-        return result
+        return _sum_terms(
+            value,
+            self.ring.zero,
+            lambda surd: self.ring.ground_new(_convert_surd(surd, self.ring.domain)),
+            self.generators if value.symbols else {},
+        )
 
     @property
     def generators(self) -> dict[str, PolyElement]:
         """Return the generators of the ring by name."""
         return dict(zip(map(str, self.ring.symbols), self.ring.gens, strict=True))
 
-    def generator(self, name: str) -> PolyElement:
-        """Return the generator `name` of the ring."""
-        return self.generators[name]
-
-    def add(self, left: PolyElement, right: PolyElement) -> PolyElement:
-        """Return left + right."""
-        return left + right
-
-    def sub(self, left: PolyElement, right: PolyElement) -> PolyElement:
-        """Return left - right."""
-        return left - right
-
-    def neg(self, value: PolyElement) -> PolyElement:
-        """Return -value."""
-        return -value
-
     def half(self, value: PolyElement) -> PolyElement:
-        """Return value / 2."""
         return value * self.ring.domain.convert(QQ(1, 2))
 
     def mul(self, left: PolyElement, right: PolyElement) -> PolyElement:
@@ -216,35 +194,32 @@ def differentiate(robot: Robot, algebra: ExactAlgebra, value: PolyElement, coord
 
 
 @dataclass(frozen=True, slots=True)
-class PointAlgebra(OperatorAlgebra[Any]):
+class PointAlgebra(OperatorAlgebra):
     """Numbers of `domain`; `values` holds those of the symbolic lengths."""
 
     domain: Domain
-    values: Mapping[str, Any]
+    values: Mapping[str, Number]
 
     @property
-    def zero(self) -> Any:  # noqa: ANN401  an element of a SymPy domain has no type of its own
-        """Return zero."""
+    def zero(self) -> Number:
         return self.domain.zero
 
     @property
-    def one(self) -> Any:  # noqa: ANN401  as above
-        """Return one."""
+    def one(self) -> Number:
         return self.domain.one
 
-    def constant(self, value: Exact) -> Any:  # noqa: ANN401  as above
+    def constant(self, value: Exact) -> Number:
         """Return an exact number, symbolic lengths replaced by their values."""
-        return evaluate_constant(value, self.domain, self.values)
+        return _sum_terms(value, self.zero, lambda surd: _convert_surd(surd, self.domain), self.values)
 
-    def half(self, value: Any) -> Any:  # noqa: ANN401  as above
-        """Return value / 2."""
+    def half(self, value: Number) -> Number:
         return value * self.domain.convert(QQ(1, 2))
 
 
-Row = dict[int, Any]
+Row = dict[int, Number]
 
 
-def _subtract_row(row: Row, factor: Any, other: Row) -> None:  # noqa: ANN401  a field element has no type of its own
+def _subtract_row(row: Row, factor: Number, other: Row) -> None:
     for column, value in other.items():
         new = row.get(column, 0) - factor * value
         if new:
@@ -254,15 +229,11 @@ def _subtract_row(row: Row, factor: Any, other: Row) -> None:  # noqa: ANN401  a
 
 
 class Echelon:
-    """A growing set of independent rows, kept in reduced row echelon form.
-
-    The only mutable object of the derivation: it lives inside one function call.
-    """
+    """A growing set of independent rows, kept in reduced row echelon form; it lives in one function call."""
 
     __slots__ = ("_by_pivot",)
 
     def __init__(self) -> None:
-        """Start with no row."""
         self._by_pivot: dict[int, Row] = {}
 
     def insert(self, row: Row) -> bool:
@@ -287,13 +258,8 @@ class Echelon:
         """Return the rows, ordered by pivot."""
         return tuple(dict(sorted(self._by_pivot[pivot].items())) for pivot in sorted(self._by_pivot))
 
-    @property
-    def pivots(self) -> tuple[int, ...]:
-        """Return the pivot columns in ascending order."""
-        return tuple(sorted(self._by_pivot))
 
-
-def reduce_rows(rows: Iterable[Row] | Sequence[Row]) -> Echelon:
+def reduce_rows(rows: Iterable[Row]) -> Echelon:
     """Return the reduced row echelon form of `rows`."""
     echelon = Echelon()
     for row in rows:
@@ -309,29 +275,19 @@ _PARAMETER = re.compile(r"^([A-Za-z]+)(\d+)$")
 _MARKED = str.maketrans({character: rf"\{character}" for character in "_%&#$"})
 
 
-def _cut_terms(value: PolyElement, most: int) -> tuple[PolyElement, int]:
-    """Return the leading `most` terms and the number of terms left out."""
+def write_polynomial(value: PolyElement, *, most: int = 12) -> tuple[str, str]:
+    """Return `value` as a plain sum and in LaTeX; at most `most` terms, then how many more there are."""
     terms = value.terms()
-    left_out = max(0, len(terms) - most)
-    return value.ring.from_dict(dict(terms[:most])), left_out
-
-
-def write_polynomial_text(value: PolyElement, *, most: int = 12) -> str:
-    """Return `value` as a plain sum; at most `most` terms, then how many more there are."""
-    shown, left_out = _cut_terms(value, most)
-    text = str(shown.as_expr()).replace("**", "^")
-    return f"{text} + ({left_out} more terms)" if left_out else text
-
-
-def write_polynomial_latex(value: PolyElement, *, most: int = 12) -> str:
-    """Return `value` in LaTeX; at most `most` terms, then how many more there are."""
-    shown, left_out = _cut_terms(value, most)
+    shown = value.ring.from_dict(dict(terms[:most])).as_expr()
     names: dict[Symbol, str] = {}
     for symbol in value.ring.symbols:
         if match := _COORDINATE.match(str(symbol)):
             names[symbol] = f"{_LETTERS[match[1]]}_{{{match[2]}}}"
-    text = str(latex(shown.as_expr(), symbol_names=names))
-    return rf"{text} + (\text{{{left_out} more terms}})" if left_out else text
+    text, formula = str(shown).replace("**", "^"), str(latex(shown, symbol_names=names))
+    if len(terms) <= most:
+        return text, formula
+    left_out = f"{len(terms) - most} more terms"
+    return f"{text} + ({left_out})", rf"{formula} + (\text{{{left_out}}})"
 
 
 def _write_parameter(name: str) -> str:

@@ -1,20 +1,32 @@
 """Parameters in words: labels and units, groupings as text, and the reason for each grouping.
 
-Robot, label (index, name) -> how the parameter is written, what it belongs to, its unit. Indices of
-couplings follow those of the joints; a parameter of joint 2 ends in 2, one of a coupling in the coupling's
-name.
-What the exact reduction found -> expressions and sentences, ASCII.
-
-Supported: link, drive, spring and friction parameters.
+Robot, label (index, name) -> how the parameter is written, what it belongs to, its unit, and why it is
+grouped or eliminated. Indices of couplings follow those of the joints; names end in the joint's number, or
+in the coupling's name.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from decimal import Decimal, localcontext
 
 from sympy import Expr, Rational
 
 from symid.dynamics.algebra import Label
 from symid.notation import INERTIAL, get_unit
 from symid.robot import JointKind, Robot
+
+_LONGEST = 24
+_DIGITS = 400
+_INERTIA = ("XX", "XY", "XZ", "YY", "YZ", "ZZ")
+_FRICTION = ("Fv", "Fc", "Fvp", "Fcp", "Fvn", "Fcn", "offset")
+_SPRING = ("KS", "KR")
+_CONSTANT = ("offset", "Fcp", "Fcn", "KR")
+_MOVING = ("Fv", "Fc", "Fvp", "Fvn", "KS")
+_FORMS = {
+    "torque": "joint torques",
+    "energy": "the energy",
+    "momentum": "the momentum",
+    "gravity": "torques at rest",
+}
 
 
 def get_owner(robot: Robot, label: Label) -> str:
@@ -43,20 +55,6 @@ def is_prismatic(robot: Robot, index: int) -> bool:
     return all(robot.joints[joint].kind is JointKind.PRISMATIC for joint, _ in terms)
 
 
-_LONGEST = 24
-_INERTIA = ("XX", "XY", "XZ", "YY", "YZ", "ZZ")
-_FRICTION = ("Fv", "Fc", "Fvp", "Fcp", "Fvn", "Fcn", "offset")
-_SPRING = ("KS", "KR")
-_CONSTANT = ("offset", "Fcp", "Fcn", "KR")
-_MOVING = ("Fv", "Fc", "Fvp", "Fvn", "KS")
-_SHOWN = {
-    "torque": "neither motion nor gravity",
-    "energy": "neither kinetic nor potential energy",
-    "momentum": "no momentum",
-    "gravity": "no torque at rest",
-}
-
-
 def write_number(expression: Expr) -> str:
     """Return a coefficient as text: a decimal where it is one, else a fraction or an expression.
 
@@ -65,19 +63,14 @@ def write_number(expression: Expr) -> str:
     if not isinstance(expression, Rational):
         text = str(expression).replace("**", "^")
         return f"({text})" if " " in text else text
-    denominator, places = expression.q, 0
+    denominator = expression.q
     for prime in (2, 5):
-        count = 0
         while denominator % prime == 0:
             denominator //= prime
-            count += 1
-        places = max(places, count)
+    text = str(expression)
     if denominator == 1:
-        digits = str(abs(expression.p) * 10**places // expression.q).rjust(places + 1, "0")
-        text = f"{digits[:-places]}.{digits[-places:]}" if places else digits
-        text = f"-{text}" if expression.p < 0 else text
-    else:
-        text = str(expression)
+        with localcontext(prec=_DIGITS):
+            text = f"{Decimal(expression.p) / Decimal(expression.q):f}"
     return text if len(text) <= _LONGEST else f"~{float(expression):.15g}"
 
 
@@ -96,23 +89,17 @@ def write_combination(terms: Sequence[tuple[str, Expr]]) -> str:
     return text
 
 
-def _describe_motion(index: int, angular: Sequence[tuple[int, ...]]) -> str:
-    """Return how a link can turn, from the angular parts of its attainable velocities."""
-    turning = [row for row in angular if row]
-    link = f"link {index + 1}"
-    if not turning:
-        return f"{link} never turns"
-    if len(turning) == 1:
-        where = "its z axis" if turning[0] == (2,) else "one axis"
-        return f"{link} turns about {where} only"
-    return f"{link} can turn about {'any axis' if len(turning) > 2 else 'two axes'} of its frame"
-
-
 def _describe(robot: Robot, label: Label, angular: Sequence[tuple[int, ...]]) -> str:
     """Return what a parameter belongs to: a link and how it turns, or a rotor, a spring, friction."""
     index, name = label
     if name in INERTIAL:
-        return _describe_motion(index, angular)
+        turning = [row for row in angular if row]
+        link = f"link {index + 1}"
+        if not turning:
+            return f"{link} never turns"
+        if len(turning) == 1:
+            return f"{link} turns about {'its z axis' if turning[0] == (2,) else 'one axis'} only"
+        return f"{link} can turn about {'any axis' if len(turning) > 2 else 'two axes'} of its frame"
     kind = "rotor" if name == "IA" else "spring" if name in _SPRING else "friction"
     if index < robot.size:
         return f"{kind} of joint {index + 1}"
@@ -123,48 +110,37 @@ def _describe(robot: Robot, label: Label, angular: Sequence[tuple[int, ...]]) ->
     return f"{kind} of drive {drive.name}, which turns with joints {joints}"
 
 
-def _describe_place(robot: Robot, label: Label) -> str:
-    """Return where a parameter without others in its group is felt."""
-    index, name = label
-    if name in (*INERTIAL, "IA"):
-        return "no other parameter has the same effect"
-    if index >= robot.size:
-        return "felt at all of them"
-    if robot.joints[index].mimic is not None:
-        return "felt at the joint that it follows"
-    return "felt at this joint alone"
-
-
 def explain_grouping(
     robot: Robot, label: Label, members: Sequence[Label], angular: Sequence[tuple[int, ...]]
 ) -> str:
-    """Return why a representative stands for its group.
+    """Return why a representative has a group, of which `members` are the others.
 
-    Args:
-        robot: the robot.
-        label: the representative.
-        members: the other members of its group.
-        angular: angular components of each attainable velocity of the link.
+    `angular` has the angular components of each attainable velocity of the link.
     """
-    what = _describe(robot, label, angular)
+    what, (index, name) = _describe(robot, label, angular), label
     if not members:
-        mark = ", " if label[1] in (*_FRICTION, *_SPRING) else "; "
-        return f"{what}{mark}{_describe_place(robot, label)}"
+        place = "acts on this joint alone"
+        if name in (*INERTIAL, "IA"):
+            place = "no other parameter has the same effect"
+        elif index >= robot.size:
+            place = "acts on all of them"
+        elif robot.joints[index].mimic is not None:
+            place = "acts on the joint that it follows"
+        return f"{what}{', ' if name in (*_FRICTION, *_SPRING) else '; '}{place}"
     others = ", ".join(write_label(robot, member) for member in members)
+    what = f"{what}; identifiable only together with {others}"
     if len(members) == 1:
-        return f"{what}; felt only together with {others}: {_explain_transfer(robot, members[0], [label])}"
-    return f"{what}; felt only together with {others}. {'; '.join(_explain_members(robot, label, members))}"
-
-
-def _explain_members(robot: Robot, head: Label, members: Sequence[Label]) -> Iterator[str]:
-    """Return why parameters join a group: a sentence for the first of each kind, the others behind it."""
+        return f"{what}: {_explain_transfer(robot, members[0], [label])}"
+    # A sentence for the first of each kind, the others behind it.
     kinds: dict[str, list[Label]] = {}
-    for label in members:
-        kinds.setdefault(label[1], []).append(label)
+    for member in members:
+        kinds.setdefault(member[1], []).append(member)
+    sentences = []
     for first, *rest in kinds.values():
-        alike = ", ".join(write_label(robot, label) for label in rest)
-        others = f" ({alike}: likewise)" if rest else ""
-        yield f"{write_label(robot, first)}: {_explain_transfer(robot, first, [head])}{others}"
+        alike = ", ".join(write_label(robot, member) for member in rest)
+        reason = _explain_transfer(robot, first, [label])
+        sentences.append(f"{write_label(robot, first)}: {reason}{f' ({alike}: likewise)' if rest else ''}")
+    return f"{what}. {'; '.join(sentences)}"
 
 
 def explain_elimination(
@@ -174,48 +150,38 @@ def explain_elimination(
     angular: Sequence[tuple[int, ...]],
     form: str = "torque",
 ) -> str:
-    """Return what became of a parameter that is not its own representative.
+    """Return why a parameter is not its own representative but in `groups`, (name, representative) each.
 
-    Args:
-        robot: the robot.
-        label: the parameter.
-        groups: the base parameters it was grouped into, and their representatives.
-        angular: angular components of each attainable velocity of the link.
-        form: what is looked at, as in `derive_base_parameters`.
+    `angular` as in `explain_grouping`, `form` as in `derive_base_parameters`.
     """
     if not groups:
-        return f"no effect: {_describe(robot, label, angular)}, and {_SHOWN[form]} shows it"
+        return f"no effect on {_FORMS[form]}: {_describe(robot, label, angular)}"
     into = ", ".join(name for name, _ in groups)
-    heads = [head for _, head in groups]
-    return f"grouped into {into}: {_explain_transfer(robot, label, heads)}"
+    return f"grouped into {into}: {_explain_transfer(robot, label, [head for _, head in groups])}"
 
 
 def _explain_transfer(robot: Robot, label: Label, heads: Sequence[Label]) -> str:
-    """Return why a parameter has the effect of those that stand for its groups."""
+    """Return why a parameter has the effect of the representatives of its groups."""
     index, name = label
+    number = index + 1
     if name == "IA":
-        rate = f"dq{index + 1}" if index < robot.size else "its speed"
-        return f"the rotor's energy goes with the square of {rate}, as that of other parameters does"
+        rate = f"dq{number}" if index < robot.size else "its speed"
+        return f"the rotor's energy is proportional to the square of {rate}, like that of other parameters"
     if name not in INERTIAL:
         return _explain_torque(robot, label, heads)
     parent = robot.joints[index].parent
     carrier = f"link {parent + 1}" if parent >= 0 else "the base"
-    number = index + 1
     if robot.joints[index].mimic is not None:
-        return f"joint {number} moves only together with the joint that it follows, and so do their effects"
+        return f"joint {number} moves only together with the joint that it follows, so their effects add up"
     if robot.joints[index].kind is JointKind.PRISMATIC:
         if name in _INERTIA:
-            return f"link {number} does not turn against {carrier}, so its inertia adds to that link's"
-        return f"where joint {number} slides, this moment does the same work as {carrier}'s own"
+            return f"link {number} does not turn relative to {carrier}, so its inertia adds to that link's"
+        return f"when joint {number} slides, this moment does the same work as {carrier}'s own"
     if name in ("M", "MZ"):
-        return (
-            f"mass on the axis of joint {number} stays put when the joint turns, so it moves with {carrier}"
-        )
+        return f"mass on the axis of joint {number} is not moved by that joint, so it moves with {carrier}"
     if name == "YY":
         own = f"XX{number} {{}} YY{number}"
-        return (
-            f"{own.format('+')} is the same however joint {number} turns: only {own.format('-')} shows there"
-        )
+        return f"{own.format('+')} does not change as joint {number} turns; only {own.format('-')} does"
     return f"at joint {number} its effect equals that of parameters of {carrier} or before"
 
 
@@ -226,11 +192,10 @@ def _explain_torque(robot: Robot, label: Label, heads: Sequence[Label]) -> str:
     # Both steps together can make a constant; one of them alone is a function of the speed's sign.
     alone = name in ("Fcp", "Fcn") and len(steps) == 1
     if name not in _CONSTANT or alone or any(head[1] in _MOVING for head in heads):
-        return "it acts on the same coordinate, in proportion to the same function"
-    sliding = is_prismatic(robot, index)
-    force = "force" if sliding else "torque"
+        return "it acts on the same coordinate and is proportional to the same function"
+    force = "force" if is_prismatic(robot, index) else "torque"
     place = f" at joint {index + 1}" if index < robot.size else ""
     if any(head[1] in INERTIAL for head in heads):
-        return f"it holds a constant {force}{place}, as a weight along its axis makes one"
+        return f"it is a constant {force}{place}, like that of a weight along its axis"
     alike = ", ".join(write_label(robot, head) for head in heads if head[1] in _CONSTANT)
-    return f"it holds a constant {force}{place}, as {f'{alike} does' if alike else 'others of the group do'}"
+    return f"it is a constant {force}{place}, like {alike or 'others of the group'}"

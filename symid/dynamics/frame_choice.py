@@ -1,22 +1,13 @@
-"""Link frames chosen for fewer operations: rotation of placements, origins, axes of last links.
+"""Link frames chosen for fewer operations; all torques stay the same.
 
-Robot, or recursion and parameters -> the same robot written otherwise; all torques stay the same.
+Robot, or recursion and parameters -> the same, written otherwise.
 
-Constant rotations: a placement Rx(alpha) Rz(theta) is followed by the joint's own rotation Rz(q); together
-they are Rx(alpha) Rz(q + theta). The constant then costs one sum in place of a rotation of every vector
-that passes the joint.
-Origins: the origin of a link may stand anywhere on its joint's axis. A link that carries no other is best
-described about the point next to its parent's origin. The first offset of an arm is best moved beyond the
-joint it belongs to: then no force of the links before it is ever needed. Parameters follow by Huygens and
-Steiner.
-Last links: a link that carries no other is described in the axes its frame has at q = 0, and its parameters
-rotate instead. It has the angular velocity of its parent but for its own joint's rate: products of
-velocities are shared, and neither velocities, accelerations, forces nor moments are rotated on their way.
-In a planar arm, whose acceleration tensors do not change with the axes, this saves most.
+Constant rotations: Rx(alpha) Rz(theta) before the joint's own Rz(q) becomes Rx(alpha) Rz(q + theta). Origins
+move along the joint's axis, next to the parent's origin, or beyond the first joint of an arm. A link that
+carries no other is described in the axes its frame has at q = 0.
 
 Supported: trees; revolute joints, those that follow another included; prismatic joints stay as they are.
-Not supported: constant rotations by quarter turns, which cost nothing, and placements whose x axis is no
-common normal; they stay as they are.
+Not supported: constant rotations by quarter turns, and placements whose x axis is no common normal.
 """
 
 import math
@@ -39,27 +30,16 @@ def list_constant_rotations(robot: Robot) -> dict[int, float]:
     return turns
 
 
-def _remove_rotation(joint: Joint) -> Joint:
-    """Return the joint with Rx(alpha) in place of Rx(alpha) Rz(theta), whose z axis is (0, -sin, cos)."""
-    _, minus_s, c = (row[2] for row in joint.placement.rotation)
-    rotation = ((ONE, ZERO, ZERO), (ZERO, c, minus_s), (ZERO, -minus_s, c))
-    return replace(joint, placement=replace(joint.placement, rotation=rotation))
-
-
 def remove_constant_rotations(robot: Robot, links: Collection[int]) -> Robot:
     """Return the robot without the constant turns of `links`; their joints' angles start there."""
-    joints = tuple(
-        _remove_rotation(joint) if index in links else joint for index, joint in enumerate(robot.joints)
-    )
-    return replace(robot, joints=joints)
-
-
-def _compute_axial_offset(joint: Joint) -> Exact:
-    """Return how far the link's origin stands from its parent's along the joint's axis."""
-    placement, total = joint.placement, ZERO
-    for row, length in zip(placement.rotation, placement.translation, strict=True):
-        total = total + row[2] * length
-    return total
+    joints = list(robot.joints)
+    for link in links:
+        placement = joints[link].placement
+        # The z axis of Rx(alpha) Rz(theta) is (0, -sin(alpha), cos(alpha)).
+        _, minus_s, c = (row[2] for row in placement.rotation)
+        rotation = ((ONE, ZERO, ZERO), (ZERO, c, minus_s), (ZERO, -minus_s, c))
+        joints[link] = replace(joints[link], placement=replace(placement, rotation=rotation))
+    return replace(robot, joints=tuple(joints))
 
 
 def _move_origin(joint: Joint, step: Exact) -> Joint:
@@ -85,7 +65,10 @@ def choose_origin_shifts(robot: Robot) -> dict[int, Exact]:
     parents = {joint.parent for joint in robot.joints}
     shifts: dict[int, Exact] = {}
     for link, joint in enumerate(robot.joints):
-        axial = _compute_axial_offset(joint)
+        # Distance of the link's origin from its parent's along the joint's axis.
+        placement, axial = joint.placement, ZERO
+        for row, length in zip(placement.rotation, placement.translation, strict=True):
+            axial = axial + row[2] * length
         if joint.parent < 0 or joint.kind is not JointKind.REVOLUTE or not axial:
             continue
         bare = not any(_move_origin(joint, -axial).placement.translation)
@@ -126,19 +109,6 @@ def shift_parameters(
     return moved
 
 
-def _rotate_parameters(
-    algebra: Algebra[T], turn: tuple[T, T], parameters: Parameters[T], link: int
-) -> dict[tuple[int, str], T]:
-    """Return the parameters of a link in axes turned back by its joint's angle."""
-    tensor, (x, y, _), _ = gather_body(algebra, parameters, link)
-    (xx, xy, xz), (_, yy, yz), _ = rotate_tensor_about_z(algebra, turn, tensor)
-    c, s = turn
-    plus, minus, mul = algebra.add, algebra.sub, algebra.mul
-    values = {"XX": xx, "XY": xy, "XZ": xz, "YY": yy, "YZ": yz}
-    values |= {"MX": minus(mul(c, x), mul(s, y)), "MY": plus(mul(s, x), mul(c, y))}
-    return {(link, name): value for name, value in values.items()}
-
-
 def fix_last_link_axes(
     recursion: Recursion[T], parameters: Parameters[T]
 ) -> tuple[Recursion[T], Parameters[T]]:
@@ -149,7 +119,13 @@ def fix_last_link_axes(
     for link, (joint, frame) in enumerate(zip(robot.joints, recursion.frames, strict=True)):
         if link not in parents and joint.parent >= 0 and frame.turn is not None:
             frames[link] = replace(frame, turn=None)
-            turned |= _rotate_parameters(algebra, frame.turn, parameters, link)
+            tensor, (x, y, _), _ = gather_body(algebra, parameters, link)
+            (xx, xy, xz), (_, yy, yz), _ = rotate_tensor_about_z(algebra, frame.turn, tensor)
+            c, s = frame.turn
+            values = {"XX": xx, "XY": xy, "XZ": xz, "YY": yy, "YZ": yz}
+            values["MX"] = algebra.sub(algebra.mul(c, x), algebra.mul(s, y))
+            values["MY"] = algebra.add(algebra.mul(s, x), algebra.mul(c, y))
+            turned |= {(link, name): value for name, value in values.items()}
     held = tuple(frames)
     motions = compute_motions(robot, algebra, held, recursion.state.velocity)
     return replace(recursion, frames=held, motions=motions), turned

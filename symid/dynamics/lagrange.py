@@ -1,25 +1,22 @@
 """The Lagrangian forms, derived from the energy: momentum, dL/dq and torque, exactly.
 
-Robot -> `ExactEnergy`, polynomials of kinetic and potential energy per standard parameter, and what follows
-from them by differentiation by the coordinates alone:
+Robot -> `ExactEnergy`, polynomials of kinetic and potential energy per standard parameter, and
 
     p = dT/ddq,    tau = dp/dt - dT/dq + dV/dq    (Lagrange).
 
-This is the slow, sure way. Code comes from the recursion; tests prove both to be the same.
+Code comes from the recursion; tests prove both to be the same.
 
-Supported: everything the exact algebra supports. The torque regressor of a chain of seven joints has many
-terms: `evaluate_torque_columns` gives it at exact rational points instead.
+Supported: everything the exact algebra supports; for long chains torques at exact rational points.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from sympy.polys.rings import PolyElement
 
 from symid.dynamics.algebra import Label, build_state
 from symid.dynamics.bodies import compute_drive_energy, list_drive_parameters
-from symid.dynamics.exact_algebra import ExactAlgebra, build_exact_algebra, differentiate
+from symid.dynamics.exact_algebra import ExactAlgebra, Number, build_exact_algebra, differentiate
 from symid.dynamics.recursion import build_recursion
 from symid.dynamics.regressors import Columns, compute_energy_regressor
 from symid.notation import INERTIAL
@@ -34,11 +31,6 @@ class ExactEnergy:
     algebra: ExactAlgebra
     kinetic: Mapping[Label, PolyElement]
     potential: Mapping[Label, PolyElement]
-
-    @property
-    def keys(self) -> tuple[Label, ...]:
-        """Return the parameters in canonical order."""
-        return tuple(self.kinetic)
 
 
 def derive_energy(robot: Robot) -> ExactEnergy:
@@ -60,7 +52,7 @@ def derive_energy(robot: Robot) -> ExactEnergy:
 
 def derive_momentum_columns(energy: ExactEnergy, keys: Sequence[Label]) -> Columns[PolyElement]:
     """Return p = dT/ddq per unit of each parameter."""
-    rates = [energy.algebra.generator(f"dq{k + 1}") for k in energy.robot.coordinates]
+    rates = [energy.algebra.generators[f"dq{k + 1}"] for k in energy.robot.coordinates]
     return {key: [energy.kinetic[key].diff(rate) for rate in rates] for key in keys}
 
 
@@ -81,8 +73,8 @@ def derive_torque_columns(energy: ExactEnergy, keys: Sequence[Label]) -> Columns
     algebra, robot = energy.algebra, energy.robot
     momenta = derive_momentum_columns(energy, keys)
     forces = derive_lagrange_columns(energy, keys)
-    rates = {k: algebra.generator(f"dq{k + 1}") for k in robot.coordinates}
-    accelerations = {k: algebra.generator(f"ddq{k + 1}") for k in robot.coordinates}
+    rates = {k: algebra.generators[f"dq{k + 1}"] for k in robot.coordinates}
+    accelerations = {k: algebra.generators[f"ddq{k + 1}"] for k in robot.coordinates}
 
     def time_derivative(value: PolyElement) -> PolyElement:
         result = algebra.zero
@@ -98,9 +90,9 @@ def derive_torque_columns(energy: ExactEnergy, keys: Sequence[Label]) -> Columns
     }
 
 
-def _compute_gradient(polynomial: PolyElement, point: Sequence[Any]) -> dict[int, Any]:
+def _compute_gradient(polynomial: PolyElement, point: Sequence[Number]) -> dict[int, Number]:
     """Return all first derivatives by generators at a point, in one pass over the terms."""
-    result: dict[int, Any] = {}
+    result: dict[int, Number] = {}
     for monomial, coefficient in polynomial.items():
         for index, exponent in enumerate(monomial):
             if exponent:
@@ -113,26 +105,22 @@ def _compute_gradient(polynomial: PolyElement, point: Sequence[Any]) -> dict[int
 
 
 def _compute_generator_rates(
-    energy: ExactEnergy, values: Mapping[str, Any]
-) -> tuple[list[Any], list[Any], list[list[tuple[int, Any]]]]:
+    energy: ExactEnergy, values: Mapping[str, Number]
+) -> tuple[list[Number], list[Number], list[list[tuple[int, Number]]]]:
     """Return the point, the time derivative of each generator, and d(generator)/dq as sparse columns."""
     names = [str(symbol) for symbol in energy.algebra.ring.symbols]
     point = [values[name] for name in names]
     rates = [0 * point[0]] * len(names)
     robot, convert = energy.robot, energy.algebra.ring.domain.convert
-    by_coordinate: list[list[tuple[int, Any]]] = [[] for _ in robot.coordinates]
+    by_coordinate: list[list[tuple[int, Number]]] = [[] for _ in robot.coordinates]
     for k, joint in enumerate(robot.joints):
         number = str(k + 1)
         ((position, multiplier),) = robot.transmission[k]
         factor = convert(multiplier.numerator) / convert(multiplier.denominator)
-        slopes = {}
+        slopes = {"q" + number: factor} if "q" + number in names else {}
         if joint.kind is JointKind.REVOLUTE:
-            slopes = {
-                "s" + number: factor * values["c" + number],
-                "c" + number: -factor * values["s" + number],
-            }
-        if "q" + number in names:
-            slopes["q" + number] = factor
+            slopes["s" + number] = factor * values["c" + number]
+            slopes["c" + number] = -factor * values["s" + number]
         by_coordinate[position] += [(names.index(name), slope) for name, slope in slopes.items()]
     for k, column in zip(robot.coordinates, by_coordinate, strict=True):
         rates[names.index(f"dq{k + 1}")] = values[f"ddq{k + 1}"]
@@ -142,18 +130,15 @@ def _compute_generator_rates(
 
 
 def evaluate_torque_columns(
-    energy: ExactEnergy, keys: Sequence[Label], values: Mapping[str, Any]
-) -> Columns[Any]:
+    energy: ExactEnergy, keys: Sequence[Label], values: Mapping[str, Number]
+) -> Columns[Number]:
     """Return tau = dp/dt - dL/dq per unit of each parameter at one exact point.
 
-    Args:
-        energy: the exact energy.
-        keys: the parameters wanted.
-        values: a number of the ring's field for each generator; s^2 + c^2 = 1 must hold.
+    `values` has a number of the ring's field for each generator; s^2 + c^2 = 1 must hold.
     """
     point, rates, by_coordinate = _compute_generator_rates(energy, values)
     momenta = derive_momentum_columns(energy, keys)
-    result: Columns[Any] = {}
+    result: Columns[Number] = {}
     for key in keys:
         slope = _compute_gradient(energy.kinetic[key] - energy.potential[key], point)
         entries = []

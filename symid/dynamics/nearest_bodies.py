@@ -4,27 +4,12 @@
 expected is one (the unit matrix, 1) -> `NearestBodies`.
 
     minimise  f = |r|^2 / 2 + g D + k |v - v0|^2 / 2,   r_i = sum tr X_i Q + a_i u + c_i v - b_i,
-              D = sum w (tr Q - log det Q - 4) + sum w (u - log u - 1),
+              D = sum w (tr Q - log det Q - 4) + sum w (u - log u - 1)
 
-over Q > 0, u > 0 and v, the first of which must not be negative. f is convex: there is one optimum. Over its
-weight the cost is self-concordant. With Q = C C' a step C (1 + E) C' of Newton's method solves
-
-    min |J e + r|^2 + t sum w (|E + C' C - 1|^2 + (e_u + u - 1)^2) + s sum (e_v - 1)^2 + k |v + v e_v - v0|^2,
-
-J the slopes of r along e, u (1 + e_u) and v (1 + e_v): the logarithms become unit matrices there, and QR of
-these rows keeps the digits that normal equations lose, near the edge of all bodies too. The best length along
-each step is found exactly. The weight t of the distance falls to g from one at which the bodies expected are
-next to the optimum, s of -log v, which stands for v >= 0, further, to nearly nothing; fast where few steps
-reach the next optimum. Newton's decrement l bounds what is left, with b numbers v:
-
-    f - least <= s (-l - log(1 - l)) + s b,   l^2 = e' H e / s
-
-(Nesterov and Nemirovskii 1994, Interior-point polynomial algorithms in convex programming, chapter 2).
-
-Equations r = 0 are kept in every step instead: its part along them leads towards the target as far as bodies
-stay bodies, the rest, in their null space, back to the optimum for what is reached. If bodies have the target
-they have all that lies between it and what the bodies expected have; where the steps towards it shrink to
-nothing, no bodies have it.
+over Q > 0, u > 0 and v, the first of which must not be negative (a barrier -s log v): Newton's steps C (1 +
+E) C', Q = C C', on a falling weight of the distance, from QR of the rows. With Newton's decrement l and b
+bounded numbers f - least <= s (-l - log(1 - l)) + s b (Nesterov and Nemirovskii 1994, Interior-point
+polynomial algorithms in convex programming, chapter 2). Equations r = 0 are kept in every step instead.
 
 Supported: every rank of the rows; a few hundred of them, dense. Loads NumPy only.
 """
@@ -40,7 +25,7 @@ _UPPER = np.triu_indices(4)
 _FACTORS = np.where(_UPPER[0] == _UPPER[1], 1.0, np.sqrt(2.0))
 
 _LIMIT = 3000
-# Rules of thumb, seen in no result: they only decide how many steps it takes.
+# Rules of thumb that change no result, only the number of steps.
 _FALL = 0.1
 _STEEPEST = 1e-3
 _FEW = 3
@@ -51,7 +36,7 @@ _STEPS_OF_LENGTH = 60
 # The last weight of the logarithms of what is bounded, and what of a step may be left undone, in units of g.
 _BOUND = 1e-10
 _DONE = 1e-30
-# Towards what equations want: the part of the way to the edge of all bodies in one step, the shortest step.
+# Towards the targets of equations: the part of the way to the edge of all bodies in one step, the least step.
 _TOWARDS = 0.7
 _SHORTEST = 1e-8
 # Error that solved equations may have, in units of the sizes of what they add up. Tests reach 3e-14.
@@ -74,9 +59,9 @@ class BodyProblem:
     others: FloatArray
     target: FloatArray
     shares: FloatArray
-    weight: float
     middle: FloatArray
-    loose: float
+    weight: float = 1.0
+    loose: float = 1.0
     bounded: int = 0
 
 
@@ -87,8 +72,8 @@ class NearestBodies:
     Args:
         factors: (n, 4, 4) C, lower triangular, Q = C C'; positive: (a,) u; others: (c,) v.
         multipliers: (m,) nu = r / g, zero where the rows are equations.
-        gap: the cost is above the least by this at most, but for rounding; infinite where it did not arrive.
-        gradient: largest entry of the last one, unknowns in units of their standard deviations.
+        gap: the cost is above the least by this at most, but for rounding; infinite if not converged.
+        gradient: its largest entry, unknowns in units of their standard deviations.
         stationarity: Newton's decrement over the root of the weight: a relative error of the bodies.
         iterations: steps.
     """
@@ -120,11 +105,8 @@ class _Step(NamedTuple):
     gradient: float
 
 
-class _Weights(NamedTuple):
-    """t of the distance, s of what must not be negative."""
-
-    distance: float
-    bound: float
+Weights = tuple[float, float]
+"""Of the distance, and of the logarithms of what must not be negative."""
 
 
 def _flatten(matrices: FloatArray) -> FloatArray:
@@ -165,49 +147,66 @@ def compute_cost(problem: BodyProblem, state: NearestBodies) -> float:
     return squares + problem.weight * compute_distance(problem, state)
 
 
-def _compute_step(problem: BodyProblem, state: NearestBodies, errors: FloatArray, weights: _Weights) -> _Step:
-    """Return Newton's step."""
+def _compute_slopes(problem: BodyProblem, state: NearestBodies, sizes: FloatArray) -> FloatArray:
+    """Return the slopes J (m, unknowns) along e, u (1 + e_u) and v + sizes e_v."""
+    forms = _flatten(state.factors.transpose(0, 2, 1) @ problem.blocks @ state.factors)
+    forms = forms.reshape(len(problem.target), -1)
+    return np.hstack([forms, problem.positive * state.positive, problem.others * sizes])
+
+
+def _compute_pull(state: NearestBodies) -> FloatArray:
+    """Return C' C - 1, flat, and u - 1."""
+    inner = state.factors.transpose(0, 2, 1) @ state.factors - np.eye(4)
+    return np.append(_flatten(inner).ravel(), state.positive - 1.0)
+
+
+def _split_step(
+    state: NearestBodies, step: FloatArray, change: FloatArray, promise: float, gradient: float
+) -> _Step:
+    first = 10 * len(state.factors)
+    second = first + len(state.positive)
+    blocks = _unflatten(step[:first].reshape(-1, 10))
+    return _Step(blocks, step[first:second], step[second:], change, promise, gradient)
+
+
+def _compute_step(problem: BodyProblem, state: NearestBodies, errors: FloatArray, weights: Weights) -> _Step:
+    """Return Newton's step e, with the logarithms as rows beside those of the problem.
+
+    min |J e + r|^2 + t sum w (|E + C' C - 1|^2 + (e_u + u - 1)^2) + s sum (e_v - 1)^2 + k |v + v e_v - v0|^2
+    """
     links, bounded = len(state.factors), problem.bounded
-    first, second = 10 * links, 10 * links + len(state.positive)
-    across = state.factors.transpose(0, 2, 1)
-    forms = _flatten(across @ problem.blocks @ state.factors).reshape(len(errors), -1)
+    second = 10 * links + len(state.positive)
     sizes = np.append(state.others[:bounded], np.ones(len(state.others) - bounded))
-    slopes = np.hstack([forms, problem.positive * state.positive, problem.others * sizes])
-    roots = np.sqrt(weights.distance * problem.shares)
+    slopes = _compute_slopes(problem, state, sizes)
+    roots = np.sqrt(weights[0] * problem.shares)
     roots = np.append(np.repeat(roots[:links], 10), roots[links:])
-    pull = np.append(_flatten(across @ state.factors - np.eye(4)).ravel(), state.positive - 1.0)
     held = np.zeros((slopes.shape[1] + bounded, slopes.shape[1]))
     held[range(second), range(second)] = roots
     spots = np.arange(second, slopes.shape[1])
     held[spots, spots] = np.sqrt(problem.loose) * sizes
     edge = np.arange(bounded)
-    held[slopes.shape[1] + edge, second + edge] = np.sqrt(weights.bound)
+    held[slopes.shape[1] + edge, second + edge] = np.sqrt(weights[1])
     off = -np.sqrt(problem.loose) * (state.others - problem.middle)
-    right = np.concatenate([-errors, -roots * pull, off, np.full(bounded, np.sqrt(weights.bound))])
+    wanted = np.full(bounded, np.sqrt(weights[1]))
+    right = np.concatenate([-errors, -roots * _compute_pull(state), off, wanted])
     whole = np.vstack([slopes, held])
     lengths = np.linalg.norm(whole, axis=0)
     whole = whole / lengths
     factor: FloatArray = np.asarray(np.linalg.qr(np.column_stack([whole, right]), mode="r"))
     size = len(lengths)
     step = np.linalg.solve(factor[:size, :size], factor[:size, size]) / lengths
-    return _Step(
-        blocks=_unflatten(step[:first].reshape(links, 10)),
-        positive=step[first:second],
-        others=step[second:],
-        change=slopes @ step,
-        promise=float(factor[:size, size] @ factor[:size, size]),
-        gradient=float(np.abs(whole.T @ right).max()),
-    )
+    promise = float(factor[:size, size] @ factor[:size, size])
+    return _split_step(state, step, slopes @ step, promise, float(np.abs(whole.T @ right).max()))
 
 
 def _compute_length(
-    problem: BodyProblem, state: NearestBodies, errors: FloatArray, step: _Step, weights: _Weights
+    problem: BodyProblem, state: NearestBodies, errors: FloatArray, step: _Step, weights: Weights
 ) -> float:
     """Return the length of least cost along a step, where its slope, which only grows, is zero."""
     links, bounded = len(state.factors), problem.bounded
-    shares = weights.distance * problem.shares
+    shares = weights[0] * problem.shares
     logs = np.concatenate([np.linalg.eigvalsh(step.blocks).ravel(), step.positive, step.others[:bounded]])
-    parts = [np.repeat(shares[:links], 4), shares[links:], np.full(bounded, weights.bound)]
+    parts = [np.repeat(shares[:links], 4), shares[links:], np.full(bounded, weights[1])]
     weighted = np.concatenate(parts)
     pulls = state.factors.transpose(0, 2, 1) @ state.factors
     linear = float(shares[:links] @ np.einsum("nab,nab->n", pulls, step.blocks))
@@ -246,7 +245,7 @@ def _centre(
     problem: BodyProblem, state: NearestBodies, level: float, limit: int
 ) -> tuple[NearestBodies, int]:
     """Return where at most `limit` steps lead at one weight, and their number; more if they do not arrive."""
-    weights = _Weights(max(level, problem.weight), level)
+    weights = (max(level, problem.weight), level)
     for count in range(limit + 1):
         errors = compute_errors(problem, state)
         step = _compute_step(problem, state, errors, weights)
@@ -260,7 +259,7 @@ def _centre(
 
 def _polish(problem: BodyProblem, state: NearestBodies, level: float) -> NearestBodies:
     """Return the state after whole steps, until they promise no more or rounding lets them gain no more."""
-    weights = _Weights(problem.weight, level)
+    weights = (problem.weight, level)
     scale = level * float(problem.shares.min())
     last = np.inf
     while True:
@@ -332,31 +331,19 @@ def _compute_exact_step(
 ) -> tuple[_Step, _Step]:
     """Return the shortest step that changes the rows by `lacking` (m,), and Newton's that keeps them."""
     links = len(state.factors)
-    first, second = 10 * links, 10 * links + len(state.positive)
-    across = state.factors.transpose(0, 2, 1)
-    forms = _flatten(across @ problem.blocks @ state.factors).reshape(len(lacking), -1)
     roots = np.sqrt(problem.shares)
     roots = np.concatenate([np.repeat(roots[:links], 10), roots[links:], np.ones(len(state.others))])
-    slopes = np.hstack([forms, problem.positive * state.positive, problem.others]) / roots
-    pull = _flatten(across @ state.factors - np.eye(4)).ravel()
-    aim = -roots * np.concatenate([pull, state.positive - 1.0, state.others])
+    slopes = _compute_slopes(problem, state, np.ones(len(state.others))) / roots
+    aim = -roots * np.append(_compute_pull(state), state.others)
     lengths = np.linalg.norm(slopes, axis=1)
     basis, triangle = np.linalg.qr((slopes / lengths[:, None]).T)
     along = basis @ np.linalg.solve(triangle.T, lacking / lengths)
     inner = aim - basis @ (basis.T @ aim)
-
-    def build_step(moved: FloatArray) -> _Step:
-        own = moved / roots
-        return _Step(
-            blocks=_unflatten(own[:first].reshape(links, 10)),
-            positive=own[first:second],
-            others=own[second:],
-            change=np.zeros(0),
-            promise=float(moved @ moved),
-            gradient=float(np.abs(moved).max()),
-        )
-
-    return build_step(along), build_step(inner)
+    first, second = (
+        _split_step(state, moved / roots, np.zeros(0), float(moved @ moved), float(np.abs(moved).max()))
+        for moved in (along, inner)
+    )
+    return first, second
 
 
 def _compute_row_sizes(problem: BodyProblem, state: NearestBodies) -> FloatArray:
@@ -377,7 +364,7 @@ def solve_body_equations(problem: BodyProblem) -> NearestBodies | None:
     """
     problem = replace(problem, weight=1.0, loose=1.0, middle=np.zeros_like(problem.middle), bounded=0)
     state = build_expected_bodies(problem)
-    weights, least, reached, last = _Weights(1.0, 1.0), float(problem.shares.min()), False, np.inf
+    weights, least, reached, last = (1.0, 1.0), float(problem.shares.min()), False, np.inf
     for count in range(_LIMIT):
         lacking = -compute_errors(problem, state)
         along, inner = _compute_exact_step(problem, state, lacking)

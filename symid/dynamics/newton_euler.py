@@ -1,29 +1,12 @@
 """Joint torques by recursion, with vectors or acceleration tensors: the forms that code is printed from.
 
 Recursion, parameters {(link, name): value}, for control also reference rates -> joint torques without
-friction.
-A parameter that is not listed is zero and costs nothing. With base parameters the value of beta stands at
-its representative and all grouped parameters are left out: the torques are the same.
+friction. A parameter that is not listed is zero and costs nothing. With
 
-Acceleration tensors take fewer operations than vectors: for each link w, dw, the acceleration of its origin
-and
+    U = [dw x] + [w x][w x],   or with reference rates U = [dw_r x] + [w_r x][w x],
 
-    U = [dw x] + [w x][w x],
-
-which takes a point of the link to its acceleration about the origin. U carries both the first moments (f =
-U MS) and the inertia tensor (n = I dw + w x I w) with the same six products w_i w_j. Per unit of each
-parameter the inertial wrench of a link is an entry or a column of it:
-    XX: n = (dw_x, w_x w_z, -w_x w_y)       XY: n = (-U_zx, U_zy, w_x^2 - w_y^2)       and so on,
-    MX: f = U x, n = x x a.
-
-With reference rates dqr, which make the velocities w_r, v_r, the same tensor of their rate of change at a
-point that moves with the link is U = [dw_r x] + [w_r x][w x]. The torques that follow from it are M ddqr +
-C dqr with C_ij = sum of c_ijk dq_k, c_ijk the Christoffel symbols of the mass matrix: the product of a
-point's mass, its Jacobian and the rate of its Jacobian (Echeandia and Wensing 2021).
-
-The column of U along a joint's axis is the same on both sides of the joint: it is rotated from the
-parent's, and dw follows from it with one sum an entry. Its axial entry is -(w_x^2 + w_y^2), so that one
-square less is needed.
+f = U MS and n = I dw + w x I w share the products w_i w_j: fewer operations than with vectors. Reference
+rates give M ddqr + C dqr with the Christoffel factor C (Echeandia and Wensing 2021).
 
 Supported: trees of revolute and prismatic joints, rotor inertias reflected to the joint side, springs.
 """
@@ -44,20 +27,12 @@ from symid.dynamics.algebra import (
 )
 from symid.dynamics.bodies import Body, Parameters, add_drive_torques, gather_body
 from symid.dynamics.recursion import LinkMotion, Recursion, compute_motions, rotate_to_link
-from symid.dynamics.wrenches import (
-    LinkAcceleration,
-    Wrench,
-    add_wrenches,
-    build_unit_vector,
-    project_on_axis,
-    transform_wrench,
-)
+from symid.dynamics.wrenches import Screw, Wrench, build_unit_vector, transform_wrench
 from symid.notation import INERTIAL
-from symid.robot import Joint
 
 
-def compute_accelerations(recursion: Recursion[T]) -> tuple[LinkAcceleration[T], ...]:
-    """Return the acceleration of every link, gravity subtracted.
+def compute_accelerations(recursion: Recursion[T]) -> tuple[Screw[T], ...]:
+    """Return the acceleration of every link and its origin, gravity subtracted: rad/s^2, m/s^2.
 
     dw_j = R' dw_p + w x z dq + z ddq;  a_j = R' (a_p + dw_p x r + w_p x (w_p x r)) (+ 2 w x z dq + z ddq),
     the bracket at prismatic joints only. Luh, Walker and Paul 1980.
@@ -65,8 +40,8 @@ def compute_accelerations(recursion: Recursion[T]) -> tuple[LinkAcceleration[T],
     robot, algebra, state = recursion.robot, recursion.algebra, recursion.state
     motions = recursion.motions
     zero = algebra.zero
-    still = LinkAcceleration(angular=(zero, zero, zero), linear=compute_base_acceleration(recursion))
-    result: list[LinkAcceleration[T]] = []
+    still = Screw(angular=(zero, zero, zero), linear=compute_base_acceleration(recursion))
+    result: list[Screw[T]] = []
     for index, (joint, frame) in enumerate(zip(robot.joints, recursion.frames, strict=True)):
         w_parent = motions[joint.parent].angular if joint.parent >= 0 else (zero, zero, zero)
         parent = result[joint.parent] if joint.parent >= 0 else still
@@ -80,18 +55,14 @@ def compute_accelerations(recursion: Recursion[T]) -> tuple[LinkAcceleration[T],
         if frame.revolute:
             angular = add_vectors(algebra, add_vectors(algebra, angular, coupling), own)
         else:
-            linear = add_vectors(
-                algebra, add_vectors(algebra, add_vectors(algebra, linear, coupling), coupling), own
-            )
-        result.append(LinkAcceleration(angular=angular, linear=linear))
+            doubled = add_vectors(algebra, add_vectors(algebra, linear, coupling), coupling)
+            linear = add_vectors(algebra, doubled, own)
+        result.append(Screw(angular=angular, linear=linear))
     return tuple(result)
 
 
 def _compute_link_wrench(
-    algebra: Algebra[T],
-    body: Body[T],
-    angular: Vector[T],
-    acceleration: LinkAcceleration[T],
+    algebra: Algebra[T], body: Body[T], angular: Vector[T], acceleration: Screw[T]
 ) -> Wrench[T]:
     """Return the wrench that moves a link.
 
@@ -99,11 +70,8 @@ def _compute_link_wrench(
     """
     tensor, moments, mass = body
     swing = cross(algebra, angular, cross(algebra, angular, moments))
-    force = add_vectors(
-        algebra,
-        scale_vector(algebra, mass, acceleration.linear),
-        cross(algebra, acceleration.angular, moments),
-    )
+    inertial = scale_vector(algebra, mass, acceleration.linear)
+    force = add_vectors(algebra, inertial, cross(algebra, acceleration.angular, moments))
     spin = cross(algebra, angular, apply_matrix(algebra, tensor, angular))
     moment = add_vectors(algebra, apply_matrix(algebra, tensor, acceleration.angular), spin)
     return Wrench(
@@ -118,11 +86,14 @@ def accumulate_torques(recursion: Recursion[T], wrenches: list[Wrench[T]]) -> li
     carried = list(wrenches)
     torques = [algebra.zero] * robot.size
     for joint in reversed(range(robot.size)):
-        torques[joint] = project_on_axis(frames[joint], carried[joint])
-        parent = robot.joints[joint].parent
+        own, parent = carried[joint], robot.joints[joint].parent
+        torques[joint] = own.moment[2] if frames[joint].revolute else own.force[2]
         if parent >= 0:
-            lifted = transform_wrench(algebra, frames[joint], carried[joint])
-            carried[parent] = add_wrenches(algebra, carried[parent], lifted)
+            lifted, other = transform_wrench(algebra, frames[joint], own), carried[parent]
+            carried[parent] = Wrench(
+                force=add_vectors(algebra, other.force, lifted.force),
+                moment=add_vectors(algebra, other.moment, lifted.moment),
+            )
     return torques
 
 
@@ -161,15 +132,10 @@ class AccelerationTensor(Generic[T]):
 
 
 def compute_base_acceleration(recursion: Recursion[T]) -> Vector[T]:
-    """Return the acceleration of the base that stands for gravity, -g."""
+    """Return -g: gravity as an acceleration of the base."""
     algebra = recursion.algebra
     x, y, z = (algebra.neg(algebra.constant(value)) for value in recursion.robot.gravity)
     return (x, y, z)
-
-
-def _is_along_axis(joint: Joint) -> bool:
-    """Return whether the joint's axis is one of the parent's axes, so that a column of U is known."""
-    return sum(bool(row[2]) for row in joint.placement.rotation) == 1
 
 
 def _compute_tensor(
@@ -202,18 +168,16 @@ def _build_acceleration_tensor(
     linear: Vector[T],
     column: Vector[T] | None,
 ) -> AccelerationTensor[T]:
+    """Return the motion of a link from w and w_r, the latter None without a reference."""
     angular, other = turns
     tensor, rate, differences = _compute_tensor(
         algebra, angular, angular if other is None else other, rate, column
     )
-    x, y, z = angular
-    axial, products = rate, (algebra.mul(y, z), algebra.mul(x, z), algebra.mul(x, y))
-    if other is not None:
-        pairs = (
-            (tensor[2][1], tensor[1][2]),
-            (tensor[0][2], tensor[2][0]),
-            (tensor[1][0], tensor[0][1]),
-        )
+    if other is None:
+        x, y, z = angular
+        axial, products = rate, (algebra.mul(y, z), algebra.mul(x, z), algebra.mul(x, y))
+    else:
+        pairs = ((tensor[2][1], tensor[1][2]), (tensor[0][2], tensor[2][0]), (tensor[1][0], tensor[0][1]))
         x, y, z = (algebra.half(algebra.sub(low, high)) for low, high in pairs)
         yz, xz, xy = (algebra.half(algebra.add(low, high)) for low, high in pairs)
         axial, products = (x, y, z), (yz, xz, xy)
@@ -222,55 +186,42 @@ def _build_acceleration_tensor(
     )
 
 
-def _compute_linear_acceleration(
+def _carry_acceleration(
     recursion: Recursion[T],
     joint: int,
     parent: AccelerationTensor[T],
     others: tuple[LinkMotion[T], ...],
     reference: Reference[T],
-) -> Vector[T]:
+) -> tuple[Vector[T], Vector[T], Vector[T] | None]:
+    """Return dw, a and, where it is known, the column of U along the axis of a link, from its parent's.
+
+    U_j z = R' (U_p z_p);  dw_j z = dw_p z_p + ddq;
+    a_j = R' (a_p + U_p r) (+ 2 w x z dq + z ddq if prismatic).
+    """
     algebra, frame, zero = recursion.algebra, recursion.frames[joint], recursion.algebra.zero
+    own: Vector[T] = (zero, zero, reference[1][joint])
+    angular, turning = recursion.motions[joint].angular, (zero, zero, reference[0][joint])
+    rate = rotate_to_link(algebra, frame, parent.rate)
+    if frame.revolute:
+        rate = add_vectors(algebra, add_vectors(algebra, rate, cross(algebra, angular, turning)), own)
     swing = apply_matrix(algebra, parent.tensor, frame.origin)
     linear = rotate_to_link(algebra, frame, add_vectors(algebra, parent.linear, swing))
-    if frame.revolute:
-        return linear
-    rates, accelerations = reference
-    first = cross(algebra, recursion.motions[joint].angular, (zero, zero, rates[joint]))
-    second = cross(algebra, others[joint].angular, (zero, zero, recursion.state.velocity[joint]))
-    own: Vector[T] = (zero, zero, accelerations[joint])
-    return add_vectors(algebra, add_vectors(algebra, add_vectors(algebra, linear, first), second), own)
-
-
-def _compute_angular_acceleration(
-    recursion: Recursion[T], joint: int, parent: AccelerationTensor[T], reference: Reference[T]
-) -> Vector[T]:
-    algebra, frame, zero = recursion.algebra, recursion.frames[joint], recursion.algebra.zero
-    rate = rotate_to_link(algebra, frame, parent.rate)
     if not frame.revolute:
-        return rate
-    rates, accelerations = reference
-    coupling = cross(algebra, recursion.motions[joint].angular, (zero, zero, rates[joint]))
-    own: Vector[T] = (zero, zero, accelerations[joint])
-    return add_vectors(algebra, add_vectors(algebra, rate, coupling), own)
-
-
-def _compute_axis_column(
-    recursion: Recursion[T], joint: int, parent: AccelerationTensor[T]
-) -> Vector[T] | None:
-    algebra, frame = recursion.algebra, recursion.frames[joint]
-    if not (frame.revolute and _is_along_axis(recursion.robot.joints[joint])):
-        return None
+        first = cross(algebra, angular, turning)
+        second = cross(algebra, others[joint].angular, (zero, zero, recursion.state.velocity[joint]))
+        linear = add_vectors(algebra, add_vectors(algebra, add_vectors(algebra, linear, first), second), own)
+        return rate, linear, None
     axis = (frame.fixed[0][2], frame.fixed[1][2], frame.fixed[2][2])
-    return rotate_to_link(algebra, frame, apply_matrix(algebra, parent.tensor, axis))
+    # Where the axis is one of the parent's axes, its column of U is known.
+    if sum(bool(row[2]) for row in recursion.robot.joints[joint].placement.rotation) > 1:
+        return rate, linear, None
+    return rate, linear, rotate_to_link(algebra, frame, apply_matrix(algebra, parent.tensor, axis))
 
 
 def compute_acceleration_tensors(
     recursion: Recursion[T], reference: Reference[T] | None = None
 ) -> tuple[AccelerationTensor[T], ...]:
-    """Return the spin of every link.
-
-    U_j z = R' (U_p z_p);  dw_j z = dw_p z_p + ddq;
-    a_j = R' (a_p + U_p r) (+ 2 w x z dq + z ddq if prismatic).
+    """Return the acceleration tensor of every link.
 
     Args:
         recursion: the robot in its state.
@@ -293,15 +244,9 @@ def compute_acceleration_tensors(
     spins: list[AccelerationTensor[T]] = []
     for index, joint in enumerate(robot.joints):
         parent = spins[joint.parent] if joint.parent >= 0 else base
-        spins.append(
-            _build_acceleration_tensor(
-                algebra,
-                (recursion.motions[index].angular, others[index].angular if reference else None),
-                _compute_angular_acceleration(recursion, index, parent, chosen),
-                _compute_linear_acceleration(recursion, index, parent, others, chosen),
-                _compute_axis_column(recursion, index, parent),
-            )
-        )
+        turns = (recursion.motions[index].angular, others[index].angular if reference else None)
+        carried = _carry_acceleration(recursion, index, parent, others, chosen)
+        spins.append(_build_acceleration_tensor(algebra, turns, *carried))
     return tuple(spins)
 
 
@@ -331,33 +276,18 @@ def compute_tensor_wrench(algebra: Algebra[T], name: str, spin: AccelerationTens
 def _compute_tensor_moment(
     algebra: Algebra[T], tensor: tuple[tuple[T, T, T], ...], spin: AccelerationTensor[T]
 ) -> Vector[T]:
-    """Return I dw + w x I w, the moments of inertia that meet the same product of w taken together."""
+    """Return I dw + w x I w, with the moments of inertia collected by products of w."""
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = tensor
     mul, minus, neg = algebra.mul, algebra.sub, algebra.neg
     u, (x, y, z), p, d = spin.tensor, spin.axial, spin.products, spin.differences
+
+    def add(*terms: T) -> T:
+        return sum_values(algebra, terms)
+
     return (
-        sum_values(
-            algebra,
-            [mul(xx, x), neg(mul(xy, u[2][0])), mul(xz, u[1][0]), mul(yz, d[0]), mul(minus(zz, yy), p[0])],
-        ),
-        sum_values(
-            algebra,
-            [mul(yy, y), mul(xy, u[2][1]), neg(mul(yz, u[0][1])), mul(xz, d[1]), mul(minus(xx, zz), p[1])],
-        ),
-        sum_values(
-            algebra,
-            [mul(zz, z), neg(mul(xz, u[1][2])), mul(yz, u[0][2]), mul(xy, d[2]), mul(minus(yy, xx), p[2])],
-        ),
-    )
-
-
-def _compute_body_wrench(algebra: Algebra[T], body: Body[T], spin: AccelerationTensor[T]) -> Wrench[T]:
-    tensor, moments, mass = body
-    force = apply_matrix(algebra, spin.tensor, moments)
-    moment = _compute_tensor_moment(algebra, tensor, spin)
-    return Wrench(
-        force=add_vectors(algebra, force, scale_vector(algebra, mass, spin.linear)),
-        moment=add_vectors(algebra, moment, cross(algebra, moments, spin.linear)),
+        add(mul(xx, x), neg(mul(xy, u[2][0])), mul(xz, u[1][0]), mul(yz, d[0]), mul(minus(zz, yy), p[0])),
+        add(mul(yy, y), mul(xy, u[2][1]), neg(mul(yz, u[0][1])), mul(xz, d[1]), mul(minus(xx, zz), p[1])),
+        add(mul(zz, z), neg(mul(xz, u[1][2])), mul(yz, u[0][2]), mul(xy, d[2]), mul(minus(yy, xx), p[2])),
     )
 
 
@@ -372,9 +302,15 @@ def compute_tensor_torques(
         reference: dqr and ddqr for M ddqr + C dqr + g (see above); None for the state's own dq and ddq.
     """
     algebra = recursion.algebra
-    wrenches = [
-        _compute_body_wrench(algebra, gather_body(algebra, parameters, link), spin)
-        for link, spin in enumerate(compute_acceleration_tensors(recursion, reference))
-    ]
+    wrenches = []
+    for link, spin in enumerate(compute_acceleration_tensors(recursion, reference)):
+        tensor, moments, mass = gather_body(algebra, parameters, link)
+        force = apply_matrix(algebra, spin.tensor, moments)
+        moment = _compute_tensor_moment(algebra, tensor, spin)
+        wrench = Wrench(
+            force=add_vectors(algebra, force, scale_vector(algebra, mass, spin.linear)),
+            moment=add_vectors(algebra, moment, cross(algebra, moments, spin.linear)),
+        )
+        wrenches.append(wrench)
     accelerations = reference[1] if reference else recursion.state.acceleration
     return add_drive_torques(recursion, accumulate_torques(recursion, wrenches), parameters, accelerations)

@@ -1,32 +1,22 @@
-"""What the motions of a robot show of its parameters: exact rows, block by block.
+"""The observable subspace of a robot's parameters: exact rows, block by block.
 
 Robot -> rows {label: coefficient}; a change of parameters that they all send to zero changes no torque, and
-every other one does.
-
-A joint on its own is a block. A joint that follows another one, and all joints between the two, are one
-block; so are the joints that a coupled drive turns with. What a block shows of parameters does not depend
-on how the blocks before and behind it move. With everything beyond a link put together into the link, the
-energy of the outermost blocks is
+every other one does. A block is a joint, or joints that move together (followers, coupled drives) and those
+between. With everything beyond a link put together into the link, the energy of the outermost blocks is
 
     E = sum over links l of  h_p(x) A_l(q) pi_l  +  dq' p_l(q, v_p)  +  dq' M_l(q) dq / 2,
 
-where x is the state of the rest, v_p and h_p velocity and energy regressor of the link before the block,
-A_l the change of parameters from link l to it, p_l and M_l the momenta of link l along the coordinates, all
-linear in pi_l. Parameters are invisible if and only if the terms that depend on q or dq vanish for every
-state, and what is left, h_p(x) A_l0 pi_l with the constant part A_l0, is made up for by the link before. So
-each block has a small set of rows that act on the parameters of its links and all beyond them, carried to
-it by the constant parts; the base parameters are all these rows together. This is the recursion over
-attainable velocities and gravity directions of Wensing, Niemeyer and Slotine (2017), written for the energy
-and for blocks of joints; every block is looked at once, exactly, in the field of the geometry.
+h_p and v_p of the link before the block, A_l from link l to it. The terms in q and dq give each block a small
+set of rows over its links and all beyond; the constant part h_p A_l0 pi_l belongs to the link before
+(Wensing, Niemeyer and Slotine 2017, here for the energy and for blocks of joints).
 
-Supported: trees; joints that follow others; rotors of joints and couplings; springs; friction and its
-constant torques; the torque, or the part of it that comes from gravity alone, or the momentum alone.
+Supported: trees; followers; rotors of joints and couplings; springs; friction and its constant torques; the
+torque, or the part of it that comes from gravity alone, or the momentum alone.
 Not supported: symbolic lengths next to angles of 30 or 45 degrees where three joints share a coordinate.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 from sympy import QQ
 from sympy.polys.domains.domain import Domain
@@ -37,6 +27,7 @@ from symid.dynamics.bodies import transform_body
 from symid.dynamics.exact_algebra import (
     Echelon,
     ExactAlgebra,
+    Number,
     Row,
     build_exact_algebra,
     choose_domain,
@@ -71,65 +62,44 @@ class Block:
     couplings: tuple[int, ...]
 
 
-def _list_path(robot: Robot, joint: int) -> list[int]:
-    """Return the joints from the base to `joint`, itself included."""
-    path = []
-    while joint >= 0:
-        path.append(joint)
-        joint = robot.joints[joint].parent
-    return path[::-1]
-
-
 def _list_connected_joints(robot: Robot, joints: frozenset[int]) -> frozenset[int]:
     """Return the joints of the smallest connected piece of the tree that holds `joints`."""
-    paths = [_list_path(robot, joint) for joint in sorted(joints)]
+    paths = []
+    for joint in sorted(joints):
+        path = [joint]
+        while robot.joints[path[0]].parent >= 0:
+            path.insert(0, robot.joints[path[0]].parent)
+        paths.append(path)
     shortest = min(len(path) for path in paths)
     shared = 0
-    # The link before the block carries all of them, and is none of them.
+    # The link before the block carries all of them and is not one of them.
     while shared < shortest - 1 and all(path[shared] == paths[0][shared] for path in paths):
         shared += 1
     return frozenset(joint for path in paths for joint in path[shared:])
 
 
-def _list_ties(robot: Robot) -> Iterator[frozenset[int]]:
-    """Return the sets of joints that belong together, single ones first."""
-    for index, joint in enumerate(robot.joints):
-        yield frozenset((index,) if joint.mimic is None else (index, joint.mimic.master))
-    for coupling in robot.couplings:
-        yield frozenset(index for index, _ in coupling.terms)
-
-
-def _merge_groups(robot: Robot, groups: list[frozenset[int]]) -> list[frozenset[int]]:
-    merged: list[frozenset[int]] = []
-    for group in groups:
-        whole = _list_connected_joints(robot, group)
-        apart = [other for other in merged if not other & whole]
-        for other in merged:
-            whole = whole | other if other & whole else whole
-        merged = [*apart, whole]
-    return merged
-
-
 def split_into_blocks(robot: Robot) -> tuple[Block, ...]:
-    """Return the blocks of the robot; the block of a link stands before those that hang on it."""
-    groups = _merge_groups(robot, list(_list_ties(robot)))
-    while len(again := _merge_groups(robot, groups)) < len(groups):
-        groups = again
-    transmission = robot.transmission
+    """Return the blocks of the robot; the block of a link comes before those it carries."""
+    # Joints that belong together, single ones first.
+    ties = [
+        frozenset((index,) if joint.mimic is None else (index, joint.mimic.master))
+        for index, joint in enumerate(robot.joints)
+    ]
+    ties += [frozenset(index for index, _ in coupling.terms) for coupling in robot.couplings]
+    groups, merged = ties, list[frozenset[int]]()
+    while len(merged) != len(groups):
+        groups, merged = merged or ties, []
+        for joints in groups:
+            whole = _list_connected_joints(robot, joints)
+            touching = [other for other in merged if other & whole]
+            merged = [*(other for other in merged if not other & whole), whole.union(*touching)]
     blocks = []
-    for group in sorted(map(sorted, again)):
-        coordinates = {position for index in group for position, _ in transmission[index]}
-        couplings = [
-            k for k, coupling in enumerate(robot.couplings) if {i for i, _ in coupling.terms} & set(group)
-        ]
-        blocks.append(
-            Block(
-                base=robot.joints[group[0]].parent,
-                joints=tuple(group),
-                coordinates=tuple(sorted(coordinates)),
-                couplings=tuple(couplings),
-            )
-        )
+    for group in sorted(map(sorted, merged)):
+        base, coordinates = robot.joints[group[0]].parent, {robot.transmission[k][0][0] for k in group}
+        turned = [{index for index, _ in coupling.terms} & set(group) for coupling in robot.couplings]
+        couplings = tuple(k for k, joints in enumerate(turned) if joints)
+        places = tuple(sorted(coordinates))
+        blocks.append(Block(base=base, joints=tuple(group), coordinates=places, couplings=couplings))
     return tuple(blocks)
 
 
@@ -141,14 +111,15 @@ _SIX = 6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Transport:
-    """The change from the links of a block to the link before it, split by functions of the coordinates.
+    """The change from the links of a block to the link before it, split by functions f of the coordinates.
 
-    Links are numbered within the block. `parameters[link][f]` takes the ten standard parameters of the link
-    to those of the link before (10, 10); `velocities[link][f]` has what each unit velocity (w, v) of the link
-    before becomes at the link (6, 6), in rows; `rates[link][f]` is the link's velocity by those of the
-    coordinates, one row, f holds the velocity. `momenta[c][f]` has seven rows over the parameters of all
-    links: the momentum along coordinate c for the six unit velocities of the link before, and for the
-    velocities of the coordinates themselves. `one` is the constant function.
+    Args:
+        parameters: per link of the block, (10, 10) from its parameters to those of the link before.
+        velocities: per link, (6, 6) its velocity per unit velocity (w, v) of the link before, in rows.
+        rates: per link, its velocity by those of the coordinates, one row.
+        momenta: per coordinate, seven rows over the parameters of all links: the momentum for the six unit
+            velocities of the link before, and for the velocities of the coordinates themselves.
+        basis: the functions.
     """
 
     parameters: tuple[Split, ...]
@@ -173,18 +144,16 @@ def build_field(robot: Robot) -> Domain:
 def build_block_robot(robot: Robot, block: Block) -> Robot:
     """Return the joints of a block as a robot of their own, fixed to what is before them."""
     inside = {index: position for position, index in enumerate(block.joints)}
-
-    def move(joint: Joint) -> Joint:
-        mimic = joint.mimic and replace(joint.mimic, master=inside[joint.mimic.master])
-        return Joint(
+    joints = tuple(
+        Joint(
             name=joint.name,
             kind=joint.kind,
             parent=inside.get(joint.parent, -1),
             placement=joint.placement,
-            mimic=mimic,
+            mimic=joint.mimic and replace(joint.mimic, master=inside[joint.mimic.master]),
         )
-
-    joints = tuple(move(robot.joints[index]) for index in block.joints)
+        for joint in (robot.joints[index] for index in block.joints)
+    )
     return Robot(name=robot.name, joints=joints, gravity=robot.gravity)
 
 
@@ -202,7 +171,7 @@ def _split(basis: TrigonometricBasis, table: Sequence[Sequence[PolyElement]]) ->
 def _lift_parameters(
     single: Robot, algebra: ExactAlgebra, recursion: Recursion[PolyElement], link: int
 ) -> Iterator[tuple[PolyElement, ...]]:
-    """Return, for each unit parameter of a link, the ten parameters seen from before the block."""
+    """Return, for each unit parameter of a link, the ten parameters about the link before the block."""
     for unit in range(len(INERTIAL)):
         p = [algebra.one if k == unit else algebra.zero for k in range(len(INERTIAL))]
         tensor = ((p[0], p[1], p[2]), (p[1], p[3], p[4]), (p[2], p[4], p[5]))
@@ -214,72 +183,54 @@ def _lift_parameters(
         yield (xx, xy, xz, yy, yz, zz, *body[1], body[2])
 
 
-def _move_base(
-    recursion: Recursion[PolyElement], unit: int
-) -> tuple[Recursion[PolyElement], tuple[LinkMotion[PolyElement], ...]]:
-    """Return the block in motion with the link before it: unit velocity `unit` of (w, v), joints at rest."""
-    algebra = recursion.algebra
-    zero = algebra.zero
-    e = [algebra.one if k == unit else zero for k in range(_SIX)]
-    base = LinkMotion(
-        angular=(e[0], e[1], e[2]), linear=(e[3], e[4], e[5]), gravity=(zero, zero, zero), height=zero
-    )
-    rest = (zero,) * recursion.robot.size
-    motions = compute_motions(recursion.robot, algebra, recursion.frames, rest, base)
-    return replace(recursion, motions=motions), motions
-
-
 def derive_transport(robot: Robot, block: Block, field: Domain) -> Transport:
     """Return the transport across the joints of `block` over `field`."""
     single = build_block_robot(robot, block)
     algebra = build_exact_algebra(single, choose_domain(robot))
     state = build_state(single, algebra, algebra.generators)
     frames = build_frames(single, algebra, state)
-    still = LinkMotion(
-        angular=(algebra.zero,) * 3,
-        linear=(algebra.zero,) * 3,
-        gravity=(algebra.zero,) * 3,
-        height=algebra.zero,
-    )
-    motions = compute_motions(single, algebra, frames, state.velocity, still)
-    turning = Recursion(robot=single, algebra=algebra, state=state, frames=frames, motions=motions)
-    carried = [_move_base(turning, unit) for unit in range(_SIX)]
+    none = (algebra.zero,) * 3
+
+    def move(unit: int | None) -> Recursion[PolyElement]:
+        """Return the block moved by a unit velocity (w, v) of the link before it; None: by its joints."""
+        e = [algebra.one if k == unit else algebra.zero for k in range(_SIX)]
+        base = LinkMotion(
+            angular=(e[0], e[1], e[2]), linear=(e[3], e[4], e[5]), gravity=none, height=algebra.zero
+        )
+        rates = state.velocity if unit is None else (algebra.zero,) * single.size
+        motions = compute_motions(single, algebra, frames, rates, base)
+        return Recursion(robot=single, algebra=algebra, state=state, frames=frames, motions=motions)
+
+    turning = move(None)
+    carried = [move(unit) for unit in range(_SIX)]
     basis = build_basis(single, algebra, field)
     links = range(single.size)
     keys = [(link, name) for link in links for name in INERTIAL]
-
-    def find_momenta(recursion: Recursion[PolyElement]) -> list[tuple[PolyElement, ...]]:
+    momenta = []
+    for recursion in (*carried, turning):
         columns = compute_momentum_columns(recursion, keys)
         folded = [fold_vector(single, algebra, columns[key]) for key in keys]
-        return list(zip(*folded, strict=True))
+        momenta.append(list(zip(*folded, strict=True)))
 
-    momenta = [*(find_momenta(recursion) for recursion, _ in carried), find_momenta(turning)]
-    velocities = [
-        [(*motions[link].angular, *motions[link].linear) for _, motions in carried] for link in links
-    ]
+    def list_velocities(
+        link: int, recursions: Sequence[Recursion[PolyElement]]
+    ) -> list[tuple[PolyElement, ...]]:
+        motions = [recursion.motions[link] for recursion in recursions]
+        return [(*motion.angular, *motion.linear) for motion in motions]
+
+    parameters = [zip(*_lift_parameters(single, algebra, turning, link), strict=True) for link in links]
     return Transport(
-        parameters=tuple(
-            _split(basis, _transpose(list(_lift_parameters(single, algebra, turning, link))))
-            for link in links
-        ),
-        velocities=tuple(_split(basis, velocities[link]) for link in links),
-        rates=tuple(
-            _split(basis, [(*turning.motions[link].angular, *turning.motions[link].linear)]) for link in links
-        ),
-        momenta=tuple(
-            _split(basis, [row[coordinate] for row in momenta]) for coordinate in range(single.freedom)
-        ),
+        parameters=tuple(_split(basis, list(table)) for table in parameters),
+        velocities=tuple(_split(basis, list_velocities(link, carried)) for link in links),
+        rates=tuple(_split(basis, list_velocities(link, [turning])) for link in links),
+        momenta=tuple(_split(basis, [row[k] for row in momenta]) for k in range(single.freedom)),
         basis=basis,
     )
 
 
-def _transpose(table: Sequence[Sequence[PolyElement]]) -> list[tuple[PolyElement, ...]]:
-    return list(zip(*table, strict=True))
-
-
 def multiply_row(row: Row, matrix: SparseMatrix) -> Row:
     """Return the sparse row times the sparse matrix."""
-    result: dict[int, Any] = {}
+    result: Row = {}
     for index, factor in row.items():
         for column, value in matrix[index].items():
             result[column] = result.get(column, 0) + factor * value
@@ -287,6 +238,10 @@ def multiply_row(row: Row, matrix: SparseMatrix) -> Row:
 
 
 _TEN = len(INERTIAL)
+_OWN: Row = {_SIX: 1}
+"""The velocities of the block's coordinates, in place of one of the link before."""
+Family = dict[BasisFunction, Row]
+"""Rows by the function of the coordinates that they belong to."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -312,36 +267,24 @@ def number_columns(block: Block, robot: Robot, constants: Sequence[Label]) -> di
     return {label: column for column, label in enumerate(labels)}
 
 
-def _add_row(target: dict[BasisFunction, Row], function: BasisFunction, row: Mapping[int, Any]) -> None:
+def _add_row(target: Family, function: BasisFunction, row: Mapping[int, Number]) -> None:
     total = target.setdefault(function, {})
     for column, value in row.items():
         total[column] = total.get(column, 0) + value
 
 
-def _list_own_momenta(transport: Transport) -> list[dict[BasisFunction, Row]]:
-    """Return the momentum along each coordinate that the coordinates' own velocities make."""
+def _list_momenta(transport: Transport, velocities: Sequence[Row]) -> list[Family]:
+    """Return the momentum along each coordinate for each velocity of the link before."""
     return [
-        {function: dict(matrix[_SIX]) for function, matrix in momenta.items() if matrix[_SIX]}
+        {function: row for function, matrix in momenta.items() if (row := multiply_row(velocity, matrix))}
         for momenta in transport.momenta
+        for velocity in velocities
     ]
 
 
-def _list_crossed_momenta(parent: ObservableRows, transport: Transport) -> list[dict[BasisFunction, Row]]:
-    """Return the momentum along each coordinate for each attainable velocity of the link before."""
-    return [
-        {
-            function: row
-            for function, matrix in momenta.items()
-            if (row := multiply_row(velocity, matrix[:_SIX]))
-        }
-        for momenta in transport.momenta
-        for velocity in parent.velocities
-    ]
-
-
-def _carry(row: Row, transport: Transport) -> dict[BasisFunction, Row]:
+def _carry(row: Row, transport: Transport) -> Family:
     """Return h_p A_l for one row of h_p, all links of the block together, by functions."""
-    result: dict[BasisFunction, Row] = {}
+    result: Family = {}
     for link, split in enumerate(transport.parameters):
         for function, matrix in split.items():
             moved = multiply_row(row, matrix)
@@ -354,13 +297,13 @@ def _build_drive_rows(
     block: Block,
     transport: Transport,
     columns: Mapping[Label, int],
-    constants: Mapping[Label, Any],
-) -> tuple[dict[BasisFunction, Row], list[dict[BasisFunction, Row]]]:
+    constants: Mapping[Label, Number],
+) -> tuple[Family, list[Family]]:
     """Return what springs and constant torques add to the weight, rotors to the momenta."""
     convert = transport.basis.field.convert
     inside = {position: k for k, position in enumerate(block.coordinates)}
-    weight: dict[BasisFunction, Row] = {}
-    momenta: list[dict[BasisFunction, Row]] = [{} for _ in block.coordinates]
+    weight: Family = {}
+    momenta: list[Family] = [{} for _ in block.coordinates]
     for index in (*block.joints, *(robot.size + k for k in block.couplings)):
         shares = [
             (inside[position], convert(QQ(factor.numerator, factor.denominator)))
@@ -381,8 +324,8 @@ def _build_drive_rows(
     return weight, momenta
 
 
-def _merge_families(*families: Mapping[BasisFunction, Row]) -> dict[BasisFunction, Row]:
-    result: dict[BasisFunction, Row] = {}
+def _merge_families(*families: Mapping[BasisFunction, Row]) -> Family:
+    result: Family = {}
     for family in families:
         for function, row in family.items():
             _add_row(result, function, row)
@@ -395,26 +338,22 @@ def derive_block_rows(
     parent: ObservableRows,
     transport: Transport,
     *,
-    constants: Mapping[Label, Any],
+    constants: Mapping[Label, Number],
     form: str = "torque",
 ) -> Echelon:
-    """Return the rows of a block over the parameters of `number_columns`.
+    """Return the rows of a block over the parameters of `number_columns`, `constants` with their torque.
 
-    Args:
-        robot: the robot.
-        block: the block.
-        parent: what is visible at the link before it.
-        transport: across the block.
-        constants: friction parameters that make a constant torque, with that torque.
-        form: "torque", "gravity" without the rows of motion, "momentum" without those of weight.
+    The form "gravity" has no rows of motion, "momentum" none of weight.
     """
     columns = number_columns(block, robot, tuple(constants))
     springs, rotors = _build_drive_rows(robot, block, transport, columns, constants)
-    motion: list[dict[BasisFunction, Row]] = []
+    motion: list[Family] = []
     if form != "gravity":
         # The terms in dq^2 have the fewest entries: they come first and keep the rest short.
-        motion += [_merge_families(a, b) for a, b in zip(_list_own_momenta(transport), rotors, strict=True)]
-        motion += _list_crossed_momenta(parent, transport)
+        motion += [
+            _merge_families(a, b) for a, b in zip(_list_momenta(transport, [_OWN]), rotors, strict=True)
+        ]
+        motion += _list_momenta(transport, parent.velocities)
     weight = {} if form == "momentum" else _merge_families(_carry(parent.steady, transport), springs)
     echelon = Echelon()
     for family in motion:
@@ -438,10 +377,12 @@ def derive_link_rows(
     for row in parent.velocities:
         for matrix in transport.velocities[link].values():
             velocities.insert(multiply_row(row, matrix))
+    start = _TEN * link
     if form != "gravity":
-        for family in (*_list_own_momenta(transport), *_list_crossed_momenta(parent, transport)):
+        for family in (*_list_momenta(transport, [_OWN]), *_list_momenta(transport, parent.velocities)):
             for function in sorted(family):
-                varying.insert(_restrict(family[function], link))
+                entries = family[function].items()
+                varying.insert({k - start: value for k, value in entries if start <= k < start + _TEN})
     parameters = transport.parameters[link]
     for row in parent.varying:
         for matrix in parameters.values():
@@ -453,44 +394,20 @@ def derive_link_rows(
     return ObservableRows(steady=steady, varying=varying.rows, velocities=velocities.rows)
 
 
-def _restrict(row: Row, link: int) -> Row:
-    """Return the entries of a block's row that belong to one of its links."""
-    start = _TEN * link
-    return {column - start: value for column, value in row.items() if start <= column < start + _TEN}
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObservableSubspace:
     """What a robot shows: `rows` over labels, coefficients in `field`; per link what is visible there."""
 
     field: Domain
-    rows: tuple[dict[Label, Any], ...]
+    rows: tuple[dict[Label, Number], ...]
     visible: tuple[ObservableRows, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Tree:
-    """A robot in blocks: the blocks, the transport across each of them.
-
-    `carried` has, per link, the links of the blocks on it, and the constant part of what they become there.
-    """
-
-    robot: Robot
-    field: Domain
-    blocks: tuple[Block, ...]
-    transports: tuple[Transport, ...]
-    carried: Mapping[int, Sequence[tuple[int, SparseMatrix]]]
 
 
 _MOST_SHARING = 2
 
 
 def _check_effort(robot: Robot, field: Domain) -> None:
-    """Refuse what would not end: rational functions over roots, in a coordinate that three joints share.
-
-    Raises:
-        RobotError: naming the joints and the symbols.
-    """
+    """Refuse what would not end: rational functions over roots, in a coordinate that three joints share."""
     if not field.is_FractionField or not field.field.domain.is_Algebraic:
         return
     masters = [row[0][0] for row in robot.transmission[: robot.size]]
@@ -498,42 +415,33 @@ def _check_effort(robot: Robot, field: Domain) -> None:
         sharing = [joint.name for joint, own in zip(robot.joints, masters, strict=True) if own == position]
         if len(sharing) > _MOST_SHARING:
             text = (
-                f"joints {', '.join(sharing)} move with one coordinate, angles are multiples of 30 or 45 "
-                f"degrees, and lengths are symbols ({', '.join(list_symbols(robot))}): exact base parameters "
-                "of all three together take too long; write the lengths as numbers"
+                f"symbolic lengths ({', '.join(list_symbols(robot))}), angles of 30 or 45 degrees and a "
+                f"coordinate that moves joints {', '.join(sharing)}: exact base parameters take too long. "
+                "Write the lengths as numbers"
             )
             raise RobotError(Notice(code="robot.too-symbolic", text=text, file=robot.path))
 
 
-def _build_tree(robot: Robot) -> _Tree:
-    field = build_field(robot)
-    _check_effort(robot, field)
-    blocks = split_into_blocks(robot)
-    transports = tuple(derive_transport(robot, block, field) for block in blocks)
-    carried: dict[int, list[tuple[int, SparseMatrix]]] = {}
-    for block, transport in zip(blocks, transports, strict=True):
-        for link, split in zip(block.joints, transport.parameters, strict=True):
-            if transport.one in split:
-                carried.setdefault(block.base, []).append((link, split[transport.one]))
-    return _Tree(robot=robot, field=field, blocks=blocks, transports=transports, carried=carried)
+Carried = Mapping[int, Sequence[tuple[int, SparseMatrix]]]
+"""Per link, the links of the blocks on it, and the constant part of what they become there."""
 
 
-def _expand(tree: _Tree, link: int, row: Row) -> dict[Label, Any]:
+def _expand(carried: Carried, link: int, row: Row) -> dict[Label, Number]:
     """Return a row on the composite of a link as a row on the parameters of all links beyond it."""
-    result: dict[Label, Any] = {}
+    result: dict[Label, Number] = {}
     pending = [(link, row)]
     while pending:
         current, part = pending.pop()
         result |= {(current, INERTIAL[column]): value for column, value in part.items()}
-        for child, matrix in tree.carried.get(current, ()):
+        for child, matrix in carried.get(current, ()):
             if moved := multiply_row(part, matrix):
                 pending.append((child, moved))
     return result
 
 
-def _expand_block(tree: _Tree, block: Block, labels: Sequence[Label], row: Row) -> dict[Label, Any]:
+def _expand_block(carried: Carried, block: Block, labels: Sequence[Label], row: Row) -> dict[Label, Number]:
     """Return a row of a block over all parameters: its links with all beyond them, and its drives."""
-    result: dict[Label, Any] = {}
+    result: dict[Label, Number] = {}
     parts: dict[int, Row] = {}
     for column, value in row.items():
         index, name = labels[column]
@@ -543,41 +451,42 @@ def _expand_block(tree: _Tree, block: Block, labels: Sequence[Label], row: Row) 
             result[labels[column]] = value
     for link in block.joints:
         if link in parts:
-            result |= _expand(tree, link, parts[link])
+            result |= _expand(carried, link, parts[link])
     return result
-
-
-def _build_gravity_row(robot: Robot, field: Domain) -> Row:
-    """Return the potential of the base's own parameters, -g' MS, as a row."""
-    numbers = [convert_number(value, choose_domain(robot), field) for value in robot.gravity]
-    return {INERTIAL.index("MX") + axis: -value for axis, value in enumerate(numbers) if value}
 
 
 def derive_observable_subspace(robot: Robot, form: str) -> ObservableSubspace:
     """Return the rows of all blocks over all parameters, and what is visible at each link.
 
-    Args:
-        robot: the robot.
-        form: "torque" or "energy" for all, "gravity" for torques at rest, "momentum" for dT/ddq.
+    The form "torque" or "energy" takes all, "gravity" torques at rest, "momentum" dT/ddq.
 
     Raises:
         RobotError: symbols, roots and followers together make exact arithmetic too slow.
     """
-    tree = _build_tree(robot)
-    field = tree.field
-    weight = {} if form == "momentum" else _build_gravity_row(robot, field)
-    root = ObservableRows(steady=weight, varying=(), velocities=())
+    field = build_field(robot)
+    _check_effort(robot, field)
+    blocks = split_into_blocks(robot)
+    transports = [derive_transport(robot, block, field) for block in blocks]
+    carried: dict[int, list[tuple[int, SparseMatrix]]] = {}
+    for block, transport in zip(blocks, transports, strict=True):
+        for link, split in zip(block.joints, transport.parameters, strict=True):
+            if transport.one in split:
+                carried.setdefault(block.base, []).append((link, split[transport.one]))
+    # The potential of the base's own parameters is -g' MS.
+    gravity = [convert_number(value, choose_domain(robot), field) for value in robot.gravity]
+    weight = {INERTIAL.index("MX") + axis: -value for axis, value in enumerate(gravity) if value}
+    root = ObservableRows(steady={} if form == "momentum" else weight, varying=(), velocities=())
     constants = {
         label: QQ(value.numerator, value.denominator)
         for label, value in compute_constant_torques(robot).items()
     }
     visible: dict[int, ObservableRows] = {-1: root}
-    rows: list[dict[Label, Any]] = []
-    for block, transport in zip(tree.blocks, tree.transports, strict=True):
+    rows: list[dict[Label, Number]] = []
+    for block, transport in zip(blocks, transports, strict=True):
         parent = visible[block.base]
         labels = tuple(number_columns(block, robot, tuple(constants)))
         echelon = derive_block_rows(robot, block, parent, transport, constants=constants, form=form)
-        rows += [_expand_block(tree, block, labels, row) for row in echelon.rows]
+        rows += [_expand_block(carried, block, labels, row) for row in echelon.rows]
         for position, link in enumerate(block.joints):
             visible[link] = derive_link_rows(parent, transport, position, form)
     for shown in build_friction_rows(robot):

@@ -1,27 +1,17 @@
 """What a robot carries: mass, centre of mass and inertia from base values with and without it.
 
 Robot, its base parameters, base values of the loaded and of the empty robot with their covariances ->
-`Payload`: a body that can exist, how surely each of its quantities is known, what cannot be identified, and
-which parameters changed for another reason.
-
-A body that is fixed to a link adds to the ten standard parameters of that link, so that
+`Payload`: a body that can exist, the uncertainty of its quantities, what cannot be identified, and which
+parameters changed for another reason. A body on a link adds delta to the ten parameters of that link:
 
     beta_loaded - beta_empty = K_link delta + noise,   noise of covariance C_loaded + C_empty,
 
-which is solved by generalised least squares. That is as good as one fit to all logs together, since base
-parameters that the body does not touch must not change. Friction may, because gears brake more under load:
-it takes part through its covariance alone, and its changes are listed.
+solved by generalised least squares. Friction may change with the load: it takes part through its covariance
+alone. Standard deviations are those of least squares, times the root of chi^2 over its degrees of freedom
+where that is larger than one. Where no body has the values of least squares, the one that minimises chi^2 / 2
+plus the distance to a ball of water of the same mass and place is taken (`nearest_bodies`).
 
-Where no body has the values of least squares, the one that minimises chi^2 / 2 plus the distance to a ball
-of water of the same mass and place is taken (`nearest_bodies`); `moved` says how many standard deviations
-that is away. Deviations are those of least squares, times the root of chi^2 over its degrees of freedom
-where that is larger than one. Mass, centre and inertia come from the standard parameters about the frame's
-origin by
-
-    c = s / m,   J = I - (s.s 1 - s s') / m,   s = m c the first moments.
-
-Supported: any link of a tree; a mass known from a balance, as one more row; base values that are known in
-part; frames of the file.
+Supported: any link of a tree; a known mass, as one more row; base values known in part; frames of the file.
 Not supported: bodies on several links, bodies that move on their link, a mass of zero.
 """
 
@@ -45,9 +35,17 @@ from symid.robot import Robot, move_parameters
 
 PAYLOAD_QUANTITIES = ("mass", "cx", "cy", "cz", "Jxx", "Jxy", "Jxz", "Jyy", "Jyz", "Jzz")
 """Mass (kg), centre of mass (m), inertia about it (kg m^2)."""
-
+_UNITS = ("kg", *("m",) * 3, *("kg m^2",) * 6)
 _PAIRS = tuple(zip(*np.triu_indices(3), strict=True))
 _DENSITY = 1000.0
+# A size for lengths, so that numbers of different units can be compared; no result depends on it.
+_LENGTH = 0.1
+_RANK = 1e-9
+_IDENTIFIABLE = 1e-6
+_WEIGHED = 1e-6
+_CHANGED = 4.0
+# A mass is significant from this many standard deviations on.
+_SIGNIFICANT = 3.0
 
 
 def compute_ball(mass: float) -> tuple[float, float]:
@@ -57,7 +55,7 @@ def compute_ball(mass: float) -> tuple[float, float]:
 
 
 def compute_quantities(parameters: FloatArray) -> FloatArray:
-    """Return the ten `PAYLOAD_QUANTITIES` of standard parameters (10,)."""
+    """Return `PAYLOAD_QUANTITIES` of standard parameters (10,): c = s / m, J = I - (s.s 1 - s s') / m."""
     tensor, s, mass = parameters[:6], parameters[6:9], parameters[9]
     shift = [(float(i == j) * (s @ s) - s[i] * s[j]) / mass for i, j in _PAIRS]
     return np.array([mass, *(s / mass), *(tensor - np.array(shift))], dtype=np.float64)
@@ -81,13 +79,6 @@ def compute_quantity_derivatives(parameters: FloatArray) -> FloatArray:
     return rates
 
 
-# A size for lengths, so that numbers of different units can be compared; no result depends on it.
-_LENGTH = 0.1
-_RANK = 1e-9
-_SEEN = 1e-6
-_WEIGHED = 1e-6
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BaseValues(FrozenArrays):
     """Values (p,) of base and friction parameters by name, SI, and their covariance (p, p)."""
@@ -97,15 +88,32 @@ class BaseValues(FrozenArrays):
     covariance: FloatArray
 
 
+def build_base_values(
+    names: Sequence[str],
+    values: Sequence[float],
+    deviations: Sequence[float],
+    covariance: Sequence[Sequence[float]] = (),
+) -> BaseValues:
+    """Return values (p,) of an estimate; without a covariance (p, p) its deviations count as independent."""
+    known = np.array(covariance, dtype=np.float64) if len(covariance) else np.diag(np.square(deviations))
+    return BaseValues(names=tuple(names), values=np.array(values, dtype=np.float64), covariance=known)
+
+
+def _compare(
+    names: Sequence[str], loaded: BaseValues, empty: BaseValues
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return values before and after (m,), and the covariance of their difference (m, m)."""
+    after, before = ([given.names.index(name) for name in names] for given in (loaded, empty))
+    covariance = loaded.covariance[np.ix_(after, after)] + empty.covariance[np.ix_(before, before)]
+    return empty.values[before], loaded.values[after], covariance
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PayloadSystem:
     """Equations of unit variance for the ten parameters of the body, in the frame of the file.
 
-    Args:
-        names: the base parameters, and "mass" where a balance told it.
-        rows: (m, 10) in units of `sizes` (10,); target: (m,).
-        free: (10, k) what nothing shows, in the same units.
-        lacking: whether the robot could show more of it than the values given do.
+    `rows` (m, 10) and `free` (10, k), what is not identifiable, are in units of `sizes` (10,); `lacking`:
+    whether more is identifiable with all base parameters of the robot. A given mass is the last row.
     """
 
     names: tuple[str, ...]
@@ -116,33 +124,7 @@ class PayloadSystem:
     lacking: bool
 
 
-def build_base_values(
-    names: Sequence[str],
-    values: Sequence[float],
-    deviations: Sequence[float],
-    covariance: Sequence[Sequence[float]] = (),
-) -> BaseValues:
-    """Return values of an estimate; without a covariance its deviations count as independent.
-
-    Args:
-        names: p names.
-        values: (p,) SI.
-        deviations: (p,) standard deviations.
-        covariance: (p, p), or nothing.
-    """
-    known = np.array(covariance, dtype=np.float64) if len(covariance) else np.diag(np.square(deviations))
-    return BaseValues(names=tuple(names), values=np.array(values, dtype=np.float64), covariance=known)
-
-
-def select_values(given: BaseValues, names: Sequence[str]) -> BaseValues:
-    """Return the values of some parameters."""
-    places = [given.names.index(name) for name in names]
-    return BaseValues(
-        names=tuple(names), values=given.values[places], covariance=given.covariance[np.ix_(places, places)]
-    )
-
-
-def build_system(
+def _build_system(
     robot: Robot,
     base: BaseParameters,
     loaded: BaseValues,
@@ -151,77 +133,44 @@ def build_system(
     link: int,
     mass: float | None,
 ) -> PayloadSystem:
-    """Return the equations of the payload.
-
-    Args:
-        robot: the robot.
-        base: its base parameters.
-        loaded: base values with the payload.
-        empty: base values without it.
-        link: index of the joint whose link carries it.
-        mass: kg, where it is known.
-
-    Raises:
-        EstimateError: the values share no base parameter, or have no deviations.
-        RobotError: a symbolic length has no value.
-    """
+    """Return the equations of the payload on a link."""
     wanted = [entry.name for entry in base.parameters]
     names = tuple(name for name in wanted if name in loaded.names and name in empty.names)
     if not names:
-        text = "the two estimates share no base parameter, so nothing can be said of a payload"
+        text = "the two estimates share no base parameter; identify both with the same robot file"
         raise EstimateError(Notice(code="payload.nothing-shared", text=text))
-    frame = _build_frame_change(robot, link)
-    sizes = np.array([_LENGTH**2] * 6 + [_LENGTH] * 3 + [1.0])
-    every = _select_columns(robot, base, wanted, link) @ frame * sizes
-    rows = _select_columns(robot, base, names, link) @ frame * sizes
-    after, before = select_values(loaded, names), select_values(empty, names)
-    change = after.values - before.values
-    white = compute_whitening(after.covariance + before.covariance)
-    matrix, target = white @ rows, white @ change
-    if mass is not None:
-        weighed = np.zeros((1, 10))
-        weighed[0, 9] = 1.0
-        every, rows = np.vstack([every, weighed]), np.vstack([rows, weighed])
-        matrix = np.vstack([matrix, weighed / (_WEIGHED * mass)])
-        target = np.append(target, 1.0 / _WEIGHED)
-        names = (*names, "mass")
-    free = _compute_null_space(rows)
-    return PayloadSystem(
-        names=names,
-        rows=matrix,
-        target=target,
-        sizes=sizes,
-        free=free,
-        lacking=free.shape[1] > _compute_null_space(every).shape[1],
-    )
-
-
-def _select_columns(robot: Robot, base: BaseParameters, names: Sequence[str], link: int) -> FloatArray:
-    """Return the columns (m, 10) of K that belong to the parameters of a link."""
-    grouping = build_grouping(robot, base, tuple(names))
-    return grouping.matrix[:, [grouping.labels.index((link, name)) for name in INERTIAL]]
-
-
-def _build_frame_change(robot: Robot, link: int) -> FloatArray:
-    """Return (10, 10) that takes parameters in the file's frame of a link to those in its link frame."""
+    # From the file's frame of the link to the link frame.
     frame, symbols = robot.joints[link].frame, dict(robot.symbols)
     rotation = np.array([[entry.to_float() for entry in row] for row in frame.rotation])
     origin = np.array([entry.to_float(symbols) for entry in frame.translation])
-    return np.array([move_parameters(unit, rotation, origin) for unit in np.eye(10).tolist()]).T
+    change = np.array([move_parameters(unit, rotation, origin) for unit in np.eye(10).tolist()]).T
+    sizes = np.array([_LENGTH**2] * 6 + [_LENGTH] * 3 + [1.0])
+    grouping = build_grouping(robot, base, tuple(wanted))
+    columns = grouping.matrix[:, [grouping.labels.index((link, name)) for name in INERTIAL]]
+    every = columns @ change * sizes
+    rows = columns[[wanted.index(name) for name in names]] @ change * sizes
+    before, after, covariance = _compare(names, loaded, empty)
+    white = _compute_whitening(covariance)
+    matrix, target = white @ rows, white @ (after - before)
+    if mass is not None:
+        weighed = np.eye(10)[9:]
+        every, rows = np.vstack([every, weighed]), np.vstack([rows, weighed])
+        matrix = np.vstack([matrix, weighed / (_WEIGHED * mass)])
+        target = np.append(target, 1.0 / _WEIGHED)
+    free = _compute_null_space(rows)
+    lacking = free.shape[1] > _compute_null_space(every).shape[1]
+    return PayloadSystem(names=names, rows=matrix, target=target, sizes=sizes, free=free, lacking=lacking)
 
 
-def compute_whitening(covariance: FloatArray) -> FloatArray:
+def _compute_whitening(covariance: FloatArray) -> FloatArray:
     """Return W with W C W' = 1.
 
     Raises:
-        EstimateError: a deviation is missing.
+        EstimateError: a standard deviation is missing.
     """
     deviations = np.sqrt(np.diag(covariance))
     if not np.all(np.isfinite(covariance)) or not np.all(deviations > 0):
-        text = (
-            "an estimate has no standard deviations, which say what a change means; identify by a method "
-            "that gives them"
-        )
+        text = "an estimate has no standard deviations; identify it with an estimator that computes them"
         raise EstimateError(Notice(code="payload.no-deviations", text=text))
     values, vectors = np.linalg.eigh(covariance / np.outer(deviations, deviations))
     # Rounding can make the smallest of them zero.
@@ -231,27 +180,15 @@ def compute_whitening(covariance: FloatArray) -> FloatArray:
 
 
 def _compute_null_space(rows: FloatArray) -> FloatArray:
-    """Return an orthonormal basis (10, k) of what the rows do not show."""
+    """Return an orthonormal basis (10, k) of the null space of the rows."""
     _, values, right = np.linalg.svd(np.vstack([rows, np.zeros((10, 10))]), full_matrices=False)
     return right[values <= _RANK * max(float(values[0]), 1e-300)].T
 
 
-def solve_system(system: PayloadSystem) -> tuple[FloatArray, FloatArray]:
-    """Return the least squares of smallest norm (10,), and its covariance where it is told (10, 10)."""
-    _, values, right = np.linalg.svd(system.rows, full_matrices=False)
-    rank = 10 - system.free.shape[1]
-    factor = system.sizes[:, None] * right[:rank].T / values[:rank]
-    found = np.linalg.lstsq(system.rows, system.target, rcond=float(values[rank - 1] / values[0] / 2))[0]
-    return found * system.sizes, factor @ factor.T
-
-
-def is_quantity_identifiable(system: PayloadSystem, rates: FloatArray) -> bool:
+def _is_identifiable(system: PayloadSystem, rates: FloatArray) -> bool:
     """Return whether a quantity with these derivatives (10,) changes with nothing that is free."""
     scaled = rates * system.sizes
-    return float(np.linalg.norm(scaled @ system.free)) <= _SEEN * float(np.linalg.norm(scaled))
-
-
-_CHANGED = 4.0
+    return float(np.linalg.norm(scaled @ system.free)) <= _IDENTIFIABLE * float(np.linalg.norm(scaled))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -264,47 +201,38 @@ class ParameterChange:
     deviations: float
 
 
-def _list_changes(loaded: BaseValues, empty: BaseValues, shares: FloatArray) -> tuple[ParameterChange, ...]:
-    rows: Sequence[tuple[str, float, float, float]] = list(
-        zip(loaded.names, empty.values.tolist(), loaded.values.tolist(), shares.tolist(), strict=True)
-    )
+def _list_changes(
+    names: Sequence[str], before: FloatArray, after: FloatArray, shares: FloatArray
+) -> tuple[ParameterChange, ...]:
+    """Return the parameters that changed significantly, the largest change first."""
+    rows = zip(names, before.tolist(), after.tolist(), shares.tolist(), strict=True)
     changes = [
-        ParameterChange(name=name, before=before, after=after, deviations=share)
-        for name, before, after, share in rows
+        ParameterChange(name=name, before=low, after=high, deviations=share)
+        for name, low, high, share in rows
         if abs(share) > _CHANGED
     ]
     return tuple(sorted(changes, key=lambda change: -abs(change.deviations)))
 
 
-def list_unexplained_changes(
+def _list_unexplained_changes(
     system: PayloadSystem, left: FloatArray, loaded: BaseValues, empty: BaseValues
 ) -> tuple[ParameterChange, ...]:
-    """Return base parameters whose change the payload does not explain; `left` (m,) are its rows."""
-    names = [name for name in system.names if name in loaded.names]
-    after, before = select_values(loaded, names), select_values(empty, names)
-    covariance = after.covariance + before.covariance
+    """Return base parameters whose change the payload does not explain; `left` (m,) are its residuals."""
+    before, after, covariance = _compare(system.names, loaded, empty)
     # What is left, back in units of the parameters, over their own deviations.
-    remaining = np.linalg.solve(compute_whitening(covariance), left[: len(names)])
-    return _list_changes(after, before, remaining / np.sqrt(np.diag(covariance)))
+    remaining = np.linalg.solve(_compute_whitening(covariance), left[: len(system.names)])
+    return _list_changes(system.names, before, after, remaining / np.sqrt(np.diag(covariance)))
 
 
-def list_friction_changes(
+def _list_friction_changes(
     base: BaseParameters, loaded: BaseValues, empty: BaseValues
 ) -> tuple[ParameterChange, ...]:
-    """Return friction parameters that changed."""
-    names = [
-        entry.name for entry in base.friction if entry.name in loaded.names and entry.name in empty.names
-    ]
-    after, before = select_values(loaded, names), select_values(empty, names)
-    deviations = np.sqrt(np.diag(after.covariance) + np.diag(before.covariance))
-    sure = np.isfinite(deviations) & (deviations > 0)
-    shares = np.where(sure, (after.values - before.values) / np.where(sure, deviations, 1.0), 0.0)
-    return _list_changes(after, before, shares)
-
-
-# A mass counts as there from this many standard deviations on.
-_SURE = 3.0
-_UNITS = ("kg", *("m",) * 3, *("kg m^2",) * 6)
+    names = [p.name for p in base.friction if p.name in loaded.names and p.name in empty.names]
+    before, after, covariance = _compare(names, loaded, empty)
+    deviations = np.sqrt(np.diag(covariance))
+    known = np.isfinite(deviations) & (deviations > 0)
+    shares = np.where(known, (after - before) / np.where(known, deviations, 1.0), 0.0)
+    return _list_changes(names, before, after, shares)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -325,11 +253,11 @@ class Payload:
     Args:
         joint: of the link that carries it.
         quantities: mass, centre of mass, inertia about it.
-        standard: (10,) of a body that exists and has the quantities that are told; the others are guesses.
+        standard: (10,) of a body that exists and has the identifiable quantities; the others are guesses.
         chi2: of least squares, over `freedom` degrees; deviations are multiplied by `scale`.
         moved: how far the body is from least squares, in standard deviations; 0 where that is a body.
         unexplained: base parameters that changed although no payload changes them so, the worst first.
-        friction: friction parameters that changed beyond their noise.
+        friction: friction parameters that changed significantly.
     """
 
     joint: str
@@ -345,7 +273,7 @@ class Payload:
     @property
     def doubtful(self) -> bool:
         """Return whether chi^2 is larger than noise makes it, by three of its standard deviations."""
-        return self.chi2 > self.freedom + _SURE * float(np.sqrt(2.0 * self.freedom))
+        return self.chi2 > self.freedom + _SIGNIFICANT * float(np.sqrt(2.0 * self.freedom))
 
 
 def estimate_payload(
@@ -365,100 +293,86 @@ def estimate_payload(
         loaded: base values with the payload.
         empty: base values without it, of the same model.
         joint: whose link carries it; the last one by default.
-        mass: kg, where a balance told it.
+        mass: kg, where a balance measured it.
 
     Raises:
-        UsageError: there is no such joint, or the mass is none.
+        UsageError: there is no such joint, or the mass is no positive number.
         EstimateError: the values share no base parameter, or have no deviations.
-        IdentifiabilityError: no payload can be told from none.
+        IdentifiabilityError: the mass is not identifiable or not significant, or no body explains the change.
         RobotError: a symbolic length has no value.
     """
-    link = _locate_link(robot, joint)
+    names = [entry.name for entry in robot.joints]
+    if joint is not None and joint not in names:
+        text = f"unknown joint {joint!r}; the joints are {', '.join(names)}"
+        raise UsageError(Notice(code="usage.payload-joint", text=text))
+    link = robot.size - 1 if joint is None else names.index(joint)
     if mass is not None and not 0 < mass < np.inf:
         text = f"the mass must be a positive number of kg, got {mass}"
         raise UsageError(Notice(code="usage.payload-mass", text=text))
-    system = build_system(robot, base, loaded, empty, link=link, mass=mass)
-    found, covariance = solve_system(system)
+    system = _build_system(robot, base, loaded, empty, link=link, mass=mass)
+    # Least squares of smallest norm (10,), and its covariance (10, 10) where identifiable.
+    _, values, right = np.linalg.svd(system.rows, full_matrices=False)
+    rank = 10 - system.free.shape[1]
+    factor = system.sizes[:, None] * right[:rank].T / values[:rank]
+    cut = float(values[rank - 1] / values[0] / 2)
+    found = np.linalg.lstsq(system.rows, system.target, rcond=cut)[0] * system.sizes
+    covariance = factor @ factor.T
     left = system.target - system.rows @ (found / system.sizes)
-    freedom = len(left) - (10 - system.free.shape[1])
+    freedom = len(left) - rank
     chi2 = float(left @ left)
     scale = float(np.sqrt(max(1.0, chi2 / freedom))) if freedom else 1.0
     covariance = covariance * scale**2
-    _check_identifiable(robot, system, found, covariance, link)
+    _check_mass(names[link], system, float(found[9]), float(np.sqrt(covariance[9, 9])))
     body, moved = _choose_body(system, found, scale)
     return Payload(
-        joint=robot.joints[link].name,
+        joint=names[link],
         quantities=_list_quantities(system, body, covariance),
         standard=freeze(body),
         chi2=chi2,
         freedom=freedom,
         scale=scale,
         moved=moved,
-        unexplained=list_unexplained_changes(system, left, loaded, empty),
-        friction=list_friction_changes(base, loaded, empty),
+        unexplained=_list_unexplained_changes(system, left, loaded, empty),
+        friction=_list_friction_changes(base, loaded, empty),
     )
 
 
-def _locate_link(robot: Robot, joint: str | None) -> int:
-    names = [entry.name for entry in robot.joints]
-    if joint is None:
-        return robot.size - 1
-    if joint not in names:
-        text = f"there is no joint {joint!r}; there are {', '.join(names)}"
-        raise UsageError(Notice(code="usage.payload-joint", text=text))
-    return names.index(joint)
-
-
-def _check_identifiable(
-    robot: Robot, system: PayloadSystem, found: FloatArray, covariance: FloatArray, link: int
-) -> None:
-    """Refuse a change that may be noise alone, or none of what a payload has.
-
-    Raises:
-        IdentifiabilityError: it is.
-    """
-    told = is_quantity_identifiable(system, np.eye(10)[9])
-    deviation = float(np.sqrt(covariance[9, 9]))
-    if told and found[9] > _SURE * deviation:
-        return
-    if not told:
+def _check_mass(joint: str, system: PayloadSystem, mass: float, deviation: float) -> None:
+    """Refuse a mass that is not identifiable or not significant."""
+    if not _is_identifiable(system, np.eye(10)[9]):
         text = (
-            f"a mass at the link of joint {robot.joints[link].name!r} shows only together with other "
-            "parameters, so neither it nor the centre of mass can be told; give the mass by --mass"
+            f"the mass on the link of joint {joint!r} is not identifiable on its own, nor is its centre: "
+            "state the mass by --mass"
         )
         if system.lacking:
-            text += ", or identify from logs that tell more base parameters"
+            text += ", or identify more base parameters"
         raise IdentifiabilityError(Notice(code="payload.mass-unseen", text=text))
-    text = (
-        f"no payload can be told: the mass comes to {found[9]:.4g} kg with a standard deviation of "
-        f"{deviation:.2g} kg; check which log is the loaded one, move more joints against gravity, or "
-        "record longer"
-    )
-    raise IdentifiabilityError(Notice(code="payload.none", text=text))
+    if not mass > _SIGNIFICANT * deviation:
+        text = (
+            f"no significant payload: its mass is {mass:.4g} kg with a standard deviation of {deviation:.2g} "
+            "kg. Check which log is the loaded one, move more joints against gravity, or record longer"
+        )
+        raise IdentifiabilityError(Notice(code="payload.none", text=text))
 
 
 def _choose_body(system: PayloadSystem, found: FloatArray, scale: float) -> tuple[FloatArray, float]:
-    """Return a body near least squares, and how far it is away (standard deviations).
-
-    Raises:
-        IdentifiabilityError: none is near.
-    """
+    """Return a body near least squares, and how far it is away (standard deviations)."""
     bodies = build_pseudo_inertias(found[None, :])
     if not system.free.shape[1] and float(np.linalg.eigvalsh(bodies[0])[0]) > 0:
         return found, 0.0
     root = np.asarray(np.linalg.cholesky(_build_ball(system, found)), dtype=np.float64)
     _, _, right = np.linalg.svd(system.rows)
-    told = right[: 10 - system.free.shape[1]] / system.sizes
+    known = right[: 10 - system.free.shape[1]] / system.sizes
     with np.errstate(all="ignore"):
-        solution = solve_body_equations(_build_body_problem(root, told, told @ found))
+        solution = solve_body_equations(_build_body_problem(root, known, known @ found))
         if solution is None:
-            # Ten rows say the same of it as all.
+            # Ten rows are equivalent to all.
             whole = np.column_stack([system.rows, system.target])
             triangle = np.asarray(np.linalg.qr(whole)[1], dtype=np.float64)[:10]
             rows, target = triangle[:, :10] / (system.sizes * scale), triangle[:, 10] / scale
             solution = optimise_bodies(_build_body_problem(root, rows, target))
     if not np.isfinite(solution.gap):
-        text = "no body is near the change of the base values; check that both logs are of the same robot"
+        text = "no body explains the change of the base values; check that both logs are of the same robot"
         raise IdentifiabilityError(Notice(code="payload.no-body", text=text))
     body = compute_standard_parameters(root @ solution.blocks @ root.T)[0]
     moved = float(np.linalg.norm(system.rows @ ((body - found) / system.sizes))) / scale
@@ -474,18 +388,16 @@ def _build_body_problem(root: FloatArray, rows: FloatArray, target: FloatArray) 
         others=np.zeros((len(target), 0)),
         target=target,
         shares=np.ones(1),
-        weight=1.0,
         middle=np.zeros(0),
-        loose=1.0,
     )
 
 
 def _build_ball(system: PayloadSystem, found: FloatArray) -> FloatArray:
-    """Return the pseudo-inertia (4, 4) of a ball of water of the mass, its centre where it is told."""
+    """Return the pseudo-inertia (4, 4) of a ball of water of the mass, its centre where identifiable."""
     mass = float(found[9])
     radius, _ = compute_ball(mass)
-    told = _list_identifiable(system, found)
-    centre = [found[6 + axis] / mass if told[1 + axis] else 0.0 for axis in range(3)]
+    identifiable = _list_identifiable(system, found)
+    centre = [found[6 + axis] / mass if identifiable[1 + axis] else 0.0 for axis in range(3)]
     extended = np.array([*centre, 1.0])
     ball: FloatArray = np.outer(extended, extended) + radius**2 / 5 * np.diag([1.0, 1.0, 1.0, 0.0])
     return mass * ball
@@ -500,7 +412,7 @@ def _list_identifiable(system: PayloadSystem, body: FloatArray) -> list[bool]:
     points = [body, body + free.sum(axis=0), *(body + change for change in free)]
     rates = [compute_quantity_derivatives(point) for point in points]
     return [
-        all(is_quantity_identifiable(system, entry[index]) for entry in rates)
+        all(_is_identifiable(system, entry[index]) for entry in rates)
         for index in range(len(PAYLOAD_QUANTITIES))
     ]
 
@@ -509,27 +421,24 @@ def _list_quantities(
     system: PayloadSystem, body: FloatArray, covariance: FloatArray
 ) -> tuple[PayloadQuantity, ...]:
     values, rates = compute_quantities(body), compute_quantity_derivatives(body)
-    told = _list_identifiable(system, body)
+    identifiable = _list_identifiable(system, body)
     radius, moment = compute_ball(values[0])
     largest = max(moment, float(values[[4, 7, 9]].max()))
     found = []
-    for index, name in enumerate(PAYLOAD_QUANTITIES):
+    for index, (name, unit) in enumerate(zip(PAYLOAD_QUANTITIES, _UNITS, strict=True)):
         std = float(np.sqrt(rates[index] @ covariance @ rates[index]))
         reason = ""
-        if not told[index]:
-            reason = "the robot cannot show it, or only together with other parameters"
+        if not identifiable[index]:
+            reason = "not identifiable, or only together with other parameters"
             if system.lacking:
-                reason += "; base parameters that could tell it are not in both estimates"
+                reason += "; base parameters that it needs are missing in one of the estimates"
         elif 1 <= index <= 3 and std > radius:
-            reason = f"its standard deviation, {std:.2g} m, is larger than a body of that mass usually is"
+            reason = f"its standard deviation, {std:.2g} m, exceeds the usual size of a body of that mass"
         elif index > 3 and std > largest:
             reason = (
-                f"its standard deviation, {std:.2g} kg m^2, is larger than the inertia itself; faster "
-                "motions of the joints near the payload would tell it"
+                f"its standard deviation, {std:.2g} kg m^2, exceeds the inertia itself; move the joints near "
+                "the payload faster"
             )
-        value = None if reason else float(values[index])
-        deviation = None if reason else std
-        found.append(
-            PayloadQuantity(name=name, unit=_UNITS[index], value=value, std=deviation, reason=reason)
-        )
+        value, deviation = (None, None) if reason else (float(values[index]), std)
+        found.append(PayloadQuantity(name=name, unit=unit, value=value, std=deviation, reason=reason))
     return tuple(found)

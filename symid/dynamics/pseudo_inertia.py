@@ -1,15 +1,10 @@
 """Pseudo-inertias: matrices that are positive definite if the body can exist; a prior.
 
-Standard parameters (n, 10) -> pseudo-inertias (n, 4, 4), and back. Robot, equations of its base values -> a
-prior, ten standard parameters a link.
-
-The pseudo-inertia of a link is P = [[S, MS], [MS', M]] with the second moments S = tr(I) / 2 - I (Wensing,
-Kim and Slotine 2018); it is positive definite just if the link is a body with a mass density.
-
-Prior: a link that the robot file gives values for is taken at its word. Any other one is a round body: its
-centre of mass lies half-way between its frame and the joints it carries, its radius of gyration is a
-quarter of the distance to the farthest of them (of the mean over all links, or 0.1 m, where it carries
-none), and its mass, the same for all of them, is the one that comes closest to the base values.
+Standard parameters (n, 10) -> pseudo-inertias (n, 4, 4), and back: P = [[S, MS], [MS', M]] with the second
+moments S = tr(I) / 2 - I (Wensing, Kim and Slotine 2018). Robot, equations of its base values -> a prior, ten
+standard parameters a link: what the robot file states, else a round body whose centre of mass lies half-way
+to the joints it carries, with a quarter of the distance to the farthest of them as radius of gyration (of
+the mean over all links, or 0.1 m, where it carries none), all of one mass, that nearest to the base values.
 
 Supported: fixed bases, symbolic lengths with a value. Loads NumPy only.
 """
@@ -62,20 +57,15 @@ def compute_standard_parameters(pseudo_inertias: FloatArray) -> FloatArray:
     return found
 
 
-def _list_spans(robot: Robot) -> list[list[FloatArray]]:
-    """Return, for every link, where the joints stand that it carries."""
+def _build_round_bodies(robot: Robot) -> FloatArray:
+    """Return the pseudo-inertias (n, 4, 4) of round bodies of unit mass."""
     symbols = dict(robot.symbols)
+    # Positions of the joints that a link carries.
     spans: list[list[FloatArray]] = [[] for _ in robot.joints]
     for joint in robot.joints:
         if joint.parent >= 0:
             values = [value.to_float(symbols) for value in joint.placement.translation]
             spans[joint.parent].append(np.array(values))
-    return spans
-
-
-def _build_round_bodies(robot: Robot) -> FloatArray:
-    """Return the pseudo-inertias (n, 4, 4) of round bodies of unit mass."""
-    spans = _list_spans(robot)
     lengths = [max((float(np.linalg.norm(point)) for point in points), default=0.0) for points in spans]
     known = [length for length in lengths if length > 0]
     usual = sum(known) / len(known) if known else _REACH
@@ -95,9 +85,8 @@ def _round_off(stated: FloatArray, body: FloatArray) -> FloatArray | None:
         return None
     inverse = np.linalg.inv(np.linalg.cholesky(mass * body))
     smallest = float(np.linalg.eigvalsh(inverse @ stated @ inverse.T)[0])
-    if smallest < -_ROUNDED:
-        return None
-    return stated if smallest > _ROUNDED else stated + 2 * _ROUNDED * mass * body
+    rounded = stated if smallest > _ROUNDED else stated + 2 * _ROUNDED * mass * body
+    return None if smallest < -_ROUNDED else rounded
 
 
 def build_prior(robot: Robot, grouping: FloatArray, values: Sequence[float] | FloatArray) -> FloatArray:
@@ -119,9 +108,9 @@ def build_prior(robot: Robot, grouping: FloatArray, values: Sequence[float] | Fl
     unknown = np.array([body if one is None else 0 * body for body, one in zip(bodies, stated, strict=True)])
     unit = compute_standard_parameters(unknown).ravel()
     sizes = np.abs(grouping) @ np.abs(compute_standard_parameters(bodies).ravel())
-    seen = sizes > 0
-    missing = (np.asarray(values) - grouping @ compute_standard_parameters(known).ravel())[seen] / sizes[seen]
-    share = (grouping @ unit)[seen] / sizes[seen]
+    used = sizes > 0
+    missing = (np.asarray(values) - grouping @ compute_standard_parameters(known).ravel())[used] / sizes[used]
+    share = (grouping @ unit)[used] / sizes[used]
     mass = float(share @ missing) / float(share @ share) if np.any(share) else 0.0
     if mass <= 0:
         mass = float(np.abs(missing).max(initial=0.0)) or 1.0

@@ -1,12 +1,9 @@
 """Frames, velocities, poses and Jacobian of all links by one recursion over the tree, in any algebra.
 
 Robot, algebra, state -> `Recursion`: frames and motions of all links, each motion in its link's own frame.
-Changes of frame: `rotate_to_parent` and `rotate_to_link`, in two steps, the constant part of the placement
-and the joint's own rotation, so that the zeros and ones of the constant part cost nothing.
-
-From joints to coordinates: joints that follow another one act on its coordinate. With the joint speeds
-dq_joint = G dq, torques, momenta and dL/dq fold as G' tau, matrices as G' M G, Jacobians as J G. Without
-followers G is the unit matrix and nothing changes.
+Rotations go in two steps, the constant part of the placement and the joint's own, so that the zeros and ones
+of the constant part cost nothing. Joints that follow another one act on its coordinate: with the joint
+speeds dq_joint = G dq, torques, momenta and dL/dq fold as G' tau, matrices as G' M G, Jacobians as J G.
 
 Supported: trees of revolute and prismatic joints on a fixed base.
 """
@@ -27,15 +24,14 @@ from symid.dynamics.algebra import (
     cross,
     dot,
     multiply_matrices,
-    subtract_vectors,
     transpose,
 )
-from symid.robot import Exact, Joint, JointKind, Placement, Robot
+from symid.robot import Exact, JointKind, Placement, Robot
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkFrame(Generic[T]):
-    """A link frame seen from its parent's: constant rotation, then the joint's turn (cos, sin); origin."""
+    """A link frame relative to its parent's: constant rotation, then the joint's turn (cos, sin); origin."""
 
     fixed: Matrix[T]
     turn: tuple[T, T] | None
@@ -87,20 +83,18 @@ def _lift_placement(placement: Placement, algebra: Algebra[T]) -> tuple[Matrix[T
     return (first, second, third), lift(placement.translation)
 
 
-def _build_frame(joint: Joint, index: int, algebra: Algebra[T], state: RobotState[T]) -> LinkFrame[T]:
-    fixed, (x, y, z) = _lift_placement(joint.placement, algebra)
-    if joint.kind is JointKind.REVOLUTE:
-        return LinkFrame(
-            fixed=fixed, turn=(state.cosine[index], state.sine[index]), origin=(x, y, z), revolute=True
-        )
-    along = (algebra.mul(row[2], state.position[index]) for row in fixed)
-    x, y, z = (algebra.add(start, step) for start, step in zip((x, y, z), along, strict=True))
-    return LinkFrame(fixed=fixed, turn=None, origin=(x, y, z), revolute=False)
-
-
 def build_frames(robot: Robot, algebra: Algebra[T], state: RobotState[T]) -> tuple[LinkFrame[T], ...]:
-    """Return every link frame seen from its parent's."""
-    return tuple(_build_frame(joint, index, algebra, state) for index, joint in enumerate(robot.joints))
+    """Return every link frame relative to its parent's."""
+    frames = []
+    for index, joint in enumerate(robot.joints):
+        fixed, (x, y, z) = _lift_placement(joint.placement, algebra)
+        revolute = joint.kind is JointKind.REVOLUTE
+        if not revolute:
+            along = (algebra.mul(row[2], state.position[index]) for row in fixed)
+            x, y, z = (algebra.add(start, step) for start, step in zip((x, y, z), along, strict=True))
+        turn = (state.cosine[index], state.sine[index]) if revolute else None
+        frames.append(LinkFrame(fixed=fixed, turn=turn, origin=(x, y, z), revolute=revolute))
+    return tuple(frames)
 
 
 def rotate_to_link(algebra: Algebra[T], frame: LinkFrame[T], vector: Vector[T]) -> Vector[T]:
@@ -136,13 +130,8 @@ def compute_motions(
     Luh, Walker and Paul 1980, without accelerations; height by -g' r, summed along the chain.
     """
     zero = algebra.zero
-    gravity = tuple(algebra.constant(value) for value in robot.gravity)
-    root = base or LinkMotion(
-        angular=(zero, zero, zero),
-        linear=(zero, zero, zero),
-        gravity=(gravity[0], gravity[1], gravity[2]),
-        height=zero,
-    )
+    none, (x, y, z) = (zero, zero, zero), (algebra.constant(value) for value in robot.gravity)
+    root = base or LinkMotion(angular=none, linear=none, gravity=(x, y, z), height=zero)
     motions: list[LinkMotion[T]] = []
     for joint, frame, dq in zip(robot.joints, frames, velocity, strict=True):
         parent = motions[joint.parent] if joint.parent >= 0 else root
@@ -150,14 +139,11 @@ def compute_motions(
         angular = rotate_to_link(algebra, frame, parent.angular)
         linear = rotate_to_link(algebra, frame, carried)
         own = (zero, zero, dq)
-        motions.append(
-            LinkMotion(
-                angular=add_vectors(algebra, angular, own) if frame.revolute else angular,
-                linear=linear if frame.revolute else add_vectors(algebra, linear, own),
-                gravity=rotate_to_link(algebra, frame, parent.gravity),
-                height=algebra.sub(parent.height, dot(algebra, parent.gravity, frame.origin)),
-            )
-        )
+        angular = add_vectors(algebra, angular, own) if frame.revolute else angular
+        linear = linear if frame.revolute else add_vectors(algebra, linear, own)
+        gravity = rotate_to_link(algebra, frame, parent.gravity)
+        height = algebra.sub(parent.height, dot(algebra, parent.gravity, frame.origin))
+        motions.append(LinkMotion(angular=angular, linear=linear, gravity=gravity, height=height))
     return tuple(motions)
 
 
@@ -168,37 +154,23 @@ def build_recursion(robot: Robot, algebra: Algebra[T], state: RobotState[T]) -> 
     return Recursion(robot=robot, algebra=algebra, state=state, frames=frames, motions=motions)
 
 
-def build_z_rotation(algebra: Algebra[T], turn: tuple[T, T]) -> Matrix[T]:
-    """Return the rotation about z from (cos, sin)."""
-    c, s = turn
-    zero, one = algebra.zero, algebra.one
-    return ((c, algebra.neg(s), zero), (s, c, zero), (zero, zero, one))
-
-
-def _build_rotation(algebra: Algebra[T], frame: LinkFrame[T]) -> Matrix[T]:
-    if frame.turn is None:
-        return frame.fixed
-    return multiply_matrices(algebra, frame.fixed, build_z_rotation(algebra, frame.turn))
-
-
 def compute_poses(recursion: Recursion[T]) -> tuple[FramePose[T], ...]:
     """Return every link frame in the base frame."""
     algebra = recursion.algebra
     poses: list[FramePose[T]] = []
     for joint, frame in zip(recursion.robot.joints, recursion.frames, strict=True):
-        rotation = _build_rotation(algebra, frame)
+        rotation = frame.fixed
+        if frame.turn is not None:
+            (c, s), zero = frame.turn, algebra.zero
+            turn = ((c, algebra.neg(s), zero), (s, c, zero), (zero, zero, algebra.one))
+            rotation = multiply_matrices(algebra, rotation, turn)
         if joint.parent < 0:
             poses.append(FramePose(rotation=rotation, origin=frame.origin))
             continue
         parent = poses[joint.parent]
-        poses.append(
-            FramePose(
-                rotation=multiply_matrices(algebra, parent.rotation, rotation),
-                origin=add_vectors(
-                    algebra, parent.origin, apply_matrix(algebra, parent.rotation, frame.origin)
-                ),
-            )
-        )
+        rotation = multiply_matrices(algebra, parent.rotation, rotation)
+        step = apply_matrix(algebra, parent.rotation, frame.origin)
+        poses.append(FramePose(rotation=rotation, origin=add_vectors(algebra, parent.origin, step)))
     return tuple(poses)
 
 
@@ -227,7 +199,8 @@ def compute_jacobian(recursion: Recursion[T]) -> tuple[tuple[T, ...], ...]:
         pose = poses[index]
         axis: Vector[T] = (pose.rotation[0][2], pose.rotation[1][2], pose.rotation[2][2])
         if robot.joints[index].kind is JointKind.REVOLUTE:
-            columns[index] = (*cross(algebra, axis, subtract_vectors(algebra, tip, pose.origin)), *axis)
+            x, y, z = (algebra.sub(a, b) for a, b in zip(tip, pose.origin, strict=True))
+            columns[index] = (*cross(algebra, axis, (x, y, z)), *axis)
         else:
             columns[index] = (*axis, zero, zero, zero)
         index = robot.joints[index].parent
@@ -244,15 +217,10 @@ def fold_vector(robot: Robot, algebra: Algebra[T], values: Sequence[T]) -> tuple
     return tuple(result)
 
 
-def fold_rows(robot: Robot, algebra: Algebra[T], rows: Sequence[Sequence[T]]) -> tuple[tuple[T, ...], ...]:
-    """Return every row with an entry a coordinate instead of one a joint."""
-    return tuple(fold_vector(robot, algebra, row) for row in rows)
-
-
 def fold_matrix(
     robot: Robot, algebra: Algebra[T], matrix: Sequence[Sequence[T]]
 ) -> tuple[tuple[T, ...], ...]:
     """Return G' M G of a matrix with a row and a column a joint."""
-    half = fold_rows(robot, algebra, matrix)
-    columns = fold_rows(robot, algebra, tuple(zip(*half, strict=True)))
+    half = [fold_vector(robot, algebra, row) for row in matrix]
+    columns = [fold_vector(robot, algebra, column) for column in zip(*half, strict=True)]
     return tuple(zip(*columns, strict=True))

@@ -9,15 +9,14 @@ frame, and u_j = -g' P_j:
           w3 V2 - w2 V3, w1 V3 - w3 V1, w2 V1 - w1 V2, V'V/2)
     hV = (0, 0, 0, 0, 0, 0, -g1, -g2, -g3, u)
 
-For the columns a wrench per unit parameter is carried from its link down the tree, the joints' screws up;
-the entry of a joint is their product. With `meet` None the wrench goes down to every joint (column
-recursion); where it names the link itself, all screws come up to it (axis projection).
+With `meet` None wrenches go down to every joint (column recursion); where it names the link itself, all
+screws come up to it (axis projection).
 
 Supported: the ten standard parameters of each link, rotor inertias and springs.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic
 
 from symid.dynamics.algebra import Algebra, Label, T, cross, dot, sum_values
@@ -28,7 +27,6 @@ from symid.dynamics.wrenches import (
     ProjectionFrame,
     Wrench,
     build_axis_screws,
-    compute_gravity_wrench,
     compute_momentum,
     compute_screw_rates,
     project_columns,
@@ -108,12 +106,12 @@ def compute_torque_columns(
     recursion: Recursion[T], keys: Sequence[Label], *, meet: ProjectionFrame | None = None
 ) -> Columns[T]:
     """Return the torque regressor's columns: tau = Y(q, dq, ddq) pi."""
-    return _compute_tensor_columns(recursion, None, keys, meet)
+    return compute_slotine_li_columns(recursion, None, keys, meet=meet)
 
 
 def compute_slotine_li_columns(
     recursion: Recursion[T],
-    reference: Reference[T],
+    reference: Reference[T] | None,
     keys: Sequence[Label],
     *,
     meet: ProjectionFrame | None = None,
@@ -121,20 +119,11 @@ def compute_slotine_li_columns(
     """Return the columns of M ddqr + C dqr + g (Slotine and Li 1987); see `newton_euler` for the factor C.
 
     Args:
-        recursion: the robot in its state (q, dq).
-        reference: dqr and ddqr, rad/s and rad/s^2.
+        recursion: the robot in its state.
+        reference: dqr and ddqr, rad/s and rad/s^2; None for the state's own dq and ddq.
         keys: the parameters wanted.
         meet: where columns and screws meet.
     """
-    return _compute_tensor_columns(recursion, reference, keys, meet)
-
-
-def _compute_tensor_columns(
-    recursion: Recursion[T],
-    reference: Reference[T] | None,
-    keys: Sequence[Label],
-    meet: ProjectionFrame | None,
-) -> Columns[T]:
     spins = compute_acceleration_tensors(recursion, reference)
     accelerations = reference[1] if reference else recursion.state.acceleration
     return _compute_columns(
@@ -170,7 +159,9 @@ def compute_lagrange_columns(
     algebra, motions = recursion.algebra, recursion.motions
     links = [key for key in keys if key[1] not in DRIVE_PARAMETERS]
     momenta = {(link, name): compute_momentum(algebra, name, motions[link]) for link, name in links}
-    weights = {(link, name): compute_gravity_wrench(algebra, name, motions[link]) for link, name in links}
+    none = (algebra.zero,) * 3
+    falling = [replace(motion, angular=none, linear=motion.gravity) for motion in motions]
+    weights = {(link, name): compute_momentum(algebra, name, falling[link]) for link, name in links}
     turned = transform_screws(recursion, compute_screw_rates(recursion))
     axes = transform_screws(recursion, build_axis_screws(recursion))
     kinetic = project_columns(recursion, momenta, turned, meet)

@@ -1,22 +1,16 @@
 """Base parameters as others group them: the exact change from our groups to theirs.
 
 Base parameters, groups written as sums of parameters -> `Regrouping`, the matrix T with theirs = T ours,
-exact; `OpenReading`, a term that a group may hold without naming it. Whether it is there, values say.
+exact; `OpenReading`, a term that a group may hold without naming it, for which values must decide.
 
-Our groups are in reduced echelon form: each has a representative that no other group holds. What a group of
-theirs holds of a representative is what it holds of our group; if nothing is left then, both say the same.
+Our groups are in reduced echelon form: what a group of theirs holds of a representative is what it holds of
+our group. Of the friction or inertia P of a drive of speed w = sum of c_i dq_i, joint i has c_i P w, whose
+part c_i^2 P dq_i has the column of the joint's own P_i: a table may hold P_i + c_i^2 P where it names P_i.
 
-A drive of speed w = sum of c_i dq_i brakes joint i by c_i P w, with P its viscous friction, or its inertia
-with accelerations in place of speeds. Joint i itself has P_i dq_i. Of c_i P w the part c_i^2 P dq_i has the
-column of P_i: who gives P the other part alone has P_i + c_i^2 P where P_i is written, and the same
-torques.
-
-Supported: sums with decimal or fractional factors; names as symid writes them (XX1, MX2, IA3, Fv4, offset5,
-IAm6), base parameters by theirs (ZZR1, ZZ1R), and the widespread Ixx1, mx2, m2, Ia3, fv4, fs4, off5, Iam6,
-fvm6, fsm6; open readings of inertia and viscous friction of couplings, for which the algebra above speaks,
-and single parameters of the same kind with factor one or minus one, for which nothing but values can speak.
-Not supported: groups whose factors are symbols; factors that were rounded; open readings of what is no line
-over the speed, as Coulomb friction of a coupling: its column cannot be split.
+Supported: sums with decimal or fractional factors; names as symid writes them (XX1, MX2, IA3, ZZR1) and the
+widespread Ixx1, mx2, m2, Ia3, fv4, fs4, off5, Iam6, fvm6, fsm6; open readings of inertia and viscous friction
+of couplings, and of single parameters of the same kind with factor one or minus one.
+Not supported: symbolic or rounded factors; open readings of Coulomb friction of a coupling.
 """
 
 import re
@@ -63,32 +57,26 @@ _Terms = dict[Label, Expr]
 class Regrouping:
     """theirs = T ours: `rows` of T, one a group of theirs, over `names`, our parameters in order.
 
-    `absent` are parameters of ours that take no part in any group of theirs. Both sets span the same space
-    if theirs and `absent` together are as many as ours.
+    `absent` are parameters of ours in no group of theirs.
     """
 
     names: tuple[str, ...]
     rows: tuple[tuple[Expr, ...], ...]
     absent: tuple[str, ...]
 
-    @property
-    def is_complete(self) -> bool:
-        """Return whether theirs and the absent ones together say what ours say."""
-        return len(self.rows) + len(self.absent) == len(self.names)
-
 
 def read_group(text: str, robot: Robot, base: BaseParameters | None = None) -> _Terms:
-    """Return a group such as "Izz1 + Ia1 + 0.07*mz3" as factors of standard parameters.
+    """Return a group such as "Izz1 + Ia1 + 0.07*mz3" as factors of standard parameters of `robot`.
 
-    Args:
-        text: the sum.
-        robot: whose parameters it names.
-        base: base parameters that it may name as well; none by default.
+    Base parameters may be named as well where `base` is given.
 
     Raises:
-        UsageError: the text is no such sum, or a name is no parameter of the robot.
+        UsageError: the text is no such sum, or a name is unknown.
     """
-    known = _list_names(robot, base)
+    # A name of both kinds is a base parameter of one member: both meanings are the same.
+    known = {entry.name: entry.terms for entry in (*base.parameters, *base.friction)} if base else {}
+    standard = build_standard_parameters(robot).labels
+    known |= {write_label(robot, label): ((label, Integer(1)),) for label in standard}
     found: _Terms = {}
     place = 0
     # Printed tables have the minus of typography.
@@ -103,19 +91,12 @@ def read_group(text: str, robot: Robot, base: BaseParameters | None = None) -> _
             raise UsageError(_say_unreadable(text, name))
         share = Fraction(factor or "1") * (-1 if sign == "-" else 1)
         if share and not 1 / _LARGEST <= abs(share) <= _LARGEST:
-            message = f"group {text!r}: factor {factor} of {name} is not between 1e-12 and 1e12"
+            message = f"group {text!r}: factor {factor} of {name}: expected between 1e-12 and 1e12"
             raise UsageError(Notice(code="usage.unreadable-group", text=message))
         for label, value in terms:
             found[label] = found.get(label, Integer(0)) + _to_exact(share) * value
         place = match.end()
     return found
-
-
-def _list_names(robot: Robot, base: BaseParameters | None) -> dict[str, tuple[tuple[Label, Expr], ...]]:
-    names = {entry.name: entry.terms for entry in (*base.parameters, *base.friction)} if base else {}
-    # A name of both kinds is a base parameter that stands for itself: either meaning is the same.
-    standard = build_standard_parameters(robot).labels
-    return names | {write_label(robot, label): ((label, Integer(1)),) for label in standard}
 
 
 def _resolve(
@@ -136,9 +117,7 @@ def _resolve(
 
 
 def _say_unreadable(text: str, part: str) -> Notice:
-    message = (
-        f"group {text!r}: {part!r} is no parameter of this robot; write a sum such as Izz1 + Ia1 + 0.07*mz3"
-    )
+    message = f"group {text!r}: unknown parameter {part!r}; write a sum such as Izz1 + Ia1 + 0.07*mz3"
     return Notice(code="usage.unreadable-group", text=message)
 
 
@@ -148,7 +127,7 @@ def express_group(
     """Return what a group holds of each of our parameters, exactly; `name` is what messages call it.
 
     Raises:
-        UsageError: it is no sum of ours; the message says what is left over.
+        UsageError: the group is not a combination of ours; the message names the rest.
     """
     ours = (*base.parameters, *base.friction)
     row = [_to_exact(group.get(entry.label, Integer(0))) for entry in ours]
@@ -157,42 +136,24 @@ def express_group(
         for label, factor in entry.terms if share else ():
             left[label] = left.get(label, Integer(0)) - share * factor
     rest = {label: value for label in sorted(left) if (value := left[label].expand()) != 0}
-    if rest:
-        raise UsageError(_say_left_over(base, group, rest, name))
-    return tuple(row)
-
-
-def _say_left_over(
-    base: BaseParameters,
-    group: Mapping[Label, Expr | Fraction],
-    rest: Mapping[Label, Expr],
-    name: str,
-) -> Notice:
-    written = _write_labels(base)
-    over = write_combination(
-        [(written.get(label, f"{label[1]}{label[0] + 1}"), value) for label, value in rest.items()]
-    )
-    text = (
-        f"{name} holds a combination of parameters that no motion of {base.robot} shows: {over} is left over"
-    )
+    if not rest:
+        return tuple(row)
+    # The names of all standard parameters.
+    names = {entry.label: entry.name for entry in base.eliminated}
+    for entry in ours:
+        head = f"{entry.label[1]}R" if len(entry.terms) > 1 else entry.label[1]
+        names[entry.label] = f"{entry.label[1]}{entry.name.removeprefix(head)}"
+    over = [(names.get(label, f"{label[1]}{label[0] + 1}"), value) for label, value in rest.items()]
+    text = f"{name} is not identifiable for {base.robot}: {write_combination(over)} is left over"
     whole = [
         f"{entry.name} = {entry.expression}"
-        for entry in (*base.parameters, *base.friction)
+        for entry in ours
         if entry.label in group and len(entry.terms) > 1
     ]
     if whole:
-        text += f" when {'; '.join(whole)} is taken out"
+        text += f" when {'; '.join(whole)} is subtracted"
     text += "; write the whole group, with factors that are not rounded"
-    return Notice(code="usage.other-groups", text=text)
-
-
-def _write_labels(base: BaseParameters) -> dict[Label, str]:
-    """Return the names of all standard parameters."""
-    names = {entry.label: entry.name for entry in base.eliminated}
-    for entry in (*base.parameters, *base.friction):
-        head = f"{entry.label[1]}R" if len(entry.terms) > 1 else entry.label[1]
-        names[entry.label] = f"{entry.label[1]}{entry.name.removeprefix(head)}"
-    return names
+    raise UsageError(Notice(code="usage.other-groups", text=text))
 
 
 def build_regrouping(
@@ -201,35 +162,26 @@ def build_regrouping(
     """Return the matrix of `rows`, one a group, each as `express_group` gives it.
 
     Raises:
-        UsageError: some of them follow from others; the message says which from which.
+        UsageError: the groups are linearly dependent; the message names them.
     """
-    notices = [
-        Notice(
-            code="usage.other-groups",
-            text=f"the {len(rows)} groups are not independent: {titles[number]} follows from "
-            f"{', '.join(titles[other] for other in sources) or 'nothing'}; leave one of them out",
-        )
-        for number, sources in _list_dependent_rows(rows)
-    ]
+    notices = []
+    if rows:
+        columns = DomainMatrix.from_Matrix(Matrix(rows).T, extension=True).to_field()
+        reduced, pivots = columns.rref()
+        entries = reduced.to_Matrix()
+    for number in range(len(rows)):
+        if number not in pivots:
+            sources = [titles[pivot] for k, pivot in enumerate(pivots) if entries[k, number] != 0]
+            text = (
+                f"the {len(rows)} groups are linearly dependent: {titles[number]} follows from "
+                f"{', '.join(sources) or 'nothing'}; leave one of them out"
+            )
+            notices.append(Notice(code="usage.other-groups", text=text))
     if notices:
         raise UsageError(*notices)
     ours = (*base.parameters, *base.friction)
     absent = [entry.name for k, entry in enumerate(ours) if not any(row[k] for row in rows)]
     return Regrouping(names=tuple(entry.name for entry in ours), rows=tuple(rows), absent=tuple(absent))
-
-
-def _list_dependent_rows(rows: Sequence[Sequence[Expr]]) -> tuple[tuple[int, tuple[int, ...]], ...]:
-    """Return the rows that are sums of rows before them, each with the rows that it is a sum of."""
-    if not rows:
-        return ()
-    columns = DomainMatrix.from_Matrix(Matrix(rows).T, extension=True).to_field()
-    reduced, pivots = columns.rref()
-    entries = reduced.to_Matrix()
-    return tuple(
-        (number, tuple(pivot for k, pivot in enumerate(pivots) if entries[k, number] != 0))
-        for number in range(len(rows))
-        if number not in pivots
-    )
 
 
 def evaluate_regrouping(rows: Sequence[Sequence[Expr]], robot: Robot) -> FloatArray:
@@ -252,7 +204,7 @@ class OpenReading:
 
     Args:
         group: number of the group. name: that of our parameter.
-        coupling: the drive whose parameter it is, where the algebra speaks for it; else empty.
+        coupling: the drive whose parameter it is, where the algebra implies it; else empty.
     """
 
     group: int
@@ -267,12 +219,8 @@ def list_coupled_readings(
 ) -> tuple[OpenReading, ...]:
     """Return the readings that coupled drives leave open: a group names the drive, the joint's own does not.
 
-    Factor in a group: what it holds of P_i times c_i^2, summed over the joints of the coupling.
-
-    Args:
-        robot: its drives.
-        base: our parameters.
-        rows: what each group holds of ours.
+    `rows` hold each group in ours. Factor in a group: what it holds of P_i times c_i^2, summed over the
+    joints of the coupling.
     """
     ours = (*base.parameters, *base.friction)
     columns = _list_columns(base)
@@ -305,13 +253,7 @@ def list_coupled_readings(
 def list_kindred_readings(
     base: BaseParameters, rows: Sequence[Sequence[Expr]], numbers: Sequence[int]
 ) -> tuple[OpenReading, ...]:
-    """Return every parameter of the same kind, added and taken away, for some groups.
-
-    Args:
-        base: our parameters.
-        rows: what each group holds of ours.
-        numbers: the groups to look at.
-    """
+    """Return every parameter of the same kind, added and subtracted, for the groups `numbers` of `rows`."""
     ours = (*base.parameters, *base.friction)
     columns = _list_columns(base)
     kinds = {
@@ -328,6 +270,6 @@ def list_kindred_readings(
 
 
 def _list_columns(base: BaseParameters) -> dict[Label, tuple[int, str]]:
-    """Return number and name of every parameter of ours that stands for itself alone."""
+    """Return number and name of every parameter of ours with one member."""
     ours = (*base.parameters, *base.friction)
     return {entry.label: (k, entry.name) for k, entry in enumerate(ours) if len(entry.terms) == 1}

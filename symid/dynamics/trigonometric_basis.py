@@ -1,11 +1,8 @@
 """Linearly independent functions of a robot's coordinates, and polynomials written in them.
 
-Polynomials in sines, cosines, positions of joints -> {function: coefficient}. The functions are
-independent, so that a sum of them vanishes for all states only if every coefficient does.
-
-A coordinate that moves one joint has the functions s^a c^b q^e (a < 2). Where several joints follow one
-coordinate their sines and cosines are not independent: products are written as q^e cos(w q) and q^e sin(w
-q) with exact frequencies w, the sums of the multipliers.
+Polynomials in sines, cosines, positions of joints -> {function: coefficient}: a sum of the functions vanishes
+for all states only if every coefficient does. A coordinate that moves one joint has the functions s^a c^b
+q^e (a < 2); one that moves several has q^e cos(w q) and q^e sin(w q), w the sums of the multipliers.
 
 Supported: any multipliers, revolute and prismatic joints on one coordinate.
 """
@@ -14,13 +11,12 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Any
 
 from sympy import QQ
 from sympy.polys.domains.domain import Domain
 from sympy.polys.rings import PolyElement
 
-from symid.dynamics.exact_algebra import ExactAlgebra, get_generators
+from symid.dynamics.exact_algebra import ExactAlgebra, Number, get_generators
 from symid.robot import Robot
 
 CoordinateFunction = tuple[int, int, int]
@@ -31,15 +27,14 @@ BasisFunction = tuple[tuple[CoordinateFunction, ...], tuple[int, ...]]
 
 _Wave = dict[tuple[int, bool], Fraction]
 """Amplitudes of cos(w q), sin(w q): {(w, whether sine): amplitude} with w >= 0."""
-_Shares = tuple[tuple[BasisFunction, Any], ...]
+_Shares = tuple[tuple[BasisFunction, Number], ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Generator:
     """What a generator of the ring is: `kind` s, c, q of a joint, dq of a coordinate, or a symbol.
 
-    `frequency` is the joint's multiplier in the unit of its coordinate; symbols have the number of theirs in
-    the field as `coordinate`.
+    `frequency` is the joint's multiplier in the unit of its coordinate, `coordinate` a symbol's number.
     """
 
     kind: str
@@ -52,7 +47,7 @@ class _Generator:
 class TrigonometricBasis:
     """How the generators of a ring are read; `shared` says which coordinates move several joints.
 
-    `memory` keeps what products of generators were found to be; polynomials hold the same ones many times.
+    `memory` keeps products of generators once expanded: polynomials hold the same ones many times.
     """
 
     field: Domain
@@ -110,19 +105,9 @@ def _multiply_wave(wave: _Wave, frequency: int, *, sine: bool) -> _Wave:
             result[key] = result.get(key, Fraction(0)) + amplitude
 
     for (w, odd), amplitude in wave.items():
-        half = amplitude / 2
-        if sine and odd:
-            put(w - frequency, False, half)
-            put(w + frequency, False, -half)
-        elif sine:
-            put(w + frequency, True, half)
-            put(w - frequency, True, -half)
-        elif odd:
-            put(w + frequency, True, half)
-            put(w - frequency, True, half)
-        else:
-            put(w + frequency, False, half)
-            put(w - frequency, False, half)
+        half, is_odd = amplitude / 2, sine != odd
+        put(w + frequency, is_odd, -half if sine and odd else half)
+        put(w - frequency, is_odd, -half if sine and not odd else half)
     return {key: amplitude for key, amplitude in result.items() if amplitude}
 
 
@@ -175,9 +160,9 @@ def _expand(basis: TrigonometricBasis, monomial: tuple[int, ...]) -> _Shares:
     return found
 
 
-def split_polynomial(basis: TrigonometricBasis, polynomial: PolyElement) -> Mapping[BasisFunction, Any]:
+def split_polynomial(basis: TrigonometricBasis, polynomial: PolyElement) -> Mapping[BasisFunction, Number]:
     """Return the coefficients of `polynomial` over independent functions, as elements of the field."""
-    total: dict[BasisFunction, dict[tuple[int, ...], Any]] = {}
+    total: dict[BasisFunction, dict[tuple[int, ...], Number]] = {}
     for monomial, coefficient in polynomial.items():
         powers = [0] * basis.symbols
         if basis.symbols:
@@ -188,14 +173,10 @@ def split_polynomial(basis: TrigonometricBasis, polynomial: PolyElement) -> Mapp
         for function, share in _expand(basis, monomial):
             entry = total.setdefault(function, {})
             entry[key] = entry.get(key, basis.domain.zero) + coefficient * share
-    kept = (
-        (function, {key: value for key, value in entry.items() if value}) for function, entry in total.items()
-    )
-    return {function: _gather(basis, entry) for function, entry in kept if entry}
-
-
-def _gather(basis: TrigonometricBasis, entry: Mapping[tuple[int, ...], Any]) -> Any:  # noqa: ANN401  an element of a SymPy field
-    """Return a polynomial in the symbols as an element of the field; sums in the field cancel every time."""
-    if not basis.symbols:
-        return entry[()]
-    return basis.field.new(basis.field.field.ring.from_dict(dict(entry)))
+    result: dict[BasisFunction, Number] = {}
+    for function, entry in total.items():
+        if kept := {key: value for key, value in entry.items() if value}:
+            # Sums in the field would cancel common factors every time.
+            whole = basis.field.new(basis.field.field.ring.from_dict(kept)) if basis.symbols else kept[()]
+            result[function] = whole
+    return result

@@ -2,12 +2,8 @@
 
 Recursion -> `Screw`, the velocity of a link per unit of a joint's rate, or the change of that velocity per
 unit of the joint's coordinate. Motion of a link -> `Wrench` per unit of one parameter, and its projection
-on the joint axes: columns of torque-like regressors.
-
-Everything a link contributes is linear in its parameters: momentum, inertial wrench, weight. Each is
-written once, for one parameter; regressors differ only in which of them is carried towards the base, and on
-what it is projected. A screw goes from its joint up the tree, a wrench from its link down; where both stand
-in the same frame, their product is what the joint feels.
+on the joint axes: columns of torque-like regressors. A screw goes from its joint up the tree, a wrench from
+its link down; in a common frame their product is the torque of the joint.
 
 Supported: trees of revolute and prismatic joints.
 """
@@ -62,7 +58,7 @@ def compute_screw_rates(recursion: Recursion[T]) -> tuple[Screw[T], ...]:
 
 
 def transform_screws(recursion: Recursion[T], own: tuple[Screw[T], ...]) -> Screws[T]:
-    """Return the screws `own`, one a joint, as seen from the links beyond.
+    """Return the screws `own`, one a joint, in the frames of the links beyond.
 
     z_j = R' z_p;  v_j = R' (v_p + z_p x r).
     """
@@ -94,14 +90,6 @@ class Wrench(Generic[T]):
     moment: Vector[T]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LinkAcceleration(Generic[T]):
-    """The acceleration of a link in its own frame, of its origin, gravity subtracted: rad/s^2, m/s^2."""
-
-    angular: Vector[T]
-    linear: Vector[T]
-
-
 def build_unit_vector(algebra: Algebra[T], axis: int) -> Vector[T]:
     """Return x, y or z for 0, 1 or 2."""
     zero, one = algebra.zero, algebra.one
@@ -111,38 +99,22 @@ def build_unit_vector(algebra: Algebra[T], axis: int) -> Vector[T]:
 _TENSOR = {"XX": (0, 0), "XY": (0, 1), "XZ": (0, 2), "YY": (1, 1), "YZ": (1, 2), "ZZ": (2, 2)}
 
 
-def _apply_tensor(algebra: Algebra[T], name: str, vector: Vector[T]) -> Vector[T]:
-    """Return the unit inertia tensor of the entry `name`, times `vector`."""
-    i, j = _TENSOR[name]
-    result = [algebra.zero] * 3
-    result[i] = vector[j]
-    result[j] = vector[i]
-    return (result[0], result[1], result[2])
-
-
 def compute_momentum(algebra: Algebra[T], name: str, motion: LinkMotion[T]) -> Wrench[T]:
     """Return linear momentum and moment of momentum per unit of one parameter.
 
-    p = M v + w x MS;  L = I w + MS x v.
+    p = M v + w x MS;  L = I w + MS x v.  With w = 0 and v = g they are the weight.
     """
     zero = (algebra.zero,) * 3
     if name in _TENSOR:
-        return Wrench(force=zero, moment=_apply_tensor(algebra, name, motion.angular))
+        i, j = _TENSOR[name]
+        moment = [algebra.zero] * 3
+        moment[i] = motion.angular[j]
+        moment[j] = motion.angular[i]
+        return Wrench(force=zero, moment=(moment[0], moment[1], moment[2]))
     if name == "M":
         return Wrench(force=motion.linear, moment=zero)
     axis = build_unit_vector(algebra, INERTIAL.index(name) - INERTIAL.index("MX"))
     return Wrench(force=cross(algebra, motion.angular, axis), moment=cross(algebra, axis, motion.linear))
-
-
-def compute_gravity_wrench(algebra: Algebra[T], name: str, motion: LinkMotion[T]) -> Wrench[T]:
-    """Return the weight per unit of one parameter: f = M g, n = MS x g."""
-    zero = (algebra.zero,) * 3
-    if name in _TENSOR:
-        return Wrench(force=zero, moment=zero)
-    if name == "M":
-        return Wrench(force=motion.gravity, moment=zero)
-    axis = build_unit_vector(algebra, INERTIAL.index(name) - INERTIAL.index("MX"))
-    return Wrench(force=zero, moment=cross(algebra, axis, motion.gravity))
 
 
 def transform_wrench(algebra: Algebra[T], frame: LinkFrame[T], wrench: Wrench[T]) -> Wrench[T]:
@@ -152,33 +124,13 @@ def transform_wrench(algebra: Algebra[T], frame: LinkFrame[T], wrench: Wrench[T]
     return Wrench(force=force, moment=add_vectors(algebra, moment, cross(algebra, frame.origin, force)))
 
 
-def add_wrenches(algebra: Algebra[T], left: Wrench[T], right: Wrench[T]) -> Wrench[T]:
-    """Return left + right."""
-    return Wrench(
-        force=add_vectors(algebra, left.force, right.force),
-        moment=add_vectors(algebra, left.moment, right.moment),
-    )
-
-
-def project_on_axis(frame: LinkFrame[T], wrench: Wrench[T]) -> T:
-    """Return what the joint must carry: the moment about z, or the force along z if prismatic."""
-    return wrench.moment[2] if frame.revolute else wrench.force[2]
-
-
-def compute_power(algebra: Algebra[T], screw: Screw[T], wrench: Wrench[T]) -> T:
-    """Return the power of a wrench on a screw, both in the axes and about the origin of one frame."""
-    turning = dot(algebra, screw.angular, wrench.moment)
-    return algebra.add(turning, dot(algebra, screw.linear, wrench.force))
-
-
 def project_wrench(
     recursion: Recursion[T], link: int, wrench: Wrench[T], screws: Screws[T], stop: int
 ) -> list[T]:
-    """Return what every joint feels of a wrench in the frame of `link`.
+    """Return the power of a wrench in the frame of `link` on the screw of every joint; 0 beyond its chain.
 
     The wrench goes down, joint by joint, until it reaches the frame of the link `stop` (-1: to the
-    base); the screws of the joints below come up to that frame. Joints that do not carry the link
-    get zero.
+    base); the screws of the joints below come up to that frame.
     """
     robot, algebra = recursion.robot, recursion.algebra
     entries = [algebra.zero] * robot.size
@@ -186,7 +138,9 @@ def project_wrench(
     while joint >= 0:
         if frame not in (joint, stop):
             wrench, frame = transform_wrench(algebra, recursion.frames[frame], wrench), joint
-        entries[joint] = compute_power(algebra, screws(joint, frame), wrench)
+        screw = screws(joint, frame)
+        turning = dot(algebra, screw.angular, wrench.moment)
+        entries[joint] = algebra.add(turning, dot(algebra, screw.linear, wrench.force))
         joint = robot.joints[joint].parent
     return entries
 

@@ -3,7 +3,6 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from symid.excitation.fourier import SeriesOptions as SeriesOptions
     from symid.excitation.limits import (
         LimitOptions as LimitOptions,
         StateLimitOptions as StateLimitOptions,
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
     )
     from symid.excitation.trajectories import (
         FourierOptions as FourierOptions,
+        SeriesOptions as SeriesOptions,
         Trajectory as Trajectory,
         build_random_fourier as build_random_fourier,
         build_ta as build_ta,

@@ -2,23 +2,17 @@
 
 Robot -> Observation: A (m, b) at the states of N samples, one row a torque, one column a parameter, and
 sum_ij L_ij dA_ij/dstates for any L. G = A'A -> condition number, information, criterion f and S = df/dG.
+With d = sqrt(diag G) and C = G / (d d'), the Gram matrix of columns scaled to length one:
 
-The columns are those that identification has: base parameters, then friction parameters. The derivative
-is the reverse sweep of the generated regressor (CasADi), once a sample. Friction that jumps with the sign
-of the velocity has no slope there; `smooth_friction` gives it one.
-
-With d = sqrt(diag G) and C = G / (d d'), the Gram matrix of the columns scaled to length one:
-
-    condition   cond = sqrt(lmax(C) / lmin(C))
-                smooth stand-in  f = (log sum l^p + log sum l^-p) / (2 p) >= log cond,
-                at most log(b) / p above it
+    condition   cond = sqrt(lmax(C) / lmin(C)), at most log(b) / p below its smooth stand-in in log:
+                f = (log sum l^p + log sum l^-p) / (2 p) >= log cond
     d-optimal   f = -log det(G) / (2 b): minus the mean logarithm of a parameter's information
 
 S is symmetric, and df = sum (2 A S) dA. Criteria of designs: Swevers et al. 1997.
 
 Supported: rigid and elastic robots (of the latter the links); full column rank.
-Not supported: rotors of elastic joints, which another equation shows; matrices of less rank, whose
-criterion is infinite.
+Not supported: rotors of elastic joints; matrices of less rank, whose criterion is infinite.
+
 """
 
 from dataclasses import dataclass, replace
@@ -30,9 +24,9 @@ from symid.arrays import FloatArray, freeze
 from symid.robot import FrictionKind, FrictionValues, Robot
 
 _SMOOTHING = 0.02
-"""Of the velocity limit: the speed over which friction changes its sign for the optimiser."""
+"""Width of the sign change of friction for the optimiser, relative to the velocity limit."""
 _SLOW = 0.02
-"""The same in rad/s or m/s, for joints without a velocity limit."""
+"""The same for joints without a velocity limit, rad/s or m/s."""
 
 
 def smooth_friction(robot: Robot) -> Robot:
@@ -65,20 +59,13 @@ class RegressorColumns:
 
 
 def build_columns(robot: Robot) -> RegressorColumns:
-    """Return the columns of a robot, its friction as it is.
-
-    Raises:
-        RobotError: a symbolic length has no value.
-    """
+    """Return the columns of a robot, its friction as it is; symbolic lengths must have values."""
     import casadi as ca
 
     from symid.codegen import build_functions
 
-    kinds = [
-        *(joint.friction.kind for joint in robot.joints),
-        *(one.friction.kind for one in robot.couplings),
-    ]
-    has_friction = any(kind is not FrictionKind.NONE for kind in kinds)
+    frictions = [*(joint.friction for joint in robot.joints), *(one.friction for one in robot.couplings)]
+    has_friction = any(friction.kind is not FrictionKind.NONE for friction in frictions)
     wanted = ("torque_regressor", "friction_regressor") if has_friction else ("torque_regressor",)
     made = build_functions(robot, names=wanted)
     found = {spec.name: entry for spec, entry in zip(made.card.functions, made.functions, strict=True)}
@@ -100,61 +87,55 @@ def build_columns(robot: Robot) -> RegressorColumns:
 
 @final
 class Observation:
-    """The columns at so many samples, evaluated in place.
+    """The columns at a fixed number of samples, evaluated in place.
 
-    `weights` (n,) multiply the rows of each joint: one over the deviation of its torque.
+    `weights` (n,) multiply the rows of each joint: one over the standard deviation of its torque.
     """
 
-    __slots__ = (
-        "_factors",
-        "_flat",
-        "_run_matrix",
-        "_run_slope",
-        "_slope",
-        "_states",
-        "names",
-        "samples",
-        "weights",
-    )
-
     def __init__(self, columns: RegressorColumns, samples: int, weights: FloatArray) -> None:
-        """Make the memory that the functions read and write."""
-        size, count = len(weights), len(columns.names)
+        """Allocate the memory of the functions."""
+        state, block = (3 * len(weights),), (len(weights), len(columns.names))
         self.names, self.samples, self.weights = columns.names, samples, freeze(weights)
-        self._states = np.zeros((samples, 3 * size))
-        self._flat = np.zeros((samples, size, count))
-        self._factors = np.zeros((samples, size, count))
-        self._slope = np.zeros((samples, 3 * size))
-        self._run_matrix = bind_in_place(columns.matrix.map(samples), (self._states,), self._flat)
-        self._run_slope = bind_in_place(
-            columns.slope.map(samples), (self._states, self._factors), self._slope
-        )
+        self._states = np.zeros((samples, *state))
+        self._matrix = InPlaceFunction(columns.matrix, samples, (state,), block)
+        self._slope = InPlaceFunction(columns.slope, samples, (state, block), state)
 
-    def find_matrix(self, states: FloatArray) -> FloatArray:
+    def compute_matrix(self, states: FloatArray) -> FloatArray:
         """Return A (N n, b) at states (3, N, n): q, dq, ddq."""
-        self._states[...] = np.concatenate(list(states), axis=1)
-        self._run_matrix()
-        weighted: FloatArray = self._flat * self.weights[:, None]
+        self._states = np.concatenate(list(states), axis=1)
+        weighted: FloatArray = self._matrix(self._states) * self.weights[:, None]
         return weighted.reshape(-1, len(self.names))
 
-    def find_slope(self, factors: FloatArray) -> FloatArray:
+    def compute_slope(self, factors: FloatArray) -> FloatArray:
         """Return sum_ij L_ij dA_ij/dstates as (3, N, n) at the states of the last matrix, for L (N n, b)."""
-        self._factors[...] = factors.reshape(self._factors.shape) * self.weights[:, None]
-        self._run_slope()
-        return self._slope.reshape(self.samples, 3, -1).transpose(1, 0, 2).copy()
+        weighted = factors.reshape(self.samples, -1, len(self.names)) * self.weights[:, None]
+        slope = self._slope(self._states, weighted)
+        return slope.reshape(self.samples, 3, -1).transpose(1, 0, 2).copy()
 
 
-def bind_in_place(function: Any, inputs: tuple[FloatArray, ...], output: FloatArray) -> Any:  # noqa: ANN401  of casadi
-    """Return a call without arguments that reads `inputs` and writes `output`, all kept in place."""
-    buffer, call = function.buffer()
-    for place, values in enumerate(inputs):
-        buffer.set_arg(place, values.data)
-    buffer.set_res(0, output.data)
+Shape = tuple[int, ...]
 
-    def run(keep: Any = buffer) -> None:  # noqa: ANN401, ARG001  the buffer must live as long as its call
-        call()
 
-    return run
+@final
+class InPlaceFunction:
+    """A CasADi function at N samples that reads and writes its own memory."""
+
+    def __init__(self, function: Any, samples: int, inputs: tuple[Shape, ...], output: Shape) -> None:  # noqa: ANN401  of casadi
+        """Allocate arrays of these shapes for each sample."""
+        self._inputs = [np.zeros((samples, *shape)) for shape in inputs]
+        self._output = np.zeros((samples, *output))
+        # The buffer must live as long as its call.
+        self._buffer, self._call = function.map(samples).buffer()
+        for place, memory in enumerate(self._inputs):
+            self._buffer.set_arg(place, memory.data)
+        self._buffer.set_res(0, self._output.data)
+
+    def __call__(self, *values: FloatArray) -> FloatArray:
+        """Return the output, which the next call overwrites."""
+        for memory, value in zip(self._inputs, values, strict=True):
+            memory[...] = value
+        self._call()
+        return self._output
 
 
 CRITERIA = ("condition", "d-optimal")
@@ -201,18 +182,12 @@ def compute_criterion(gram: FloatArray, criterion: Criterion) -> tuple[float, Fl
     slope = -((vectors / values) @ vectors.T) / by_lengths / size
     if criterion.name == "d-optimal":
         return -information, slope
-    value, partial = _compute_condition_criterion(values, vectors, criterion.power)
+    # The smooth stand-in for log cond, of powers of ratios, so that none overflows.
+    power = criterion.power
+    up, down = (values / values[-1]) ** power, (values[0] / values) ** power
+    value = float((np.log(values[-1] / values[0]) + (np.log(up.sum()) + np.log(down.sum())) / power) / 2.0)
+    slopes = 0.5 * (up / up.sum() - down / down.sum()) / values
+    partial = (vectors * slopes) @ vectors.T
     by_gram = partial / by_lengths
     by_gram[np.diag_indices_from(by_gram)] -= (partial * scaled).sum(axis=1) / lengths**2
     return value - criterion.weight * information, by_gram + criterion.weight * slope
-
-
-def _compute_condition_criterion(
-    values: FloatArray, vectors: FloatArray, power: float
-) -> tuple[float, FloatArray]:
-    """Return the smooth stand-in for log cond, and its derivative by C, from eigenvalues and -vectors."""
-    # Powers of ratios, so that none overflows.
-    up, down = (values / values[-1]) ** power, (values[0] / values) ** power
-    value = (np.log(values[-1] / values[0]) + (np.log(up.sum()) + np.log(down.sum())) / power) / 2.0
-    slopes = 0.5 * (up / up.sum() - down / down.sum()) / values
-    return float(value), (vectors * slopes) @ vectors.T

@@ -5,24 +5,17 @@ Robot, ExcitationOptions, random generator -> OptimisedExcitation.
     random feasible series -> the best of them as starts -> Ipopt on a smooth criterion, ever nearer to the
     condition number, on ever fewer of them -> the best, its limits checked -> OptimisedExcitation
 
-Random series: centres are drawn from the middle half of the positions; sines and cosines of harmonic k
-from normal distributions whose deviation falls with 1/k. The motion of each joint is scaled about its
-centre until a limit is reached, then that of all joints together until torque, torsion and workspace are
-within theirs as well.
+Random series: centres in the middle half of the positions; normal coefficients of deviations that fall with
+1/k, scaled to the limits. Ipopt is given torque, torsion and workspace near their limits only; those that a
+result breaks are added. Where they overshoot between grid points they are tightened, and the last run is
+repeated.
 
-Ipopt minimises f(x) subject to lower <= g(x) <= upper with exact first derivatives of a fixed pattern and
-its own limited-memory approximation of the second ones. Of torque, torsion and workspace a descent
-watches only what is near its limit; what the result breaks is watched as well, and the descent goes on
-from there. Where these limits overshoot between their points, they are tightened by the overshoot and the
-last run is repeated.
+Supported: the criteria of `observation`; starts that break limits; the same seed gives the same trajectory.
+Not supported: a limit of time; narrow workspaces, which a random pose hardly ever meets (give a start there).
 
-Supported: the criteria of `observation`; starts that break limits.
-Not supported: a limit of time; runs are limited by iterations, so that the same seed gives the same
-trajectory on any machine of one kind; narrow workspaces, which a random pose hardly ever meets (give a
-start there).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from operator import attrgetter
 
@@ -47,9 +40,9 @@ from symid.robot import Robot
 _TRIES = 20
 """Draws per candidate before the search is given up."""
 _HALVINGS = 8
-"""Of the interval in which the largest common scale lies."""
+"""Bisections of the largest common scale."""
 _SMALLEST = 0.05
-"""A common scale below this leaves no motion to speak of."""
+"""Least common scale of a series."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -62,25 +55,26 @@ class Candidates(FrozenArrays):
 
 
 def draw_candidates(problem: ExcitationProblem, count: int, rng: np.random.Generator) -> Candidates:
-    """Return `count` random feasible series.
-
-    Raises:
-        SolverError: nearly no random pose keeps the limits of torque, torsion and space.
-    """
+    """Return `count` random feasible series, or raise a SolverError if nearly no pose keeps the limits."""
     found: list[FloatArray] = []
     conditions: list[float] = []
     drawn = 0
-    worst = np.zeros(len(problem.state_limits.names))
+    worst = np.zeros(len(problem.state_limits.entries))
     while len(found) < count:
         if drawn >= _TRIES * max(count, 50):
-            raise SolverError(_describe_narrow(problem, worst, drawn))
+            entries = problem.state_limits.entries
+            first = entries[int(np.argmax(worst))] if entries else None
+            what = f"; most often broken: {first.kind} of {first.name}" if first else ""
+            text = f"of {drawn} random poses nearly none keeps all limits{what}"
+            text += "; widen them, or give a start pose that keeps them"
+            raise SolverError(Notice(code="excitation.narrow", text=text))
         drawn += 1
         unknowns, excess = _draw_candidate(problem, rng)
         if unknowns is None:
             worst += excess > 0.0
             continue
         found.append(unknowns)
-        conditions.append(problem.find_condition(unknowns))
+        conditions.append(problem.compute_condition(unknowns))
     order = np.argsort(conditions, kind="stable")
     return Candidates(unknowns=np.array(found)[order], conditions=np.array(conditions)[order], drawn=drawn)
 
@@ -96,14 +90,24 @@ def _draw_candidate(
     falling = np.tile(1.0 / np.arange(1, space.harmonics + 1), 2)
     wave = np.zeros_like(middle)
     wave[:, 1:] = rng.normal(size=(space.size, 2 * space.harmonics)) * falling * scales[:, 1:]
-    rest = space.find_unknowns(middle).ravel()
-    motion = space.find_unknowns(space.offset + wave).ravel()
-    excess = problem.find_state_excess(rest)
+    rest = space.compute_unknowns(middle).ravel()
+    motion = space.compute_unknowns(space.offset + wave).ravel()
+    excess = problem.compute_state_excess(rest)
     if np.any(excess > 0.0) or np.any(np.abs(problem.rows @ rest + problem.constants) > 1.0):
         return None, excess
     motion *= np.repeat(_compute_largest_scales(problem, rest, motion), space.shape[1])
-    share = _search_common_scale(problem, rest, motion)
-    return (rest + share * motion if share > _SMALLEST else None), excess
+
+    def is_within(factor: float) -> bool:
+        return not np.any(problem.compute_state_excess(rest + factor * motion) > 0.0)
+
+    low, high = 0.0, 1.0
+    if is_within(1.0):
+        low = 1.0
+    else:
+        for _ in range(_HALVINGS):
+            half = 0.5 * (low + high)
+            low, high = (half, high) if is_within(half) else (low, half)
+    return (rest + low * motion if low > _SMALLEST else None), excess
 
 
 def _compute_largest_scales(problem: ExcitationProblem, rest: FloatArray, motion: FloatArray) -> FloatArray:
@@ -120,57 +124,24 @@ def _compute_largest_scales(problem: ExcitationProblem, rest: FloatArray, motion
     return np.where(factors < 1e6, 0.9999 * factors, 0.0)
 
 
-def _search_common_scale(problem: ExcitationProblem, rest: FloatArray, motion: FloatArray) -> float:
-    """Return the largest factor found by bisection for which torque, torsion and space are within limits."""
-
-    def is_within(factor: float) -> bool:
-        return not np.any(problem.find_state_excess(rest + factor * motion) > 0.0)
-
-    if is_within(1.0):
-        return 1.0
-    low, high = 0.0, 1.0
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if is_within(middle) else (low, middle)
-    return low
-
-
-def _describe_narrow(problem: ExcitationProblem, worst: FloatArray, drawn: int) -> Notice:
-    names = problem.state_limits
-    place = int(np.argmax(worst)) if len(worst) else 0
-    what = f"; most often broken: {names.kinds[place]} of {names.names[place]}" if len(worst) else ""
-    text = (
-        f"of {drawn} random poses nearly none keeps all limits{what}; widen them, or give a start pose that "
-        "keeps them"
-    )
-    return Notice(code="excitation.narrow", text=text)
-
-
 _NEAR = 0.75
-"""Part of a limit from which on it is watched."""
+"""Share of a limit from which on Ipopt is given it."""
 _ROUNDS = 5
-"""Of watching more; in the last one everything is watched."""
+"""Runs with ever more limits; the last one has all."""
 _SLACK = 1e-6
 _TOLERANCE = 1e-4
 """Of Ipopt."""
 
 
-def _is_feasible(problem: ExcitationProblem, z: FloatArray, state_limits: FloatArray) -> bool:
-    linear = np.abs(problem.rows @ z + problem.constants)
-    if np.any(linear > 1.0 + _SLACK):
-        return False
-    return not len(state_limits) or not np.any(problem.find_state_use(z) > state_limits + _SLACK)
-
-
 _JUDGED = 20
-"""Random series, the best by the figures of the search, whose own figures are found."""
+"""Best random series whose stated figures are computed."""
 _REPAIRS = 6
-"""Times that limits are tightened before a trajectory is given up."""
+"""Times that limits are tightened before the search fails."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExcitationOptions:
-    """What is minimised, how hard it is searched.
+    """What is minimised, and the effort of the search.
 
     Args:
         problem: series, limits, deviations.
@@ -191,7 +162,7 @@ class ExcitationOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OptimisationRun:
-    """Where a start led: unknowns (n r,), criterion, condition numbers before and here, Ipopt's status."""
+    """End of a start: unknowns (n r,), criterion, condition numbers of start and end, Ipopt's status."""
 
     unknowns: FloatArray
     value: float
@@ -203,7 +174,7 @@ class OptimisationRun:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OptimisedExcitation:
-    """A trajectory and what speaks for it.
+    """A trajectory and its figures.
 
     Args:
         trajectory: the series. coefficients: (n, 2h + 1) rad or m, centre, sines, cosines of each joint.
@@ -212,7 +183,7 @@ class OptimisedExcitation:
         random_condition: the best of the random series. random_median: their median.
         random_information: that of the most informative random series.
         runs: one a start, the best first. margins: all limits, on a fine grid.
-        notices: what was assumed or could not be limited.
+        notices: limits that were assumed, or are not kept.
     """
 
     trajectory: Trajectory
@@ -235,7 +206,7 @@ class OptimisedExcitation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _SearchStage:
-    """One round: what is minimised, how many are kept for it, how Ipopt runs, on the coarse grid or not."""
+    """One round: its criterion, how many series take part, options of Ipopt, whether on the coarse grid."""
 
     criterion: Criterion
     kept: int
@@ -253,33 +224,35 @@ def optimise_excitation(
     """Return the best trajectory found.
 
     Args:
-        robot: the robot; its values count only for limits of torque and torsion.
-        options: see there.
+        robot: its values count only for limits of torque and torsion.
+        options: criterion, limits, effort.
         rng: of the random series.
-        progress: told what begins.
+        progress: receives a line for each step.
 
     Raises:
         UsageError: options out of range, or that do not fit the robot.
         RobotError: the robot file lacks what a limit needs.
-        IdentifiabilityError: no trajectory of this family tells all parameters.
-        SolverError: no feasible series was found, or none whose limits hold everywhere.
+        IdentifiabilityError: the observation matrix of this family has no full column rank.
+        SolverError: no feasible series was found, or none whose limits hold at all times.
     """
     options = options or ExcitationOptions()
     _check_options(options)
-    tell = progress or (lambda _: None)
-    tell(f"deriving the regressor of {robot.name}")
+    report = progress or (lambda _: None)
+    report(f"deriving the regressor of {robot.name}")
     problem = build_problem(robot, options.problem)
-    tell(f"drawing {options.candidates} random trajectories within the limits")
+    report(f"drawing {options.candidates} random trajectories within the limits")
     candidates = draw_candidates(problem, options.candidates, rng)
     if not np.isfinite(candidates.conditions[0]):
-        raise IdentifiabilityError(_describe_rank(problem, candidates))
+        raise IdentifiabilityError(_describe_rank(problem, candidates.unknowns[0]))
     names = tuple(joint.name for joint in robot.axes)
-    runs = _search(problem, candidates, options, tell)
+    runs = _search(problem, candidates, options, report)
     unknowns, margins = _enforce_limits(problem, names, runs[0], options)
-    judge = problem.build_stated(robot)
-    informative = np.argsort([problem.find_information(z) for z in candidates.unknowns], kind="stable")[
-        -_JUDGED:
-    ]
+    stated = problem.build_stated(robot)
+    order = np.argsort([problem.compute_information(z) for z in candidates.unknowns], kind="stable")
+    notices = problem.state_limits.notices
+    if problem.limits.assumed:
+        text = f"the robot file does not state all limits; assumed: {'; '.join(problem.limits.assumed)}"
+        notices = (*notices, Notice(code="excitation.assumed-limits", text=text))
     series = options.problem.series
     source = (
         f"optimised finite Fourier series ({options.criterion}), {series.harmonics} harmonics of "
@@ -287,22 +260,24 @@ def optimise_excitation(
     )
     return OptimisedExcitation(
         trajectory=problem.space.build_trajectory(unknowns.reshape(problem.space.shape), source),
-        coefficients=problem.space.find_coefficients(unknowns.reshape(problem.space.shape)),
-        condition=judge.find_condition(unknowns),
-        information=judge.find_information(unknowns),
+        coefficients=problem.space.compute_coefficients(unknowns.reshape(problem.space.shape)),
+        condition=stated.compute_condition(unknowns),
+        information=stated.compute_information(unknowns),
         parameters=problem.observation.names,
-        random_condition=min(judge.find_condition(z) for z in candidates.unknowns[:_JUDGED]),
-        random_median=judge.find_condition(candidates.unknowns[len(candidates.unknowns) // 2]),
-        random_information=max(judge.find_information(candidates.unknowns[place]) for place in informative),
+        random_condition=min(stated.compute_condition(z) for z in candidates.unknowns[:_JUDGED]),
+        random_median=stated.compute_condition(candidates.unknowns[len(candidates.unknowns) // 2]),
+        random_information=max(
+            stated.compute_information(candidates.unknowns[at]) for at in order[-_JUDGED:]
+        ),
         runs=tuple(runs),
         margins=margins,
-        notices=_list_notices(problem),
+        notices=notices,
     )
 
 
 def _check_options(options: ExcitationOptions) -> None:
     problems = [
-        f"{name}: at least one is needed, got {getattr(options, name)}"
+        f"{name}: must be at least 1, got {getattr(options, name)}"
         for name in ("candidates", "starts", "refined", "iterations")
         if getattr(options, name) < 1
     ]
@@ -311,7 +286,7 @@ def _check_options(options: ExcitationOptions) -> None:
     if not 0.0 <= options.weight < np.inf:
         problems.append(f"weight: must be finite and not negative, got {options.weight:g}")
     if options.problem.loads.stiffness and options.problem.loads.torsion is None:
-        problems.append("--stiffness belongs to --torsion, the largest torsion; give both")
+        problems.append("--stiffness needs --torsion, the largest torsion; give both")
     if options.starts > options.candidates:
         problems.append(f"{options.starts} starts need at least as many candidates, got {options.candidates}")
     if not 0.0 < options.problem.limits.share <= 1.0:
@@ -321,29 +296,25 @@ def _check_options(options: ExcitationOptions) -> None:
 
 
 def _list_search_stages(options: ExcitationOptions) -> tuple[_SearchStage, ...]:
-    def run(barrier: float, iterations: int) -> IpoptOptions:
-        return IpoptOptions(tolerance=_TOLERANCE, iterations=iterations, barrier=barrier)
-
     many, few, full = options.starts, min(options.refined, options.starts), options.iterations
-    short = min(60, full)
+    # Power of the criterion, series that take part, barrier of Ipopt, iterations.
+    plan = [
+        (4.0, many, 1e-2, min(60, full)),
+        (16.0, few, 1e-3, full),
+        (40.0, min(2, few), 1e-4, full),
+    ]
     if options.criterion == "d-optimal":
-        design = Criterion(name="d-optimal")
-        return (
-            _SearchStage(criterion=design, kept=many, ipopt=run(1e-2, short), coarse=True),
-            _SearchStage(criterion=design, kept=few, ipopt=run(1e-3, 2 * full)),
-            _SearchStage(criterion=design, kept=1, ipopt=run(1e-5, 2 * full)),
+        plan = [(0.0, many, 1e-2, min(60, full)), (0.0, few, 1e-3, 2 * full), (0.0, 1, 1e-5, 2 * full)]
+    return tuple(
+        _SearchStage(
+            criterion=Criterion(name="d-optimal")
+            if options.criterion == "d-optimal"
+            else Criterion(power=power, weight=options.weight),
+            kept=kept,
+            ipopt=IpoptOptions(tolerance=_TOLERANCE, iterations=iterations, barrier=barrier),
+            coarse=number == 0,
         )
-    return (
-        _SearchStage(
-            criterion=Criterion(power=4.0, weight=options.weight),
-            kept=many,
-            ipopt=run(1e-2, short),
-            coarse=True,
-        ),
-        _SearchStage(criterion=Criterion(power=16.0, weight=options.weight), kept=few, ipopt=run(1e-3, full)),
-        _SearchStage(
-            criterion=Criterion(power=40.0, weight=options.weight), kept=min(2, few), ipopt=run(1e-4, full)
-        ),
+        for number, (power, kept, barrier, iterations) in enumerate(plan)
     )
 
 
@@ -351,45 +322,36 @@ def _search(
     problem: ExcitationProblem,
     candidates: Candidates,
     options: ExcitationOptions,
-    tell: Callable[[str], None],
+    progress: Callable[[str], None],
 ) -> list[OptimisationRun]:
     """Return a run of each start, the best first."""
     runs = [
         OptimisationRun(unknowns=z, value=np.inf, start=float(c), condition=float(c), iterations=0, status="")
         for z, c in zip(candidates.unknowns, candidates.conditions, strict=True)
     ][: options.starts]
-    tightening = np.zeros(len(problem.state_limits.names))
+    tightening = np.zeros(len(problem.state_limits.entries))
     coarse = problem.build_coarse()
     objective = attrgetter("value" if options.criterion == "d-optimal" else "condition")
     for number, stage in enumerate(_list_search_stages(options), 1):
         by_power = f"condition number with power {stage.criterion.power:g}"
         what = "d-optimal" if stage.criterion.name == "d-optimal" else by_power
-        tell(f"round {number}: {stage.kept} trajectories, {what}")
+        progress(f"round {number}: {stage.kept} trajectories, {what}")
         form = coarse if stage.coarse else problem
         taken = [_advance_run(form, run, stage, tightening) for run in runs[: stage.kept]]
         runs = sorted((*taken, *runs[stage.kept :]), key=objective)
-        tell(f"  condition number {min(run.condition for run in runs):.4g}")
+        progress(f"  condition number {min(run.condition for run in runs):.4g}")
     return runs
 
 
 def _advance_run(
     problem: ExcitationProblem, run: OptimisationRun, stage: _SearchStage, tightening: FloatArray
 ) -> OptimisationRun:
-    """Return where the descent from a run ends; what it breaks is watched as well, and the descent goes on.
-
-    Args:
-        problem: functions and limits.
-        run: where to begin; it stays where its end is no better.
-        stage: what is minimised, and the options of each run of Ipopt.
-        tightening: (v,) taken off the limits of torque, torsion and space.
-    """
-    evaluate = keep_last(lambda z: problem.find_value(z, stage.criterion))
+    """Return the end of a descent, or its start if no better; `tightening` (v,) is taken off the limits."""
+    evaluate = keep_last(lambda z: problem.compute_value(z, stage.criterion))
     start, state_limits = run.unknowns, 1.0 - tightening
     unknowns, iterations, status = start, run.iterations, ""
     free = np.full(len(start), np.inf)
-    watched = np.zeros((problem.points, len(tightening)), dtype=bool)
-    if len(tightening):
-        watched = problem.find_state_use(start) > _NEAR * state_limits
+    watched = problem.compute_state_use(start) > _NEAR * state_limits
     for round_ in range(_ROUNDS):
         smooth = SmoothProblem(
             value=lambda z: evaluate(z)[0],
@@ -402,18 +364,22 @@ def _advance_run(
         unknowns, iterations, status = ended.x, iterations + ended.iterations, ended.status
         if ended.outcome is Ending.FAILED or not len(tightening):
             break
-        use = problem.find_state_use(unknowns)
+        use = problem.compute_state_use(unknowns)
         if not np.any((use > state_limits + _SLACK) & ~watched):
             break
         watched |= (use > _NEAR * state_limits) | (round_ == _ROUNDS - 2)
-    before, after = (_is_feasible(problem, z, state_limits) for z in (start, unknowns))
+    before, after = (
+        not np.any(np.abs(problem.rows @ z + problem.constants) > 1.0 + _SLACK)
+        and not np.any(problem.compute_state_use(z) > state_limits + _SLACK)
+        for z in (start, unknowns)
+    )
     was, here = evaluate(start)[0], evaluate(unknowns)[0]
     better = (after and not before) or (after == before and here < was)
     return OptimisationRun(
         unknowns=unknowns if better else start,
         value=here if better else was,
         start=run.start,
-        condition=problem.find_condition(unknowns if better else start),
+        condition=problem.compute_condition(unknowns if better else start),
         iterations=iterations,
         status=status,
     )
@@ -427,7 +393,7 @@ def _enforce_limits(
 ) -> tuple[FloatArray, tuple[Margin, ...]]:
     """Return unknowns whose limits hold on the fine grid, and these limits."""
     stage = _list_search_stages(options)[-1]
-    tightening = np.zeros(len(problem.state_limits.names))
+    tightening = np.zeros(len(problem.state_limits.entries))
     for _ in range(_REPAIRS):
         margins = compute_margins(problem, names, run.unknowns)
         if all(margin.kept for margin in margins):
@@ -436,30 +402,18 @@ def _enforce_limits(
         tightening += 1.2 * np.maximum(beyond, 0.0)
         run = _advance_run(problem, run, stage, tightening)
     broken = ", ".join(f"{margin.kind} of {margin.name}" for margin in margins if not margin.kept)
-    text = f"limits hold at the points of the search and not between them ({broken}); use fewer harmonics"
+    text = f"limits hold at the grid points but not between them ({broken}); use fewer harmonics"
     raise SolverError(Notice(code="excitation.between", text=text))
 
 
-def _describe_rank(problem: ExcitationProblem, candidates: Candidates) -> Notice:
-    gram = problem.find_gram(candidates.unknowns[0])
+def _describe_rank(problem: ExcitationProblem, unknowns: FloatArray) -> Notice:
+    gram = problem.compute_gram(unknowns)
     lengths = np.sqrt(np.maximum(np.diag(gram), np.finfo(np.float64).tiny))
     vector = np.abs(np.linalg.eigh(gram / np.outer(lengths, lengths))[1][:, 0])
-    which: Sequence[str] = [
-        problem.observation.names[place]
-        for place in np.argsort(-vector, kind="stable")[:4]
-        if vector[place] > 0.1
-    ]
+    largest = np.argsort(-vector, kind="stable")[:4]
+    which = [problem.observation.names[place] for place in largest if vector[place] > 0.1]
     text = (
-        f"no trajectory of {problem.space.harmonics} harmonics within these limits tells all parameters "
-        f"apart; {', '.join(which)} hang together: widen the limits, or use more harmonics"
+        f"with {problem.space.harmonics} harmonics within these limits the regressor has no full rank: "
+        f"{', '.join(which)} are linearly dependent; widen the limits, or use more harmonics"
     )
     return Notice(code="excitation.rank", text=text)
-
-
-def _list_notices(problem: ExcitationProblem) -> tuple[Notice, ...]:
-    assumed = problem.limits.assumed
-    notices = problem.state_limits.notices
-    if assumed:
-        text = f"the robot file does not state all limits; taken were {'; '.join(assumed)}"
-        notices = (*notices, Notice(code="excitation.assumed-limits", text=text))
-    return notices

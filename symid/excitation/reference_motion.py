@@ -1,16 +1,15 @@
 """The motion that an experiment follows: by name, from a file, or from samples; and its file.
 
-Robot, a name ("fourier", "ta", "tb", "tc"), the path of a file, or a motion -> ReferenceMotion. A
-trajectory, a rate -> CSV file with the columns t, q1.., dq1.., ddq1.. and their units, under lines that
-begin with # and say what it is. Samples -> SampledMotion, the polynomial of fifth degree between
-neighbouring samples that has their states: q, dq, ddq are continuous and exact at the samples.
+Robot, a name ("fourier", "ta", "tb", "tc"), the path of a file, or a motion -> ReferenceMotion. A motion, a
+rate -> CSV file with the columns t, q1.., dq1.., ddq1.. and their units, below remarks that begin with #.
+Samples -> SampledMotion, polynomials of fifth degree between samples, with q, dq, ddq continuous and exact at
+them:
 
     q(t) = sum_k H_k(s) h^k q_left^(k) + H_k(1 - s) (-h)^k q_right^(k),   s = (t - t_left) / h,  k = 0, 1, 2
 
-Supported: samples at any increasing times; file columns in any unit of the table, in any order; files
-without dq and ddq, whose samples must then be close enough for a spline of fifth degree.
-Not supported: times outside the samples, where the ends are held; waypoints, which state no motion
-between them.
+Supported: samples at any increasing times; file columns in any unit, in any order; files without dq and ddq,
+whose samples must then be close enough for a spline of fifth degree.
+Not supported: times outside the samples, where the ends are held; waypoints.
 """
 
 import csv
@@ -19,6 +18,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -54,7 +54,7 @@ class SampledMotion(FrozenArrays):
 
     Args:
         time: (N,) s, from zero, increasing. position, velocity, acceleration: (N, n) rad or m, /s, /s^2.
-        source: where it comes from, in words.
+        source: its name in messages.
     """
 
     time: FloatArray
@@ -79,14 +79,9 @@ class SampledMotion(FrozenArrays):
         return q, dq, ddq
 
     def evaluate_derivatives(self, times: FloatArray, order: int) -> tuple[FloatArray, ...]:
-        """Return q and its time derivatives up to `order`, each (N, n) in rad or m, /s, /s^2 and so on.
+        """Return q and its time derivatives up to `order`, (N, n) in rad or m, /s, ..., at `times` (N,) in s.
 
-        From the third on they jump at the samples. Before the first sample and after the last one the state
-        of that sample is given.
-
-        Args:
-            times: (N,) s.
-            order: of the highest derivative, 0 or more.
+        From the third on they jump at the samples. Beyond the ends the first or last state is held.
         """
         t = np.clip(np.asarray(times, dtype=np.float64), self.time[0], self.time[-1])
         left = np.clip(np.searchsorted(self.time, t, side="right") - 1, 0, len(self.time) - 2)
@@ -112,7 +107,6 @@ class SampledMotion(FrozenArrays):
 
 
 ReferenceMotion = Trajectory | SampledMotion
-"""A trajectory of all joints, however it is given."""
 
 
 def _evaluate_hermite(k: int, derivative: int, s: FloatArray) -> FloatArray:
@@ -139,18 +133,14 @@ def scale_samples(motion: SampledMotion, scale: float) -> SampledMotion:
 def truncate_motion(motion: SampledMotion, duration: float) -> SampledMotion:
     """Return the beginning of `motion`, up to the first sample not before `duration` in s."""
     count = max(2, int(np.searchsorted(motion.time, duration * (1.0 - 1e-12))) + 1)
-    return replace(
-        motion,
-        time=motion.time[:count],
-        position=motion.position[:count],
-        velocity=motion.velocity[:count],
-        acceleration=motion.acceleration[:count],
-    )
+    names = ("time", "position", "velocity", "acceleration")
+    kept: dict[str, Any] = {name: getattr(motion, name)[:count] for name in names}
+    return replace(motion, **kept)
 
 
 _QUANTITIES = ("q", "dq", "ddq")
 _FEWEST = 8
-"""Samples below which a file is a list of waypoints."""
+"""Fewest samples of a trajectory."""
 
 
 def write_trajectory(
@@ -162,26 +152,17 @@ def write_trajectory(
     periods: int = 1,
     remarks: Sequence[str] = (),
 ) -> int:
-    """Write the states of a motion, its last one included, and return the number of samples.
+    """Write the states of a motion, its last one included, to a .csv, and return the number of samples.
 
-    Args:
-        motion: periodic, where it is to run more than once.
-        path: replaced as a whole, or left as it is.
-        robot: names and kinds of the joints.
-        rate: samples a second, Hz.
-        periods: how often it runs.
-        remarks: lines for people, written first.
-
-    Raises:
-        OutputError: it is no .csv, or cannot be written.
+    `rate` in Hz; the motion is periodic where `periods`, the number of runs, is more than one; `remarks` are
+    the first lines of the file. An OutputError if it is no .csv, or cannot be written.
     """
     check_suffix(path, "a trajectory", (".csv",))
     count = round(motion.duration * rate)
-    times = np.arange(count * periods + 1) / rate
+    steps = np.arange(count * periods + 1)
+    times = steps / rate
     # The same samples in every period, bit by bit.
-    phases = (np.arange(count * periods + 1) % count) / rate
-    if periods == 1:
-        phases = times
+    phases = times if periods == 1 else (steps % count) / rate
     table = np.hstack([times[:, None], *motion.evaluate(phases)])
     headings = ["t [s]"]
     for name in _QUANTITIES:
@@ -197,23 +178,33 @@ def write_trajectory(
 
 
 def read_trajectory(path: Path, robot: Robot) -> SampledMotion:
-    """Return the motion that the file at `path` holds, its times from zero.
-
-    Raises:
-        LogError: with what is wrong with the file.
-    """
+    """Return the motion of a file, its times from zero, or raise a LogError with all mistakes."""
     raw = read_csv(path)
     problems: list[str] = []
     time = _read_column(raw, "t", robot, problems)
-    stated = {name: _read_quantity(raw, name, robot, problems) for name in _QUANTITIES}
-    if stated["q"] is None and not problems:
+    found: dict[str, FloatArray | None] = {}
+    for name in _QUANTITIES:
+        columns = [f"{name}{number}" for number in range(1, robot.freedom + 1)]
+        more = f"{name}{robot.freedom + 1}"
+        if more in raw.columns:
+            problems.append(f"column {more}: the robot has {robot.freedom} joints")
+        given = any(column in raw.columns for column in columns)
+        values = [_read_column(raw, column, robot, problems) for column in columns if given]
+        known = [value for value in values if value is not None]
+        found[name] = np.column_stack(known) if len(known) == robot.freedom else None
+    if found["q"] is None and not problems:
         problems.append(f"columns q1 to q{robot.freedom} are needed, one a joint, and t")
     if time is not None and not problems:
-        problems += _list_time_problems(time)
-    position, velocity, acceleration = stated["q"], stated["dq"], stated["ddq"]
+        ahead = np.diff(time) > 0.0
+        if len(time) < _FEWEST:
+            problems.append(f"{len(time)} samples are too few; at least {_FEWEST} are needed")
+        elif not np.all(ahead):
+            problems.append(f"the time does not increase after sample {int(np.argmin(ahead)) + 1}")
+    position, velocity, acceleration = (found[name] for name in _QUANTITIES)
     if time is None or position is None or problems:
-        notices = (Notice(code="excitation.trajectory", text=text, file=str(path)) for text in problems)
-        raise LogError(*notices)
+        raise LogError(
+            *(Notice(code="excitation.trajectory", text=text, file=str(path)) for text in problems)
+        )
     start = time - time[0]
     if velocity is None or acceleration is None:
         from scipy.interpolate import make_interp_spline
@@ -229,34 +220,8 @@ def read_trajectory(path: Path, robot: Robot) -> SampledMotion:
     )
 
 
-def _list_time_problems(time: FloatArray) -> list[str]:
-    if len(time) < _FEWEST:
-        return [f"{len(time)} samples are no trajectory; at least {_FEWEST} are needed"]
-    steps = np.diff(time)
-    if not np.all(steps > 0.0):
-        return [f"the time does not increase after sample {int(np.argmin(steps > 0.0)) + 1}"]
-    return []
-
-
-def _read_quantity(raw: RawLog, name: str, robot: Robot, problems: list[str]) -> FloatArray | None:
-    """Return all columns of a quantity (N, n), None where the file has none of them."""
-    names = [f"{name}{number}" for number in range(1, robot.freedom + 1)]
-    more = f"{name}{robot.freedom + 1}"
-    if more in raw.columns:
-        problems.append(f"column {more}: the robot has {robot.freedom} joints")
-        return None
-    if not any(column in raw.columns for column in names):
-        return None
-    columns = [_read_column(raw, column, robot, problems) for column in names]
-    return (
-        np.column_stack([column for column in columns if column is not None])
-        if all(column is not None for column in columns)
-        else None
-    )
-
-
 def _read_column(raw: RawLog, name: str, robot: Robot, problems: list[str]) -> FloatArray | None:
-    """Return a column in SI units."""
+    """Return a column in SI units; None, and a problem noted, where it cannot be used."""
     if name not in raw.columns:
         problems.append(f"column {name} is missing; there are {', '.join(raw.columns)}")
         return None
@@ -268,14 +233,14 @@ def _read_column(raw: RawLog, name: str, robot: Robot, problems: list[str]) -> F
     try:
         dimension, factor = get_unit_factor(unit)
     except KeyError:
-        problems.append(f"column {name}: no such unit as {unit!r}; write it in {standard}")
+        problems.append(f"column {name}: unknown unit {unit!r}; use {standard}")
         return None
     if unit != "SI" and dimension != get_unit_factor(standard)[0]:
-        problems.append(f"column {name}: {unit} is no unit of {get_unit_factor(standard)[0]}")
+        problems.append(f"column {name}: {unit} is not a unit of {get_unit_factor(standard)[0]}")
         return None
     values = raw.columns[name]
     if not np.all(np.isfinite(values)):
-        problems.append(f"column {name}: sample {int(np.argmin(np.isfinite(values))) + 1} is missing")
+        problems.append(f"column {name}: sample {int(np.argmin(np.isfinite(values))) + 1} is not finite")
         return None
     return factor * values
 
@@ -296,7 +261,7 @@ def build_motion(
     """Return the trajectory of a name, or that of a file or of samples, up to `duration` s.
 
     Args:
-        robot: that moves.
+        robot: number of joints, limits.
         given: one of `TRAJECTORY_NAMES`, the path of a file, or a motion.
         rng: of the random series.
         duration: s; None for that of the trajectory.
@@ -304,27 +269,23 @@ def build_motion(
         scale: of the amplitudes.
 
     Raises:
-        UsageError: there is no such trajectory, it is for another number of joints, or shorter; or the
-            duration is no positive time.
-        LogError: the file is wrong.
+        UsageError: there is no such trajectory, it is for another number of joints, or shorter than a
+            duration; the duration is not positive. LogError: the file is wrong.
     """
     if duration is not None and not 0.0 < duration < math.inf:
-        text = f"duration {duration:g} s: must be a positive time"
+        text = f"duration: must be positive and finite, got {duration:g} s"
         raise UsageError(Notice(code="usage.trajectory", text=text))
     if isinstance(given, str) and given in TRAJECTORY_NAMES:
         return build_trajectory(robot, given, rng, duration=duration, joint=joint, scale=scale)
     if isinstance(given, Trajectory):
         scaled = scale_trajectory(given, scale)
         return scaled if duration is None else replace(scaled, duration=duration)
-    if isinstance(given, str):
-        path = Path(given)
-        if not path.is_file():
-            known = ", ".join(TRAJECTORY_NAMES)
-            text = f"--trajectory {path}: neither one of {known} nor a file; symid excite writes one"
-            raise UsageError(Notice(code="usage.trajectory", text=text))
-        motion = scale_samples(read_trajectory(path, robot), scale)
-    else:
-        motion = scale_samples(given, scale)
+    if isinstance(given, str) and not Path(given).is_file():
+        known = ", ".join(TRAJECTORY_NAMES)
+        text = f"--trajectory {given}: expected one of {known} or a file, as symid excite writes it"
+        raise UsageError(Notice(code="usage.trajectory", text=text))
+    motion = read_trajectory(Path(given), robot) if isinstance(given, str) else given
+    motion = scale_samples(motion, scale)
     if duration is None:
         return motion
     if duration > motion.duration:
@@ -343,11 +304,7 @@ def build_trajectory(
     joint: int = 1,
     scale: float = 1.0,
 ) -> Trajectory:
-    """Return the trajectory called `name`, "fourier", "ta", "tb" or "tc", its amplitudes times `scale`.
-
-    Raises:
-        UsageError: "ta" is for another number of joints, or "tb" for a joint that is not there.
-    """
+    """Return the trajectory `name`, amplitudes times `scale`; a UsageError if it does not fit the robot."""
     length = {} if duration is None else {"duration": duration}
     if name == "fourier":
         options = FourierOptions() if duration is None else FourierOptions(duration=duration)

@@ -1,16 +1,17 @@
-"""Reference trajectories as sums of sines, with exact derivatives, starting at rest.
+"""Reference trajectories as sums of sines, with exact derivatives; finite Fourier series that meet demands.
 
-Amplitudes, frequencies, phases, or limits and a random generator -> Trajectory; `evaluate` gives q, dq,
-ddq at any times, `evaluate_derivatives` as many as wanted.
+Amplitudes, frequencies, phases, or limits and a random generator -> Trajectory, which starts at rest:
 
-    q_j(t) = c_j + r(t) (1 - k_j t) sum_i a_ij sin(w_ij t + p_ij)
+    q_j(t) = c_j + r(t) (1 - k_j t) sum_i a_ij sin(w_ij t + p_ij),  r = 10 s^3 - 15 s^4 + 6 s^5
 
-with the ramp r(t) = 10 s^3 - 15 s^4 + 6 s^5, s = min(t / ramp, 1): value, slope and curvature are zero at
-t = 0, so every trajectory starts at c_j at rest. Its third derivative jumps at both ends of the ramp.
+Harmonics, period, demands on the start -> SeriesSpace, whose unknowns z are free numbers of order one:
 
-Supported: finite Fourier series, random ones within limits, the trajectories of the papers (Zhang et al.
-2023), at any scale.
-Not supported: trajectories optimised for information (see `optimise`), point-to-point motions.
+    q_j(t) = c_j + sum_k (A_jk sin k w t + B_jk cos k w t),  w = 2 pi / period,  k = 1..h
+    x_j = (c_j, A_j1..A_jh, B_j1..B_jh) = offset_j + map_j z_j
+
+Supported: random series within limits, the trajectories of the papers (Zhang et al. 2023).
+Not supported: harmonics that differ from joint to joint; point-to-point motions.
+
 """
 
 import math
@@ -38,7 +39,7 @@ class Trajectory(FrozenArrays):
         centre: (n,) rad or m. decay: (n,) 1/s, k_j above.
         amplitude: (n, h) rad or m. frequency: (n, h) rad/s. phase: (n, h) rad.
         ramp: s; 0 for none. duration: s, how long it is meant to run.
-        source: where it comes from, in words.
+        source: its name in messages.
     """
 
     centre: FloatArray
@@ -61,17 +62,12 @@ class Trajectory(FrozenArrays):
         return q, dq, ddq
 
     def evaluate_derivatives(self, times: FloatArray, order: int) -> tuple[FloatArray, ...]:
-        """Return q and its time derivatives up to `order`, each (N, n) in rad or m, /s, /s^2 and so on.
-
-        Exact, by the product rule for ramp, decay and sum of sines. From the third on they jump where the
-        ramp begins and ends.
-
-        Args:
-            times: (N,) s.
-            order: of the highest derivative, 0 or more.
-        """
+        """Return q and its exact derivatives up to `order`, (N, n) rad or m, /s, ..., at `times` (N,) s."""
         t = np.asarray(times, dtype=np.float64)[:, None]
-        waves = [_evaluate_sines(self, t, k) for k in range(order + 1)]
+        angle = self.frequency * t[:, :, None] + self.phase
+        # The derivative of order k of a sine: a quarter turn each.
+        turns = (np.sin(angle), np.cos(angle), -np.sin(angle), -np.cos(angle))
+        waves = [(self.amplitude * self.frequency**k * turns[k % 4]).sum(axis=2) for k in range(order + 1)]
         envelope = 1.0 - self.decay * t
         inner = [
             envelope * wave - k * self.decay * waves[k - 1] if k else envelope * wave
@@ -112,22 +108,11 @@ def build_fourier(
 ) -> Trajectory:
     """Return c_j + r(t) sum_i (A_ij sin(i w t) + B_ij cos(i w t)), w = 2 pi base_frequency.
 
-    Args:
-        sines: A (n, h), rad or m.
-        cosines: B (n, h), rad or m.
-        base_frequency: Hz.
-        centre: c (n,), rad or m.
-        duration: s.
-        ramp: s.
-
-    Raises:
-        UsageError: the shapes do not fit.
+    `sines` A and `cosines` B (n, h), `centre` c (n,) in rad or m; `base_frequency` in Hz; times in s.
     """
     sines, cosines, centre = np.atleast_2d(sines), np.atleast_2d(cosines), np.atleast_1d(centre)
     if sines.shape != cosines.shape or len(sines) != len(centre):
-        text = (
-            f"sines {sines.shape}, cosines {cosines.shape} and centre {centre.shape} do not belong together"
-        )
+        text = f"shapes of sines {sines.shape}, cosines {cosines.shape} and centre {centre.shape} do not fit"
         raise UsageError(Notice(code="usage.trajectory-shape", text=text))
     harmonic = 2.0 * np.pi * base_frequency * np.arange(1, sines.shape[1] + 1)
     return Trajectory(
@@ -145,10 +130,9 @@ def build_fourier(
 def build_random_fourier(
     robot: Robot, rng: np.random.Generator, options: FourierOptions | None = None
 ) -> Trajectory:
-    """Return a random Fourier series that keeps the robot's limits, as large as they allow.
+    """Return a random Fourier series as large as the robot's limits allow, on 50 points per shortest period.
 
-    Positions, velocities and accelerations are looked at on a grid of 50 points per shortest period. What the
-    robot file states of position and velocity holds; other limits are those of `LimitOptions`.
+    Limits of position and velocity are those of the robot file, others those of `LimitOptions`.
     """
     options = options or FourierOptions()
     shape = (robot.freedom, options.harmonics)
@@ -198,10 +182,7 @@ def build_ta(*, ramp: float = 2.0, duration: float = _TA_DURATION) -> Trajectory
 def build_tb(joint: int, *, size: int = 2, ramp: float = 2.0, duration: float = _TB_DURATION) -> Trajectory:
     """Return the decaying trajectory that moves one joint at a time, exact after the ramp.
 
-    q_j = pi/2 (1 - 0.02 t) sin(0.2 pi t - 1.5 pi) at `joint` (from 0), zero at the others.
-
-    Raises:
-        UsageError: there is no such joint.
+    q_j = pi/2 (1 - 0.02 t) sin(0.2 pi t - 1.5 pi) at `joint` (from 0, else a UsageError), zero at the others.
     """
     if not 0 <= joint < size:
         text = f"there is no joint {joint + 1}; the robot has {size}"
@@ -221,7 +202,7 @@ def build_tb(joint: int, *, size: int = 2, ramp: float = 2.0, duration: float = 
 
 
 def build_tc(*, size: int = 2, ramp: float = 2.0, duration: float = _TC_DURATION) -> Trajectory:
-    """Return the trajectory on which models are tried that were identified on others, exact after the ramp.
+    """Return the trajectory for the validation of models, exact after the ramp.
 
     q_j = 0.4 sum_k a_k sin(2 pi f_k t + k + j - 1) rad: f = 0.15, 0.45, 0.9 Hz, a = 1, 1/2, 1/4, k = 0, 1, 2.
     """
@@ -238,11 +219,7 @@ def build_tc(*, size: int = 2, ramp: float = 2.0, duration: float = _TC_DURATION
 
 
 def scale_trajectory(trajectory: Trajectory, scale: float) -> Trajectory:
-    """Return `trajectory` with amplitudes times `scale` about the same centre.
-
-    Raises:
-        UsageError: the scale is not positive and finite.
-    """
+    """Return `trajectory` with amplitudes times `scale`, which must be positive and finite (UsageError)."""
     if not 0.0 < scale < math.inf:
         text = f"the scale of a trajectory must be positive and finite, got {scale:g}"
         raise UsageError(Notice(code="usage.trajectory-scale", text=text))
@@ -257,7 +234,7 @@ def _evaluate_ramp(t: FloatArray, ramp: float, order: int) -> list[FloatArray]:
     if ramp <= 0.0:
         return [np.ones_like(t), *(np.zeros_like(t) for _ in range(order))]
     s, inside = np.clip(t / ramp, 0.0, 1.0), (t >= 0.0) & (t < ramp)
-    # Written in factors that vanish at the ends, the first three have no rounding there.
+    # Factors that vanish at the ends leave no rounding there.
     values = [
         s**3 * (10.0 - 15.0 * s + 6.0 * s**2),
         30.0 * s**2 * (1.0 - s) ** 2,
@@ -270,11 +247,135 @@ def _evaluate_ramp(t: FloatArray, ramp: float, order: int) -> list[FloatArray]:
     return [value / ramp**k for k, value in enumerate(values[: order + 1])]
 
 
-def _evaluate_sines(trajectory: Trajectory, t: FloatArray, order: int) -> FloatArray:
-    """Return the derivative of the sum of sines of this order."""
-    a, w = trajectory.amplitude, trajectory.frequency
-    angle = w * t[:, :, None] + trajectory.phase
-    wave = np.cos(angle) if order % 2 else np.sin(angle)
-    sign = -1.0 if order % 4 in {2, 3} else 1.0
-    total: FloatArray = (sign * a * w**order * wave).sum(axis=2)
-    return total
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SeriesOptions:
+    """The family of series.
+
+    Args:
+        harmonics: h of each joint.
+        period: s; the length of the trajectory.
+        rest: whether it starts and ends with neither velocity nor acceleration.
+        start: (n,) rad or m, the pose in which it starts and ends; None for any.
+    """
+
+    harmonics: int = 5
+    period: float = 10.0
+    rest: bool = True
+    start: tuple[float, ...] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SeriesSpace(FrozenArrays):
+    """The series that meet all demands, as an affine space.
+
+    Args:
+        maps: (n, 2h + 1, r), rad or m per unknown. offset: (n, 2h + 1), rad or m.
+        harmonics: h. period: s.
+    """
+
+    maps: FloatArray
+    offset: FloatArray
+    harmonics: int
+    period: float
+
+    @property
+    def size(self) -> int:
+        """Return the number of joints."""
+        return len(self.maps)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Return (n, r): joints, unknowns of one."""
+        return len(self.maps), len(self.maps[0, 0])
+
+    def compute_coefficients(self, unknowns: FloatArray) -> FloatArray:
+        """Return x (n, 2h + 1), rad or m, of unknowns (n, r)."""
+        coefficients: FloatArray = self.offset + np.einsum("jcr,jr->jc", self.maps, unknowns)
+        return coefficients
+
+    def compute_states(self, unknowns: FloatArray, basis: FloatArray) -> FloatArray:
+        """Return derivatives (orders, N, n) of the series of unknowns (n, r) on a basis of `build_basis`."""
+        states: FloatArray = basis @ self.compute_coefficients(unknowns).T
+        return states
+
+    def compute_unknowns(self, coefficients: FloatArray) -> FloatArray:
+        """Return the unknowns (n, r) whose series is nearest to coefficients (n, 2h + 1), rad or m."""
+        gaps = coefficients - self.offset
+        found = [np.linalg.lstsq(part, gap, rcond=None)[0] for part, gap in zip(self.maps, gaps, strict=True)]
+        unknowns: FloatArray = np.array(found, dtype=np.float64)
+        return unknowns
+
+    def build_trajectory(self, unknowns: FloatArray, source: str) -> Trajectory:
+        """Return the series of unknowns (n, r) as a trajectory."""
+        x, h = self.compute_coefficients(unknowns), self.harmonics
+        series = build_fourier(
+            sines=x[:, 1 : h + 1],
+            cosines=x[:, h + 1 :],
+            base_frequency=1.0 / self.period,
+            centre=x[:, 0],
+            duration=self.period,
+            ramp=0.0,
+        )
+        return replace(series, source=source)
+
+
+def build_basis(harmonics: int, period: float, times: FloatArray, orders: int) -> FloatArray:
+    """Return `orders` derivatives of 1, sin k w t, cos k w t at `times` (N,) in s: (orders, N, 2h + 1)."""
+    speed = 2.0 * np.pi / period * np.arange(1, harmonics + 1)
+    angle = np.asarray(times, dtype=np.float64)[:, None] * speed
+    basis = np.zeros((orders, len(angle), 2 * harmonics + 1))
+    basis[0, :, 0] = 1.0
+    for order in range(orders):
+        turned, factor = angle + 0.5 * np.pi * order, speed**order
+        basis[order, :, 1 : harmonics + 1] = factor * np.sin(turned)
+        basis[order, :, harmonics + 1 :] = factor * np.cos(turned)
+    return basis
+
+
+def build_grid_basis(space: SeriesSpace, count: int, orders: int) -> FloatArray:
+    """Return the basis (orders, count, 2h + 1) at `count` equal steps of a period."""
+    times: FloatArray = np.arange(count, dtype=np.float64) * (space.period / count)
+    return build_basis(space.harmonics, space.period, times, orders)
+
+
+def build_series_space(options: SeriesOptions, centre: FloatArray, scales: FloatArray) -> SeriesSpace:
+    """Return the space of the series that meet the options.
+
+    `centre` (n,) of the series with all unknowns zero, `scales` (n, 2h + 1) of the coefficients, rad or m.
+    """
+    size, problems, least = len(centre), [], 2 if options.rest else 1
+    if options.harmonics < least:
+        why = " to start and end at rest" if options.rest else ""
+        problems.append(f"harmonics: must be at least {least}{why}, got {options.harmonics}")
+    if not 0.0 < options.period < np.inf:
+        problems.append(f"the period must be positive and finite, got {options.period:g} s")
+    if options.start is not None and len(options.start) != size:
+        problems.append(f"the start has {len(options.start)} positions, the robot {size} joints")
+    if options.start is not None and not np.all(np.isfinite(options.start)):
+        problems.append("the start has a position that is not finite")
+    if problems:
+        raise UsageError(*(Notice(code="usage.excitation", text=text) for text in problems))
+    # Velocity and acceleration at the start, by w and w^2, and position: (m, 2h + 1).
+    basis = build_basis(options.harmonics, 2.0 * np.pi, np.zeros(1), 3)[:, 0]
+    kept = ([1, 2] if options.rest else []) + ([0] if options.start is not None else [])
+    # Sines and cosines of multiples of a right angle are not quite what they are.
+    demands = np.round(basis[kept], 9)
+    maps, offsets = [], []
+    for joint, scale in enumerate(scales):
+        rows = demands * scale
+        # The last columns of the full orthogonal factor span the null space of the demands.
+        full = np.linalg.qr(rows.T, mode="complete")[0]
+        maps.append(scale[:, None] * full[:, len(demands) :])
+        offset = np.zeros(len(scale))
+        offset[0] = centre[joint]
+        if options.start is not None:
+            wanted = np.zeros(len(demands))
+            wanted[-1] = options.start[joint]
+            offset += scale * np.linalg.lstsq(rows, wanted - demands @ offset, rcond=None)[0]
+        offsets.append(offset)
+    return SeriesSpace(
+        maps=np.array(maps),
+        offset=np.array(offsets),
+        harmonics=options.harmonics,
+        period=options.period,
+    )

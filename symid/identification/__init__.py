@@ -50,7 +50,6 @@ if TYPE_CHECKING:
         ElasticValidation as ElasticValidation,
         FrictionValidation as FrictionValidation,
         RigidValidation as RigidValidation,
-        TrackingComparison as TrackingComparison,
         TrackingTask as TrackingTask,
         build_tracking_task as build_tracking_task,
         diagnose_fit as diagnose_fit,

@@ -1,4 +1,4 @@
-"""An estimate beside another, or a table of published values: brought to the same groups, and compared.
+"""An estimate compared with another, or with a table of published values, in the same groups.
 
 Robot, estimate -> `EstimateSide`;  sides, paths of tables -> `Compared`, one for every other.
 """
@@ -37,9 +37,7 @@ from symid.identification.rigid import (
     list_shared_logs,
     try_readings,
 )
-from symid.robot import Robot, TableColumns, TableRow, read_value_table
-
-_PATTERN = "identify.pattern"
+from symid.robot import Robot, TableColumns, read_value_table
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -48,10 +46,10 @@ class EstimateSide:
 
     Args:
         source: where it is from.
-        identified: what it says of the robot.
+        identified: its values, with the robot.
         names: of its parameters, with `values`.
         logs: path and digest of each log; an empty digest is not known.
-        notices: what speaks against its deviations, and what of it is not compared.
+        notices: warnings about its deviations, and what of it is not compared.
     """
 
     source: Path
@@ -66,12 +64,26 @@ def build_side(robot: Robot, estimate: Estimate | ElasticEstimate, source: Path)
     """Return an estimate of `robot` as a side of a comparison; `source` is where it is from.
 
     Raises:
-        EstimateError: it is of another model, or says no value.
+        EstimateError: it is of another model, or has no value.
     """
-    found = build_identified(robot, estimate, source)
+    found, file = build_identified(robot, estimate, source), str(source)
     if not found.values:
         text = "it has no value of any base parameter; identify again"
-        raise EstimateError(Notice(code="compare.no-values", text=text, file=str(source)))
+        raise EstimateError(Notice(code="compare.no-values", text=text, file=file))
+    notices = [
+        Notice(code="compare.pattern", text=entry.text, file=file)
+        for entry in estimate.notices
+        if entry.code == "identify.pattern"
+    ]
+    if not found.covariance and sum(math.isfinite(entry.std) for entry in found.values) > 1:
+        text = "it has no covariance: its values are taken as independent, which affects chi-square"
+        notices.append(Notice(code="compare.no-covariance", text=text, file=file))
+    if found.springs or found.rotors:
+        text = "base parameters and friction are compared; rotors and springs of elastic joints are not"
+        notices.append(Notice(code="compare.springs", text=text, file=file))
+    digests = estimate.settings.get("log_digests")
+    known = [*digests] if isinstance(digests, list | tuple) else []
+    known += [""] * (len(estimate.sources) - len(known))
     return EstimateSide(
         source=source,
         identified=found,
@@ -79,42 +91,14 @@ def build_side(robot: Robot, estimate: Estimate | ElasticEstimate, source: Path)
         values=build_stated_values(
             [entry.value for entry in found.values], [entry.std for entry in found.values], found.covariance
         ),
-        logs=_list_logs(estimate),
-        notices=_list_side_warnings(found, estimate.notices, source),
+        logs=tuple((path, str(digest)) for path, digest in zip(estimate.sources, known, strict=False)),
+        notices=tuple(notices),
     )
-
-
-def _list_logs(estimate: Estimate | ElasticEstimate) -> tuple[tuple[str, str], ...]:
-    digests = estimate.settings.get("log_digests")
-    known = [*digests] if isinstance(digests, list | tuple) else []
-    known += [""] * (len(estimate.sources) - len(known))
-    return tuple((source, str(digest)) for source, digest in zip(estimate.sources, known, strict=False))
-
-
-def _list_side_warnings(found: Identified, notices: Sequence[Notice], source: Path) -> tuple[Notice, ...]:
-    """Return what speaks against the deviations of an estimate, and what of it is not compared."""
-    doubts = [
-        Notice(code="compare.pattern", text=entry.text, file=str(source))
-        for entry in notices
-        if entry.code == _PATTERN
-    ]
-    if not found.covariance and sum(math.isfinite(entry.std) for entry in found.values) > 1:
-        text = (
-            "it has no covariance: its values are taken as independent of each other, which chi-square feels"
-        )
-        doubts.append(Notice(code="compare.no-covariance", text=text, file=str(source)))
-    if found.springs or found.rotors:
-        text = "base parameters and friction are compared; rotors and springs of elastic joints are not"
-        doubts.append(Notice(code="compare.springs", text=text, file=str(source)))
-    return tuple(doubts)
-
-
-_Found = list[tuple[OpenReading, TriedReading]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ComparedGroup:
-    """A group of the other's: `text` as it stands there, `read_as` what it was read as, if otherwise."""
+    """A group of the other side: `text` as it stands there, `read_as` what it was read as, if otherwise."""
 
     text: str
     unit: str
@@ -148,12 +132,12 @@ class ComparedValue:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OtherSide:
-    """What the others say.
+    """The other side of a comparison.
 
     Args:
         source: its path; `columns` those of a table, None of an estimate.
-        groups: what it has values for, with `values`; `strange` names what our model does not have.
-        shared: logs that both estimates were fitted to; None where nobody knows.
+        groups: with `values`; `strange` names what our model does not have.
+        shared: logs that both estimates were fitted to; None where that is not known.
     """
 
     source: Path
@@ -167,15 +151,15 @@ class OtherSide:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Compared:
-    """One other beside ours.
+    """A comparison of one other side with ours.
 
     Args:
         other: the other.
-        groups: what both have, in the other's order, with `comparison`.
+        groups: those of both, in the other's order, with `comparison`.
         not_ours: groups of the other's that we have no value for.
-        absent: our parameters that take no part in any group of the other's; `neither` those that ours has
-            no value for either; `lacking` how many combinations of ours the other does not tell besides.
-        readings: terms that groups may hold without naming them, with what was found of each.
+        absent: our parameters that are in no group of the other's; `neither` those that ours has no value
+            for either; `lacking` how many further combinations of ours the other does not determine.
+        readings: terms that groups may hold without naming them, with the effect of each.
     """
 
     other: OtherSide
@@ -211,9 +195,7 @@ class Compared:
 def check_files(paths: Sequence[Path], source: Path | None = None) -> None:
     """Refuse files that cannot be read, and a file beside itself.
 
-    Args:
-        paths: of what is compared.
-        source: where our estimate is from, if that is no path of this call.
+    `source` is where our estimate is from, if that is no path of this call.
 
     Raises:
         UsageError: the same file is given twice.
@@ -249,7 +231,7 @@ def check_comparison_gate(found: Compared, gate: float | None) -> tuple[Notice, 
         return ()
     comparison, file = found.comparison, str(found.other.source)
     if not comparison.judged:
-        text = "no deviation is known on either side, so that the gate cannot be judged"
+        text = "no standard deviation is known on either side, so the gate cannot be checked"
         return (Notice(code="compare.gate", text=text, file=file),)
     if comparison.largest <= gate:
         return ()
@@ -278,16 +260,11 @@ def compare_with_estimate(ours: EstimateSide, theirs: EstimateSide) -> Compared:
             continue
         groups.append(ComparedGroup(text=entry.name, unit=entry.unit, line=0, row=row))
         places.append(place)
-    values = build_stated_values(
-        [found.values[k].value for k in places],
-        [found.values[k].std for k in places],
-        [[found.covariance[i][j] for j in places] for i in places if found.covariance],
-    )
     other = OtherSide(
         source=theirs.source,
         columns=None,
         groups=tuple(groups),
-        values=values,
+        values=theirs.values.pick(places),
         strange=tuple(strange),
         shared=list_shared_logs(ours.logs, theirs.logs),
         notices=theirs.notices,
@@ -298,31 +275,41 @@ def compare_with_estimate(ours: EstimateSide, theirs: EstimateSide) -> Compared:
 def compare_with_table(
     ours: EstimateSide, path: Path, columns: TableColumns, read_as: Mapping[str, str]
 ) -> Compared:
-    """Return a table of others beside ours, in the table's groups.
+    """Return a table of values beside ours, in the table's groups.
 
-    Args:
-        ours: our estimate.
-        path: of the table.
-        columns: which columns to read.
-        read_as: groups of the table, by their text without blanks, and what to read them as.
+    `read_as` has groups of the table, by their text without blanks, and what to read them as.
 
     Raises:
-        UsageError: a column is not there; a reading is no sum of ours, or of no group of the table.
+        UsageError: a column is missing; a reading is no sum of ours, or of no group of the table.
         EstimateError: with all that is wrong with the table.
     """
     base = ours.identified.base
+    file = str(path)
+
+    def read_row(text: str) -> tuple[Expr, ...]:
+        return express_group(base, read_group(text, ours.identified.robot, base), repr(text))
+
     for text in read_as.values():
-        _read_row(ours, text)
-
-    def read_name(text: str) -> tuple[Expr, ...]:
-        return _read_row(ours, read_as.get("".join(text.split()), text))
-
-    table = read_value_table(path, columns, read_name)
-    _check_read_as(table.rows, read_as, path)
+        read_row(text)
+    table = read_value_table(path, columns, lambda text: read_row(read_as.get("".join(text.split()), text)))
+    rows = table.rows
+    known = {"".join(row.text.split()) for row in rows}
+    unknown = [text for text in read_as if text not in known]
+    if unknown:
+        remedy = "the table has no such group with a value; write it as it stands there"
+        code = "usage.read-as"
+        texts = (f"--read-as {text!r}: {remedy}" for text in unknown)
+        raise UsageError(*(Notice(code=code, text=text, file=file) for text in texts))
     try:
-        build_regrouping(base, [row.name for row in table.rows], [repr(row.text) for row in table.rows])
+        build_regrouping(base, [row.name for row in rows], [repr(row.text) for row in rows])
     except UsageError as error:
-        raise EstimateError(*(_locate_group(notice, path, table.rows) for notice in error.notices)) from error
+        # At the last line that a notice names.
+        lines = [
+            max((row.line for row in rows if repr(row.text) in notice.text), default=0)
+            for notice in error.notices
+        ]
+        located = zip(error.notices, lines, strict=True)
+        raise EstimateError(*(replace(entry, file=file, line=line) for entry, line in located)) from error
     units = {entry.name: entry.unit for entry in ours.identified.values}
     names = [entry.name for entry in (*base.parameters, *base.friction)]
     groups = tuple(
@@ -333,70 +320,37 @@ def compare_with_table(
             row=row.name,
             read_as=read_as.get("".join(row.text.split()), ""),
         )
-        for row in table.rows
+        for row in rows
     )
-    values = build_stated_values([row.value for row in table.rows], [row.deviation for row in table.rows])
+    deviations = [row.deviation for row in rows]
     other = OtherSide(
         source=path,
         columns=table.columns,
         groups=groups,
-        values=values,
-        notices=_describe_table(path, table.columns, table.empty, [row.deviation for row in table.rows]),
+        values=build_stated_values([row.value for row in rows], deviations),
+        notices=_describe_table(file, table.columns, table.empty, deviations),
     )
     return _compare(ours, other, search=True)
 
 
-def _read_row(ours: EstimateSide, text: str) -> tuple[Expr, ...]:
-    found = ours.identified
-    return express_group(found.base, read_group(text, found.robot, found.base), repr(text))
-
-
-def _check_read_as(
-    rows: Sequence["TableRow[tuple[Expr, ...]]"], read_as: Mapping[str, str], path: Path
-) -> None:
-    """Refuse readings of groups that the table does not have.
-
-    Raises:
-        UsageError: with all of them.
-    """
-    known = {"".join(row.text.split()) for row in rows}
-    notices = [
-        Notice(
-            code="usage.read-as",
-            text=f"--read-as {text!r}: the table has no such group with a value; write it as it stands there",
-            file=str(path),
-        )
-        for text in read_as
-        if text not in known
-    ]
-    if notices:
-        raise UsageError(*notices)
-
-
-def _locate_group(notice: Notice, path: Path, rows: Sequence["TableRow[tuple[Expr, ...]]"]) -> Notice:
-    """Return the notice with the line of the last group that it names."""
-    lines = [row.line for row in rows if repr(row.text) in notice.text]
-    return replace(notice, file=str(path), line=max(lines, default=0))
-
-
 def _describe_table(
-    path: Path,
+    file: str,
     columns: TableColumns,
     empty: Sequence[tuple[int, str]],
     deviations: Sequence[float | None],
 ) -> tuple[Notice, ...]:
     notices = []
     if empty:
-        text = f"passed over, because they have no value: {', '.join(name for _, name in empty)}"
-        notices.append(Notice(code="compare.empty-value", text=text, file=str(path), line=empty[0][0]))
+        text = f"left out, because they have no value: {', '.join(name for _, name in empty)}"
+        notices.append(Notice(code="compare.empty-value", text=text, file=file, line=empty[0][0]))
     without = sum(entry is None for entry in deviations)
     if without:
-        text = f"{without} of {len(deviations)} values have no deviation; for them ours alone counts"
+        text = f"{without} of {len(deviations)} values have no standard deviation; only ours is used for them"
         if columns.deviation is None:
             text += "; --deviation names the column"
         elif columns.percent:
-            text += "; percent of a value of zero are no deviation"
-        notices.append(Notice(code="compare.no-deviation", text=text, file=str(path)))
+            text += "; a percentage of zero is no deviation"
+        notices.append(Notice(code="compare.no-deviation", text=text, file=file))
     return tuple(notices)
 
 
@@ -412,7 +366,7 @@ def _compare(ours: EstimateSide, other: OtherSide, *, search: bool = False) -> C
     missing = [k for k in range(len(names)) if k not in known]
     kept = [k for k, group in enumerate(other.groups) if not any(group.row[column] for column in missing)]
     if not kept:
-        text = f"it has no group in common with {ours.source}: nothing can be compared"
+        text = f"it has no group in common with {ours.source}"
         raise EstimateError(Notice(code="compare.nothing-common", text=text, file=str(other.source)))
     groups = tuple(other.groups[k] for k in kept)
     theirs = other.values.pick(kept)
@@ -433,10 +387,10 @@ def _compare(ours: EstimateSide, other: OtherSide, *, search: bool = False) -> C
 def _try_readings(
     ours: EstimateSide, rows: Sequence[tuple[Expr, ...]], change: FloatArray, theirs: StatedValues
 ) -> tuple[tuple[OpenReading, TriedReading], ...]:
-    """Return what terms that the groups do not name do to the agreement: of coupled drives, then any.
+    """Return the effect of terms that the groups do not name: of coupled drives, then any.
 
-    Where a coupled drive explains a group, other terms are not asked for it; of those, only one that explains
-    a group as no other term does is told.
+    Where a coupled drive explains a group, no other terms are tried on it; of those, only one that explains a
+    group as no other term does is returned.
     """
     found = ours.identified
     coupled, changed = _try_all(ours, change, theirs, list_coupled_readings(found.robot, found.base, rows))
@@ -449,8 +403,8 @@ def _try_readings(
 
 def _try_all(
     ours: EstimateSide, change: FloatArray, theirs: StatedValues, entries: Sequence[OpenReading]
-) -> tuple[_Found, FloatArray]:
-    """Return what was found of each reading, and the matrix with those that are decisive."""
+) -> tuple[list[tuple[OpenReading, TriedReading]], FloatArray]:
+    """Return the effect of each reading, and the matrix with those that are decisive."""
     usable = [entry for entry in entries if entry.name in ours.names]
     trials = [
         ReadingTrial(group=entry.group, column=ours.names.index(entry.name), factor=float(entry.factor))

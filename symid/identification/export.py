@@ -3,12 +3,11 @@
 Robot whose file states values, or identified values or friction of one -> a file, and `FileExport`.
 
 Supported: robot files (.toml), URDF, MuJoCo models (.xml, .mjcf), C headers (.h), values as JSON (.json).
-Friction alone goes into robot files, by the laws of which these have a model; friction of other joints
-stays as the robot file has it.
+Friction alone goes into robot files, by the laws that these have; friction of other joints stays as it is.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -55,7 +54,7 @@ KINDS = {
     ".h": "C header",
     ".json": "values as JSON",
 }
-"""What files are, by the end of their name."""
+"""Kinds of files, by the end of their name."""
 
 
 _SHOWN = 3
@@ -63,7 +62,7 @@ _SHOWN = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WrittenFriction:
-    """Friction that was written, by joint, with the laws it is; and why that of other joints stayed."""
+    """Friction that was written, by joint, with its laws; and why that of other joints stayed."""
 
     laws: Mapping[str, str]
     values: Mapping[str, FrictionValues]
@@ -76,11 +75,11 @@ class FileExport:
 
     Args:
         file: its path; robot: as it was written.
-        outcome: how bodies were found; "stated" where the robot file's own were taken, "friction" where only
-            friction was identified.
-        left_out: what the format has no words for.
+        outcome: how bodies were computed; "stated" where the robot file's own were taken, "friction" where
+            only friction was identified.
+        left_out: what the format cannot express.
         missing: what was not identified.
-        standard: the bodies that were found, None where none were looked for.
+        standard: the bodies, None where none were computed.
         friction: what was written where only friction was identified.
         notices: what a user of the file must know.
     """
@@ -102,11 +101,7 @@ class FileExport:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Content:
-    """What is written: a robot with values, its base parameters, where the values are from.
-
-    `outcome` is how bodies were found, "stated" where the robot file's own were taken; `found` are the
-    identified values themselves.
-    """
+    """A robot with values, its base parameters, the sources of the values, the identified values."""
 
     robot: Robot
     base: BaseParameters
@@ -126,27 +121,24 @@ class _Content:
 def check_format(path: Path, precision: str = "double", *, friction: bool = False) -> str:
     """Return the end of the file's name, which says its format.
 
-    Args:
-        path: of the file.
-        precision: of the numbers in a C header.
-        friction: whether friction alone is written.
+    `precision` is that of the numbers in a C header; `friction` whether friction alone is written.
 
     Raises:
         UsageError: there is no such format, it has no precision, or friction alone does not go into it.
     """
     suffix = path.suffix.lower()
     if suffix not in KINDS:
-        text = f"{path}: the format is unknown; give a name that ends in {', '.join(KINDS)}"
+        text = f"{path}: unknown format; give a name that ends in {', '.join(KINDS)}"
         raise UsageError(Notice(code="usage.suffix", text=text))
     if precision not in PRECISIONS:
         text = f"precision: expected one of {', '.join(PRECISIONS)}, got {precision!r}"
         raise UsageError(Notice(code="usage.export-precision", text=text))
     if precision != "double" and suffix != ".h":
-        text = f"--precision {precision}: only a C header has a precision; leave the option out"
+        text = f"--precision {precision} applies to C headers only; leave it out"
         raise UsageError(Notice(code="usage.export-precision", text=text))
     if friction and suffix != ".toml":
         text = (
-            f"{path}: friction goes into a robot file first: export it as one (-o new.toml), then that file "
+            f"{path}: friction alone goes into a robot file: export it as one (-o new.toml), then that file "
             f"(symid export new.toml -o {path})"
         )
         raise UsageError(Notice(code="usage.suffix", text=text))
@@ -164,31 +156,33 @@ def write_stated(robot: Robot, path: Path, *, precision: str = "double") -> File
     suffix = check_format(path, precision)
     base = derive_base_parameters(robot)
     if suffix != ".toml":
-        _check_values(robot, base)
+        # Refuses symbolic lengths without a value.
+        build_grouping(robot, base)
+        missing = [joint.name for joint in robot.joints if joint.inertial is None]
+        if missing:
+            text = (
+                f"the links of {', '.join(missing)} have no values; give them in the robot file, or identify "
+                "them and export the estimate"
+            )
+            raise RobotError(Notice(code="export.no-values", text=text, file=robot.path))
     content = _Content(robot=robot, base=base, outcome="stated", precision=precision)
     write_file(path, _WRITERS[suffix](content))
-    left_out = _list_omissions(robot, suffix)
+    left_out, warnings = _list_omissions(robot, path)
     return FileExport(
         file=path,
         robot=robot,
         outcome=content.outcome,
         left_out=left_out,
-        notices=(*robot.notices, *_warn_of_omissions(left_out, path)),
+        notices=(*robot.notices, *warnings),
     )
 
 
 def write_identified(found: Identified, source: Path, path: Path, *, precision: str = "double") -> FileExport:
-    """Write the robot with the values that an estimate says.
-
-    Args:
-        found: what the estimate says.
-        source: where the estimate is from, for messages.
-        path: of the file.
-        precision: "double" or "float", of a C header.
+    """Write the robot with identified values, from `source`.
 
     Raises:
         UsageError: see `check_format`.
-        EstimateError: the values are none that such a file can have.
+        EstimateError: such a file cannot have these values.
         OutputError: the file cannot be written.
     """
     suffix = check_format(path, precision)
@@ -207,7 +201,7 @@ def write_identified(found: Identified, source: Path, path: Path, *, precision: 
     text = _WRITERS[suffix](content)
     _read_back(text, suffix, source)
     write_file(path, text)
-    left_out = _list_omissions(robot, suffix)
+    left_out, warnings = _list_omissions(robot, path)
     return FileExport(
         file=path,
         robot=robot,
@@ -215,69 +209,50 @@ def write_identified(found: Identified, source: Path, path: Path, *, precision: 
         left_out=left_out,
         missing=found.missing,
         standard=identified.standard,
-        notices=(*list_warnings(identified, found, source), *_warn_of_omissions(left_out, path)),
+        notices=(*list_warnings(identified, found, source), *warnings),
     )
 
 
-def _check_values(robot: Robot, base: BaseParameters) -> None:
-    """Refuse a robot whose file does not say what its links are.
-
-    Raises:
-        RobotError: a link or a symbolic length has no value.
-    """
-    build_grouping(robot, base)
-    missing = [joint.name for joint in robot.joints if joint.inertial is None]
-    if missing:
-        text = (
-            f"the links of {', '.join(missing)} have no values; give them in the robot file, or identify "
-            "them and give the estimate to `symid export`"
-        )
-        raise RobotError(Notice(code="export.no-values", text=text, file=robot.path))
-
-
 def _read_back(text: str, suffix: str, source: Path) -> tuple[Notice, ...]:
-    """Return what reading the text of a new file says; only robot files and URDF are read.
+    """Return the notices of reading a new file's text; only robot files and URDF are read.
 
     Raises:
-        EstimateError: its values are none that such a file can have.
+        EstimateError: such a file cannot have these values.
     """
     readers: dict[str, Callable[[str], Robot]] = {".toml": parse_robot, ".urdf": parse_urdf}
     try:
         return readers[suffix](text).notices if suffix in readers else ()
     except RobotError as error:
         reasons = "; ".join(notice.text for notice in error.notices)
-        said = f"no {KINDS[suffix]} can have these values: {reasons}; identify from logs that tell more"
-        raise EstimateError(Notice(code="export.impossible", text=said, file=str(source))) from error
+        text = (
+            f"a {KINDS[suffix]} cannot have these values: {reasons}; identify from logs with more excitation"
+        )
+        raise EstimateError(Notice(code="export.impossible", text=text, file=str(source))) from error
 
 
-def _warn_of_omissions(left_out: Sequence[str], output: Path) -> tuple[Notice, ...]:
+def _list_omissions(robot: Robot, path: Path) -> tuple[tuple[str, ...], tuple[Notice, ...]]:
+    """Return what the format cannot express, and a notice about it."""
+    suffix = path.suffix.lower()
+    left_out: tuple[str, ...] = ()
+    if suffix == ".urdf":
+        left_out = tuple(list_urdf_omissions(robot))
+    elif KINDS[suffix] == "MJCF model":
+        left_out = tuple(list_mjcf_omissions(robot))
     if not left_out:
-        return ()
+        return (), ()
     more = f"; and {len(left_out) - _SHOWN} more" if len(left_out) > _SHOWN else ""
-    text = f"the format has no words for this, which stands in comments: {'; '.join(left_out[:_SHOWN])}{more}"
-    return (Notice(code="export.left-out", text=text, file=str(output)),)
+    text = f"the format cannot express this, which is in comments: {'; '.join(left_out[:_SHOWN])}{more}"
+    return left_out, (Notice(code="export.left-out", text=text, file=str(path)),)
 
 
 def _write_urdf(content: _Content) -> str:
     """Return the robot's own file with other values where it is a URDF, else a new one."""
     path = Path(content.robot.path)
-    # Of a file that was cut the rest has values of its own, which belong to other links than here.
+    # The rest of a file that was cut has values of its own, which belong to other links than here.
     cut = any(notice.code == "robot.cut-off" for notice in content.robot.notices)
     if content.robot.path and is_urdf(path) and not cut:
         return rewrite_urdf(read_text_file(path), content.robot, comments=(content.comment,))
     return write_urdf(content.robot, comments=(content.comment,))
-
-
-def _write_header(content: _Content) -> str:
-    comments = (clean_text(content.comment),)
-    return write_c_values(_build_values(content), comments=comments, precision=content.precision)
-
-
-def _write_values(content: _Content) -> str:
-    found = build_json_values(
-        content.robot, _build_values(content), outcome=content.outcome, sources=content.sources
-    )
-    return write_json(found) + "\n"
 
 
 _WRITERS: dict[str, Callable[[_Content], str]] = {
@@ -285,8 +260,17 @@ _WRITERS: dict[str, Callable[[_Content], str]] = {
     ".urdf": _write_urdf,
     ".xml": lambda content: write_mjcf(content.robot, comments=(content.comment,)),
     ".mjcf": lambda content: write_mjcf(content.robot, comments=(content.comment,)),
-    ".h": _write_header,
-    ".json": _write_values,
+    ".h": lambda content: write_c_values(
+        _build_values(content), comments=(clean_text(content.comment),), precision=content.precision
+    ),
+    ".json": lambda content: (
+        write_json(
+            build_json_values(
+                content.robot, _build_values(content), outcome=content.outcome, sources=content.sources
+            )
+        )
+        + "\n"
+    ),
 }
 
 
@@ -314,7 +298,8 @@ def _build_values(content: _Content) -> RobotValues:
                     unit=entry.unit,
                     expression=clean_text(entry.expression),
                     identified=found.value if found is not None else None,
-                    std=_get_std(found),
+                    # Some methods give no deviations.
+                    std=found.std if found is not None and 0.0 < found.std < math.inf else None,
                 )
             )
         vectors.append(ValueVector(name=name, title=title, rows=tuple(rows)))
@@ -322,34 +307,14 @@ def _build_values(content: _Content) -> RobotValues:
     return RobotValues(robot=card.robot, prefix=prefix, signature=card.signature, vectors=tuple(vectors))
 
 
-def _get_std(found: ParameterEstimate | None) -> float | None:
-    """Return the deviation of an identified value, where the method gives one."""
-    return found.std if found is not None and 0.0 < found.std < math.inf else None
-
-
-def _list_omissions(robot: Robot, suffix: str) -> tuple[str, ...]:
-    """Return what the format has no words for."""
-    if suffix == ".urdf":
-        return tuple(list_urdf_omissions(robot))
-    if KINDS[suffix] == "MJCF model":
-        return tuple(list_mjcf_omissions(robot))
-    return ()
-
-
 def write_friction(robot: Robot, found: FrictionIdentification, source: Path, path: Path) -> FileExport:
     """Write the robot file with the friction that was identified.
 
-    Friction that no robot file can have stays as the robot file has it, and a notice says why.
-
-    Args:
-        robot: as its file says.
-        found: its friction.
-        source: where the result is from, for messages.
-        path: of the robot file, whose name ends in .toml.
+    Friction that robot files have no model for stays as it is, with a notice.
 
     Raises:
-        UsageError: it is no robot file.
-        EstimateError: the friction is of another model, or none that a robot file can have.
+        UsageError: the name of the file does not end in .toml.
+        EstimateError: the friction is of another model, or robot files cannot have it.
         OutputError: the file cannot be written.
     """
     check_format(path, friction=True)
@@ -357,7 +322,14 @@ def write_friction(robot: Robot, found: FrictionIdentification, source: Path, pa
     check_model(found, build_model_card(variant, derive_base_parameters(variant), ()), str(source))
     logs = ", ".join(Path(entry).name for entry in found.sources)
     before = f"; before: {robot.source}" if robot.source else ""
-    written, kept = _select_written(found, robot)
+    written, reasons = {}, dict(found.refused)
+    for entry in found.joints:
+        reason = describe_obstacle(entry)
+        if reason:
+            reasons[entry.joint] = reason
+        else:
+            written[entry.joint] = build_robot_friction(entry)
+    kept = {joint.name: reasons[joint.name] for joint in robot.axes if joint.name in reasons}
     changed = replace(
         robot,
         joints=tuple(
@@ -366,49 +338,22 @@ def write_friction(robot: Robot, found: FrictionIdentification, source: Path, pa
         source=f"Friction identified from {logs}{before}",
     )
     text = write_robot(changed, comment=f"{robot.name} with friction identified from {logs}.")
-    said = _read_back(text, ".toml", source)
+    notices = [replace(notice, file=str(path)) for notice in _read_back(text, ".toml", source)]
     write_file(path, text)
+    for joint, reason in kept.items():
+        text = f"joint {joint!r} keeps the friction of the robot file: {reason}"
+        notices.append(Notice(code="export.friction-kept", text=text, file=str(source)))
+    if any(robot.elastic):
+        text = (
+            "friction was identified with rigid joints and includes the losses of springs; the file has the "
+            "springs as well, so these losses count twice"
+        )
+        notices.append(Notice(code="export.friction-springs", text=text, file=str(source)))
     laws = {entry.joint: entry.estimate.law for entry in found.joints}
     return FileExport(
         file=path,
         robot=changed,
         outcome="friction",
         friction=WrittenFriction(laws=laws, values=written, kept=kept),
-        notices=(
-            *(replace(notice, file=str(path)) for notice in said),
-            *(
-                Notice(
-                    code="export.friction-kept",
-                    text=f"joint {joint!r} keeps the friction of the robot file: {reason}",
-                    file=str(source),
-                )
-                for joint, reason in kept.items()
-            ),
-            *_warn_of_springs(robot, source),
-        ),
+        notices=tuple(notices),
     )
-
-
-def _select_written(
-    found: FrictionIdentification, robot: Robot
-) -> tuple[dict[str, FrictionValues], dict[str, str]]:
-    """Return what can be written, by joint, and for every other joint why its friction stays."""
-    written, kept = {}, dict(found.refused)
-    for entry in found.joints:
-        reason = describe_obstacle(entry)
-        if reason:
-            kept[entry.joint] = reason
-        else:
-            written[entry.joint] = build_robot_friction(entry)
-    order = [joint.name for joint in robot.axes]
-    return written, {name: kept[name] for name in order if name in kept}
-
-
-def _warn_of_springs(robot: Robot, source: Path) -> tuple[Notice, ...]:
-    if not any(robot.elastic):
-        return ()
-    text = (
-        "friction was identified with rigid joints, so that what springs lose is counted in it; the file has "
-        "the springs besides, and counts that twice where they lose energy"
-    )
-    return (Notice(code="export.friction-springs", text=text, file=str(source)),)

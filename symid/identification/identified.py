@@ -1,4 +1,4 @@
-"""What an estimate says of a robot: its values beside the robot's model.
+"""The identified values of a robot beside its model.
 
 Robot, estimate (rigid or elastic, itself or its file) -> `Identified`, and the robot with these values.
 """
@@ -19,7 +19,7 @@ from symid.robot import Elasticity, Robot
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Identified:
-    """What an estimate says of a robot: identified values, rotors of elastic joints, springs one a joint.
+    """Identified values of a robot, rotors of elastic joints, springs one a joint.
 
     `robot` is the robot as it was identified, `base` its base parameters; `missing` names what has no value;
     `covariance` is that of `values`, empty where the method gives none.
@@ -37,12 +37,9 @@ class Identified:
 
 
 def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source: Path) -> Identified:
-    """Return what an estimate, rigid or elastic, says of a robot.
+    """Return the values of an estimate, rigid or elastic, of a robot as its file states it.
 
-    Args:
-        robot: as its file says; friction and settings of the estimate are restored.
-        estimate: of this robot.
-        source: where the estimate is from, for messages.
+    Friction and settings of the estimate are restored; `source` is where it is from, for messages.
 
     Raises:
         EstimateError: it is of another model.
@@ -54,39 +51,29 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
 
 
 def _build_rigid(described: Robot, estimate: Estimate, source: Path) -> Identified:
-    """Return what an estimate of a rigid model says; of an elastic robot that is its rigid variant.
-
-    Raises:
-        EstimateError: the estimate is of another model.
-    """
+    """Return the values of an estimate of a rigid model; of an elastic robot that is its rigid variant."""
     found = build_rigid_estimate(estimate, described)
     robot = build_rigid_variant(described)
     base = derive_base_parameters(robot)
     check_model(found, build_model_card(robot, base, ()), str(source))
-    notices: tuple[Notice, ...] = ()
-    if any(described.elastic):
-        text = (
-            "the joints were identified as rigid, and the file has them so: rotors turn with their links, "
-            "and the springs of the robot file are left out, because with them these values are not true"
-        )
-        notices = (Notice(code="export.rigid-variant", text=text, file=str(source)),)
+    text = (
+        "the joints were identified as rigid, and are written as rigid: rotors turn with their links, and "
+        "the springs of the robot file are left out, because these values do not hold with them"
+    )
+    notices = (Notice(code="export.rigid-variant", text=text, file=str(source)),)
     return Identified(
         robot=robot,
         base=base,
         sources=found.sources,
         values=found.parameters,
         missing=_list_missing(base, found.parameters),
-        notices=notices,
+        notices=notices if any(described.elastic) else (),
         covariance=found.covariance,
     )
 
 
 def _build_elastic(robot: Robot, found: ElasticEstimate, source: Path) -> Identified:
-    """Return what an estimate of elastic joints says; what it refuses has no value.
-
-    Raises:
-        EstimateError: the estimate is of another model.
-    """
+    """Return the values of an estimate of elastic joints; what it refuses has no value."""
     base = derive_base_parameters(robot)
     check_model(found, build_model_card(robot, base, ()), str(source))
     refused = {entry for entry, _ in found.refused}
@@ -106,6 +93,7 @@ def _build_elastic(robot: Robot, found: ElasticEstimate, source: Path) -> Identi
     lacking = [entry.joint for entry in found.springs if not entry.told]
     if not found.springs:
         lacking = [entry.joint for entry in found.residual]
+    places = [k for k, entry in enumerate(found.parameters) if entry in values]
     return Identified(
         robot=robot,
         base=base,
@@ -118,30 +106,17 @@ def _build_elastic(robot: Robot, found: ElasticEstimate, source: Path) -> Identi
             *(entry for entry in rotors if entry in refused),
             *(f"the spring of {joint!r}" for joint in lacking),
         ),
-        notices=_name_refused(found, source),
-        covariance=_cut_covariance(found, values),
-    )
-
-
-def _cut_covariance(
-    found: ElasticEstimate, values: Sequence[ParameterEstimate]
-) -> tuple[tuple[float, ...], ...]:
-    """Return the covariance of some of the parameters."""
-    names = [entry.name for entry in found.parameters]
-    places = [names.index(entry.name) for entry in values]
-    return tuple(tuple(found.covariance[i][j] for j in places) for i in places if found.covariance)
-
-
-def _name_refused(found: ElasticEstimate, source: Path) -> tuple[Notice, ...]:
-    """Return why springs are refused: the robot file's own are written, known or not."""
-    return tuple(
-        Notice(
-            code="export.spring",
-            text=f"the spring that was found for {entry.joint!r} is not written: {entry.reason}",
-            file=str(source),
-        )
-        for entry in found.springs
-        if not entry.told
+        # The robot file's own springs are written in place of those that are refused.
+        notices=tuple(
+            Notice(
+                code="export.spring",
+                text=f"the identified spring of {entry.joint!r} is not written: {entry.reason}",
+                file=str(source),
+            )
+            for entry in found.springs
+            if not entry.told
+        ),
+        covariance=tuple(tuple(found.covariance[i][j] for j in places) for i in places if found.covariance),
     )
 
 
@@ -152,7 +127,7 @@ def _list_missing(base: BaseParameters, values: Sequence[ParameterEstimate]) -> 
 
 def build_robot(found: Identified) -> IdentifiedRobot:
     """Return the robot with the estimate's values, in bodies that exist."""
-    # Some methods give no deviations; those of some values alone would not tell how to weigh the others.
+    # Some methods give no deviations; those of some values alone do not say how to weigh the others.
     deviations = {entry.name: entry.std for entry in found.values if 0.0 < entry.std < math.inf}
     return build_identified_robot(
         found.robot,
@@ -165,35 +140,23 @@ def build_robot(found: Identified) -> IdentifiedRobot:
 
 
 def list_warnings(identified: IdentifiedRobot, found: Identified, source: Path) -> tuple[Notice, ...]:
-    """Return what a user of the robot built from the estimate of `source` must know."""
-    return (
-        *found.robot.notices,
-        *found.notices,
-        *_warn_of_distance(identified, found, source),
-        *_name_missing(found, source),
-    )
-
-
-def _warn_of_distance(identified: IdentifiedRobot, found: Identified, source: Path) -> tuple[Notice, ...]:
-    standard = identified.standard
-    reason = standard.reason
-    known = {entry.name: entry.std for entry in found.values if 0.0 < entry.std < math.inf}
-    if not reason:
-        return ()
-    # Of values without a deviation nothing can be said.
-    moved = [
-        abs(change) / known[name]
-        for name, change in zip(standard.names, standard.residual.tolist(), strict=True)
-        if name in known
-    ]
-    far = f", at most {max(moved):.2g} standard deviations away" if moved else ""
-    text = f"no bodies have the identified values exactly, the nearest were written{far}: {reason}"
-    return (Notice(code="export.inconsistent", text=text, file=str(source)),)
-
-
-def _name_missing(found: Identified, source: Path) -> tuple[Notice, ...]:
-    if not found.missing:
-        return ()
-    names = ", ".join(found.missing)
-    text = f"not identified, so the robot file's own values or the nearest bodies stand: {names}"
-    return (Notice(code="export.not-identified", text=text, file=str(source)),)
+    """Return the notices on the robot built from the estimate of `source`."""
+    standard, notices = identified.standard, [*found.robot.notices, *found.notices]
+    if standard.reason:
+        known = {entry.name: entry.std for entry in found.values if 0.0 < entry.std < math.inf}
+        moved = [
+            abs(change) / known[name]
+            for name, change in zip(standard.names, standard.residual.tolist(), strict=True)
+            if name in known
+        ]
+        far = f", at most {max(moved):.2g} standard deviations away" if moved else ""
+        text = (
+            f"no physical bodies have exactly the identified values; the nearest were written{far}: "
+            f"{standard.reason}"
+        )
+        notices.append(Notice(code="export.inconsistent", text=text, file=str(source)))
+    if found.missing:
+        names = ", ".join(found.missing)
+        text = f"not identified, taken from the robot file or the nearest bodies: {names}"
+        notices.append(Notice(code="export.not-identified", text=text, file=str(source)))
+    return tuple(notices)

@@ -1,8 +1,8 @@
 """From a robot and its recordings to an estimate: rigid, motor side alone, elastic joints, or friction.
 
-Robot, recordings, what is asked for -> `Identification`.
+Robot, recordings, options -> `Identification`.
 
-    robot, recordings, options -> route -> library -> estimate, with what a reader must know
+    robot, recordings, options -> route -> library -> estimate, with warnings
 
 Supported: all rows, estimators and methods; runs of unequal weight and with known payloads; a friction law
 and its parameters for every joint that moves, of elastic robots on the motor side with a rigid model.
@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.environment import show_path
 from symid.errors import Notice, UsageError
@@ -25,7 +24,7 @@ from symid.identification.elastic import (
     check_settings,
     choose_route,
     cut_logs,
-    get_asked_cutoff,
+    get_stated_cutoff,
     has_both_encoders,
     list_unused_settings,
     refuse_elasticity,
@@ -72,12 +71,7 @@ Fit_co = TypeVar("Fit_co", bound=FitRecord, covariant=True)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TaskContext:
-    """What long work needs besides its data.
-
-    Args:
-        prepare: returns the compiled functions of a robot.
-        progress: called with a short text on what begins.
-    """
+    """Shared services: `prepare` returns the compiled functions of a robot, `progress` takes a short text."""
 
     prepare: Callable[[Robot], Library]
     progress: Callable[[str], None]
@@ -85,7 +79,7 @@ class TaskContext:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IdentifyTask:
-    """What is asked for.
+    """The options of an identification.
 
     Args:
         pairs: settings of the call, keys and values; they are part of the robot already.
@@ -116,9 +110,9 @@ class Identification(Generic[Fit_co]):
 
     Args:
         estimate: of base parameters, of dynamics and springs, or of friction.
-        notices: what a reader should know, those of the robot and its logs first.
+        notices: those of the robot and its logs first.
         backend: what computed the robot's functions.
-        alignment: delay and offsets of the link encoders, where they were looked for.
+        alignment: delay and offsets of the link encoders, where they were estimated.
     """
 
     estimate: Fit_co
@@ -128,21 +122,15 @@ class Identification(Generic[Fit_co]):
 
 
 def identify_robot(
-    robot: Robot, recordings: Sequence[Recording], task: IdentifyTask, workshop: TaskContext
+    robot: Robot, recordings: Sequence[Recording], task: IdentifyTask, context: TaskContext
 ) -> Identification[Estimate | ElasticEstimate]:
-    """Return the parameters of a robot that explain its recordings best.
-
-    Args:
-        robot: with the settings of the call.
-        recordings: at least one.
-        task: what is asked for.
-        workshop: library and progress.
+    """Return the parameters of a robot, with the settings of the call, that explain its recordings best.
 
     Raises:
         UsageError: options that do not go together, or not with this robot and these logs.
-        LogError: a recording does not fit the robot, or what is asked for cannot take a known payload.
+        LogError: a recording does not fit the robot, or the method cannot take a known payload.
         EstimateError: a prior or a start is of another model.
-        IdentifiabilityError: nothing can be learnt.
+        IdentifiabilityError: no parameter is identifiable.
         SolverError: a search ended without a usable result.
     """
     estimator = task.rigid.estimator
@@ -153,37 +141,41 @@ def identify_robot(
     given = task.rigid.list_given()
     route = choose_route(robot, recordings, method=task.method, elastic=task.elastic, rigid=given)
     if route.kind == "elastic":
-        return _identify_elastic(robot, recordings, route.method, task, workshop)
+        return _identify_elastic(robot, recordings, route.method, task, context)
     if task.options is not None:
         text = (
-            f"elastic: options of elastic joints cannot be used with {robot.name!r}, identified as rigid; "
+            f"options of elastic joints (elastic=...) do not apply to {robot.name!r}, identified as rigid; "
             "leave them out"
         )
         raise UsageError(Notice(code="usage.mixed-options", text=text))
     window = task.elastic.get("window")
     options = replace(task.rigid, window=window if isinstance(window, int | float) else None)
-    return _identify_rigid(robot, recordings, options, workshop, motor_side=route.kind == "motor-side")
+    return _identify_rigid(robot, recordings, options, context, motor_side=route.kind == "motor-side")
 
 
-def list_log_notices(robot: Robot, recordings: Sequence[Recording]) -> tuple[Notice, ...]:
-    """Return what a reader should know of the robot file and of the logs."""
+def _list_log_notices(robot: Robot, recordings: Sequence[Recording]) -> tuple[Notice, ...]:
+    """Return the notices on the robot file and on the logs."""
     found: tuple[Notice, ...] = robot.notices
     for recording in recordings:
         found += (*recording.notices, *check_recording(recording, robot))
     return found
 
 
+def _count_logs(recordings: Sequence[Recording]) -> str:
+    return f"{len(recordings)} log{'s'[: len(recordings) > 1]}"
+
+
 def _identify_rigid(
     robot: Robot,
     recordings: Sequence[Recording],
     options: RigidOptions,
-    workshop: TaskContext,
+    context: TaskContext,
     *,
     motor_side: bool,
 ) -> Identification[Estimate]:
     rows, estimator = options.rows or "torque", options.estimator or "ols"
     check_rigid_options(rows, estimator, options)
-    warnings = list_log_notices(robot, recordings)
+    warnings = _list_log_notices(robot, recordings)
     both = has_both_encoders(recordings)
     recordings = [build_motor_recording(recording, robot) for recording in recordings]
     rigid = build_rigid_variant(robot) if motor_side else robot
@@ -192,21 +184,20 @@ def _identify_rigid(
 
         # What cannot be simulated is refused before anything is compiled.
         check_closed_loop(robot, recordings)
-    library = workshop.prepare(rigid)
-    count = f"{len(recordings)} log{'s'[: len(recordings) > 1]}"
-    workshop.progress(f"identifying {robot.name} from {count}")
-    estimate = _fit_rigid(rigid, library, recordings, options, workshop.progress)
+    library = context.prepare(rigid)
+    context.progress(f"identifying {robot.name} from {_count_logs(recordings)}")
+    estimate = _fit_rigid(rigid, library, recordings, options, context.progress)
     if motor_side:
         estimate = refuse_elasticity(estimate, robot, both=both)
         warnings += tuple(
             note for entry in recordings for note in entry.notices if note.code == "log.motor-position"
         )
     elif any(get_second_encoder_side(recording) for recording in recordings):
-        unused = (
-            "the log has a second encoder, which a rigid model has no use for: its position is that of "
-            "[log.position]; --method stiffness looks at both"
+        text = (
+            "the second encoder of the log is not used: a rigid model takes the position of [log.position]; "
+            "--method stiffness uses both"
         )
-        warnings += (Notice(code="identify.second-encoder", text=unused),)
+        warnings += (Notice(code="identify.second-encoder", text=text),)
     notices = (*warnings, *library.notices, *estimate.notices)
     return Identification(estimate=estimate, notices=notices, backend=library.backend)
 
@@ -218,43 +209,38 @@ def _fit_rigid(
     options: RigidOptions,
     progress: Callable[[str], None],
 ) -> Estimate:
-    """Return the estimate that rows and estimator make of the recordings."""
     rows, estimator = options.rows or "torque", options.estimator or "ols"
     rule = RankRule(least=0.0 if options.partial else WHOLE_MODEL)
     weights, echo = get_run_weights(recordings), describe_logs(robot, recordings)
     if estimator in SIMULATING:
         from symid.identification.rigid import identify_closed_loop
 
-        start = options.start
+        start, start_name = options.start, ""
+        if start is not None:
+            name = show_path(start) if isinstance(start, Path) else f"an estimate by {start.estimator}"
+            start, start_name = read_rigid(start, library.card), name
         return identify_closed_loop(
             estimator,
             robot,
             library,
             recordings,
-            start=None if start is None else read_rigid(start, library.card),
-            start_name=_name_start(start),
+            start=start,
+            start_name=start_name,
             rule=rule,
             weights=weights,
             echo=echo,
-            tell=progress,
+            progress=progress,
         )
     prior = None if options.prior == PRIOR_OF_ROBOT else options.prior
-    if isinstance(prior, str):
-        prior = Path(prior)
+    if prior is not None:
+        prior = read_rigid(Path(prior) if isinstance(prior, str) else prior, library.card)
     return identify_parameters(
         library,
         recordings,
         robot.processing,
         rows=rows,
         estimator=estimator,
-        options=build_estimator_options(
-            robot,
-            library,
-            recordings,
-            estimator,
-            options,
-            prior=None if prior is None else read_rigid(prior, library.card),
-        ),
+        options=build_estimator_options(robot, library, recordings, estimator, options, prior=prior),
         window=options.window,
         overlap=options.overlap or 0.0,
         rule=rule,
@@ -263,69 +249,51 @@ def _fit_rigid(
     )
 
 
-def _name_start(start: Estimate | Path | None) -> str:
-    match start:
-        case None:
-            return ""
-        case Path():
-            return show_path(start)
-    return f"an estimate by {start.estimator}"
-
-
 def _identify_elastic(
     robot: Robot,
     recordings: Sequence[Recording],
     method: str,
     task: IdentifyTask,
-    workshop: TaskContext,
+    context: TaskContext,
 ) -> Identification[ElasticEstimate]:
     """Return dynamics, friction and springs; delay and offsets of the link encoders are taken out first."""
     from symid.identification.elastic import identify_elastic, prepare_aligned
 
     check_settings(task.pairs, "elastic")
     recordings = cut_logs(recordings, robot.processing)
-    warnings = list_log_notices(robot, recordings)
-    options = _build_elastic_options(method, task, get_asked_cutoff(robot, task.pairs))
-    library = workshop.prepare(robot)
-    moved, alignment, told = prepare_aligned(library, recordings)
-    count = f"{len(moved)} log{'s'[: len(moved) > 1]}"
-    workshop.progress(f"identifying {robot.name} from {count} by the method {options.method!r}")
-    echo = {**describe_settings(robot), "log_digests": compute_log_digests(recordings)}
-    found = identify_elastic(library, moved, options, echo=echo)
-    estimate = replace(found, notices=(*found.notices, *warn_of_rotors(found.parameters)))
-    unused = list_unused_settings(robot, "elastic")
-    notices = (*unused, *warnings, *library.notices, *told, *estimate.notices)
-    return Identification(estimate=estimate, notices=notices, backend=library.backend, alignment=alignment)
-
-
-def _build_elastic_options(method: str, task: IdentifyTask, cutoff: float | None) -> ElasticOptions:
-    """Return the options, those that are not given left at their defaults."""
+    warnings = _list_log_notices(robot, recordings)
     given = {name: value for name, value in task.elastic.items() if value is not None}
     if "thresholds" in given:
         given["stops"] = given.pop("thresholds")
+    cutoff = get_stated_cutoff(robot, task.pairs)
     if cutoff is not None:
         given["cutoff"] = cutoff
     if task.method is not None or task.options is None:
         given["method"] = method
-    return replace(task.options or ElasticOptions(), **given)  # type: ignore[arg-type]  # checked by the record
+    options = replace(task.options or ElasticOptions(), **given)  # type: ignore[arg-type]  # checked by the record
+    library = context.prepare(robot)
+    moved, alignment, aligned = prepare_aligned(library, recordings)
+    context.progress(f"identifying {robot.name} from {_count_logs(moved)} by the method {options.method!r}")
+    echo = {**describe_settings(robot), "log_digests": compute_log_digests(recordings)}
+    found = identify_elastic(library, moved, options, echo=echo)
+    estimate = replace(found, notices=(*found.notices, *warn_of_rotors(found.parameters)))
+    unused = list_unused_settings(robot, "elastic")
+    notices = (*unused, *warnings, *library.notices, *aligned, *estimate.notices)
+    return Identification(estimate=estimate, notices=notices, backend=library.backend, alignment=alignment)
 
 
 def identify_stiffness(
     robot: Robot,
     recordings: Sequence[Recording],
     pairs: Sequence[tuple[str, str]],
-    workshop: TaskContext,
+    context: TaskContext,
 ) -> "tuple[StiffnessEstimate, tuple[Notice, ...]]":
     """Return the delay between the encoders, their offsets and the stiffness of every joint, with notices.
 
-    Args:
-        robot: with the settings of the call.
-        recordings: with the positions of motors and links.
-        pairs: settings of the call, keys and values.
-        workshop: library and progress.
+    `pairs` are the settings of the call, keys and values, which the robot has already.
 
     Raises:
-        UsageError: a setting has no meaning for a stiffness.
+        UsageError: a setting does not apply to a stiffness.
         LogError: a recording lacks an encoder, or is too short.
     """
     from symid.identification.elastic import estimate_stiffness
@@ -334,9 +302,9 @@ def identify_stiffness(
         refuse_known_payloads(recordings, "a robot with elastic joints")
     check_settings(pairs, "stiffness")
     recordings = cut_logs(recordings, robot.processing)
-    warnings = list_log_notices(robot, recordings)
-    library = workshop.prepare(robot)
-    workshop.progress(f"finding the stiffness of {robot.name}")
+    warnings = _list_log_notices(robot, recordings)
+    library = context.prepare(robot)
+    context.progress(f"estimating the stiffness of {robot.name}")
     found = estimate_stiffness(library, recordings)
     unused = list_unused_settings(robot, "stiffness")
     return found, (*unused, *warnings, *library.notices, *found.notices)
@@ -344,16 +312,16 @@ def identify_stiffness(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionRequest:
-    """What is asked for; None where the default holds.
+    """The options of an identification of friction; None where the default holds.
 
     Args:
-        model: a law, or "auto" to choose one by torques held back.
+        model: a law, or "auto" to choose one by held-out torques.
         estimator: how laws are fitted; varpro by default.
         known: base parameters to subtract, an estimate or its file; else the rigid part is fitted along.
         smoothing: rad/s or m/s over which dry friction changes its sign.
         period: s, of the motion, once or once a log, to average over periods.
         seed: of a stochastic estimator.
-        friction: the friction model of all joints that was asked for; only to say whether it had a part.
+        friction: the friction model of all joints that was given; only to report whether it was used.
         options: of the estimators; `seed` wins over theirs.
     """
 
@@ -368,31 +336,29 @@ class FrictionRequest:
 
 
 def identify_robot_friction(
-    robot: Robot, recordings: Sequence[Recording], request: FrictionRequest, workshop: TaskContext
+    robot: Robot, recordings: Sequence[Recording], request: FrictionRequest, context: TaskContext
 ) -> Identification[FrictionIdentification]:
-    """Return the friction of every joint that the recordings move.
-
-    Args:
-        robot: with the settings of the call.
-        recordings: at least one.
-        request: what is asked for.
-        workshop: library and progress.
+    """Return the friction of every joint that the recordings move, of a robot with the settings of the call.
 
     Raises:
-        UsageError: no such law or estimator; a smoothing that the law has no use for.
+        UsageError: no such law or estimator; a smoothing that the law does not use.
         LogError: a recording does not fit the robot, carries a known payload, or has another period.
         EstimateError: the known parameters are of another model.
-        IdentifiabilityError: nothing can be learnt of any joint.
+        IdentifiabilityError: no joint's friction is identifiable.
         SolverError: a search ended without usable numbers.
     """
     refuse_known_payloads(recordings, "--rows friction")
     described = build_rigid_variant(robot) if any(robot.elastic) else robot
     measured = [build_motor_recording(recording, robot) for recording in recordings]
-    library = workshop.prepare(described)
+    library = context.prepare(described)
     model = request.model or AUTO
     what = "choosing and fitting a friction law" if model == AUTO else f"fitting the friction law {model}"
-    workshop.progress(f"{what} for {robot.name} from {len(measured)} log{'s'[: len(measured) > 1]}")
-    beta = _read_known(request.known, library)
+    context.progress(f"{what} for {robot.name} from {_count_logs(measured)}")
+    beta, known = None, None
+    names = [entry.name for entry in library.card.beta]
+    if request.known is not None:
+        beta = read_rigid(request.known, library.card).assemble(names)
+        known = str(request.known) if isinstance(request.known, Path) else "an estimate in memory"
     options = request.options if request.seed is None else replace(request.options, seed=request.seed)
     task = FrictionTask(
         model=model,
@@ -402,16 +368,17 @@ def identify_robot_friction(
         smoothing=request.smoothing or 0.0,
         periods=request.period,
     )
-    found = identify_friction(
-        library,
-        measured,
-        described.processing,
-        task,
-        echo=_describe_settings(robot, library, measured, request, beta),
-    )
+    echo = {
+        "log": describe_settings(robot)["log"],
+        "log_digests": compute_log_digests(measured),
+        "known": known,
+        "known_values": None if beta is None else dict(zip(names, beta.tolist(), strict=True)),
+        "friction": [joint.friction for joint in library.card.joints],
+    }
+    found = identify_friction(library, measured, described.processing, task, echo=echo)
     notices = (
-        *list_log_notices(robot, recordings),
-        *_warn_of_springs(robot),
+        *_list_log_notices(robot, recordings),
+        *([] if described is robot else [_warn_of_springs(robot)]),
         *library.notices,
         *found.notices,
         *_warn_of_unused(found, request, library),
@@ -419,47 +386,14 @@ def identify_robot_friction(
     return Identification(estimate=found, notices=notices, backend=library.backend)
 
 
-def _describe_settings(
-    robot: Robot,
-    library: Library,
-    recordings: Sequence[Recording],
-    request: FrictionRequest,
-    beta: FloatArray | None,
-) -> Mapping[str, object]:
-    known = None
-    if request.known is not None:
-        known = str(request.known) if isinstance(request.known, Path) else "an estimate in memory"
-    return {
-        "log": describe_settings(robot)["log"],
-        "log_digests": compute_log_digests(recordings),
-        "known": known,
-        "known_values": None if beta is None else _name_known(beta, library),
-        "friction": [joint.friction for joint in library.card.joints],
-    }
-
-
-def _read_known(known: Estimate | Path | None, library: Library) -> FloatArray | None:
-    if known is None:
-        return None
-    estimate = read_rigid(known, library.card)
-    return estimate.assemble(tuple(entry.name for entry in library.card.beta))
-
-
-def _name_known(beta: FloatArray, library: Library) -> dict[str, float]:
-    return {entry.name: float(value) for entry, value in zip(library.card.beta, beta, strict=True)}
-
-
 def _warn_of_unused(
     found: FrictionIdentification, request: FrictionRequest, library: Library
 ) -> tuple[Notice, ...]:
-    """Return a notice for every option that had no part in the result."""
+    """Return a notice for every option that was not used."""
     texts = []
     if request.seed is not None and found.estimator not in STOCHASTIC:
-        texts.append(
-            f"--seed has no part in this result: {found.estimator} draws nothing at random; "
-            f"{', '.join(sorted(STOCHASTIC))} do"
-        )
-    others = {entry.name for entry in library.card.friction}
+        stochastic = ", ".join(sorted(STOCHASTIC))
+        texts.append(f"--seed is not used: {found.estimator} is deterministic; stochastic are {stochastic}")
     beside = {
         name
         for joint in found.joints
@@ -468,19 +402,17 @@ def _warn_of_unused(
             *(name for name, _ in joint.estimate.refused),
         )
     }
-    if request.friction and not others & beside:
+    if request.friction and not beside & {entry.name for entry in library.card.friction}:
         texts.append(
-            "--friction has no part in this result: no joint's friction acts on another here; the law of a "
-            "joint's own friction is that of --model"
+            "--friction is not used: no joint's friction acts on another here; --model chooses the law of a "
+            "joint's own friction"
         )
     return tuple(Notice(code="friction.unused-option", text=text) for text in texts)
 
 
-def _warn_of_springs(robot: Robot) -> tuple[Notice, ...]:
-    if not any(robot.elastic):
-        return ()
+def _warn_of_springs(robot: Robot) -> Notice:
     text = (
-        f"robot {robot.name!r} gives between motor and link: friction was fitted to the motor side with a "
-        "rigid model; what springs lose is counted as friction"
+        f"elastic robot {robot.name!r}: friction was fitted on the motor side with a rigid model, so it "
+        "includes the losses of springs"
     )
-    return (Notice(code="friction.elastic", text=text),)
+    return Notice(code="friction.elastic", text=text)

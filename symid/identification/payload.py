@@ -1,4 +1,4 @@
-"""What a robot carries, from estimates or logs with the payload and without it.
+"""The payload of a robot, from estimates or logs with the payload and without it.
 
 Robot, for both sides an estimate or logs -> `PayloadFinding`.
 """
@@ -31,10 +31,10 @@ GivenSide = Sequence[GivenResult | Recording]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PayloadTask:
-    """What is asked for, and what it needs.
+    """The options, and the services they need.
 
     Args:
-        joint: whose link carries the payload, None for the last one; mass: kg, where a balance told it.
+        joint: whose link carries the payload, None for the last one; mass: kg, where it was weighed.
         rows: of logs: how measurements become equations; estimator: how equations become parameters.
         prepare: returns the robot's compiled functions.
         progress: called with a short text on what begins.
@@ -50,7 +50,7 @@ class PayloadTask:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PayloadFinding:
-    """What is carried, by which robot, and what both sides say besides."""
+    """The payload, the robot that carries it, and the notices of both sides."""
 
     robot: Robot
     payload: Payload
@@ -72,7 +72,7 @@ def identify_payload(robot: Robot, loaded: GivenSide, empty: GivenSide, task: Pa
         UsageError: a file is given twice, or estimates among logs, or there is no such joint.
         EstimateError: an estimate is of another model, or both sides are not of the same.
         LogError: a log cannot be used.
-        IdentifiabilityError: nothing can be learnt from the logs, or no payload can be told from none.
+        IdentifiabilityError: no parameter is identifiable from the logs, or no payload is significant.
     """
     given = (*loaded, *empty)
     files = [Path(entry) for entry in given if isinstance(entry, str | PathLike)]
@@ -80,11 +80,8 @@ def identify_payload(robot: Robot, loaded: GivenSide, empty: GivenSide, task: Pa
     first = _read_side("with the payload", robot, loaded, task)
     second = _read_side("without it", robot, empty, task)
     if first.robot.elastic != second.robot.elastic:
-        differ = (
-            "one side takes the joints as elastic and the other as rigid, so that their parameters are not "
-            "the same; identify both by the same method"
-        )
-        raise EstimateError(Notice(code="payload.other-model", text=differ))
+        text = "one side has elastic joints and the other rigid ones; identify both by the same method"
+        raise EstimateError(Notice(code="payload.other-model", text=text))
     found = estimate_payload(
         first.robot, first.base, first.values, second.values, joint=task.joint, mass=task.mass
     )
@@ -92,15 +89,22 @@ def identify_payload(robot: Robot, loaded: GivenSide, empty: GivenSide, task: Pa
 
 
 def _read_side(name: str, robot: Robot, given: GivenSide, task: PayloadTask) -> _Side:
-    """Return the base values of an estimate, or of logs; notices of their identification say which side."""
-    logs, estimates = _split(given)
+    """Return the base values of an estimate, or of logs; notices of their identification name the side."""
+    logs: list[Path | Recording] = []
+    estimates: list[GivenResult] = []
+    for entry in given:
+        if isinstance(entry, Recording):
+            logs.append(entry)
+        elif isinstance(entry, str | PathLike) and not is_fit(Path(entry)):
+            logs.append(Path(entry))
+        else:
+            estimates.append(entry)
     if not estimates:
         side = _identify(robot, logs, task)
     elif len(given) > 1:
         first = estimates[0] if isinstance(estimates[0], str | PathLike) else "a fit"
         text = (
-            f"{first} is an estimate: give one alone, or logs alone; several logs become one estimate "
-            "by `symid identify`"
+            f"{first} is an estimate: give one estimate, or logs (`symid identify` makes one of several logs)"
         )
         raise UsageError(Notice(code="usage.payload-inputs", text=text))
     else:
@@ -115,27 +119,10 @@ def _read_side(name: str, robot: Robot, given: GivenSide, task: PayloadTask) -> 
     return replace(side, notices=tuple(named))
 
 
-def _split(given: GivenSide) -> tuple[list[Path | Recording], list[GivenResult]]:
-    """Return logs and estimates."""
-    logs: list[Path | Recording] = []
-    estimates: list[GivenResult] = []
-    for entry in given:
-        if isinstance(entry, Recording):
-            logs.append(entry)
-        elif isinstance(entry, str | PathLike) and not is_fit(Path(entry)):
-            logs.append(Path(entry))
-        else:
-            estimates.append(entry)
-    return logs, estimates
-
-
 def _identify(robot: Robot, logs: Sequence[Path | Recording], task: PayloadTask) -> _Side:
-    """Return the base values that logs say."""
+    """Return the base values identified from logs."""
     if any(robot.elastic):
-        text = (
-            "the joints of this robot are elastic: identify both sets of logs by `symid identify`, and give "
-            "the estimates"
-        )
+        text = "the robot has elastic joints: identify both sets of logs first, and give the estimates"
         raise UsageError(Notice(code="usage.payload-elastic", text=text, file=robot.path))
     recordings = read_recordings(logs, robot)
     check_distinct_samples(recordings)

@@ -2,13 +2,12 @@
 
 FitRecord of any kind <-> file;  a fit or its file -> FitRecord, and where it is from.
 
-Supported: format "symid fit", version 2, SI units; a number that is not finite is written as null. Version 1,
-which had a format for each kind, is still read, fields that it did not have by their defaults; a file of
-version 2 has all fields.
+Supported: format "symid fit", version 2, SI units; a number that is not finite is null. Version 1, which had
+a format for each kind, is still read, with defaults for fields that it did not have.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from itertools import islice
 from os import PathLike
 from pathlib import Path
@@ -26,7 +25,7 @@ StoredResult = Estimate | ElasticEstimate | FrictionIdentification
 _FORMAT = "symid fit"
 _VERSION = 2
 _MOST = 20
-"""Entries that no file holds are named up to so many."""
+"""Unusable entries that are named at most."""
 _KINDS: Mapping[str, type[StoredResult]] = {
     kind.kind: kind for kind in (Estimate, ElasticEstimate, FrictionIdentification)
 }
@@ -75,18 +74,17 @@ def read_fit(path: Path, card: ModelCard | None = None) -> StoredResult:
         card: the model that it must belong to, if given.
 
     Raises:
-        EstimateError: there is no such file, it holds something else, or belongs to another model; all that
-            is wrong is said at once.
+        EstimateError: there is no such file, it holds something else, or belongs to another model; it names
+            all mistakes.
     """
     kind, body, complete = _split(path, _read_json(path))
-    unusable = list(islice(list_unusable(body), _MOST))
-    if unusable:
-        raise EstimateError(*(Notice(code="estimate.format", text=text, file=str(path)) for text in unusable))
-    try:
-        record = read_record(_KINDS[kind], body, complete=complete)
-        mistakes = record.list_mistakes()
-    except SymidError as error:
-        mistakes = [notice.text for notice in error.notices]
+    mistakes = list(islice(list_unusable(body), _MOST))
+    if not mistakes:
+        try:
+            record = read_record(_KINDS[kind], body, complete=complete)
+            mistakes = record.list_mistakes()
+        except SymidError as error:
+            mistakes = [notice.text for notice in error.notices]
     if mistakes:
         raise EstimateError(*(Notice(code="estimate.format", text=text, file=str(path)) for text in mistakes))
     if card is not None:
@@ -95,7 +93,7 @@ def read_fit(path: Path, card: ModelCard | None = None) -> StoredResult:
 
 
 def is_fit(path: Path) -> bool:
-    """Return whether `path` holds a fit that symid wrote, whatever may be wrong with it."""
+    """Return whether `path` holds a fit that symid wrote, with mistakes or without."""
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
@@ -108,7 +106,7 @@ def read_result(given: GivenResult) -> tuple[StoredResult, Path]:
 
     Raises:
         EstimateError: its file cannot be read.
-        TypeError: it is nothing that was identified.
+        TypeError: it is no fit.
     """
     if isinstance(given, str | PathLike):
         path = Path(given)
@@ -117,12 +115,9 @@ def read_result(given: GivenResult) -> tuple[StoredResult, Path]:
     if not isinstance(found, StoredResult):
         message = f"expected a fit or its file, got {type(given).__name__}"
         raise TypeError(message)
-    return found, getattr(given, "file", None) or _name_source(found.sources)
-
-
-def _name_source(sources: Sequence[str]) -> Path:
-    """Return what messages call a result that is no file, by the logs it comes from."""
-    return Path(f"fit of {', '.join(Path(source).name for source in sources)}")
+    # Messages call a result that is no file by the logs it comes from.
+    logs = ", ".join(Path(source).name for source in found.sources)
+    return found, getattr(given, "file", None) or Path(f"fit of {logs}")
 
 
 def read_dynamics(given: GivenResult) -> tuple[Estimate | ElasticEstimate, Path]:
@@ -133,7 +128,7 @@ def read_dynamics(given: GivenResult) -> tuple[Estimate | ElasticEstimate, Path]
     """
     found, source = read_result(given)
     if isinstance(found, FrictionIdentification):
-        text = "this is friction alone, and no estimate of base parameters; identify by other rows"
+        text = "this is a fit of friction alone; identify base parameters with other rows"
         raise _refuse(source, text)
     return found, source
 
@@ -148,12 +143,12 @@ def read_rigid(given: Estimate | Path, card: ModelCard) -> Estimate:
     file = str(given) if isinstance(given, Path) else ""
     if isinstance(found, FrictionIdentification):
         text = (
-            "this is friction found with --rows friction; --known takes the base parameters that "
-            "`symid identify ROBOT LOG... -o FILE` finds without --rows friction"
+            "this is a fit of friction (--rows friction); --known needs base parameters, identified with "
+            "`symid identify ROBOT LOG... -o FILE`"
         )
         raise EstimateError(Notice(code="estimate.friction", text=text, file=file))
     if not isinstance(found, Estimate):
-        text = "this is an estimate of elastic joints; give one of a robot that was identified as rigid"
+        text = "this is an estimate of elastic joints; give one of a robot identified as rigid"
         raise EstimateError(Notice(code="estimate.format", text=text, file=file))
     check_model(found, card, file)
     return found
@@ -184,7 +179,7 @@ def _read_json(path: Path) -> object:
 
 
 def _refuse_constant(name: str) -> float:
-    message = f"{name} is no number of JSON"
+    message = f"{name} is not a number in JSON"
     raise ValueError(message)
 
 
@@ -203,7 +198,7 @@ def _is_format(name: object) -> bool:
 
 
 def _split(path: Path, data: object) -> tuple[str, dict[str, Any], bool]:
-    """Return the kind of a fit, its fields, those of version 1 as they are called now, and if all are due."""
+    """Return the kind of a fit, its fields by their names of today, and whether all are required."""
     name = data.get("format") if isinstance(data, dict) else None
     if not isinstance(data, dict) or not _is_format(name):
         saw = "" if name is None else f": its format is {name!r:.60}"
@@ -215,7 +210,7 @@ def _split(path: Path, data: object) -> tuple[str, dict[str, Any], bool]:
     if kind not in _KINDS:
         raise _refuse(path, f"kind: expected one of {', '.join(_KINDS)}, got {kind!r}")
     if version == 1 and kind == "elastic":
-        # Names of parameters told which friction models the joints have.
+        # The friction models of the joints follow from names of parameters.
         given = body.get("parameters")
         entries = given if isinstance(given, list) else []
         names = [str(entry.get("name")) for entry in entries if isinstance(entry, dict)]

@@ -9,11 +9,9 @@ if TYPE_CHECKING:
     )
     from symid.joint_models.carriers import (
         Carrier as Carrier,
-        OperatorCarrier as OperatorCarrier,
         build_casadi_carrier as build_casadi_carrier,
         build_float_carrier as build_float_carrier,
         build_numpy_carrier as build_numpy_carrier,
-        build_symbol_carrier as build_symbol_carrier,
         smooth as smooth,
     )
     from symid.joint_models.dynamic_friction import (
@@ -25,7 +23,6 @@ if TYPE_CHECKING:
         compute_bristle_step as compute_bristle_step,
         compute_dynamic_torque as compute_dynamic_torque,
         compute_largest_level as compute_largest_level,
-        compute_steady_torque as compute_steady_torque,
         compute_torque_derivatives as compute_torque_derivatives,
         derive_equations as derive_equations,
         get_dynamic_law as get_dynamic_law,
@@ -39,7 +36,6 @@ if TYPE_CHECKING:
     )
     from symid.joint_models.friction_law import (
         FrictionLaw as FrictionLaw,
-        LawParameter as LawParameter,
         compute_column_derivatives as compute_column_derivatives,
         compute_columns as compute_columns,
         compute_friction_torque as compute_friction_torque,
@@ -64,7 +60,6 @@ if TYPE_CHECKING:
         list_maxwell_elements as list_maxwell_elements,
     )
     from symid.joint_models.prandtl_ishlinskii import (
-        PlayModel as PlayModel,
         build_play_model as build_play_model,
         build_stops as build_stops,
         compute_branch as compute_branch,

@@ -1,17 +1,13 @@
 """The Bouc-Wen spring, a hysteresis model without plays, for comparison.
 
-Torsion (N,) -> torque (N,).
-
     tau = a k phi + (1 - a) k z,   dz/dphi = A - |z|^n (gamma + b sign(z dphi))
 
 The state depends on the path, not on time. A step is taken in two parts where z changes its sign; each part
 is smooth and solved by Runge-Kutta steps that are short against 1 / (largest slope of the right-hand side).
-Equations: Bouc 1967, Wen, Journal of the Engineering Mechanics Division 102 (1976) 249-263; the bounds on
-the parameters: Ikhouane and Rodellar, Systems with Hysteresis (2007).
+Equations: Bouc 1967, Wen, Journal of the Engineering Mechanics Division 102 (1976) 249-263; bounds on the
+parameters: Ikhouane and Rodellar, Systems with Hysteresis (2007).
 
-Supported: n >= 1, |gamma| <= b, A > 0: the class that is passive and whose state stays within (A / (b +
-gamma))^(1/n).
-Not supported: other parameters; they are refused.
+Supported: n >= 1, |gamma| <= b, A > 0: passive, the state within (A / (b + gamma))^(1/n). Others are refused.
 """
 
 import math
@@ -84,18 +80,14 @@ def _advance(model: BoucWen, state: float, step: float) -> float:
     sign = math.copysign(1.0, step)
     state, way = sign * state, abs(step)
     if state < 0.0:
-        distance = _compute_distance(model, -state)
+        # The way until z has come to zero.
+        points = -0.5 * state * (_NODES + 1.0)
+        rates = model.scale + (model.loop - model.lean) * points**model.sharpness
+        distance = float(-0.5 * state * np.sum(_WEIGHTS / rates))
         if way < distance:
             return sign * _integrate(model, state, way, model.lean - model.loop)
         state, way = 0.0, way - distance
     return sign * _integrate(model, state, way, model.lean + model.loop)
-
-
-def _compute_distance(model: BoucWen, size: float) -> float:
-    """Return the way of the torsion until z has come from -size to zero."""
-    factor = model.loop - model.lean
-    points = 0.5 * size * (_NODES + 1.0)
-    return float(0.5 * size * np.sum(_WEIGHTS / (model.scale + factor * points**model.sharpness)))
 
 
 def _integrate(model: BoucWen, state: float, way: float, factor: float) -> float:

@@ -1,19 +1,18 @@
+# ruff: noqa: D102 - operations are named as what they are
+
 """Kinds of numbers that joint models are evaluated on: one protocol, and its carriers.
 
-Numbers of one kind -> numbers of the same kind. A friction law or a spring is written once over a `Carrier`;
-what the carrier is decides whether floats, arrays, formulas or code come out. `OperatorCarrier` serves
-numbers with + - * / of their own, the other functions are given. `DualFriction` takes arrays together with
-their derivatives by s variables and gives both after every operation, exactly; at kinks (zero velocity, the
-edge of a zone) it takes the derivative from one side.
+A friction law or a spring is written once over a `Carrier`; what the carrier is decides whether floats,
+arrays, formulas or code come out. `Dual` numbers are arrays with their derivatives by s variables, exact
+after every operation, one-sided at kinks (zero velocity, the edge of a zone).
 
 Supported: floats, fractions, mpmath, arrays, expressions of SymPy and CasADi; dual numbers over arrays.
-Elsewhere: LaTeX (`friction_law`), values of generated code (`codegen`).
 Not supported: second derivatives.
 """
 
 import math
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -26,61 +25,30 @@ V = TypeVar("V")
 
 
 class Carrier(Protocol[V]):
-    """What joint models may use of their numbers."""
+    """What joint models may use of their numbers; powers have a base >= 0 and an exponent > 0."""
 
     @property
-    def zero(self) -> V:
-        """Return zero."""
-
+    def zero(self) -> V: ...
     @property
-    def one(self) -> V:
-        """Return one."""
-
-    def add(self, left: V, right: V) -> V:
-        """Return left + right."""
-
-    def sub(self, left: V, right: V) -> V:
-        """Return left - right."""
-
-    def mul(self, left: V, right: V) -> V:
-        """Return left * right."""
-
-    def div(self, left: V, right: V) -> V:
-        """Return left / right."""
-
-    def scale(self, factor: float, value: V) -> V:
-        """Return factor * value."""
-
-    def exp(self, value: V) -> V:
-        """Return the exponential."""
-
-    def tanh(self, value: V) -> V:
-        """Return the hyperbolic tangent."""
-
-    def sin(self, value: V) -> V:
-        """Return the sine."""
-
-    def cos(self, value: V) -> V:
-        """Return the cosine."""
-
-    def sign(self, value: V) -> V:
-        """Return -1, 0 or 1."""
-
-    def absolute(self, value: V) -> V:
-        """Return |value|."""
-
-    def maximum(self, left: V, right: V) -> V:
-        """Return the greater of two."""
-
-    def minimum(self, left: V, right: V) -> V:
-        """Return the smaller of two."""
-
-    def power(self, base: V, exponent: V) -> V:
-        """Return base^exponent for base >= 0, exponent > 0."""
+    def one(self) -> V: ...
+    def add(self, left: V, right: V, /) -> V: ...
+    def sub(self, left: V, right: V, /) -> V: ...
+    def mul(self, left: V, right: V, /) -> V: ...
+    def div(self, left: V, right: V, /) -> V: ...
+    def scale(self, factor: float, value: V, /) -> V: ...
+    def exp(self, value: V, /) -> V: ...
+    def tanh(self, value: V, /) -> V: ...
+    def sin(self, value: V, /) -> V: ...
+    def cos(self, value: V, /) -> V: ...
+    def sign(self, value: V, /) -> V: ...
+    def absolute(self, value: V, /) -> V: ...
+    def maximum(self, left: V, right: V, /) -> V: ...
+    def minimum(self, left: V, right: V, /) -> V: ...
+    def power(self, base: V, exponent: V, /) -> V: ...
 
 
-def _refuse(*_values: object) -> Any:  # noqa: ANN401 - stands for any function of a carrier
-    message = "these numbers have no such function"
+def _refuse(*_values: object) -> Any:  # noqa: ANN401 - in place of any function
+    message = "this carrier has no such function"
     raise TypeError(message)
 
 
@@ -129,20 +97,20 @@ def build_float_carrier() -> OperatorCarrier[float]:
     )
 
 
+def _read_functions(module: Any) -> dict[str, Any]:  # noqa: ANN401 - numpy, sympy or casadi
+    return {name: getattr(module, name) for name in ("exp", "tanh", "sin", "cos", "sign")}
+
+
 def build_numpy_carrier() -> OperatorCarrier[FloatArray]:
     """Return the carrier of NumPy arrays, which may have any shapes that broadcast."""
     return OperatorCarrier(
         zero=np.zeros(()),
         one=np.ones(()),
-        exp=np.exp,
-        tanh=np.tanh,
-        sin=np.sin,
-        cos=np.cos,
-        sign=np.sign,
         absolute=np.abs,
         maximum=np.maximum,
         minimum=np.minimum,
         power=np.power,
+        **_read_functions(np),
     )
 
 
@@ -153,14 +121,10 @@ def build_symbol_carrier() -> OperatorCarrier[Any]:
     return OperatorCarrier(
         zero=sympy.Integer(0),
         one=sympy.Integer(1),
-        exp=sympy.exp,
-        tanh=sympy.tanh,
-        sin=sympy.sin,
-        cos=sympy.cos,
-        sign=sympy.sign,
         absolute=sympy.Abs,
         maximum=sympy.Max,
         minimum=sympy.Min,
+        **_read_functions(sympy),
     )
 
 
@@ -174,131 +138,84 @@ def build_casadi_carrier() -> OperatorCarrier[Any]:
     return OperatorCarrier(
         zero=casadi.SX(0.0),
         one=casadi.SX(1.0),
-        exp=casadi.exp,
-        tanh=casadi.tanh,
-        sin=casadi.sin,
-        cos=casadi.cos,
-        sign=casadi.sign,
         absolute=casadi.fabs,
         maximum=casadi.fmax,
         minimum=casadi.fmin,
         # At zero, derivatives would hold its logarithm and negative powers, although they vanish.
         power=lambda base, exponent: casadi.fmax(base, _TINY) ** exponent,
+        **_read_functions(casadi),
     )
 
 
 @dataclass(frozen=True, slots=True)
 class Dual:
-    """A value (N,) or scalar and its rates, one a variable."""
+    """A value (N,) or scalar and its derivatives, one a variable."""
 
     value: FloatArray
     rates: tuple[FloatArray, ...]
 
+    def __add__(self, other: "Dual") -> "Dual":
+        pairs = zip(self.rates, other.rates, strict=True)
+        return Dual(self.value + other.value, tuple(a + b for a, b in pairs))
 
-def build_dual_variables(values: Sequence[float]) -> tuple[Dual, ...]:
-    """Return the variables themselves: value k has rate one by variable k and zero by the others."""
-    return tuple(
-        Dual(np.array(value, dtype=np.float64), tuple(np.array(float(k == j)) for j in range(len(values))))
-        for k, value in enumerate(values)
-    )
+    def __sub__(self, other: "Dual") -> "Dual":
+        pairs = zip(self.rates, other.rates, strict=True)
+        return Dual(self.value - other.value, tuple(a - b for a, b in pairs))
 
+    def __mul__(self, other: "Dual") -> "Dual":
+        pairs = zip(self.rates, other.rates, strict=True)
+        rates = tuple(a * other.value + self.value * b for a, b in pairs)
+        return Dual(self.value * other.value, rates)
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DualFriction:
-    """Dual numbers of `size` variables as the carrier of friction laws."""
+    def __truediv__(self, other: "Dual") -> "Dual":
+        value = self.value / other.value
+        pairs = zip(self.rates, other.rates, strict=True)
+        return Dual(value, tuple((a - value * b) / other.value for a, b in pairs))
 
-    size: int
+    def __abs__(self) -> "Dual":
+        return self.apply(np.abs(self.value), np.sign(self.value))
 
-    def lift(self, value: FloatArray | float) -> Dual:
-        """Return a value that depends on no variable."""
-        return Dual(np.asarray(value, dtype=np.float64), (np.zeros(()),) * self.size)
-
-    @property
-    def zero(self) -> Dual:
-        """Return zero."""
-        return self.lift(0.0)
-
-    @property
-    def one(self) -> Dual:
-        """Return one."""
-        return self.lift(1.0)
-
-    def add(self, left: Dual, right: Dual) -> Dual:
-        """Return left + right."""
-        pairs = zip(left.rates, right.rates, strict=True)
-        return Dual(left.value + right.value, tuple(a + b for a, b in pairs))
-
-    def sub(self, left: Dual, right: Dual) -> Dual:
-        """Return left - right."""
-        pairs = zip(left.rates, right.rates, strict=True)
-        return Dual(left.value - right.value, tuple(a - b for a, b in pairs))
-
-    def mul(self, left: Dual, right: Dual) -> Dual:
-        """Return left * right."""
-        pairs = zip(left.rates, right.rates, strict=True)
-        rates = tuple(a * right.value + left.value * b for a, b in pairs)
-        return Dual(left.value * right.value, rates)
-
-    def div(self, left: Dual, right: Dual) -> Dual:
-        """Return left / right."""
-        value = left.value / right.value
-        pairs = zip(left.rates, right.rates, strict=True)
-        return Dual(value, tuple((a - value * b) / right.value for a, b in pairs))
-
-    def scale(self, factor: float, value: Dual) -> Dual:
-        """Return factor * value."""
-        return _apply_chain_rule(value, factor * value.value, np.asarray(factor))
-
-    def exp(self, value: Dual) -> Dual:
-        """Return the exponential."""
-        result = np.exp(value.value)
-        return _apply_chain_rule(value, result, result)
-
-    def tanh(self, value: Dual) -> Dual:
-        """Return the hyperbolic tangent."""
-        result = np.tanh(value.value)
-        return _apply_chain_rule(value, result, 1.0 - result * result)
-
-    def sin(self, value: Dual) -> Dual:
-        """Return the sine."""
-        return _apply_chain_rule(value, np.sin(value.value), np.cos(value.value))
-
-    def cos(self, value: Dual) -> Dual:
-        """Return the cosine."""
-        return _apply_chain_rule(value, np.cos(value.value), -np.sin(value.value))
-
-    def sign(self, value: Dual) -> Dual:
-        """Return -1, 0 or 1, with no rates."""
-        return self.lift(np.sign(value.value))
-
-    def absolute(self, value: Dual) -> Dual:
-        """Return |value|."""
-        return _apply_chain_rule(value, np.abs(value.value), np.sign(value.value))
-
-    def maximum(self, left: Dual, right: Dual) -> Dual:
-        """Return the greater of two; the right one's rates where they are equal."""
-        return _choose_dual(left.value > right.value, left, right)
-
-    def minimum(self, left: Dual, right: Dual) -> Dual:
-        """Return the smaller of two; the right one's rates where they are equal."""
-        return _choose_dual(left.value < right.value, left, right)
-
-    def power(self, base: Dual, exponent: Dual) -> Dual:
-        """Return base^exponent for base >= 0 and exponent > 0; at base 0 all rates are zero."""
-        result = np.power(base.value, exponent.value)
-        # The rate by the base may be infinite at 0 where the exponent is below one: no torque depends on it.
-        safe = np.where(base.value > 0.0, base.value, 1.0)
-        by_base = np.where(base.value > 0.0, exponent.value * result / safe, 0.0)
-        by_exponent = np.where(base.value > 0.0, result * np.log(safe), 0.0)
-        pairs = zip(base.rates, exponent.rates, strict=True)
+    def __pow__(self, other: "Dual") -> "Dual":
+        # The derivative by a base of 0 may be infinite (exponent below one); no torque depends on it.
+        result, positive = np.power(self.value, other.value), self.value > 0.0
+        safe = np.where(positive, self.value, 1.0)
+        by_base = np.where(positive, other.value * result / safe, 0.0)
+        by_exponent = np.where(positive, result * np.log(safe), 0.0)
+        pairs = zip(self.rates, other.rates, strict=True)
         return Dual(result, tuple(by_base * a + by_exponent * b for a, b in pairs))
 
+    def apply(self, result: FloatArray, slope: FloatArray | float) -> "Dual":
+        """Return the function of this number that has this value and slope (chain rule)."""
+        return Dual(result, tuple(slope * rate for rate in self.rates))
 
-def _apply_chain_rule(value: Dual, result: FloatArray, slope: FloatArray) -> Dual:
-    return Dual(result, tuple(slope * rate for rate in value.rates))
+    def choose(self, other: "Dual", condition: NDArray[np.bool_]) -> "Dual":
+        """Return this number where the condition holds, the other one elsewhere."""
+        pairs = zip(self.rates, other.rates, strict=True)
+        rates = tuple(np.where(condition, a, b) for a, b in pairs)
+        return Dual(np.where(condition, self.value, other.value), rates)
 
 
-def _choose_dual(condition: NDArray[np.bool_], left: Dual, right: Dual) -> Dual:
-    pairs = zip(left.rates, right.rates, strict=True)
-    rates = tuple(np.where(condition, a, b) for a, b in pairs)
-    return Dual(np.where(condition, left.value, right.value), rates)
+def lift_dual(value: FloatArray | float, size: int, own: int | None = None) -> Dual:
+    """Return a number that depends on none of `size` variables, or is the variable number `own`."""
+    return Dual(np.asarray(value, dtype=np.float64), tuple(np.array(float(k == own)) for k in range(size)))
+
+
+def build_dual_carrier(size: int) -> OperatorCarrier[Dual]:
+    """Return the carrier of dual numbers of `size` variables."""
+
+    def tanh(value: Dual) -> Dual:
+        result = np.tanh(value.value)
+        return value.apply(result, 1.0 - result * result)
+
+    return OperatorCarrier(
+        zero=lift_dual(0.0, size),
+        one=lift_dual(1.0, size),
+        scale=lambda factor, x: x.apply(factor * x.value, factor),
+        exp=lambda x: x.apply(np.exp(x.value), np.exp(x.value)),
+        tanh=tanh,
+        sin=lambda x: x.apply(np.sin(x.value), np.cos(x.value)),
+        cos=lambda x: x.apply(np.cos(x.value), -np.sin(x.value)),
+        sign=lambda x: lift_dual(np.sign(x.value), size),
+        maximum=lambda x, y: x.choose(y, x.value > y.value),
+        minimum=lambda x, y: x.choose(y, x.value < y.value),
+    )

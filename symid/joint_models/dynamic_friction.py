@@ -1,25 +1,16 @@
 """Friction with a state: bristles that bend before they slip. Dahl's model and LuGre, over any carrier.
 
-Velocity, deflection z of the bristles, parameters -> rate of z, torque, an exact step in time; along a
-whole motion torque, deflection and derivatives by the parameters; the equations in SymPy and LaTeX.
-
     dz/dt = v - sigma0 |v| / g(v) z
     tau_f = sigma0 z + sigma1 dz/dt + fV v                       positive against positive velocity
     Dahl:  g = fC, sigma1 = fV = 0
     LuGre: g = fC + (fS - fC) exp(-|v / vs|^gamma)
     v held over h:  z(h) = z_e + (z - z_e) exp(-sigma0 |v| h / g),  z_e = g sign(v) / sigma0
 
-The step is the exact solution while the velocity is held, therefore stable for any length: where explicit
-methods need sigma0 |v| h / g < 2, it goes to the steady state. At v = 0 nothing moves. The deflection
-enters its own step linearly, z_k = r_k + e_k (z_{k-1} - r_k), so that r and e are computed for all samples
-at once.
-Derivatives by the parameters are complex steps, Im f(p + i eps) / eps, through the same definition: exact
-to rounding, since nothing is subtracted (Squire and Trapp, SIAM Review 40 (1998) 110-112).
-Equations: Dahl, Aerospace Corporation report TOR-0158(3107-18)-1 (1968); Canudas de Wit, Olsson, Astrom and
-Lischinsky, IEEE Transactions on Automatic Control 40 (1995) 419-425.
+The step is exact while the velocity is held, therefore stable for any length. Derivatives are complex steps
+(Squire and Trapp, SIAM Review 40 (1998) 110-112). Dahl, Aerospace Corporation report TOR-0158(3107-18)-1
+(1968); Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Automatic Control 40 (1995) 419-425.
 
-Supported: floats, arrays, mpmath, SymPy, CasADi, text of C: any carrier; several runs in one recording; the
-velocity of the step beside that of the sample (way over period, speed at the end).
+Supported: any carrier; several runs in one recording; a velocity of the step other than that of the sample.
 Not supported: Dahl's exponent other than one, sigma1 that depends on the velocity, turning back in a step.
 """
 
@@ -34,12 +25,7 @@ import numpy as np
 
 from symid.arrays import FloatArray, freeze, freeze_fields
 from symid.errors import Notice, UsageError
-from symid.joint_models.carriers import (
-    Carrier,
-    OperatorCarrier,
-    build_numpy_carrier,
-    build_symbol_carrier,
-)
+from symid.joint_models.carriers import Carrier, OperatorCarrier, build_numpy_carrier, build_symbol_carrier
 from symid.joint_models.friction_law import LawParameter, build_parameter
 
 V = TypeVar("V")
@@ -50,9 +36,9 @@ class DynamicLaw:
     """A friction model with the deflection of bristles as its state.
 
     Args:
-        name: as it is asked for.
+        name: of the model.
         parameters: in the order of the values that the functions take.
-        level: (carrier, velocity, values) -> g, N m or N: what the bristles bear at this velocity, positive.
+        level: (carrier, velocity, values) -> g > 0, N m or N: the largest torque of the bristles.
         damping: (carrier, values) -> sigma1 and fV.
         formula: in ASCII; source, smoothness, passivity: sentences.
     """
@@ -114,12 +100,7 @@ def compute_bristle_step(
 ) -> tuple[V, V]:
     """Return z after a step, exact for a held velocity, and the torque at its end.
 
-    Args:
-        algebra: the carrier.
-        law: the model.
-        held: v during the step, rad/s or m/s, and how long: h >= 0, s.
-        state: z before the step, rad or m.
-        values: parameters in the order of the law.
+    `held`: v during the step, rad/s or m/s, and its length h >= 0, s; the rest as in `compute_bristle_rate`.
     """
     velocity, period = held
     decay, rest = compute_step_parts(algebra, law, velocity, period, values)
@@ -134,16 +115,10 @@ def compute_steady_torque(algebra: Carrier[V], law: DynamicLaw, velocity: V, val
     return algebra.add(dry, algebra.mul(viscous, velocity))
 
 
-def _compute_level_range(law: DynamicLaw, values: Sequence[float]) -> tuple[float, float]:
-    """Return the least and the largest value that g takes."""
-    named = dict(zip(law.names, values, strict=True))
-    levels = [named[name] for name in ("fC", "fS") if name in named]
-    return min(levels), max(levels)
-
-
 def compute_largest_level(law: DynamicLaw, values: Sequence[float]) -> float:
     """Return the largest g, N m or N; |z| that begins below it divided by sigma0 stays below."""
-    return _compute_level_range(law, values)[1]
+    named = dict(zip(law.names, values, strict=True))
+    return max(named["fC"], named.get("fS", named["fC"]))
 
 
 def is_passive(law: DynamicLaw, values: Sequence[float]) -> bool | None:
@@ -154,19 +129,22 @@ def is_passive(law: DynamicLaw, values: Sequence[float]) -> bool | None:
     IEEE Transactions on Automatic Control 45 (2000) 675-686.
     """
     named = dict(zip(law.names, values, strict=True))
-    least, largest = _compute_level_range(law, values)
+    largest = compute_largest_level(law, values)
+    least = min(named["fC"], named.get("fS", named["fC"]))
     damping, viscous = named.get("sigma1", 0.0), named.get("fV", 0.0)
     return True if viscous * least >= damping * (largest - least) else None
 
 
 def check_dynamic_values(law: DynamicLaw, values: Sequence[float]) -> None:
-    """Refuse values that are none of the law.
+    """Check parameter values.
 
     Raises:
-        UsageError: their number is wrong, or some are not finite or outside what the law allows.
+        UsageError: their number is wrong, or some are not finite or out of bounds.
     """
     if len(values) != len(law.parameters):
-        text = f"friction {law.name!r} takes {', '.join(law.names)}: {len(values)} values were given"
+        text = (
+            f"friction {law.name!r} takes {len(law.names)} values ({', '.join(law.names)}), got {len(values)}"
+        )
         raise UsageError(Notice(code="joint.friction-values", text=text))
     notices = []
     for parameter, value in zip(law.parameters, values, strict=True):
@@ -187,22 +165,14 @@ def get_dynamic_law(name: str) -> DynamicLaw:
     """Return the model `name`.
 
     Raises:
-        UsageError: there is none of this name; the message lists all and the nearest.
+        UsageError: there is no such law; the message lists all and the nearest.
     """
     if name in DYNAMIC_LAWS:
         return DYNAMIC_LAWS[name]
     near = difflib.get_close_matches(name, DYNAMIC_LAWS, n=1)
-    hint = f", did you mean {near[0]!r}? Known:" if near else "; known are"
-    text = f"there is no dynamic friction {name!r}{hint} {', '.join(DYNAMIC_LAWS)}"
+    hint = f"; did you mean {near[0]!r}? Known" if near else ". Known"
+    text = f"unknown friction law with a state {name!r}{hint}: {', '.join(DYNAMIC_LAWS)}"
     raise UsageError(Notice(code="joint.no-dynamic-friction", text=text))
-
-
-def _dahl_level(_algebra: Carrier[V], _velocity: V, values: Sequence[V]) -> V:
-    return values[1]
-
-
-def _dahl_damping(algebra: Carrier[V], _values: Sequence[V]) -> tuple[V, V]:
-    return algebra.zero, algebra.zero
 
 
 def _lugre_level(algebra: Carrier[V], velocity: V, values: Sequence[V]) -> V:
@@ -210,10 +180,6 @@ def _lugre_level(algebra: Carrier[V], velocity: V, values: Sequence[V]) -> V:
     ratio = algebra.div(algebra.absolute(velocity), speed)
     fall = algebra.exp(algebra.sub(algebra.zero, algebra.power(ratio, exponent)))
     return algebra.add(coulomb, algebra.mul(algebra.sub(static, coulomb), fall))
-
-
-def _lugre_damping(_algebra: Carrier[V], values: Sequence[V]) -> tuple[V, V]:
-    return values[1], values[6]
 
 
 _positive = partial(build_parameter, allowed=False)
@@ -226,8 +192,8 @@ DYNAMIC_LAWS: dict[str, DynamicLaw] = {
         DynamicLaw(
             name="dahl",
             parameters=(_STIFFNESS, _COULOMB),
-            level=_dahl_level,
-            damping=_dahl_damping,
+            level=lambda _algebra, _velocity, values: values[1],
+            damping=lambda algebra, _values: (algebra.zero, algebra.zero),
             formula="dz/dt = v - sigma0 |v| / fC z, tau_f = sigma0 z",
             source="Dahl 1968, exponent one",
             smoothness="continuous in time; the slope of the torque over the position jumps at reversals",
@@ -245,7 +211,7 @@ DYNAMIC_LAWS: dict[str, DynamicLaw] = {
                 build_parameter("fV", "f_V", "viscous", "viscous friction"),
             ),
             level=_lugre_level,
-            damping=_lugre_damping,
+            damping=lambda _algebra, values: (values[1], values[6]),
             formula=(
                 "dz/dt = v - sigma0 |v| / g(v) z, g = fC + (fS - fC) exp(-|v / vs|^gamma), "
                 "tau_f = sigma0 z + sigma1 dz/dt + fV v"
@@ -259,7 +225,6 @@ DYNAMIC_LAWS: dict[str, DynamicLaw] = {
 
 
 _TINY = 1e-40
-
 Numbers = Any
 """An array of real or complex numbers."""
 
@@ -290,7 +255,9 @@ class FrictionPath:
         arrays = (self.held, self.velocity, self.period, self.start)
         alike = self.held.ndim == 1 and all(array.shape == self.held.shape for array in arrays)
         if not (alike and all(np.all(np.isfinite(array)) for array in arrays) and np.all(self.period >= 0)):
-            text = "a path of friction takes as many velocities as periods, all finite, periods not negative"
+            text = (
+                "held, velocity, period and start must have one length, finite values and no negative period"
+            )
             raise UsageError(Notice(code="joint.friction-path", text=text))
 
 
@@ -310,27 +277,20 @@ def build_held_path(velocity: FloatArray, period: float) -> FrictionPath:
     return FrictionPath(held=velocity, velocity=velocity, period=np.full(velocity.shape, period), start=start)
 
 
-def _compute_power(base: Numbers, exponent: Numbers) -> Numbers:
-    """Return base^exponent; zero to a complex power is not defined in every NumPy."""
-    return np.power(base + 1e-300 * (base == 0), exponent)
-
-
 def _compute_states(decay: Numbers, rest: Numbers, start: FloatArray, state: float) -> Numbers:
     """Return z (N,) of the linear recursion, from `state` at the first sample and zero at later starts."""
-    result = []
-    current: complex = state
-    first = True
+    result: list[complex] = []
     for factor, goal, begins in zip(decay.tolist(), rest.tolist(), start.tolist(), strict=True):
-        if begins and not first:
-            current = 0.0
-        first = False
-        current = goal + factor * (current - goal)
-        result.append(current)
+        before = 0.0 if begins and result else (result[-1] if result else state)
+        result.append(goal + factor * (before - goal))
     return np.array(result, dtype=decay.dtype)
 
 
 def _compute_run(law: DynamicLaw, values: Sequence[Numbers], path: FrictionPath, state: float) -> Numbers:
-    algebra: OperatorCarrier[Numbers] = replace(build_numpy_carrier(), power=_compute_power)
+    # Zero to a complex power is not defined in every NumPy.
+    algebra: OperatorCarrier[Numbers] = replace(
+        build_numpy_carrier(), power=lambda base, exponent: np.power(base + 1e-300 * (base == 0), exponent)
+    )
     decay, rest = compute_step_parts(algebra, law, path.held, path.period, values)
     shape = np.broadcast(path.held, decay).shape
     states = _compute_states(np.broadcast_to(decay, shape), np.broadcast_to(rest, shape), path.start, state)
@@ -343,7 +303,7 @@ def simulate_dynamic_friction(
     """Return the friction along a path, from deflection `state` rad or m; later runs begin straight.
 
     Raises:
-        UsageError: values that are none of the law.
+        UsageError: values out of bounds.
     """
     check_dynamic_values(law, values)
     torque, states = _compute_run(law, [np.float64(value) for value in values], path, state)

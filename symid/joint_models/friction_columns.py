@@ -4,16 +4,8 @@ Carrier, inputs of a law by name, its shape values -> one column per linear para
 
     g(v) = fC + (fS - fC) exp(-|v / vs|^gamma) + fV |v|
 
-Positive friction opposes positive velocity; sign(0) = 0. With a smoothing speed v0 the sign is tanh(v /
-v0).
-
-The Gaussian Stribeck term alone is given with its derivatives by the Stribeck velocity vs:
-
-    F(v) = Fs g(v),   g(v) = exp(-(v / vs)^2) sign(v)
-    dg/dvs = 2 v^2 / vs^3 g,   d2g/dvs2 = (4 v^4 / vs^6 - 6 v^2 / vs^4) g
-
-Fs is static friction beyond the Coulomb friction Fc, so that Fc + Fs is the static friction. Gaussian form:
-Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30 (1994) 1083-1138.
+Positive friction opposes positive velocity; sign(0) = 0. The Gaussian Stribeck term (Armstrong-Helouvry,
+Dupont and Canudas de Wit, Automatica 30 (1994) 1083-1138) has derivatives by the Stribeck velocity vs, too.
 
 Supported: every law of `friction_catalogue`; for the derivatives by vs an exponent of two only.
 """
@@ -22,13 +14,15 @@ from collections.abc import Mapping, Sequence
 from typing import TypeVar
 
 from symid.joint_models.carriers import Carrier, smooth
-from symid.joint_models.friction_law import LawColumns
 
 V = TypeVar("V")
+Inputs = Mapping[str, V]
+Values = Sequence[V]
+Columns = tuple[V, ...]
+_GAUSSIAN = 2.0
 
 
-def compute_gaussian_decay(carrier: Carrier[V], velocity: V, speed: V) -> V:
-    """Return exp(-(v / vs)^2), speed vs > 0."""
+def _compute_gaussian_decay(carrier: Carrier[V], velocity: V, speed: V) -> V:
     ratio = carrier.div(velocity, speed)
     return carrier.exp(carrier.scale(-1.0, carrier.mul(ratio, ratio)))
 
@@ -36,16 +30,18 @@ def compute_gaussian_decay(carrier: Carrier[V], velocity: V, speed: V) -> V:
 def compute_stribeck_derivatives(
     carrier: Carrier[V], velocity: V, speed: V, smoothing: float = 0.0
 ) -> tuple[V, V, V]:
-    """Return g, the friction for Fs = 1, dg/dvs and d2g/dvs2.
+    """Return g(v) = exp(-(v / vs)^2) sign(v) and its first and second derivative by vs.
+
+    dg/dvs = 2 v^2 / vs^3 g, d2g/dvs2 = (4 v^4 / vs^6 - 6 v^2 / vs^4) g.
 
     Args:
         carrier: of the numbers.
         velocity: of the motor, rad/s or m/s.
         speed: vs > 0, rad/s or m/s.
-        smoothing: v0 in rad/s or m/s; 0 for the plain sign.
+        smoothing: v0 of tanh(v / v0) in place of the sign, rad/s or m/s; 0 for the sign.
     """
     signed = smooth(carrier, smoothing) if smoothing > 0.0 else carrier
-    shape = carrier.mul(compute_gaussian_decay(carrier, velocity, speed), signed.sign(velocity))
+    shape = carrier.mul(_compute_gaussian_decay(carrier, velocity, speed), signed.sign(velocity))
     ratio = carrier.div(velocity, speed)
     square = carrier.mul(ratio, ratio)
     first = carrier.div(carrier.mul(carrier.scale(2.0, square), shape), speed)
@@ -54,33 +50,19 @@ def compute_stribeck_derivatives(
     return shape, first, second
 
 
-_GAUSSIAN = 2.0
+def compute_coulomb_columns(carrier: Carrier[V], inputs: Inputs[V], _shape: Values[V]) -> Columns[V]:
+    """Return sign(v)."""
+    return (carrier.sign(inputs["velocity"]),)
 
 
-Inputs = Mapping[str, V]
+def compute_coulomb_viscous_columns(carrier: Carrier[V], inputs: Inputs[V], _shape: Values[V]) -> Columns[V]:
+    """Return v, sign(v)."""
+    return inputs["velocity"], carrier.sign(inputs["velocity"])
 
 
-def smooth_columns(
-    carrier: Carrier[V],
-    inputs: Inputs[V],
-    shape: Sequence[V],
-    *,
-    columns: LawColumns[V],
-    speed: float,
-) -> tuple[V, ...]:
-    """Return the columns of a law with tanh(v / speed) in place of the sign."""
-    return columns(smooth(carrier, speed), inputs, shape)
-
-
-def append_constant(
-    carrier: Carrier[V], inputs: Inputs[V], shape: Sequence[V], *, columns: LawColumns[V]
-) -> tuple[V, ...]:
-    """Return the columns of a law and the constant one."""
-    return (*columns(carrier, inputs, shape), carrier.one)
-
-
-def split_by_direction(carrier: Carrier[V], velocity: V) -> tuple[V, V, V, V]:
+def compute_asymmetric_columns(carrier: Carrier[V], inputs: Inputs[V], _shape: Values[V]) -> Columns[V]:
     """Return velocity and sign of forward motion, then of backward motion; zero in the other one."""
+    velocity = inputs["velocity"]
     size, sign = carrier.absolute(velocity), carrier.sign(velocity)
     # sign^2 is |sign|: one away from standstill, zero at it.
     moving = carrier.absolute(sign)
@@ -92,37 +74,15 @@ def split_by_direction(carrier: Carrier[V], velocity: V) -> tuple[V, V, V, V]:
     )
 
 
-def compute_coulomb_columns(carrier: Carrier[V], inputs: Inputs[V], _shape: Sequence[V]) -> tuple[V, ...]:
-    """Return sign(v)."""
-    return (carrier.sign(inputs["velocity"]),)
-
-
-def compute_coulomb_viscous_columns(
-    carrier: Carrier[V], inputs: Inputs[V], _shape: Sequence[V]
-) -> tuple[V, ...]:
-    """Return v, sign(v)."""
-    return inputs["velocity"], carrier.sign(inputs["velocity"])
-
-
-def compute_asymmetric_columns(carrier: Carrier[V], inputs: Inputs[V], _shape: Sequence[V]) -> tuple[V, ...]:
-    """Return velocity and sign by direction."""
-    return split_by_direction(carrier, inputs["velocity"])
-
-
-def compute_decay(
-    carrier: Carrier[V], size: V, shape: Sequence[V], exponent: float | None, *, is_positive: bool
+def _compute_decay(
+    carrier: Carrier[V], size: V, shape: Values[V], exponent: float | None, *, is_positive: bool = False
 ) -> V:
-    """Return exp(-|size / vs|^gamma), vs the first shape value.
+    """Return exp(-|size / vs|^gamma): vs first in `shape`, gamma last where `exponent` is None.
 
-    Args:
-        carrier: of the numbers.
-        size: a velocity, or its absolute value, which then `is_positive` says.
-        shape: vs first; gamma last where `exponent` is None.
-        exponent: gamma where it is fixed.
-        is_positive: whether size >= 0 is known.
+    `is_positive`: size >= 0 is known.
     """
     if exponent == _GAUSSIAN:
-        return compute_gaussian_decay(carrier, size, shape[0])
+        return _compute_gaussian_decay(carrier, size, shape[0])
     ratio = carrier.div(size, shape[0])
     if not is_positive:
         ratio = carrier.absolute(ratio)
@@ -132,22 +92,7 @@ def compute_decay(
     return carrier.exp(carrier.scale(-1.0, carrier.power(ratio, gamma)))
 
 
-def compute_stribeck_columns(
-    carrier: Carrier[V],
-    inputs: Inputs[V],
-    shape: Sequence[V],
-    *,
-    exponent: float | None,
-    orders: tuple[int, ...] = (),
-) -> tuple[V, ...]:
-    """Return v, sign(v), exp(-|v / vs|^gamma) sign(v), |v|^(k-1) v for further orders k."""
-    velocity = inputs["velocity"]
-    sign = carrier.sign(velocity)
-    fall = compute_decay(carrier, velocity, shape, exponent, is_positive=False)
-    return velocity, sign, carrier.mul(fall, sign), *_compute_powers(carrier, velocity, orders)
-
-
-def _compute_powers(carrier: Carrier[V], velocity: V, orders: Sequence[int]) -> tuple[V, ...]:
+def _compute_powers(carrier: Carrier[V], velocity: V, orders: Sequence[int]) -> Columns[V]:
     """Return |v|^(k-1) v for each order k, by products."""
     result, power, size = {1: velocity}, velocity, carrier.absolute(velocity)
     for order in range(2, max(orders, default=1) + 1):
@@ -156,15 +101,30 @@ def _compute_powers(carrier: Carrier[V], velocity: V, orders: Sequence[int]) -> 
     return tuple(result[order] for order in orders)
 
 
+def compute_stribeck_columns(
+    carrier: Carrier[V],
+    inputs: Inputs[V],
+    shape: Values[V],
+    *,
+    exponent: float | None,
+    orders: tuple[int, ...] = (),
+) -> Columns[V]:
+    """Return v, sign(v), exp(-|v / vs|^gamma) sign(v), |v|^(k-1) v for further orders k."""
+    velocity = inputs["velocity"]
+    sign = carrier.sign(velocity)
+    fall = _compute_decay(carrier, velocity, shape, exponent)
+    return velocity, sign, carrier.mul(fall, sign), *_compute_powers(carrier, velocity, orders)
+
+
 def compute_polynomial_columns(
-    carrier: Carrier[V], inputs: Inputs[V], _shape: Sequence[V], *, orders: tuple[int, ...]
-) -> tuple[V, ...]:
+    carrier: Carrier[V], inputs: Inputs[V], _shape: Values[V], *, orders: tuple[int, ...]
+) -> Columns[V]:
     """Return v, sign(v), |v|^(k-1) v for further orders k."""
     velocity = inputs["velocity"]
     return velocity, carrier.sign(velocity), *_compute_powers(carrier, velocity, orders)
 
 
-def compute_lorentzian_columns(carrier: Carrier[V], inputs: Inputs[V], shape: Sequence[V]) -> tuple[V, ...]:
+def compute_lorentzian_columns(carrier: Carrier[V], inputs: Inputs[V], shape: Values[V]) -> Columns[V]:
     """Return v, sign(v), sign(v) / (1 + (v / vs)^2)."""
     velocity = inputs["velocity"]
     sign, ratio = carrier.sign(velocity), carrier.div(velocity, shape[0])
@@ -173,16 +133,11 @@ def compute_lorentzian_columns(carrier: Carrier[V], inputs: Inputs[V], shape: Se
 
 
 def compute_asymmetric_stribeck_columns(
-    carrier: Carrier[V],
-    inputs: Inputs[V],
-    shape: Sequence[V],
-    *,
-    exponent: float | None,
-    bumps: int,
-) -> tuple[V, ...]:
+    carrier: Carrier[V], inputs: Inputs[V], shape: Values[V], *, exponent: float | None, bumps: int
+) -> Columns[V]:
     """Return the asymmetric columns, and the fall by sign: one for both directions, or one for each."""
-    halves = split_by_direction(carrier, inputs["velocity"])
-    fall = compute_decay(carrier, inputs["velocity"], shape, exponent, is_positive=False)
+    halves = compute_asymmetric_columns(carrier, inputs, shape)
+    fall = _compute_decay(carrier, inputs["velocity"], shape, exponent)
     if bumps == 1:
         return *halves, carrier.mul(fall, carrier.sign(inputs["velocity"]))
     forward, backward = carrier.mul(fall, halves[1]), carrier.mul(fall, halves[3])
@@ -192,22 +147,21 @@ def compute_asymmetric_stribeck_columns(
 def compute_improved_columns(
     carrier: Carrier[V],
     inputs: Inputs[V],
-    shape: Sequence[V],
+    shape: Values[V],
     *,
     exponent: float | None,
     bias_everywhere: bool,
-) -> tuple[V, ...]:
+) -> Columns[V]:
     """Return v, s, s exp(-(max(|v|, dq0) / vs)^gamma), and the bias; s = clip(v / dq0, -1, 1).
 
-    Within |v| < dq0 friction is a straight line; the bias stands everywhere, or falls to zero at dq0.
+    Within |v| < dq0 friction is a straight line; the bias is constant, or falls to zero at dq0.
     """
-    velocity, edge = inputs["velocity"], shape[1]
-    one = carrier.one
+    velocity, edge, one = inputs["velocity"], shape[1], carrier.one
     size = carrier.absolute(velocity)
     ratio = carrier.div(velocity, edge)
     clipped = carrier.maximum(carrier.scale(-1.0, one), carrier.minimum(one, ratio))
     outside = carrier.maximum(size, edge)
-    fall = compute_decay(carrier, outside, shape, exponent, is_positive=True)
+    fall = _compute_decay(carrier, outside, shape, exponent, is_positive=True)
     bias = one
     if not bias_everywhere:
         bias = carrier.maximum(carrier.zero, carrier.sub(one, carrier.div(size, edge)))
@@ -215,13 +169,8 @@ def compute_improved_columns(
 
 
 def compute_shifted_columns(
-    carrier: Carrier[V],
-    inputs: Inputs[V],
-    shape: Sequence[V],
-    *,
-    exponent: float | None,
-    shifted: bool,
-) -> tuple[V, ...]:
+    carrier: Carrier[V], inputs: Inputs[V], shape: Values[V], *, exponent: float | None, shifted: bool
+) -> Columns[V]:
     """Return the Stribeck columns and the bias one; at the velocity v - dq0 where `shifted`."""
     velocity = inputs["velocity"]
     if shifted:
@@ -230,14 +179,14 @@ def compute_shifted_columns(
     return *columns, carrier.one
 
 
-def compute_power_law_columns(carrier: Carrier[V], inputs: Inputs[V], shape: Sequence[V]) -> tuple[V, ...]:
+def compute_power_law_columns(carrier: Carrier[V], inputs: Inputs[V], shape: Values[V]) -> Columns[V]:
     """Return sign(v), |v|^delta sign(v)."""
     velocity = inputs["velocity"]
     sign = carrier.sign(velocity)
     return sign, carrier.mul(carrier.power(carrier.absolute(velocity), shape[0]), sign)
 
 
-def compute_makkar_columns(carrier: Carrier[V], inputs: Inputs[V], shape: Sequence[V]) -> tuple[V, ...]:
+def compute_makkar_columns(carrier: Carrier[V], inputs: Inputs[V], shape: Values[V]) -> Columns[V]:
     """Return tanh(g2 v) - tanh(g3 v), tanh(g5 v), v."""
     velocity = inputs["velocity"]
     rise, fall, dry = (carrier.tanh(carrier.mul(slope, velocity)) for slope in shape)
@@ -245,32 +194,27 @@ def compute_makkar_columns(carrier: Carrier[V], inputs: Inputs[V], shape: Sequen
 
 
 def compute_load_dependent_columns(
-    carrier: Carrier[V],
-    inputs: Inputs[V],
-    shape: Sequence[V],
-    *,
-    exponent: float | None,
-    falls: bool,
-) -> tuple[V, ...]:
+    carrier: Carrier[V], inputs: Inputs[V], shape: Values[V], *, exponent: float | None, falls: bool
+) -> Columns[V]:
     """Return v, sign(v), |load| sign(v), and the fall times both signs where friction `falls`."""
     velocity = inputs["velocity"]
     sign = carrier.sign(velocity)
     loaded = carrier.mul(carrier.absolute(inputs["load"]), sign)
     if not falls:
         return velocity, sign, loaded
-    fall = compute_decay(carrier, velocity, shape, exponent, is_positive=False)
+    fall = _compute_decay(carrier, velocity, shape, exponent)
     return velocity, sign, loaded, carrier.mul(fall, sign), carrier.mul(fall, loaded)
 
 
 def compute_position_dependent_columns(
     carrier: Carrier[V],
     inputs: Inputs[V],
-    _shape: Sequence[V],
+    _shape: Values[V],
     *,
     orders: tuple[int, ...],
     gear: float,
     dry: bool,
-) -> tuple[V, ...]:
+) -> Columns[V]:
     """Return v, sign(v), and cos, sin of k gear q for each order k, times sign(v) where friction is `dry`."""
     velocity, position = inputs["velocity"], inputs["position"]
     sign = carrier.sign(velocity)

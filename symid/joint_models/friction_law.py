@@ -1,13 +1,9 @@
 """What a static friction law is: columns, linear in most parameters, written once over any carrier.
 
-Velocity of a joint, for some laws its load and position -> one column per linear parameter. The friction
-torque is their weighted sum, positive against positive velocity.
-
     tau_f(v) = sum_k c_k Phi_k(v; s)      c: linear parameters, s: shape values (at most three)
 
-Floats, NumPy arrays, SymPy, CasADi and mpmath numbers, dual numbers (derivatives), LaTeX and C code all
-come from the one function `FrictionLaw.columns`: what is printed is what is computed, and no term is
-rearranged.
+Velocity of a joint, for some laws its load and position -> one column Phi_k per linear parameter; positive
+torque opposes positive velocity. Numbers, derivatives, LaTeX and C code all come from `FrictionLaw.columns`.
 
 Supported: laws without a state, smoothed ones too.
 Not supported: laws with a state, such as Dahl and LuGre (`dynamic_friction`).
@@ -21,17 +17,26 @@ from typing import TypeVar
 import numpy as np
 
 from symid.arrays import FloatArray
-from symid.joint_models.carriers import Carrier, DualFriction, build_dual_variables, build_numpy_carrier
+from symid.joint_models.carriers import (
+    Carrier,
+    OperatorCarrier,
+    build_dual_carrier,
+    build_numpy_carrier,
+    lift_dual,
+)
 
 V = TypeVar("V")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class LawParameter:
-    """A parameter: name, LaTeX, SI units, meaning, the values that it may take, a typical value.
+    """A parameter of a law.
 
-    `lower` and `upper` are physical bounds (may be infinite); whether `lower` itself is allowed says
-    `lower_is_allowed`. `start` is where a search may begin, None where the data must say.
+    Args:
+        name, latex, unit, unit_prismatic, meaning: the units are SI.
+        lower, upper: physical bounds, may be infinite.
+        start: where a search may begin; None where the data must say.
+        lower_is_allowed: whether the lower bound itself is.
     """
 
     name: str
@@ -66,22 +71,13 @@ def build_parameter(  # noqa: PLR0917 - one row of a table
     *,
     allowed: bool = True,
 ) -> LawParameter:
-    """Return a parameter of a kind: "stiffness", "level", "viscous", "speed", "slope" or "number".
+    """Return a parameter whose units are those of `kind`; `allowed`: whether the lower bound itself is."""
+    return LawParameter(name, latex, *_UNITS[kind], meaning, lower, upper, start, allowed)
 
-    `allowed` says whether the lower bound itself is.
-    """
-    unit, unit_prismatic = _UNITS[kind]
-    return LawParameter(
-        name=name,
-        latex=latex,
-        unit=unit,
-        unit_prismatic=unit_prismatic,
-        meaning=meaning,
-        lower=lower,
-        upper=upper,
-        start=start,
-        lower_is_allowed=allowed,
-    )
+
+def _multiply(matrix: Sequence[Sequence[int]], values: Sequence[float]) -> tuple[float, ...]:
+    rows = (zip(row, values, strict=True) for row in matrix)
+    return tuple(math.fsum(factor * value for factor, value in row if factor) for row in rows)
 
 
 LawColumns = Callable[[Carrier[V], Mapping[str, V], Sequence[V]], tuple[V, ...]]
@@ -102,40 +98,31 @@ class FrictionLaw:
         formula: in words and letters, in the physical parameters.
         source: who gave the law.
         smoothness: a sentence on its continuity in velocity and shape.
-        passivity: a sentence: when it can never push.
-        resistive: from the physical values by name, whether friction surely never pushes; sufficient.
+        passivity: a sentence: when it is dissipative.
         smoothing: speed v0 over which dry friction changes its sign, 0 for the sign itself.
     """
 
     name: str
     linear: tuple[LawParameter, ...]
     shape: tuple[LawParameter, ...]
-    inputs: tuple[str, ...]
     columns: LawColumns  # type: ignore[type-arg]
     physical: tuple[LawParameter, ...]
     mixing: tuple[tuple[int, ...], ...]
     formula: str
     source: str
-    smoothness: str
-    passivity: str
-    resistive: Callable[[Mapping[str, float]], bool]
+    inputs: tuple[str, ...] = ("velocity",)
+    smoothness: str = "Jumps at zero velocity (sign), smooth elsewhere and in all parameters."
+    passivity: str = "Dissipative where no coefficient is negative."
     smoothing: float = 0.0
 
     def to_physical(self, linear: Sequence[float], shape: Sequence[float]) -> tuple[float, ...]:
         """Return the values in the order of `physical`; a linear map, whose matrix is `mixing`."""
-        values = [*linear, *shape]
-        return tuple(
-            float(math.fsum(factor * value for factor, value in zip(row, values, strict=True) if factor))
-            for row in self.mixing
-        )
+        return _multiply(self.mixing, [*linear, *shape])
 
     def from_physical(self, physical: Sequence[float]) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return (linear, shape) from values in the order of `physical`."""
-        values = [
-            float(math.fsum(factor * value for factor, value in zip(row, physical, strict=True) if factor))
-            for row in self.unmixing
-        ]
-        return tuple(values[: len(self.linear)]), tuple(values[len(self.linear) :])
+        values = _multiply(self.unmixing, physical)
+        return values[: len(self.linear)], values[len(self.linear) :]
 
     @property
     def unmixing(self) -> tuple[tuple[int, ...], ...]:
@@ -145,36 +132,27 @@ class FrictionLaw:
 
     @property
     def latex(self) -> str:
-        """Return the law in LaTeX, written by the columns themselves."""
-        return write_law_latex(self)
-
-    def is_passive(self, linear: Sequence[float], shape: Sequence[float]) -> bool | None:
-        """Return True if it surely never pushes, False if a motion is known that it pushes, else None."""
-        values = self.to_physical(linear, shape)
-        if self.resistive({p.name: value for p, value in zip(self.physical, values, strict=True)}):
-            return True
-        inputs = _build_probe(self)
-        power = inputs["velocity"] * compute_friction_torque(self, inputs, linear, shape)
-        return False if np.any(power < 0.0) else None
-
-
-def _build_probe(law: FrictionLaw) -> dict[str, FloatArray]:
-    """Return motions over all that may matter: speeds of 18 decades, loads, positions of a turn."""
-    speeds = np.logspace(-12.0, 6.0, 361)
-    axes = {"velocity": np.concatenate([-speeds[::-1], speeds])}
-    if "load" in law.inputs:
-        axes["load"] = np.array([0.0, 1.0, -1.0, 1e3, 1e6])
-    if "position" in law.inputs:
-        axes["position"] = np.linspace(0.0, 2.0 * np.pi, 181)
-    grids = np.meshgrid(*axes.values(), indexing="ij")
-    return {name: grid.ravel() for name, grid in zip(axes, grids, strict=True)}
+        """Return the law as an equation for tau_f in its physical parameters, written by the columns."""
+        carrier = _build_latex_carrier()
+        inputs = {name: Phrase(_INPUTS[name]) for name in self.inputs}
+        columns = self.columns(carrier, inputs, [Phrase(parameter.latex) for parameter in self.shape])
+        total: Phrase | None = None
+        for row, column in zip(self.unmixing, columns, strict=False):
+            # A linear parameter is a sum of physical ones, those that are added first.
+            parts = [(factor, p.latex) for factor, p in zip(row, self.physical, strict=True) if factor]
+            parts.sort(key=lambda part: -part[0])
+            text = " ".join(f"{'+' if factor > 0 else '-'} {latex}" for factor, latex in parts)
+            coefficient = Phrase(text.removeprefix("+ "), _ATOM if len(parts) == 1 else _SUM)
+            term = coefficient * column
+            total = term if total is None else total + term
+        return rf"\tau_f = {total.text if total else '0'}"
 
 
 def compute_columns(law: FrictionLaw, inputs: Mapping[str, FloatArray], shape: Sequence[float]) -> FloatArray:
     """Return the columns (N, p) at inputs (N,) each, for shape values (s,)."""
     lifted = [np.float64(value) for value in shape]
     columns = law.columns(build_numpy_carrier(), inputs, lifted)
-    result = np.empty((_count_samples(law, inputs), len(law.linear)))
+    result = np.empty((len(inputs[law.inputs[0]]), len(law.linear)))
     for k, column in enumerate(columns):
         result[:, k] = column
     return result
@@ -193,18 +171,13 @@ def compute_column_derivatives(
 ) -> FloatArray:
     """Return the derivatives (N, p, s) of the columns by the shape values, exact."""
     size = len(law.shape)
-    carrier = DualFriction(size=size)
-    lifted = {name: carrier.lift(values) for name, values in inputs.items()}
-    columns = law.columns(carrier, lifted, build_dual_variables(shape))
-    result = np.zeros((_count_samples(law, inputs), len(law.linear), size))
-    for k, column in enumerate(columns):
+    lifted = {name: lift_dual(values, size) for name, values in inputs.items()}
+    variables = [lift_dual(value, size, k) for k, value in enumerate(shape)]
+    result = np.zeros((len(inputs[law.inputs[0]]), len(law.linear), size))
+    for k, column in enumerate(law.columns(build_dual_carrier(size), lifted, variables)):
         for j, rate in enumerate(column.rates):
             result[:, k, j] = rate
     return result
-
-
-def _count_samples(law: FrictionLaw, inputs: Mapping[str, FloatArray]) -> int:
-    return len(inputs[law.inputs[0]])
 
 
 _SUM, _PRODUCT, _ATOM = range(3)
@@ -223,108 +196,58 @@ class Phrase:
         """Return the text, in parentheses where it holds less tightly than `rank`."""
         return self.text if self.rank >= rank else rf"\left({self.text}\right)"
 
+    def __add__(self, other: "Phrase") -> "Phrase":
+        joint = " - " if other.text.startswith("-") else " + "
+        return Phrase(self.text + joint + other.text.removeprefix("-"), _SUM)
 
-@dataclass(frozen=True, slots=True)
-class LatexCarrier:
-    """LaTeX as the carrier of friction laws."""
+    def __sub__(self, other: "Phrase") -> "Phrase":
+        return Phrase(f"{self.text} - {other.wrap(_PRODUCT)}", _SUM)
 
-    @property
-    def zero(self) -> Phrase:
-        """Return zero."""
-        return Phrase("0")
+    def __mul__(self, other: "Phrase") -> "Phrase":
+        if "1" in {self.text, other.text}:
+            return other if self.text == "1" else self
+        if self == other:
+            return Phrase(f"{self.wrap(_ATOM)}^2", _PRODUCT)
+        return Phrase(rf"{self.wrap(_PRODUCT)} \, {other.wrap(_PRODUCT)}", _PRODUCT)
 
-    @property
-    def one(self) -> Phrase:
-        """Return one."""
-        return Phrase("1")
+    def __truediv__(self, other: "Phrase") -> "Phrase":
+        return Phrase(rf"\frac{{{self.text}}}{{{other.text}}}", _PRODUCT)
 
-    def add(self, left: Phrase, right: Phrase) -> Phrase:
-        """Return left + right."""
-        joint = " - " if right.text.startswith("-") else " + "
-        return Phrase(left.text + joint + right.text.removeprefix("-"), _SUM)
+    def __abs__(self) -> "Phrase":
+        return Phrase(rf"\left|{self.text}\right|")
 
-    def sub(self, left: Phrase, right: Phrase) -> Phrase:
-        """Return left - right."""
-        return Phrase(f"{left.text} - {right.wrap(_PRODUCT)}", _SUM)
+    def __pow__(self, other: "Phrase") -> "Phrase":
+        return Phrase(f"{self.wrap(_ATOM)}^{{{other.text}}}", _PRODUCT)
 
-    def mul(self, left: Phrase, right: Phrase) -> Phrase:
-        """Return left * right, a power where both are the same."""
-        if left.text == "1":
-            return right
-        if right.text == "1":
-            return left
-        if left == right:
-            return Phrase(f"{left.wrap(_ATOM)}^2", _PRODUCT)
-        return Phrase(rf"{left.wrap(_PRODUCT)} \, {right.wrap(_PRODUCT)}", _PRODUCT)
-
-    def div(self, left: Phrase, right: Phrase) -> Phrase:
-        """Return left / right."""
-        return Phrase(rf"\frac{{{left.text}}}{{{right.text}}}", _PRODUCT)
-
-    def scale(self, factor: float, value: Phrase) -> Phrase:
-        """Return factor * value."""
+    def scale(self, factor: float) -> "Phrase":
+        """Return a multiple."""
         if factor == 1.0:
-            return value
+            return self
         if factor == -1.0:
-            return Phrase(f"-{value.wrap(_PRODUCT)}", _SUM)
+            return Phrase(f"-{self.wrap(_PRODUCT)}", _SUM)
         number = r"\tfrac{1}{2}" if factor == 0.5 else f"{factor:.12g}"
-        if value.text == "1":
+        if self.text == "1":
             return Phrase(number)
-        return Phrase(rf"{number} \, {value.wrap(_PRODUCT)}", _PRODUCT)
-
-    def exp(self, value: Phrase) -> Phrase:
-        """Return the exponential."""
-        return Phrase(f"e^{{{value.text}}}", _PRODUCT)
-
-    def tanh(self, value: Phrase) -> Phrase:
-        """Return the hyperbolic tangent."""
-        return Phrase(rf"\tanh\left({value.text}\right)")
-
-    def sin(self, value: Phrase) -> Phrase:
-        """Return the sine."""
-        return Phrase(rf"\sin\left({value.text}\right)")
-
-    def cos(self, value: Phrase) -> Phrase:
-        """Return the cosine."""
-        return Phrase(rf"\cos\left({value.text}\right)")
-
-    def sign(self, value: Phrase) -> Phrase:
-        """Return the sign."""
-        return Phrase(rf"\operatorname{{sgn}}\left({value.text}\right)")
-
-    def absolute(self, value: Phrase) -> Phrase:
-        """Return |value|."""
-        return Phrase(rf"\left|{value.text}\right|")
-
-    def maximum(self, left: Phrase, right: Phrase) -> Phrase:
-        """Return the greater of two."""
-        return Phrase(rf"\max\left({left.text},\, {right.text}\right)")
-
-    def minimum(self, left: Phrase, right: Phrase) -> Phrase:
-        """Return the smaller of two."""
-        return Phrase(rf"\min\left({left.text},\, {right.text}\right)")
-
-    def power(self, base: Phrase, exponent: Phrase) -> Phrase:
-        """Return base^exponent."""
-        return Phrase(f"{base.wrap(_ATOM)}^{{{exponent.text}}}", _PRODUCT)
+        return Phrase(rf"{number} \, {self.wrap(_PRODUCT)}", _PRODUCT)
 
 
-def write_law_latex(law: FrictionLaw) -> str:
-    """Return the law as an equation for tau_f in its physical parameters."""
-    carrier = LatexCarrier()
-    inputs = {name: Phrase(_INPUTS[name]) for name in law.inputs}
-    shape = [Phrase(parameter.latex) for parameter in law.shape]
-    total: Phrase | None = None
-    for row, column in zip(law.unmixing, law.columns(carrier, inputs, shape), strict=False):
-        coefficient = _write_coefficient(law, row)
-        term = carrier.mul(coefficient, column)
-        total = term if total is None else carrier.add(total, term)
-    return rf"\tau_f = {total.text if total else '0'}"
+def _build_latex_carrier() -> OperatorCarrier[Phrase]:
+    def name(function: str) -> Callable[..., Phrase]:
+        def apply(*values: Phrase) -> Phrase:
+            inner = r",\, ".join(value.text for value in values)
+            return Phrase(rf"{function}\left({inner}\right)")
 
+        return apply
 
-def _write_coefficient(law: FrictionLaw, row: tuple[int, ...]) -> Phrase:
-    """Return a linear parameter as a sum of physical ones, those that are added first."""
-    pairs = [(factor, parameter.latex) for factor, parameter in zip(row, law.physical, strict=True) if factor]
-    pairs.sort(key=lambda pair: -pair[0])
-    text = " ".join(f"{'+' if factor > 0 else '-'} {latex}" for factor, latex in pairs).removeprefix("+ ")
-    return Phrase(text, _ATOM if len(pairs) == 1 else _SUM)
+    return OperatorCarrier(
+        zero=Phrase("0"),
+        one=Phrase("1"),
+        scale=lambda factor, value: value.scale(factor),
+        exp=lambda value: Phrase(f"e^{{{value.text}}}", _PRODUCT),
+        tanh=name(r"\tanh"),
+        sin=name(r"\sin"),
+        cos=name(r"\cos"),
+        sign=name(r"\operatorname{sgn}"),
+        maximum=name(r"\max"),
+        minimum=name(r"\min"),
+    )

@@ -1,21 +1,19 @@
-"""Joint friction as robot files name it: models, parameters, columns, and what motion shows of them.
+"""Joint friction as robot files name it: models, parameters, columns, and which of them motion separates.
 
-Velocity of a joint in any carrier of friction laws -> one column per parameter; the friction torque is
-their sum, positive against positive velocity.
-Robot -> rows of friction parameters that motion tells apart, for the base parameters: away from standstill
-a column that is piecewise linear in the speed w is a sum of w, |w|, sign(w) and one; these four functions
-are independent, and four speeds give their coefficients. A curved column is a function of its own,
-independent of them and of those with another shape; a cube of several speeds is a sum of products.
+Robot -> rows of friction parameters, for the base parameters: away from standstill a column that is
+piecewise linear in the speed w is a sum of w, |w|, sign(w) and one; these four functions are independent,
+and four speeds give their coefficients. A curved column is a function of its own, independent of them and
+of those with another shape; a cube of several speeds is a sum of products.
 
-Supported: viscous and Coulomb, with offset, asymmetric; curved models, whose shape values are constants of
-the robot; sign(0) = 0, or tanh(v / v0) in place of the sign; joints, joints that follow others, couplings.
+Supported: viscous and Coulomb, with offset, asymmetric; curved models with constant shape values; sign(0)
+is 0, or tanh(v / v0) replaces the sign; joints, joints that follow others, couplings.
 Not supported: friction that depends on load or position, or has a state.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cache
+from functools import cache, partial
 from itertools import product
 from math import prod
 from typing import TypeVar
@@ -28,8 +26,7 @@ from symid.joint_models.friction_catalogue import (
     build_stribeck,
     with_offset,
 )
-from symid.joint_models.friction_columns import compute_asymmetric_columns, compute_coulomb_viscous_columns
-from symid.joint_models.friction_law import LawColumns
+from symid.joint_models.friction_law import FrictionLaw
 from symid.robot import (
     FRICTION_PARAMETERS,
     FRICTION_SHAPES,
@@ -40,23 +37,21 @@ from symid.robot import (
 )
 
 V = TypeVar("V")
-_FALL = "Fe exp(-|dq/vs|^gamma)"
 Kind = FrictionKind | CurvedFriction
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class FrictionModel:
     """A friction model of robot files.
 
     Args:
-        kind: its name, which says parameters and shape values too.
-        build: from the exponent gamma, where the model has one, the columns of its law.
+        kind: its name, the key of its parameters and shape values.
+        law: by name, or built from its exponent gamma; empty for no friction.
         own: parameters whose columns are no sum of v, |v|, sign(v) and one.
     """
 
     kind: Kind
-    build: Callable[[float], LawColumns]  # type: ignore[type-arg]
-    formula: str
+    law: str | Callable[..., FrictionLaw]
     own: tuple[str, ...] = ()
 
     @property
@@ -69,93 +64,43 @@ class FrictionModel:
         """Return the names of the constants of the robot, gamma last where the model has one."""
         return tuple(key.name for key in FRICTION_SHAPES.get(self.kind, ()))
 
-    def find_columns(self, carrier: Carrier[V], velocity: V, shape: tuple[float, ...] = ()) -> tuple[V, ...]:
-        """Return one column per parameter at `velocity`, for the values of `shape`."""
-        named = dict(zip(self.shape, shape, strict=True))
-        exponent = named.pop("gamma", 2.0)
-        values = [carrier.scale(value, carrier.one) for value in named.values()]
-        return self.build(exponent)(carrier, {"velocity": velocity}, values)
+
+def _build_stribeck_offset(exponent: float) -> FrictionLaw:
+    return with_offset(build_stribeck(exponent=exponent))
+
+
+FRICTION_MODELS: dict[Kind, FrictionModel] = {
+    model.kind: model
+    for model in (
+        FrictionModel(FrictionKind.NONE, ""),
+        FrictionModel(FrictionKind.VISCOUS_COULOMB, "coulomb-viscous"),
+        FrictionModel(FrictionKind.VISCOUS_COULOMB_OFFSET, "coulomb-viscous-offset"),
+        FrictionModel(FrictionKind.ASYMMETRIC, "asymmetric"),
+        FrictionModel(CurvedFriction.STRIBECK, build_stribeck, ("Fe",)),
+        FrictionModel(CurvedFriction.STRIBECK_OFFSET, _build_stribeck_offset, ("Fe",)),
+        FrictionModel(CurvedFriction.IMPROVED_STRIBECK, build_improved, ("Fc", "Fe")),
+        FrictionModel(CurvedFriction.ASYMMETRIC_STRIBECK, build_asymmetric_stribeck, ("Fe",)),
+        FrictionModel(CurvedFriction.CUBIC, "cubic", ("Fvq", "Fvc")),
+        FrictionModel(
+            CurvedFriction.STRIBECK_CUBIC, partial(build_stribeck, orders=(2, 3)), ("Fe", "Fvq", "Fvc")
+        ),
+        FrictionModel(CurvedFriction.POWER_LAW, "power-law", ("Fd",)),
+        FrictionModel(CurvedFriction.MAKKAR, "makkar", ("Fm", "Fc")),
+    )
+}
 
 
 def compute_friction_columns(friction: FrictionValues, algebra: Carrier[V], velocity: V) -> tuple[V, ...]:
     """Return one column per parameter of a joint's friction model, at `velocity` (rad/s or m/s)."""
+    model = FRICTION_MODELS[friction.kind]
+    if not model.law:
+        return ()
     carrier = smooth(algebra, friction.smoothing) if friction.smoothing > 0.0 else algebra
-    return FRICTION_MODELS[friction.kind].find_columns(carrier, velocity, friction.shape)
-
-
-def _compute_no_columns(_carrier: Carrier[V], _inputs: Mapping[str, V], _shape: object) -> tuple[V, ...]:
-    return ()
-
-
-_ROWS: tuple[tuple[Kind, Callable[[float], LawColumns], str, tuple[str, ...]], ...] = (  # type: ignore[type-arg]
-    (FrictionKind.NONE, lambda _gamma: _compute_no_columns, "0", ()),
-    (FrictionKind.VISCOUS_COULOMB, lambda _gamma: compute_coulomb_viscous_columns, "Fv dq + Fc sign(dq)", ()),
-    (
-        FrictionKind.VISCOUS_COULOMB_OFFSET,
-        lambda _gamma: FRICTION_LAWS["coulomb-viscous-offset"].columns,
-        "Fv dq + Fc sign(dq) + offset",
-        (),
-    ),
-    (
-        FrictionKind.ASYMMETRIC,
-        lambda _gamma: compute_asymmetric_columns,
-        "Fvp dq + Fcp for dq > 0, Fvn dq - Fcn for dq < 0",
-        (),
-    ),
-    (
-        CurvedFriction.STRIBECK,
-        lambda gamma: build_stribeck(exponent=gamma).columns,
-        f"Fv dq + [Fc + {_FALL}] sign(dq)",
-        ("Fe",),
-    ),
-    (
-        CurvedFriction.STRIBECK_OFFSET,
-        lambda gamma: with_offset(build_stribeck(exponent=gamma)).columns,
-        f"Fv dq + [Fc + {_FALL}] sign(dq) + offset",
-        ("Fe",),
-    ),
-    (
-        CurvedFriction.IMPROVED_STRIBECK,
-        lambda gamma: build_improved(exponent=gamma).columns,
-        "Fv dq + [Fc + Fe exp(-(max(|dq|, dq0)/vs)^gamma)] clip(dq/dq0, -1, 1) + Fp",
-        ("Fc", "Fe"),
-    ),
-    (
-        CurvedFriction.ASYMMETRIC_STRIBECK,
-        lambda gamma: build_asymmetric_stribeck(exponent=gamma).columns,
-        f"Fvp dq + Fcp for dq > 0, Fvn dq - Fcn for dq < 0, + {_FALL} sign(dq)",
-        ("Fe",),
-    ),
-    (
-        CurvedFriction.CUBIC,
-        lambda _gamma: FRICTION_LAWS["cubic"].columns,
-        "Fv dq + Fc sign(dq) + Fvq |dq| dq + Fvc dq^3",
-        ("Fvq", "Fvc"),
-    ),
-    (
-        CurvedFriction.STRIBECK_CUBIC,
-        lambda gamma: build_stribeck(exponent=gamma, orders=(2, 3)).columns,
-        f"Fv dq + [Fc + {_FALL}] sign(dq) + Fvq |dq| dq + Fvc dq^3",
-        ("Fe", "Fvq", "Fvc"),
-    ),
-    (
-        CurvedFriction.POWER_LAW,
-        lambda _gamma: FRICTION_LAWS["power-law"].columns,
-        "[Fc + Fd |dq|^delta] sign(dq)",
-        ("Fd",),
-    ),
-    (
-        CurvedFriction.MAKKAR,
-        lambda _gamma: FRICTION_LAWS["makkar"].columns,
-        "Fm [tanh(g2 dq) - tanh(g3 dq)] + Fc tanh(g5 dq) + Fv dq",
-        ("Fm", "Fc"),
-    ),
-)
-
-FRICTION_MODELS: dict[Kind, FrictionModel] = {
-    kind: FrictionModel(kind=kind, build=build, formula=formula, own=own)
-    for kind, build, formula, own in _ROWS
-}
+    named = dict(zip(model.shape, friction.shape, strict=True))
+    exponent = named.pop("gamma", 2.0)
+    law = FRICTION_LAWS[model.law] if isinstance(model.law, str) else model.law(exponent=exponent)
+    values = [carrier.scale(value, carrier.one) for value in named.values()]
+    return law.columns(carrier, {"velocity": velocity}, values)
 
 
 def get_friction(robot: Robot, index: int) -> FrictionValues:
@@ -177,17 +122,15 @@ def list_friction_parameters(robot: Robot) -> tuple[tuple[int, str], ...]:
 
 Label = tuple[int, str]
 Function = tuple[object, ...]
+Speed = Sequence[tuple[int, Fraction]]
 Parts = tuple[Fraction, Fraction, Fraction, Fraction]
 
-_NOTHING: Parts = (Fraction(0), Fraction(0), Fraction(0), Fraction(0))
 _ALONE = {
     "Fv": FrictionKind.VISCOUS_COULOMB,
     "Fc": FrictionKind.VISCOUS_COULOMB,
     "Fp": FrictionKind.VISCOUS_COULOMB_OFFSET,
     "offset": FrictionKind.VISCOUS_COULOMB_OFFSET,
 }
-
-
 _EXACT: OperatorCarrier[Fraction] = OperatorCarrier(
     zero=Fraction(0),
     one=Fraction(1),
@@ -199,10 +142,10 @@ _EXACT: OperatorCarrier[Fraction] = OperatorCarrier(
 @cache
 def _compute_linear_parts(kind: FrictionKind) -> dict[str, Parts]:
     """Return, for each parameter, the multiples of w, |w|, sign(w) and one in its column."""
-    model = FRICTION_MODELS[kind]
-    at = {w: model.find_columns(_EXACT, Fraction(w)) for w in (-2, -1, 1, 2)}
+    friction = FrictionValues(kind=kind)
+    at = {w: compute_friction_columns(friction, _EXACT, Fraction(w)) for w in (-2, -1, 1, 2)}
     result = {}
-    for k, name in enumerate(model.parameters):
+    for k, name in enumerate(FRICTION_PARAMETERS[kind]):
         odd = [(at[w][k] - at[-w][k]) / 2 for w in (1, 2)]
         even = [(at[w][k] + at[-w][k]) / 2 for w in (1, 2)]
         linear, size = odd[1] - odd[0], even[1] - even[0]
@@ -215,7 +158,7 @@ def _get_linear_parts(robot: Robot, label: Label) -> Parts:
     if isinstance(kind, FrictionKind):
         return _compute_linear_parts(kind)[label[1]]
     if label[1] in FRICTION_MODELS[kind].own:
-        return _NOTHING
+        return (Fraction(0),) * 4
     alone = _compute_linear_parts(_ALONE.get(label[1], FrictionKind.ASYMMETRIC))
     return alone["offset" if label[1] == "Fp" else label[1]]
 
@@ -244,23 +187,19 @@ def _describe_curve(friction: FrictionValues, name: str, scale: Fraction) -> tup
 
 
 def _list_curved_shares(
-    friction: FrictionValues, name: str, transmission: Sequence[tuple[int, Fraction]]
+    friction: FrictionValues, name: str, transmission: Speed, direction: Speed, scale: Fraction
 ) -> list[tuple[Function, Fraction]]:
     """Return the functions of the speeds that a curved column consists of; a cube is expanded."""
     if name not in FRICTION_MODELS[friction.kind].own:
         return []
-    if name == "Fvc":
-        terms = product(transmission, repeat=3)
-        return [
-            (
-                ("cube", tuple(sorted(position for position, _ in term))),
-                Fraction(prod(factor for _, factor in term)),
-            )
-            for term in terms
-        ]
-    direction, scale = _normalise_speed(transmission)
-    function, times = _describe_curve(friction, name, scale)
-    return [((*function, direction), times)]
+    if name != "Fvc":
+        function, times = _describe_curve(friction, name, scale)
+        return [((*function, direction), times)]
+    shares: list[tuple[Function, Fraction]] = []
+    for term in product(transmission, repeat=3):
+        places = tuple(sorted(position for position, _ in term))
+        shares.append((("cube", places), Fraction(prod(factor for _, factor in term))))
+    return shares
 
 
 def compute_constant_torques(robot: Robot) -> dict[Label, Fraction]:
@@ -269,21 +208,15 @@ def compute_constant_torques(robot: Robot) -> dict[Label, Fraction]:
     return {label: value for label, value in parts.items() if value}
 
 
-def _normalise_speed(
-    row: Sequence[tuple[int, Fraction]],
-) -> tuple[tuple[tuple[int, Fraction], ...], Fraction]:
-    """Return the direction of a speed with its first factor one, and that factor."""
-    first = row[0][1]
-    return tuple((position, factor / first) for position, factor in row), first
-
-
 def build_friction_rows(robot: Robot) -> list[dict[Label, Fraction]]:
     """Return what every function of the speeds, the constant one apart, shows at every coordinate."""
     rows: dict[tuple[object, ...], dict[Label, Fraction]] = {}
     for label in list_friction_parameters(robot):
         transmission, friction = robot.transmission[label[0]], get_friction(robot, label[0])
         linear, size, sign, _ = _get_linear_parts(robot, label)
-        direction, scale = _normalise_speed(transmission) if transmission else ((), Fraction(1))
+        # The direction of a speed has one as its first factor.
+        scale = transmission[0][1] if transmission else Fraction(1)
+        direction = tuple((position, factor / scale) for position, factor in transmission)
         for position, factor in transmission:
             shares: list[tuple[tuple[object, ...], Fraction]] = [
                 ((position, "size", direction), size * abs(scale)),
@@ -292,7 +225,7 @@ def build_friction_rows(robot: Robot) -> list[dict[Label, Fraction]]:
             shares += [((position, "speed", other), linear * share) for other, share in transmission]
             shares += [
                 ((position, *function), times)
-                for function, times in _list_curved_shares(friction, label[1], transmission)
+                for function, times in _list_curved_shares(friction, label[1], transmission, direction, scale)
             ]
             for function, share in shares:
                 if share:

@@ -1,51 +1,35 @@
 """Springs with hysteresis over any carrier: play, stop, dead zone, one step of the spring and its inverse.
 
-Numbers of any carrier with products, quotients, maxima and minima -> torque or torsion, and the plays after
-the step.
-
     play       P_r = max(x - r, min(x + r, P_r before))          stop   E_r = x - P_r
     spring     v = k0 phi + k3 phi^3 + sum_i k_i E_i[phi]        tau = S(v)
     dead zone  S(v) = v + sum_j s_j max(v - R_j, 0), R_j > 0, + sum_j s_j min(v - R_j, 0), R_j < 0
 
-A step is exact for any length, as long as the input is monotone within it. Floats, fractions, mpmath,
-SymPy, CasADi and the values of generated code are carriers; `prandtl_ishlinskii` has the same for whole
-recordings.
-Equations: Kuhnen, European Journal of Control 9 (2003) 407-418, modified Prandtl-Ishlinskii model.
+Modified Prandtl-Ishlinskii model (Kuhnen, European Journal of Control 9 (2003) 407-418). A step is exact for
+any length, as long as the input is monotone within it; `prandtl_ishlinskii` takes whole recordings.
+Springs with an outer slope other than one and Maxwell-slip (Iwan) elements are converted to `Elasticity`.
 
-The same spring as other papers write it, from and to `Elasticity`:
-
-    scale      (k, s, R) with outer slope a at zero is (a k, s / a, a R) with slope one
-    Maxwell    a spring k behind dry friction f is a stop of threshold f / k, stiffness k (Maxwell-slip, Iwan)
-
-Supported: any number of stops and knees; the inverse of the spring with its knees; any positive outer
-slope.
+Supported: any number of stops and knees; the inverse of the spring with its knees.
 Not supported: the inverse of a cubic spring; elements in series with a damper.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 from symid.errors import Notice, RobotError
 from symid.joint_models.carriers import Carrier
-from symid.robot import Elasticity, Knee, Stop
+from symid.robot import Elasticity, Stop
 
 V = TypeVar("V")
-
-
 Terms = tuple[tuple[V, V], ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpringTerms(Generic[V]):
-    """The numbers of an elastic joint in a carrier.
+    """The numbers of an elastic joint in a carrier: k0; k3 or None; stops and knees as pairs.
 
-    Args:
-        stiffness: k0.
-        cubic: k3; None where there is none.
-        stops: threshold r_i and stiffness k_i of each stop, thresholds increasing.
-        above: threshold R_j > 0 and slope s_j of each knee, outwards.
-        below: the same for R_j < 0, outwards.
+    `stops` have threshold r_i (increasing) and stiffness k_i, `above` threshold R_j > 0 and slope s_j of
+    knees, outwards, `below` the same for R_j < 0.
     """
 
     stiffness: V
@@ -64,10 +48,7 @@ class Plays(Generic[V]):
 
 
 def compute_play(algebra: Carrier[V], value: V, threshold: V, memory: V) -> V:
-    """Return the play of `threshold` after the input has gone to `value`, from `memory`.
-
-    P = max(x - r, min(x + r, P before)).
-    """
+    """Return the play after the input has gone to `value`: P = max(x - r, min(x + r, P before))."""
     lower = algebra.sub(value, threshold)
     upper = algebra.add(value, threshold)
     return algebra.maximum(lower, algebra.minimum(upper, memory))
@@ -76,40 +57,29 @@ def compute_play(algebra: Carrier[V], value: V, threshold: V, memory: V) -> V:
 def compute_outer_function(algebra: Carrier[V], value: V, above: Terms[V], below: Terms[V]) -> V:
     """Return S(v) = v + sum_j s_j S_j(v) with one-sided dead zones S_j."""
     result = value
-    for threshold, slope in above:
-        dead = algebra.maximum(algebra.sub(value, threshold), algebra.zero)
-        result = algebra.add(result, algebra.mul(slope, dead))
-    for threshold, slope in below:
-        dead = algebra.minimum(algebra.sub(value, threshold), algebra.zero)
-        result = algebra.add(result, algebra.mul(slope, dead))
+    for terms, limit in ((above, algebra.maximum), (below, algebra.minimum)):
+        for threshold, slope in terms:
+            dead = limit(algebra.sub(value, threshold), algebra.zero)
+            result = algebra.add(result, algebra.mul(slope, dead))
     return result
-
-
-def compute_spring_torque(algebra: Carrier[V], spring: SpringTerms[V], torsion: V, plays: Sequence[V]) -> V:
-    """Return tau = S(k0 phi + k3 phi^3 + sum_i k_i (phi - P_i)) for plays that are known."""
-    linear = algebra.mul(spring.stiffness, torsion)
-    if spring.cubic is not None:
-        square = algebra.mul(torsion, torsion)
-        linear = algebra.add(linear, algebra.mul(spring.cubic, algebra.mul(square, torsion)))
-    for (_, stiffness), play in zip(spring.stops, plays, strict=True):
-        linear = algebra.add(linear, algebra.mul(stiffness, algebra.sub(torsion, play)))
-    return compute_outer_function(algebra, linear, spring.above, spring.below)
 
 
 def advance_spring(
     algebra: Carrier[V], spring: SpringTerms[V], torsion: V, memory: Sequence[V]
 ) -> tuple[V, tuple[V, ...]]:
-    """Return the torque after the torsion has gone to `torsion`, and the plays there.
+    """Return the torque after the torsion phi (rad, m) has gone to `torsion`, and the plays there.
 
-    Args:
-        algebra: the carrier.
-        spring: numbers of the joint.
-        torsion: phi, rad or m.
-        memory: plays before, rad or m, one a stop.
+    `memory` has the plays before, rad or m, one a stop.
     """
     pairs = zip(spring.stops, memory, strict=True)
     plays = tuple(compute_play(algebra, torsion, threshold, before) for (threshold, _), before in pairs)
-    return compute_spring_torque(algebra, spring, torsion, plays), plays
+    inner = algebra.mul(spring.stiffness, torsion)
+    if spring.cubic is not None:
+        square = algebra.mul(torsion, torsion)
+        inner = algebra.add(inner, algebra.mul(spring.cubic, algebra.mul(square, torsion)))
+    for (_, stiffness), play in zip(spring.stops, plays, strict=True):
+        inner = algebra.add(inner, algebra.mul(stiffness, algebra.sub(torsion, play)))
+    return compute_outer_function(algebra, inner, spring.above, spring.below), plays
 
 
 def advance_inverse_spring(
@@ -118,13 +88,9 @@ def advance_inverse_spring(
     torque: V,
     memory: Sequence[V],
 ) -> tuple[V, tuple[V, ...]]:
-    """Return the torsion after the torque has gone to `torque`, and the plays of the inverse there.
+    """Return the torsion after the torque (N m, N; no damping) has gone to `torque`, and the plays there.
 
-    Args:
-        algebra: the carrier.
-        inverse: what `invert_spring` gives.
-        torque: tau, N m or N, without damping.
-        memory: plays of the inverse before, N m or N, one a stop.
+    `inverse` comes from `invert_spring`; `memory` has the plays of the inverse before, N m or N, one a stop.
     """
     plays, above, below = inverse
     value = compute_outer_function(algebra, torque, above, below)
@@ -151,23 +117,29 @@ def invert_spring(algebra: Carrier[V], spring: SpringTerms[V]) -> tuple[Plays[V]
     return plays, invert_outer_terms(algebra, spring.above), invert_outer_terms(algebra, spring.below)
 
 
-def invert_plays(algebra: Carrier[V], plays: Plays[V]) -> Plays[V]:
-    """Return the inverse of a sum of plays, itself a sum of plays.
+def _invert_pieces(algebra: Carrier[V], slope: V, terms: Terms[V]) -> Terms[V]:
+    """Return the pieces of the inverse of a piecewise linear function that begins with `slope`.
 
-    w'_0 = 1 / w_0, w'_i = -w_i / (W_i W_{i-1}), r'_i = sum_{j <= i} w_j (r_i - r_j), with the cumulative
-    slopes W_i = w_0 + ... + w_i, all positive.
+    A_j = A_{j-1} + s_j,  R'_j = sum_{i <= j} A_{i-1} (R_i - R_{i-1}),  s'_j = -s_j / (A_j A_{j-1}).
     """
-    slope = plays.weights[0]
-    weights = [algebra.div(algebra.one, slope)]
-    thresholds: list[V] = []
     before, image = algebra.zero, algebra.zero
-    for weight, threshold in zip(plays.weights[1:], plays.thresholds, strict=True):
+    result = []
+    for threshold, added in terms:
         image = algebra.add(image, algebra.mul(slope, algebra.sub(threshold, before)))
-        after = algebra.add(slope, weight)
-        weights.append(algebra.div(algebra.sub(algebra.zero, weight), algebra.mul(after, slope)))
-        thresholds.append(image)
+        after = algebra.add(slope, added)
+        change = algebra.div(algebra.sub(algebra.zero, added), algebra.mul(after, slope))
+        result.append((image, change))
         before, slope = threshold, after
-    return Plays(weights=tuple(weights), thresholds=tuple(thresholds))
+    return tuple(result)
+
+
+def invert_plays(algebra: Carrier[V], plays: Plays[V]) -> Plays[V]:
+    """Return the inverse of a sum of plays that rises, itself a sum of plays."""
+    first = algebra.div(algebra.one, plays.weights[0])
+    terms = tuple(zip(plays.thresholds, plays.weights[1:], strict=True))
+    pieces = _invert_pieces(algebra, plays.weights[0], terms)
+    weights = (first, *(change for _, change in pieces))
+    return Plays(weights=weights, thresholds=tuple(image for image, _ in pieces))
 
 
 def invert_plays_memory(algebra: Carrier[V], plays: Plays[V], memory: Sequence[V]) -> tuple[V, ...]:
@@ -185,19 +157,8 @@ def invert_plays_memory(algebra: Carrier[V], plays: Plays[V], memory: Sequence[V
 
 
 def invert_outer_terms(algebra: Carrier[V], terms: Terms[V]) -> Terms[V]:
-    """Return one side of the inverse of an outer function, outwards.
-
-    R'_j = S(R_j), s'_j = -s_j / (A_j A_{j-1}) with the slopes A_j = 1 + s_1 + ... + s_j.
-    """
-    slope, before, image = algebra.one, algebra.zero, algebra.zero
-    result = []
-    for threshold, added in terms:
-        image = algebra.add(image, algebra.mul(slope, algebra.sub(threshold, before)))
-        after = algebra.add(slope, added)
-        change = algebra.div(algebra.sub(algebra.zero, added), algebra.mul(after, slope))
-        result.append((image, change))
-        before, slope = threshold, after
-    return tuple(result)
+    """Return one side of the inverse of an outer function, outwards."""
+    return _invert_pieces(algebra, algebra.one, terms)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -211,8 +172,10 @@ class MaxwellElement:
 def convert_to_normal_form(elasticity: Elasticity, outer_slope: float) -> Elasticity:
     """Return the spring with outer slope one that gives the same torque.
 
+    (k, s, R) with outer slope a at zero is (a k, s / a, a R) with slope one.
+
     Args:
-        elasticity: stiffnesses and knees as they stand beside an outer function of slope `outer_slope` at
+        elasticity: stiffnesses and knees that belong to an outer function of slope `outer_slope` at
             zero: tau = outer_slope v + sum_j s_j S_j(v).
         outer_slope: positive.
 
@@ -220,25 +183,22 @@ def convert_to_normal_form(elasticity: Elasticity, outer_slope: float) -> Elasti
         RobotError: the slope is not positive, or the result is no elasticity.
     """
     if not outer_slope > 0:
-        text = f"the outer function's slope at zero is {outer_slope:g}; it must be positive"
+        text = f"slope {outer_slope:g} of the outer function at zero: it must be positive"
         raise RobotError(Notice(code="robot.invalid-elasticity", text=text))
-    knees = elasticity.knees
-    return Elasticity(
-        stiffness=_scale(elasticity.stiffness, outer_slope),
-        damping=elasticity.damping,
+
+    def scale(value: float | None) -> float | None:
+        return None if value is None else value * outer_slope
+
+    return replace(
+        elasticity,
+        stiffness=scale(elasticity.stiffness),
         cubic=elasticity.cubic * outer_slope,
-        stops=tuple(
-            Stop(threshold=stop.threshold, stiffness=_scale(stop.stiffness, outer_slope))
-            for stop in elasticity.stops
-        ),
+        stops=tuple(replace(stop, stiffness=scale(stop.stiffness)) for stop in elasticity.stops),
         knees=tuple(
-            Knee(threshold=knee.threshold * outer_slope, slope=knee.slope / outer_slope) for knee in knees
+            replace(knee, threshold=knee.threshold * outer_slope, slope=knee.slope / outer_slope)
+            for knee in elasticity.knees
         ),
     )
-
-
-def _scale(value: float | None, factor: float) -> float | None:
-    return None if value is None else value * factor
 
 
 def convert_maxwell_elements(elements: Sequence[MaxwellElement]) -> tuple[Stop, ...]:

@@ -1,48 +1,34 @@
 """Springs with hysteresis along whole recordings: plays, torque, inverse, work, energy, loops.
 
-Torsion or torque (N,), `Elasticity` or weights and thresholds -> plays, torque, torsion, energies (N,). The
-equations are those of `hysteresis`. `memory` is the play of each stop before the first sample; None is the
-virgin spring, all zero. The first sample is the end of a monotone path from wherever the memory was made.
+Torsion or torque (N,), `Elasticity` or weights and thresholds -> plays, torque, torsion, energies (N,); the
+equations are those of `hysteresis`. `memory` has the play of each stop before the first sample, None is the
+virgin spring, all zero. Samples may be any distance apart, as long as the input is monotone between them.
 
     sum of plays   y = w_0 x + sum_i w_i P_i[x],   rises for W_i = w_0 + ... + w_i > 0
+    inverse        phi = sum_i w'_i P'_i[v],  stops have k_i = -w_i;  G the integral of S
+    stored         U = sum_i w'_i [G(P'_i + r'_i) + G(P'_i - r'_i)] / 2
+    lost           D = sum_i w'_i int [S(P'_i + r'_i) - S(P'_i - r'_i)] |dP'_i| / 2
 
-As torque of a torsion such a sum is passive for w_i <= 0, i >= 1: then k_i = -w_i are stops. As torsion of
-a torque (compliance) it is passive for w_i >= 0. The inverse, phi = sum_i w'_i P'_i[v], turns one into the
-other.
+The work is the change of U, plus D (Brokate and Sprekels, Hysteresis and Phase Transitions, 1996).
 
-    work per step, phi monotone: int E_r dphi = change of E_r^2 / 2 + r |change of P_r|
-    with knees: int S(v) dphi = sum_i w'_i int S(v) dP'_i[v]; a play moves only while v = P'_i + r'_i or
-    v = P'_i - r'_i: each part is a difference of G, the integral of S
-    stored   U = sum_i w'_i [G(P'_i + r'_i) + G(P'_i - r'_i)] / 2
-    lost     D = sum_i w'_i int [S(P'_i + r'_i) - S(P'_i - r'_i)] |dP'_i| / 2
-
-The work since the first sample is the change of U, plus D. Without knees U = k0 phi^2 / 2 + sum k_i E_i^2 /
-2 and D = sum k_i r_i int |dP_i| (Brokate and Sprekels, Hysteresis and Phase Transitions, 1996). Other
-splits of the same work exist; the sum is unique. Loops of a virgin spring in closed form, the same by
-another way:
-
-    first curve   v(A) = k0 A + sum_i k_i min(r_i, A), odd
-    branch        v = v(A) - 2 v((A - phi) / 2)                            (Masing)
-    cycle +-A     D = 4 sum_i k_i r_i max(A - r_i, 0)                      without knees
-
-Supported: samples between which the input is monotone: exact, however far apart they are; weights of both
-signs; any memory that a history can leave.
-Not supported: unknown stiffnesses and sums that do not rise, which are refused; the inverse of a cubic
-spring; work and energy of a spring with a cubic part and knees; the closed-form loss of a cycle with knees.
+Not supported: unknown stiffnesses; sums that do not rise; the inverse of a cubic spring, and its work and
+energy with knees; the closed-form loss of a cycle with knees.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray
 from symid.errors import Notice, RobotError
-from symid.joint_models.carriers import build_float_carrier
+from symid.joint_models.carriers import OperatorCarrier, build_float_carrier, build_numpy_carrier
 from symid.joint_models.hysteresis import (
     Plays,
     SpringTerms,
+    compute_outer_function,
     invert_outer_terms,
     invert_plays,
     invert_plays_memory,
@@ -50,6 +36,8 @@ from symid.joint_models.hysteresis import (
 from symid.robot import Elasticity, Stop
 
 _FLOATS = build_float_carrier()
+_ARRAYS: OperatorCarrier[Any] = build_numpy_carrier()
+_ROUNDING = 1e-9
 
 
 def read_spring_terms(elasticity: Elasticity) -> SpringTerms[float]:
@@ -59,7 +47,7 @@ def read_spring_terms(elasticity: Elasticity) -> SpringTerms[float]:
         RobotError: a stiffness is not known.
     """
     if elasticity.initial_stiffness is None or elasticity.stiffness is None:
-        text = "a stiffness is unknown, and torque needs all of them; give it, or identify it first"
+        text = "a stiffness of the spring is unknown; state it in the robot file, or identify it"
         raise RobotError(Notice(code="robot.unknown-stiffness", text=text))
     knees = elasticity.knees
     return SpringTerms(
@@ -80,41 +68,26 @@ def _read_spring(elasticity: Elasticity) -> tuple[SpringTerms[float], FloatArray
 
 def compute_outer_torque(terms: SpringTerms[float], value: FloatArray) -> FloatArray:
     """Return S(v), N m or N, at values v of any shape."""
-    return _apply_dead_zones(terms.above, terms.below, value)
+    return np.asarray(compute_outer_function(_ARRAYS, value, terms.above, terms.below))
 
 
 def invert_outer(terms: SpringTerms[float], torque: FloatArray) -> FloatArray:
     """Return v with S(v) = torque, N m or N, for torques of any shape."""
-    above = invert_outer_terms(_FLOATS, terms.above)
-    return _apply_dead_zones(above, invert_outer_terms(_FLOATS, terms.below), torque)
+    above, below = invert_outer_terms(_FLOATS, terms.above), invert_outer_terms(_FLOATS, terms.below)
+    return np.asarray(compute_outer_function(_ARRAYS, torque, above, below))
 
 
-def compute_outer_integral(terms: SpringTerms[float], value: FloatArray) -> FloatArray:
+def _compute_outer_integral(terms: SpringTerms[float], value: FloatArray) -> FloatArray:
     """Return G(v), the integral of S from 0 to v, at values v of any shape."""
     result = 0.5 * value * value
-    for threshold, slope in terms.above:
-        result = result + 0.5 * slope * np.square(np.maximum(value - threshold, 0.0))
-    for threshold, slope in terms.below:
-        result = result + 0.5 * slope * np.square(np.minimum(value - threshold, 0.0))
+    for pieces, limit in ((terms.above, np.maximum), (terms.below, np.minimum)):
+        for threshold, slope in pieces:
+            result = result + 0.5 * slope * np.square(limit(value - threshold, 0.0))
     return np.asarray(result, dtype=np.float64)
 
 
-def _apply_dead_zones(
-    above: tuple[tuple[float, float], ...], below: tuple[tuple[float, float], ...], value: FloatArray
-) -> FloatArray:
-    result = np.array(value, dtype=np.float64)
-    for threshold, slope in above:
-        result += slope * np.maximum(value - threshold, 0.0)
-    for threshold, slope in below:
-        result += slope * np.minimum(value - threshold, 0.0)
-    return result
-
-
-_ROUNDING = 1e-9
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PlayModel:
+class PlayModel(Plays[float]):
     """A sum of plays.
 
     Args:
@@ -122,7 +95,6 @@ class PlayModel:
         thresholds: r_1 .. r_m, positive and increasing, in the unit of the input.
     """
 
-    weights: tuple[float, ...]
     thresholds: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
@@ -172,59 +144,25 @@ def invert_play_model(
     P'_i = W_i P_i + sum_{j > i} w_j P_j.
 
     Raises:
-        RobotError: no history leaves such a memory.
+        RobotError: no history leaves such a memory: |P_i - P_{i+1}| <= r_{i+1} - r_i, up to rounding.
     """
-    plays = invert_plays(_FLOATS, Plays(weights=model.weights, thresholds=model.thresholds))
-    start = np.zeros(len(model.thresholds)) if memory is None else np.asarray(memory, dtype=np.float64)
-    return PlayModel(weights=plays.weights, thresholds=plays.thresholds), invert_memory(model, start)
-
-
-def invert_memory(model: PlayModel, memory: Sequence[float] | FloatArray) -> FloatArray:
-    """Return the memory (m,) of the inverse where the model has `memory` (m,).
-
-    Raises:
-        RobotError: no history leaves such a memory.
-    """
-    values = [float(entry) for entry in memory]
-    mistakes = list_memory_mistakes(model.thresholds, values)
+    radii = np.array(model.thresholds)
+    plays = np.zeros(radii.size) if memory is None else np.asarray(memory, dtype=np.float64)
+    if radii.shape != plays.shape:
+        mistakes = [f"the memory has {plays.size} plays; there are {radii.size} thresholds"]
+    else:
+        apart, allowed = np.abs(np.diff(plays)), np.diff(radii)
+        slack = _ROUNDING * float(np.max(np.abs(plays), initial=0.0) + np.max(radii, initial=0.0))
+        mistakes = [
+            f"plays {k + 1} and {k + 2} are {apart[k]:g} apart; allowed is {allowed[k]:g}"
+            for k in range(apart.size)
+            if not apart[k] <= allowed[k] + slack
+        ]
     if mistakes:
         raise RobotError(*(Notice(code="robot.impossible-memory", text=text) for text in mistakes))
-    plays = Plays(weights=model.weights, thresholds=model.thresholds)
-    return np.array(invert_plays_memory(_FLOATS, plays, values))
-
-
-def list_memory_mistakes(
-    thresholds: Sequence[float] | FloatArray, memory: Sequence[float] | FloatArray
-) -> tuple[str, ...]:
-    """Return why no history leaves plays as in `memory`, in words; nothing where one does.
-
-    |P_i - P_{i+1}| <= r_{i+1} - r_i, up to rounding.
-    """
-    radii, plays = np.asarray(thresholds, dtype=np.float64), np.asarray(memory, dtype=np.float64)
-    if radii.shape != plays.shape:
-        return (f"the memory has {plays.size} plays; there are {radii.size} thresholds",)
-    apart, allowed = np.abs(np.diff(plays)), np.diff(radii)
-    slack = _ROUNDING * float(np.max(np.abs(plays), initial=0.0) + np.max(radii, initial=0.0))
-    return tuple(
-        f"plays {index + 1} and {index + 2} are {apart[index]:g} apart; allowed is {allowed[index]:g}"
-        for index in range(apart.size)
-        if not apart[index] <= allowed[index] + slack
-    )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class InversePlays:
-    """The torsion as a sum of plays of the torque before the knees: phi = sum_i w'_i P'_i[v].
-
-    Args:
-        plays: (N, m + 1) P'_i, N m or N; the first is v itself.
-        thresholds: (m + 1,) r'_i, the first zero.
-        weights: (m + 1,) w'_i, rad/(N m) or m/N.
-    """
-
-    plays: FloatArray
-    thresholds: FloatArray
-    weights: FloatArray
+    inverse = invert_plays(_FLOATS, model)
+    image = np.array(invert_plays_memory(_FLOATS, model, plays.tolist()))
+    return PlayModel(weights=inverse.weights, thresholds=inverse.thresholds), image
 
 
 def compute_plays(values: FloatArray, thresholds: FloatArray, memory: FloatArray | None = None) -> FloatArray:
@@ -247,7 +185,7 @@ def compute_plays(values: FloatArray, thresholds: FloatArray, memory: FloatArray
     length = max(1, math.isqrt(count))
     blocks = -(-count // length)
     padded = np.concatenate([values, np.full(blocks * length - count, values[-1])])
-    # Samples of one place in their blocks stand together: each turn of the loops works on one slab.
+    # Samples of one place in their blocks are contiguous: each pass of the loops works on one slab.
     slabs = padded.reshape(blocks, length).T[:, :, None]
     lower, upper = slabs - radii, slabs + radii
     low, high = lower[0].copy(), upper[0].copy()
@@ -338,10 +276,46 @@ def compute_work_columns(
     radii = np.asarray(thresholds, dtype=np.float64)
     plays = compute_plays(phi, radii, memory)
     stored = 0.5 * np.square(np.column_stack([phi, phi[:, None] - plays]))
-    lost = radii * np.cumsum(np.abs(np.diff(plays, axis=0, prepend=plays[:1])), axis=0)
+    lost = radii * np.cumsum(np.abs(_diff(plays)), axis=0)
     columns = stored - stored[:1]
     columns[:, 1:] += lost
     return columns
+
+
+def compute_inverse_plays(
+    elasticity: Elasticity, phi: FloatArray, memory: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return P'_i (N, m + 1), r'_i and w'_i (m + 1,) of phi = sum_i w'_i P'_i[v]; P'_0 = v, r'_0 = 0.
+
+    P'_i = W_i P_i - sum_{j > i} k_j P_j with W_i = k0 + sum_{j > i} k_j.
+
+    Raises:
+        RobotError: the spring is cubic, or does not rise; a stiffness is not known.
+    """
+    _refuse_cubic(elasticity)
+    inverse, _ = invert_play_model(build_play_model(elasticity))
+    terms, radii, weights = _read_spring(elasticity)
+    phi = np.asarray(phi, dtype=np.float64)
+    plays = np.column_stack([phi, compute_plays(phi, radii, memory)])
+    weights = np.concatenate([[0.0], weights])
+    slopes = terms.stiffness + np.sum(weights) - np.cumsum(weights)
+    shares = np.diag(slopes) - np.tril(np.broadcast_to(weights[:, None], (weights.size,) * 2), -1)
+    return plays @ shares, np.array((0.0, *inverse.thresholds)), np.array(inverse.weights)
+
+
+def _refuse_cubic(elasticity: Elasticity) -> None:
+    """Refuse a cubic part where the closed form is that of plays."""
+    if elasticity.cubic:
+        text = (
+            "a cubic spring has no inverse in closed form, nor, together with knees, a closed form of its "
+            "work; describe its hardening by knees alone"
+        )
+        raise RobotError(Notice(code="robot.cubic-spring", text=text))
+
+
+def _diff(values: FloatArray) -> FloatArray:
+    """Return the steps (N, m) of columns, the first ones zero."""
+    return np.diff(values, axis=0, prepend=values[:1])
 
 
 def compute_spring_work(
@@ -359,58 +333,21 @@ def compute_spring_work(
         quartic = 0.25 * elasticity.cubic * (phi**4 - phi[:1] ** 4)
         weights = np.concatenate([[terms.stiffness], weights])
         return np.asarray(columns @ weights + quartic, dtype=np.float64)
-    inverse = compute_inverse_plays(elasticity, phi, memory)
-    ways = np.diff(inverse.plays, axis=0, prepend=inverse.plays[:1])
+    plays, radii, weights = compute_inverse_plays(elasticity, phi, memory)
+    ways = _diff(plays)
     # While it moves up a play trails its input by the threshold, and leads it while it moves down.
-    edges = np.sign(ways) * inverse.thresholds
-    ends = compute_outer_integral(terms, inverse.plays + edges)
-    starts = compute_outer_integral(terms, inverse.plays - ways + edges)
-    return np.cumsum((ends - starts) @ inverse.weights)
-
-
-def compute_inverse_plays(
-    elasticity: Elasticity, phi: FloatArray, memory: FloatArray | None = None
-) -> InversePlays:
-    """Return the plays of the inverse along the torsion (N,), from those of the torsion itself.
-
-    P'_i = W_i P_i - sum_{j > i} k_j P_j with W_i = k0 + sum_{j > i} k_j; P'_0 = v.
-
-    Raises:
-        RobotError: the spring is cubic, or does not rise; a stiffness is not known.
-    """
-    _refuse_cubic(elasticity)
-    inverse, _ = invert_play_model(build_play_model(elasticity))
-    terms, radii, weights = _read_spring(elasticity)
-    phi = np.asarray(phi, dtype=np.float64)
-    plays = np.column_stack([phi, compute_plays(phi, radii, memory)])
-    weights = np.concatenate([[0.0], weights])
-    slopes = terms.stiffness + np.sum(weights) - np.cumsum(weights)
-    shares = np.diag(slopes) - np.tril(np.broadcast_to(weights[:, None], (weights.size,) * 2), -1)
-    return InversePlays(
-        plays=plays @ shares,
-        thresholds=freeze((0.0, *inverse.thresholds)),
-        weights=freeze(inverse.weights),
-    )
-
-
-def _refuse_cubic(elasticity: Elasticity) -> None:
-    """Refuse a cubic part where the closed form is that of plays.
-
-    Raises:
-        RobotError: the spring has a cubic part.
-    """
-    if elasticity.cubic:
-        text = (
-            "a cubic spring has no inverse in closed form, nor together with knees one of its work; "
-            "describe its hardening by knees alone"
-        )
-        raise RobotError(Notice(code="robot.cubic-spring", text=text))
+    edges = np.sign(ways) * radii
+    ends = _compute_outer_integral(terms, plays + edges)
+    starts = _compute_outer_integral(terms, plays - ways + edges)
+    return np.cumsum((ends - starts) @ weights)
 
 
 def compute_stored_energy(
     elasticity: Elasticity, phi: FloatArray, memory: FloatArray | None = None
 ) -> FloatArray:
-    """Return the energy (N,) in J that the spring holds along its torsion (N,).
+    """Return the energy U (N,) in J that the spring holds along its torsion (N,).
+
+    Without knees U = k0 phi^2 / 2 + k3 phi^4 / 4 + sum_i k_i E_i^2 / 2.
 
     Raises:
         RobotError: the spring has a cubic part and knees; a stiffness is not known.
@@ -421,19 +358,20 @@ def compute_stored_energy(
         stops = phi[:, None] - compute_plays(phi, radii, memory)
         linear = 0.5 * terms.stiffness * np.square(phi) + 0.25 * elasticity.cubic * phi**4
         return linear + 0.5 * np.square(stops) @ weights
-    inverse = compute_inverse_plays(elasticity, phi, memory)
-    upper = compute_outer_integral(terms, inverse.plays + inverse.thresholds)
-    lower = compute_outer_integral(terms, inverse.plays - inverse.thresholds)
+    plays, radii, weights = compute_inverse_plays(elasticity, phi, memory)
+    upper = _compute_outer_integral(terms, plays + radii)
+    lower = _compute_outer_integral(terms, plays - radii)
     # A virgin spring at rest holds nothing.
-    rest = compute_outer_integral(terms, inverse.thresholds)
-    rest = rest + compute_outer_integral(terms, -inverse.thresholds)
-    return 0.5 * (upper + lower - rest) @ inverse.weights
+    rest = _compute_outer_integral(terms, radii) + _compute_outer_integral(terms, -radii)
+    return 0.5 * (upper + lower - rest) @ weights
 
 
 def compute_dissipation(
     elasticity: Elasticity, phi: FloatArray, memory: FloatArray | None = None
 ) -> FloatArray:
-    """Return the energy (N,) in J lost since the first sample, damping left out; it never decreases.
+    """Return the energy D (N,) in J lost since the first sample, damping left out; it never decreases.
+
+    Without knees D = sum_i k_i r_i int |dP_i|.
 
     Raises:
         RobotError: the spring has a cubic part and knees; a stiffness is not known.
@@ -441,15 +379,18 @@ def compute_dissipation(
     phi = np.asarray(phi, dtype=np.float64)
     terms, radii, weights = _read_spring(elasticity)
     if not elasticity.knees:
-        plays = compute_plays(phi, radii, memory)
-        ways = np.abs(np.diff(plays, axis=0, prepend=plays[:1]))
-        return np.cumsum(ways @ (weights * radii))
-    inverse = compute_inverse_plays(elasticity, phi, memory)
-    plays, radii = inverse.plays, inverse.thresholds
-    gaps = compute_outer_integral(terms, plays + radii) - compute_outer_integral(terms, plays - radii)
-    signs = np.sign(np.diff(plays, axis=0, prepend=plays[:1]))
-    steps = np.maximum(0.5 * signs * np.diff(gaps, axis=0, prepend=gaps[:1]), 0.0)
-    return np.cumsum(steps @ inverse.weights)
+        return np.cumsum(np.abs(_diff(compute_plays(phi, radii, memory))) @ (weights * radii))
+    plays, radii, weights = compute_inverse_plays(elasticity, phi, memory)
+    gaps = _compute_outer_integral(terms, plays + radii) - _compute_outer_integral(terms, plays - radii)
+    steps = np.maximum(0.5 * np.sign(_diff(plays)) * _diff(gaps), 0.0)
+    return np.cumsum(steps @ weights)
+
+
+def _compute_first_torque(terms: SpringTerms[float], phi: FloatArray) -> FloatArray:
+    """Return v(A) = k0 A + sum_i k_i min(r_i, A), odd in A, without the cubic part."""
+    pairs = np.array(terms.stops, dtype=np.float64).reshape(-1, 2)
+    clipped = np.clip(phi[..., None], -pairs[:, 0], pairs[:, 0])
+    return np.asarray(terms.stiffness * phi + clipped @ pairs[:, 1], dtype=np.float64)
 
 
 def compute_first_curve(elasticity: Elasticity, phi: FloatArray) -> FloatArray:
@@ -458,13 +399,12 @@ def compute_first_curve(elasticity: Elasticity, phi: FloatArray) -> FloatArray:
     Raises:
         RobotError: a stiffness is not known.
     """
-    phi = np.asarray(phi, dtype=np.float64)
-    inner = _compute_first_torque(elasticity, phi) + elasticity.cubic * phi**3
-    return compute_outer_torque(read_spring_terms(elasticity), inner)
+    phi, terms = np.asarray(phi, dtype=np.float64), read_spring_terms(elasticity)
+    return compute_outer_torque(terms, _compute_first_torque(terms, phi) + elasticity.cubic * phi**3)
 
 
 def compute_branch(elasticity: Elasticity, reversal: float, phi: FloatArray) -> FloatArray:
-    """Return the torque on the way back from the first reversal, between it and minus it.
+    """Return the torque on the way back from the first reversal: v = v(A) - 2 v((A - phi) / 2)   (Masing).
 
     Args:
         elasticity: the joint.
@@ -474,21 +414,14 @@ def compute_branch(elasticity: Elasticity, reversal: float, phi: FloatArray) -> 
     Raises:
         RobotError: a stiffness is not known.
     """
-    phi = np.asarray(phi, dtype=np.float64)
-    start = _compute_first_torque(elasticity, np.asarray(reversal, dtype=np.float64))
-    inner = start - 2.0 * _compute_first_torque(elasticity, 0.5 * (reversal - phi))
-    return compute_outer_torque(read_spring_terms(elasticity), inner + elasticity.cubic * phi**3)
+    phi, terms = np.asarray(phi, dtype=np.float64), read_spring_terms(elasticity)
+    start = _compute_first_torque(terms, np.asarray(reversal, dtype=np.float64))
+    inner = start - 2.0 * _compute_first_torque(terms, 0.5 * (reversal - phi))
+    return compute_outer_torque(terms, inner + elasticity.cubic * phi**3)
 
 
 def compute_cycle_loss(elasticity: Elasticity, amplitude: float) -> float:
-    """Return the energy in J lost in a cycle between `amplitude` and minus it, knees left out."""
+    """Return the energy in J lost in a cycle +-A, knees left out: 4 sum_i k_i r_i max(A - r_i, 0)."""
     _, radii, weights = _read_spring(elasticity)
     slips = np.maximum(abs(amplitude) - radii, 0.0)
     return float(4.0 * np.sum(weights * radii * slips))
-
-
-def _compute_first_torque(elasticity: Elasticity, phi: FloatArray) -> FloatArray:
-    """Return v(phi) without the cubic part."""
-    terms, radii, weights = _read_spring(elasticity)
-    clipped = np.clip(phi[..., None], -radii, radii)
-    return np.asarray(terms.stiffness * phi + clipped @ weights, dtype=np.float64)

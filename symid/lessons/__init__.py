@@ -1,4 +1,4 @@
-"""Derivations told step by step."""
+"""Derivations step by step."""
 
 from typing import TYPE_CHECKING
 

@@ -2,16 +2,16 @@
 
 Robot -> `Step` records, from the frames to the torques, each with formulas in text and LaTeX.
 
-Supported: every robot the exact algebra supports. Beyond three coordinates the torques are not written out
-(they fill pages); their check is made at an exact rational point instead of term by term.
+Supported: every robot of the exact algebra. Beyond three coordinates the torques are too long to print; they
+are checked at an exact rational point instead of term by term.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from sympy import Add, Expr, Symbol, latex
+from sympy import Add, Symbol, latex
 from sympy.polys.rings import PolyElement
 
 from symid.dynamics import (
@@ -36,8 +36,7 @@ from symid.dynamics import (
     split_polynomial,
     write_label,
     write_name_latex,
-    write_polynomial_latex,
-    write_polynomial_text,
+    write_polynomial,
 )
 from symid.errors import Notice, SymidError
 from symid.notation import INERTIAL
@@ -59,7 +58,7 @@ class Formula:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """One step: what is done and why, the formulas, and what was checked (empty: nothing to check)."""
+    """One step: what is done and why, the formulas, and what was checked (empty: nothing)."""
 
     title: str
     sentence: str
@@ -68,19 +67,15 @@ class Step:
 
 
 def _require(holds: bool, otherwise: str) -> None:  # noqa: FBT001  reads as an assertion
-    """Raise if an identity that must hold does not: then symid itself is wrong."""
+    """Raise if an identity does not hold: then symid itself is wrong."""
     if not holds:
         text = f"the derivation contradicts itself: {otherwise}; please report this robot"
         raise SymidError(Notice(code="dynamics.contradiction", text=text))
 
 
 def _build_formula(left: str, value: PolyElement) -> Formula:
-    return Formula(
-        left=left,
-        text=write_polynomial_text(value),
-        latex=write_polynomial_latex(value),
-        left_latex=write_name_latex(left),
-    )
+    text, formula = write_polynomial(value)
+    return Formula(left=left, text=text, latex=formula, left_latex=write_name_latex(left))
 
 
 def _build_sentence(left: str, text: str) -> Formula:
@@ -96,7 +91,7 @@ def _describe_frames(robot: Robot) -> Step:
         origin = "(" + ", ".join(str(value) for value in place.translation) + ")"
         before = f"link {joint.parent + 1}" if joint.parent >= 0 else "the base"
         motion = "turns about" if joint.kind is JointKind.REVOLUTE else "moves along"
-        text = f"{motion} z = {axis}, origin {origin} m, seen from {before}"
+        text = f"{motion} z = {axis}, origin {origin} m, in the frame of {before}"
         if joint.mimic is not None:
             master = joint.mimic.master + 1
             share = _write_sum([(joint.mimic.multiplier, f"q{master}")])
@@ -108,7 +103,7 @@ def _describe_frames(robot: Robot) -> Step:
     gravity = ", ".join(str(value) for value in robot.gravity)
     return Step(
         title="Frames",
-        sentence="Every link carries a frame whose z axis is its joint's axis. "
+        sentence="The z axis of every link frame is the axis of its joint. "
         f"All lengths and rotations are exact; gravity is ({gravity}) m/s^2 in the base frame.",
         formulas=tuple(formulas),
     )
@@ -116,28 +111,24 @@ def _describe_frames(robot: Robot) -> Step:
 
 def _write_sum(terms: Sequence[tuple[Fraction, str]]) -> str:
     """Return a sum of multiples such as `q1 - 63/100*q2`."""
-    parts = [f"{'-' if factor < 0 else '+'} {_write_multiple(abs(factor), name)}" for factor, name in terms]
+    parts = []
+    for factor, name in terms:
+        multiple = name if abs(factor) == 1 else f"{abs(factor)}*{name}"
+        parts.append(f"{'-' if factor < 0 else '+'} {multiple}")
     text = " ".join(parts)
     return text.removeprefix("+ ") if text.startswith("+") else text.replace("- ", "-", 1)
-
-
-def _write_multiple(factor: Fraction, name: str) -> str:
-    return name if factor == 1 else f"{factor}*{name}"
 
 
 def _describe_velocities(motions: Sequence[LinkMotion[PolyElement]]) -> Step:
     formulas: list[Formula] = []
     for number, motion in enumerate(motions, start=1):
-        formulas += [
-            _build_formula(f"w{number}{axis}", v) for axis, v in zip(_AXES, motion.angular, strict=True) if v
-        ]
-        formulas += [
-            _build_formula(f"v{number}{axis}", v) for axis, v in zip(_AXES, motion.linear, strict=True) if v
-        ]
+        for letter, vector in (("w", motion.angular), ("v", motion.linear)):
+            entries = zip(_AXES, vector, strict=True)
+            formulas += [_build_formula(f"{letter}{number}{axis}", entry) for axis, entry in entries if entry]
     return Step(
         title="Velocities",
-        sentence="From the base outwards each link takes over the velocity of the one before it, in its own "
-        "axes, and adds its joint's own. s1, c1 stand for sin q1, cos q1. What is not listed is zero.",
+        sentence="From the base outwards: the velocity of the link before, in the axes of this link, plus "
+        "that of its own joint. s1, c1 stand for sin q1, cos q1. Entries that are not listed are zero.",
         formulas=tuple(formulas),
     )
 
@@ -145,22 +136,21 @@ def _describe_velocities(motions: Sequence[LinkMotion[PolyElement]]) -> Step:
 def _describe_energy(energy: ExactEnergy, base: BaseParameters) -> Step:
     formulas = []
     for parameter in base.parameters:
-        if energy.kinetic[parameter.label]:
-            formulas.append(_build_formula(f"dT/d{parameter.name}", energy.kinetic[parameter.label]))
-        if energy.potential[parameter.label]:
-            formulas.append(_build_formula(f"dV/d{parameter.name}", energy.potential[parameter.label]))
+        for letter, part in (("T", energy.kinetic), ("V", energy.potential)):
+            if part[parameter.label]:
+                formulas.append(_build_formula(f"d{letter}/d{parameter.name}", part[parameter.label]))
     return Step(
         title="Energy",
         sentence="Both energies are linear in the parameters of links, rotors and springs: T = hT beta, "
-        "V = hV beta (Gautier and Khalil 1988). These are the entries that belong to the base parameters; "
-        "what is not listed is zero.",
+        "V = hV beta (Gautier and Khalil 1988). These are the entries of the base parameters; those that are "
+        "not listed are zero.",
         formulas=tuple(formulas),
         check=_check_grouping(energy, base),
     )
 
 
 def _check_grouping(energy: ExactEnergy, base: BaseParameters) -> str:
-    """Return the statement that h pi = h_b K pi holds, coefficient by coefficient, once it was found true."""
+    """Check h pi = h_b K pi, coefficient by coefficient, and return the statement."""
     ring = energy.algebra.ring
     basis = build_basis(energy.robot, energy.algebra, build_field(energy.robot))
     rest = dict(energy.kinetic), dict(energy.potential)
@@ -184,34 +174,31 @@ def _check_grouping(energy: ExactEnergy, base: BaseParameters) -> str:
 
 
 def _describe_base(robot: Robot, base: BaseParameters) -> Step:
-    formulas = tuple(
-        Formula(
-            left=p.name,
-            text=p.expression,
-            latex=_write_group(robot, p.terms),
-            left_latex=write_name_latex(p.name),
+    formulas = []
+    for parameter in base.parameters:
+        # In its own order.
+        products = [factor * Symbol(write_label(robot, label)) for label, factor in parameter.terms]
+        formulas.append(
+            Formula(
+                left=parameter.name,
+                text=parameter.expression,
+                latex=str(latex(Add(*products, evaluate=False), order="none")),
+                left_latex=write_name_latex(parameter.name),
+            )
         )
-        for p in base.parameters
-    )
     total = sum(name in (*INERTIAL, *DRIVE_PARAMETERS) for _, name in base.labels)
     return Step(
         title="Base parameters",
-        sentence=f"Of {total} inertial parameters only {base.count} combinations can be seen in any motion.",
-        formulas=formulas,
+        sentence=f"Of {total} inertial parameters only {base.count} combinations are identifiable.",
+        formulas=tuple(formulas),
     )
-
-
-def _write_group(robot: Robot, terms: Sequence[tuple[Label, Expr]]) -> str:
-    """Return a grouping in LaTeX, in its own order."""
-    products = [coefficient * Symbol(write_label(robot, label)) for label, coefficient in terms]
-    return str(latex(Add(*products, evaluate=False), order="none"))
 
 
 def _describe_torques(robot: Robot, energy: ExactEnergy, base: BaseParameters) -> Step:
     written = robot.freedom <= _WRITTEN_OUT
     sentence = "Lagrange: tau = d/dt(dT/ddq) - dT/dq + dV/dq, per base parameter, from the energy alone."
     if not written:
-        sentence += " The expressions fill pages at this size and are not printed; generated code holds them."
+        sentence += " The expressions are too long to print; generated code evaluates them."
         return Step(title="Torques", sentence=sentence, check=_check_at_point(robot, energy, base.keys))
     columns = derive_torque_columns(energy, base.keys)
     formulas = [
@@ -228,8 +215,8 @@ def _describe_torques(robot: Robot, energy: ExactEnergy, base: BaseParameters) -
     return Step(title="Torques", sentence=sentence, formulas=tuple(formulas), check=check)
 
 
-def _draw_point(robot: Robot, energy: ExactEnergy) -> dict[str, Any]:
-    """Return a fixed exact point with s^2 + c^2 = 1, different numbers for every coordinate."""
+def _check_at_point(robot: Robot, energy: ExactEnergy, keys: Sequence[Label]) -> str:
+    """Compare both recursions at a fixed exact point with s^2 + c^2 = 1, and return the statement."""
     domain = choose_domain(robot)
 
     def number(value: Fraction) -> Any:  # noqa: ANN401  an element of a SymPy domain
@@ -241,36 +228,27 @@ def _draw_point(robot: Robot, energy: ExactEnergy) -> dict[str, Any]:
         values[f"s{k}"], values[f"c{k}"] = number(2 * t / (1 + t * t)), number((1 - t * t) / (1 + t * t))
         values[f"q{k}"] = number(Fraction(k, 5))
         values[f"dq{k}"], values[f"ddq{k}"] = number(Fraction(7 - 2 * k, 3)), number(Fraction(5 * k - 11, 4))
-    return values
-
-
-def _check_at_point(robot: Robot, energy: ExactEnergy, keys: Sequence[Label]) -> str:
-    values = _draw_point(robot, energy)
     from_energy = evaluate_torque_columns(energy, keys, values)
     algebra = PointAlgebra(energy.algebra.ring.domain, values)
-    by_recursion = compute_torque_columns(
-        build_recursion(robot, algebra, build_state(robot, algebra, values)), keys
-    )
+    recursion = build_recursion(robot, algebra, build_state(robot, algebra, values))
+    by_recursion = compute_torque_columns(recursion, keys)
     same = all(fold_vector(robot, algebra, by_recursion[key]) == tuple(from_energy[key]) for key in keys)
     _require(same, "Lagrange and Newton-Euler differ at a rational point")
     return "verified exactly at a rational point: equal to the Newton-Euler recursion"
-
-
-def _write_steps(robot: Robot) -> Iterator[Step]:
-    base = derive_base_parameters(robot)
-    energy = derive_energy(robot)
-    state = build_state(robot, energy.algebra, energy.algebra.generators)
-    yield _describe_frames(robot)
-    yield _describe_velocities(build_recursion(robot, energy.algebra, state).motions)
-    yield _describe_energy(energy, base)
-    yield _describe_base(robot, base)
-    yield _describe_torques(robot, energy, base)
 
 
 def derive_lesson(robot: Robot) -> tuple[Step, ...]:
     """Return the derivation of the dynamics of `robot`, step by step.
 
     Raises:
-        SymidError: two ways that must agree do not.
+        SymidError: two derivations that must agree do not.
     """
-    return tuple(_write_steps(robot))
+    base, energy = derive_base_parameters(robot), derive_energy(robot)
+    state = build_state(robot, energy.algebra, energy.algebra.generators)
+    return (
+        _describe_frames(robot),
+        _describe_velocities(build_recursion(robot, energy.algebra, state).motions),
+        _describe_energy(energy, base),
+        _describe_base(robot, base),
+        _describe_torques(robot, energy, base),
+    )

@@ -31,9 +31,6 @@ if TYPE_CHECKING:
         write_raw_log as write_raw_log,
         write_recording as write_recording,
     )
-    from symid.logs.proposal import (
-        LogMapDraft as LogMapDraft,
-    )
     from symid.logs.reader import read_raw as read_raw
     from symid.logs.recording import Recording as Recording, Signals as Signals, cut_ends as cut_ends
     from symid.logs.runs import (

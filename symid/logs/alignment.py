@@ -1,22 +1,17 @@
 """Alignment of motor and link encoders: the delay between their channels, and the zero of each run.
 
 Recordings with both encoders, columns that the torsion may follow -> Alignment; recordings with the link
-channel moved onto the motor's clock and zero.
+channel, q(t - delay) - offset, moved onto the motor's clock and zero.
 
-The link channel holds q(t - delay) - offset, so that theta minus it is
+    theta - link = delay dq + offset + torsion,  torsion = columns @ weights
 
-    delay dq + offset + torsion,  torsion = columns @ weights.
+Torques of a rigid body are even under reversal of time, dq is odd: the delay is not mistaken for torsion. Dry
+friction and hysteresis are odd too and need columns. The fit is repeated until the delay converges.
 
-Torques of a rigid body are even under reversal of time, dq is odd: the delay is not mistaken for torsion.
-What is odd besides, dry friction and hysteresis, needs columns of its own. The fit is repeated with the
-channel really shifted until the delay no longer changes.
+Supported: one delay of either sign for all joints and runs; an offset for each joint and run, where no
+constant torsion of the columns looks the same; standard deviations by the jackknife over blocks of time.
+Not supported: delays that change, or differ from joint to joint.
 
-Supported: positions of the motors or of the links, the other side as the second encoder; a delay of any
-fraction of a sample, of either sign, shared by all joints and runs; an offset for each joint and run,
-where no constant torsion that the columns allow looks the same; standard deviations by leaving out blocks
-of time (the jackknife), which holds for errors that are correlated within a block; joints without a link
-encoder.
-Not supported: recordings of one position a joint; delays that change, or differ from joint to joint.
 """
 
 from collections.abc import Sequence
@@ -28,7 +23,7 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import LogError, Notice
-from symid.logs.recording import Recording, cut_recording
+from symid.logs.recording import Recording, add_notice, cut_recording
 from symid.logs.signals import describe_uneven, differentiate, low_pass
 
 
@@ -42,17 +37,13 @@ class Encoders:
 
 
 def get_encoders(recording: Recording) -> Encoders:
-    """Return motor and link positions; a link channel that is constant or a copy is no encoder.
-
-    Raises:
-        LogError: the recording has one position only.
-    """
+    """Return motor and link positions (LogError: only one); constant or copied link channels are none."""
     if recording.motor_position is not None:
         theta, q = recording.motor_position, recording.position
     elif recording.link_position is not None:
         theta, q = recording.position, recording.link_position
     else:
-        text = "the log has one position a joint: without a second encoder there is nothing to align"
+        text = "the log has one position a joint; alignment needs a second encoder"
         raise LogError(Notice(code="log.one-encoder", text=text, file=recording.source))
     present = (np.ptp(q, axis=0) > 0.0) & np.any(theta != q, axis=0) & (np.ptp(theta, axis=0) > 0.0)
     return Encoders(theta=theta, q=q, present=present)
@@ -77,39 +68,39 @@ def split_blocks(samples: int, period: float, edge: float, block: float) -> tupl
 
 
 _CUTOFF = 25.0
-"""Hz; above what robots move at."""
+"""Hz; above the frequencies of robot motion."""
 _LEAST_RATIO = 10.0
 _ORDER = 4
 _EDGE = 0.5
-"""Seconds at each end that a filtered signal is not trusted for."""
+"""Seconds at each end of a filtered signal that are not used."""
 _BLOCK = 1.0
-"""Seconds of a block: longer than the residual remembers."""
+"""Seconds of a block: longer than the correlation of the residual."""
 _ROUNDS = 12
 _CONVERGED = 1e-4
-"""Of a sample period: a shift this small ends the search."""
+"""Relative to a sample period: a smaller shift ends the search."""
 _LARGEST = 0.1
-"""Seconds; a larger delay is no delay between channels of one controller."""
+"""Largest delay in s."""
 _RESTING = 0.02
 """Rad or m, well above the torsion of a joint that rests."""
 _SIGNIFICANT = 5.0
-"""Standard deviations from which on a delay or an offset counts as there."""
+"""Standard deviations from which on a delay or an offset is significant."""
 _SMALLEST = 1e-6
-"""Seconds; joints move by less than a step of their encoders in it."""
+"""Smallest significant delay in s; joints move by less than an encoder step in it."""
 _INDEPENDENT_PART = 0.02
-"""Of an offset's column, the part that no other column explains; with less it cannot be told from them."""
+"""Least share of an offset's column that no other column explains, for the offset to be identifiable."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Alignment(FrozenArrays):
-    """What moves the link channel onto the motor's clock and zero.
+    """Delay and offsets of the link channel against the motor channel.
 
     Args:
         delay: s by which the link channel lags; `delay_std` its standard deviation.
         delays, delay_stds: (n,) of each joint alone; NaN where there is no link encoder.
-        offsets, offset_stds: (runs, n) rad or m to be added to the link channel; NaN likewise, and where a
-            constant torsion looks like an offset.
-        explained: (n,) part of the variance of theta - q, offsets apart, that the delay alone explains.
-        residual: (n,) root mean square of what delay, offsets and columns leave, rad or m.
+        offsets, offset_stds: (runs, n) rad or m to be added to the link channel; NaN likewise, and where an
+            offset is not identifiable.
+        explained: (n,) share of the variance of theta - q, without offsets, that the delay alone explains.
+        residual: (n,) RMS residual of delay, offsets and columns, rad or m.
         present: (n,) joints with a link encoder.
         sources: the recordings, in the order of the runs.
     """
@@ -127,68 +118,56 @@ class Alignment(FrozenArrays):
 
     @property
     def unknown(self) -> NDArray[np.bool_]:
-        """Return which joints (n,) have a link encoder, but in some run an offset that cannot be told."""
+        """Return which joints (n,) have a link encoder, but in some run an unidentifiable offset."""
         result: NDArray[np.bool_] = self.present & np.isnan(self.offsets).any(axis=0)
         return result
 
     @property
     def late(self) -> bool:
-        """Return whether there is a delay, of either sign, beyond doubt and of a size that matters."""
+        """Return whether the delay, of either sign, is significant."""
         return abs(self.delay) > max(_SIGNIFICANT * self.delay_std, _SMALLEST)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _JointAlignment:
-    """Delay and offsets (1 + runs,) of one joint, their deviations, and the delay without each block.
-
-    Offsets that cannot be told from the columns are NaN.
-    """
-
-    values: FloatArray
-    stds: FloatArray
-    replicates: FloatArray
-    explained: float
-    residual: float
 
 
 def estimate_alignment(
     recordings: Sequence[Recording], columns: Sequence[FloatArray], *, block: float = _BLOCK
 ) -> Alignment:
-    """Return delay and offsets.
+    """Return delay and offsets of recordings of one robot, evenly sampled, at one rate.
 
     Args:
-        recordings: of one robot, evenly sampled, at one rate.
-        columns: for each recording (N, n, k), what the torsion of each joint may follow: its joint torque,
-            the plays of it, the direction of motion; not multiples of its velocity.
+        recordings: at least one.
+        columns: for each recording (N, n, k), regressors of the torsion of each joint: its torque, the plays
+            of it, the direction of motion; not multiples of its velocity.
         block: length of the blocks of the jackknife in s.
 
     Raises:
-        LogError: a recording lacks an encoder, is uneven or too short; no joint has a link encoder or moves;
-            the delay is beyond what is searched.
+        LogError: a recording is unsuitable, no joint has a link encoder or moves, the delay is too large.
     """
     pairs = [get_encoders(recording) for recording in recordings]
     present = np.logical_and.reduce([pair.present for pair in pairs])
     _check_recordings(recordings, present)
-    first = fits = _fit_joints(recordings, pairs, columns, 0.0, block)
-    delay = step = _average_delay(first)
+    first, step = _fit_joints(recordings, pairs, columns, 0.0, block)
+    found, delay = first, step
     for _ in range(_ROUNDS):
         if abs(step) < _CONVERGED * recordings[0].period:
             break
-        fits = _fit_joints(recordings, pairs, columns, delay, block)
-        step = _average_delay(fits)
+        found, step = _fit_joints(recordings, pairs, columns, delay, block)
         delay = float(np.clip(delay + step, -_LARGEST, _LARGEST))
-    sources = tuple(recording.source for recording in recordings)
-    found = _assemble(fits, delay - step, first, present, sources)
-    # Slow logs may leave the delay so vague that the search wanders off; then none counts as there. A delay
+    found = replace(found, explained=first.explained)
+    # In slow logs the delay may be so uncertain that the search diverges; then it is not significant. A delay
     # of a good part of a period may lead the search to a wrong one, which explains little.
     beyond = max(abs(delay), abs(found.delay)) >= _LARGEST
     gaps = [np.std(pair.theta - pair.q, axis=0) for pair in pairs]
-    lost = _compute_largest_shift(recordings, pairs) < (np.max(gaps, axis=0) if beyond else found.residual)
+    # Half of what the largest delay makes of the speeds; joints that rest have torsion and no speed.
+    speeds = [
+        np.sqrt(np.mean((np.diff(pair.theta, axis=0) / recording.period) ** 2, axis=0))
+        for recording, pair in zip(recordings, pairs, strict=True)
+    ]
+    largest = _RESTING + 0.5 * _LARGEST * np.max(speeds, axis=0)
+    lost = largest < (np.max(gaps, axis=0) if beyond else found.residual)
     if (beyond and found.late) or np.any(lost & present):
         text = (
-            f"the delay between motor and link encoders is beyond the {1e3 * _LARGEST:g} ms that are "
-            "searched, or these are not two encoders of the same joints in the same order: check the "
-            "columns, and bring both channels onto one clock before"
+            f"the delay between motor and link encoders exceeds {1e3 * _LARGEST:g} ms, or they are not of "
+            "the same joints in the same order; check the columns, and bring both channels onto one clock"
         )
         files = [recording.source for recording in recordings]
         raise LogError(*(Notice(code="log.delay-beyond", text=text, file=file) for file in files))
@@ -202,42 +181,29 @@ def _check_recordings(recordings: Sequence[Recording], present: NDArray[np.bool_
     for recording in recordings:
         span = recording.time[-1] - recording.time[0]
         if span < least:
-            text = f"{span:.3g} s are too short to find a delay: {least:g} s are needed"
+            text = f"{span:.3g} s are too short to estimate a delay; at least {least:g} s are needed"
             mistakes.append(Notice(code="log.short-alignment", text=text, file=recording.source))
     if not present.any():
-        text = "no joint has both encoders in all logs and moves: neither delay nor torsion can be told"
+        text = "no joint moves and has both encoders in all logs: delay and torsion are not identifiable"
         mistakes.append(Notice(code="log.no-link-encoder", text=text, file=recordings[0].source))
     if mistakes:
         raise LogError(*mistakes)
-
-
-def _compute_largest_shift(recordings: Sequence[Recording], pairs: Sequence[Encoders]) -> FloatArray:
-    """Return half of what the largest delay makes of the speeds of the joints (n,), rad or m, and some more.
-
-    Joints that rest while others move have torsion and no speed.
-    """
-    speeds = [
-        np.sqrt(np.mean((np.diff(pair.theta, axis=0) / recording.period) ** 2, axis=0))
-        for recording, pair in zip(recordings, pairs, strict=True)
-    ]
-    most: FloatArray = _RESTING + 0.5 * _LARGEST * np.max(speeds, axis=0)
-    return most
 
 
 def _fit_joints(
     recordings: Sequence[Recording],
     pairs: Sequence[Encoders],
     columns: Sequence[FloatArray],
-    delay: float,
+    shift: float,
     block: float,
-) -> dict[int, _JointAlignment]:
-    """Return the fit of every joint with a link encoder, the channel shifted by `delay` before."""
+) -> tuple[Alignment, float]:
+    """Return the alignment, fitted after a `shift` of the link channel, and the delay beyond that shift."""
     present = np.logical_and.reduce([pair.present for pair in pairs])
     parts: dict[int, list[FloatArray]] = {int(joint): [] for joint in np.flatnonzero(present)}
     for run, (recording, pair) in enumerate(zip(recordings, pairs, strict=True)):
         period = recording.period
         cutoff = min(_CUTOFF, 1.0 / (_LEAST_RATIO * period))
-        shifted = shift_channel(recording.time, pair.q, delay)
+        shifted = shift_channel(recording.time, pair.q, shift)
         theta, q = (
             low_pass(values, period=period, cutoff=cutoff, order=_ORDER) for values in (pair.theta, shifted)
         )
@@ -246,12 +212,43 @@ def _fit_joints(
         zero[:, run] = 1.0
         for joint, found in parts.items():
             design = np.column_stack([speed[:, joint], zero, columns[run][:, joint], gap[:, joint]])
-            found += [design[rows] for rows in split_blocks(len(gap), period, _EDGE + abs(delay), block)]
-    return {joint: _fit_blocks(found, len(recordings)) for joint, found in parts.items()}
+            found += [design[rows] for rows in split_blocks(len(gap), period, _EDGE + abs(shift), block)]
+    fits = [_fit_blocks(found, len(recordings)) for found in parts.values()]
+    values, stds, replicates, explained, residual = (np.array(part) for part in zip(*fits, strict=True))
+    spread = np.maximum(stds[:, 0], 1e-12)
+    weights = (1.0 / spread**2) / np.sum(1.0 / spread**2)
+    step = float(weights @ values[:, 0])
+    # Deviations are too small where joints disagree by more than them (Birge 1932).
+    excess = float(np.sum(((values[:, 0] - step) / spread) ** 2)) / max(1, len(parts) - 1)
+
+    def fill(part: FloatArray) -> FloatArray:
+        filled = np.full((len(present), *part.shape[1:]), np.nan)
+        filled[list(parts)] = part
+        return filled.T
+
+    alignment = Alignment(
+        delay=shift + step,
+        delay_std=float(_compute_jackknife_std(np.ascontiguousarray(replicates.T) @ weights))
+        * max(1.0, excess) ** 0.5,
+        delays=fill(shift + values[:, 0]),
+        delay_stds=fill(stds[:, 0]),
+        offsets=fill(values[:, 1:]),
+        offset_stds=fill(stds[:, 1:]),
+        explained=fill(explained),
+        residual=fill(residual),
+        present=present,
+        sources=tuple(recording.source for recording in recordings),
+    )
+    return alignment, step
 
 
-def _fit_blocks(blocks: list[FloatArray], runs: int) -> _JointAlignment:
-    """Return delay and offsets by least squares over all blocks, and their scatter without each block."""
+def _fit_blocks(
+    blocks: list[FloatArray], runs: int
+) -> tuple[FloatArray, FloatArray, FloatArray, float, float]:
+    """Return delay and offsets (1 + runs,) of a joint, NaN if unidentifiable, and their standard deviations.
+
+    Then the delay without each block, the explained share of the variance, the RMS residual.
+    """
     grams = np.array([part.T @ part for part in blocks])
     whole = grams.sum(axis=0)
     values = _solve(whole)
@@ -260,13 +257,17 @@ def _fit_blocks(blocks: list[FloatArray], runs: int) -> _JointAlignment:
     offsets = _compute_residual_square(whole[np.ix_(head[1:], head[1:])])
     delayed = _compute_residual_square(whole[np.ix_(head, head)])
     samples = sum(map(len, blocks))
-    seen = np.array([True, *(_is_independent(whole, 1 + run) for run in range(runs))])
-    return _JointAlignment(
-        values=np.where(seen, values[: runs + 1], np.nan),
-        stds=np.where(seen, _compute_jackknife_std(replicates), np.nan),
-        replicates=replicates[:, 0],
-        explained=1.0 - delayed / max(offsets, 1e-300),
-        residual=float(np.sqrt(max(_compute_residual_square(whole), 0.0) / samples)),
+    identifiable = [True]
+    for column in range(1, runs + 1):
+        order = [*(other for other in range(len(whole) - 1) if other != column), column]
+        left = _compute_residual_square(whole[np.ix_(order, order)])
+        identifiable.append(left > _INDEPENDENT_PART**2 * float(whole[column, column]))
+    return (
+        np.where(identifiable, values[: runs + 1], np.nan),
+        np.where(identifiable, _compute_jackknife_std(replicates), np.nan),
+        replicates[:, 0],
+        1.0 - delayed / max(offsets, 1e-300),
+        float(np.sqrt(max(_compute_residual_square(whole), 0.0) / samples)),
     )
 
 
@@ -280,13 +281,6 @@ def _solve(gram: FloatArray) -> FloatArray:
     return values
 
 
-def _is_independent(gram: FloatArray, column: int) -> bool:
-    """Return whether a column of A says something that its others do not, from the Gram matrix of [A | y]."""
-    order = [*(other for other in range(len(gram) - 1) if other != column), column]
-    left = _compute_residual_square(gram[np.ix_(order, order)])
-    return left > _INDEPENDENT_PART**2 * float(gram[column, column])
-
-
 def _compute_residual_square(gram: FloatArray) -> float:
     """Return |y - A x|^2 of the least-squares solution, from the Gram matrix of [A | y]."""
     left = np.append(_solve(gram), -1.0)
@@ -294,63 +288,15 @@ def _compute_residual_square(gram: FloatArray) -> float:
 
 
 def _compute_jackknife_std(replicates: FloatArray) -> FloatArray:
-    """Return the standard deviations that values without each of n blocks (n, ...) stand for."""
+    """Return the jackknife standard deviations of values without each of n blocks (n, ...)."""
     n = len(replicates)
     spread = replicates - replicates.mean(axis=0)
     stds: FloatArray = np.sqrt((n - 1) / n * np.sum(spread**2, axis=0))
     return stds
 
 
-def _compute_joint_weights(fits: dict[int, _JointAlignment]) -> FloatArray:
-    variances = np.array([max(float(fit.stds[0]), 1e-12) ** 2 for fit in fits.values()])
-    weights: FloatArray = (1.0 / variances) / np.sum(1.0 / variances)
-    return weights
-
-
-def _average_delay(fits: dict[int, _JointAlignment]) -> float:
-    return float(_compute_joint_weights(fits) @ [fit.values[0] for fit in fits.values()])
-
-
-def _assemble(
-    fits: dict[int, _JointAlignment],
-    before: float,
-    first: dict[int, _JointAlignment],
-    present: NDArray[np.bool_],
-    sources: tuple[str, ...],
-) -> Alignment:
-    """Return the product; `before` is the shift that the last fits were made with."""
-    joints = list(fits)
-    delays, stds, explained, residual = (np.full(len(present), np.nan) for _ in range(4))
-    offsets, offset_stds = (np.full((len(sources), len(present)), np.nan) for _ in range(2))
-    delay = before + _average_delay(fits)
-    for joint, fit in fits.items():
-        delays[joint], stds[joint] = before + fit.values[0], fit.stds[0]
-        offsets[:, joint], offset_stds[:, joint] = fit.values[1:], fit.stds[1:]
-        explained[joint], residual[joint] = first[joint].explained, fit.residual
-    replicates = np.stack([fit.replicates for fit in fits.values()], axis=1) @ _compute_joint_weights(fits)
-    # Joints that disagree by more than their own deviations say that these are too small (Birge 1932).
-    excess = float(np.sum(((delays - delay) / np.maximum(stds, 1e-12))[joints] ** 2))
-    return Alignment(
-        delay=delay,
-        delay_std=float(_compute_jackknife_std(replicates))
-        * max(1.0, excess / max(1, len(joints) - 1)) ** 0.5,
-        delays=delays,
-        delay_stds=stds,
-        offsets=offsets,
-        offset_stds=offset_stds,
-        explained=explained,
-        residual=residual,
-        present=present,
-        sources=sources,
-    )
-
-
 def keep_significant(alignment: Alignment) -> Alignment | None:
-    """Return the alignment with what may as well be zero put to zero; None if nothing is left.
-
-    A delay or offset counts from five standard deviations on: moving a channel by what it does not lag would
-    spoil a good recording.
-    """
+    """Return the alignment without insignificant delay and offsets; None if nothing is left."""
     delay = alignment.delay if alignment.late else 0.0
     sure = np.abs(alignment.offsets) > _SIGNIFICANT * alignment.offset_stds
     offsets = np.where(np.isnan(alignment.offsets), np.nan, np.where(sure, alignment.offsets, 0.0))
@@ -362,8 +308,7 @@ def keep_significant(alignment: Alignment) -> Alignment | None:
 def shift_link_channel(recording: Recording, alignment: Alignment, *, run: int) -> Recording:
     """Return the recording with its link channel shifted by `delay`, the offset of run `run` added.
 
-    No sample is cut off; those that the shifted channel does not reach repeat its end. Joints without a link
-    encoder stay as they are, and so do zeros that cannot be told.
+    Samples beyond the ends repeat them. Joints without link encoder, and unidentifiable offsets, stay.
     """
     pair, delay = get_encoders(recording), alignment.delay
     moved = shift_channel(recording.time, pair.q, delay) + np.nan_to_num(alignment.offsets[run], nan=0.0)
@@ -377,7 +322,7 @@ def shift_link_channel(recording: Recording, alignment: Alignment, *, run: int) 
 
 
 def align(recording: Recording, alignment: Alignment, *, run: int) -> Recording:
-    """Return the recording with its link channel on the motor's clock and zero, and a notice that says so.
+    """Return the recording with its link channel on the motor's clock and zero, with a notice.
 
     The channel is moved as by `shift_link_channel`; samples that it does not reach are cut off.
     """
@@ -385,24 +330,17 @@ def align(recording: Recording, alignment: Alignment, *, run: int) -> Recording:
     lost = int(np.ceil(abs(delay) / recording.period - 1e-9))
     kept = slice(0, len(recording.time) - lost) if delay >= 0.0 else slice(lost, None)
     moved = cut_recording(shift_link_channel(recording, alignment, run=run), kept)
-    notice = Notice(code="log.aligned", text=_describe_shift(alignment, run, lost), file=recording.source)
-    return replace(moved, notices=(*recording.notices, notice))
-
-
-def _describe_shift(alignment: Alignment, run: int, lost: int) -> str:
-    """Return what was done to the link channel; a delay of no significance is not spoken of."""
     parts = []
     if alignment.late:
         side = "later" if alignment.delay > 0.0 else "earlier"
+        spread = f"standard deviation {1e3 * alignment.delay_std:.2g} ms"
         parts.append(
-            f"by {1e3 * abs(alignment.delay):.4g} ms "
-            f"(standard deviation {1e3 * alignment.delay_std:.2g} ms), which they "
-            f"are {side} than the motor encoders"
+            f"by {1e3 * abs(alignment.delay):.4g} ms ({spread}), as they are {side} than the motor encoders"
         )
     largest = float(np.max(np.abs(np.nan_to_num(alignment.offsets[run], nan=0.0))))
     if largest:
         parts.append(f"by zero offsets of up to {largest:.3g}")
-    text = f"the link encoders were moved {', and '.join(parts)}" if parts else "the link encoders stay"
-    if not lost:
-        return text
-    return f"{text}; {lost} samples at the {'end' if alignment.delay > 0.0 else 'beginning'} were cut off"
+    text = f"the link encoders were moved {', and '.join(parts)}" if parts else "the link encoders were kept"
+    if lost:
+        text += f"; {lost} samples at the {'end' if alignment.delay > 0.0 else 'beginning'} were cut off"
+    return add_notice(moved, "log.aligned", text)

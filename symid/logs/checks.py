@@ -1,15 +1,12 @@
-"""What is suspicious in a recording, and what every joint does in it; nothing here stops an identification.
+"""Suspicious properties of a recording, and a summary of every joint; nothing here stops an identification.
 
-Recording, Robot -> notices; JointSummary of each joint: range, top speed, encoder step, standstill,
-torque.
+Recording, Robot -> notices; JointSummary of each joint: range, top speed, encoder step, standstill, torque.
 
-Supported: uneven sampling, a velocity that is not the position's, a channel that never changes,
-standstill, torque at its limit, positions beyond the joint's limits, positions that look like degrees,
-coarse or repeated samples, second encoders that are not there; encoder steps where positions are whole
-multiples of a step but for rounding, with or without a zero offset.
-Not supported: what needs the robot's dynamics: signs, swapped joints and delays, which
-`identification.diagnostics` looks at; delays between encoders, which `alignment` estimates; the step of
-interpolated positions, which cannot be seen.
+Supported: uneven sampling, a velocity that is not the position's, constant channels, standstill, saturated
+torque, positions beyond the joint's limits or in degrees, coarse or repeated samples, missing second
+encoders; encoder steps of positions that are multiples of a step, with or without an offset.
+Not supported: signs, swapped joints and delays (see `identification.diagnostics`); delays between encoders
+(see `alignment`); the step of interpolated positions.
 """
 
 from collections.abc import Iterator
@@ -23,19 +20,19 @@ from symid.logs.recording import Recording
 from symid.logs.sampling import describe_timing
 from symid.robot import Joint, JointKind, Robot
 
-# Thresholds are those of a remark, not of a refusal: they only choose what is worth saying.
+# Thresholds of warnings, not of refusals.
 _REPEATED = 0.5
 _STANDSTILL = 0.5
 _SATURATED = 0.01
 _MANY_TURNS = 4.0 * np.pi
 _LEAST_WAY = 1e-2
-"""Rad or m a joint must have moved for its velocity to be compared."""
+"""Least range in rad or m of a joint whose velocity is compared."""
 _UNLIKE = 0.9
 _RATIO = 0.1
 
 
 def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:
-    """Return what a reader of an identification from this recording should know first."""
+    """Return warnings on the recording."""
     found = [(notice.code, notice.text) for notice in describe_timing(recording.time)]
     for index, (joint, summary) in enumerate(
         zip(robot.axes, summarise_joints(recording, robot), strict=True)
@@ -44,7 +41,7 @@ def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:
         found += _check_torque(recording.torque[:, index], summary, joint)
         if summary.low < summary.high and summary.standstill > _STANDSTILL:
             text = f"joint {joint.name!r} stands still during {100 * summary.standstill:.0f} % of the log"
-            found.append(("log.standstill", f"{text}; it says little about inertia and viscous friction"))
+            found.append(("log.standstill", f"{text}; inertia and viscous friction are poorly identifiable"))
     found += _check_second(recording, robot)
     if recording.velocity is not None and np.all(np.isfinite(recording.velocity)):
         found += _check_velocity(recording, recording.velocity, robot)
@@ -52,7 +49,7 @@ def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:
 
 
 def get_second_encoder_side(recording: Recording) -> str | None:
-    """Return the side that a second position was measured on: "motor" or "link", None if there is none."""
+    """Return the side of the second encoder, "motor" or "link"; None if there is none."""
     if recording.motor_position is not None:
         return "motor"
     return None if recording.link_position is None else "link"
@@ -69,12 +66,12 @@ def _check_second(recording: Recording, robot: Robot) -> Iterator[tuple[str, str
     for mask, what in ((still, "is constant"), (copied, "repeats the position to the last bit")):
         if mask.any():
             joints = ", ".join(name for name, hit in zip(names, mask, strict=True) if hit)
-            text = f"the channel of the {side} encoder {what} for {joints}: there is no such encoder"
+            text = f"the channel of the {side} encoder {what} for {joints}: it is not an encoder"
             yield "log.no-second-encoder", f"{text}, and the torsion of these joints is unknown"
 
 
 def _check_velocity(recording: Recording, velocity: FloatArray, robot: Robot) -> Iterator[tuple[str, str]]:
-    """Compare the integral of the logged velocity with the position: their ratio tells units and sides."""
+    """Compare the integral of the logged velocity with the position."""
     steps = np.diff(recording.time)[:, None] * (velocity[1:] + velocity[:-1]) / 2.0
     way = np.vstack([np.zeros((1, velocity.shape[1])), np.cumsum(steps, axis=0)])
     for index, joint in enumerate(robot.axes):
@@ -86,17 +83,14 @@ def _check_velocity(recording: Recording, velocity: FloatArray, robot: Robot) ->
         ratio = sizes[1] / sizes[0] * np.sign(likeness)
         if abs(likeness) < _UNLIKE:
             text = f"the velocity of joint {joint.name!r} is not that of its position"
-            yield (
-                "log.velocity-differs",
-                f"{text}: is the order of the velocity columns that of the positions?",
-            )
+            yield "log.velocity-differs", f"{text}; check the order of the velocity columns"
         elif abs(ratio - 1.0) > _RATIO:
             text = f"the velocity of joint {joint.name!r} is {ratio:.4g} times the rate of its position"
             yield "log.velocity-differs", f"{text}: {_explain_ratio(ratio, joint.drive.gear)}"
 
 
 def _detrend(values: FloatArray) -> FloatArray:
-    """Return `values` (N,) without their mean and slope: a small bias of a velocity is no mistake."""
+    """Return `values` (N,) without their mean and slope: a velocity may have a small bias."""
     place = np.linspace(-1.0, 1.0, len(values))
     left = values - values.mean()
     flat: FloatArray = left - place * (float(place @ left) / float(place @ place))
@@ -104,7 +98,7 @@ def _detrend(values: FloatArray) -> FloatArray:
 
 
 def _explain_ratio(ratio: float, gear: float) -> str:
-    """Return in words what may stand behind a velocity that is `ratio` times the rate of the position."""
+    """Return the likely cause of a velocity that is `ratio` times the rate of the position."""
     known = {
         -1.0: "one of them has the wrong sign",
         180.0 / np.pi: "the velocity looks like degrees per second",
@@ -116,7 +110,7 @@ def _explain_ratio(ratio: float, gear: float) -> str:
         1.0 / gear: "the position looks like the motor's",
     }
     hits = [text for value, text in known.items() if abs(ratio / value - 1.0) < _RATIO and value != 1.0]
-    return f"{hits[0] if hits else 'their units or sides differ'}; state unit and side of both under [log]"
+    return f"{hits[0] if hits else 'their units or sides differ'}; state unit and side of both in [log]"
 
 
 def _check_position(position: FloatArray, joint: Joint) -> Iterator[tuple[str, str]]:
@@ -124,34 +118,27 @@ def _check_position(position: FloatArray, joint: Joint) -> Iterator[tuple[str, s
     if low == high:
         yield "log.constant-position", f"joint {joint.name!r} never moves in this log"
         return
-    repeated = (
-        float(np.mean(np.diff(position[_moving(position)]) == 0.0)) if _moving(position).sum() > 1 else 0.0
-    )
+    # The joint moves at more than a tenth of its median speed, over ten samples.
+    span = min(10, len(position) - 1)
+    travel = np.abs(position[span:] - position[:-span])
+    moving = position[: len(travel)][travel > 0.1 * float(np.median(travel))]
+    repeated = float(np.mean(np.diff(moving) == 0.0)) if len(moving) > 1 else 0.0
     if repeated > _REPEATED:
         text = (
-            f"joint {joint.name!r} moves, yet {100 * repeated:.0f} % of its positions repeat the one before"
+            f"joint {joint.name!r} moves, but {100 * repeated:.0f} % of its positions repeat the one before"
         )
         yield "log.repeated-samples", f"{text}: the sensor is slower than the log, or coarse"
     limits = joint.limits.position
     unit = "m" if joint.kind is JointKind.PRISMATIC else "rad"
     if limits and (low < limits[0] or high > limits[1]):
-        text = f"joint {joint.name!r} runs from {low:.4g} to {high:.4g} {unit}, beyond its limits"
+        text = f"joint {joint.name!r} moves from {low:.4g} to {high:.4g} {unit}, beyond its limits"
         yield "log.beyond-limits", f"{text} {limits[0]:.4g} .. {limits[1]:.4g}; check unit and factor"
     elif joint.kind is JointKind.REVOLUTE and high - low > _MANY_TURNS:
-        text = f"joint {joint.name!r} sweeps {high - low:.4g} rad, more than two turns"
+        text = f"joint {joint.name!r} moves over {high - low:.4g} rad, more than two turns"
         gear = abs(joint.drive.gear)
         if gear != 1.0 and (high - low) / gear < _MANY_TURNS / 2.0:
             text += f" ({(high - low) / gear:.4g} rad by its gear ratio)"
-        yield "log.looks-like-degrees", f"{text}; is the log in degrees, or on the motor side?"
-
-
-def _moving(position: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    """Return where a joint moves at more than a tenth of its median speed, over ten samples."""
-    span = min(10, len(position) - 1)
-    travel = np.abs(position[span:] - position[:-span])
-    mask = np.zeros(len(position), dtype=np.bool_)
-    mask[: len(travel)] = travel > 0.1 * float(np.median(travel))
-    return mask
+        yield "log.looks-like-degrees", f"{text}; check whether the log is in degrees, or of the motor side"
 
 
 def _check_torque(torque: FloatArray, summary: "JointSummary", joint: Joint) -> Iterator[tuple[str, str]]:
@@ -161,7 +148,7 @@ def _check_torque(torque: FloatArray, summary: "JointSummary", joint: Joint) -> 
         return
     if summary.saturated > _SATURATED:
         share = f"{100 * summary.saturated:.1f} % of the torques"
-        text = f"joint {joint.name!r}: {share} are the same peak of {peak:.4g}"
+        text = f"joint {joint.name!r}: {share} are equal to the peak of {peak:.4g}"
         yield "log.saturation", f"{text}: the drive saturates, or the log is clipped"
     limit = joint.limits.torque
     if limit is not None and peak > limit * (1.0 + 1e-6):
@@ -171,19 +158,15 @@ def _check_torque(torque: FloatArray, summary: "JointSummary", joint: Joint) -> 
 
 _SAMPLES = 200_000
 _TOLERANCE = 0.02
-"""Of a step: how far from a whole number of steps a difference may be."""
+"""Allowed deviation of a difference from a whole number of steps, in steps."""
 _SMALLEST = 1e-7
-"""Of the range: a step below is the rounding of the file."""
+"""Smallest step, relative to the range; smaller ones are the rounding of the file."""
 _LARGEST = 200.0
-"""Steps a difference may count: beyond, rounding of the log hides whether it is a whole number."""
+"""Largest difference in steps; rounding of the log hides whether larger ones are whole numbers."""
 
 
 def estimate_encoder_step(position: FloatArray) -> float:
-    """Return the step (rad or m) of which all differences between samples are multiples; 0 if there is none.
-
-    Args:
-        position: (N,) rad or m.
-    """
+    """Return the step of which all differences of `position` (N,) are multiples, rad or m; 0 for none."""
     differences = np.abs(np.diff(position[:_SAMPLES]))
     floor = 64.0 * np.finfo(float).eps * float(np.max(np.abs(position), initial=0.0))
     differences = differences[differences > floor]
@@ -191,7 +174,7 @@ def estimate_encoder_step(position: FloatArray) -> float:
         return 0.0
     step = float(np.min(differences))
     near = differences[differences < _LARGEST * step]
-    # The smallest difference carries rounding of the log: an average over many steps carries less.
+    # The average over many steps has a smaller rounding error than the smallest difference.
     counts = np.round(near / step)
     step = float(near @ counts / (counts @ counts))
     counts = differences / step
@@ -201,14 +184,14 @@ def estimate_encoder_step(position: FloatArray) -> float:
 
 
 _SPAN = 0.1
-"""Seconds over which a speed is taken, so that the steps of an encoder are no motion."""
+"""Seconds over which a speed is computed, so that the steps of an encoder are no motion."""
 _STILL = 1e-3
 _PEAK = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointSummary:
-    """What a joint does in a log, in the unit of its position and SI torque.
+    """Summary of a joint in a log, in the unit of its position and SI torque.
 
     Args:
         low, high: range of the position; speed: its largest, over a tenth of a second.
@@ -230,7 +213,7 @@ class JointSummary:
 
 
 def summarise_joints(recording: Recording, robot: Robot) -> tuple[JointSummary, ...]:
-    """Return what every joint does in the recording."""
+    """Return the summary of every joint."""
     found = []
     span = max(1, min(round(_SPAN / recording.period), len(recording.time) - 1))
     for index, joint in enumerate(robot.axes):

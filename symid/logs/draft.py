@@ -1,19 +1,45 @@
-"""A robot file to be completed by hand, from a URDF, a table of DH rows, or a robot at hand, and from a log.
+"""Drafts: a `[log]` map for a log, and a robot file to be completed by hand, from a URDF, DH rows or a robot.
 
-`DraftOrder`, where the robot comes from and what is put beside it -> `Draft`.
+Robot, path of a log, columns and units by quantity -> LogMapDraft. DraftOrder -> Draft.
+
+    preset of a known program, else: headings -> columns of each joint -> units -> LogMap
+    ends         a tenth of a second is left out: derivatives there are one-sided, which filters carry inwards
+    standstill   a hundredth of the top speed of the slowest joint that moves, to one digit
+
+Supported: what `headings` reads, names and units of the user in place of it, the presets.
+Not supported: columns of motors, of second encoders and of controllers, unless the user names them; a
+standstill speed for each joint.
 """
 
 import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
-from symid.errors import Notice, RobotError, UsageError
-from symid.logs.proposal import LogMapDraft, NamesByQuantity, draft_log_map
+from symid.errors import LogError, Notice, RobotError, UsageError
+from symid.logs.checks import check_recording, summarise_joints
+from symid.logs.columns import Findings, join_names
+from symid.logs.files import RawLog
+from symid.logs.headings import (
+    REQUIRED_QUANTITIES,
+    ask_constants,
+    build_quantity,
+    check_columns,
+    choose_columns,
+    read_headings,
+)
+from symid.logs.reader import apply_preset, read_raw, read_recording
+from symid.logs.recording import Recording
+from symid.logs.sampling import resample_if_uneven
+from symid.notation import UNITS, get_unit_factor
 from symid.robot import (
     DEFAULT_GRAVITY,
     Completion,
+    FrictionKind,
+    LogMap,
+    LogQuantity,
+    Processing,
     Robot,
     complete_robot,
     is_urdf,
@@ -22,33 +48,274 @@ from symid.robot import (
     read_dh_table,
     read_robot,
     read_urdf,
+    suggest_names,
     to_decimal,
     write_robot,
 )
+
+QUANTITIES = tuple(entry.name for entry in fields(LogMap) if entry.name not in {"transmission", "preset"})
+"""Quantities that columns can be named for."""
+
+_PRESETS = ("ur-rtde", "franka", "ros")
+_OWN = {"position": "q", "torque": "tau"}
+
+NamesByQuantity = Mapping[str, str | Sequence[str]]
+"""Names of columns, or units, of each quantity: a list, or a text with commas."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogMapDraft:
+    """The robot with the tables of its log.
+
+    Args:
+        robot: with `[log]` and `[processing]`.
+        file: the log.
+        read: the columns of the table, by quantity.
+        units: those of the columns as stated, by quantity; one where all are alike.
+        unused: the other columns of the log.
+        assumed: notices on what was assumed.
+        warnings: what is suspicious in the log, read so.
+    """
+
+    robot: Robot
+    file: Path
+    read: Mapping[str, LogQuantity]
+    units: Mapping[str, tuple[str, ...]]
+    unused: tuple[str, ...]
+    assumed: tuple[Notice, ...]
+    warnings: tuple[Notice, ...]
+
+
+def draft_log_map(robot: Robot, log: Path, columns: NamesByQuantity, units: NamesByQuantity) -> LogMapDraft:
+    """Return the robot with `[log]` and `[processing]` tables for a log.
+
+    `columns` and `units`, one a column or one for all, replace what the headings say of a quantity. A
+    UsageError names unknown quantities, a LogError those without columns for every joint, ambiguous ones,
+    missing units.
+    """
+    named, of_units = _split_names("--columns", columns), _split_names("--units", units)
+    raw = read_raw(log)
+    findings = Findings(file=str(log))
+    table = None if named or of_units else _match_preset(raw, robot, findings)
+    if table is not None:
+        read = _list_quantities(table)
+        stated: dict[str, tuple[str, ...]] = {name: (entry.unit,) for name, entry in read.items()}
+        table = LogMap(preset=table.preset)
+    else:
+        read, stated = _propose_quantities(raw, robot, named, of_units, findings)
+        table = replace(LogMap(), **read)  # type: ignore[arg-type]  # the keys are those of quantities
+    if findings.mistakes:
+        raise LogError(*(replace(entry, line=raw.line) for entry in findings.mistakes))
+    _note_sides(robot, read, findings)
+    remarks = [replace(entry, line=raw.line) for entry in findings.remarks]
+    used = {name for entry in read.values() for name in entry.columns}
+    unused = tuple(name for name in (*raw.columns, *raw.others) if name not in used)
+    if unused:
+        # The heading of a column that nobody filled in is empty.
+        names = ", ".join(name or "''" for name in unused)
+        text = f"columns that are not used: {names}; --columns QUANTITY=NAME,... names others"
+        remarks.append(Notice(code="new.unused-columns", text=text, file=str(log)))
+    robot = replace(robot, log=table)
+    recording = resample_if_uneven(read_recording(log, robot, uneven=True, raw=raw))
+    robot, chosen = _add_processing(robot, recording, log)
+    return LogMapDraft(
+        robot=robot,
+        file=log,
+        read=read,
+        units=stated,
+        unused=unused,
+        assumed=(*remarks, *chosen, *_note_missing_friction(robot)),
+        warnings=check_recording(recording, robot),
+    )
+
+
+def _list_quantities(log: LogMap) -> dict[str, LogQuantity]:
+    entries = {name: getattr(log, name) for name in QUANTITIES}
+    return {name: entry for name, entry in entries.items() if entry is not None}
+
+
+def _match_preset(raw: RawLog, robot: Robot, findings: Findings) -> LogMap | None:
+    """Return the columns of the program that wrote the log, None where it is not known."""
+    own = _match_symid_columns(raw, robot)
+    if own is not None:
+        return own
+    for preset in _PRESETS:
+        tried = Findings(file=findings.file)
+        log = apply_preset(raw, replace(robot, log=LogMap(preset=preset)), tried).log
+        read = _list_quantities(log)
+        mistakes = [entry for entry in tried.mistakes if entry.code != "log.no-torque-constant"]
+        # A heading with a unit of its own was written by somebody else.
+        stated = any(name in raw.units for entry in read.values() for name in entry.columns)
+        if mistakes or stated or not set(REQUIRED_QUANTITIES) <= set(read):
+            continue
+        for entry in tried.mistakes:
+            findings.refuse("new.torque-constant", f"{entry.text}: {ask_constants(robot.axes)}")
+        units = ", ".join(f"{name} in {read[name].unit}" for name in REQUIRED_QUANTITIES)
+        text = f"the columns are those of {preset}, and its units are assumed: {units}"
+        findings.remark("new.preset", f"{text} (SI: rad or m, N m or N)")
+        return log
+    return None
+
+
+def _match_symid_columns(raw: RawLog, robot: Robot) -> LogMap | None:
+    """Return the columns that symid itself writes, with their units; None where they are not there."""
+    numbers = range(1, robot.freedom + 1)
+    names = {"time": ("t",), **{key: tuple(f"{stem}{k}" for k in numbers) for key, stem in _OWN.items()}}
+    if robot.freedom > 1 and {"q", "tau"} <= set(raw.columns):
+        names = {"time": ("t",), **{key: (stem,) for key, stem in _OWN.items()}}
+    columns = [name for entry in names.values() for name in entry]
+    units = [raw.units.get(name, "") for name in columns if name in raw.columns]
+    plain = all(unit in UNITS and UNITS[unit][1] == 1.0 and UNITS[unit][0] != "current" for unit in units)
+    if len(units) < len(columns) or not plain:
+        return None
+    # Names of joints may end in other numbers than their order gives; then the order is ambiguous.
+    headings = read_headings(raw, robot.axes)
+    if choose_columns(headings, "position", robot.axes, Findings(file="")) != names["position"]:
+        return None
+    read = {key: LogQuantity(columns=entry, unit=raw.units[entry[0]]) for key, entry in names.items()}
+    return LogMap(preset="symid", time=read["time"], position=read["position"], torque=read["torque"])
+
+
+def _propose_quantities(
+    raw: RawLog,
+    robot: Robot,
+    columns: Mapping[str, tuple[str, ...]],
+    units: Mapping[str, tuple[str, ...]],
+    findings: Findings,
+) -> tuple[dict[str, LogQuantity], dict[str, tuple[str, ...]]]:
+    """Return all quantities that the headings or the user name, and the units as stated."""
+    headings = read_headings(raw, robot.axes)
+    found: dict[str, LogQuantity] = {}
+    shown: dict[str, tuple[str, ...]] = {}
+    for quantity in dict.fromkeys((*REQUIRED_QUANTITIES, "velocity", *columns)):
+        if quantity in columns:
+            names = check_columns(tuple(raw.columns), quantity, columns[quantity], robot.axes, findings)
+        else:
+            names = choose_columns(headings, quantity, robot.axes, findings)
+        stated = {entry.column: entry.unit for entry in headings if entry.unit is not None}
+        given = units.get(quantity, ()) if names else ()
+        if len(given) not in {0, 1, len(names)}:
+            text = f"--units {quantity}: {len(given)} units for {join_names(names)}"
+            findings.refuse("new.unit-count", f"{text}; give one for each column, or one for all")
+            names = ()
+        elif given:
+            stated = dict(zip(names, given * len(names) if len(given) == 1 else given, strict=True))
+        joints = robot.axes[:1] if quantity == "time" else robot.axes
+        entry = build_quantity(quantity, names, stated, joints, findings) if names else None
+        if entry is not None:
+            found[quantity] = entry
+            each = tuple(stated[name] for name in names)
+            shown[quantity] = each[:1] if len(set(each)) == 1 else each
+    owners: dict[str, str] = {}
+    for quantity, name in ((key, name) for key, entry in found.items() for name in entry.columns):
+        if name in owners:
+            text = f"column {name!r} would be {owners[name]} and {quantity}; give each column once"
+            findings.refuse("new.column-twice", text)
+        owners[name] = quantity
+    for quantity in units:
+        if quantity not in (*found, *REQUIRED_QUANTITIES, *columns):
+            text = f"--units {quantity}: the log has no known column of {quantity}; name them"
+            text = f"{text} with --columns {quantity}=NAME,..., or leave it out"
+            findings.refuse("new.unit-of-nothing", text)
+    return found, shown
+
+
+def _note_sides(robot: Robot, read: Mapping[str, LogQuantity], findings: Findings) -> None:
+    """Note what is assumed of gears and sides."""
+    current = get_unit_factor(read["torque"].unit)[0] == "current"
+    plain = tuple(joint.name for joint in robot.axes if joint.drive.gear == 1)
+    if current and plain:
+        text = f"currents: gear ratio 1 (direct drive) is assumed for {join_names(plain)}"
+        findings.remark("new.assumed-gear", f"{text}; give --gear RATIO,... where there are gears")
+    if len(plain) < robot.freedom:
+        what = "positions" if current else "positions and torques"
+        text = f"{what} are assumed to be on the joint side of the gears"
+        findings.remark("new.assumed-side", f'{text}; write side = "motor" in [log] if they are the motors\'')
+
+
+ENDS = 0.1
+"""Seconds left out at either end."""
+
+SLOW = 0.01
+"""Part of the top speed below which a joint counts as standing still."""
+
+_LARGEST_PART = 0.05
+
+
+def _split_names(option: str, given: NamesByQuantity) -> dict[str, tuple[str, ...]]:
+    """Return what an option says of each quantity, or raise a UsageError."""
+    found: dict[str, tuple[str, ...]] = {}
+    mistakes = []
+    for quantity, names in given.items():
+        parts = names.split(",") if isinstance(names, str) else names
+        found[quantity] = tuple(part.strip() for part in parts)
+        if quantity not in QUANTITIES:
+            hint = suggest_names(quantity, QUANTITIES) or f"known are {', '.join(QUANTITIES)}"
+            mistake = f"there is no quantity {quantity!r}; {hint}"
+        elif not all(found[quantity]) or not found[quantity]:
+            example = "deg" if option == "--units" else "NAME,NAME"
+            mistake = f"expected QUANTITY=..., such as {option} position={example}"
+        else:
+            continue
+        mistakes.append(f"{option} {quantity}={','.join(parts)}: {mistake}")
+    if mistakes:
+        raise UsageError(*(Notice(code="usage.quantity", text=text) for text in mistakes))
+    return found
+
+
+def _add_processing(robot: Robot, recording: Recording, log: Path) -> tuple[Robot, list[Notice]]:
+    """Return the robot with ends and standstill to leave out of an even recording, and why."""
+    ends = round(min(ENDS / recording.period, _LARGEST_PART * len(recording.time)))
+    texts = {
+        "new.ends": f"processing.drop_first and drop_last are set to {ends} samples, {ENDS:g} s or less: "
+        "derivatives at the ends of a log are poor"
+    }
+    dry = any(joint.friction.kind is not FrictionKind.NONE for joint in robot.joints)
+    speeds = [entry.speed for entry in summarise_joints(recording, robot) if entry.speed > 0.0]
+    standstill = float(f"{SLOW * min(speeds):.1g}") if dry and speeds else 0.0
+    if standstill:
+        texts["new.standstill"] = (
+            f"processing.standstill is set to {standstill:g} rad/s or m/s, {100.0 * SLOW:g} % of the top "
+            "speed of the slowest joint: rows at which a joint is slower, and may stick, are left out"
+        )
+        if len({joint.kind for joint in robot.axes}) > 1:
+            texts["new.standstill"] += "; check that one number fits revolute and prismatic joints"
+    processing = Processing(automatic=True, drop_first=ends, drop_last=ends, standstill=standstill)
+    notices = [Notice(code=code, text=text, file=str(log)) for code, text in texts.items()]
+    return replace(robot, processing=processing), notices
+
+
+def _note_missing_friction(robot: Robot) -> tuple[Notice, ...]:
+    """Return notices on joints without friction or rotors, with which no log fits."""
+    texts = {}
+    plain = [joint.name for joint in robot.axes if joint.friction.kind is FrictionKind.NONE]
+    if plain:
+        texts["new.no-friction"] = (
+            f"no friction is stated for {', '.join(plain)}, but real joints have some: give --friction "
+            "viscous_coulomb_offset, or write it into the file"
+        )
+    still = [joint.name for joint in robot.axes if joint.drive.gear != 1 and not joint.drive.has_rotor]
+    if still:
+        texts["new.no-rotor"] = (
+            f"no rotor is stated for {', '.join(still)}, but its inertia matters behind a gear: give "
+            "--rotors, or write it into the file"
+        )
+    return tuple(Notice(code=code, text=text) for code, text in texts.items())
+
 
 Numbers = str | float | Sequence[float]
 """One number for each joint or one for all, or a text with commas, which is exact."""
 
 _COMMENT = """Made by symid from {source}.
-What stands in comments is not known yet: fill in what is, and leave out what does not apply."""
-_ASSUMED = "Of the log, to be checked by you:"
+Values in comments are not known yet: fill in those that apply, and remove the others."""
+_ASSUMED = "Assumed from the log, please check:"
 _WIDTH = 105
 _EXAMPLES = {"--gear": "100,100,50", "--torque-constant": "0.12,0.12,0.05"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DraftOrder:
-    """Where a robot comes from: one of `urdf`, `table` and `name`, and what is put beside it.
-
-    Args:
-        urdf: a file; base, tip: its links to start from and to end at.
-        table: a CSV table of rows; convention: "modified" or "standard"; gravity: in its base frame, m/s^2.
-        name: a robot at hand, by its name or path.
-        log: a log of the robot; columns, units: of its quantities, see `draft_log_map`.
-        friction: the friction model of all joints.
-        rotors: whether every drive gets a rotor.
-        gear: motor turns per joint turn. constant: N m/A at the motor.
-    """
+    """The arguments of `symid.new_robot`; `name` is a robot, `constant` a torque constant in N m/A."""
 
     urdf: Path | None
     base: str | None
@@ -73,8 +340,8 @@ class Draft:
     Args:
         robot: that it describes; source: the file that it comes from.
         text: of the file, TOML.
-        log: which column of the log is what; None without one.
-        notices: what was taken for granted, and what is odd.
+        log: the tables of the log; None without one.
+        notices: assumptions and warnings.
     """
 
     robot: Robot
@@ -88,9 +355,8 @@ def draft_robot(order: DraftOrder) -> Draft:
     """Return the text of a robot file, with what is not known in comments.
 
     Raises:
-        UsageError: the order does not go together, or a number or a quantity is none.
-        RobotError: the source is wrong, or a robot file cannot say what it says.
-        LogError: the log cannot be read, or its columns cannot be told.
+        UsageError: options that do not fit together, a number or a quantity that cannot be read.
+        RobotError, LogError: the source or the log is wrong.
     """
     _check_order(order)
     if order.name is not None:
@@ -101,16 +367,12 @@ def draft_robot(order: DraftOrder) -> Draft:
     robot = read_dh_table(order.table or Path(), order.convention or "", gravity)
     if order.gravity is not None:
         return _build(order, robot)
-    said = "gravity is taken as 0, 0, -9.81 m/s^2 in the base frame; give --gravity or correct the file"
-    return _build(order, robot, Notice(code="new.gravity", text=said))
+    text = "gravity is assumed as 0, 0, -9.81 m/s^2 in the base frame; give --gravity or correct the file"
+    return _build(order, robot, Notice(code="new.gravity", text=text))
 
 
 def _check_order(order: DraftOrder) -> None:
-    """Refuse an order without one source, or with options of another one.
-
-    Raises:
-        UsageError: with all that does not go together.
-    """
+    """Refuse an order without one source, or with options of another one."""
     texts = []
     if sum(entry is not None for entry in (order.urdf, order.table, order.name)) != 1:
         texts.append("give one source: --from-urdf FILE, --from-dh FILE or --from ROBOT")
@@ -137,25 +399,19 @@ def _list_given(options: Mapping[str, object]) -> tuple[str, ...]:
 
 
 def _copy(order: DraftOrder, found: Path) -> Draft:
-    """Return a robot at hand; a URDF is converted.
-
-    Raises:
-        UsageError: something is to be put beside a robot file, which is copied as it is.
-    """
+    """Return the file of another robot as it is; a URDF is converted, and takes options."""
     if is_urdf(found):
         return _build(order, read_urdf(found))
-    added = _list_given(
-        {
-            "--log": order.log,
-            "--friction": order.friction,
-            "--rotors": order.rotors,
-            "--gear": order.gear,
-            "--torque-constant": order.constant,
-        }
-    )
+    options = {
+        "--log": order.log,
+        "--friction": order.friction,
+        "--rotors": order.rotors,
+        "--gear": order.gear,
+        "--torque-constant": order.constant,
+    }
+    added = _list_given(options)
     if added:
-        told = "a robot file is copied as it is; leave this out, and complete the copy by hand"
-        text = f"{', '.join(added)}: {told}"
+        text = f"{', '.join(added)}: a robot file is copied as it is; leave this out, and complete it by hand"
         raise UsageError(Notice(code="usage.copied", text=text, file=str(found)))
     robot = read_robot(found)
     text = found.read_text(encoding="utf-8-sig")
@@ -171,86 +427,74 @@ def _build(order: DraftOrder, robot: Robot, *notices: Notice) -> Draft:
         constants=_split_numbers("--torque-constant", order.constant),
     )
     robot = complete_robot(robot, completion)
-    part = None
+    part: LogMapDraft | None = None
+    added: tuple[Notice, ...] = ()
     if order.log is not None:
         part = draft_log_map(robot, order.log, order.columns, order.units)
-        robot = part.robot
-    said = (*robot.notices, *notices)
-    if part is not None:
-        said += (*part.assumed, *part.doubts)
-    text = _write(robot, () if part is None else part.assumed)
-    return Draft(robot=robot, source=Path(robot.path), text=text, log=part, notices=said)
+        robot, added = part.robot, part.warnings
+    assumed = part.assumed if part else ()
+    return Draft(
+        robot=robot,
+        source=Path(robot.path),
+        text=_write(robot, assumed),
+        log=part,
+        notices=(*robot.notices, *notices, *assumed, *added),
+    )
 
 
 def _write(robot: Robot, assumed: Sequence[Notice]) -> str:
-    """Return the text of the new file, which has been read back; what was assumed stands at its head.
-
-    Raises:
-        RobotError: a robot file cannot say what the source says; the message names the source.
-    """
+    """Return the text of the new file, which can be read, with what was assumed as its first comment."""
     comment = _COMMENT.format(source=Path(robot.path).name)
-    lines = [
-        line
-        for notice in assumed
-        for line in textwrap.wrap(notice.text, _WIDTH, initial_indent="* ", subsequent_indent="  ")
-    ]
+    lines: list[str] = []
+    for notice in assumed:
+        lines += textwrap.wrap(notice.text, _WIDTH, initial_indent="* ", subsequent_indent="  ")
     if lines:
         comment = "\n".join((comment, "", _ASSUMED, *lines))
     text = write_robot(robot, comment=comment, hints=True)
     try:
         parse_robot(text)
     except RobotError as error:
-        texts = (f"cannot be written as a robot file: {notice.text}" for notice in error.notices)
-        raise RobotError(
-            *(Notice(code="new.unwritable", text=words, file=robot.path) for words in texts)
-        ) from error
+        texts = [f"cannot be written as a robot file: {notice.text}" for notice in error.notices]
+        notices = (Notice(code="new.unwritable", text=text, file=robot.path) for text in texts)
+        raise RobotError(*notices) from error
     return text
 
 
 def _list_texts(given: Numbers) -> list[str]:
     plain: Numbers = given.tolist() if hasattr(given, "tolist") else given
-    match plain:
-        case str():
-            return plain.split(",")
-        case int() | float():
-            return [str(plain)]
-    return [str(float(entry)) for entry in plain]
+    if isinstance(plain, str):
+        return plain.split(",")
+    return [str(plain)] if isinstance(plain, int | float) else [str(float(entry)) for entry in plain]
 
 
-def _split_numbers(option: str, given: Numbers | None) -> tuple[float, ...]:
-    """Return the numbers of an option; none where it is not given.
-
-    Raises:
-        UsageError: one of them is no number of a robot file, or zero.
-    """
-    if given is None:
-        return ()
-    texts = _list_texts(given)
+def _read_decimals(texts: list[str]) -> list[float]:
+    """Return the numbers of texts; none where one of them is not a number of a robot file."""
     try:
         numbers = [to_decimal(Decimal(text.strip())) for text in texts]
     except InvalidOperation:
-        numbers = [None]
-    if not all(numbers):
+        return []
+    return [] if None in numbers else [float(number) for number in numbers if number is not None]
+
+
+def _split_numbers(option: str, given: Numbers | None) -> tuple[float, ...]:
+    """Return the numbers of an option, none of them zero; empty where it is not given."""
+    if given is None:
+        return ()
+    texts = _list_texts(given)
+    numbers = _read_decimals(texts)
+    if not numbers or not all(numbers):
         expected = "expected numbers other than 0 with commas between, one for each joint"
         message = f"{option} {','.join(texts)}: {expected}, such as {option} {_EXAMPLES[option]}"
         raise UsageError(Notice(code="usage.numbers", text=message))
-    return tuple(float(number) for number in numbers if number is not None)
+    return tuple(numbers)
 
 
 def _split_gravity(given: Numbers) -> tuple[str, str, str]:
-    """Return the three components of gravity.
-
-    Raises:
-        UsageError: they are not three finite numbers of a sensible size.
-    """
+    """Return the three components of gravity, as they are written."""
     texts = _list_texts(given)
-    parts = [text.strip() for text in texts]
-    try:
-        good = len(parts) == 3 and all(to_decimal(Decimal(part)) is not None for part in parts)
-    except InvalidOperation:
-        good = False
-    if not good:
+    if len(_read_decimals(texts)) != 3:
         expected = "expected three numbers in m/s^2 of a sensible size"
         message = f"--gravity {','.join(texts)}: {expected}, such as --gravity 0,0,-9.81"
         raise UsageError(Notice(code="usage.gravity", text=message))
-    return (parts[0], parts[1], parts[2])
+    x, y, z = (text.strip() for text in texts)
+    return x, y, z

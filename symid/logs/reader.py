@@ -4,16 +4,10 @@ Path, Robot (its `[log]` map says which column is what) -> Recording.
 
     file -> raw columns (by suffix) -> preset names -> quantities in SI units -> checked -> Recording
 
-Presets are the column names of other programs, so that no `[log]` table has to list them:
-
-    ros      JointState of rostopic echo -p (field.position0), bagpy (position_0), PlotJuggler (T/J/position)
-    ur-rtde  record files of ur_rtde (actual_q_0, actual_qd_0, actual_current_0, timestamp)
-    franka   logs of libfranka (q[0] or state.q[0], tau_J[0]; time in ms)
-    symid    what symid writes (t, q, dq, tau)
-
-Supported: .mat, .npz, .csv and .txt with a heading line, .h5 and .hdf5 where h5py is installed; presets
-with joints in the order of the robot file, PlotJuggler's by name. What `[log]` states comes first.
+Supported: the suffixes of `READERS`; presets, the column names of rostopic, bagpy and PlotJuggler ("ros"),
+ur_rtde, libfranka and symid, with joints in the order of the robot file, PlotJuggler's by name.
 Not supported: Parquet, rosbags; JointState messages whose order of joints changes within a log.
+
 """
 
 from collections.abc import Callable, Sequence
@@ -26,7 +20,7 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.errors import LogError
 from symid.logs.columns import CONTROL_QUANTITIES, Findings, extract_quantity, extract_time
-from symid.logs.files import RawLog, read_csv, read_hdf5, read_mat, read_npz, refuse_file
+from symid.logs.files import RawLog, build_file_error, read_csv, read_hdf5, read_mat, read_npz
 from symid.logs.recording import OPTIONAL_CHANNELS, Recording
 from symid.logs.signals import choose_processing, compute_least_samples, describe_too_short, describe_uneven
 from symid.robot import Joint, LogQuantity, Processing, Robot, compute_current_factor
@@ -66,6 +60,9 @@ _LAYOUTS = {
 }
 
 
+_PRESET_QUANTITIES = ("position", "velocity", "torque")
+
+
 def apply_preset(raw: RawLog, robot: Robot, findings: Findings) -> Robot:
     """Return the robot with the columns of its preset in the `[log]` map; as it is where it has none."""
     layout = _LAYOUTS.get(robot.log.preset or "")
@@ -75,27 +72,21 @@ def apply_preset(raw: RawLog, robot: Robot, findings: Findings) -> Robot:
     time = next((entry for entry in layout.time if entry[0] in raw.columns), None)
     if log.time is None and time is not None:
         log = replace(log, time=LogQuantity(columns=(time[0],), unit=time[1]))
-    found: dict[str, LogQuantity] = {}
-    for name in ("position", "velocity", "torque"):
-        patterns: tuple[str, ...] = getattr(layout, name)
-        columns = _match_columns(raw, patterns, robot.axes)
+    patterns: dict[str, tuple[str, ...]] = {name: getattr(layout, name) for name in _PRESET_QUANTITIES}
+    found: dict[str, Any] = {}
+    for name in _PRESET_QUANTITIES:
+        columns = _match_columns(raw, patterns[name], robot.axes)
         if getattr(log, name) is not None or (columns is None and name == "velocity"):
             continue
         if columns is None:
-            wanted = " or ".join(", ".join(_list_names(pattern, robot.axes)[:2]) for pattern in patterns)
-            text = f"{name}: preset {log.preset!r} looks for {wanted} ..., which not every joint has"
+            wanted = " or ".join(", ".join(_list_names(entry, robot.axes)[:2]) for entry in patterns[name])
+            text = f"{name}: preset {log.preset!r} needs {wanted} ... of every joint, which the log lacks"
             findings.refuse("log.preset", f"{text}; name the columns in [log.{name}]")
-            continue
-        found[name] = LogQuantity(columns=columns, unit="SI")
-        if name == "torque" and layout.torque_unit != "SI":
+        elif name == "torque" and layout.torque_unit != "SI":
             found[name] = _convert_currents(columns, layout.torque_unit, robot, findings)
-    log = replace(
-        log,
-        position=found.get("position", log.position),
-        velocity=found.get("velocity", log.velocity),
-        torque=found.get("torque", log.torque),
-    )
-    return replace(robot, log=log)
+        else:
+            found[name] = LogQuantity(columns=columns, unit="SI")
+    return replace(robot, log=replace(log, **found))
 
 
 def _list_names(pattern: str, joints: Sequence[Joint]) -> tuple[str, ...]:
@@ -119,8 +110,8 @@ def _convert_currents(columns: tuple[str, ...], unit: str, robot: Robot, finding
     lacking = [joint.name for joint in robot.axes if joint.drive.torque_constant is None]
     if lacking:
         text = (
-            f"torque: {columns[0]!r} ... are motor currents, and joint {lacking[0]!r} has no torque_constant "
-            "(N m/A) in its drive, which turns them into torques: add it, and the gear ratio"
+            f"torque: {columns[0]!r} ... are motor currents, but joint {lacking[0]!r} has no torque_constant "
+            "(N m/A) in its drive; add it, and the gear ratio"
         )
         findings.refuse("log.no-torque-constant", text)
     coupled = robot.log.transmission is not None
@@ -136,25 +127,19 @@ READERS: dict[str, Callable[[Path], RawLog]] = {
     ".h5": read_hdf5,
     ".hdf5": read_hdf5,
 }
-"""Which reader a suffix gets."""
+"""Readers by suffix."""
 
 _ENCODERS = ("motor_position", "link_position")
 
 _LARGEST = 1e100
-"""Of what a sensor can have measured; squares of larger values overflow."""
+"""Largest value of a sensor; squares of larger ones overflow."""
 
 
 def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLog | None = None) -> Recording:
-    """Return the recording in the log at `path`, as the robot's `[log]` map reads it.
+    """Return the recording in a log, or raise a LogError with all mistakes.
 
-    Args:
-        path: a file with one of the suffixes of `READERS`.
-        robot: its `[log]` map says which column is what.
-        uneven: whether times may be uneven, repeat or run backwards, for those that look at them.
-        raw: the columns of the file, where they were read before.
-
-    Raises:
-        LogError: the file cannot be read, or its columns cannot be used; all that is wrong is said.
+    `robot`: its `[log]` map says which column is what; `uneven`: whether times may be uneven, repeat or run
+    backwards; `raw`: the columns of the file, where they were read before.
     """
     raw = raw or read_raw(path)
     findings = Findings(file=str(path))
@@ -165,16 +150,13 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
     columns: dict[str, tuple[str, ...]] = {}
     for name in ("position", "velocity", "torque", *_ENCODERS, *CONTROL_QUANTITIES):
         values[name], columns[name] = extract_quantity(raw, robot, name, samples, findings)
-    if values["position"] is None:
-        _explain_side(columns, findings)
-    # A velocity stops nothing: no stage uses it. What a controller was asked to do, few stages.
+    # Holes in a velocity are accepted, no stage uses it; so are those of a controller's channels.
     needed = (column for name in ("position", "torque", *_ENCODERS) for column in columns[name])
     _check_numbers(raw, (*used, *needed), findings)
-    _check_encoders(columns, findings)
+    _check_encoders(columns, findings, no_position=values["position"] is None)
     if time is not None and not uneven:
         _check_time(time, robot.processing, findings)
     position, torque = values["position"], values["torque"]
-    # What is missing is among the mistakes.
     if findings.mistakes or time is None or position is None or torque is None:
         raise LogError(*findings.mistakes)
     known = {*used, *(name for names in columns.values() for name in names)}
@@ -182,7 +164,7 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
     left_out = ", ".join((*unused, *raw.others))
     parts = [f"columns that were not used: {left_out}"] if left_out else []
     if columns["velocity"]:
-        text = "velocity was read but is not used: velocities come from the filtered position"
+        text = "velocity was read but is not used, it is computed from the filtered position"
         parts.append(f"{text} (columns {', '.join(columns['velocity'])})")
     if parts:
         findings.remark("log.unused-columns", "; ".join(parts))
@@ -198,66 +180,56 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
     )
 
 
-def _explain_side(columns: dict[str, tuple[str, ...]], findings: Findings) -> None:
-    """Say what the one position of a log is good for, where it has that of one side alone."""
+def _check_encoders(columns: dict[str, tuple[str, ...]], findings: Findings, *, no_position: bool) -> None:
+    """Refuse second encoders without a first one, of both sides, or equal to the first one."""
     motor, link = (columns[name] for name in _ENCODERS)
-    if motor and not link:
+    if no_position and motor and not link:
         text = (
-            f"the log has the positions of the motors ({', '.join(motor)}) and none of the links: name these "
-            "columns in [log.position], for what the motor side alone can tell"
+            f"the log has motor positions ({', '.join(motor)}) but no link positions; name these columns in "
+            "[log.position] to identify what the motor side alone shows"
         )
         findings.refuse("log.one-side", text)
-    if link and not motor:
+    if no_position and link and not motor:
         text = (
-            f"the log has the positions of the links ({', '.join(link)}) and none of the motors, with which "
-            "friction and rotors of elastic joints turn: add those of the motors; where joints are rigid, "
-            "name these columns in [log.position]"
+            f"the log has link positions ({', '.join(link)}) but no motor positions, on which friction and "
+            "rotors of elastic joints depend; add them, or, where joints are rigid, name these columns in "
+            "[log.position]"
         )
         findings.refuse("log.one-side", text)
-
-
-def _check_encoders(columns: dict[str, tuple[str, ...]], findings: Findings) -> None:
-    """Refuse a log whose positions have two second encoders, or one that is the first one again."""
-    motor, link = (columns[name] for name in _ENCODERS)
     if motor and link:
         text = (
             f"the log has motor positions ({', '.join(motor)}) and link positions ({', '.join(link)}) "
-            f"besides its positions ({', '.join(columns['position'])}), which must be one of the two: "
-            "name the columns of the links in [log.position] and those of the motors in "
-            "[log.motor_position], or those of the motors in [log.position] and those of the links in "
-            "[log.link_position]; rename what is left over"
+            f"besides its positions ({', '.join(columns['position'])}); name the link columns in "
+            "[log.position] and the motor columns in [log.motor_position], or the motor columns in "
+            "[log.position] and the link columns in [log.link_position], and rename the third"
         )
         findings.refuse("log.two-encoders", text)
     for name in _ENCODERS:
         if columns[name] and columns[name] == columns["position"]:
-            text = f"{name} and position are the same columns ({', '.join(columns[name])})"
-            remedy = (
-                "name the columns of the motors in [log.position]; where joints are rigid, leave it out"
-                if name == "link_position"
-                else "leave it out"
+            text = (
+                f"{name} and position are the same columns ({', '.join(columns[name])}), torsion is unknown"
             )
-            findings.refuse("log.same-encoder", f"{text}: one encoder tells no torsion; {remedy}")
+            remedy = "leave it out"
+            if name == "link_position":
+                remedy = "name the motor columns in [log.position]; where joints are rigid, leave it out"
+            findings.refuse("log.same-encoder", f"{text}; {remedy}")
 
 
 def read_raw(path: Path) -> RawLog:
-    """Return the columns of the log at `path` as they stand in it.
-
-    Raises:
-        LogError: the file cannot be read.
-    """
+    """Return the columns of the log at `path` as they stand in it, or raise a LogError."""
     reader = READERS.get(path.suffix.lower())
     if reader is None:
-        known = ", ".join(READERS)
-        found = f"{path.suffix!r}" if path.suffix else "no suffix"
-        raise refuse_file(str(path), f"a log must be one of {known}, got {found}", "log.unknown-suffix")
+        found = repr(path.suffix) if path.suffix else "no suffix"
+        text = f"a log must be one of {', '.join(READERS)}, got {found}"
+        raise build_file_error(path, text, "log.unknown-suffix")
     if not path.exists():
-        raise refuse_file(str(path), "there is no such file", "log.no-such-file")
+        raise build_file_error(path, "there is no such file", "log.no-such-file")
     if not path.is_file():
-        raise refuse_file(str(path), "this is a folder, not a log", "log.unreadable")
+        raise build_file_error(path, "this is a folder, not a log", "log.unreadable")
     try:
         return reader(path)
     except PermissionError as error:
-        raise refuse_file(str(path), "the file may not be read (no permission)") from error
+        raise build_file_error(path, "the file may not be read (no permission)", "log.unreadable") from error
 
 
 def _check_numbers(raw: RawLog, used: tuple[str, ...], findings: Findings) -> None:
@@ -270,10 +242,10 @@ def _check_numbers(raw: RawLog, used: tuple[str, ...], findings: Findings) -> No
             first = int(bad[0, 0])
             place = f"sample {first}" + (f", column {int(bad[0, 1])}" if bad.shape[1] > 1 else "")
             text = (
-                f"{name!r} holds {len(bad)} values that are no numbers (NaN, infinite, beyond {_LARGEST:g}); "
-                f"the first at {place}"
+                f"{name!r} has {len(bad)} values that are not finite numbers (NaN, infinite, beyond "
+                f"{_LARGEST:g}), the first at {place} (counted from 0); cut or repair the log there"
             )
-            findings.refuse("log.not-finite", f"{text}, counted from 0; cut or repair the log there")
+            findings.refuse("log.not-finite", text)
 
 
 def _check_time(time: FloatArray, processing: Processing, findings: Findings) -> None:
@@ -282,10 +254,10 @@ def _check_time(time: FloatArray, processing: Processing, findings: Findings) ->
     if len(back):
         at = int(back[0])
         text = (
-            f"time must grow: sample {at + 1} (counted from 0) is at {time[at + 1]:.9g} s, the one before it"
+            f"time must increase: sample {at + 1} (counted from 0) is at {time[at + 1]:.9g} s, the one "
+            f"before at {time[at]:.9g} s"
         )
-        more = f"; {len(back)} steps are like that" if len(back) > 1 else ""
-        findings.refuse("log.time-order", f"{text} at {time[at]:.9g} s{more}")
+        findings.refuse("log.time-order", f"{text}; {len(back)} such steps" if len(back) > 1 else text)
     elif len(steps) and np.all(np.isfinite(steps)):
         uneven = describe_uneven(time, file=findings.file)
         if uneven is not None:

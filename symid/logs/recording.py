@@ -1,11 +1,9 @@
-"""Recording: what a log holds, in SI units, on the joint side, nothing left out; and parts of it.
+"""Recording: what a log holds, in SI units, on the joint side; and parts of it.
 
 Arrays from a reader -> Recording; Recording, numbers of samples -> a shorter Recording with a notice.
 
 Supported: position, torque and time; where the log has them velocity, a second encoder, the controller's
-reference and feed-forward; other numeric columns as logged. Samples are cut off at both ends of every
-channel.
-Not supported: pieces from the middle.
+reference and feed-forward; other numeric columns as logged.
 """
 
 from collections.abc import Callable, Mapping
@@ -28,13 +26,13 @@ OPTIONAL_CHANNELS = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunSettings:
-    """What holds for one run alone, where several logs make one fit.
+    """Settings of one of several runs of a fit.
 
     Args:
-        file: the log; weight: what the squares of its residuals count for.
+        file: the log; weight: of the squares of its residuals.
         drop_first, drop_last: samples that were cut off before anything else.
-        payload: the name of what the robot carries, empty for nothing.
-        load: (p,) what a payload that is known adds to the base parameters, SI; empty where it is not known.
+        payload: its name, empty for none.
+        load: (p,) what a known payload adds to the base parameters, SI; empty where it is not known.
         offset: rad or m added to the positions, one for all joints or one a joint.
     """
 
@@ -56,16 +54,16 @@ class Recording:
         position: (N, n) rad or m, joint side.
         torque: (N, n) N m or N, joint side.
         velocity: (N, n) rad/s or m/s where the log has it.
-        motor_position: (N, n) theta, rad or m, joint side, where the log has motor encoders besides
-            `position`, which is then that of the links.
-        link_position: (N, n) q, rad or m, where the log has link encoders besides `position`, which is then
-            that of the motors. At most one of the two is there.
-        reference: (N, n) rad or m, what the controller was to follow, where the log has it;
-            reference_velocity: (N, n) its velocity; feedforward: (N, n) N m or N, added to its torque.
+        motor_position: (N, n) theta, rad or m, joint side, of a second encoder; `position` is then that of
+            the links.
+        link_position: (N, n) q, rad or m, of a second encoder; `position` is then that of the motors. At most
+            one of the two is there.
+        reference: (N, n) rad or m, of the controller; reference_velocity: (N, n); feedforward: (N, n) N m or
+            N.
         source: the file it was read from, or what made it.
-        notices: what a reader should know: conversions made, columns not used.
-        extras: numeric columns of the log that are none of these, as logged.
-        run: what holds for this run alone, where it is one of several; applied already, but for the weight.
+        notices: conversions made, columns not used.
+        extras: other numeric columns of the log, as logged.
+        run: settings of one of several runs; applied already, but for the weight.
     """
 
     time: FloatArray
@@ -89,7 +87,7 @@ class Recording:
 
     @property
     def period(self) -> float:
-        """Return the mean sample period in s: clocks round each time, but not their sum."""
+        """Return the mean sample period in s, in which the rounding of single times cancels."""
         return float((self.time[-1] - self.time[0]) / (len(self.time) - 1))
 
 
@@ -114,25 +112,25 @@ _FEWEST = 3
 
 
 def cut_ends(recording: Recording, first: int, last: int) -> Recording:
-    """Return the recording without its first and last samples; as it is where both numbers are 0.
-
-    Raises:
-        LogError: less than three samples would be left.
-    """
+    """Return the recording without its first and last samples; a LogError if less than three are left."""
     if not first and not last:
         return recording
     count = len(recording.time)
     left = count - first - last
     if left < _FEWEST:
         text = (
-            f"the log has {count} samples; cutting off the first {first} and the last {last} leaves "
-            f"{max(left, 0)}, and {_FEWEST} are needed at least: cut off less"
+            f"cutting off the first {first} and the last {last} of {count} samples leaves {max(left, 0)}, at "
+            f"least {_FEWEST} are needed; cut off less"
         )
         raise LogError(Notice(code="log.too-short", text=text, file=recording.source))
-    text = f"the first {first} and the last {last} of {count} samples were cut off, as the settings ask for"
-    notice = Notice(code="log.cut", text=text, file=recording.source)
-    cut = cut_recording(recording, slice(first, count - last))
-    return replace(cut, notices=(*cut.notices, notice))
+    text = f"the first {first} and the last {last} of {count} samples were cut off, as set"
+    return add_notice(cut_recording(recording, slice(first, count - last)), "log.cut", text)
+
+
+def add_notice(recording: Recording, code: str, text: str) -> Recording:
+    """Return the recording with one more notice, on its source."""
+    notice = Notice(code=code, text=text, file=recording.source)
+    return replace(recording, notices=(*recording.notices, notice))
 
 
 def cut_recording(recording: Recording, kept: slice) -> Recording:
@@ -146,9 +144,9 @@ def cut_recording(recording: Recording, kept: slice) -> Recording:
 
 def change_channels(recording: Recording, change: Callable[[FloatArray], FloatArray]) -> Recording:
     """Return the recording with `change` made to its times and all its channels."""
-    names = ("time", "position", "torque", *OPTIONAL_CHANNELS)
-    channels = {name: getattr(recording, name) for name in names}
-    changed: dict[str, Any] = {
-        name: change(values) for name, values in channels.items() if values is not None
-    }
+    changed: dict[str, Any] = {}
+    for name in ("time", "position", "torque", *OPTIONAL_CHANNELS):
+        values = getattr(recording, name)
+        if values is not None:
+            changed[name] = change(values)
     return replace(recording, **changed)

@@ -1,16 +1,15 @@
 """Time stamps of a log: rate, jitter, gaps, repeated and returning times; uneven logs resampled.
 
-Times (N,) -> LogTiming; notices, each with what to do. Times -> Resampling; Recording or RawLog -> the
-same at even times, with its column names and units, so that the same robot file reads it.
+Times (N,) -> LogTiming, notices. Recording or RawLog -> the same at even times, with its column names and
+units.
 
     repeated and returning samples left out -> cut at long gaps, the longest piece kept -> even grid
 
-Between samples every channel is interpolated by the same monotone cubics (Fritsch and Carlson 1980),
-which add no overshoot.
+Channels are interpolated by monotone cubics (Fritsch and Carlson 1980), which add no overshoot.
 
 Supported: any finite times; gaps of up to ten periods, which are bridged; columns with a value a sample,
 others are copied.
-Not supported: clocks that drift against the robot's; several pieces at once: cut the log into files.
+Not supported: clocks that drift against the robot's; several pieces at once.
 """
 
 from dataclasses import dataclass, replace
@@ -28,7 +27,7 @@ from symid.logs.signals import describe_uneven
 from symid.robot import Robot
 
 _REMARKED_JITTER = 0.05
-"""Of a period: deviations of steps from here on are worth a remark."""
+"""Least deviation of a step, relative to the period, that is reported."""
 _GAP = 1.5
 _REMEDY = "`symid check ROBOT LOG --resample FILE` writes an evenly sampled copy"
 
@@ -38,13 +37,12 @@ class LogTiming:
     """How a log was sampled.
 
     Args:
-        samples: number of samples; `duration` in s, from the first to the last.
-        period: median of the steps that go on, in s; 0 if none does.
-        jitter: root mean square of the steps' deviations from it, relative, gaps apart.
-        largest: the largest such deviation, relative.
+        samples: number of samples; duration: s, from the first to the last.
+        period: median of the positive steps in s; 0 if there are none.
+        jitter, largest: RMS and largest of the steps' deviations from it, relative, without gaps.
         repeated, backward: numbers of samples at the time of the one before, and before it.
-        gaps: (start, end) in s of steps longer than 1.5 periods; `missing` samples would fill them.
-        first_fault: index of the first sample that repeats or returns, -1 if none does.
+        gaps: (start, end) in s of steps longer than 1.5 periods; missing: samples that would fill them.
+        first_fault: index of the first sample that repeats or returns, -1 for none.
     """
 
     samples: int
@@ -60,12 +58,12 @@ class LogTiming:
 
     @property
     def even(self) -> bool:
-        """Return whether every step goes on by nearly the same."""
+        """Return whether all steps are nearly equal."""
         return not (self.repeated or self.backward or self.gaps) and self.largest <= _REMARKED_JITTER
 
 
 def measure_timing(time: FloatArray) -> LogTiming:
-    """Return how a log with these times (N,) in s was sampled."""
+    """Return the timing of times (N,) in s."""
     steps = np.diff(time)
     onward = steps[steps > 0.0]
     period = float(np.median(onward)) if len(onward) else 0.0
@@ -87,13 +85,13 @@ def measure_timing(time: FloatArray) -> LogTiming:
 
 
 def describe_timing(time: FloatArray, file: str = "") -> tuple[Notice, ...]:
-    """Return what is odd about the times (N,) in s of the log `file`."""
+    """Return notices on repeated, returning, missing and uneven times (N,) in s."""
     timing = measure_timing(time)
     found = []
     if timing.backward:
         text = (
-            f"{timing.backward} samples come before the one in front of them, the first of these faults is "
-            f"sample {timing.first_fault} (counted from 0): clocks were set, or files were joined"
+            f"{timing.backward} samples have an earlier time than the one before, the first faulty one is "
+            f"sample {timing.first_fault} (counted from 0): a clock was set, or files were joined"
         )
         found.append(("log.time-order", f"{text}; {_REMEDY} without them, or cut the log there"))
     if timing.repeated:
@@ -103,16 +101,16 @@ def describe_timing(time: FloatArray, file: str = "") -> tuple[Notice, ...]:
         start, end = timing.gaps[0]
         text = (
             f"{len(timing.gaps)} gaps, {timing.missing} samples of {timing.samples + timing.missing} are "
-            f"missing; the first lasts from {start:.6g} s to {end:.6g} s"
+            f"missing; the first gap is from {start:.6g} s to {end:.6g} s"
         )
         found.append(("log.gap", f"{text}; log at a lower rate or with a higher priority; {_REMEDY}"))
     if timing.largest > _REMARKED_JITTER:
         refused = describe_uneven(time) is not None
         text = (
-            f"steps of time differ by up to {100 * timing.largest:.3g} % from {timing.period:.6g} s (root "
-            f"mean square {100 * timing.jitter:.3g} %); filters assume even sampling"
+            f"time steps differ by up to {100 * timing.largest:.3g} % from {timing.period:.6g} s (RMS "
+            f"{100 * timing.jitter:.3g} %); filters assume even sampling"
         )
-        remedy = _REMEDY if refused else "these are accepted as even; " + _REMEDY
+        remedy = _REMEDY if refused else f"this is accepted as even; {_REMEDY}"
         found.append(("log.jitter", f"{text}; {remedy}"))
     return tuple(Notice(code=code, text=text, file=file) for code, text in found)
 
@@ -123,12 +121,11 @@ _FEWEST = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Resampling:
-    """Which samples are used, and the even times that take their place.
+    """The samples that are used, and the even times.
 
     Args:
         kept: (K,) indices of samples; before: (K,) their times in s; after: (M,) the even times in s.
-        samples: number of samples of the log; dropped: those with times that repeat or return.
-        bridged: gaps that were interpolated over; cut: samples of other pieces, left out.
+        dropped: samples with times that repeat or return; bridged: gaps; cut: samples of other pieces.
     """
 
     kept: NDArray[np.intp]
@@ -148,21 +145,17 @@ class Resampling:
 
 
 def plan_resampling(time: FloatArray, file: str = "") -> Resampling:
-    """Return how to make a log with these times (N,) in s even.
-
-    Raises:
-        LogError: fewer than four samples are left.
-    """
+    """Return how to make times (N,) in s even, or raise a LogError if fewer than four are left."""
     onward = np.flatnonzero(np.append(True, time[1:] > np.maximum.accumulate(time)[:-1])[: len(time)])
     steps = np.diff(time[onward])
     if len(onward) < _FEWEST:
-        text = f"only {len(onward)} of {len(time)} samples have a time of their own: nothing can be resampled"
-        raise LogError(Notice(code="log.time-order", text=f"{text}; check the time column", file=file))
+        text = f"only {len(onward)} of {len(time)} samples have increasing times; check the time column"
+        raise LogError(Notice(code="log.time-order", text=text, file=file))
     period = float(np.median(steps))
     pieces = np.split(onward, np.flatnonzero(steps > _BRIDGED * period) + 1)
     kept = max(pieces, key=len)
     if len(kept) < _FEWEST:
-        text = f"the longest piece without a gap has {len(kept)} samples, {_FEWEST} are needed at least"
+        text = f"the longest piece without a gap has {len(kept)} samples, at least {_FEWEST} are needed"
         raise LogError(Notice(code="log.gap", text=text, file=file))
     before = time[kept]
     count = max(2, round(float(before[-1] - before[0]) / period))
@@ -189,12 +182,12 @@ def describe_resampling(plan: Resampling, file: str = "") -> Notice:
         parts.append(f"{plan.bridged} gaps of up to {_BRIDGED:g} periods were interpolated over")
     if plan.cut:
         span = f"{plan.before[0]:.6g} s to {plan.before[-1]:.6g} s"
-        parts.append(f"{plan.cut} on the far side of longer gaps were left out: {span} is the longest piece")
+        parts.append(f"{plan.cut} beyond longer gaps were left out: {span} is the longest piece")
     return Notice(code="log.resampled", text="; ".join(parts), file=file)
 
 
 def resample_recording(recording: Recording, plan: Resampling) -> Recording:
-    """Return the recording at even times, with a notice that says what was done."""
+    """Return the recording at even times, with a notice."""
     return replace(
         change_channels(recording, plan.move),
         time=plan.after,
@@ -204,20 +197,11 @@ def resample_recording(recording: Recording, plan: Resampling) -> Recording:
 
 
 def resample_log(raw: RawLog, robot: Robot, file: str = "") -> tuple[RawLog, Notice]:
-    """Return the columns of a log at even times, and what was done.
-
-    Args:
-        raw: the columns as logged.
-        robot: its `[log]` map says which column is the time, and its unit.
-        file: where the log was read.
-
-    Raises:
-        LogError: there is no usable time column.
-    """
+    """Return the columns of a log at even times, and a notice; a LogError if the time cannot be read."""
     findings = Findings(file=file)
     time, names = extract_time(raw, apply_preset(raw, robot, findings), findings)
     if time is None or not np.all(np.isfinite(time)):
-        findings.refuse("log.not-finite", "the time column holds values that are no numbers")
+        findings.refuse("log.not-finite", "the time column has values that are not finite")
         raise LogError(*findings.mistakes)
     plan = plan_resampling(time, file)
     stamps = raw.columns[names[0]]
@@ -230,11 +214,7 @@ def resample_log(raw: RawLog, robot: Robot, file: str = "") -> tuple[RawLog, Not
 
 
 def resample_if_uneven(recording: Recording) -> Recording:
-    """Return the recording as it is where filters may take it as even, else resampled, with a notice.
-
-    Raises:
-        LogError: too few samples are left.
-    """
+    """Return the recording as it is if even enough for filters, else resampled (LogError if too short)."""
     steps = np.diff(recording.time)
     if len(steps) and np.all(steps > 0.0) and describe_uneven(recording.time) is None:
         return recording

@@ -4,20 +4,17 @@ Recording, Processing -> Signals at full rate; matrices of fewer rows, whole or 
 
     position low-passed -> velocity, acceleration by central differences -> ends cut -> Signals -> decimation
 
-Low-pass: Butterworth, forward and backward. Decimation: Chebyshev I, forward and backward. Both run as
-second-order sections, so that high orders at low cut-offs keep their gain; ends are continued by odd
-reflection over 3 (order) samples.
+Low-pass: Butterworth; decimation: Chebyshev I; both forward and backward, as second-order sections, with ends
+continued by odd reflection over 3 (order) samples.
 
-Supported: uniform sampling. A step above 1.5 median periods is a gap; steps that scatter by more than
-20 % (root mean square) are jitter; both are refused. Velocities and accelerations come from the filtered
-position, so that both pass exactly the filter that the position passed.
-Not supported: uneven sampling, online filtering, a logged velocity in place of the differentiated
-position.
+Supported: uniform sampling, see `describe_uneven`.
+Not supported: online filtering, a logged velocity in place of the differentiated position.
 """
 
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -30,33 +27,20 @@ _FREQUENCIES = 8192
 
 
 def compute_pad_length(order: int) -> int:
-    """Return the number of samples by which each end is continued; a signal must be longer."""
+    """Return the number of samples by which each end is continued; signals must be longer."""
     return 3 * order
 
 
 def low_pass(values: FloatArray, *, period: float, cutoff: float, order: int) -> FloatArray:
     """Return `values` (N, ...) through a Butterworth filter, forward and backward.
 
-    The order is that of one pass; the gain at `cutoff` is 1/2 after both.
-
-    Args:
-        values: (N, ...), any unit.
-        period: sample period in s.
-        cutoff: of one pass, in Hz.
-        order: of one pass.
-
-    Raises:
-        LogError: the cut-off is not below half the sample rate, or there are too few samples.
+    `period` in s; `cutoff` in Hz and `order` are those of one pass, with gain 1/2 at `cutoff` after both. A
+    LogError refuses a cut-off that is not below half the sample rate, and too few samples.
     """
     nyquist = 0.5 / period
     if not 0.0 < cutoff < nyquist:
-        raise LogError(
-            Notice(
-                code="log.filter-cutoff",
-                text=f"a filter cut-off of {cutoff:g} Hz does not fit a log sampled every {period:g} s: "
-                f"it must lie between 0 and {nyquist:g} Hz",
-            )
-        )
+        text = f"the filter cut-off must be below {nyquist:g} Hz, half the sample rate, got {cutoff:g} Hz"
+        raise LogError(Notice(code="log.filter-cutoff", text=text))
     from scipy.signal import butter
 
     sections = butter(order, cutoff / nyquist, output="sos")
@@ -75,61 +59,51 @@ def differentiate(values: FloatArray, period: float) -> FloatArray:
 def decimate(values: FloatArray, decimation: Decimation) -> FloatArray:
     """Return every `factor`-th sample of `values` (N, ...) after a zero-phase Chebyshev I low-pass.
 
-    Kept are ceil(N / r) samples that end with the last one: counted from one, the first is
-    r - (r ceil(N / r) - N), as in MATLAB's `decimate`. A model that is linear in its parameters stays
-    true when its columns and the measurement pass the same filter ("parallel decimation", Gautier 1997).
-
-    Raises:
-        LogError: there are too few samples for the filter.
+    ceil(N / r) samples are kept, the last one included, as in MATLAB's `decimate`; a LogError if there are
+    too few. A model that is linear in its parameters stays true when its columns and the measurement pass the
+    same filter (Gautier 1997).
     """
     factor = decimation.factor
     if factor == 1:
         return values.copy()
-    from scipy.signal import cheby1
-
-    edge = decimation.band / factor
-    sections = cheby1(decimation.order, decimation.ripple_db, edge, output="sos")
-    smooth = _filter_both_ways(sections, values, decimation.order)
+    smooth = _filter_both_ways(_design_decimation(decimation), values, decimation.order)
     kept = -(-len(values) // factor)
     first = factor - (factor * kept - len(values)) - 1
     return np.ascontiguousarray(smooth[first::factor])
 
 
 def compute_noise_bandwidth(processing: Processing, period: float) -> float:
-    """Return the part of the band, after decimation, that white noise of the torque still fills.
+    """Return b: m decimated samples of white torque noise have the information of m b independent ones.
 
-    m decimated samples of such noise hold as much information on slow parameters as m b independent
-    ones: b is the mean of |H|^4 over the new band relative to |H(0)|^4 (both passes of each filter).
-
-    Args:
-        processing: decimation, and the low-pass if the torque passes it.
-        period: sample period in s, before decimation.
+    b is the mean of |H|^4 over the new band relative to |H(0)|^4, of both passes of decimation and, if the
+    torque passes it, low-pass. `period` in s, before decimation.
     """
     decimation = processing.decimation
-    from scipy.signal import butter, cheby1, sosfreqz
+    from scipy.signal import butter, sosfreqz
 
     # The pass band after decimation always holds many frequencies.
     count = _FREQUENCIES * max(1, decimation.factor // 10)
     gain = np.ones(count)
     if decimation.factor > 1:
-        edge = decimation.band / decimation.factor
-        sections = cheby1(decimation.order, decimation.ripple_db, edge, output="sos")
-        gain *= np.abs(sosfreqz(sections, worN=count)[1]) ** 4
+        gain *= np.abs(sosfreqz(_design_decimation(decimation), worN=count)[1]) ** 4
     if processing.filter_torque and processing.filter_cutoff is not None:
         sections = butter(processing.filter_order, processing.filter_cutoff * 2.0 * period, output="sos")
         gain *= np.abs(sosfreqz(sections, worN=count)[1]) ** 4
     return min(1.0, decimation.factor * float(np.mean(gain) / gain[0]))
 
 
+def _design_decimation(decimation: Decimation, output: str = "sos") -> Any:  # noqa: ANN401  scipy has no types
+    from scipy.signal import cheby1
+
+    edge = decimation.band / decimation.factor
+    return cheby1(decimation.order, decimation.ripple_db, edge, output=output)
+
+
 def _filter_both_ways(sections: FloatArray, values: FloatArray, order: int) -> FloatArray:
     pad = compute_pad_length(order)
     if len(values) <= pad:
-        raise LogError(
-            Notice(
-                code="log.too-short",
-                text=f"{len(values)} samples are left to filter; order {order} needs more than {pad}",
-            )
-        )
+        text = f"{len(values)} samples are left to filter; order {order} needs more than {pad}"
+        raise LogError(Notice(code="log.too-short", text=text))
     from scipy.signal import sosfiltfilt
 
     result: FloatArray = sosfiltfilt(sections, values, axis=0, padtype="odd", padlen=pad)
@@ -137,11 +111,11 @@ def _filter_both_ways(sections: FloatArray, values: FloatArray, order: int) -> F
 
 
 _BLOCK = 16384
-"""Samples of a block, besides those that its ends need; more where the filter is long."""
+"""Least samples of a block, without those that settle the filter."""
 _MEMORY_FLOOR = 1e-17
-"""What is left of a filter's answer to where it began, when it has settled."""
+"""Relative rest of a transient that has settled."""
 _ROW_RATE = 100.0
-"""Rows a second, in Hz, where the settings leave it open: ten times what robots move at, and more."""
+"""Default rate of rows in Hz: more than ten times what robots move at."""
 _GAP = 1.5
 """Steps of time above this many median periods are gaps; 1 sample lost makes a step of 2."""
 _JITTER = 0.2
@@ -149,12 +123,7 @@ _JITTER = 0.2
 
 
 def prepare_signals(recording: Recording, processing: Processing) -> Signals:
-    """Return states and torques of `recording`, filtered, differentiated and cut.
-
-    Raises:
-        LogError: too few samples for these settings, uneven sampling, or a cut-off that the sample
-            rate does not carry.
-    """
+    """Return states and torques, filtered, differentiated, cut (LogError if log and settings do not fit)."""
     least = compute_least_samples(processing)
     if len(recording.time) < least:
         raise LogError(describe_too_short(len(recording.time), processing, file=recording.source))
@@ -163,12 +132,12 @@ def prepare_signals(recording: Recording, processing: Processing) -> Signals:
         raise LogError(uneven)
     period = recording.period
     try:
-        q = _low_pass_if_asked(recording.position, period, processing)
-        tau = (
-            _low_pass_if_asked(recording.torque, period, processing)
-            if processing.filter_torque
-            else recording.torque
-        )
+        q, tau = recording.position, recording.torque
+        if processing.filter_cutoff is not None:
+            cutoff, order = processing.filter_cutoff, processing.filter_order
+            q = low_pass(q, period=period, cutoff=cutoff, order=order)
+            if processing.filter_torque:
+                tau = low_pass(tau, period=period, cutoff=cutoff, order=order)
     except LogError as error:
         raise LogError(*(replace(notice, file=recording.source) for notice in error.notices)) from error
     dq = differentiate(q, period)
@@ -180,21 +149,17 @@ def prepare_signals(recording: Recording, processing: Processing) -> Signals:
 
 
 def choose_processing(processing: Processing, period: float) -> Processing:
-    """Return the settings with cut-off and decimation chosen, where they are left to the sample rate.
+    """Return the settings with cut-off and decimation chosen for a sample `period` in s, where `automatic`.
 
-    Rows come at 100 Hz or a little less; the position's cut-off lies five times above what decimation
-    keeps, or at 0.4 of the sample rate: high enough that it damps nothing that the torque keeps.
-
-    Args:
-        processing: as stated; returned as it is unless `automatic`.
-        period: sample period in s.
+    Rows come at 100 Hz or a little less; the position's cut-off is five times the band that decimation keeps,
+    or 0.4 of the sample rate: it damps nothing that the torque keeps.
     """
     if not processing.automatic:
         return processing
     rate = 1.0 / period
     decimation = processing.decimation
     if decimation.factor == 1:
-        # A hair below a whole number of times is that number: periods carry rounding.
+        # Periods have rounding errors.
         decimation = replace(decimation, factor=max(1, math.ceil(rate / _ROW_RATE - 1e-6)))
     kept = 0.5 * decimation.band * rate / decimation.factor
     cutoff = processing.filter_cutoff or float(f"{min(5.0 * kept, 0.4 * rate):.3g}")
@@ -206,17 +171,9 @@ def decimate_blocks(
 ) -> Iterator[tuple[slice, FloatArray]]:
     """Yield, block by block, the rows that `decimate` keeps of all samples, and which they are.
 
-    A block is filtered with so many samples before and after it that the filter has forgotten where it began
-    and ended; at the ends of the log nothing differs. So the rows are the same up to rounding, and samples
-    never stand in memory but for one block.
-
-    Args:
-        evaluate: gives the values (k, ...) of a slice of samples.
-        samples: how many there are.
-        decimation: of the rows.
-
-    Raises:
-        LogError: too few rows for the filter.
+    A block is filtered with enough samples before and after it for the filter to settle, so the rows are the
+    same up to rounding and only one block is in memory. `evaluate` gives the values (k, ...) of a slice of
+    samples.
     """
     factor = decimation.factor
     if factor == 1:
@@ -224,18 +181,19 @@ def decimate_blocks(
             part = slice(start, min(samples, start + _BLOCK))
             yield part, evaluate(part)
         return
-    reach = _compute_filter_memory(decimation)
-    # Rows are counted from the last one, which is the last sample, as `decimate` counts them.
+    # Rows after which the transient of the filter has settled.
+    slowest = float(np.abs(_design_decimation(decimation, "zpk")[1]).max())
+    reach = math.ceil(math.log(_MEMORY_FLOOR) / math.log(slowest) / factor) + decimation.order
+    # The last row is the last sample, as in `decimate`.
     kept = -(-samples // factor)
     first = samples - 1 - factor * (kept - 1)
     step = max(1, max(_BLOCK, 2 * reach * factor) // factor)
     for start in range(0, kept, step):
         stop = min(kept, start + step)
         last = min(kept, stop + reach)
-        # A stretch that begins within the reach of the log's beginning begins there.
         begin = max(0, first + factor * (start - reach))
         values = evaluate(slice(begin, first + factor * (last - 1) + 1))
-        # Filters copy what they filter several times over: one joint at a time is enough.
+        # One joint at a time: filters copy their input several times.
         parts = [values] if values.ndim < 3 else [values[:, index] for index in range(values.shape[1])]
         rows = [decimate(part, decimation) for part in parts]
         away = last - len(rows[0])
@@ -243,19 +201,8 @@ def decimate_blocks(
         yield slice(start, stop), kept_rows[0] if values.ndim < 3 else np.stack(kept_rows, axis=1)
 
 
-def _compute_filter_memory(decimation: Decimation) -> int:
-    """Return how many rows the filter takes to forget where it began."""
-    from scipy.signal import cheby1
-
-    _, poles, _ = cheby1(
-        decimation.order, decimation.ripple_db, decimation.band / decimation.factor, output="zpk"
-    )
-    slowest = float(np.abs(poles).max())
-    return math.ceil(math.log(_MEMORY_FLOOR) / math.log(slowest) / decimation.factor) + decimation.order
-
-
 def compute_least_samples(processing: Processing) -> int:
-    """Return how many samples a log needs for these settings, at least."""
+    """Return the least number of samples for these settings."""
     whole = compute_pad_length(processing.filter_order) + 1 if processing.filter_cutoff is not None else 3
     decimation = processing.decimation
     left = compute_pad_length(decimation.order) + 1 if decimation.factor > 1 else 3
@@ -268,22 +215,21 @@ def describe_too_short(samples: int, processing: Processing, file: str = "") -> 
         code="log.too-short",
         file=file,
         text=f"the log has {samples} samples; filter, cut ends ({processing.drop_first} first, "
-        f"{processing.drop_last} last) and decimation need {compute_least_samples(processing)} at least",
+        f"{processing.drop_last} last) and decimation need at least {compute_least_samples(processing)}",
     )
 
 
 def describe_uneven(time: FloatArray, file: str = "") -> Notice | None:
-    """Return what is wrong with the sampling of `time` (N,) in s, None where filters may take it as even."""
+    """Return the notice on gaps or jitter of `time` (N,) in s; None if it is even enough for filters."""
     steps = np.diff(time)
     period = float(np.median(steps))
     gaps = np.flatnonzero(steps > _GAP * period)
     if len(gaps):
         first = int(gaps[0])
         text = (
-            f"samples are missing, or time comes in bursts: {len(gaps)} steps are longer than {_GAP:g} "
-            f"periods of {period:.6g} s, the first after sample {first} (counted from 0), "
-            f"from {time[first]:.6g} s to {time[first + 1]:.6g} s; "
-            "cut the log there and give the pieces as separate files, or resample it evenly"
+            f"samples are missing, or time comes in bursts: {len(gaps)} steps exceed {_GAP:g} periods of "
+            f"{period:.6g} s, the first after sample {first} (counted from 0), from {time[first]:.6g} s to "
+            f"{time[first + 1]:.6g} s; cut the log there into separate files, or resample it evenly"
         )
         return Notice(code="log.gap", text=text, file=file)
     scatter = float(np.sqrt(np.mean((steps / period - 1.0) ** 2)))
@@ -291,16 +237,9 @@ def describe_uneven(time: FloatArray, file: str = "") -> Notice | None:
         away = np.flatnonzero(np.abs(steps - period) > _JITTER * period)
         first = int(away[0])
         text = (
-            f"time is not sampled evenly: its steps scatter by {100 * scatter:.3g} % (root mean square) "
-            f"about {period:.6g} s, {100 * _JITTER:g} % at most are accepted; {len(away)} steps are further "
-            f"off, the first after sample {first} (counted from 0), at {time[first]:.6g} s; "
-            "resample the log evenly"
+            f"sampling is uneven: steps scatter by {100 * scatter:.3g} % RMS about {period:.6g} s (limit "
+            f"{100 * _JITTER:g} %); {len(away)} steps exceed it, the first after sample {first} (counted "
+            f"from 0), at {time[first]:.6g} s; resample the log evenly"
         )
         return Notice(code="log.jitter", text=text, file=file)
     return None
-
-
-def _low_pass_if_asked(values: FloatArray, period: float, processing: Processing) -> FloatArray:
-    if processing.filter_cutoff is None:
-        return values
-    return low_pass(values, period=period, cutoff=processing.filter_cutoff, order=processing.filter_order)

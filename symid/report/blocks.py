@@ -1,19 +1,21 @@
 """What a result is printed with: paragraphs, tables and figures, for a terminal, a notebook and a page.
 
-Texts, cells, drawings -> plain text, or HTML that needs nothing else.
+Texts, cells, drawings -> plain text without figures, or self-contained HTML.
 
-Supported: cells of text, numbers, truth values and None, which is an empty cell; figures as SVG, which a
-terminal leaves out; "== heading ==", "=== heading below it ===", and formulas, which begin with four blanks.
+Supported: cells of text, numbers, booleans and None, which is an empty cell; figures as SVG;
+"== heading ==", "=== heading below it ===", and formulas, which begin with four blanks.
 """
 
 import html
 import math
 import re
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache
+from operator import attrgetter
+from typing import Any
 
 from symid.environment import locate_resource_folder
 
@@ -56,8 +58,8 @@ _SIZE = re.compile(r'viewBox="0 0 ([0-9.]+) ([0-9.]+)"')
 class Table:
     """A table: the names of its columns, its rows, and which columns stand flush left.
 
-    `title` stands right above it, `note` right below; the row `picked` stands out in HTML. There a cell of
-    two lines is a formula, or nothing, and what is said of it.
+    `title` stands right above it, `note` right below; HTML shows the row `picked` in bold. There a cell of
+    two lines is a formula, or nothing, and its explanation.
     """
 
     header: Sequence[str]
@@ -106,13 +108,37 @@ class Table:
         )
 
 
+def tabulate(
+    records: Iterable[object],
+    columns: str,
+    left: Sequence[int] = (0,),
+    title: str = "",
+    note: str = "",
+    **computed: Callable[[Any], object],
+) -> Table:
+    """Return a table with a row for each record.
+
+    Columns stand apart by "; " and are "field", "heading=field" or "heading=field:format". A field may be
+    dotted, or the name of one of `computed`, functions of a record. None is an empty cell.
+    """
+    parts = [column.partition("=") for column in columns.split("; ")]
+    sources = [(source or heading).partition(":") for heading, _, source in parts]
+
+    def get_cell(record: object, field: str, form: str) -> object:
+        value = computed[field](record) if field in computed else attrgetter(field)(record)
+        return format(value, form) if form and value is not None else value
+
+    rows = [[get_cell(record, field, form) for field, _, form in sources] for record in records]
+    return Table([heading for heading, _, _ in parts], rows, left, title, note)
+
+
 def _write_class(names: str) -> str:
     return f' class="{names}"' if names else ""
 
 
 def _write_cell(cell: object, kind: str, tag: str) -> str:
     """Return a cell with its tag; "no" stands out."""
-    kind = f"{kind} no".strip() if cell is False else kind
+    kind = f"{kind} no".strip() if _to_plain(cell) is False else kind
     formula, line_break, words = _format_cell(cell).partition("\n")
     text = html.escape(formula)
     if line_break:
@@ -196,7 +222,12 @@ def select_fields(record: object, fields: str) -> dict[str, object]:
     """Return fields of a record for programs: by their names, or "key=name" where the key is another one."""
     pairs = (entry.partition("=") for entry in fields.split())
     values = {key: getattr(record, name or key) for key, _, name in pairs}
-    return {key: value.tolist() if hasattr(value, "tolist") else value for key, value in values.items()}
+    return {key: _to_plain(value) for key, value in values.items()}
+
+
+def _to_plain(value: Any) -> Any:  # noqa: ANN401  any value
+    """Return arrays and numbers of NumPy as Python's own."""
+    return value.tolist() if hasattr(value, "tolist") else value
 
 
 def describe_outcome(outcome: Enum) -> dict[str, str]:
@@ -205,11 +236,11 @@ def describe_outcome(outcome: Enum) -> dict[str, str]:
 
 
 def _format_cell(value: object) -> str:
-    match value:
+    match _to_plain(value):
         case None:
             return ""
-        case bool():
-            return "yes" if value else "no"
-        case float():
-            return f"{value:.5g}" if math.isfinite(value) else "-"
+        case bool() as answer:
+            return "yes" if answer else "no"
+        case float() as number:
+            return f"{number:.5g}" if math.isfinite(number) else "-"
     return str(value)

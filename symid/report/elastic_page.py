@@ -3,11 +3,9 @@
 `ElasticEstimate`, what it predicts of logs, motions with its feed-forward -> `Page` with verdict, hysteresis
 loops, springs, parameters, methods, convergence, tracking, residuals, settings.
 
-Loops show the joint torque against its torsion, measured and by the springs; springs show their numbers,
-their branches, and what was not excited, with the truth beside them where it is known.
-
-Supported: springs with stops and knees, cubic parts, damping. Sections without data are left out.
-Not supported: uncertainties of single stops: they trade with their neighbours.
+Supported: springs with stops and knees, cubic parts, damping; true values beside them where they are known.
+Sections without data are left out.
+Not supported: uncertainties of single stops: they are strongly correlated with their neighbours.
 """
 
 import math
@@ -31,36 +29,25 @@ from symid.joint_models import compute_first_curve, compute_hysteresis_torque, c
 from symid.report.blocks import Block, Drawing, Table
 from symid.report.figures import (
     STYLES,
-    Interval,
     Line,
+    Mark,
     build_curve_figure,
-    build_interval_figure,
     build_line_figure,
+    build_mark_figure,
+    list_lines,
 )
 from symid.report.fit_text import show_residual
-from symid.report.pages import (
-    Page,
-    format_error,
-    list_notices,
-    list_origin,
-    list_settings,
-    show_refused,
-    tabulate_parameters,
-)
+from symid.report.identification_page import UNTESTED
+from symid.report.pages import Page, build_fit_page, format_error, show_refused, tabulate_parameters
 from symid.report.verdict import judge_elastic
 from symid.robot import Elasticity
 
 if TYPE_CHECKING:
     from symid.identification.elastic import TrackingRun
 
-_LOOPS = (
-    "Joint torque against torsion: measured, by the springs, and the truth where it is known. Time runs "
-    "clockwise round a loop; its area is energy lost."
-)
-_BRANCHES = "The identified spring by its own memory: first curve from rest, outer loop, loops nested in it."
 _PREDICTION = (
-    "The prediction error is the mean square of torques that were left out of the fit, less what it says of "
-    "them, in units of the noise: noise alone would leave 1."
+    "The prediction error is the mean square of the held-out torque residual in units of the noise: 1 is the "
+    "noise floor."
 )
 _SAMPLES = 400
 """Of each branch of a figure."""
@@ -81,7 +68,7 @@ def build_elastic_page(
 
     Args:
         estimate: of dynamics and springs.
-        trials: what it says of logs, held out or not.
+        trials: what it predicts of logs, held out or not.
         notices: what else a reader should know: of the robot, its library, and the recordings.
         origin: what the page was made from, in short texts.
         iterated: another estimate from the same logs, whose iterations are shown where the result has none.
@@ -91,102 +78,84 @@ def build_elastic_page(
     kept = [entry for entry in estimate.parameters if entry.name not in refused]
     if not estimate.covariance:
         kept = [replace(entry, std=math.inf) for entry in kept]
-    head = (
-        ("method of the result", estimate.method),
-        ("outcome", estimate.outcome.value),
-        ("logs", ", ".join(estimate.sources)),
-        ("rows fitted", str(sum(entry.samples for entry in estimate.residual))),
-        ("condition of the scaled matrix", f"{estimate.condition:.4g}"),
-        ("signature of the model", estimate.signature),
-    )
     springs = [entry for entry in estimate.springs if entry.told]
-    # What has no iterations of its own shows those of another method.
+    # A result without iterations shows those of another method.
     course = iterated if iterated is not None and len(estimate.history) < 2 else estimate
-    return Page(
-        robot=estimate.robot,
+    settings = {
+        "method of the result": estimate.method,
+        "outcome": estimate.outcome.value,
+        "rows fitted": sum(entry.samples for entry in estimate.residual),
+        "condition number (column-scaled)": f"{estimate.condition:.4g}",
+    }
+    blocks = (
+        *_show_trials(trials),
+        *(("== Springs ==",) if springs else ()),
+        *(block for entry in springs for block in show_spring(entry)),
+        *("== Parameters ==", tabulate_parameters(kept), *show_refused(estimate.refused)),
+        *("== Methods ==", f"{estimate.reason[:1].upper()}{estimate.reason[1:]}."),
+        *_compare_methods(estimate),
+        *_show_convergence(course),
+        *(_show_tracking(estimate, tracking) if tracking else ()),
+        "== Residual of the fit ==",
+        show_residual(
+            estimate.residual, "Motor torque by motor dynamics and springs, in the logs of the fit."
+        ),
+        show_residual((estimate.energy,), "Energy over windows, in the logs of the fit."),
+    )
+    return build_fit_page(
+        estimate,
         subject="identified dynamics and springs",
         verdict=judge_elastic(estimate, trials),
-        blocks=(
-            *_show_trials(trials),
-            *(("== Springs ==",) if springs else ()),
-            *(block for entry in springs for block in show_spring(entry)),
-            *("== Parameters ==", tabulate_parameters(kept), *show_refused(estimate.refused)),
-            *("== Methods ==", f"{estimate.reason[:1].upper()}{estimate.reason[1:]}."),
-            *_compare_methods(estimate),
-            *_show_convergence(course),
-            *(_show_tracking(estimate, tracking) if tracking else ()),
-            "== Residual of the fit ==",
-            show_residual(
-                estimate.residual,
-                "Torque of the motors by their own dynamics and the springs, in the logs of the fit.",
-            ),
-            show_residual((estimate.energy,), "Energy over windows, in the logs of the fit."),
-        ),
-        settings=head + tuple(list_settings(estimate.settings)),
-        notices=list_notices((*estimate.notices, *notices)),
-        origin=list_origin(origin),
-        conventions="torsion is motor less link position, torques and inertias are those of the joint side",
+        blocks=blocks,
+        settings=settings,
+        notices=notices,
+        origin=origin,
+        conventions="torsion is motor minus link position; torques and inertias are on the joint side",
     )
 
 
 def _show_trials(trials: Sequence[ElasticTrial]) -> Iterator[Block]:
-    """Yield loops and residuals log by log."""
     if not trials:
-        yield "== Hysteresis loops =="
-        yield (
-            "No held-out log was given. A model that has only met the logs it was fitted to is not tested: "
-            "give another motion with --validation."
-        )
+        yield from ("== Hysteresis loops ==", UNTESTED)
     for trial in trials:
-        caption = (
-            "A log of the fit: this is no test." if trial.fitted else "Held out: nothing was fitted here."
-        )
         yield f"== Hysteresis loops: {trial.source} =="
-        yield f"{caption} Torques and torsions passed the same filter, so that no loop comes from it."
+        yield (
+            ("A log of the fit: this is no test." if trial.fitted else "Held out: not used in the fit.")
+            + " Torques and torsions passed the same filter."
+        )
         for joint in trial.joints:
             yield f"=== {joint.joint} ==="
-            yield Drawing(draw_loops(joint), _LOOPS)
-            yield Drawing(
-                draw_loops(joint, opened=True),
-                "The same loops without their common slope, so that they open.",
-            )
+            yield draw_loops(joint)
+            yield draw_loops(joint, opened=True)
             if joint.final is not None:
-                text = "What the springs leave of the measured joint torque."
-                yield Drawing(_draw_spring_error(joint, joint.final), text)
+                yield _draw_spring_error(joint, joint.final)
         yield from (show_residual(lines, text) for text, lines in trial.residuals)
 
 
-def draw_loops(entry: JointTrial, *, opened: bool = False) -> str:
+def draw_loops(entry: JointTrial, *, opened: bool = False) -> Drawing:
     """Return the joint torque over torsion, or, opened, less the straight line that fits it best."""
-    unit, slope = entry.unit, entry.straight if opened else 0.0
-    stiffness = f"{entry.straight:.4g} {unit}/{entry.torsion_unit}"
-    title = f"{entry.joint}: hysteresis loops"
-    description = (
-        f"Joint torque of {entry.joint} in {unit} against its torsion: measured from the motor, from the "
-        "link, and by the springs."
+    slope = entry.straight if opened else 0.0
+    axis = f"joint torque ({entry.unit})"
+    caption = (
+        f"Joint torque of {entry.joint} against torsion: measured, by the identified spring, and the truth "
+        "where it is known. The area of a loop is the energy lost."
     )
-    label = f"joint torque ({unit})"
     if opened:
-        title += ", opened"
-        description = (
-            f"Joint torque of {entry.joint} less {stiffness} times its torsion, against its torsion."
-        )
-        label = f"torque less {stiffness} \N{MULTIPLICATION SIGN} torsion ({unit})"
+        stiffness = f"{entry.straight:.4g} {entry.unit}/{entry.torsion_unit}"
+        axis = f"torque less {stiffness} \N{MULTIPLICATION SIGN} torsion ({entry.unit})"
+        caption = f"The loops of {entry.joint} less {stiffness} times the torsion, which opens them."
     name, linear = _get_linear_torque(entry)
-    # What is to lie on top stands last.
-    ways = (
+    lines = list_lines(
+        entry.torsion,
         ("truth", "truth", entry.truth),
         ("measured, motor side", "measured", entry.motor),
         ("measured, link side", "link", entry.link),
         (name, "initial", linear),
+        # The last line lies on top.
         ("identified", "final", entry.final),
     )
-    lines = [
-        Line(label=name, style=style, x=1e3 * entry.torsion, y=values - slope * entry.torsion)
-        for name, style, values in ways
-        if values is not None
-    ]
-    return build_curve_figure(title, description, (f"torsion (m{entry.torsion_unit})", label), lines)
+    lines = [replace(line, x=1e3 * line.x, y=line.y - slope * line.x) for line in lines]
+    return build_curve_figure(caption, (f"torsion (m{entry.torsion_unit})", axis), lines)
 
 
 def _get_linear_torque(entry: JointTrial) -> tuple[str, FloatArray]:
@@ -196,17 +165,16 @@ def _get_linear_torque(entry: JointTrial) -> tuple[str, FloatArray]:
     return "best linear spring", entry.straight * entry.torsion
 
 
-def _draw_spring_error(entry: JointTrial, final: FloatArray) -> str:
+def _draw_spring_error(entry: JointTrial, final: FloatArray) -> Drawing:
     label, linear = _get_linear_torque(entry)
-    lines = [
-        Line(label=label, style="initial", x=entry.time, y=entry.motor - linear),
-        Line(label="identified", style="final", x=entry.time, y=entry.motor - final),
-    ]
     return build_line_figure(
-        f"{entry.joint}: what the spring leaves",
-        f"Joint torque of {entry.joint} by the motor equation less that of the springs, in {entry.unit}.",
+        f"Measured joint torque of {entry.joint} less the torque of the spring.",
         ("time (s)", f"difference ({entry.unit})"),
-        lines,
+        list_lines(
+            entry.time,
+            (label, "initial", entry.motor - linear),
+            ("identified", "final", entry.motor - final),
+        ),
     )
 
 
@@ -215,14 +183,14 @@ def show_spring(estimate: SpringEstimate) -> Iterator[Block]:
     torsion, unit = estimate.position_unit, estimate.torque_unit
     yield f"=== {estimate.joint} ==="
     yield from _describe_reach(estimate)
-    yield Drawing(draw_branches(estimate), _BRANCHES)
+    yield draw_branches(estimate)
     yield _tabulate_spring(estimate)
     stops, knees = _list_stops(estimate.elasticity), _list_knees(estimate.elasticity)
     if stops:
         header = (f"threshold (m{torsion})", f"stiffness ({unit}/{torsion})", f"slips at ({unit})")
         yield Table(header, stops, title="Stops: springs behind dry friction.")
     if knees:
-        text = "Knees: from these torques on the spring is harder or softer, by this factor in all."
+        text = "Knees: beyond these torques the spring is stiffer or softer, by this total factor."
         yield Table((f"torque ({unit})", "slope beyond"), knees, title=text)
     if estimate.truth is not None:
         places = [
@@ -262,7 +230,7 @@ def _choose_amplitude(estimate: SpringEstimate) -> float:
 
 
 def _tabulate_spring(estimate: SpringEstimate) -> Table:
-    """Return what can be compared between springs of other thresholds."""
+    """Return quantities that can be compared between springs with different thresholds."""
     amplitude = _choose_amplitude(estimate)
     stiffness = f"{estimate.torque_unit}/{estimate.position_unit}"
     found = _measure_spring(estimate.elasticity, amplitude)
@@ -286,8 +254,7 @@ def _tabulate_spring(estimate: SpringEstimate) -> Table:
     empty = () if known is None else ("", "")
     rows += [(name, f"{value:.4g}", *empty, unit) for name, value, unit in extra if value]
     header = ("quantity", "value", *(() if known is None else ("truth", "error")), "unit")
-    title = "Values that do not depend on where thresholds were put."
-    return Table(header, rows, (0, len(header) - 1), title)
+    return Table(header, rows, (0, len(header) - 1), "Values that do not depend on the chosen thresholds.")
 
 
 def _measure_spring(spring: Elasticity, amplitude: float) -> tuple[float, float, float, float]:
@@ -300,55 +267,49 @@ def _measure_spring(spring: Elasticity, amplitude: float) -> tuple[float, float,
     return spring.stiffness or 0.0, spring.initial_stiffness or 0.0, first / amplitude, loss
 
 
-def _describe_reach(estimate: SpringEstimate) -> list[str]:
-    """Return in words how far the spring was turned and what of it that does not tell."""
+def _describe_reach(estimate: SpringEstimate) -> Iterator[str]:
+    """Yield how far the spring was turned in the logs, and which parts of it are not identifiable."""
     shown, unit = f"m{estimate.position_unit}", estimate.torque_unit
-    reach = f"{1e3 * estimate.torsion:.4g} {shown}"
-    texts = [f"In the logs its torsion reached {reach}, its torque {estimate.torque:.4g} {unit}."]
+    yield (
+        f"Torsion reached {1e3 * estimate.torsion:.4g} {shown} in the logs, torque {estimate.torque:.4g} "
+        f"{unit}."
+    )
     held = [stop.threshold for stop in estimate.elasticity.stops if stop.threshold > estimate.excited]
     if held:
         first = f"{1e3 * min(held):.4g} {shown}"
-        texts.append(f"Stops from {first} on never slipped: their stiffness cannot be told from k0.")
+        yield f"Stops from {first} on never slipped: their stiffness cannot be separated from k0."
     true = () if estimate.truth is None else estimate.truth.stops
     hidden = [stop.threshold for stop in true if stop.threshold > estimate.torsion]
     if hidden:
         first = f"{1e3 * min(hidden):.4g} {shown}"
-        texts.append(f"True stops from {first} on never slipped: their stiffness is a part of k0 here.")
+        yield f"True stops from {first} on never slipped: their stiffness is a part of k0 here."
     far = [knee.threshold for knee in estimate.elasticity.knees if abs(knee.threshold) > estimate.torque]
     if far:
         names = ", ".join(_write_minus(f"{value:.3g}") for value in far)
-        texts.append(f"Knees that the torque never reached: {names} {unit}; no slope is known beyond.")
+        yield f"The torque never reached the knees at {names} {unit}: the slope beyond is not identifiable."
     if not estimate.elasticity.stops:
-        texts.append("No stop has any stiffness: the logs show a spring without hysteresis.")
-    return texts
+        yield "No stop has any stiffness: the identified spring has no hysteresis."
 
 
-def draw_branches(estimate: SpringEstimate) -> str:
+def draw_branches(estimate: SpringEstimate) -> Drawing:
     """Return first curve, outer loop, nested loops, all by the spring's own memory."""
     amplitude = _choose_amplitude(estimate)
     whole = _sweep_torsion(
         amplitude, -amplitude, amplitude, *(amplitude * turn for turn in _TURNS), amplitude
     )
     torque = compute_hysteresis_torque(estimate.elasticity, whole)
-    outer, nested = slice(_SAMPLES, 3 * _SAMPLES + 1), slice(3 * _SAMPLES, None)
     pieces = (
-        ("nested loops", "minor", nested),
-        ("outer loop", "major", outer),
+        ("nested loops", "minor", slice(3 * _SAMPLES, None)),
+        ("outer loop", "major", slice(_SAMPLES, 3 * _SAMPLES + 1)),
         ("first curve", "virgin", slice(0, _SAMPLES + 1)),
     )
-    lines = [
-        Line(label=label, style=style, x=1e3 * whole[piece], y=torque[piece])
-        for label, style, piece in pieces
-    ]
+    lines = [Line(label, style, 1e3 * whole[piece], torque[piece]) for label, style, piece in pieces]
     if estimate.truth is not None:
         path = _sweep_torsion(amplitude, -amplitude, amplitude)
         true = compute_hysteresis_torque(estimate.truth, path)
-        part = slice(_SAMPLES, None)
-        lines.insert(0, Line(label="true outer loop", style="truth", x=1e3 * path[part], y=true[part]))
+        lines.insert(0, Line("true outer loop", "truth", 1e3 * path[_SAMPLES:], true[_SAMPLES:]))
     return build_curve_figure(
-        f"{estimate.joint}: branches of the spring",
-        f"Torque of {estimate.joint} in {estimate.torque_unit} against its torsion: first curve of a virgin "
-        "spring, the outer loop between the largest torsions, and loops nested in it.",
+        f"The identified spring of {estimate.joint}: first curve from rest, outer loop, nested loops.",
         (f"torsion (m{estimate.position_unit})", f"joint torque ({estimate.torque_unit})"),
         lines,
     )
@@ -365,55 +326,47 @@ def _write_minus(text: str) -> str:
 
 
 def _compare_methods(estimate: ElasticEstimate) -> Iterator[Block]:
-    """Yield the methods that were tried, by their error of prediction and their distance from the truth."""
     trials = estimate.trials
     if len(trials) < 2:
         return
     truth = [entry.truth for entry in estimate.parameters]
-    scores = [(trial.error, _compute_largest_error(trial.values, truth)) for trial in trials]
-    measures = ["prediction error (noise = 1)", "largest error of a parameter (%)"]
-    if all(distance is None for _, distance in scores):
-        del measures[1]
+    measures = {"prediction error (noise = 1)": [trial.error for trial in trials]}
+    known = [place for place, true in enumerate(truth) if true]
+    if known:
+        values = np.array([trial.values for trial in trials])[:, known]
+        true = np.array([truth[place] for place in known], dtype=np.float64)
+        errors = 100.0 * np.max(np.abs(values / true - 1.0), axis=1)
+        measures["largest error of a parameter (%)"] = errors.tolist()
     chosen = [trial.method == estimate.method for trial in trials]
     names = [
         f"{trial.method} (chosen)" if mine else trial.method
         for trial, mine in zip(trials, chosen, strict=True)
     ]
-    rows = [
-        (name, *map(_format_score, score[: len(measures)]), trial.outcome.value)
-        for name, score, trial in zip(names, scores, trials, strict=True)
-    ]
+    columns = [[_format_score(score) for score in scores] for scores in measures.values()]
+    outcomes = [trial.outcome.value for trial in trials]
     yield _PREDICTION
     yield Table(
         ("method", *measures, "outcome"),
-        rows,
+        tuple(zip(names, *columns, outcomes, strict=True)),
         (0, len(measures) + 1),
         "Methods on the same logs. Less is better.",
         picked=chosen.index(True) if any(chosen) else None,
     )
-    for index, measure in enumerate(measures):
-        intervals = [
-            Interval(label=name, middle=score[index] or 0.0, text=_format_score(score[index]), chosen=mine)
+    for measure, scores in measures.items():
+        marks = [
+            Mark(name, score, _format_score(score), mine)
             for name, score, mine in zip(names, scores, chosen, strict=True)
-            if score[index] is not None and math.isfinite(score[index] or 0.0)
+            if score is not None and math.isfinite(score)
         ]
-        if len(intervals) > 1:
-            text = f"{measure}, value of every method; less is better."
-            figure = build_interval_figure(f"{measure} by method", text, measure, intervals)
-            what = measure.partition(" (")[0]
-            yield Drawing(figure, f"{what[:1].upper()}{what[1:]}: a mark for every method.")
+        if len(marks) > 1:
+            text = f"{measure.partition(' (')[0].capitalize()} of every method; less is better."
+            yield build_mark_figure(text, measure, marks)
 
 
 def _format_score(value: float | None) -> str:
     if value is None:
         return "\N{EN DASH}"
     return f"{value:.4g}" if math.isfinite(value) else "failed"
-
-
-def _compute_largest_error(values: Sequence[float], truth: Sequence[float | None]) -> float | None:
-    """Return the largest relative error in percent over the parameters whose truth is not zero."""
-    pairs = [(value, true) for value, true in zip(values, truth, strict=True) if true]
-    return max((100.0 * abs(value - true) / abs(true) for value, true in pairs), default=None)
 
 
 def _show_convergence(estimate: ElasticEstimate) -> Iterator[Block]:
@@ -426,8 +379,7 @@ def _show_convergence(estimate: ElasticEstimate) -> Iterator[Block]:
     heads = heads if all(len(entry.norms) == len(heads) for entry in finite) else []
     yield "== Convergence =="
     yield f"{len(history)} iterations of {estimate.method}, {estimate.outcome.value}."
-    yield from _draw_course(finite)
-    yield from _draw_norms(finite, heads)
+    yield from _draw_convergence(finite, heads)
     rows = [
         (
             number,
@@ -442,45 +394,37 @@ def _show_convergence(estimate: ElasticEstimate) -> Iterator[Block]:
     yield Table(header, rows, title="Every iteration, with the norms of its residuals.")
 
 
-def _draw_course(history: Sequence[HistoryEntry]) -> Iterator[Drawing]:
+def _draw_convergence(history: Sequence[HistoryEntry], heads: Sequence[str]) -> Iterator[Drawing]:
+    """Yield merit and change, and each norm relative to its first value, so that units do not matter."""
     number = np.arange(1.0, len(history) + 1.0)
-    merit = np.array([entry.merit for entry in history])
-    change = np.array([entry.change for entry in history])
-    lines = [
-        Line(label="merit", style="first", x=number, y=merit, markers=True),
-        Line(label="relative change of the parameters", style="second", x=number, y=change, markers=True),
-    ]
-    lines = [line for line in lines if np.any(line.y > 0.0)]
+    course = list_lines(
+        number,
+        ("merit", "first", np.array([entry.merit for entry in history])),
+        ("relative change of the parameters", "second", np.array([entry.change for entry in history])),
+        markers=True,
+    )
+    lines = [line for line in course if np.any(line.y > 0.0)]
     if lines:
-        figure = build_line_figure(
-            "Convergence",
-            "Merit and relative change of the parameters against the number of the iteration, logarithmic.",
+        yield build_line_figure(
+            "Merit and relative change of the parameters, by iteration.",
             ("iteration", "merit, change (1)"),
             lines,
             logarithmic=True,
             whole=True,
         )
-        yield Drawing(figure, "Merit and relative change of the parameters.")
-
-
-def _draw_norms(history: Sequence[HistoryEntry], heads: Sequence[str]) -> Iterator[Drawing]:
-    """Yield each norm relative to the first of it, so that units do not matter."""
-    number = np.arange(1.0, len(history) + 1.0)
-    lines = []
-    for index, head in enumerate(heads):
-        values = np.array([entry.norms[index] for entry in history])
-        if values[0] > 0.0:
-            style = STYLES[index % len(STYLES)]
-            lines.append(Line(label=head, style=style, x=number, y=values / values[0], markers=True))
+    norms = np.array([entry.norms[: len(heads)] for entry in history])
+    lines = [
+        Line(head, STYLES[index % len(STYLES)], number, norms[:, index] / norms[0, index], markers=True)
+        for index, head in enumerate(heads)
+        if norms[0, index] > 0.0
+    ]
     if lines:
-        figure = build_line_figure(
-            "Residual norms",
-            "Norms of the residuals, relative to the first iteration, against the number of the iteration.",
+        yield build_line_figure(
+            "Norms of the residuals relative to the first iteration.",
             ("iteration", "norm / first norm"),
             lines,
             whole=True,
         )
-        yield Drawing(figure, "Norms of the residuals, relative to those of the first iteration.")
 
 
 def _show_tracking(estimate: ElasticEstimate, runs: "Sequence[TrackingRun]") -> Iterator[Block]:
@@ -489,16 +433,14 @@ def _show_tracking(estimate: ElasticEstimate, runs: "Sequence[TrackingRun]") -> 
     rows = [(run.name, *(f"{1e3 * value:.4g}" for value in run.rms.tolist())) for run in runs]
     header = ("feed-forward", *(f"{name} (m{unit})" for name, unit in joints))
     yield "== Tracking =="
-    yield Table(header, rows, title="RMS of reached less desired position of the links.")
+    yield Table(header, rows, title="RMS tracking error of the links (reached minus desired position).")
     for index, (name, unit) in enumerate(joints):
         lines = [
-            Line(label=run.name, style=STYLES[number % len(STYLES)], x=run.time, y=1e3 * run.error[:, index])
+            Line(run.name, STYLES[number % len(STYLES)], run.time, 1e3 * run.error[:, index])
             for number, run in enumerate(runs)
         ]
-        figure = build_line_figure(
-            f"{name}: tracking error",
-            f"Reached less desired position of {name} in m{unit} against time in s, for every feed-forward.",
+        yield build_line_figure(
+            f"Tracking error of {name} with every feed-forward.",
             ("time (s)", f"tracking error (m{unit})"),
             lines,
         )
-        yield Drawing(figure, f"Tracking error of {name} with every feed-forward.")

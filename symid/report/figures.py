@@ -1,19 +1,18 @@
-"""Figures as inline SVG: lines, curves, clouds of points, areas, histograms, marks in rows.
+"""Figures as inline SVG: lines, curves, clouds of points, areas, histograms, values in rows.
 
-Values with labels and units -> one `<svg>` element, with title and description for screen readers, in colours
-that hold on light and dark ground. The same input gives the same text.
+Values with labels and units -> `Drawing`, whose caption is also its title for screen readers, in colours for
+light and dark backgrounds. The same input gives the same text.
 
-Lines have at most 2000 points, thinned so that their shape stays: functions of one variable keep every peak,
-curves that turn back on themselves, such as hysteresis loops, keep their corners (Ramer 1972, Douglas and
-Peucker 1973).
+Lines have at most 2000 points: functions of one variable keep every peak, curves that turn back on
+themselves, such as hysteresis loops, keep their corners (Ramer 1972, Douglas and Peucker 1973).
 
 Supported: linear and logarithmic axes, names in place of a vertical axis; clouds of points and areas.
-Not supported: values that are not finite; gaps in a line; values on a logarithmic axis that are not positive
-are left out.
+Not supported: values that are not finite; gaps in a line. A logarithmic axis leaves out values that are not
+positive.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from heapq import heappop, heappush
 from html import escape
@@ -22,6 +21,7 @@ from itertools import pairwise
 import numpy as np
 
 from symid.arrays import FloatArray
+from symid.report.blocks import Drawing
 
 WIDTH = 860
 _SMALLEST, _LARGEST = 1e-300, 1e300
@@ -47,20 +47,41 @@ class Axis:
     logarithmic: bool = False
     whole: bool = False
 
-    def find_shares(self, values: FloatArray | float) -> FloatArray:
+    def compute_shares(self, values: FloatArray | float) -> FloatArray:
         """Return where values lie between the ends: 0 at the low one, 1 at the high one."""
         if self.logarithmic:
             low, high = math.log10(self.low), math.log10(self.high)
             return np.asarray((np.log10(values) - low) / (high - low), dtype=np.float64)
         return np.asarray((values - self.low) / (self.high - self.low), dtype=np.float64)
 
-    def find_ticks(self, count: int) -> tuple[float, ...]:
-        """Return about `count` round numbers between the ends."""
+    def choose_ticks(self, count: int) -> tuple[float, ...]:
+        """Return about `count` round numbers between the ends: 1, 2 or 5 times a power of ten.
+
+        On a logarithmic axis powers of ten, every so many; with 2 and 5 times them where there are few.
+        """
+        low, high = self.low, self.high
         if not self.logarithmic:
-            ticks = choose_ticks(self.low, self.high, count)
+            raw = (high - low) / count
+            power = 10.0 ** math.floor(math.log10(raw))
+            step = next(
+                factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= raw * (1 - 1e-9)
+            )
+            first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+            ticks = tuple(k * step for k in range(first, last + 1))
             # Between two iterations there is none.
             return tuple(tick for tick in ticks if tick == round(tick)) if self.whole else ticks
-        return _choose_decades(self.low, self.high, count)
+        powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+        inside = [power for power in powers if low <= _raise_ten(power) <= high]
+        if len(inside) > 2:
+            step = math.ceil(len(inside) / count)
+            return tuple(_raise_ten(power) for power in inside if power % step == 0)
+        values = [factor * _raise_ten(power) for power in powers for factor in (1.0, 2.0, 5.0)]
+        return tuple(value for value in values if low <= value <= high)
+
+
+def _raise_ten(power: int) -> float:
+    # Not 10.0 ** power, which rounds.
+    return float(f"1e{power}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,11 +106,11 @@ class PlotArea:
 
     def place_x(self, values: FloatArray | float) -> FloatArray:
         """Return horizontal places in the drawing."""
-        return self.left + self.x.find_shares(values) * (self.right - self.left)
+        return self.left + self.x.compute_shares(values) * (self.right - self.left)
 
     def place_y(self, values: FloatArray | float) -> FloatArray:
         """Return vertical places in the drawing, which grow downwards."""
-        return self.bottom - self.y.find_shares(values) * (self.bottom - self.top)
+        return self.bottom - self.y.compute_shares(values) * (self.bottom - self.top)
 
 
 def build_axis(arrays: Sequence[FloatArray], margin: float, *, logarithmic: bool = False) -> Axis:
@@ -112,43 +133,16 @@ def build_axis(arrays: Sequence[FloatArray], margin: float, *, logarithmic: bool
     return Axis(low=low - margin * (high - low), high=high + margin * (high - low))
 
 
-def choose_ticks(low: float, high: float, count: int = 6) -> tuple[float, ...]:
-    """Return about `count` round numbers between `low` and `high`.
-
-    Their steps are 1, 2 or 5 times a power of ten.
-    """
-    raw = (high - low) / count
-    power = 10.0 ** math.floor(math.log10(raw))
-    step = next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= raw * (1 - 1e-9))
-    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-    return tuple(k * step for k in range(first, last + 1))
-
-
-def _choose_decades(low: float, high: float, count: int) -> tuple[float, ...]:
-    """Return powers of ten between `low` and `high`, every so many; with 2 and 5 times them where few."""
-    first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
-    inside = [power for power in range(first, last + 1) if low <= _power_of_ten(power) <= high]
-    if len(inside) > 2:
-        step = math.ceil(len(inside) / count)
-        return tuple(_power_of_ten(power) for power in inside if power % step == 0)
-    values = [factor * _power_of_ten(power) for power in range(first, last + 1) for factor in (1.0, 2.0, 5.0)]
-    return tuple(value for value in values if low <= value <= high)
-
-
-def _power_of_ten(power: int) -> float:
-    return float(f"1e{power}")
-
-
-def draw_axes(frame: PlotArea, labels: tuple[str, str], *, names: bool = False) -> list[str]:
+def _draw_axes(frame: PlotArea, labels: tuple[str, str], *, names: bool = False) -> list[str]:
     """Return grid, numbers and labels; with `names` the rows are named elsewhere, and have no numbers."""
     top, bottom, left, right = frame.top, frame.bottom, frame.left, frame.right
     parts = []
-    for tick in frame.x.find_ticks(8):
+    for tick in frame.x.choose_ticks(8):
         x = frame.place_x(tick)
         text = format_tick(tick, logarithmic=frame.x.logarithmic)
         parts.append(f'<line class="grid" x1="{x:.1f}" y1="{top:g}" x2="{x:.1f}" y2="{bottom:g}"/>')
         parts.append(f'<text x="{x:.1f}" y="{bottom + 17:g}" text-anchor="middle">{text}</text>')
-    for tick in () if names else frame.y.find_ticks(max(5, int((bottom - top) / 42))):
+    for tick in () if names else frame.y.choose_ticks(max(5, int((bottom - top) / 42))):
         y = frame.place_y(tick)
         text = format_tick(tick, logarithmic=frame.y.logarithmic)
         parts.append(f'<line class="grid" x1="{left:g}" y1="{y:.1f}" x2="{right:g}" y2="{y:.1f}"/>')
@@ -166,86 +160,64 @@ def draw_axes(frame: PlotArea, labels: tuple[str, str], *, names: bool = False) 
     return parts
 
 
-def measure_legend(labels: Sequence[str]) -> float:
-    """Return how much the legend of `labels` needs above the drawing area."""
-    return _LEGEND_ROW * len(_break_legend(labels)) if len(labels) > 1 else 0.0
-
-
-def draw_legend(labels: Sequence[str], styles: Sequence[str]) -> list[str]:
-    """Return a legend in rows above the drawing area, flush right."""
-    parts = []
-    for row, indices in enumerate(_break_legend(labels)):
-        x = WIDTH - _RIGHT - sum(_measure_legend_entry(labels[index]) for index in indices)
-        y = 14.0 + _LEGEND_ROW * row
-        for index in indices:
-            ends = f'x1="{x:.0f}" y1="{y - 4:g}" x2="{x + 26:.0f}" y2="{y - 4:g}"'
-            parts.append(f'<line class="line {styles[index]}" {ends}/>')
-            parts.append(f'<text x="{x + 31:.0f}" y="{y:g}">{escape(labels[index])}</text>')
-            x += _measure_legend_entry(labels[index])
-    return parts
-
-
-def _measure_legend_entry(label: str) -> float:
-    return 31.0 + _CHARACTER * len(label) + 16.0
-
-
-def _break_legend(labels: Sequence[str]) -> list[list[int]]:
-    """Return which labels stand in which row."""
-    rows: list[list[int]] = [[]]
-    width = 0.0
-    for index, label in enumerate(labels):
-        need = _measure_legend_entry(label)
-        if rows[-1] and width + need > WIDTH - 90:
+def _draw_legend(styles: Mapping[str, str]) -> tuple[list[str], float]:
+    """Return a legend of labels and styles in rows flush right, and the height that it needs."""
+    if len(styles) < 2:
+        return [], 0.0
+    rows: list[list[tuple[str, float]]] = [[]]
+    for label in styles:
+        width = 31.0 + _CHARACTER * len(label) + 16.0
+        if rows[-1] and sum(other for _, other in rows[-1]) + width > WIDTH - 90:
             rows.append([])
-            width = 0.0
-        rows[-1].append(index)
-        width += need
-    return rows
+        rows[-1].append((label, width))
+    parts = []
+    for number, row in enumerate(rows):
+        x = WIDTH - _RIGHT - sum(width for _, width in row)
+        y = 14.0 + _LEGEND_ROW * number
+        for label, width in row:
+            ends = f'x1="{x:.0f}" y1="{y - 4:g}" x2="{x + 26:.0f}" y2="{y - 4:g}"'
+            parts.append(f'<line class="line {styles[label]}" {ends}/>')
+            parts.append(f'<text x="{x + 31:.0f}" y="{y:g}">{escape(label)}</text>')
+            x += width
+    return parts, _LEGEND_ROW * len(rows)
 
 
 def format_tick(value: float, *, logarithmic: bool = False) -> str:
     """Return a number as it stands at an axis."""
     if logarithmic and not 1e-3 <= value < 1e4:
         power = math.floor(math.log10(value) + 1e-9)
-        factor = value / _power_of_ten(power)
+        factor = value / _raise_ten(power)
         head = "10" if abs(factor - 1.0) < 1e-6 else f"{factor:g}\N{MULTIPLICATION SIGN}10"
         return head + str(power).translate(_SUPERSCRIPT)
     return f"{value:.6g}".replace("-", "\N{MINUS SIGN}") if abs(value) > 1e-300 else "0"
 
 
-def format_points(x: FloatArray, y: FloatArray) -> str:
-    """Return places in the drawing as the points of a polyline."""
+def _format_points(x: FloatArray, y: FloatArray) -> str:
     return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
 
 
-def wrap_figure(title: str, description: str, height: float, body: Sequence[str]) -> str:
-    """Return the `<svg>` element, with title and description for readers that speak."""
-    head = (
-        f'<svg viewBox="0 0 {WIDTH} {height:g}" role="img" xmlns="http://www.w3.org/2000/svg">'
-        f"<title>{escape(title)}</title><desc>{escape(description)}</desc>"
-    )
-    return head + "".join(body) + "</svg>"
+def _wrap_figure(caption: str, height: float, body: Sequence[str]) -> Drawing:
+    head = f'<svg viewBox="0 0 {WIDTH} {height:g}" role="img" xmlns="http://www.w3.org/2000/svg">'
+    return Drawing(f"{head}<title>{escape(caption)}</title>{''.join(body)}</svg>", caption)
 
 
 STYLES = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh")
-"""Of lines of equal rank: told apart by colour and by dashes."""
+"""Of lines of equal rank: distinguished by colour and by dashes."""
 
 POINTS = 2000
 _INVISIBLE = 0.15
 """Distance in the unit of the drawing below which nobody sees a corner."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Line:
-    """A line of a figure, or points that no line joins, or an outline whose inside is coloured.
+    """A line y (N,) over x (N,), points, or an outline with its inside.
 
     Args:
         label: for the legend, which lists it once.
         style: a class of the pages' style sheet; "cloud" are points, "area" is an outline.
-        x: (N,) values along the horizontal axis.
-        y: (N,) values along the vertical one.
-        markers: whether points have marks.
-        joined: whether a line joins them.
+        x, y: (N,) values along the axes.
+        markers: whether points have marks; joined: whether a line joins them.
     """
 
     label: str
@@ -254,6 +226,13 @@ class Line:
     y: FloatArray
     markers: bool = False
     joined: bool = True
+
+
+def list_lines(
+    x: FloatArray, *curves: tuple[str, str, FloatArray | None], markers: bool = False
+) -> list[Line]:
+    """Return a line over `x` (N,) for each label, style and values (N,); None is left out."""
+    return [Line(label, style, x, y, markers) for label, style, y in curves if y is not None]
 
 
 def thin_line(x: FloatArray, y: FloatArray, points: int = POINTS) -> tuple[FloatArray, FloatArray]:
@@ -316,23 +295,18 @@ def _push_farthest(
     heappush(waiting, (-float(distances[farthest]), start + 1 + farthest, start, end))
 
 
-_LINE_HEIGHT, _CURVE_HEIGHT = 251.0, 420.0
-
-
 def build_line_figure(
-    title: str,
-    description: str,
+    caption: str,
     labels: tuple[str, str],
     lines: Sequence[Line],
     *,
     logarithmic: bool = False,
     whole: bool = False,
-) -> str:
+) -> Drawing:
     """Return lines over a common horizontal axis.
 
     Args:
-        title: what is shown.
-        description: the same in a sentence, for readers that speak.
+        caption: what is shown, also for screen readers.
         labels: of the horizontal and the vertical axis, with units.
         lines: at least one, each with at least one point.
         logarithmic: whether the vertical axis is; at least one value must be positive then.
@@ -341,118 +315,73 @@ def build_line_figure(
     if logarithmic:
         positive = [(line, line.y > 0.0) for line in lines]
         lines = [replace(line, x=line.x[kept], y=line.y[kept]) for line, kept in positive if kept.any()]
-    frame = _build_plot_area(lines, (0.03 if whole else 0.0, 0.05), _LINE_HEIGHT, logarithmic=logarithmic)
-    if whole:
-        frame = replace(frame, x=replace(frame.x, whole=True))
-    drawn: list[str] = []
-    for line in lines:
-        x, y = thin_line(line.x, line.y)
-        drawn += _draw_line(line, frame.place_x(x), frame.place_y(y))
-    return _finish_figure((title, description), labels, frame, drawn, lines)
+    x = replace(build_axis([line.x for line in lines], 0.03 if whole else 0.0), whole=whole)
+    y = build_axis([line.y for line in lines], 0.05, logarithmic=logarithmic)
+    frame = PlotArea(x=x, y=y, height=251.0)
+    return _build_figure(caption, labels, lines, frame, thin_line)
 
 
 def build_curve_figure(
-    title: str,
-    description: str,
-    labels: tuple[str, str],
-    lines: Sequence[Line],
-    *,
-    height: float = _CURVE_HEIGHT,
-) -> str:
+    caption: str, labels: tuple[str, str], lines: Sequence[Line], *, height: float = 420.0
+) -> Drawing:
     """Return curves y(x) that need be no functions of x, such as hysteresis loops, clouds and areas.
 
     Args:
-        title: what is shown.
-        description: the same in a sentence, for readers that speak.
+        caption: what is shown, also for screen readers.
         labels: of the horizontal and the vertical axis, with units.
         lines: at least one, each with at least one point; later ones lie on top.
         height: of the figure, without its legend.
     """
-    frame = _build_plot_area(lines, (0.03, 0.05), height)
-    drawn: list[str] = []
+    x, y = build_axis([line.x for line in lines], 0.03), build_axis([line.y for line in lines], 0.05)
+    return _build_figure(caption, labels, lines, PlotArea(x=x, y=y, height=height), thin_curve)
+
+
+def _build_figure(
+    caption: str,
+    labels: tuple[str, str],
+    lines: Sequence[Line],
+    frame: PlotArea,
+    thin: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]],
+) -> Drawing:
+    """Return a figure with axes and legend; `thin` leaves out points of lines that nobody sees."""
+    legend, above = _draw_legend({line.label: line.style for line in lines})
+    frame = replace(frame, height=frame.height + above, top=frame.top + above)
+    body = _draw_axes(frame, labels)
     for line in lines:
         x, y = frame.place_x(line.x), frame.place_y(line.y)
-        drawn += _draw_line(line, *(thin_curve(x, y) if line.joined else (x, y)))
-    return _finish_figure((title, description), labels, frame, drawn, lines)
+        if line.joined:
+            x, y = thin(x, y)
+            body.append(f'<polyline class="line {line.style}" points="{_format_points(x, y)}"/>')
+        elif not line.markers:
+            # One path of lines without length, which round caps make dots.
+            path = "".join(f"M{a:.1f},{b:.1f}h0" for a, b in zip(x, y, strict=True))
+            body.append(f'<path class="line {line.style}" d="{path}"/>')
+        if line.markers:
+            body += [
+                f'<circle class="mark {line.style}" cx="{a:.1f}" cy="{b:.1f}" r="3.2"/>'
+                for a, b in zip(x, y, strict=True)
+            ]
+    return _wrap_figure(caption, frame.height, [*body, *legend])
 
 
-def _build_plot_area(
-    lines: Sequence[Line], margins: tuple[float, float], height: float, *, logarithmic: bool = False
-) -> PlotArea:
-    above = measure_legend(list(dict.fromkeys(line.label for line in lines)))
-    return PlotArea(
-        x=build_axis([line.x for line in lines], margins[0]),
-        y=build_axis([line.y for line in lines], margins[1], logarithmic=logarithmic),
-        height=height + above,
-        top=14.0 + above,
-    )
-
-
-def _draw_line(line: Line, x: FloatArray, y: FloatArray) -> list[str]:
-    """Return the line through places in the drawing, and the marks of its points."""
-    places = list(zip(x, y, strict=True))
-    parts = []
-    if line.joined:
-        parts.append(f'<polyline class="line {line.style}" points="{format_points(x, y)}"/>')
-    elif not line.markers:
-        # One path of lines without length, which round caps make dots.
-        path = "".join(f"M{a:.1f},{b:.1f}h0" for a, b in places)
-        parts.append(f'<path class="line {line.style}" d="{path}"/>')
-    if line.markers:
-        parts += [f'<circle class="mark {line.style}" cx="{a:.1f}" cy="{b:.1f}" r="3.2"/>' for a, b in places]
-    return parts
-
-
-def _finish_figure(
-    head: tuple[str, str],
-    labels: tuple[str, str],
-    frame: PlotArea,
-    drawn: list[str],
-    lines: Sequence[Line],
-) -> str:
-    """Return a figure with axes and legend; `head` are its title and description."""
-    styles = {line.label: line.style for line in lines}
-    legend = draw_legend(list(styles), list(styles.values())) if len(styles) > 1 else []
-    return wrap_figure(*head, frame.height, [*draw_axes(frame, labels), *drawn, *legend])
-
-
-_HISTOGRAM_HEIGHT = 270.0
-_INTERVAL_ROW = 34.0
 _LOGARITHMIC_RATIO = 8.0
 """Ratio of the largest to the smallest value from which on the axis is logarithmic."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Interval:
-    """A value.
-
-    Args:
-        label: of what.
-        middle: the value.
-        text: the figures as they stand next to the mark.
-        chosen: whether it is to stand out.
-    """
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """A value in a row: its name `label`, its digits `text`, and whether it was `chosen`."""
 
     label: str
-    middle: float
+    value: float
     text: str = ""
     chosen: bool = False
 
 
-def build_histogram(
-    title: str, description: str, labels: tuple[str, str], values: FloatArray, *, bins: int = 41
-) -> str:
-    """Return how often values occur, with the normal distribution of the same mean and deviation.
-
-    Args:
-        title: what is shown.
-        description: the same in a sentence, for readers that speak.
-        labels: of the horizontal and the vertical axis, with units.
-        values: (N,), at least one.
-        bins: how many of equal width.
-    """
+def build_histogram(caption: str, labels: tuple[str, str], values: FloatArray) -> Drawing:
+    """Return how often `values` (N,) occur, with the normal distribution of their mean and deviation."""
     axis = build_axis([values], 0.0)
-    low, high = axis.low, axis.high
+    low, high, bins = axis.low, axis.high, 41
     counts, edges = np.histogram(values, bins=bins, range=(low, high))
     x = np.linspace(low, high, 201)
     mean, deviation = float(np.mean(values)), float(np.std(values))
@@ -462,61 +391,46 @@ def build_histogram(
         scale = len(values) * width / (deviation * math.sqrt(2.0 * math.pi))
         normal = scale * np.exp(-0.5 * ((x - mean) / deviation) ** 2)
     largest = max(float(counts.max()), float(normal.max()), 1.0)
-    frame = PlotArea(x=axis, y=Axis(low=0.0, high=1.05 * largest), height=_HISTOGRAM_HEIGHT)
-    body = draw_axes(frame, labels)
+    frame = PlotArea(x=axis, y=Axis(low=0.0, high=1.05 * largest), height=270.0)
+    body = _draw_axes(frame, labels)
     for count, (left, right) in zip(counts, pairwise(edges), strict=True):
         start, top = frame.place_x(left), frame.place_y(float(count))
         size = f'width="{frame.place_x(right) - start:.1f}" height="{frame.place_y(0.0) - top:.1f}"'
         body.append(f'<rect class="bar" x="{start:.1f}" y="{top:.1f}" {size}/>')
-    points = format_points(frame.place_x(x), frame.place_y(normal))
+    points = _format_points(frame.place_x(x), frame.place_y(normal))
     body.append(f'<polyline class="line predicted" points="{points}"/>')
-    return wrap_figure(title, description, frame.height, body)
+    return _wrap_figure(caption, frame.height, body)
 
 
-def build_interval_figure(title: str, description: str, label: str, intervals: Sequence[Interval]) -> str:
-    """Return values in rows, a mark for each.
+def build_mark_figure(caption: str, label: str, marks: Sequence[Mark]) -> Drawing:
+    """Return values in rows from top to bottom; `label` names the axis, with its unit.
 
     Marks, not bars, because the axis is logarithmic where the values differ by more than a factor.
-
-    Args:
-        title: what is shown.
-        description: the same in a sentence, for readers that speak.
-        label: of the horizontal axis, with its unit.
-        intervals: at least one, from top to bottom.
     """
-    ends = np.array([entry.middle for entry in intervals])
+    ends = np.array([entry.value for entry in marks])
     logarithmic = bool(ends.min() > 0.0 and float(ends.max()) / float(ends.min()) > _LOGARITHMIC_RATIO)
     axis = build_axis([ends] if logarithmic else [np.append(ends, 0.0)], 0.04, logarithmic=logarithmic)
-    left = 24.0 + 7.0 * max(len(entry.label) for entry in intervals)
-    # The figures stand right of the marks and need room even there.
-    room = 18.0 + 6.7 * max(len(entry.text) for entry in intervals)
-    axis = _widen(axis, room / (WIDTH - left - room))
-    height = 60.0 + _INTERVAL_ROW * len(intervals)
-    frame = PlotArea(x=axis, y=Axis(low=float(len(intervals)), high=0.0), height=height, left=left)
-    body = draw_axes(frame, (label, ""), names=True)
-    for row, entry in enumerate(intervals):
-        body += _draw_interval(frame, float(frame.place_y(row + 0.5)), entry)
-    return wrap_figure(title, description, height, body)
-
-
-def _widen(axis: Axis, share: float) -> Axis:
-    """Return the axis, longer at its high end by a part of its length."""
-    if axis.logarithmic:
+    left = 24.0 + 7.0 * max(len(entry.label) for entry in marks)
+    # The digits stand right of the marks and need room even there.
+    room = 18.0 + 6.7 * max(len(entry.text) for entry in marks)
+    share = room / (WIDTH - left - room)
+    if logarithmic:
         decades = math.log10(axis.high) - math.log10(axis.low)
         is_beyond = math.log10(axis.high) + share * decades > math.log10(_LARGEST)
         high = _LARGEST if is_beyond else min(axis.high * (axis.high / axis.low) ** share, _LARGEST)
     else:
         high = axis.high + share * (axis.high - axis.low)
-    return Axis(low=axis.low, high=high, logarithmic=axis.logarithmic)
-
-
-def _draw_interval(frame: PlotArea, y: float, entry: Interval) -> list[str]:
-    style = "chosen" if entry.chosen else "other"
-    x = float(frame.place_x(entry.middle))
-    place = f'x="{frame.left - 9:g}" y="{y + 4:.1f}" text-anchor="end"'
-    return [
-        f'<line class="grid" x1="{frame.left:g}" y1="{y:.1f}" x2="{frame.right:g}" y2="{y:.1f}"/>',
-        f'<text class="{style}" {place}>{escape(entry.label)}</text>',
-        f'<circle class="mark {style}" cx="{x:.1f}" cy="{y:.1f}" r="5.5"/>',
-        f'<text class="{style}" x="{x + 12:.1f}" y="{y + 4:.1f}">{escape(entry.text)}</text>',
-    ]
+    rows = Axis(low=float(len(marks)), high=0.0)
+    frame = PlotArea(x=replace(axis, high=high), y=rows, height=60.0 + 34.0 * len(marks), left=left)
+    body = _draw_axes(frame, (label, ""), names=True)
+    for row, entry in enumerate(marks):
+        style = "chosen" if entry.chosen else "other"
+        x, y = float(frame.place_x(entry.value)), float(frame.place_y(row + 0.5))
+        place = f'x="{left - 9:g}" y="{y + 4:.1f}" text-anchor="end"'
+        body += [
+            f'<line class="grid" x1="{left:g}" y1="{y:.1f}" x2="{frame.right:g}" y2="{y:.1f}"/>',
+            f'<text class="{style}" {place}>{escape(entry.label)}</text>',
+            f'<circle class="mark {style}" cx="{x:.1f}" cy="{y:.1f}" r="5.5"/>',
+            f'<text class="{style}" x="{x + 12:.1f}" y="{y + 4:.1f}">{escape(entry.text)}</text>',
+        ]
+    return _wrap_figure(caption, frame.height, body)

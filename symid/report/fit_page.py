@@ -1,7 +1,6 @@
 """What a fit is worth, its figures, and its page with the logs that it was tried on.
 
-Estimate -> `FitVerdict`, drawings for a notebook; robot, estimate, held-out logs -> page, and what a reader
-must know.
+Estimate -> `FitVerdict`, drawings for a notebook; robot, estimate, held-out logs -> page, notices.
 
 Supported: estimates of rigid and elastic robots, results of friction (whose laws were tried when chosen).
 """
@@ -21,7 +20,7 @@ from symid.identification.elastic import (
     check_settings,
     cut_logs,
     evaluate_elastic,
-    get_asked_cutoff,
+    get_stated_cutoff,
     prepare_aligned,
 )
 from symid.identification.estimators import Estimate, Validation, check_model
@@ -36,10 +35,10 @@ from symid.identification.rigid import (
 from symid.logs import Recording, check_recording, read_recordings
 from symid.report.blocks import Drawing
 from symid.report.elastic_page import build_elastic_page, draw_branches
-from symid.report.figures import Interval, build_interval_figure
+from symid.report.figures import Mark, build_mark_figure
 from symid.report.friction_page import build_friction_figure, build_friction_page
 from symid.report.identification_page import build_identification_page
-from symid.report.pages import describe_origin, format_digits, write_page
+from symid.report.pages import describe_origin, format_percent, write_page
 from symid.report.verdict import FitVerdict, judge_elastic, judge_friction, judge_identification
 from symid.robot import Robot
 
@@ -63,38 +62,18 @@ def judge_fit(estimate: AnyEstimate) -> FitVerdict:
 def draw_fit(estimate: AnyEstimate) -> tuple[Drawing, ...]:
     """Return the least certain parameters; of elastic joints the springs, of friction its curves."""
     match estimate:
-        case Estimate():
-            return _draw_deviations(estimate)
         case ElasticEstimate():
-            return tuple(
-                Drawing(draw_branches(entry), f"{entry.joint}: torque over torsion")
-                for entry in estimate.springs
-                if entry.told
-            )
+            return tuple(draw_branches(entry) for entry in estimate.springs if entry.told)
         case FrictionIdentification():
-            return tuple(
-                Drawing(build_friction_figure(entry), f"{entry.joint}: {entry.estimate.law}")
-                for entry in estimate.joints
-            )
-
-
-def _draw_deviations(estimate: Estimate) -> tuple[Drawing, ...]:
+            return tuple(map(build_friction_figure, estimate.joints))
     known = [entry for entry in estimate.parameters if 0.0 < entry.relative_std_percent < math.inf]
     least = sorted(known, key=lambda entry: -entry.relative_std_percent)[:_MOST_PARAMETERS]
-    if not least:
-        return ()
-    intervals = [
-        Interval(
-            label=entry.name,
-            middle=entry.relative_std_percent,
-            text=f"{format_digits(entry.relative_std_percent)} %",
-        )
+    marks = [
+        Mark(entry.name, entry.relative_std_percent, format_percent(entry.relative_std_percent))
         for entry in least
     ]
-    title = f"{estimate.robot}: least certain parameters"
-    words = "Standard deviations of the parameters that are known worst, in percent of their values."
-    figure = build_interval_figure(title, words, "relative standard deviation (%)", intervals)
-    return (Drawing(figure, title),)
+    caption = f"{estimate.robot}: least certain parameters, standard deviation in percent of the value."
+    return (build_mark_figure(caption, "relative standard deviation (%)", marks),) if marks else ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -103,8 +82,8 @@ class WrittenPage:
 
     Args:
         file: where; robot: its name.
-        sources: the logs tried; processing: how each was processed, where that was settled; lines: in words.
-        diagnosis: what the logs of the fit tell, None where not asked for.
+        sources: the logs tried; processing: how each was processed, where that was chosen; lines: in words.
+        diagnosis: of the fit by its own logs, None where not asked for.
         notices: what a reader should know.
     """
 
@@ -131,7 +110,7 @@ def write_fit_page(
 
     Args:
         path: to write to.
-        estimate: that was found.
+        estimate: to report.
         known: the robot as read, and what long work with it needs; None without logs and diagnosis.
         logs: held out, files or what was read from them.
         pairs: settings of the call, keys and values.
@@ -145,30 +124,30 @@ def write_fit_page(
         OutputError: the page cannot be written.
     """
     if pairs and not logs:
-        text = "settings are for the logs of a validation, and there is none; give one, or leave them out"
+        text = "settings apply to the logs of a validation, and none was given; give a log or leave them out"
         raise UsageError(Notice(code="usage.no-validation", text=text))
-    if isinstance(estimate, Estimate):
-        return _write_rigid_page(path, estimate, known, logs, pairs, diagnose=diagnose, file=file)
-    if diagnose:
+    if diagnose and not isinstance(estimate, Estimate):
         text = "--diagnose needs an estimate of base parameters; leave it out"
         raise UsageError(Notice(code="usage.no-diagnosis", text=text, file=file))
+    if isinstance(estimate, Estimate):
+        return _write_rigid_page(path, estimate, known, logs, pairs, diagnose=diagnose, file=file)
     if isinstance(estimate, ElasticEstimate):
         return _write_elastic_page(path, estimate, known, logs, pairs, file=file)
     if logs:
         text = (
-            "--validation cannot be used with friction: what tests a law is held back when it is chosen "
-            "(`symid identify --rows friction --model auto`); leave it out"
+            "--validation cannot be used with friction: laws are tested on held-out blocks when they are "
+            "chosen (`symid identify --rows friction --model auto`); leave it out"
         )
         raise UsageError(Notice(code="usage.friction-validation", text=text))
     return WrittenPage(file=write_page(path, build_friction_page(estimate)), robot=estimate.robot)
 
 
 def _load_logs(
-    robot: Robot, logs: Sequence[Path | Recording], workshop: TaskContext
+    robot: Robot, logs: Sequence[Path | Recording], context: TaskContext
 ) -> tuple[Library, tuple[Recording, ...], tuple[Notice, ...], tuple[str, ...]]:
-    """Return a library and recordings, what a reader should know of both, and where a page comes from."""
+    """Return a library and recordings, the notices of both, and where a page comes from."""
     recordings = read_recordings(logs, robot)
-    library = workshop.prepare(robot)
+    library = context.prepare(robot)
     notices = (*robot.notices, *library.notices)
     for recording in recordings:
         notices += (*recording.notices, *check_recording(recording, robot))
@@ -185,22 +164,31 @@ def _write_rigid_page(
     diagnose: bool,
     file: str,
 ) -> WrittenPage:
-    validations: tuple[Validation, ...] = ()
+    validations: list[Validation] = []
     diagnosis: Diagnosis | None = None
     notices: tuple[Notice, ...] = ()
     origin: tuple[str, ...] = ()
     if known is not None and (logs or diagnose):
-        robot, workshop = known
+        robot, context = known
         described = restore_robot(robot, estimate, pairs)
         # What was identified as rigid is tried as rigid, whatever the robot file says of its joints.
         rigid = build_rigid_variant(described)
         tried = build_rigid_estimate(estimate, described)
-        library, recordings, notices, origin = _load_logs(rigid, logs, workshop)
+        library, recordings, notices, origin = _load_logs(rigid, logs, context)
         check_model(tried, library.card, file)
-        validations = tuple(_validate(tried, library, entry, rigid, workshop) for entry in recordings)
+        for recording in recordings:
+            context.progress(f"validating on {recording.source}")
+            # In the rows of the fit: residuals of one kind can be compared.
+            window, longer = get_usable_window(tried.settings, recording)
+            overlap = get_fit_overlap(tried.settings)
+            found = validate_estimate(
+                tried, library, recording, rigid.processing, rows=tried.rows, window=window, overlap=overlap
+            )
+            validations.append(replace(found, notices=(*longer, *found.notices)))
         if diagnose:
-            diagnosis = diagnose_fit(robot, estimate, workshop)
+            diagnosis = diagnose_fit(robot, estimate, context)
             notices += diagnosis.notices
+    notices += tuple(notice for entry in validations for notice in entry.notices)
     page = build_identification_page(estimate, validations, notices, origin, diagnosis=diagnosis)
     settled = [(entry.source, entry.processing) for entry in validations if entry.processing is not None]
     return WrittenPage(
@@ -208,28 +196,10 @@ def _write_rigid_page(
         robot=estimate.robot,
         sources=tuple(entry.source for entry in validations),
         processing=tuple({**asdict(entry.processing), "origin": dict(entry.origin)} for _, entry in settled),
-        lines=tuple(f"{source}: {entry.tell()}" for source, entry in settled),
+        lines=tuple(f"{source}: {entry.describe()}" for source, entry in settled),
         diagnosis=diagnosis,
-        notices=(*notices, *(notice for entry in validations for notice in entry.notices)),
+        notices=notices,
     )
-
-
-def _validate(
-    estimate: Estimate, library: Library, recording: Recording, robot: Robot, workshop: TaskContext
-) -> Validation:
-    """Return what the estimate explains of a log, in the rows of the fit: like residuals compare."""
-    workshop.progress(f"validating on {recording.source}")
-    window, notices = get_usable_window(estimate.settings, recording)
-    tried = validate_estimate(
-        estimate,
-        library,
-        recording,
-        robot.processing,
-        rows=estimate.rows,
-        window=window,
-        overlap=get_fit_overlap(estimate.settings),
-    )
-    return replace(tried, notices=(*notices, *tried.notices))
 
 
 def _write_elastic_page(
@@ -244,15 +214,15 @@ def _write_elastic_page(
     check_settings(pairs, "elastic")
     if known is None or not logs:
         return WrittenPage(file=write_page(path, build_elastic_page(estimate)), robot=estimate.robot)
-    robot, workshop = known
+    robot, context = known
     described = restore_robot(robot, estimate, pairs)
-    library, recordings, notices, origin = _load_logs(described, logs, workshop)
+    library, recordings, notices, origin = _load_logs(described, logs, context)
     check_model(estimate, library.card, file)
-    workshop.progress(f"trying the model on {len(recordings)} log{'s'[: len(recordings) > 1]}")
+    context.progress(f"trying the model on {len(recordings)} log{'s'[: len(recordings) > 1]}")
     kept = cut_logs(recordings, described.processing)
-    moved, _, told = prepare_aligned(library, kept)
-    notices += (*told, *(notice for entry in kept for notice in entry.notices if notice.code == "log.cut"))
-    cutoff = get_asked_cutoff(described, pairs)
+    moved, _, aligned = prepare_aligned(library, kept)
+    notices += (*aligned, *(notice for entry in kept for notice in entry.notices if notice.code == "log.cut"))
+    cutoff = get_stated_cutoff(described, pairs)
     trials = tuple(evaluate_elastic(estimate, library, entry, cutoff=cutoff) for entry in moved)
     return WrittenPage(
         file=write_page(path, build_elastic_page(estimate, trials, notices, origin)),

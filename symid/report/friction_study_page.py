@@ -10,7 +10,6 @@ Not supported: figures 3 (a flow chart), 4 (a photograph) and 5, the test of pos
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -18,13 +17,13 @@ from symid.arrays import FloatArray
 from symid.identification.friction import (
     FrictionEstimate,
     FrictionSamples,
-    compute_sensitivities,
+    compute_law_sensitivities,
     fit_friction,
 )
 from symid.joint_models import FrictionLaw, compute_friction_torque, get_law
-from symid.report.blocks import Block, Drawing, Table
-from symid.report.figures import Line, build_curve_figure, build_line_figure
-from symid.report.pages import Page, list_origin
+from symid.report.blocks import Block, Drawing, tabulate
+from symid.report.figures import STYLES, Line, build_curve_figure, build_line_figure, list_lines
+from symid.report.pages import Page
 from symid.report.study_text import list_tables, write_check_outcome
 from symid.report.verdict import FitVerdict
 from symid.study import (
@@ -33,7 +32,6 @@ from symid.study import (
     TABLE_1,
     TABLE_3,
     EstimatorComparison,
-    FrictionCheck,
     FrictionStudy,
     build_gain_scene,
     build_recovery_scene,
@@ -42,9 +40,8 @@ from symid.study import (
 )
 
 _VELOCITY = "velocity (rad/s)"
-_TORQUE = "friction torque (N m)"
 _POINTS = 1201
-_HEIGHT = 330.0
+_STYLES = dict(zip(LAWS, ("fourth", "third", "predicted"), strict=True))
 
 
 def draw_study(study: FrictionStudy) -> tuple[Block, ...]:
@@ -57,7 +54,7 @@ def draw_study(study: FrictionStudy) -> tuple[Block, ...]:
         ("2", _draw_stribeck()),
         ("6", _draw_scatter(one, "one trajectory, one direction")),
         ("7", _draw_one_fit(one, study)),
-        ("8", _draw_course(study.contests[0])),
+        ("8", _draw_convergence(study.contests[0])),
         ("9", _draw_scatter(two, "two trajectories")),
         ("10", _draw_two_fit(two, near=False)),
         ("10, near standstill", _draw_two_fit(two, near=True)),
@@ -68,8 +65,12 @@ def draw_study(study: FrictionStudy) -> tuple[Block, ...]:
     )
 
 
+def _draw(caption: str, lines: Sequence[Line], across: str = _VELOCITY) -> Drawing:
+    return build_curve_figure(caption, (across, "friction torque (N m)"), lines, height=330.0)
+
+
 def _list_samples(x: FloatArray, y: FloatArray) -> Line:
-    return Line(label="samples", style="cloud", x=x, y=y, joined=False)
+    return Line("samples", "cloud", x, y, joined=False)
 
 
 def _compute_curve(law: FrictionLaw, values: Sequence[float], velocity: FloatArray) -> FloatArray:
@@ -87,78 +88,48 @@ def _draw_improved() -> Drawing:
         ("H4: origin at dq0", "improved-stribeck-h4", values, "fourth"),
     )
     lines = [
-        Line(label=label, style=style, x=velocity, y=_compute_curve(get_law(name), given, velocity))
-        for label, name, given, style in readings[::-1]
+        Line(label, style, velocity, _compute_curve(get_law(name), given, velocity))
+        for label, name, given, style in readings
     ]
-    drawing = build_curve_figure(
-        "Improved Stribeck law",
-        "Friction torque against velocity by four readings of the improved Stribeck law, joint 1.",
-        (_VELOCITY, _TORQUE),
-        lines[::-1],
-        height=_HEIGHT,
-    )
     caption = (
-        "The improved Stribeck law with the paper's parameters of joint 1. The paper's formula is not known; "
-        "H1 is the reading used here, the others can be chosen by name."
+        "The improved Stribeck law with the paper's parameters of joint 1. The paper does not print its "
+        "formula; H1 is the reading used here, the others can be chosen by name."
     )
-    return Drawing(drawing, caption)
+    return _draw(caption, lines)
 
 
 def _draw_stribeck() -> Drawing:
     law, velocity = get_law("stribeck"), np.linspace(1e-6, 0.5, _POINTS)
     coulomb, static, stribeck, viscous = TABLE_1[-1].values
-    bump = (static - coulomb) * np.exp(-((velocity / stribeck) ** 2))
-    styles = ("first", "second", "third")
     lines = [
-        Line(label=row.method, style=style, x=velocity, y=_compute_curve(law, row.values, velocity))
-        for row, style in zip(TABLE_1, styles, strict=True)
+        Line(row.method, style, velocity, _compute_curve(law, row.values, velocity))
+        for row, style in zip(TABLE_1, STYLES, strict=False)
     ]
-    parts = (
-        ("Coulomb", "minor", np.full(_POINTS, coulomb)),
-        ("Stribeck", "virgin", bump),
-        ("viscous", "fourth", viscous * velocity),
-    )
-    lines += [Line(label=f"{name} part", style=style, x=velocity, y=y) for name, style, y in parts]
-    drawing = build_curve_figure(
-        "Original Stribeck law",
-        "Friction torque against velocity by the three rows of Table 1, and the parts of the last one.",
-        (_VELOCITY, _TORQUE),
-        lines,
-        height=_HEIGHT,
+    lines += list_lines(
+        velocity,
+        ("Coulomb part", "minor", np.full(_POINTS, coulomb)),
+        ("Stribeck part", "virgin", (static - coulomb) * np.exp(-((velocity / stribeck) ** 2))),
+        ("viscous part", "fourth", viscous * velocity),
     )
     caption = (
         "The curves of the paper's Table 1, which differ by at most 0.07 N m, and the parts of the last."
     )
-    return Drawing(drawing, caption)
+    return _draw(caption, lines)
 
 
 def _draw_scatter(samples: FrictionSamples, what: str) -> Drawing:
-    drawing = build_curve_figure(
-        f"Friction against velocity, {what}",
-        f"Samples of friction torque against velocity of joint 1, {what}.",
-        (_VELOCITY, _TORQUE),
-        [_list_samples(samples.velocity, samples.torque)],
-        height=_HEIGHT,
-    )
+    lines = [_list_samples(samples.velocity, samples.torque)]
     caption = f"Joint 1, {what}: {samples.count} synthetic samples."
-    return Drawing(drawing, caption)
+    return _draw(caption, lines)
 
 
-def _build_band(samples: FrictionSamples, found: FrictionEstimate, velocity: FloatArray) -> Line:
-    """Return where 95 percent of samples lie by the fit: noise, and doubt of the curve."""
-    law, count = get_law(found.law), len(velocity)
-    grid = replace(
-        samples,
-        time=velocity,
-        velocity=velocity,
-        torque=np.zeros(count),
-        extra=np.zeros((count, 0)),
-        run=None,
-    )
-    design = compute_sensitivities(grid, law, found.linear, found.shape)
-    doubt = np.einsum("ni,ij,nj->n", design, np.array(found.covariance), design)
-    torque = compute_friction_torque(law, grid.inputs, found.linear, found.shape)
-    half = 2.0 * np.sqrt(found.sigma**2 + doubt)
+def _build_band(found: FrictionEstimate, velocity: FloatArray) -> Line:
+    """Return where 95 percent of samples lie by the fit: noise, and uncertainty of the curve."""
+    law, inputs = get_law(found.law), {"velocity": velocity}
+    design = compute_law_sensitivities(law, inputs, found.linear, found.shape)
+    uncertainty = np.einsum("ni,ij,nj->n", design, np.array(found.covariance), design)
+    torque = compute_friction_torque(law, inputs, found.linear, found.shape)
+    half = 2.0 * np.sqrt(found.sigma**2 + uncertainty)
     return Line(
         label="band of two deviations",
         style="area",
@@ -169,137 +140,103 @@ def _build_band(samples: FrictionSamples, found: FrictionEstimate, velocity: Flo
 
 def _draw_one_fit(samples: FrictionSamples, study: FrictionStudy) -> Drawing:
     law = get_law("stribeck")
-    found = fit_friction(samples, law)
     velocity = np.linspace(0.0, float(np.max(samples.velocity)), _POINTS)[1:]
-    values = {run.estimator: run.values for run in study.contests[0].runs}
+    curves = {run.estimator: _compute_curve(law, run.values, velocity) for run in study.contests[0].runs}
     styles = {"varpro": "predicted", "genetic": "third", "annealing": "virgin"}
-    drawing = build_curve_figure(
-        "Fit to one trajectory",
-        "Samples of joint 1 with the fitted curves of three estimators and a band of two deviations.",
-        (_VELOCITY, _TORQUE),
-        [
-            _build_band(samples, found, velocity),
-            _list_samples(samples.velocity, samples.torque),
-            *(
-                Line(label=name, style=style, x=velocity, y=_compute_curve(law, values[name], velocity))
-                for name, style in styles.items()
-            ),
-        ],
-        height=_HEIGHT,
-    )
-    apart = max(
-        float(
-            np.max(
-                np.abs(_compute_curve(law, entry, velocity) - _compute_curve(law, values["varpro"], velocity))
-            )
-        )
-        for entry in values.values()
-    )
-    caption = f"All estimators' curves differ by at most {apart:.2g} N m; the band holds 95 % of the samples."
-    return Drawing(drawing, caption)
-
-
-def _draw_course(contest: EstimatorComparison) -> Drawing:
-    least = min(run.objective for run in contest.runs if not run.reason)
-    names = {"genetic": "genetic algorithm", "annealing": "hybrid with annealing"}
-    lines = []
-    for run, style in zip(
-        [run for run in contest.runs if run.estimator in names], ("first", "second"), strict=True
-    ):
-        course = np.array(run.history) / least - 1.0
-        generation = np.arange(float(len(course)))
-        lines.append(Line(label=names[run.estimator], style=style, x=generation, y=course))
-    drawing = build_line_figure(
-        "Objective against generation",
-        "Sum of squares of the best candidate over the least one, less one, against the generation.",
-        ("generation", "J / least J - 1"),
-        lines,
-        logarithmic=True,
-        whole=True,
-    )
+    lines = [Line(name, style, velocity, curves[name]) for name, style in styles.items()]
+    apart = max(float(np.max(np.abs(curve - curves["varpro"]))) for curve in curves.values())
     caption = (
-        f"{contest.title}: how far the best candidate lies above the optimum that variable projection finds. "
+        "Samples of joint 1 with the fitted curves of three estimators. All estimators' curves differ by at "
+        f"most {apart:.2g} N m; the band holds 95 % of the samples."
+    )
+    band = _build_band(fit_friction(samples, law), velocity)
+    return _draw(caption, [band, _list_samples(samples.velocity, samples.torque), *lines])
+
+
+def _draw_convergence(contest: EstimatorComparison) -> Drawing:
+    least = min(run.objective for run in contest.runs if not run.reason)
+    names = {"genetic": ("genetic algorithm", "first"), "annealing": ("hybrid with annealing", "second")}
+    lines = []
+    for run in contest.runs:
+        if run.estimator in names:
+            label, style = names[run.estimator]
+            course = np.array(run.history) / least - 1.0
+            lines.append(Line(label, style, np.arange(float(len(course))), course))
+    caption = (
+        f"{contest.title}: objective of the best candidate, relative to the optimum of variable projection. "
         "A generation of the hybrid costs two evaluations a candidate."
     )
-    return Drawing(drawing, caption)
+    labels = ("generation", "J / least J - 1")
+    return build_line_figure(caption, labels, lines, logarithmic=True, whole=True)
 
 
 def _draw_two_fit(samples: FrictionSamples, *, near: bool) -> Drawing:
     """Return fits of all laws to two trajectories: all of it, or what lies near standstill."""
     reach = 0.06 if near else 1.0
     velocity = np.linspace(-reach, reach, _POINTS)
-    fits = {name: fit_friction(samples, get_law(name)) for name in LAWS}
-    curves = {
-        name: compute_friction_torque(get_law(name), {"velocity": velocity}, found.linear, found.shape)
-        for name, found in fits.items()
-    }
-    styles = dict(zip(LAWS, ("fourth", "third", "predicted"), strict=True))
     shown = np.abs(samples.velocity) <= reach
-    drawing = build_curve_figure(
-        "Fits to two trajectories" + (", near standstill" if near else ""),
-        "Samples of joint 1 with the fitted curves of three laws and a band of two deviations.",
-        (_VELOCITY, _TORQUE),
-        [
-            _build_band(samples, fits[LAWS[-1]], velocity),
-            _list_samples(samples.velocity[shown], samples.torque[shown]),
-            *(Line(label=name, style=styles[name], x=velocity, y=y) for name, y in curves.items()),
-        ],
-        height=_HEIGHT,
+    lines, sums = [], []
+    for name in LAWS:
+        law = get_law(name)
+        found = fit_friction(samples, law)
+        y = compute_friction_torque(law, {"velocity": velocity}, found.linear, found.shape)
+        lines.append(Line(name, _STYLES[name], velocity, y))
+        sums.append(f"{name} {found.objective:.0f}")
+    cloud = _list_samples(samples.velocity[shown], samples.torque[shown])
+    caption = (
+        f"Joint 1, both directions. Sums of squares in (N m)^2: {', '.join(sums)}. The band is the improved "
+        "law's."
     )
-    sums = ", ".join(f"{name} {found.objective:.0f}" for name, found in fits.items())
-    caption = f"Joint 1, both directions. Sums of squares in (N m)^2: {sums}. The band is the improved law's."
-    return Drawing(drawing, caption)
+    return _draw(caption, [_build_band(found, velocity), cloud, *lines])
 
 
 def _draw_torque(index: int, seed: int) -> Drawing:
-    """Return the torque of a joint over one period, as measured and by all laws."""
     scene = build_gain_scene(index)
     samples = draw_samples(scene, np.random.default_rng(seed))
-    styles = dict(zip(LAWS, ("fourth", "third", "predicted"), strict=True))
-    sums, lines = [], []
+    sums, lines = [], [_list_samples(samples.time, samples.torque)]
     for name in LAWS:
         found = fit_friction(samples, get_law(name))
         torque = compute_friction_torque(get_law(name), samples.inputs, found.linear, found.shape)
-        lines.append(Line(label=name, style=styles[name], x=samples.time, y=torque))
+        lines.append(Line(name, _STYLES[name], samples.time, torque))
         sums.append(found.objective)
-    drawing = build_curve_figure(
-        f"Torque of joint {scene.joint}",
-        f"Torque of joint {scene.joint} over one period, as measured and by three laws.",
-        ("time (periods)", "torque (N m)"),
-        [_list_samples(samples.time, samples.torque), *lines],
-        height=_HEIGHT,
-    )
     caption = (
         f"Joint {scene.joint} in the motion of Table 4: in this draw the improved law leaves "
         f"{100.0 * (1.0 - sums[-1] / sums[0]):.1f} % less squared error than Coulomb + viscous and "
         f"{100.0 * (1.0 - sums[-1] / sums[1]):.1f} % less than the original Stribeck law."
     )
-    return Drawing(drawing, caption)
+    return _draw(caption, lines, "time (periods)")
 
 
 def build_friction_study_page(study: FrictionStudy) -> Page:
     """Return all that the page shows."""
     first, last = study.seeds
-    draws = (
-        ("draws of Table 1", study.agreement[0].draws),
-        ("draws of Table 3", study.recovery[0].draws),
-        ("draws of Table 4", study.gains[0].draws),
-        ("draws of the second robot", study.second[0].draws),
-    )
-    checks = Table(
-        ("claim", "asked", "found", ""),
-        [(entry.name, entry.bar, entry.found, write_check_outcome(entry)) for entry in study.checks],
+    checks = tabulate(
+        study.checks,
+        "claim=name; required=bar; result=found; outcome",
         (0, 1, 2, 3),
-        "What is asked of these tables, and what came out; told: nothing to meet, or too few draws to judge.",
+        "Claims and results. Reported: no requirement, or too few draws to judge.",
+        outcome=write_check_outcome,
+    )
+    judged = [check for check in study.checks if check.met is not None]
+    missed = [check for check in judged if not check.met]
+    reported = [check for check in study.checks if check.met is None]
+    headline = (
+        f"{len(missed)} of {len(judged)} claims are missed."
+        if missed
+        else f"All {len(judged)} claims that can be judged are met."
     )
     return Page(
         robot="Zhang, Hu and Zou (2021)",
         subject="the tables of joint friction",
-        verdict=_judge_checks(study.checks),
+        verdict=FitVerdict(
+            level="fair" if missed else "good",
+            headline=headline,
+            details=tuple(f"{check.name}: {check.found}" for check in (*missed, *reported)),
+        ),
         blocks=(
             (
-                "Numbers of the paper stand next to ours, which come from synthetic data: the paper's "
-                "recordings are not public."
+                "The paper's values are next to ours, which come from synthetic data: the paper's recordings "
+                "are not public."
             ),
             "== Claims ==",
             checks,
@@ -310,25 +247,10 @@ def build_friction_study_page(study: FrictionStudy) -> Page:
         ),
         settings=(
             ("seeds", f"{first} to {last}"),
-            *((name, str(count)) for name, count in draws),
+            ("draws of Table 1", str(study.agreement[0].draws)),
+            ("draws of Table 3", str(study.recovery[0].draws)),
+            ("draws of Table 4", str(study.gains[0].draws)),
+            ("draws of the second robot", str(study.second[0].draws)),
             ("default estimator", "varpro"),
         ),
-        origin=list_origin(),
-    )
-
-
-def _judge_checks(checks: Sequence[FrictionCheck]) -> FitVerdict:
-    """Return how many claims are met; those that are not, and the predictions, in words."""
-    judged = [check for check in checks if check.met is not None]
-    missed = [check for check in judged if not check.met]
-    told = [check for check in checks if check.met is None]
-    headline = (
-        f"{len(missed)} of {len(judged)} claims are missed."
-        if missed
-        else f"All {len(judged)} claims that can be judged are met."
-    )
-    return FitVerdict(
-        level="fair" if missed else "good",
-        headline=headline,
-        details=tuple(f"{check.name}: {check.found}" for check in (*missed, *told)),
     )

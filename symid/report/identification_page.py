@@ -4,7 +4,7 @@
 identifiability, drift, structure of the residual, measured and predicted torques, settings.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 
@@ -14,29 +14,22 @@ from symid.errors import Notice
 from symid.identification.diagnostics import JointProfiles
 from symid.identification.estimators import Estimate, Series, Validation
 from symid.identification.rigid import Diagnosis
-from symid.report.blocks import Block, Drawing, Table
-from symid.report.figures import Line, build_curve_figure, build_histogram, build_line_figure
+from symid.report.blocks import Block, Drawing, Table, tabulate
+from symid.report.figures import Line, build_curve_figure, build_histogram, build_line_figure, list_lines
 from symid.report.fit_text import show_residual
-from symid.report.pages import (
-    Page,
-    format_digits,
-    list_notices,
-    list_origin,
-    list_settings,
-    show_refused,
-    tabulate_parameters,
-)
+from symid.report.pages import Page, build_fit_page, format_digits, show_refused, tabulate_parameters
 from symid.report.verdict import QUANTITIES, judge_identification
 
 _SHOWN = 20
 """Rows of a table of pairs, at most."""
+UNTESTED = "No held-out log was given: the model is untested. Validate it on another motion (`--validation`)."
 
 
 def build_identification_page(
     estimate: Estimate,
-    validations: tuple[Validation, ...] = (),
-    notices: tuple[Notice, ...] = (),
-    origin: tuple[str, ...] = (),
+    validations: Sequence[Validation] = (),
+    notices: Sequence[Notice] = (),
+    origin: Sequence[str] = (),
     *,
     diagnosis: Diagnosis | None = None,
 ) -> Page:
@@ -49,120 +42,117 @@ def build_identification_page(
         origin: what the page was made from, in short texts.
         diagnosis: of the fit and its own logs.
     """
-    told = (*estimate.notices, *notices, *(entry for tried in validations for entry in tried.notices))
-    head = (
-        ("rows", estimate.rows),
-        ("estimator", estimate.estimator),
-        ("friction", ", ".join(estimate.friction)),
-        ("logs", ", ".join(estimate.sources)),
-        ("rows fitted", str(estimate.samples)),
-        ("condition of the scaled matrix", f"{estimate.condition:.4g}"),
-        ("outcome", estimate.outcome.value),
-        ("signature of the model", estimate.signature),
+    settings = {
+        "rows": estimate.rows,
+        "estimator": estimate.estimator,
+        "friction": estimate.friction,
+        "rows fitted": estimate.samples,
+        "condition number (column-scaled)": f"{estimate.condition:.4g}",
+        "outcome": estimate.outcome.value,
+    }
+    blocks = (
+        "== Parameters ==",
+        tabulate_parameters(estimate.parameters),
+        *show_refused(estimate.refused),
+        "== Residual of the fit ==",
+        show_residual(estimate.residual, "What the model leaves unexplained of the logs of the fit."),
+        *(() if diagnosis is None else _show_diagnosis(estimate, diagnosis)),
+        "== Predicted logs ==",
+        *(chain.from_iterable(map(_show_log, validations)) if validations else (UNTESTED,)),
     )
-    untested = (
-        "No held-out log was given. A model that has only met the log it was fitted to is not tested: "
-        "validate it on another motion."
-    )
-    return Page(
-        robot=estimate.robot,
+    return build_fit_page(
+        estimate,
         subject="identified parameters",
         verdict=judge_identification(estimate, validations),
-        blocks=(
-            "== Parameters ==",
-            tabulate_parameters(estimate.parameters),
-            *show_refused(estimate.refused),
-            "== Residual of the fit ==",
-            show_residual(
-                estimate.residual, "What the model leaves unexplained of the logs it was fitted to."
-            ),
-            *(() if diagnosis is None else _show_diagnosis(estimate, diagnosis)),
-            "== Predicted logs ==",
-            *(chain.from_iterable(map(_show_log, validations)) if validations else (untested,)),
-        ),
-        settings=head + tuple(list_settings(estimate.settings)),
-        notices=list_notices(told),
-        origin=list_origin(origin),
+        blocks=blocks,
+        settings=settings,
+        notices=notices,
+        origin=origin,
     )
 
 
 def _show_diagnosis(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]:
-    """Yield all that the page shows of a diagnosis."""
     essential, bootstrap = diagnosis.essential, diagnosis.bootstrap
-    yield from ("== What the logs can tell ==", _describe_rank(diagnosis), _draw_spectrum(diagnosis))
+    yield from ("== Identifiability ==", describe_rank(diagnosis), _draw_spectrum(diagnosis))
     if diagnosis.correlated:
         pairs = [(a, b, f"{value:.3f}") for a, b, value in diagnosis.correlated[:_SHOWN]]
-        title = "Parameters that trade against each other."
-        yield Table(("one", "other", "correlation"), pairs, (0, 1), title)
-        yield from _draw_ellipse(diagnosis)
-    yield "== Essential parameters =="
-    yield (
-        f"{len(essential.kept)} of {len(essential.kept) + len(essential.dropped)} parameters stand out of "
-        f"the noise. Without the others the residual of the fit grows by {essential.price_percent:.2g} %."
-    )
+        yield Table(("one", "other", "correlation"), pairs, (0, 1), "Strongly correlated parameters.")
+    if diagnosis.ellipse is not None:
+        first, second, _ = diagnosis.correlated[0]
+        outline, level = diagnosis.ellipse.trace(), diagnosis.ellipse.level
+        yield build_curve_figure(
+            f"The closest pair, {first} and {second}: {level:.0%} confidence ellipse.",
+            (first, second),
+            (Line("ellipse", "first", outline[:, 0], outline[:, 1]),),
+        )
+    yield from ("== Significant parameters ==", describe_essential(diagnosis))
     if essential.dropped:
-        dropped = [
-            (entry.name, f"{entry.ratio:.2g}", f"{entry.price_percent:.2g} %") for entry in essential.dropped
-        ]
-        header = ("name", "deviations from zero", "residual grows by")
-        yield Table(header, dropped, title="In the order they can go.")
-    yield "== Deviations by block bootstrap =="
+        columns = "name; value / std=ratio:.2g; residual grows by/%=price_percent:.2g"
+        yield tabulate(essential.dropped, columns, title="In the order they can be dropped.")
+    yield "== Standard deviations by block bootstrap =="
     yield (
-        f"{bootstrap.blocks} blocks of the logs, drawn {bootstrap.replicates} times: deviations that hold "
-        "whatever pattern the residual keeps within a block."
+        f"{bootstrap.blocks} blocks of the logs, resampled {bootstrap.replicates} times: valid for any "
+        "correlation of the residual within a block."
     )
     yield _tabulate_scatter(estimate, diagnosis)
     yield from _show_drift(estimate, diagnosis)
     yield "== Structure of the residual =="
-    yield _show_structure(diagnosis)
+    if diagnosis.structure:
+        columns = (
+            "joint; function of=family; share of variance/%=share_percent:.3g; RMS=rms:.3g; unit; advice"
+        )
+        title = "What explains the residual, cross-validated on stretches of time."
+        yield tabulate(diagnosis.structure, columns, (0, 1, 4, 5), title)
+    else:
+        yield (
+            "No function of position, velocity, load, acceleration, time or of other joints explains 5 % of "
+            "a joint's residual variance."
+        )
     for entry in diagnosis.profiles:
         yield f"=== {entry.joint} ==="
         yield from _draw_profiles(entry)
     if diagnosis.prices:
         prices = [(entry.what, entry.of, f"{entry.percent:+.3g} %") for entry in diagnosis.prices]
-        yield "== Prices =="
-        yield Table(("what", "of", "price"), prices, (0, 1), "What was asked of the fit, and what it costs.")
+        yield "== Effect of the choices =="
+        yield Table(("choice", "quantity", "change"), prices, (0, 1), "What the choices of the fit change.")
 
 
-def _describe_rank(diagnosis: Diagnosis) -> str:
-    seen = diagnosis.singular[: diagnosis.rank]
-    ratio = seen[0] / seen[-1]
-    hidden = len(diagnosis.singular) - diagnosis.rank
-    lost = f" {hidden} more directions are not seen." if hidden else ""
+def describe_rank(diagnosis: Diagnosis) -> str:
+    """Return rank and condition number of the regressor in a sentence."""
+    count, rank = len(diagnosis.singular), diagnosis.rank
+    condition = f"{diagnosis.singular[0] / diagnosis.singular[rank - 1]:.3g} (column-scaled)"
+    if rank == count:
+        return f"The regressor has full rank ({rank} of {count}); its condition number is {condition}."
     return (
-        f"The logs see {diagnosis.rank} directions of the parameters, the last {ratio:.3g} times less.{lost}"
+        f"The regressor has rank {rank} of {count}: {count - rank} combinations of parameters are not "
+        f"identifiable. The condition number of the others is {condition}."
+    )
+
+
+def describe_essential(diagnosis: Diagnosis) -> str:
+    """Return how many parameters are significant, and what leaving out the others costs."""
+    kept, dropped = len(diagnosis.essential.kept), len(diagnosis.essential.dropped)
+    if not dropped:
+        return f"All {kept} parameters are significant (> 2 sigma); none can be dropped."
+    return (
+        f"{kept} of {kept + dropped} parameters are significant (> 2 sigma). Without the others the residual "
+        f"grows by {diagnosis.essential.price_percent:.2g} %."
     )
 
 
 def _draw_spectrum(diagnosis: Diagnosis) -> Drawing:
-    values = np.array(diagnosis.singular)
+    values, rank = np.array(diagnosis.singular), diagnosis.rank
     number = np.arange(1.0, len(values) + 1.0)
-    rank = diagnosis.rank
-    lines = [Line(label="seen", style="first", x=number[:rank], y=values[:rank], markers=True)]
+    lines = [Line("identifiable", "first", number[:rank], values[:rank], markers=True)]
     if np.any(values[rank:] > 0.0):
-        lines.append(Line(label="not seen", style="second", x=number[rank:], y=values[rank:], markers=True))
-    figure = build_line_figure(
-        "Singular values",
-        "Singular values of the scaled matrix of the fit in falling order.",
+        lines.append(Line("not identifiable", "second", number[rank:], values[rank:], markers=True))
+    return build_line_figure(
+        "Singular values of the column-scaled regressor, in falling order.",
         ("number", "singular value"),
         lines,
         logarithmic=True,
         whole=True,
     )
-    return Drawing(figure, "Singular values of the matrix with columns of length one.")
-
-
-def _draw_ellipse(diagnosis: Diagnosis) -> Iterator[Drawing]:
-    if diagnosis.ellipse is not None:
-        first, second, _ = diagnosis.correlated[0]
-        outline = diagnosis.ellipse.trace()
-        figure = build_curve_figure(
-            f"{first} and {second}",
-            f"Where {first} and {second} lie together with a probability of {diagnosis.ellipse.level:.0%}.",
-            (first, second),
-            (Line(label="ellipse", style="first", x=outline[:, 0], y=outline[:, 1]),),
-        )
-        yield Drawing(figure, "The closest pair: they lie within the ellipse with a probability of 95 %.")
 
 
 def _tabulate_scatter(estimate: Estimate, diagnosis: Diagnosis) -> Table:
@@ -177,14 +167,14 @@ def _tabulate_scatter(estimate: Estimate, diagnosis: Diagnosis) -> Table:
             format_digits(deviation),
             f"{low:.4g}",
             f"{high:.4g}",
-            "no" if name in dropped else "yes",
+            name not in dropped,
         )
         for name, deviation, low, high in zip(
             found.names, found.deviations, found.low, found.high, strict=True
         )
         if name in stated
     ]
-    header = ("name", "value", "stated std", "bootstrap std", "from", "to (95 %)", "essential")
+    header = ("name", "value", "stated std", "bootstrap std", "from", "to (95 %)", "significant")
     return Table(header, rows, title="Values in SI units.")
 
 
@@ -192,13 +182,13 @@ def _show_drift(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]:
     drift = diagnosis.drift
     yield "== Drift between logs =="
     if len(drift.runs) < 2:
-        yield "One log alone tells nothing of drift."
+        yield "Drift needs at least two logs; there is one."
     elif not drift.changed:
-        yield f"{len(drift.runs)} logs tell {drift.compared} parameters alike, within their noise."
+        yield f"{drift.compared} parameters agree between {len(drift.runs)} logs within their noise."
     else:
         yield (
-            f"{len(drift.changed)} of {drift.compared} parameters differ between the logs beyond what their "
-            "noise allows: the robot changed, or the model misses a term."
+            f"{len(drift.changed)} of {drift.compared} parameters differ significantly between the logs: the "
+            "robot changed, or the model misses a term."
         )
     rows = []
     for entry in drift.changed:
@@ -207,58 +197,33 @@ def _show_drift(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]:
             rows.append((entry.name, *(f"{value:.4g} ± {format_digits(std)}" for value, std in pairs)))
     if rows:
         header = ("name", *(Path(estimate.sources[run]).name for run in drift.runs))
-        yield Table(header, rows, title="What each log tells alone, value ± std.")
-
-
-def _show_structure(diagnosis: Diagnosis) -> Block:
-    if not diagnosis.structure:
-        return (
-            "No function of position, velocity, load, acceleration, time or of other joints explains 5 % of "
-            "a joint's residual."
-        )
-    rows = [
-        (
-            entry.joint,
-            entry.family,
-            f"{entry.share_percent:.3g} %",
-            f"{entry.rms:.3g} {entry.unit}",
-            entry.advice,
-        )
-        for entry in diagnosis.structure
-    ]
-    header = ("joint", "follows", "share of the square", "size", "what it means")
-    return Table(header, rows, (0, 1, 4), "What explains the residual of stretches it was not fitted to.")
+        yield Table(header, rows, title="Estimates from each log alone, value ± std.")
 
 
 def _draw_profiles(entry: JointProfiles) -> Iterator[Drawing]:
-    """Yield the mean residual of a joint against position, velocity and load."""
     unit = entry.position_unit
     for against, label, profile in (
         ("position", f"position ({unit})", entry.position),
         ("velocity", f"velocity ({unit}/s)", entry.velocity),
         ("load", f"predicted torque ({entry.unit})", entry.load),
     ):
+        mean, deviation = profile.mean, profile.deviation
         edges = (
-            ("plus deviation", "second", profile.mean + profile.deviation),
-            ("minus deviation", "third", profile.mean - profile.deviation),
+            ("plus deviation", "second", mean + deviation),
+            ("minus deviation", "third", mean - deviation),
         )
-        figure = build_line_figure(
-            f"{entry.joint}: residual against {against}",
-            f"Mean residual of {entry.joint} in {entry.unit} against {against}, with one deviation either "
-            "side.",
+        yield build_line_figure(
+            f"Mean residual of {entry.joint} against {against}, with one standard deviation either side.",
             (label, f"residual ({entry.unit})"),
-            (
-                Line(label="mean", style="first", x=profile.centre, y=profile.mean, markers=True),
-                *(Line(label=name, style=style, x=profile.centre, y=y) for name, style, y in edges),
-            ),
+            [
+                Line("mean", "first", profile.centre, mean, markers=True),
+                *list_lines(profile.centre, *edges),
+            ],
         )
-        yield Drawing(figure, f"Residual against {against}.")
 
 
 def _show_log(validation: Validation) -> Iterator[Block]:
-    """Yield the residuals and figures of a log that was predicted."""
-    fitted = "The log it was fitted to: this is no test."
-    caption = fitted if validation.fitted else "Held out: nothing was fitted here."
+    caption = "A log of the fit: this is no test." if validation.fitted else "Held out: not used in the fit."
     mean = f"Mean over joints of the relative residual: {validation.mean_relative_percent:.4f} %"
     yield f"=== {validation.source} ==="
     yield show_residual(validation.residual, f"{caption} {mean}")
@@ -266,35 +231,29 @@ def _show_log(validation: Validation) -> Iterator[Block]:
         error = series.measured - series.predicted
         joint, unit = series.joint, series.unit
         yield f"=== {joint} ==="
-        yield Drawing(draw_prediction(series, validation.rows), "Measured and predicted.")
-        figure = build_line_figure(
-            f"{joint}: residual",
-            f"Measured minus predicted {_name_quantity(series, validation.rows)} of {joint} in {unit} "
-            "against time in s.",
+        yield draw_prediction(series, validation.rows)
+        yield build_line_figure(
+            f"Residual of {joint}, measured minus predicted {_name_quantity(series, validation.rows)}.",
             ("time (s)", f"residual ({unit})"),
-            (Line(label="residual", style="residual", x=series.time, y=error),),
+            (Line("residual", "residual", series.time, error),),
         )
-        yield Drawing(figure, "Residual, measured minus predicted.")
-        figure = build_histogram(
-            f"{joint}: distribution of the residual",
-            f"How often which residual of {joint} occurs, and the normal distribution of its deviation.",
+        yield build_histogram(
+            f"Distribution of the residual of {joint}, and the normal distribution of the same deviation.",
             (f"residual ({unit})", "rows"),
             error,
         )
-        text = "Distribution of the residual; the line is the normal distribution of the same deviation."
-        yield Drawing(figure, text)
 
 
-def draw_prediction(series: Series, rows: str) -> str:
+def draw_prediction(series: Series, rows: str) -> Drawing:
     """Return the figure of what was measured and predicted of one joint."""
     quantity = _name_quantity(series, rows)
     return build_line_figure(
-        f"{series.joint}: measured and predicted {quantity}",
-        f"Measured and predicted {quantity} of {series.joint} in {series.unit} against time in s.",
+        f"Measured and predicted {quantity} of {series.joint}.",
         ("time (s)", f"{quantity} ({series.unit})"),
-        (
-            Line(label="measured", style="measured", x=series.time, y=series.measured),
-            Line(label="predicted", style="predicted", x=series.time, y=series.predicted),
+        list_lines(
+            series.time,
+            ("measured", "measured", series.measured),
+            ("predicted", "predicted", series.predicted),
         ),
     )
 

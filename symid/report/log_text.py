@@ -1,8 +1,4 @@
-"""Logs, trajectories and payloads, in text for people and as objects for programs.
-
-Checked logs, an exciting trajectory, what a robot carries -> blocks, dictionaries, warnings, the remarks at
-the head of a trajectory's file.
-"""
+"""Checked logs, exciting trajectories and payloads as text, objects for JSON and warnings."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -11,27 +7,29 @@ from typing import TYPE_CHECKING
 from symid.environment import show_path
 from symid.errors import Notice
 from symid.notation import INERTIAL
-from symid.report.blocks import Block, Table, select_fields
+from symid.report.blocks import Block, Table, select_fields, tabulate
 from symid.robot import Robot
 
 if TYPE_CHECKING:
     from symid.dynamics import ParameterChange, Payload
     from symid.excitation import OptimisedExcitation
-    from symid.identification.diagnostics import LogCheck, LogExcitation, LogsCheck
+    from symid.identification.diagnostics import LogsCheck
     from symid.logs import JointSummary, LogTiming, Recording
 
 _SHOWN = 12
-_CONVENTIONS = {"urdf": "URDF", "origin": "frames by origin"}
+"""Singular values on either side of the rank."""
+_VERDICTS = ("identifiable", "poorly identifiable", "not identifiable", "refused")
 
 
 def summarise_robot(robot: "Robot") -> str:
     """Return name, joints and convention."""
-    convention = _CONVENTIONS.get(robot.convention, f"{robot.convention} DH")
+    others = {"urdf": "URDF", "origin": "frames by origin"}
+    convention = others.get(robot.convention, f"{robot.convention} DH")
     return f"{robot.name}, {robot.size} joint{'s'[: robot.size != 1]}, {convention}"
 
 
 def show_robot_check(robot: "Robot", checked: "LogsCheck") -> tuple[Block, ...]:
-    """Return what was read, the joints of every log, and what the logs tell of the parameters."""
+    """Return what was read, the joints of every log, and which parameters are identifiable."""
     head = f"{robot.path}: {summarise_robot(robot)}: no mistakes"
     if not checked.logs:
         return (head,)
@@ -43,8 +41,22 @@ def show_robot_check(robot: "Robot", checked: "LogsCheck") -> tuple[Block, ...]:
     if checked.copy is not None:
         file, notice = checked.copy
         blocks.append(f"{show_path(file)}: {notice.text}")
-    if checked.excitation is not None:
-        blocks += _show_identifiability(checked.excitation)
+    found = checked.excitation
+    if found is not None:
+        verdicts = [entry.verdict for entry in found.parameters]
+        counts = ", ".join(f"{verdicts.count(name)} {name}" for name in _VERDICTS if name in verdicts)
+        first = max(0, found.rank - _SHOWN // 2)
+        shown = [f"{value:.2g}" for value in found.singular[first : first + _SHOWN]]
+        shown.insert(found.rank - first, "|")
+        columns = "parameter=name; verdict; std/%=relative_std_percent; why=reason"
+        blocks += [
+            (
+                f"Identifiability: {counts}; condition {found.condition:.3g}\n"
+                f"singular values of the scaled matrix about its rank {found.rank} of {len(found.singular)}: "
+                f"{'... ' if first else ''}{' '.join(shown)}"
+            ),
+            tabulate(found.parameters, columns, (0, 1, 3)),
+        ]
     return tuple(blocks)
 
 
@@ -66,9 +78,27 @@ def describe_robot_check(robot: "Robot", checked: "LogsCheck") -> dict[str, obje
     if checked.excitation is not None:
         names = [joint.name for joint in robot.axes]
         found["dynamics"] = [
-            {"file": check.source, **_describe_dynamics(check, names)} for check in checked.dynamics
+            {
+                "file": check.source,
+                "signs": [
+                    {**asdict(entry), "joint": names[entry.joint], "wrong": entry.wrong}
+                    for entry in check.signs
+                ],
+                "exchanges": [
+                    {**asdict(entry), "first": names[entry.first], "second": names[entry.second]}
+                    for entry in check.exchanges
+                ],
+                "torque_delay": None
+                if check.delay is None
+                else {**asdict(check.delay), "late": check.delay.late},
+            }
+            for check in checked.dynamics
         ]
-        found["excitation"] = _describe_identifiability(checked.excitation)
+        verdict = "name verdict relative_std_percent reason"
+        found["excitation"] = {
+            "parameters": [select_fields(entry, verdict) for entry in checked.excitation.parameters],
+            **select_fields(checked.excitation, "singular_values=singular rank condition"),
+        }
     return found
 
 
@@ -90,81 +120,18 @@ def describe_log(
     }
 
 
-def _describe_dynamics(check: "LogCheck", names: list[str]) -> dict[str, object]:
-    """Return what the robot's dynamics says of a log."""
-    return {
-        "signs": [
-            {**asdict(entry), "joint": names[entry.joint], "wrong": entry.wrong} for entry in check.signs
-        ],
-        "exchanges": [
-            {**asdict(entry), "first": names[entry.first], "second": names[entry.second]}
-            for entry in check.exchanges
-        ],
-        "torque_delay": None if check.delay is None else {**asdict(check.delay), "late": check.delay.late},
-    }
-
-
 def show_joints(entry: dict[str, object], joints: "tuple[JointSummary, ...]") -> Table:
     """Return the table of a log's joints."""
-    header = (
-        "joint",
-        "from",
-        "to",
-        "top speed",
-        "unit",
-        "step",
-        "still/%",
-        "rms torque",
-        "peak",
-        "at peak/%",
+    return tabulate(
+        joints,
+        "joint=name; from=low; to=high; top speed=speed; unit; step; still/%=still; rms torque=torque; peak; "
+        "at peak/%=at_peak",
+        (0, 4),
+        str(entry["file"]),
+        step=lambda joint: joint.step or None,
+        still=lambda joint: 100.0 * joint.standstill,
+        at_peak=lambda joint: 100.0 * joint.saturated,
     )
-    rows = [
-        (
-            joint.name,
-            joint.low,
-            joint.high,
-            joint.speed,
-            joint.unit,
-            joint.step or None,
-            100.0 * joint.standstill,
-            joint.torque,
-            joint.peak,
-            100.0 * joint.saturated,
-        )
-        for joint in joints
-    ]
-    return Table(header, rows, left=(0, 4), title=str(entry["file"]))
-
-
-def _describe_identifiability(found: "LogExcitation") -> dict[str, object]:
-    return {
-        "parameters": [
-            select_fields(entry, "name verdict relative_std_percent reason") for entry in found.parameters
-        ],
-        **select_fields(found, "singular_values=singular rank condition"),
-    }
-
-
-def _show_identifiability(found: "LogExcitation") -> tuple[Block, ...]:
-    """Return what the logs tell of every parameter, and the singular values with the base rank marked."""
-    rows = [
-        (entry.name, entry.verdict, entry.relative_std_percent, entry.reason) for entry in found.parameters
-    ]
-    counts = ", ".join(
-        f"{len(found.list_names(verdict))} {verdict}"
-        for verdict in ("told", "vague", "not told", "refused")
-        if found.list_names(verdict)
-    )
-    first = max(0, found.rank - _SHOWN // 2)
-    shown = [f"{value:.2g}" for value in found.singular[first : first + _SHOWN]]
-    shown.insert(found.rank - first, "|")
-    listed = f"{'... ' if first else ''}{' '.join(shown)}"
-    table = Table(("parameter", "verdict", "std/%", "why"), rows, left=(0, 1, 3))
-    text = (
-        f"What the logs tell: {counts}; condition {found.condition:.3g}\n"
-        f"singular values of the scaled matrix about its rank {found.rank} of {len(found.singular)}: {listed}"
-    )
-    return (text, table)
 
 
 def list_remarks(robot: "Robot", found: "OptimisedExcitation", seed: int) -> tuple[str, ...]:
@@ -213,14 +180,16 @@ def describe_excitation(robot: "Robot", found: "OptimisedExcitation", seed: int)
 
 def show_excitation(found: "OptimisedExcitation") -> tuple[Block, ...]:
     """Return the figures of a trajectory, the part of each limit that it uses, and clearances."""
-    shared = [margin for margin in found.margins if margin.share is not None]
-    kinds = tuple(dict.fromkeys(margin.kind for margin in shared))
-    names = tuple(dict.fromkeys(margin.name for margin in shared))
-    shares = {(margin.kind, margin.name): f"{margin.share:.1%}" for margin in shared}
+    shares = {
+        (margin.kind, margin.name): f"{margin.share:.1%}"
+        for margin in found.margins
+        if margin.share is not None
+    }
+    kinds, names = (tuple(dict.fromkeys(key[place] for key in shares)) for place in (0, 1))
     rows = [[name, *(shares.get((kind, name)) for kind in kinds)] for name in names]
     head = (
         f"{found.trajectory.source}, {found.trajectory.duration:g} s\n"
-        f"condition number of the regressor with columns of length one: {found.condition:.4g}\n"
+        f"condition number of the regressor (column-scaled): {found.condition:.4g}\n"
         f"  best of the random feasible trajectories {found.random_condition:.4g}, their median "
         f"{found.random_median:.4g}; {found.factor:.2f} times smaller than the best\n"
         f"information per parameter (mean logarithm): {found.information:.4g}, most of the random ones "
@@ -255,26 +224,19 @@ def describe_payload(robot: Robot, found: "Payload") -> dict[str, object]:
 
 
 def show_payload(robot: Robot, found: "Payload") -> tuple[Block, ...]:
-    """Return the table of what is told, and what is refused, with the reasons."""
+    """Return the table of identifiable quantities, and the others with the reasons."""
     head = (
-        f"{robot.name}: what the link of joint {found.joint!r} carries\n"
-        "in the frame that the robot file gives to the link; inertia about the centre of mass"
+        f"{robot.name}: payload on the link of joint {found.joint!r}\n"
+        "in the link frame of the robot file; inertia about the centre of mass"
     )
-    table = Table(
-        ("quantity", "value", "std", "unit"),
-        [
-            [entry.name, entry.value, entry.std, entry.unit]
-            for entry in found.quantities
-            if entry.value is not None
-        ],
-        left=(0, 3),
-    )
-    blocks: list[Block] = [head, table]
+    known = [entry for entry in found.quantities if entry.value is not None]
     refused = [entry for entry in found.quantities if entry.value is None]
+    blocks: list[Block] = [head, tabulate(known, "quantity=name; value; std; unit", (0, 3))]
     if refused:
         blocks.append("\n".join(f"refused: {entry.name}: {entry.reason}" for entry in refused))
     if found.scale > 1.0:
-        blocks.append(f"deviations are {found.scale:.3g} times those of the estimates: chi^2 is too large")
+        text = f"standard deviations are multiplied by {found.scale:.3g}, because chi^2 is too large"
+        blocks.append(text)
     return tuple(blocks)
 
 
@@ -286,27 +248,27 @@ def _list_changes(changes: Sequence["ParameterChange"]) -> str:
 
 
 def warn_payload(found: "Payload") -> tuple[Notice, ...]:
-    """Return what speaks against the result."""
+    """Return the warnings of a payload."""
     notices = []
     refused = [entry.name for entry in found.quantities if entry.value is None]
     if refused:
-        text = f"not told: {', '.join(refused)}; do not take what a controller asks for from a guess"
+        text = f"not identifiable: {', '.join(refused)}; do not enter guessed values in a controller"
         notices.append(Notice(code="payload.refused", text=text))
     if found.unexplained and found.doubtful:
         text = (
-            f"base parameters changed as no payload changes them: {_list_changes(found.unexplained)}; "
-            "something else changed between the logs, or friction and filters bias one of them: use the same "
+            f"base parameters changed in a way that no payload explains: {_list_changes(found.unexplained)}. "
+            "Something else changed between the logs, or friction and filters bias one of them; use the same "
             "motions"
         )
         notices.append(Notice(code="payload.unexplained", text=text))
     if found.friction:
         changes = _list_changes(found.friction)
-        text = f"friction changed: {changes}; gears brake more under load and less when warm"
+        text = f"friction changed: {changes}; gear friction grows with load and falls with temperature"
         notices.append(Notice(code="payload.friction-changed", text=text))
     if found.moved > _FAR:
         text = (
-            f"the nearest body that can exist is {found.moved:.2g} standard deviations away from the change "
-            "of the base parameters: something else changed between the logs"
+            f"the nearest physically consistent body is {found.moved:.2g} standard deviations away from the "
+            "change of the base parameters: something else changed between the logs"
         )
         notices.append(Notice(code="payload.inconsistent", text=text))
     return tuple(notices)

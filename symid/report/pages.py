@@ -1,14 +1,14 @@
-"""A result as one HTML file that needs nothing else: what the pages of all results share.
+"""A result as one self-contained HTML file: what the pages of all results share.
 
-Robot, verdict, blocks, settings -> `Page` -> HTML, with every text escaped. Pages print well, have a light
-and a dark ground, and can be read aloud; they run no scripts and load nothing. The same input gives the same
-bytes.
+Robot, verdict, blocks, settings -> `Page` -> HTML, with every text escaped. Pages print well, follow the
+reader's light or dark setting, suit screen readers, run no scripts and load nothing. The same input gives
+the same bytes.
 
-Not supported: more than one robot on a page; interaction: figures are drawn once.
+Not supported: more than one robot on a page; interaction.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import Path
@@ -18,9 +18,11 @@ from symid import __version__
 from symid.codegen import Library
 from symid.environment import locate_resource_folder, write_file
 from symid.errors import Notice
-from symid.identification.estimators import ParameterEstimate
+from symid.identification.elastic import ElasticEstimate
+from symid.identification.estimators import Estimate, ParameterEstimate
+from symid.identification.friction import FrictionIdentification
 from symid.logs import Recording
-from symid.report.blocks import Block, Table, write_elements
+from symid.report.blocks import Block, Table, tabulate, write_elements
 from symid.report.verdict import FitVerdict
 from symid.robot import Robot
 
@@ -28,6 +30,8 @@ if TYPE_CHECKING:
     from jinja2 import Environment
 
 TEMPLATE = "page.html.jinja"
+WRITTEN_BY = f"Written by symid {__version__}"
+_SIGMA = "within 3\N{GREEK SMALL LETTER SIGMA}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,8 +55,44 @@ class Page:
     blocks: Sequence[Block]
     settings: Sequence[tuple[str, str]]
     notices: Sequence[str] = ()
-    origin: Sequence[str] = ()
+    origin: Sequence[str] = (WRITTEN_BY,)
     conventions: str = "friction opposes positive velocity with positive sign"
+
+
+def build_fit_page(
+    estimate: Estimate | ElasticEstimate | FrictionIdentification,
+    *,
+    subject: str,
+    verdict: FitVerdict,
+    blocks: Sequence[Block],
+    settings: Mapping[str, object],
+    notices: Sequence[Notice] = (),
+    origin: Sequence[str] = (),
+    **options: str,
+) -> Page:
+    """Return the page of an estimate; `settings` and `notices` besides its own, `options` of `Page`."""
+    model = {"logs": estimate.sources, "signature of the model": estimate.signature}
+    return Page(
+        robot=estimate.robot,
+        subject=subject,
+        verdict=verdict,
+        blocks=blocks,
+        settings=(*_list_settings({**settings, **model}), *_list_settings(estimate.settings)),
+        notices=tuple(dict.fromkeys(map(str, (*estimate.notices, *notices)))),
+        origin=(WRITTEN_BY, *origin),
+        **options,
+    )
+
+
+def _list_settings(value: object, prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Yield every setting of nested tables with its dotted name."""
+    if isinstance(value, Mapping):
+        for key, entry in value.items():
+            yield from _list_settings(entry, f"{prefix}.{key}" if prefix else str(key))
+    elif isinstance(value, list | tuple):
+        yield prefix, ", ".join(map(str, value))
+    else:
+        yield prefix, "none" if value is None else str(value)
 
 
 def write_page(path: Path, page: Page) -> Path:
@@ -89,52 +129,42 @@ def build_environment() -> "Environment":
     return environment
 
 
-def list_notices(notices: Iterable[Notice]) -> tuple[str, ...]:
-    """Return the texts of notices, each once."""
-    return tuple(dict.fromkeys(map(str, notices)))
+def tabulate_parameters(parameters: Sequence[ParameterEstimate], *, formulas: bool = True) -> Table:
+    """Return the table of parameters with the true values where they are known.
 
-
-def list_origin(texts: Sequence[str] = ()) -> tuple[str, ...]:
-    """Return what wrote a page, then what it was made from."""
-    return (f"Written by symid {__version__}", *texts)
-
-
-def tabulate_parameters(
-    parameters: Sequence[ParameterEstimate], last: str = "what it groups, and why"
-) -> Table:
-    """Return the table of parameters, beside the truth where it is known; `last` names its last column.
-
-    Errors are relative to the true value, where that is not zero.
+    Without `formulas` an expression is the meaning of a parameter in words. Errors are relative to the true
+    value, where that is not zero.
     """
     known = any(entry.truth is not None for entry in parameters)
-    rows: list[list[object]] = []
-    for entry in parameters:
-        relative = entry.relative_std_percent
-        row: list[object] = [
-            entry.name,
-            f"{entry.value:.5g}",
-            format_digits(entry.std),
-            f"{format_digits(relative)} %" if math.isfinite(relative) else math.inf,
-            entry.unit,
-        ]
-        if known:
-            near = entry.near_truth if math.isfinite(entry.std) else None
-            row += [entry.truth, format_error(entry.value, entry.truth), near]
-        # A formula, and words below it.
-        formula = "" if entry.expression == entry.name else entry.expression
-        rows.append([*row, f"{formula}\n{entry.reason}"])
-    true = ("truth", "error", "within 3\N{GREEK SMALL LETTER SIGMA}") if known else ()
-    header = ("name", "value", "std", "relative std", "unit", *true, last)
+
+    def explain(entry: ParameterEstimate) -> str:
+        if not formulas:
+            return "\n" + "; ".join(filter(None, (entry.expression, entry.reason)))
+        return f"{'' if entry.expression == entry.name else entry.expression}\n{entry.reason}"
+
+    columns = "name; value=value:.5g; std; relative std=relative; unit"
+    columns += f"; truth; error; {_SIGMA}=near" if known else ""
+    columns += f"; {'what it groups, and why' if formulas else 'meaning'}=explain"
     title = "Values in SI units, with their standard deviation"
     if known:
-        title += "; within 3\N{GREEK SMALL LETTER SIGMA}: the stated true value lies within three of them"
-    return Table(header, rows, (0, 4, len(header) - 1), f"{title}.")
+        title += f"; {_SIGMA}: the true value lies within three standard deviations"
+    return tabulate(
+        parameters,
+        columns,
+        (0, 4, columns.count("; ")),
+        f"{title}.",
+        std=lambda entry: format_digits(entry.std),
+        relative=lambda entry: format_percent(entry.relative_std_percent),
+        error=lambda entry: format_error(entry.value, entry.truth),
+        near=lambda entry: entry.near_truth if math.isfinite(entry.std) else None,
+        explain=explain,
+    )
 
 
-def show_refused(refused: Sequence[tuple[str, str]]) -> tuple[Block, ...]:
-    """Return the parameters that the logs cannot tell, with the reasons; nothing where there are none."""
-    text = "These logs cannot tell the following parameters, so no value is given."
-    return ("== Refused ==", text, Table(("name", "reason"), refused, (0, 1))) if refused else ()
+def show_refused(refused: Sequence[tuple[str, str]]) -> tuple[Table, ...]:
+    """Return the parameters that cannot be identified, with the reasons; nothing where there are none."""
+    title = "Not identifiable from these logs: no value is given for these parameters."
+    return (Table(("name", "reason"), refused, (0, 1), title),) if refused else ()
 
 
 def format_error(value: float, truth: float | None) -> str:
@@ -143,7 +173,7 @@ def format_error(value: float, truth: float | None) -> str:
         return ""
     percent = 100.0 * (value - truth) / abs(truth)
     sign = "\N{MINUS SIGN}" if percent < 0.0 else "+"
-    return f"{sign}{format_digits(abs(percent))} %"
+    return f"{sign}{format_percent(abs(percent))}"
 
 
 def format_digits(value: float) -> str:
@@ -153,25 +183,19 @@ def format_digits(value: float) -> str:
     return f"{value:.0f}" if 99.5 <= value < 1e6 else f"{value:.2g}"
 
 
-def list_settings(value: object, prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yield every setting of nested tables with its dotted name."""
-    if isinstance(value, Mapping):
-        for key, entry in value.items():
-            yield from list_settings(entry, f"{prefix}.{key}" if prefix else str(key))
-    elif isinstance(value, list | tuple):
-        yield prefix, ", ".join(map(str, value))
-    else:
-        yield prefix, "none" if value is None else str(value)
+def format_percent(value: float) -> str:
+    """Return the same with its sign of percent."""
+    return f"{format_digits(value)} %" if math.isfinite(value) else "-"
 
 
 def describe_origin(robot: Robot, library: Library, recordings: Sequence[Recording]) -> tuple[str, ...]:
     """Return in short texts what a report was made from; the same input gives the same texts."""
-    texts = [f"robot {robot.name} of {robot.path}"]
-    if robot.source:
-        texts.append(f"its source: {robot.source}")
-    texts.append(f"functions run as {library.backend}")
-    texts += [
-        f"{entry.source}: {entry.time[-1] - entry.time[0]:.6g} s at {1.0 / entry.period:.6g} Hz"
-        for entry in recordings
-    ]
-    return tuple(texts)
+    return (
+        f"robot {robot.name} of {robot.path}",
+        *([f"its source: {robot.source}"] if robot.source else []),
+        f"functions run as {library.backend}",
+        *(
+            f"{entry.source}: {entry.time[-1] - entry.time[0]:.6g} s at {1.0 / entry.period:.6g} Hz"
+            for entry in recordings
+        ),
+    )

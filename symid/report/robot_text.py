@@ -1,8 +1,4 @@
-"""A robot and what is written of it, in text for people and as objects for programs.
-
-Base parameters, derivation, generated code, a drafted robot file, an exported file -> blocks, dictionaries,
-LaTeX, HTML.
-"""
+"""Base parameters, derivations, generated code, drafted and exported robot files as text and for JSON."""
 
 import html
 import textwrap
@@ -12,14 +8,14 @@ from typing import TYPE_CHECKING
 
 from symid.environment import show_path
 from symid.report.blocks import Block, Table, select_fields, write_html
-from symid.robot import FRICTION_PARAMETERS, FRICTION_SHAPES, FrictionValues
+from symid.robot import FRICTION_PARAMETERS, FRICTION_SHAPES
 
 if TYPE_CHECKING:
     from symid.codegen import GeneratedFolder, RouteCount
     from symid.dynamics import BaseParameter, BaseParameters
     from symid.identification import FileExport
     from symid.lessons import Step
-    from symid.logs import Draft, LogMapDraft
+    from symid.logs import Draft
     from symid.robot import Robot
 
 _WIDTH = 100
@@ -28,13 +24,13 @@ _WIDTH = 100
 def show_base(robot: "Robot", base: "BaseParameters") -> tuple[Block, ...]:
     """Return a headline with the counts, every parameter with its reason, and what was eliminated."""
     parameters, friction = _describe_parameters(robot, base)
-    blocks: list[Block] = [_summarise_base(robot, base), *map(_show_parameter, parameters)]
-    if friction:
-        blocks += ["friction parameters", *map(_show_parameter, friction)]
-    if base.eliminated:
-        blocks += ["eliminated"]
-        blocks += [f"{names}\n{_wrap_reason(reason)}" for names, reason in _gather_eliminated(base)]
-    return tuple(blocks)
+    eliminated = [f"{names}\n{_wrap_reason(reason)}" for names, reason in _gather_eliminated(base)]
+    return (
+        _summarise_base(robot, base),
+        *map(_show_parameter, parameters),
+        *(("friction parameters", *map(_show_parameter, friction)) if friction else ()),
+        *(("eliminated", *eliminated) if eliminated else ()),
+    )
 
 
 def tabulate_base(robot: "Robot", base: "BaseParameters") -> tuple[Block, ...]:
@@ -95,14 +91,26 @@ def write_base_latex(robot: "Robot", base: "BaseParameters") -> str:
 def _describe_parameters(
     robot: "Robot", base: "BaseParameters"
 ) -> tuple[list[dict[str, object]], list[dict[str, object]]]:
-    from symid.dynamics import compute_parameter_values, derive_parameter_formulas
+    from symid.dynamics import (
+        compute_parameter_values,
+        derive_parameter_formulas,
+        get_label_unit,
+        get_owner,
+    )
 
     values = compute_parameter_values(robot, base)
     forms = derive_parameter_formulas(robot, base)
-    return (
-        [_describe_parameter(robot, entry, values, forms) for entry in base.parameters],
-        [_describe_parameter(robot, entry, values, forms) for entry in base.friction],
-    )
+
+    def describe(entry: "BaseParameter") -> dict[str, object]:
+        return {
+            **select_fields(entry, "name expression reason"),
+            "unit": get_label_unit(robot, entry.label),
+            "joint": get_owner(robot, entry.label),
+            "value": values.get(entry.name),
+            "form": str(forms[entry.name]).replace("**", "^") if entry.name in forms else None,
+        }
+
+    return [describe(entry) for entry in base.parameters], [describe(entry) for entry in base.friction]
 
 
 def _show_parameter(entry: Mapping[str, object]) -> str:
@@ -129,29 +137,6 @@ def _wrap_reason(text: str) -> str:
     return textwrap.fill(text, width=_WIDTH, initial_indent="    ", subsequent_indent="    ")
 
 
-def _describe_parameter(
-    robot: "Robot", entry: "BaseParameter", values: Mapping[str, float], forms: Mapping[str, object]
-) -> dict[str, object]:
-    from symid.dynamics import get_label_unit, get_owner
-
-    return {
-        "name": entry.name,
-        "expression": entry.expression,
-        "reason": entry.reason,
-        "unit": get_label_unit(robot, entry.label),
-        "joint": get_owner(robot, entry.label),
-        "value": values.get(entry.name),
-        "form": str(forms[entry.name]).replace("**", "^") if entry.name in forms else None,
-    }
-
-
-_INTRO = (
-    "Operations of generated functions: products with squares and divisions, sums, sines and cosines.\n"
-    "Of the routes that give a function the one with the fewest is written; 'most' has the worst one's "
-    "products and sums."
-)
-
-
 def describe_derivation(
     robot: str, steps: Sequence["Step"], counts: Sequence["RouteCount"]
 ) -> dict[str, object]:
@@ -169,7 +154,15 @@ def show_derivation(
     steps: Sequence["Step"], counts: Sequence["RouteCount"], *, latex: bool = False
 ) -> tuple[Block, ...]:
     """Return the steps as paragraphs, formulas in text or LaTeX, and the table of operations."""
-    paragraphs = (_show_step(number, step, latex=latex) for number, step in enumerate(steps, start=1))
+    paragraphs = []
+    for number, step in enumerate(steps, start=1):
+        lines = [f"{number}. {step.title}", "", f"   {step.sentence}"]
+        for entry in step.formulas:
+            left, right = (entry.left_latex, entry.latex) if latex else (entry.left, entry.text)
+            lines.append(f"     {left} = {right}")
+        if step.check:
+            lines += ["", f"   Checked: {step.check}"]
+        paragraphs.append("\n".join(lines))
     return (*paragraphs, _show_counts(counts))
 
 
@@ -194,16 +187,6 @@ def write_derivation_html(steps: Sequence["Step"], counts: Sequence["RouteCount"
     return "".join((*parts, write_html((_show_counts(counts),))))
 
 
-def _show_step(number: int, step: "Step", *, latex: bool) -> str:
-    lines = [f"{number}. {step.title}", "", f"   {step.sentence}"]
-    for entry in step.formulas:
-        left, right = (entry.left_latex, entry.latex) if latex else (entry.left, entry.text)
-        lines.append(f"     {left} = {right}")
-    if step.check:
-        lines += ["", f"   Checked: {step.check}"]
-    return "\n".join(lines)
-
-
 def _show_counts(counts: Sequence["RouteCount"]) -> Table:
     """Return the operations of the chosen routes as a table, the worst of the others beside them."""
     rows = []
@@ -213,11 +196,11 @@ def _show_counts(counts: Sequence["RouteCount"]) -> Table:
             most = max(other.mul + other.add for other in all_routes)
             own = entry.operations
             rows.append((entry.function, own.mul, own.add, own.trig, most, entry.route))
-    return Table(("function", "mul", "add", "trig", "most", "route"), rows, (0, 5), _INTRO)
-
-
-_COUNTS = ("mul", "add", "trig")
-_SIZES = ("code", "stack")
+    title = (
+        "Operations of generated functions: products with squares and divisions, sums, sines and cosines.\n"
+        "The route with the fewest operations is written; 'most' has products and sums of the worst one."
+    )
+    return Table(("function", "mul", "add", "trig", "most", "route"), rows, (0, 5), title)
 
 
 def summarise_code(made: "GeneratedFolder") -> str:
@@ -231,18 +214,14 @@ def summarise_code(made: "GeneratedFolder") -> str:
 
 def show_code(made: "GeneratedFolder") -> tuple[Block, ...]:
     """Return a headline, and the operations and sizes of every function."""
+    counted, measured = ("mul", "add", "trig"), ("code", "stack") if made.record.sizes else ()
     sizes = {name: asdict(size) for name, size in made.record.sizes.items()}
-    header = ("function", *_COUNTS, *(_SIZES if sizes else ()))
     rows = [
-        (
-            name,
-            *(counts[key] for key in _COUNTS),
-            *(sizes[name][key] for key in _SIZES if name in sizes),
-        )
+        (name, *(counts[key] for key in counted), *(sizes[name][key] for key in measured if name in sizes))
         for name, counts in made.operations.items()
     ]
     units = ("code and stack in bytes; batches in manifest.json",) if sizes else ()
-    return (summarise_code(made), Table(header, rows), *units)
+    return (summarise_code(made), Table(("function", *counted, *measured), rows), *units)
 
 
 def describe_code(robot: str, made: "GeneratedFolder") -> dict[str, object]:
@@ -254,9 +233,7 @@ def describe_code(robot: str, made: "GeneratedFolder") -> dict[str, object]:
         "folder": str(made.folder),
         "files": [str(path) for path in made.files],
         "operations": made.operations,
-        "selftest": record.selftest,
-        "runner": record.runner,
-        "flags": record.flags,
+        **select_fields(record, "selftest runner flags"),
         "sizes": {name: asdict(size) for name, size in record.sizes.items()},
         "unchanged": made.unchanged,
     }
@@ -270,39 +247,33 @@ def summarise_draft(robot: "Robot") -> str:
 
 def show_draft(draft: "Draft") -> tuple[Block, ...]:
     """Return the robot, and the columns and units of its log."""
-    log = () if draft.log is None else (_show_log(draft.log),)
-    return (summarise_draft(draft.robot), *log)
-
-
-def _show_log(part: "LogMapDraft") -> Table:
-    preset = "" if part.found.log.preset is None else f" (columns of {part.found.log.preset})"
-    units = _list_units(part)
-    rows = [(name, ", ".join(entry.columns), units[name]) for name, entry in part.found.read.items()]
-    header = ("quantity", "columns", "unit")
-    return Table(header, rows, left=(0, 1, 2), title=f"log: {part.file}{preset}")
-
-
-def _list_units(part: "LogMapDraft") -> dict[str, str]:
-    return {name: ", ".join(part.found.units[name]) for name in part.found.read}
+    part = draft.log
+    if part is None:
+        return (summarise_draft(draft.robot),)
+    preset = "" if part.robot.log.preset is None else f" (columns of {part.robot.log.preset})"
+    rows = [
+        (name, ", ".join(entry.columns), ", ".join(part.units[name])) for name, entry in part.read.items()
+    ]
+    table = Table(("quantity", "columns", "unit"), rows, (0, 1, 2), f"log: {part.file}{preset}")
+    return (summarise_draft(draft.robot), table)
 
 
 def describe_draft(draft: "Draft") -> dict[str, object]:
     """Return robot, joints and log as `symid new --json` gives them."""
     joints = [{"name": joint.name, "kind": joint.kind.value} for joint in draft.robot.joints]
-    log = {} if draft.log is None else {"log": _describe_log(draft.log)}
-    return {"robot": draft.robot.name, "joints": joints, **log, "notices": len(draft.notices)}
-
-
-def _describe_log(part: "LogMapDraft") -> dict[str, object]:
-    return {
-        "file": part.file,
-        "preset": part.found.log.preset,
-        "columns": {name: list(entry.columns) for name, entry in part.found.read.items()},
-        "units": _list_units(part),
-        "unused": list(part.found.unused),
-        "standstill": part.robot.processing.standstill,
-        "dropped": part.robot.processing.drop_first,
-    }
+    result: dict[str, object] = {"robot": draft.robot.name, "joints": joints}
+    part = draft.log
+    if part is not None:
+        result["log"] = {
+            "file": part.file,
+            "preset": part.robot.log.preset,
+            "columns": {name: list(entry.columns) for name, entry in part.read.items()},
+            "units": {name: ", ".join(part.units[name]) for name in part.read},
+            "unused": list(part.unused),
+            "standstill": part.robot.processing.standstill,
+            "dropped": part.robot.processing.drop_first,
+        }
+    return {**result, "notices": len(draft.notices)}
 
 
 def show_export(found: "FileExport") -> tuple[Block, ...]:
@@ -325,7 +296,16 @@ def describe_export(found: "FileExport") -> dict[str, object]:
             "file": str(found.file),
             "robot": found.robot.name,
             "written": {
-                joint: {"law": found.friction.laws[joint], **_describe_values(values)}
+                joint: {
+                    "law": found.friction.laws[joint],
+                    "model": values.kind.value,
+                    "values": dict(zip(FRICTION_PARAMETERS[values.kind], values.values or (), strict=True)),
+                    "shape": {
+                        key.name: value
+                        for key, value in zip(FRICTION_SHAPES.get(values.kind, ()), values.shape, strict=True)
+                    },
+                    "smoothing": values.smoothing,
+                }
                 for joint, values in found.friction.values.items()
             },
             "kept": dict(found.friction.kept),
@@ -342,14 +322,3 @@ def describe_export(found: "FileExport") -> dict[str, object]:
         result["blamed"] = found.standard.blamed
         result["not_identified"] = found.missing
     return {**result, "left_out": found.left_out}
-
-
-def _describe_values(values: FrictionValues) -> dict[str, object]:
-    names = FRICTION_PARAMETERS[values.kind]
-    shapes = [key.name for key in FRICTION_SHAPES.get(values.kind, ())]
-    return {
-        "model": values.kind.value,
-        "values": dict(zip(names, values.values or (), strict=True)),
-        "shape": dict(zip(shapes, values.shape, strict=True)),
-        "smoothing": values.smoothing,
-    }

@@ -1,10 +1,7 @@
-"""What a fit is tested by: held-out logs, a diagnosis, values of others, as text and as objects.
+"""Tests of a fit as text, objects for JSON and figures: held-out logs, diagnosis, comparison with others."""
 
-`RigidValidation`, `ElasticValidation`, `FrictionValidation`, `Diagnosis`, `Compared` -> blocks,
-dictionaries, figures for a notebook, warnings.
-"""
-
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
@@ -15,10 +12,8 @@ from symid.identification import (
     ElasticValidation,
     FrictionValidation,
     RigidValidation,
-    TrackingComparison,
 )
-from symid.identification.elastic import ElasticTrial
-from symid.report.blocks import Block, Drawing, Table, select_fields
+from symid.report.blocks import Block, Drawing, Table, select_fields, tabulate
 from symid.report.elastic_page import draw_loops
 from symid.report.fit_text import (
     describe_alignment,
@@ -28,7 +23,7 @@ from symid.report.fit_text import (
     show_band,
     show_residual,
 )
-from symid.report.identification_page import draw_prediction
+from symid.report.identification_page import describe_essential, describe_rank, draw_prediction
 from symid.robot import Robot
 
 if TYPE_CHECKING:
@@ -45,8 +40,7 @@ def show_trial(found: AnyValidation) -> tuple[Block, ...]:
         case FrictionValidation():
             return _show_friction(found)
         case ElasticValidation():
-            followed = () if found.tracking is None else _show_tracking(found.robot, found.tracking)
-            return (*_show_elastic(found.robot, found.trial), *followed)
+            return _show_elastic(found)
 
 
 def describe_trial(found: AnyValidation) -> dict[str, object]:
@@ -67,19 +61,11 @@ def describe_trial(found: AnyValidation) -> dict[str, object]:
 def draw_trial(found: AnyValidation) -> tuple[Drawing, ...]:
     """Return measured and predicted torques against time; of elastic joints torque over torsion."""
     if isinstance(found, ElasticValidation):
-        return tuple(
-            Drawing(draw_loops(entry), f"{entry.joint}: joint torque over torsion")
-            for entry in found.trial.joints
-        )
-    validation = found.validation
-    return tuple(
-        Drawing(draw_prediction(series, validation.rows), f"{series.joint}: measured and predicted")
-        for series in validation.series
-    )
+        return tuple(map(draw_loops, found.trial.joints))
+    return tuple(draw_prediction(series, found.validation.rows) for series in found.validation.series)
 
 
 def _show_rigid(found: RigidValidation) -> tuple[Block, ...]:
-    """Return the headline with the processing, and the table of residuals."""
     kind = " (joints taken as rigid)" if any(found.robot.elastic) else ""
     within = "" if found.band is None else f" within {found.band.band:g} Hz"
     headline = (
@@ -87,34 +73,26 @@ def _show_rigid(found: RigidValidation) -> tuple[Block, ...]:
         f"{found.mean_relative_percent:.4f} %"
     )
     table = show_residual(found.validation.residual) if found.band is None else show_band(found.band)
-    return (f"{headline}\n{found.settled.tell()}", table)
+    return (f"{headline}\n{found.settled.describe()}", table)
 
 
 def _show_friction(found: FrictionValidation) -> tuple[Block, ...]:
-    """Return the headline, and the table of residuals with the laws."""
     validation = found.validation
-    rows = [
-        [
-            entry.joint,
-            found.laws[entry.joint],
-            f"{entry.relative_percent:.4f}",
-            entry.std,
-            entry.unit,
-            entry.samples,
-        ]
-        for entry in validation.residual
-    ]
+    columns = "joint; law; relative/%=relative_percent:.4f; RMS=std; unit; rows=samples"
+    laws = found.laws
     head = (
         f"{found.robot.name}, friction and rigid part on {validation.source}: mean relative residual "
         f"{validation.mean_relative_percent:.4f} %"
     )
-    return (head, Table(("joint", "law", "relative/%", "RMS", "unit", "rows"), rows, left=(0, 1, 4)))
+    table = tabulate(validation.residual, columns, (0, 1, 4), law=lambda entry: laws[entry.joint])
+    return (head, table)
 
 
-def _show_elastic(robot: Robot, trial: ElasticTrial) -> tuple[Block, ...]:
-    mean = trial.mean_relative_percent
+def _show_elastic(found: ElasticValidation) -> tuple[Block, ...]:
+    trial, tracking = found.trial, found.tracking
     head = (
-        f"{robot.name} on {trial.source}: mean relative residual {mean:.4f} %, by motors and links together"
+        f"{found.robot.name} on {trial.source}: mean relative residual {trial.mean_relative_percent:.4f} %, "
+        "by motors and links together"
     )
     if trial.means[1:]:
         head += f"; with the springs {max(trial.means[1:]):.4f} %"
@@ -124,35 +102,34 @@ def _show_elastic(robot: Robot, trial: ElasticTrial) -> tuple[Block, ...]:
     lacking = [joint.joint for joint in trial.joints if joint.final is None]
     if lacking:
         blocks.append(
-            f"The estimate has no spring of {', '.join(lacking)}; what it would say of the log is not known, "
-            "and the gate says nothing of it."
+            f"The estimate has no spring of {', '.join(lacking)}: its spring torque cannot be predicted, and "
+            "the gate does not test it."
         )
+    if tracking is None:
+        return tuple(blocks)
+    rows = [
+        [joint, run.name, 1e3 * float(run.rms[index]), 1e3 * float(run.peak[index]), f"m{unit}"]
+        for index, (joint, unit) in enumerate(_list_joints(found.robot))
+        for run in tracking.runs
+    ]
+    blocks += [
+        (
+            f"Tracking of {tracking.trajectory.source}: closed loop of the robot file's values, which the "
+            "feed-forward does not use. The rigid feed-forward has dynamics and friction of Case 1."
+        ),
+        Table(("joint", "feed-forward", "rms", "peak", "unit"), rows, left=(0, 1, 4)),
+    ]
     return tuple(blocks)
 
 
-def _list_joints(robot: Robot) -> tuple[list[str], list[str]]:
+def _list_joints(robot: Robot) -> list[tuple[str, str]]:
     """Return the names of the joints, and the units of their positions."""
-    units = ["m" if joint.kind.value == "prismatic" else "rad" for joint in robot.axes]
-    return [joint.name for joint in robot.axes], units
-
-
-def _show_tracking(robot: Robot, tracking: TrackingComparison) -> tuple[Block, ...]:
-    """Return the table of tracking errors, root mean square and peak of each joint."""
-    rows = [
-        [joint, run.name, 1e3 * float(run.rms[index]), 1e3 * float(run.peak[index]), f"m{unit}"]
-        for index, (joint, unit) in enumerate(zip(*_list_joints(robot), strict=True))
-        for run in tracking.runs
-    ]
-    head = (
-        f"How links follow {tracking.trajectory.source}: closed loop on the values of the robot file, which "
-        "the feed-forward does not know. The rigid one has dynamics and friction of Case 1."
-    )
-    header = ("joint", "feed-forward", "rms", "peak", "unit")
-    return (head, Table(header, rows, left=(0, 1, 4)))
+    return [(joint.name, "m" if joint.kind.value == "prismatic" else "rad") for joint in robot.axes]
 
 
 def _describe_elastic(found: ElasticValidation) -> dict[str, object]:
-    trial, (joints, _) = found.trial, _list_joints(found.robot)
+    trial, tracking, joints = found.trial, found.tracking, _list_joints(found.robot)
+    names = [name for name, _ in joints]
     return {
         "robot": found.estimate.robot,
         "method": found.estimate.method,
@@ -164,30 +141,27 @@ def _describe_elastic(found: ElasticValidation) -> dict[str, object]:
             {"caption": caption, "residual": describe_residual(entries), "mean_relative_percent": mean}
             for (caption, entries), mean in zip(trial.residuals, trial.means, strict=True)
         ],
-        "alignment": None if found.alignment is None else describe_alignment(found.alignment, joints),
-        "tracking": None if found.tracking is None else _describe_tracking(found.robot, found.tracking),
-    }
-
-
-def _describe_tracking(robot: Robot, tracking: TrackingComparison) -> dict[str, object]:
-    joints: tuple[Sequence[str], Sequence[str]] = _list_joints(robot)
-    return {
-        "trajectory": tracking.trajectory.source,
-        "duration": tracking.trajectory.duration,
-        "seed": tracking.seed,
-        "runs": [
-            {
-                "feed_forward": run.name,
-                "method": tracking.methods.get(run.name),
-                "joints": [
-                    {"joint": joint, "rms": rms, "peak": peak, "unit": unit}
-                    for joint, unit, rms, peak in zip(
-                        *joints, run.rms.tolist(), run.peak.tolist(), strict=True
-                    )
-                ],
-            }
-            for run in tracking.runs
-        ],
+        "alignment": None if found.alignment is None else describe_alignment(found.alignment, names),
+        "tracking": None
+        if tracking is None
+        else {
+            "trajectory": tracking.trajectory.source,
+            "duration": tracking.trajectory.duration,
+            "seed": tracking.seed,
+            "runs": [
+                {
+                    "feed_forward": run.name,
+                    "method": tracking.methods.get(run.name),
+                    "joints": [
+                        {"joint": joint, "rms": rms, "peak": peak, "unit": unit}
+                        for (joint, unit), rms, peak in zip(
+                            joints, run.rms.tolist(), run.peak.tolist(), strict=True
+                        )
+                    ],
+                }
+                for run in tracking.runs
+            ],
+        },
     }
 
 
@@ -227,29 +201,29 @@ def describe_diagnosis(diagnosis: "Diagnosis") -> dict[str, object]:
 
 
 def show_diagnosis(diagnosis: "Diagnosis") -> tuple[Block, ...]:
-    """Return the diagnosis in a few sentences and a table of what the residual follows."""
-    essential, drift = diagnosis.essential, diagnosis.drift
-    whole = len(essential.kept) + len(essential.dropped)
-    needed = (
-        f"{len(essential.kept)} of {whole} parameters are essential; without the others the residual grows "
-        f"by {essential.price_percent:.2g} %"
-    )
-    lines = [f"{diagnosis.rank} of {len(diagnosis.singular)} directions are seen", needed]
+    """Return the diagnosis in a few sentences and a table of what the residual is a function of."""
+    drift = diagnosis.drift
+    lines = [describe_rank(diagnosis), describe_essential(diagnosis)]
     if diagnosis.refit is not None:
-        lines.append(f"fitted again, the logs give the estimate to {diagnosis.refit:.1g} standard deviations")
+        same = diagnosis.refit < _SAME_FIT
+        lines.append(
+            "Refitting the logs reproduces the stored estimate."
+            if same
+            else f"Refitting the logs moves the estimate by {diagnosis.refit:.1g} standard deviations."
+        )
     if len(drift.runs) > 1:
-        lines.append(f"{len(drift.changed)} of {drift.compared} parameters differ between the logs")
-    lines += [f"price of {entry.what}: {entry.percent:+.3g} % {entry.of}" for entry in diagnosis.prices]
-    if diagnosis.structure:
-        rows = [
-            [entry.joint, entry.family, f"{entry.share_percent:.3g}", entry.rms, entry.unit]
-            for entry in diagnosis.structure
-        ]
-        table = Table(("joint", "residual follows", "share/%", "rms", "unit"), rows, left=(0, 1, 4))
-        return ("\n".join(lines), table)
-    return ("\n".join(lines),)
+        lines.append(f"{len(drift.changed)} of {drift.compared} parameters differ between the logs.")
+    for entry in diagnosis.prices:
+        verb = "lowers" if entry.percent < 0.0 else "raises"
+        what = f"{entry.what[:1].upper()}{entry.what[1:]}"
+        lines.append(f"{what} {verb} the {entry.of} by {abs(entry.percent):.3g} %.")
+    columns = "joint; residual follows=family; share/%=share_percent:.3g; rms; unit"
+    table = [tabulate(diagnosis.structure, columns, (0, 1, 4))] if diagnosis.structure else []
+    return ("\n".join(lines), *table)
 
 
+_SAME_FIT = 0.05
+"""Standard deviations of a parameter below which a refit is the same."""
 _WIDTH = 44
 _TINY = 1e-12
 _TOO_SURE = 0.999
@@ -270,23 +244,28 @@ def _show_compared(ours: "EstimateSide", found: "Compared") -> tuple[Block, ...]
     rows = [
         [
             _shorten(value.group),
-            _format_value(value.theirs),
-            _format_value(value.theirs_std),
-            _format_value(value.ours),
-            _format_value(value.ours_std),
-            _format_value(value.deviations, _choose_form(value.deviations, "+.2f")),
+            *(value.theirs, value.theirs_std, value.ours, value.ours_std),
+            _format_deviations(value.deviations, "+", 2),
             *([_shorten(value.read_as)] if read else []),
         ]
         for value in found.values
     ]
     header = ["group", "other", "std", "ours", "std", "in std", *(["read as"] if read else [])]
-    farthest = [_describe_difference(found, k) for k in comparison.list_farthest()]
+    lines = ["largest differences"]
+    for place in comparison.list_farthest():
+        away = float(comparison.deviations[place])
+        mine, theirs = float(comparison.ours.values[place]), float(comparison.theirs.values[place])
+        share = f" ({100.0 * (mine - theirs) / abs(theirs):+.3g} %)" if theirs else ""
+        lines.append(
+            f"  {_shorten(found.groups[place].text)}: ours {mine:.4g} is {_format_deviations(abs(away))} "
+            f"deviations {'above' if away > 0 else 'below'} the other's {theirs:.4g}{share}"
+        )
     return (
         f"{ours.identified.robot.name}: {show_path(ours.source)} beside {show_path(other.source)}{columns}",
         Table(header, rows, left=(0, 6)),
-        "\n".join(_summarise_agreement(found)),
-        *(["largest differences\n" + "\n".join(f"  {text}" for text in farthest)] if farthest else []),
-        "\n".join(_list_left_out(found)),
+        _summarise_agreement(found),
+        *(["\n".join(lines)] if len(lines) > 1 else []),
+        _list_left_out(found),
     )
 
 
@@ -294,83 +273,52 @@ def _shorten(text: str) -> str:
     return text if len(text) <= _WIDTH else f"{text[: _WIDTH - 3]}..."
 
 
-def _format_value(value: float, form: str = ".5g") -> str:
-    return format(value, form) if _is_known(value) else "-"
+def _format_deviations(value: float, sign: str = "", digits: int = 1) -> str:
+    """Return a number of deviations; beyond a hundred thousand its size is enough."""
+    if math.isnan(value):
+        return "-"
+    return format(value, f"{sign}.{digits}f" if abs(value) < 1e5 else f"{sign}.2e")
 
 
-def _choose_form(value: float, form: str) -> str:
-    """Return the form of a number of deviations: beyond a hundred thousand its size is enough."""
-    return form if abs(value) < 1e5 else "+.2e" if form.startswith("+") else ".2e"
-
-
-def _format_deviations(value: float) -> str:
-    return format(abs(value), _choose_form(value, ".1f"))
-
-
-def _is_known(value: float) -> bool:
-    # NaN, what is not known, is not itself.
-    return bool(value == value)  # noqa: PLR0124
-
-
-def _summarise_agreement(found: "Compared") -> list[str]:
-    """Return how many groups agree, and chi-square."""
+def _summarise_agreement(found: "Compared") -> str:
     comparison = found.comparison
-    judged = comparison.judged
+    judged, total = comparison.judged, comparison.chi_square
     if not judged:
-        return ["no deviation is known on either side: nothing can be judged"]
-    counts = [
+        return "neither side states standard deviations: agreement cannot be judged"
+    counts = ", ".join(
         f"{comparison.count_within(limit)} of {judged} within {limit:g} deviations "
         f"({share * judged:.0f} expected)"
         for limit, share in _LIMITS
-    ]
-    lines = [", ".join(counts)]
-    total = comparison.chi_square
+    )
     if total is None:
-        return [*lines, "no chi-square: the covariances make some combination exact"]
+        return f"{counts}\nno chi-square: the covariance of the differences is singular"
     text = f"chi-square {_format_deviations(total.value)} over {total.freedom} groups"
     if found.other.shared:
-        text += "; with logs in common it has no probability"
+        text += "; no probability, because the estimates have logs in common"
     else:
-        text += (
-            f", probability {total.chance:.2g}" if total.chance > _TINY else f", probability below {_TINY:g}"
-        )
+        chance = f"{total.chance:.2g}" if total.chance > _TINY else f"below {_TINY:g}"
+        text += f", probability {chance}"
         if total.chance > _TOO_SURE:
-            text += "; that is less than independent errors give: both may come from the same log"
+            text += "; too small for independent errors: both may come from the same log"
     if total.stretch > 1.0:
         text += f"; it would be as expected with deviations {total.stretch:.2g} times as large"
-    return [*lines, text]
+    return f"{counts}\n{text}"
 
 
-def _describe_difference(found: "Compared", place: int) -> str:
-    """Return a difference in words."""
-    comparison = found.comparison
-    away = float(comparison.deviations[place])
-    ours, theirs = float(comparison.ours.values[place]), float(comparison.theirs.values[place])
-    share = f" ({100.0 * (ours - theirs) / abs(theirs):+.3g} %)" if theirs else ""
-    side = "above" if away > 0 else "below"
-    return (
-        f"{_shorten(found.groups[place].text)}: ours {ours:.4g} is {_format_deviations(away)} deviations "
-        f"{side} the other's {theirs:.4g}{share}"
-    )
-
-
-def _list_left_out(found: "Compared") -> list[str]:
-    """Return what one side has and the other has not."""
-    lines = []
-    if found.absent:
-        lines.append(f"ours, not in the other: {', '.join(found.absent)}")
-    if found.neither:
-        lines.append(f"in neither: {', '.join(found.neither)}")
+def _list_left_out(found: "Compared") -> str:
+    with_these = " with these" if found.absent or found.neither else ""
+    span = f"the groups of the other{with_these} span all base parameters, exactly"
     if found.lacking > 0:
-        lines.append(f"besides, {found.lacking} combinations of ours are not told by the other")
-    else:
-        with_these = " with these" if found.absent or found.neither else ""
-        lines.append(f"the groups of the other{with_these} span all base parameters, exactly")
-    if found.not_ours:
-        lines.append(f"the other's, refused in ours: {', '.join(found.not_ours)}")
-    if found.other.strange:
-        lines.append(f"the other's, of another model: {', '.join(found.other.strange)}")
-    return lines
+        span = f"besides, the other does not determine {found.lacking} combinations of ours"
+    lists = (
+        ("ours, not in the other", found.absent),
+        ("in neither", found.neither),
+        ("", ()),
+        ("the other's, refused in ours", found.not_ours),
+        ("the other's, of another model", found.other.strange),
+    )
+    lines = [f"{head}: {', '.join(names)}" if head else span for head, names in lists if names or not head]
+    return "\n".join(lines)
 
 
 def describe_comparison(
@@ -423,16 +371,30 @@ def _describe_compared(found: "Compared") -> dict[str, object]:
     }
 
 
+def _write_term(reading: "OpenReading") -> str:
+    factor = str(reading.factor)
+    return {"1": reading.name, "-1": f"-{reading.name}"}.get(factor, f"{factor}*{reading.name}")
+
+
 def _write_reading(found: "Compared", reading: "OpenReading") -> str:
-    group = found.groups[reading.group]
-    text, factor = group.read_as or group.text, str(reading.factor)
-    sign = "-" if factor.startswith("-") else "+"
-    size = factor.removeprefix("-")
-    return f"{text} {sign} {reading.name if size == '1' else f'{size}*{reading.name}'}"
+    group, term = found.groups[reading.group], _write_term(reading)
+    sign = "-" if term.startswith("-") else "+"
+    return f"{group.read_as or group.text} {sign} {term.removeprefix('-')}"
+
+
+def _write_option(found: "Compared", reading: "OpenReading") -> str:
+    return f'--read-as "{found.groups[reading.group].text} = {_write_reading(found, reading)}"'
+
+
+def _describe_tried(found: "Compared", reading: "OpenReading", tried: "TriedReading") -> str:
+    return (
+        f"{found.groups[reading.group].text} is {_format_deviations(abs(tried.before))} deviations away as "
+        f"it stands, and {_format_deviations(abs(tried.after))} if it contains {_write_term(reading)} too"
+    )
 
 
 def warn_comparison(ours: "EstimateSide", others: Sequence["Compared"]) -> tuple[Notice, ...]:
-    """Return what a reader must know: doubts of both sides, shared logs, terms that groups seem to hold."""
+    """Return the warnings of both sides, shared logs, terms that groups seem to contain."""
     # What was restored from one estimate says nothing of a comparison.
     notices = [note for note in ours.identified.robot.notices if note.code != "estimate.settings-differ"]
     for found in others:
@@ -440,64 +402,36 @@ def warn_comparison(ours: "EstimateSide", others: Sequence["Compared"]) -> tuple
     return tuple(dict.fromkeys(notices))
 
 
-def _warn_compared(found: "Compared") -> tuple[Notice, ...]:
+def _warn_compared(found: "Compared") -> Iterator[Notice]:
     file = str(found.other.source)
-    notices = []
     if found.other.shared:
         text = (
-            f"both estimates were fitted to {', '.join(found.other.shared)}, so that their errors are not "
-            "independent: differences are of the methods, and should be smaller than the deviations say"
+            f"both estimates were fitted to {', '.join(found.other.shared)}: their errors are not "
+            "independent, and differences should be smaller than the standard deviations"
         )
-        notices.append(Notice(code="compare.shared-logs", text=text, file=file))
-    couplings = dict.fromkeys(reading.coupling for reading, _ in found.readings if reading.coupling)
-    for coupling in couplings:
+        yield Notice(code="compare.shared-logs", text=text, file=file)
+    for coupling in dict.fromkeys(reading.coupling for reading, _ in found.readings if reading.coupling):
         entries = [entry for entry in found.readings if entry[0].coupling == coupling]
-        if any(tried.decisive for _, tried in entries):
-            notices.append(_warn_coupled(found, coupling, entries))
+        sure = [entry for entry in entries if entry[1].decisive]
+        if not sure:
+            continue
+        text = (
+            f"{'; '.join(_describe_tried(found, *entry) for entry in sure)}. The other seems to count what "
+            f"drive {coupling!r} adds to a single joint to that joint (an inference); to compare so: "
+            f"{' '.join(_write_option(found, reading) for reading, _ in sure)}"
+        )
+        undecided = "; ".join(
+            f"{_write_option(found, reading)} changes chi-square by {-tried.gain:+.1f}"
+            for reading, tried in entries
+            if not tried.decisive
+        )
+        if undecided:
+            text += f". The same rule has more terms, on which the values do not decide: {undecided}"
+        yield Notice(code="compare.coupled-reading", text=text, file=file)
     for reading, tried in found.readings:
         if not reading.coupling:
             text = (
-                f"{_describe_tried(found, reading, tried)}; nothing but the numbers speaks for it, which "
-                f"chance may do too; to compare so: {_write_option(found, reading)}"
+                f"{_describe_tried(found, reading, tried)}. Only the numbers support this, it may be chance; "
+                f"to compare so: {_write_option(found, reading)}"
             )
-            notices.append(Notice(code="compare.other-reading", text=text, file=file))
-    return tuple(notices)
-
-
-def _warn_coupled(
-    found: "Compared", coupling: str, entries: Sequence[tuple["OpenReading", "TriedReading"]]
-) -> Notice:
-    """Return what the drive `coupling` explains."""
-    sure = [entry for entry in entries if entry[1].decisive]
-    rest = [entry for entry in entries if not entry[1].decisive]
-    text = (
-        f"{'; '.join(_describe_tried(found, *entry) for entry in sure)}: as where drive {coupling!r} is "
-        "written with its cross terms alone, and what it adds to each joint by itself is counted to that "
-        "joint. This is an inference; to compare so: "
-        f"{' '.join(_write_option(found, reading) for reading, _ in sure)}"
-    )
-    if rest:
-        undecided = "; ".join(
-            f"{_write_option(found, reading)} changes chi-square by {-tried.gain:+.1f}"
-            for reading, tried in rest
-        )
-        text += f". The same rule has more, on which the values do not decide: {undecided}"
-    return Notice(code="compare.coupled-reading", text=text, file=str(found.other.source))
-
-
-def _describe_tried(found: "Compared", reading: "OpenReading", tried: "TriedReading") -> str:
-    name = found.groups[reading.group].text
-    return (
-        f"{name} is {_format_deviations(tried.before)} deviations away as it stands, and "
-        f"{_format_deviations(tried.after)} if it holds {_write_term(reading)} too"
-    )
-
-
-def _write_term(reading: "OpenReading") -> str:
-    factor = str(reading.factor)
-    return {"1": reading.name, "-1": f"-{reading.name}"}.get(factor, f"{factor}*{reading.name}")
-
-
-def _write_option(found: "Compared", reading: "OpenReading") -> str:
-    group = found.groups[reading.group]
-    return f'--read-as "{group.text} = {_write_reading(found, reading)}"'
+            yield Notice(code="compare.other-reading", text=text, file=file)

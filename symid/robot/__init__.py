@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     )
     from symid.robot.dh_table import read_dh_table as read_dh_table
     from symid.robot.elasticity import Elasticity as Elasticity, Knee as Knee, Stop as Stop
-    from symid.robot.exact_values import Symbols as Symbols
     from symid.robot.geometry import (
         ONE as ONE,
         ZERO as ZERO,
@@ -45,7 +44,6 @@ if TYPE_CHECKING:
         override_robot as override_robot,
         override_settings as override_settings,
     )
-    from symid.robot.mjcf_writer import list_mjcf_omissions as list_mjcf_omissions, write_mjcf as write_mjcf
     from symid.robot.parameter_values import (
         PRECISIONS as PRECISIONS,
         RobotValues as RobotValues,
@@ -56,16 +54,18 @@ if TYPE_CHECKING:
     )
     from symid.robot.published_values import (
         TableColumns as TableColumns,
-        TableRow as TableRow,
         read_value_table as read_value_table,
     )
-    from symid.robot.toml_friction import (
+    from symid.robot.toml_drives import (
         FRICTION_PARAMETERS as FRICTION_PARAMETERS,
         FRICTION_SHAPES as FRICTION_SHAPES,
         ShapeKey as ShapeKey,
     )
-    from symid.robot.toml_joints import read_body as read_body
-    from symid.robot.toml_reader import parse_robot as parse_robot, read_robot as read_robot
+    from symid.robot.toml_reader import (
+        parse_robot as parse_robot,
+        read_body as read_body,
+        read_robot as read_robot,
+    )
     from symid.robot.toml_settings import (
         JOINT_DIMENSIONS as JOINT_DIMENSIONS,
         TransmissionMatrix as TransmissionMatrix,
@@ -80,26 +80,21 @@ if TYPE_CHECKING:
     from symid.robot.toml_values import (
         NOT_NEGATIVE as NOT_NEGATIVE,
         POSITIVE as POSITIVE,
-        InputReport as InputReport,
-        Place as Place,
         Places as Places,
         Section as Section,
-        locate_values as locate_values,
-        read_choice as read_choice,
-        read_integer as read_integer,
-        read_number as read_number,
-        read_numbers as read_numbers,
-        read_text as read_text,
+        parse_toml as parse_toml,
         read_text_file as read_text_file,
-        refuse_unknown_keys as refuse_unknown_keys,
+        sort_notices as sort_notices,
         suggest_names as suggest_names,
         to_decimal as to_decimal,
     )
     from symid.robot.toml_writer import write_robot as write_robot
     from symid.robot.urdf_reader import parse_urdf as parse_urdf, read_urdf as read_urdf
-    from symid.robot.urdf_writer import (
+    from symid.robot.xml_writers import (
+        list_mjcf_omissions as list_mjcf_omissions,
         list_urdf_omissions as list_urdf_omissions,
         rewrite_urdf as rewrite_urdf,
+        write_mjcf as write_mjcf,
         write_urdf as write_urdf,
     )
 else:

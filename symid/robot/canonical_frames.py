@@ -1,23 +1,13 @@
 """Link frames in modified Denavit-Hartenberg form, with short exact numbers.
 
 Joints in a tree -> the same joints, their frames turned about and shifted along their own axes, so that the
-frames depend on the robot alone, not on who drew them. Neither changes the robot, its coordinates or their
-signs; both change how many operations its functions need and which combinations of parameters are called
-what.
-
-The form is Rot(x, alpha) Trans(x, a) Rot(z, theta) Trans(z, d) (Khalil and Kleinfinger 1986): the x axis of
-a link stands along the common normal of its own joint axis and that of the first joint after it. What the
-form leaves open is chosen so that theta and d are zero at q = 0.
-
-`rationalize_placement` replaces the long exact numbers that come together in many steps by short ones some
-1e-15 away and finds again quarter turns, right angles and zeros that rounding hid: rotations of the
-modified form become two exact angles, any other rotation with long numbers a rational quaternion. Short
-numbers stay as they are.
+frames depend on the robot alone. Neither changes the robot, its coordinates or their signs; both change the
+number of operations of its functions and the names of its base parameters.
 
 Supported: trees of revolute and prismatic joints, symbolic lengths. A normal whose direction is not in the
-field of sqrt(2) and sqrt(3) is met to the digits of a double; parallel axes with such a distance between
-them keep the frame, and its exact numbers, where its two parts have few digits: somebody chose them. Axes
-that are nearly parallel have their common normal far away; the origin is then left open.
+field of sqrt(2) and sqrt(3) is approximated to the digits of a double; parallel axes with such a distance
+between them keep the frame, and its exact numbers, where its two parts have few digits: somebody chose them.
+Axes that are nearly parallel have their common normal far away; the origin is then left open.
 """
 
 from collections.abc import Mapping, Sequence
@@ -49,12 +39,8 @@ from symid.robot.geometry import (
 )
 from symid.robot.inertia import move_by_placement
 
-SMALLEST_SNAP = 1e-9
-"""Angles below this are the rounding of what was written (rad)."""
-
-SMALLEST_LENGTH = 1e-9
-"""Lengths below this are the rounding of what was written (m)."""
-
+# Angles (rad) and lengths (m) below these are the rounding of what was written.
+_SMALLEST_SNAP, _SMALLEST_LENGTH = 1e-9, 1e-9
 # One angle with a rational cosine has a denominator of 16 digits, two of them 32.
 _LONGEST_TURN = 10**36
 _LONGEST_LENGTH = 10**12
@@ -68,6 +54,10 @@ def rationalize_placement(
     placement: Placement, symbols: Mapping[str, float] | None = None, *, snap: float = 1e-5
 ) -> SnappedPlacement:
     """Return the placement in short numbers, and how far its axes were moved (rad).
+
+    Long exact numbers, which come together in many steps, become short ones some 1e-15 away, and quarter
+    turns, right angles and zeros that rounding hid are restored: rotations of the modified form become two
+    exact angles, any other rotation with long numbers a rational quaternion. Short numbers stay as they are.
 
     Args:
         placement: the placement, its rotation orthogonal.
@@ -90,13 +80,13 @@ def has_long_denominator(value: Exact, longest: int) -> bool:
 
 def _rationalize_rotation(placement: Placement, snap: float) -> Placement:
     if straight := snap_to_quarter_turns(placement, snap=snap):
-        return straight.placement
+        return straight
     long = any(has_long_denominator(entry, _LONGEST_TURN) for row in placement.rotation for entry in row)
     across = placement.rotation[0][2]
     if not across and not long:
         return placement
     r = to_floats(placement)
-    if abs(r[0][2]) <= max(snap, SMALLEST_SNAP):
+    if abs(r[0][2]) <= max(snap, _SMALLEST_SNAP):
         alpha = build_exact_angle(atan2(-r[1][2], r[2][2]), snap=snap)
         theta = build_exact_angle(atan2(-r[0][1], r[0][0]), snap=snap)
         return compose_placements(rotate_x(alpha), rotate_z(theta))
@@ -133,7 +123,8 @@ def _rationalize_translation(
         for value in origin
     ):
         x, y, z = (
-            ZERO if value.is_number and abs(value.to_float()) < SMALLEST_LENGTH else value for value in origin
+            ZERO if value.is_number and abs(value.to_float()) < _SMALLEST_LENGTH else value
+            for value in origin
         )
         return (x, y, z)
     if not all(value.is_number for value in origin):
@@ -142,14 +133,14 @@ def _rationalize_translation(
     u = [row[2] for row in rotation]
     d = sum(a.to_float() * b for a, b in zip(u, t, strict=True))
     rest = [b - a.to_float() * d for a, b in zip(u, t, strict=True)]
-    if not u[0] and max(abs(value) for value in rest[1:]) <= SMALLEST_LENGTH:
+    if not u[0] and max(abs(value) for value in rest[1:]) <= _SMALLEST_LENGTH:
         offset = _round_length(d)
         return (_round_length(rest[0]), u[1] * offset, u[2] * offset)
     return (_round_length(t[0]), _round_length(t[1]), _round_length(t[2]))
 
 
 def _round_length(value: float) -> Exact:
-    if abs(value) < SMALLEST_LENGTH:
+    if abs(value) < _SMALLEST_LENGTH:
         return ZERO
     return Exact.surd(Fraction(round(Fraction(value) * _LENGTH_PARTS), _LENGTH_PARTS))
 
@@ -178,23 +169,14 @@ class CanonicalFrames:
     tilts: tuple[float, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _FrameChoice:
-    """What a link's frame is to be: the direction of x in the old frame's plane, and a shift along z.
-
-    None where the robot leaves it open.
-    """
-
-    direction: _Direction | None = None
-    shift: Exact | None = None
-
-
 def choose_canonical_frames(
     joints: Sequence[Joint], symbols: Mapping[str, float] | None = None, *, snap: float = 1e-5
 ) -> CanonicalFrames:
-    """Return the joints with frames of the modified form.
+    """Return the joints with frames of the modified form, and all else expressed in these.
 
-    Placements, inertial values and `Joint.frame` go along, so that nothing else changes.
+    Rot(x, alpha) Trans(x, a) Rot(z, theta) Trans(z, d) (Khalil and Kleinfinger 1986): the x axis of a link
+    stands along the common normal of its own joint axis and that of the first joint after it. What the form
+    leaves open is chosen so that theta and d are zero at q = 0.
 
     Args:
         joints: parents before children.
@@ -203,11 +185,12 @@ def choose_canonical_frames(
             taken as such; zero turns that off.
     """
     values = symbols or {}
-    tolerance = max(snap, SMALLEST_SNAP)
+    tolerance = max(snap, _SMALLEST_SNAP)
     children: dict[int, Joint] = {}
     for joint in joints:
         children.setdefault(joint.parent, joint)
-    farthest = _FARTHEST * max((_measure_length(joint.placement, values) for joint in joints), default=0.0)
+    lengths = [hypot(*(value.to_float(values) for value in joint.placement.translation)) for joint in joints]
+    farthest = _FARTHEST * max(lengths, default=0.0)
     moves: list[Placement] = []
     found, moved_by, tilts = [], [], []
     for index, joint in enumerate(joints):
@@ -215,93 +198,64 @@ def choose_canonical_frames(
         placement = joint.placement
         if before != IDENTITY:
             placement = compose_placements(invert_placement(before), placement)
-        choice = (
-            _choose_frame(children[index].placement, values, tolerance)
-            if index in children
-            else _FrameChoice()
-        )
-        choice = _limit_shift(placement, choice, farthest, values)
-        move = _build_frame_change(placement, choice, tolerance)
+        # Where the origin stands along its own z axis, seen from the parent's origin.
+        x, y, z = (row[2] * t for row, t in zip(placement.rotation, placement.translation, strict=True))
+        along = x + y + z
+        direction, shift = None, None
+        if index in children:
+            direction, shift = _choose_frame(children[index].placement, values, tolerance)
+        if shift is None or abs((shift + along).to_float(values)) > farthest:
+            shift = -along
+        move = _build_frame_change(placement, direction, shift, tolerance)
         moves.append(move)
         settled = rationalize_placement(compose_placements(placement, move), values, snap=snap)
         back = invert_placement(move)
         framed = rationalize_placement(compose_placements(back, joint.frame), values, snap=snap)
-        found.append(
-            replace(
-                joint,
-                placement=settled.placement,
-                frame=framed.placement,
-                inertial=joint.inertial and move_by_placement(joint.inertial, back, values),
-            )
-        )
+        inertial = joint.inertial and move_by_placement(joint.inertial, back, values)
+        found.append(replace(joint, placement=settled.placement, frame=framed.placement, inertial=inertial))
         moved_by.append(max(settled.moved_by, framed.moved_by))
-        tilts.append(0.0 if joint.parent < 0 else _measure_tilt(settled.placement))
+        rotation = settled.placement.rotation
+        tilt = hypot(rotation[0][2].to_float(), rotation[1][2].to_float())
+        tilts.append(tilt if joint.parent >= 0 and _SMALLEST_SNAP < tilt < _NEARLY_PARALLEL else 0.0)
     return CanonicalFrames(joints=tuple(found), moved_by=tuple(moved_by), tilts=tuple(tilts))
 
 
-def _measure_length(placement: Placement, symbols: Mapping[str, float]) -> float:
-    return hypot(*(value.to_float(symbols) for value in placement.translation))
+def _choose_frame(
+    child: Placement, symbols: Mapping[str, float], tolerance: float
+) -> tuple[_Direction | None, Exact | None]:
+    """Return the direction of x in the old frame's plane, and the shift along z; None where they are free.
 
-
-def _measure_tilt(placement: Placement) -> float:
-    """Return the angle between the z axes (rad) where it is small and not zero, else zero."""
-    tilt = hypot(placement.rotation[0][2].to_float(), placement.rotation[1][2].to_float())
-    return tilt if SMALLEST_SNAP < tilt < _NEARLY_PARALLEL else 0.0
-
-
-def _choose_frame(child: Placement, symbols: Mapping[str, float], tolerance: float) -> _FrameChoice:
-    """Return the frame that the first joint after a link asks for.
-
-    With the child's axis along u through p, x stands along z x u, and the origin at the foot of the common
-    normal: p_z - u_z (p.u - p_z u_z) / (u_x^2 + u_y^2). For parallel axes x stands along p, if there is a
-    distance between them, and the origin is free.
+    With the axis of the first joint after the link along u through p, x stands along z x u, and the origin at
+    the foot of the common normal: p_z - u_z (p.u - p_z u_z) / (u_x^2 + u_y^2). For parallel axes x stands
+    along p, if there is a distance between them, and the origin is free.
     """
     ux, uy, uz = (row[2] for row in child.rotation)
     px, py, pz = child.translation
     if hypot(ux.to_float(), uy.to_float()) <= tolerance:
-        if hypot(px.to_float(symbols), py.to_float(symbols)) <= SMALLEST_LENGTH:
-            return _FrameChoice()
+        if hypot(px.to_float(symbols), py.to_float(symbols)) <= _SMALLEST_LENGTH:
+            return None, None
+        if direction := _compute_exact_direction(px, py):
+            return direction, None
         # Lengths that somebody chose stay exact; those that a program rotated are rounded anyway.
         chosen = not ux and not uy and _is_chosen(px) and _is_chosen(py)
-        return _FrameChoice(
-            direction=_compute_exact_direction(px, py)
-            or (_KEPT if chosen else _approximate_direction(px, py, symbols))
-        )
+        return _KEPT if chosen else _approximate_direction(px, py, symbols), None
     direction = _compute_exact_direction(-uy, ux) or _approximate_direction(-uy, ux, symbols)
     along = (px * ux + py * uy) * invert_exact(ux * ux + uy * uy)
-    return _FrameChoice(direction=direction, shift=pz - uz * along)
+    return direction, pz - uz * along
 
 
 def _is_chosen(value: Exact) -> bool:
     """Return whether all numbers in a length are decimals of few digits."""
-    return all(_has_few_digits(part) for _, surd in value.terms for part in surd[:1]) and not any(
-        part for _, surd in value.terms for part in surd[1:]
-    )
-
-
-def _has_few_digits(value: Fraction) -> bool:
-    whole = abs(value) * _DECIMALS
-    return whole.denominator == 1 and len(str(whole.numerator).strip("0")) <= _CHOSEN_DIGITS
-
-
-def _limit_shift(
-    placement: Placement, choice: _FrameChoice, farthest: float, symbols: Mapping[str, float]
-) -> _FrameChoice:
-    """Return the choice with the shift left open where it leads beyond `farthest` (m)."""
-    if choice.shift is None:
-        return choice
-    offset = (choice.shift + _compute_axial_offset(placement)).to_float(symbols)
-    return choice if abs(offset) <= farthest else replace(choice, shift=None)
-
-
-def _compute_axial_offset(placement: Placement) -> Exact:
-    """Return where the origin stands along its own z axis, seen from the parent's origin."""
-    x, y, z = (row[2] * t for row, t in zip(placement.rotation, placement.translation, strict=True))
-    return x + y + z
+    for _, (one, *roots) in value.terms:
+        whole = abs(one) * _DECIMALS
+        digits = str(whole.numerator).strip("0")
+        if any(roots) or whole.denominator != 1 or len(digits) > _CHOSEN_DIGITS:
+            return False
+    return True
 
 
 def _compute_exact_direction(x: Exact, y: Exact) -> _Direction | None:
-    """Return the unit vector along (x, y), in either sense; None where it is no number of the field."""
+    """Return the unit vector along (x, y), in either sense; None where it is not in the field."""
     if not y:
         return (ONE, ZERO)
     if not x:
@@ -321,35 +275,20 @@ def _approximate_direction(x: Exact, y: Exact, symbols: Mapping[str, float]) -> 
     return (angle.cosine, angle.sine)
 
 
-def _build_frame_change(placement: Placement, choice: _FrameChoice, tolerance: float) -> Placement:
-    """Return the new frame seen from the old one.
-
-    Args:
-        placement: the old frame seen from the parent's new frame.
-        choice: what the next joint asks for.
-        tolerance: below this a direction cosine counts as zero.
-    """
-    columns = [(column[0], column[1], column[2]) for column in zip(*placement.rotation, strict=True)]
-    direction = choice.direction or _choose_free_direction(columns, tolerance)
-    lifted = [direction[0] * x + direction[1] * y for x, y in zip(columns[0], columns[1], strict=True)]
-    entries = [entry.to_float() for entry in lifted]
-    first = next(entry for entry in entries if abs(entry) > tolerance)
-    cosine, sine = direction if first > 0 else (-direction[0], -direction[1])
-    shift = choice.shift
-    if shift is None:
-        shift = -_compute_axial_offset(placement)
+def _build_frame_change(
+    placement: Placement, direction: _Direction | None, shift: Exact, tolerance: float
+) -> Placement:
+    """Return the new frame seen from the old one, which is `placement` seen from the parent's new frame."""
+    x, y, z = zip(*placement.rotation, strict=True)
+    if direction is None:
+        # The first of the parent's axes that is normal to the joint's own axis, else the old x axis.
+        axis = next((k for k in range(3) if abs(z[k].to_float()) <= tolerance), None)
+        direction = _KEPT if axis is None else (x[axis], y[axis])
+        if axis is not None and z[axis]:
+            direction = _approximate_direction(x[axis], y[axis], {})
+    cosine, sine = direction
+    lifted = [(cosine * a + sine * b).to_float() for a, b in zip(x, y, strict=True)]
+    if next(entry for entry in lifted if abs(entry) > tolerance) < 0:
+        cosine, sine = -cosine, -sine
     rotation = ((cosine, -sine, ZERO), (sine, cosine, ZERO), (ZERO, ZERO, ONE))
     return Placement(rotation=rotation, translation=(ZERO, ZERO, shift))
-
-
-def _choose_free_direction(columns: Sequence[ExactVector], tolerance: float) -> _Direction:
-    """Return the direction of the first of the parent's axes that is normal to the joint's own axis.
-
-    The old x axis, if there is none.
-    """
-    for axis in range(3):
-        if not columns[2][axis]:
-            return (columns[0][axis], columns[1][axis])
-        if abs(columns[2][axis].to_float()) <= tolerance:
-            return _approximate_direction(columns[0][axis], columns[1][axis], {})
-    return _KEPT

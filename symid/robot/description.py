@@ -1,7 +1,5 @@
 """The robot: joints in a tree, their links, drives and friction, its controller, and how its logs are read.
 
-Numbers and names, checked by the readers -> `Robot`, the product that every later stage starts from.
-
 Convention: link frame j has the joint's axis as its z axis (modified DH). `placement` is frame j seen from
 the parent's frame at q = 0; the joint then turns about z, or moves along it. Other conventions (standard
 DH, URDF) are converted exactly by their readers; `Joint.frame` keeps the frame that the file itself gives
@@ -16,15 +14,14 @@ and Kd = kv: its velocity is "measured" where the velocity loop has the position
 reference.
 
 Supported: revolute (continuous too) and prismatic joints, chains and trees, joints that follow another one
-(mimic), drives coupled to several joints, springs at joints, a fixed base; joint controllers; logs with a
-column per joint or an array for all joints, in units of the closed table. Fixed joints are gone: readers
-join their links.
-Not supported: closed loops, floating bases; integral parts, control loops that are coupled.
+(mimic), drives coupled to several joints, springs at joints, a fixed base; joint controllers. Readers join
+the links of fixed joints to those that carry them.
+Not supported: closed loops, floating bases; integral parts, coupled control loops.
 """
 
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from fractions import Fraction
 
@@ -35,15 +32,13 @@ from symid.robot.geometry import IDENTITY, ZERO, Exact, Placement
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogQuantity:
-    """Where a quantity stands in a log.
+    """The columns of a quantity in a log, and how their numbers become SI.
 
-    `columns`: one name per joint, or one name of an array with a column per joint.
-    `unit`: of the logged numbers *after* multiplication by `factor` is not applied: the unit is
-    that of the raw column; `factor` (one per joint or one for all) turns raw SI into the quantity,
-    for example N/V for a motor command in volt. `side` is "joint" or "motor": where the quantity,
-    after `factor`, was measured; what is meant on the motor side is converted with the gear ratios, or
-    with the transmission matrix where the map has one. `offset` (rad or m, one per joint or one for all)
-    is added to a position last, on the joint side.
+    `columns`: one name per joint, or one name of an array with a column per joint. `unit` is that of the raw
+    column; `factor` (one per joint or one for all) turns raw SI into the quantity, for example N/V for a
+    motor command in volt. `side` is "joint" or "motor", where the quantity, after `factor`, was measured;
+    the motor side is converted with the gear ratios, or with the transmission matrix where the map has one.
+    `offset` (rad or m, one per joint or one for all) is added to a position last, on the joint side.
     """
 
     columns: tuple[str, ...]
@@ -55,13 +50,13 @@ class LogQuantity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogMap:
-    """Which column of a log is what. A quantity that is None is looked up under its own name.
+    """The quantities of a log. One that is None is looked up under its own name.
 
     `transmission` is the matrix T (n, n) of motors that move more than one joint: angles of the motors =
-    T (angles of the joints), and so torques of the joints = T' (torques of the motors). None: gear ratios.
+    T (angles of the joints), torques of the joints = T' (torques of the motors). None: gear ratios.
     `preset` names the program that wrote the log, whose columns stand in for quantities that are None.
-    `reference`, `reference_velocity` are what the controller was asked to follow, `feedforward` the torque
-    that it added to its own.
+    `reference`, `reference_velocity` are the controller's setpoints, `feedforward` the torque added to
+    its own.
     """
 
     time: LogQuantity | None = None
@@ -94,13 +89,13 @@ class Decimation:
 class Processing:
     """From a recording to states: zero-phase Butterworth, central differences, cut ends, decimation.
 
-    `filter_cutoff` in Hz, None for no filter; `filter_torque` whether the torque passes it too;
-    `drop_first`, `drop_last` samples cut off after differentiation; `standstill` the speed (rad/s or
-    m/s) below which a joint's rows are left out, because dry friction there is not a function of
-    velocity; `noise_freedom` what |e|^2 of m rows is divided by to get the variance of the noise, k
-    parameters fitted: "band" m b - k, b the part of the band that decimation lets pass (rows behind a
-    filter are not independent), "parameters" m - k, "one" m - 1, as some publications do;
-    `automatic` that a cut-off and a decimation that are not stated follow from the sample rate.
+    `filter_cutoff` in Hz, None for no filter; `filter_torque` whether the torque is filtered too;
+    `drop_first`, `drop_last` samples cut off after differentiation; `standstill` the speed (rad/s or m/s)
+    below which a joint's rows are left out, because dry friction there is not a function of velocity;
+    `noise_freedom` the degrees of freedom of the residual of m rows and k parameters: "band" m b - k, b the
+    part of the band that decimation lets pass (filtered rows are not independent), "parameters" m - k, "one"
+    m - 1, as some publications do; `automatic` that a cut-off and a decimation that are not stated follow
+    from the sample rate.
     """
 
     filter_order: int = 4
@@ -116,16 +111,16 @@ class Processing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Controller:
-    """Gains and structure, on the joint side.
+    """Gains and structure of the joint controllers, on the joint side.
 
     Args:
-        stiffness: Kp (n,) N m/rad or N/m; damping: Kd (n,) N m s/rad or N s/m.
+        stiffness: Kp (n,) N m/rad or N/m. damping: Kd (n,) N m s/rad or N s/m.
         velocity: what the damping acts on, "error" (dq_ref - v) or "measured" (-v).
         velocity_source: of v, "difference" (backward differences of the position) or "sensor" (dq itself).
         velocity_filter: cut-off in Hz of the low-pass of first order that v passes; None for no filter.
         offset: o (n,) N m or N, a constant torque; None where it is taken from the log.
-        torque: what the log's torque is, the "command" that holds from its sample to the next, or the
-            "average" of the periods before and after its sample, as of a sensor.
+        torque: of the log, the "command" that holds from its sample to the next, or the "average" of the
+            periods before and after its sample, as of a sensor.
     """
 
     stiffness: tuple[float, ...]
@@ -135,9 +130,6 @@ class Controller:
     velocity_filter: float | None = None
     offset: tuple[float, ...] | None = None
     torque: str = "command"
-
-
-_COORDINATE = re.compile(r"(s|c|q|dq|ddq)\d+")
 
 
 class JointKind(Enum):
@@ -157,10 +149,9 @@ class FrictionKind(Enum):
 
 
 class CurvedFriction(Enum):
-    """Joint friction whose dependence on the speed has a shape of its own; the value names it in files.
+    """Joint friction that is linear in its parameters only; the value names it in robot files.
 
-    The torque is linear in the parameters; the shape values (as the Stribeck velocity) are constants of the
-    robot, as its lengths are.
+    Its shape values (as the Stribeck velocity) are constants of the robot, as its lengths are.
     """
 
     STRIBECK = "stribeck"
@@ -175,11 +166,10 @@ class CurvedFriction(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionValues:
-    """The friction model of a joint and, where known, its values in the model's own order.
+    """The friction model of a joint and, where known, its values and shape values in the model's own order.
 
-    `shape` holds the shape values of curved friction, all of them, in the model's own order.
-    `smoothing` is the speed v0 (rad/s or m/s) over which dry friction changes its sign: tanh(v / v0) stands
-    in place of sign(v). 0 is the step itself.
+    `smoothing` is the speed v0 (rad/s or m/s) over which dry friction changes its sign: tanh(v / v0) in place
+    of sign(v). 0 is the step itself.
     """
 
     kind: FrictionKind | CurvedFriction = FrictionKind.NONE
@@ -192,8 +182,8 @@ class FrictionValues:
 class Drive:
     """A drive: `gear` motor turns per joint turn, `rotor_inertia` on the *joint* side (kg m^2).
 
-    The reader multiplies a motor-side inertia by gear^2. `torque_constant` is in N m/A on the
-    motor side. A joint with `rotor_inertia` set, even to None-valued unknown, has a parameter IA.
+    The reader multiplies a motor-side inertia by gear^2. `torque_constant` is in N m/A on the motor side. A
+    joint with a rotor, of known inertia or not, has a parameter IA.
     """
 
     gear: float = 1.0
@@ -225,6 +215,33 @@ class Mimic:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class MimicStep:
+    """A follower as its file writes it: q = multiplier * q of `master` + offset (rad or m).
+
+    `master` is a joint's name; None where the joint stands still at its offset.
+    """
+
+    master: str | None
+    multiplier: Fraction
+    offset: Exact = ZERO
+
+
+def follow_chain(steps: Mapping[str, MimicStep], start: str) -> Iterator[MimicStep]:
+    """Yield `start` as a follower of its master, of that master's, and so on; a ring ends where it closes.
+
+    q = m1 (m2 q'' + o2) + o1; each offset is in the unit of its own joint.
+    """
+    found, visited = steps[start], {start}
+    yield found
+    while (master := found.master or "") in steps and master not in visited:
+        visited.add(master)
+        after = steps[master]
+        offset = found.offset + Exact.of(found.multiplier) * after.offset
+        found = replace(after, multiplier=found.multiplier * after.multiplier, offset=offset)
+        yield found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Spring:
     """A linear spring at a joint, tau = stiffness * (q - rest): N m/rad and rad, or N/m and m."""
 
@@ -248,10 +265,9 @@ class SymbolicInertia:
 class Joint:
     """A joint with the link that it moves.
 
-    `parent` is the index of the joint before it, -1 for the base, always less than its own index.
-    `inertial` holds XX XY XZ YY YZ ZZ MX MY MZ M about the link frame's origin, where known; `form` the
-    same in symbols, where the file writes symbols. `frame` is the link's frame of the file, seen from the
-    link frame used here.
+    `parent` is the index of the joint before it, -1 for the base, always less than its own index. `inertial`
+    holds XX XY XZ YY YZ ZZ MX MY MZ M about the link frame's origin, where known, `form` the link's values in
+    symbols. `frame` is the link's frame of the file, seen from the link frame used here.
     """
 
     name: str
@@ -273,8 +289,7 @@ class Joint:
 class Coupling:
     """A drive that turns with several joints: its speed is the sum of factor * dq over `terms`.
 
-    `terms` holds (index of a joint, factor). Its rotor and friction act on all of them. `name` ends the
-    names of its parameters, as in IAm6.
+    `terms` holds (index of a joint, factor); `name` ends the names of its parameters, as in IAm6.
     """
 
     name: str
@@ -288,14 +303,10 @@ class Coupling:
 class Robot:
     """A robot description: everything later stages need, nothing derived.
 
-    `gravity` is the gravity vector in the base frame (m/s^2), `symbols` the values of
-    symbols (name, SI), `convention` what the file stated, `path` where it was read.
-    `notices` is what a reader of the file should know and is no mistake; `controller` is None where the file
-    states none.
-
-    Joints that follow no other have a coordinate each, in the order of the joints: `freedom` coordinates,
-    `axes` are those joints. Joints and couplings together are numbered through (joints first); the number
-    stands in the labels of their parameters.
+    `gravity` is the gravity vector in the base frame (m/s^2), `symbols` the values of symbols (name, SI),
+    `convention` that of the file, `notices` the warnings and notes of its reader. Joints that follow no
+    other, `axes`, have a coordinate each, in the order of the joints. Joints and couplings together are
+    numbered through (joints first); the number stands in the labels of their parameters.
     """
 
     name: str
@@ -320,11 +331,12 @@ class Robot:
                 symbol that reads as a coordinate, a master that follows another joint, a coupling that
                 names no joint.
         """
-        mistakes = [*_list_tree_mistakes(self), *_list_mimic_mistakes(self)]
+        mistakes = list(_list_mistakes(self))
+        lengths = [value for joint in self.joints for value in joint.placement.translation]
         mistakes += [
             f"symbolic length {name!r} reads as a coordinate; call it L1, A2 or D3"
-            for name in _list_symbols(self)
-            if _COORDINATE.fullmatch(name)
+            for name in sorted({name for value in (*lengths, *self.gravity) for name in value.symbols})
+            if re.fullmatch(r"(s|c|q|dq|ddq)\d+", name)
         ]
         if mistakes:
             raise RobotError(*(Notice(code="robot.invalid", text=text, file=self.path) for text in mistakes))
@@ -351,7 +363,7 @@ class Robot:
 
     @property
     def elastic(self) -> tuple[bool, ...]:
-        """Return for each coordinate whether its joint gives between motor and link."""
+        """Return for each coordinate whether its joint is elastic."""
         return tuple(joint.elasticity is not None for joint in self.axes)
 
     @property
@@ -376,37 +388,22 @@ class Robot:
         return self.joints[-1].frame
 
 
-def _list_tree_mistakes(robot: Robot) -> Iterator[str]:
-    names = [joint.name for joint in robot.joints]
+def _list_mistakes(robot: Robot) -> Iterator[str]:
+    names, indices = [joint.name for joint in robot.joints], range(len(robot.joints))
     if not names:
         yield "a robot needs at least one joint"
-    for name in dict.fromkeys(names):
-        if names.count(name) > 1:
-            yield f"two joints are called {name!r}"
+    yield from (f"two joints are called {name!r}" for name in dict.fromkeys(names) if names.count(name) > 1)
     for index, joint in enumerate(robot.joints):
+        follow = joint.mimic
         if not -1 <= joint.parent < index:
             yield f"joint {joint.name!r}: its parent must be the base (-1) or an earlier joint"
-
-
-def _list_mimic_mistakes(robot: Robot) -> Iterator[str]:
-    indices = range(len(robot.joints))
-    for joint in robot.joints:
-        if joint.mimic is None:
-            continue
-        master = joint.mimic.master
-        if master not in indices or robot.joints[master].mimic is not None:
+        if follow and (follow.master not in indices or robot.joints[follow.master].mimic is not None):
             yield f"joint {joint.name!r}: it must follow a joint that follows no other"
-        if not joint.mimic.multiplier:
+        if follow and not follow.multiplier:
             yield f"joint {joint.name!r}: a multiplier of 0 makes it a fixed joint"
     names = [coupling.name for coupling in robot.couplings]
     for coupling in robot.couplings:
         if names.count(coupling.name) > 1 or coupling.name.isdigit() or not coupling.name:
             yield f"coupling {coupling.name!r}: it needs a name of its own that is no number"
-        inside = all(index in indices and factor for index, factor in coupling.terms)
-        if not coupling.terms or not inside:
+        if not coupling.terms or not all(index in indices and factor for index, factor in coupling.terms):
             yield f"coupling {coupling.name!r}: it must name joints of the robot, with factors that are not 0"
-
-
-def _list_symbols(robot: Robot) -> tuple[str, ...]:
-    lengths = [value for joint in robot.joints for value in joint.placement.translation]
-    return tuple(sorted({name for value in (*lengths, *robot.gravity) for name in value.symbols}))

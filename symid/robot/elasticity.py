@@ -1,7 +1,5 @@
 """The spring between a motor and its link: stiffness, hardening, hysteresis, damping.
 
-Numbers, checked by the readers -> `Elasticity`, a part of `Joint`.
-
     v = k0 phi + k3 phi^3 + sum_i k_i E_i[phi],   tau_J = v + sum_j s_j S_j(v) + D dphi
 
 phi = theta - q is the torsion; E_i is the stop operator of threshold r_i (a spring k_i behind dry friction
@@ -9,10 +7,8 @@ k_i r_i); S_j is the one-sided dead zone that begins at torque R_j, max(v - R_j,
 R_j, 0) for R_j < 0. With k_i >= 0 the element is passive. This is the modified Prandtl-Ishlinskii model
 (Kuhnen 2003) in its passive form; the outer function has slope one at v = 0, so that v is in N m.
 
-Catalogue values of harmonic drives (slope K1 up to torque T1, K2 up to T2, K3 beyond, wave generator
-blocked) become knees on both sides of a spring K1.
-
-Supported: linear and cubic springs, any number of stops and knees, linear damping.
+Supported: linear and cubic springs, any number of stops and knees, linear damping; catalogue values of
+harmonic drives (slope K1 up to torque T1, K2 up to T2, K3 beyond, wave generator blocked) as knees.
 Not supported: stiffness that depends on the position or the load of the joint; the catalogue's loss at the
 reversal of torque (stops describe it).
 """
@@ -49,7 +45,7 @@ class Knee:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Elasticity:
-    """A joint that gives between motor and link.
+    """The elastic element of a joint.
 
     Args:
         stiffness: k0, N m/rad or N/m: what is left when all stops slip; None where unknown.
@@ -71,9 +67,22 @@ class Elasticity:
         Raises:
             RobotError: thresholds that are not increasing, or zero; an outer function that does not rise.
         """
-        mistakes = [*_list_order_mistakes(self), *_list_slope_mistakes(self)]
-        if mistakes:
-            raise RobotError(*(Notice(code="robot.invalid-elasticity", text=text) for text in mistakes))
+        stops = [stop.threshold for stop in self.stops]
+        knees = [knee.threshold for knee in self.knees]
+        mistakes = []
+        if any(not threshold > 0 for threshold in stops) or stops != sorted(set(stops)):
+            mistakes.append("the thresholds of stops must be positive and increase, each once")
+        if any(not threshold for threshold in knees) or knees != sorted(set(knees)):
+            mistakes.append("the thresholds of knees must differ from 0 and increase, each once")
+        for side in (1.0, -1.0):
+            slope = 1.0
+            outer = [knee for knee in self.knees if knee.threshold * side > 0]
+            for knee in sorted(outer, key=lambda knee: abs(knee.threshold)):
+                slope += knee.slope
+                if not slope > 0:
+                    text = f"beyond {knee.threshold:g} the outer function's slope is {slope:g}"
+                    mistakes.append(f"{text}; it must be positive")
+        _refuse(mistakes)
 
     @property
     def initial_stiffness(self) -> float | None:
@@ -83,31 +92,9 @@ class Elasticity:
         return math.fsum(known) if len(known) == len(parts) else None
 
 
-def _list_order_mistakes(elasticity: Elasticity) -> list[str]:
-    stops = [stop.threshold for stop in elasticity.stops]
-    knees = [knee.threshold for knee in elasticity.knees]
-    mistakes = []
-    if any(not threshold > 0 for threshold in stops) or stops != sorted(set(stops)):
-        mistakes.append("the thresholds of stops must be positive and increase, each once")
-    if any(not threshold for threshold in knees) or knees != sorted(set(knees)):
-        mistakes.append("the thresholds of knees must differ from 0 and increase, each once")
-    return mistakes
-
-
-def _list_slope_mistakes(elasticity: Elasticity) -> list[str]:
-    """Return the sides of the outer function on which it stops rising."""
-    mistakes = []
-    for side in (1.0, -1.0):
-        slope = 1.0
-        knees = [knee for knee in elasticity.knees if knee.threshold * side > 0]
-        for knee in sorted(knees, key=lambda knee: knee.threshold * side):
-            slope += knee.slope
-            if not slope > 0:
-                text = (
-                    f"beyond {knee.threshold:g} the outer function's slope is {slope:g}; it must be positive"
-                )
-                mistakes.append(text)
-    return mistakes
+def _refuse(mistakes: Sequence[str]) -> None:
+    if mistakes:
+        raise RobotError(*(Notice(code="robot.invalid-elasticity", text=text) for text in mistakes))
 
 
 def compute_catalogue_knees(stiffnesses: Sequence[float], torques: Sequence[float]) -> tuple[Knee, ...]:
@@ -124,8 +111,7 @@ def compute_catalogue_knees(stiffnesses: Sequence[float], torques: Sequence[floa
     """
     mistakes = [] if all(value > 0 for value in stiffnesses) else ["K1, K2 and K3 must be positive"]
     mistakes += [] if 0 < torques[0] < torques[1] else ["T1 and T2 must be positive and increase"]
-    if mistakes:
-        raise RobotError(*(Notice(code="robot.invalid-elasticity", text=text) for text in mistakes))
+    _refuse(mistakes)
     first, second, third = stiffnesses
     places = (torques[0], torques[0] + (torques[1] - torques[0]) * first / second)
     slopes = ((second - first) / first, (third - second) / first)

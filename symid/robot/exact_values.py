@@ -1,17 +1,13 @@
 """Exact numbers, angles and placements as a robot file writes them, both ways.
 
 A decimal or a text such as "-L1", "1/3", "1/2*sqrt(3)*L1 + 0.1" -> `Exact`, a linear form over the file's
-symbols. "pi/2", "90 deg", "2*atan(1/3)" -> `Angle`. A row (alpha, a, d, theta), or a table { xyz = [..],
-rpy = [..] } (angles about fixed axes, as in URDF) or with quaternion = [w, x, y, z] of any length but zero
--> the joint's frame, whose z axis is its axis, seen from the link before it at q = 0. The writers give
-texts that are read back exactly: a frame is a row where it is one, else an origin with roll, pitch and yaw,
-else an origin with a quaternion.
+symbols. "pi/2", "90 deg", "2*atan(1/3)" -> `Angle`. A row (alpha, a, d, theta), or an origin with roll, pitch
+and yaw or a quaternion of any length but zero -> the joint's frame, whose z axis is its axis, seen from the
+link before it at q = 0. What is written is read back exactly.
 
 Supported: sums of products of decimals, fractions, sqrt(2), sqrt(3), sqrt(6) and at most one symbol each; a
 symbol is a length, a mass, an inertia or an acceleration, whichever it is used as first; constants with pi
-and degrees, read as floats. Modified rows, Rot(x, alpha) Trans(x, a) Rot(z, theta) Trans(z, d), with alpha
-and a of the link before; standard rows, Rot(z, theta) Trans(z, d) Trans(x, a) Rot(x, alpha), converted
-without rounding.
+and degrees, read as floats; modified and standard rows.
 Not supported: products of symbols, brackets; symbols in constants of a log; the extra parameters of Khalil
 and Kleinfinger for trees whose branches need them.
 """
@@ -20,12 +16,12 @@ import json
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from decimal import Decimal
+from decimal import Decimal, localcontext
 from fractions import Fraction
 
 from symid.robot.geometry import (
     IDENTITY,
+    ONE,
     ZERO,
     Angle,
     Exact,
@@ -34,27 +30,16 @@ from symid.robot.geometry import (
     build_exact_angle,
     build_tangent_angle,
     compose_placements,
-    compute_half_tangent,
     compute_quaternion,
     compute_rotation,
     compute_rpy,
+    invert_exact,
     place_modified_dh,
     rotate_rpy,
     rotate_x,
-    rotate_z,
     translate,
 )
-from symid.robot.toml_values import (
-    ANY,
-    Range,
-    Section,
-    explain_number,
-    get_element,
-    has_list,
-    read_table,
-    suggest_names,
-    to_decimal,
-)
+from symid.robot.toml_values import ANY, Range, Section, explain_number, suggest_names, to_decimal
 
 _FACTOR = r"(?:\d+(?:\.\d+)?(?:[eE][-+]?\d{1,2})?|sqrt\(\s*[236]\s*\)|[A-Za-z][A-Za-z0-9_]*)"
 _TERM = re.compile(rf"\s*(?P<sign>[-+]?)\s*(?P<first>{_FACTOR})(?P<others>(?:\s*[*/]\s*{_FACTOR})*)\s*")
@@ -66,17 +51,13 @@ _ROOTS = {
     3: Exact.surd(Fraction(0), 0, 1),
     6: Exact.surd(Fraction(0), 0, 0, 1),
 }
-_EXAMPLES = {"m": "L1", "kg": "m1", "kg*m^2": "I1", "m/s^2": "-g"}
-_NOUNS = {"m": "a length", "kg": "a mass", "kg*m^2": "an inertia", "m/s^2": "an acceleration"}
-_TYPICAL = {"m": "0.5", "kg": "2.5", "kg*m^2": "0.01", "m/s^2": "9.81"}
-
-
-@dataclass(frozen=True, slots=True)
-class Symbols:
-    """The symbols of a file, and what each turned out to be while the file is read."""
-
-    values: Mapping[str, float]
-    units: dict[str, str] = field(default_factory=dict)
+# What a symbol can be, by its unit: an example, in words, a typical value.
+_QUANTITIES = {
+    "m": ("L1", "a length", "0.5"),
+    "kg": ("m1", "a mass", "2.5"),
+    "kg*m^2": ("I1", "an inertia", "0.01"),
+    "m/s^2": ("-g", "an acceleration", "9.81"),
+}
 
 
 def parse_linear_form(text: str) -> Exact | None:
@@ -118,73 +99,65 @@ def _parse_factor(text: str) -> Exact:
     return Exact.of(text) if text[0].isdigit() else Exact.symbol(text)
 
 
+def _parse_value(value: object) -> Exact | None:
+    """Return a value of a file, a number or the text of a linear form."""
+    number = to_decimal(value)
+    if number is not None:
+        return Exact.of(str(number))
+    return parse_linear_form(value) if isinstance(value, str) else None
+
+
 def read_linear_form(
-    section: Section,
-    key: str,
-    symbols: Symbols,
-    unit: str,
-    *inner: int,
-    allowed: Range = ANY,
-    code: str = "robot.wrong-type",
+    section: Section, key: str, unit: str, *inner: int, allowed: Range = ANY, code: str = "robot.wrong-type"
 ) -> Exact | None:
     """Return the number or form at `key`, or at its element `inner`; None where it is absent or wrong.
 
     Args:
-        section: the table.
+        section: the table, with the file's symbols; the first use of a symbol fixes its unit.
         key: the name of the value.
-        symbols: those of the file; the first use of a symbol says what it is.
         unit: "m", "kg", "kg*m^2" or "m/s^2".
         inner: the index of an element, where the value is a list.
         allowed: what the number may be, with the symbols' values put in.
-        code: of the notice that tells a value which is neither number nor form.
+        code: of the notice on a value that is neither number nor form.
     """
-    value = get_element(section, key, *inner)
+    value = section.get(key, *inner)
     if value is None:
         return None
-    number = to_decimal(value)
-    form = Exact.of(str(number)) if number is not None else None
-    if form is None and isinstance(value, str):
-        form = parse_linear_form(value)
+    form = _parse_value(value)
+    example, noun, typical = _QUANTITIES[unit]
     if form is None:
         got = f"{section.show(key, *inner)}{explain_number(value, unit)}"
-        expected = f'expected a number in {unit} or a symbol such as "{_EXAMPLES[unit]}"'
-        section.refuse(code, key, f"{expected}, got {got}", *inner)
+        section.refuse(
+            code, key, f'expected a number in {unit} or a symbol such as "{example}", got {got}', *inner
+        )
         return None
-    if not _check_symbols(section, key, form, symbols, unit, *inner):
+    errors = len(section.errors)
+    for name in form.symbols:
+        if name not in section.symbols:
+            hint = suggest_names(name, section.symbols)
+            text = f"the symbol {name} has no value in [symbols]; "
+            text += hint or f"write {name} = {typical} (its value in {unit}) there"
+            section.refuse("robot.unknown-symbol", key, text, *inner)
+        elif (before := section.used.setdefault(name, unit)) != unit:
+            text = (
+                f"{name} is used as {_QUANTITIES[before][1]} ({before}) before, and as {noun} ({unit}) here"
+            )
+            section.refuse("robot.symbol-unit", key, f"{text}; give each quantity its own symbol", *inner)
+    if len(section.errors) > errors:
         return None
-    if (size := form.to_float(symbols.values)) not in allowed:
+    if (size := form.to_float(section.symbols)) not in allowed:
         shown = section.show(key, *inner) + ("" if form.is_number else f", which is {size:g}")
         section.refuse("robot.out-of-range", key, f"must be {allowed} {unit}, got {shown}", *inner)
         return None
     return form
 
 
-def _check_symbols(section: Section, key: str, form: Exact, symbols: Symbols, unit: str, *inner: int) -> bool:
-    good = True
-    for name in form.symbols:
-        if name not in symbols.values:
-            hint = suggest_names(name, symbols.values)
-            hint = hint or f"write {name} = {_TYPICAL[unit]} (its value in {unit}) there"
-            text = f"the symbol {name} has no value in [symbols]; {hint}"
-            section.refuse("robot.unknown-symbol", key, text, *inner)
-            good = False
-        elif symbols.units.setdefault(name, unit) != unit:
-            before = symbols.units[name]
-            text = f"{name} was {_NOUNS[before]} ({before}) before, and is {_NOUNS[unit]} ({unit}) here"
-            section.refuse("robot.symbol-unit", key, f"{text}; give each quantity its own symbol", *inner)
-            good = False
-    return good
-
-
 def read_fraction(section: Section, key: str, instead_of_zero: str) -> Fraction | None:
     """Return the number at `key` exactly, a decimal or a text such as "1/3".
 
-    Args:
-        section: the table.
-        key: the name of the value.
-        instead_of_zero: what to do where it is 0, which it must not be.
+    `instead_of_zero` is the remedy where it is 0, which it must not be.
     """
-    value = section.values.get(key)
+    value = section.get(key)
     if value is None:
         return None
     number = to_decimal(value)
@@ -194,56 +167,17 @@ def read_fraction(section: Section, key: str, instead_of_zero: str) -> Fraction 
         divisor = Fraction(below.strip() or 1)
         found = Fraction(above.strip()) / divisor if divisor else None
     if found is None:
-        section.refuse(
-            "robot.wrong-type", key, f'expected a number or a fraction "1/3", got {section.show(key)}'
-        )
+        text = f'expected a number or a fraction "1/3", got {section.show(key)}'
+        section.refuse("robot.wrong-type", key, text)
     elif not found:
         section.refuse("robot.out-of-range", key, f"must not be 0; {instead_of_zero}")
-        return None
-    return found
+    return found or None
 
 
-_CONSTANT_DEGREES = re.compile(r"\s*(?P<degrees>[-+]?\d+(?:\.\d+)?)\s*deg\s*")
-
-
-def read_constant(section: Section, key: str, expected: str, *inner: int) -> float | None:
-    """Return the number at `key`, or at its element `inner`; None where it is absent or wrong.
-
-    Args:
-        section: the table.
-        key: the name of the value.
-        expected: in words what is wanted there, for the message.
-        inner: indices of an element, where the value is a list.
-    """
-    value = get_element(section, key, *inner)
-    if value is None:
-        return None
-    found = _parse_constant(value)
-    if found is None:
-        examples = 'such as 0.5, "-pi/2" or "90 deg"'
-        text = f"expected {expected}, {examples}; got {section.show(key, *inner)}"
-        section.refuse("robot.wrong-type", key, text, *inner)
-    return found
-
-
-def _parse_constant(value: object) -> float | None:
-    number = to_decimal(value)
-    if number is not None:
-        return float(number)
-    if not isinstance(value, str):
-        return None
-    if match := _CONSTANT_DEGREES.fullmatch(value):
-        return math.radians(float(match["degrees"]))
-    form = parse_linear_form(value)
-    if form is None or any(name != "pi" for name in form.symbols):
-        return None
-    return form.to_float({"pi": math.pi})
-
-
+_DEGREES = re.compile(r"\s*(?P<degrees>[-+]?\d+(?:\.\d+)?)\s*deg\s*")
 _FRACTION_OF_PI = re.compile(
     r"(?P<sign>[-+]?)\s*(?:(?P<times>\d+(?:\.\d+)?)\s*\*?\s*)?pi\s*(?:/\s*(?P<by>\d+(?:\.\d+)?))?"
 )
-_DEGREES = re.compile(r"(?P<degrees>[-+]?\d+(?:\.\d+)?)\s*deg")
 _TANGENT = re.compile(r"2\s*\*?\s*atan\((?P<tangent>.+)\)")
 ZERO_ANGLE = build_exact_angle(0.0)
 DH_KEYS = ("alpha", "a", "d", "theta")
@@ -251,119 +185,106 @@ _LARGEST_ANGLE = 12.0
 _LARGEST_LENGTH = 10
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DhRow:
-    """A row of a Denavit-Hartenberg table; the joint's coordinate is added to `theta` or `d`."""
-
-    alpha: Angle = ZERO_ANGLE
-    a: Exact = ZERO
-    d: Exact = ZERO
-    theta: Angle = ZERO_ANGLE
-
-
-def build_row_frames(row: DhRow, convention: str) -> tuple[Placement, Placement]:
-    """Return the joint's frame at q = 0 seen from the link before it, and the link's seen from the joint's.
-
-    Args:
-        row: the joint's row.
-        convention: "modified" or "standard". A modified row ends in the joint's frame, which is the
-            link's; a standard row goes on to the far end of the link, Trans(x, a) Rot(x, alpha).
-    """
-    if convention == "modified":
-        return place_modified_dh(row.alpha, row.a, row.d, row.theta), IDENTITY
-    near = place_modified_dh(ZERO_ANGLE, ZERO, row.d, row.theta)
-    return near, compose_placements(translate(row.a, ZERO, ZERO), rotate_x(row.alpha))
-
-
-def read_dh_row(section: Section, symbols: Symbols) -> DhRow:
-    """Return the row of a joint's table; what cannot be read is reported and taken as zero."""
-    return DhRow(
-        alpha=read_angle(section, "alpha"),
-        a=read_length(section, "a", symbols),
-        d=read_length(section, "d", symbols),
-        theta=read_angle(section, "theta"),
-    )
-
-
-def _parse_radians(value: object) -> float | None:
-    """Return the angle in rad: a number, a fraction of pi such as "3*pi/4", or "90 deg"."""
+def _parse_degrees(value: object) -> float | None:
+    """Return a number, or what "90 deg" writes, in rad."""
     number = to_decimal(value)
     if number is not None:
         return float(number)
-    if not isinstance(value, str):
-        return None
-    if match := _FRACTION_OF_PI.fullmatch(value.strip()):
-        by = float(match["by"] or 1)
-        size = float(match["times"] or 1) * math.pi / by if by else None
-        return -size if size and match["sign"] == "-" else size
-    if match := _DEGREES.fullmatch(value.strip()):
-        return math.radians(float(match["degrees"]))
+    match = _DEGREES.fullmatch(value) if isinstance(value, str) else None
+    return math.radians(float(match["degrees"])) if match else None
+
+
+def read_constant(section: Section, key: str, expected: str, *inner: int) -> float | None:
+    """Return the number at `key`, or at its element `inner`; None where it is absent or wrong.
+
+    `expected` describes it in a message.
+    """
+    value = section.get(key, *inner)
+    if value is None or (found := _parse_degrees(value)) is not None:
+        return None if value is None else found
+    form = parse_linear_form(value) if isinstance(value, str) else None
+    if form is not None and set(form.symbols) <= {"pi"}:
+        return form.to_float({"pi": math.pi})
+    text = f'expected {expected}, such as 0.5, "-pi/2" or "90 deg"; got {section.show(key, *inner)}'
+    section.refuse("robot.wrong-type", key, text, *inner)
     return None
-
-
-def _parse_tangent_angle(value: object) -> Angle | None:
-    """Return the angle of a text such as "2*atan(1/3)", whose cosine and sine are those of the text."""
-    match = _TANGENT.fullmatch(value.strip()) if isinstance(value, str) else None
-    tangent = parse_linear_form(match["tangent"]) if match else None
-    return build_tangent_angle(tangent) if tangent is not None and tangent.is_number else None
 
 
 def read_angle(section: Section, key: str, *inner: int) -> Angle:
     """Return the angle at `key`, or at its element `inner`; zero where there is none.
 
-    A number within 1e-5 rad of a multiple of pi/2 is taken as that multiple, and a warning says so.
+    A number within 1e-5 rad of a multiple of pi/2 is taken as that multiple, with a warning.
     """
-    value = get_element(section, key, *inner)
+    value = section.get(key, *inner)
     if value is None:
         return ZERO_ANGLE
-    if (exact := _parse_tangent_angle(value)) is not None:
-        return exact
-    radians = _parse_radians(value)
+    text = value.strip() if isinstance(value, str) else ""
+    if match := _TANGENT.fullmatch(text):
+        tangent = parse_linear_form(match["tangent"])
+        if tangent is not None and tangent.is_number:
+            return build_tangent_angle(tangent)
+    radians = _parse_degrees(value)
+    if match := _FRACTION_OF_PI.fullmatch(text):
+        by = float(match["by"] or 1)
+        size = float(match["times"] or 1) * math.pi / by if by else None
+        radians = -size if size and match["sign"] == "-" else size
     shown = section.show(key, *inner)
     if radians is None:
         allowed = 'a number in rad, "pi/2", "-3*pi/4" or "90 deg"'
         section.refuse("robot.bad-angle", key, f"expected an angle, {allowed}; got {shown}", *inner)
         return ZERO_ANGLE
-    if abs(radians) > _LARGEST_ANGLE and not isinstance(value, str):
-        text = f'{shown} rad is about {radians / math.tau:.1f} turns; degrees are written "90 deg"'
-        section.warn("robot.large-angle", key, text, *inner)
+    if abs(radians) > _LARGEST_ANGLE and not text:
+        words = f'{shown} rad is about {radians / math.tau:.1f} turns; degrees are written "90 deg"'
+        section.warn("robot.large-angle", key, words, *inner)
     angle = build_exact_angle(radians)
     if angle.snapped_by:
         quarters = round(angle.radians / (math.pi / 2))
-        exact_text = {0: "0", 1: "pi/2", -1: "-pi/2", 2: "pi", -2: "-pi"}.get(quarters, f"{quarters}*pi/2")
-        text = f'{shown} was moved by {angle.snapped_by:.2e} rad; write it as "{exact_text}"'
-        section.warn("robot.angle-snapped", key, text, *inner)
+        exact = {0: "0", 1: "pi/2", -1: "-pi/2", 2: "pi", -2: "-pi"}.get(quarters, f"{quarters}*pi/2")
+        words = f'{shown} was moved by {angle.snapped_by:.2e} rad; write it as "{exact}"'
+        section.warn("robot.angle-snapped", key, words, *inner)
     return angle
 
 
-def read_length(section: Section, key: str, symbols: Symbols, *inner: int) -> Exact:
+def read_length(section: Section, key: str, *inner: int) -> Exact:
     """Return the length at `key` in m, or at its element `inner`: a number or a form; zero by default."""
-    length = read_linear_form(section, key, symbols, "m", *inner, code="robot.bad-length")
-    if length is None:
-        return ZERO
-    number = to_decimal(get_element(section, key, *inner))
-    if number is not None and abs(number) > _LARGEST_LENGTH:
+    length = read_linear_form(section, key, "m", *inner, code="robot.bad-length")
+    number = to_decimal(section.get(key, *inner))
+    if length is not None and number is not None and abs(number) > _LARGEST_LENGTH:
         text = f"{section.show(key, *inner)} m is long; lengths are in m"
         section.warn("robot.long-length", key, text, *inner)
-    return length
+    return length or ZERO
 
 
-def read_origin(section: Section, key: str, symbols: Symbols) -> Placement:
+def read_row(section: Section, convention: str) -> tuple[Placement, Placement]:
+    """Return the joint's frame at q = 0 seen from the link before it, and the link's seen from the joint's.
+
+    A modified row ends in the joint's frame, which is the link's; a standard row goes on to the far end of
+    the link, Trans(x, a) Rot(x, alpha). What cannot be read is reported and taken as zero.
+    """
+    alpha, a = read_angle(section, "alpha"), read_length(section, "a")
+    d, theta = read_length(section, "d"), read_angle(section, "theta")
+    if convention == "modified":
+        return place_modified_dh(alpha, a, d, theta), IDENTITY
+    near = place_modified_dh(ZERO_ANGLE, ZERO, d, theta)
+    return near, compose_placements(translate(a, ZERO, ZERO), rotate_x(alpha))
+
+
+def read_origin(section: Section, key: str) -> Placement:
     """Return the frame at `key`; the identity where there is none or it is wrong."""
-    table = read_table(section, key, ("xyz", "rpy", "quaternion"))
+    table = section.read_table(key, ("xyz", "rpy", "quaternion"))
     if table is None:
         return IDENTITY
-    x, y, z = (ZERO, ZERO, ZERO)
-    if has_list(table, "xyz", 3, "lengths in m"):
-        x, y, z = (read_length(table, "xyz", symbols, index) for index in range(3))
+    x, y, z = IDENTITY.translation
+    if table.has_list("xyz", 3, "lengths in m"):
+        x, y, z = (read_length(table, "xyz", index) for index in range(3))
     if "rpy" in table.values and "quaternion" in table.values:
-        text = "stands next to rpy, which says the same; keep one of the two"
+        text = "cannot be combined with rpy, which means the same; keep one of the two"
         table.refuse_key("robot.two-forms", "quaternion", text)
     rotation = IDENTITY.rotation
-    if has_list(table, "rpy", 3, "angles"):
+    if table.has_list("rpy", 3, "angles"):
         roll, pitch, yaw = (read_angle(table, "rpy", index) for index in range(3))
         rotation = rotate_rpy(roll, pitch, yaw).rotation
-    if has_list(table, "quaternion", 4, "numbers w, x, y, z"):
+    if table.has_list("quaternion", 4, "numbers w, x, y, z"):
         rotation = _read_quaternion(table)
     return Placement(rotation=rotation, translation=(x, y, z))
 
@@ -371,14 +292,9 @@ def read_origin(section: Section, key: str, symbols: Symbols) -> Placement:
 def _read_quaternion(table: Section) -> ExactMatrix:
     parts = []
     for index in range(4):
-        value = get_element(table, "quaternion", index)
-        number = to_decimal(value)
-        form = Exact.of(str(number)) if number is not None else None
-        if isinstance(value, str):
-            form = parse_linear_form(value)
+        form = _parse_value(table.get("quaternion", index))
         if form is None or not form.is_number:
-            got = table.show("quaternion", index)
-            text = f'expected a number or a text such as "1+sqrt(2)", got {got}'
+            text = f'expected a number or a text such as "1+sqrt(2)", got {table.show("quaternion", index)}'
             table.refuse("robot.wrong-type", "quaternion", text, index)
             return IDENTITY.rotation
         parts.append(form)
@@ -415,12 +331,8 @@ def write_fraction(value: Fraction) -> str:
     """Return a rational number: a decimal where it ends soon, else a text such as "1/3"."""
     size = abs(value)
     if 10**_MOST_PLACES % value.denominator == 0 and (not size or _SMALLEST < size < 1 / _SMALLEST):
-        places = next(k for k in range(_MOST_PLACES + 1) if 10**k % value.denominator == 0)
-        whole = abs(value.numerator) * 10**places // value.denominator
-        digits = f"{whole:0{places + 1}d}"
-        point = len(digits) - places
-        text = f"{digits[:point]}.{digits[point:]}" if places else digits
-        return f"-{text}" if value < 0 else text
+        with localcontext(prec=2 * _MOST_PLACES):
+            return f"{Decimal(value.numerator) / value.denominator:f}"
     return f'"{value}"'
 
 
@@ -429,24 +341,25 @@ def write_exact(value: Exact) -> str:
     return write_fraction(value.coefficient("")[0]) if value.is_rational else f'"{value}"'
 
 
+def write_list(values: tuple[Exact, ...]) -> str:
+    """Return a list of numbers and forms."""
+    return f"[{', '.join(map(write_exact, values))}]"
+
+
 def write_angle(angle: Angle) -> str:
     """Return an angle that is read back with the same cosine and sine."""
     for k, twelfth in _TWELFTHS:
         if (angle.cosine, angle.sine) == (twelfth.cosine, twelfth.sine):
-            return _write_twelfths(Fraction(k, 12))
+            part = Fraction(k, 12)
+            times = {1: "", -1: "-"}.get(part.numerator, f"{part.numerator}*")
+            by = "" if part.denominator == 1 else f"/{part.denominator}"
+            return f'"{times}pi{by}"' if part else "0"
     radians = math.atan2(angle.sine.to_float(), angle.cosine.to_float())
     found = build_exact_angle(radians)
     if (found.cosine, found.sine) == (angle.cosine, angle.sine):
         return repr(radians)
-    return f'"2*atan({compute_half_tangent(angle.cosine, angle.sine)})"'
-
-
-def _write_twelfths(part: Fraction) -> str:
-    """Return a fraction of pi."""
-    if not part:
-        return "0"
-    times = {1: "", -1: "-"}.get(part.numerator, f"{part.numerator}*")
-    return f'"{times}pi"' if part.denominator == 1 else f'"{times}pi/{part.denominator}"'
+    # tan(angle / 2); a half turn, where it is infinite, is a multiple of pi/12.
+    return f'"2*atan({angle.sine * invert_exact(ONE + angle.cosine)})"'
 
 
 def write_value(value: object) -> str:
@@ -475,8 +388,10 @@ def write_key(key: str) -> str:
     return key if bare else write_value(key)
 
 
-def _keep_nonzero(entries: Mapping[str, str]) -> dict[str, str]:
-    return {key: text for key, text in entries.items() if text != "0"}
+def _write_row(alpha: Angle, a: Exact, d: Exact, theta: Angle) -> dict[str, str]:
+    """Return the values of a row that are not zero."""
+    row = zip(DH_KEYS, (write_angle(alpha), write_exact(a), write_exact(d), write_angle(theta)), strict=True)
+    return {key: text for key, text in row if text != "0"}
 
 
 def write_modified_row(placement: Placement) -> dict[str, str] | None:
@@ -485,13 +400,10 @@ def write_modified_row(placement: Placement) -> dict[str, str] | None:
     The rotation is Rx(alpha) Rz(theta), the translation (a, -sin(alpha) d, cos(alpha) d).
     """
     r, t = placement.rotation, placement.translation
-    alpha = Angle.of(r[2][2], -r[1][2])
-    theta = Angle.of(r[0][0], -r[0][1])
+    alpha, theta = Angle.of(r[2][2], -r[1][2]), Angle.of(r[0][0], -r[0][1])
     d = alpha.cosine * t[2] - alpha.sine * t[1]
-    if place_modified_dh(alpha, t[0], d, theta) != placement:
-        return None
-    texts = {"alpha": write_angle(alpha), "a": write_exact(t[0]), "d": write_exact(d)}
-    return _keep_nonzero(texts | {"theta": write_angle(theta)})
+    is_row = place_modified_dh(alpha, t[0], d, theta) == placement
+    return _write_row(alpha, t[0], d, theta) if is_row else None
 
 
 def write_standard_row(near: Placement, frame: Placement) -> dict[str, str] | None:
@@ -504,24 +416,20 @@ def write_standard_row(near: Placement, frame: Placement) -> dict[str, str] | No
     theta = Angle.of(near.rotation[0][0], near.rotation[1][0])
     alpha = Angle.of(frame.rotation[1][1], frame.rotation[2][1])
     d, a = near.translation[2], frame.translation[0]
-    turned = compose_placements(translate(ZERO, ZERO, d), rotate_z(theta))
     far = compose_placements(translate(a, ZERO, ZERO), rotate_x(alpha))
-    if (turned, far) != (near, frame):
-        return None
-    texts = {"alpha": write_angle(alpha), "a": write_exact(a), "d": write_exact(d)}
-    return _keep_nonzero(texts | {"theta": write_angle(theta)})
+    is_row = (place_modified_dh(ZERO_ANGLE, ZERO, d, theta), far) == (near, frame)
+    return _write_row(alpha, a, d, theta) if is_row else None
 
 
 def write_origin(placement: Placement) -> str:
     """Return the table of a frame: xyz, and rpy or quaternion where it is turned."""
     parts = []
     if any(placement.translation):
-        parts.append(f"xyz = [{', '.join(write_exact(entry) for entry in placement.translation)}]")
+        parts.append(f"xyz = {write_list(placement.translation)}")
     if placement.rotation != IDENTITY.rotation:
         angles = compute_rpy(placement.rotation)
         if angles is not None:
             parts.append(f"rpy = [{', '.join(write_angle(angle) for angle in angles)}]")
         else:
-            entries = compute_quaternion(placement.rotation)
-            parts.append(f"quaternion = [{', '.join(write_exact(entry) for entry in entries)}]")
+            parts.append(f"quaternion = {write_list(compute_quaternion(placement.rotation))}")
     return f"{{ {', '.join(parts)} }}" if parts else "{}"

@@ -1,9 +1,9 @@
 """Exact numbers, angles, rotations and placements.
 
 Decimals, multiples of pi, names of symbolic lengths, directions of axes -> `Exact` numbers (linear forms
-over symbols whose coefficients lie in the field of the rationals with sqrt(2) and sqrt(3)), `Angle`,
-`Placement`; inverses and square roots in that field; rotations as half-angle tangents, roll, pitch and yaw,
-quaternions and axes, both ways, without rounding.
+over symbols whose coefficients lie in the field Q(sqrt(2), sqrt(3))), `Angle`, `Placement`; inverses and
+square roots in that field; half-angle tangents, roll, pitch and yaw, quaternions and axes, both ways, without
+rounding.
 
 Supported: every multiple of pi/12 exactly; any other angle through a rational half-angle tangent, so that
 cos^2 + sin^2 = 1 holds exactly. Every rotation matrix over the field has a quaternion in it, not of length
@@ -15,7 +15,7 @@ Not supported: products of two symbolic lengths (no placement needs one).
 import decimal
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
@@ -23,7 +23,8 @@ from fractions import Fraction
 Surd = tuple[Fraction, Fraction, Fraction, Fraction]
 """Coefficients of 1, sqrt(2), sqrt(3), sqrt(6)."""
 
-_ROOT_VALUES = (1.0, math.sqrt(2.0), math.sqrt(3.0), math.sqrt(6.0))
+_RADICANDS = (1, 2, 3, 6)
+_ROOT_VALUES = tuple(math.sqrt(radicand) for radicand in _RADICANDS)
 _ROOT_NAMES = ("", "sqrt(2)", "sqrt(3)", "sqrt(6)")
 # Product of basis elements i and j: (factor, basis element).
 _PRODUCTS = (
@@ -33,16 +34,6 @@ _PRODUCTS = (
     ((1, 3), (2, 2), (3, 1), (6, 0)),
 )
 _NO_SURD: Surd = (Fraction(0),) * 4
-
-
-def _multiply_surds(left: Surd, right: Surd) -> Surd:
-    total = [Fraction(0)] * 4
-    for i, a in enumerate(left):
-        for j, b in enumerate(right):
-            if a and b:
-                factor, basis = _PRODUCTS[i][j]
-                total[basis] += factor * a * b
-    return (total[0], total[1], total[2], total[3])
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,9 +113,16 @@ class Exact:
         if not number.is_number:
             message = f"the product of {self} and {other} is not a linear form"
             raise ValueError(message)
-        factor = number.coefficient("")
-        terms = ((name, _multiply_surds(factor, s)) for name, s in form.terms)
-        return Exact(tuple((name, s) for name, s in terms if any(s)))
+        terms = []
+        for name, s in form.terms:
+            total = list(_NO_SURD)
+            for (i, a), (j, b) in itertools.product(enumerate(number.coefficient("")), enumerate(s)):
+                if a and b:
+                    factor, basis = _PRODUCTS[i][j]
+                    total[basis] += factor * a * b
+            if any(total):
+                terms.append((name, (total[0], total[1], total[2], total[3])))
+        return Exact(tuple(terms))
 
     def to_float(self, values: Mapping[str, float] | None = None) -> float:
         """Return the value in floating point, symbols replaced by `values`.
@@ -140,18 +138,16 @@ class Exact:
 
     def __str__(self) -> str:
         """Return the value as a sum, for example `1/2*sqrt(3)*L1`."""
-        return "+".join(self._write_terms()).replace("+-", "-") or "0"
-
-    def _write_terms(self) -> Iterator[str]:
+        terms = []
         for name, s in self.terms:
             for c, root in zip(s, _ROOT_NAMES, strict=True):
                 factors = [part for part in (root, name) if part]
-                if c and (abs(c) != 1 or not factors):
+                if abs(c) != 1 or not factors:
                     factors.insert(0, str(c))
                 elif c == -1:
                     factors[0] = "-" + factors[0]
-                if c:
-                    yield "*".join(factors)
+                terms += ["*".join(factors)] if c else []
+        return "+".join(terms).replace("+-", "-") or "0"
 
 
 ZERO = Exact()
@@ -183,14 +179,13 @@ _COSINES = (
     Exact.surd(Fraction(0), Fraction(-1, 4), 0, Fraction(1, 4)),
     ZERO,
 )
-_FULL_TURN = 24
-_WRITTEN_OUT = 1e-9
+_ROUNDED = 1e-9
+"""Angles below this (rad) are the rounding of what was written."""
 _HALF_TANGENT_DENOMINATOR = 10**8
 
 
 def _cosine_of_twelfths(k: int) -> Exact:
-    k = k % _FULL_TURN
-    k = min(k, _FULL_TURN - k)
+    k = min(k % 24, -k % 24)
     return _COSINES[k] if k <= 6 else -_COSINES[12 - k]
 
 
@@ -204,32 +199,29 @@ def build_exact_angle(radians: float, *, snap: float = 1e-5) -> Angle:
     """
     twelfths = round(radians / (math.pi / 12))
     moved = twelfths * (math.pi / 12) - radians
-    allowed = max(snap, _WRITTEN_OUT) if twelfths % 6 == 0 and snap else _WRITTEN_OUT
-    if abs(moved) <= allowed:
-        exact = twelfths * (math.pi / 12)
+    if abs(moved) <= (max(snap, _ROUNDED) if twelfths % 6 == 0 and snap else _ROUNDED):
         cosine, sine = _cosine_of_twelfths(twelfths), _cosine_of_twelfths(twelfths - 6)
         # Rounding of the input is no move worth a notice.
-        return Angle(
-            cosine=cosine, sine=sine, radians=exact, snapped_by=moved if abs(moved) > _WRITTEN_OUT else 0.0
-        )
+        snapped_by = moved if abs(moved) > _ROUNDED else 0.0
+        return Angle(cosine=cosine, sine=sine, radians=twelfths * (math.pi / 12), snapped_by=snapped_by)
     turn = math.remainder(radians, 2 * math.pi)
     # Near a half turn the half-angle tangent is huge: go through the opposite angle.
     opposite = abs(turn) > math.pi / 2
     half = math.remainder(turn - math.pi, 2 * math.pi) / 2 if opposite else turn / 2
     t = Fraction(math.tan(half)).limit_denominator(_HALF_TANGENT_DENOMINATOR)
-    sign = -1 if opposite else 1
-    cosine = Exact.surd(sign * (1 - t * t) / (1 + t * t))
-    return Angle(cosine=cosine, sine=Exact.surd(sign * 2 * t / (1 + t * t)), radians=radians)
+    scale = (-1 if opposite else 1) / (1 + t * t)
+    return Angle(cosine=Exact.surd(scale * (1 - t * t)), sine=Exact.surd(scale * 2 * t), radians=radians)
 
 
 ExactVector = tuple[Exact, Exact, Exact]
+ExactMatrix = tuple[ExactVector, ExactVector, ExactVector]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Placement:
     """A frame seen from another: columns of `rotation` are its axes, `translation` its origin (m)."""
 
-    rotation: tuple[ExactVector, ExactVector, ExactVector]
+    rotation: ExactMatrix
     translation: ExactVector
 
 
@@ -245,11 +237,23 @@ def rotate_x(angle: Angle) -> Placement:
     return Placement(rotation=rotation, translation=IDENTITY.translation)
 
 
+def rotate_y(angle: Angle) -> Placement:
+    """Return the frame turned about y by `angle`."""
+    c, s = angle.cosine, angle.sine
+    rotation = ((c, ZERO, s), (ZERO, ONE, ZERO), (-s, ZERO, c))
+    return Placement(rotation=rotation, translation=IDENTITY.translation)
+
+
 def rotate_z(angle: Angle) -> Placement:
     """Return the frame turned about z by `angle`."""
     c, s = angle.cosine, angle.sine
     rotation = ((c, -s, ZERO), (s, c, ZERO), (ZERO, ZERO, ONE))
     return Placement(rotation=rotation, translation=IDENTITY.translation)
+
+
+def rotate_rpy(roll: Angle, pitch: Angle, yaw: Angle) -> Placement:
+    """Return the frame turned by angles about fixed axes, Rz(yaw) Ry(pitch) Rx(roll), as in URDF."""
+    return compose_placements(rotate_z(yaw), compose_placements(rotate_y(pitch), rotate_x(roll)))
 
 
 def translate(x: Exact, y: Exact, z: Exact) -> Placement:
@@ -263,10 +267,8 @@ def _dot(left: ExactVector, right: ExactVector) -> Exact:
 
 def compose_placements(outer: Placement, inner: Placement) -> Placement:
     """Return `inner`, given in the frame `outer`, seen from where `outer` is seen from."""
-    columns = list(zip(*inner.rotation, strict=True))
-    r0, r1, r2 = (
-        (_dot(row, columns[0]), _dot(row, columns[1]), _dot(row, columns[2])) for row in outer.rotation
-    )
+    u, v, w = zip(*inner.rotation, strict=True)
+    r0, r1, r2 = ((_dot(row, u), _dot(row, v), _dot(row, w)) for row in outer.rotation)
     t0, t1, t2 = (
         shift + _dot(row, inner.translation)
         for row, shift in zip(outer.rotation, outer.translation, strict=True)
@@ -275,24 +277,16 @@ def compose_placements(outer: Placement, inner: Placement) -> Placement:
 
 
 def place_modified_dh(alpha: Angle, a: Exact, d: Exact, theta: Angle) -> Placement:
-    """Return link frame j seen from link frame j-1 for a modified DH row.
+    """Return link frame j seen from link frame j-1 for a modified DH row, lengths in m.
 
     Rot(x, alpha) Trans(x, a) Rot(z, theta) Trans(z, d)   (Khalil and Kleinfinger 1986; Craig 1986).
-
-    Args:
-        alpha: twist of the previous link, rad.
-        a: length of the previous link, m.
-        d: offset along the joint axis, m.
-        theta: angle about the joint axis, rad.
     """
     before = compose_placements(rotate_x(alpha), translate(a, ZERO, ZERO))
     return compose_placements(before, compose_placements(translate(ZERO, ZERO, d), rotate_z(theta)))
 
 
-_RADICANDS = (1, 2, 3, 6)
 # How sqrt(2), sqrt(3) and sqrt(6) change their signs under the four automorphisms of the field.
 _SIGNS = ((1, 1, 1, 1), (1, -1, 1, -1), (1, 1, -1, -1), (1, -1, -1, 1))
-_GUARD_DIGITS = 30
 
 
 def invert_exact(value: Exact) -> Exact:
@@ -308,75 +302,51 @@ def invert_exact(value: Exact) -> Exact:
     return others * Exact.surd(1 / norm)
 
 
-def _compute_rational_root(value: Fraction) -> Exact | None:
-    """Return the root of a rational number where it is a rational times 1, sqrt(2), sqrt(3) or sqrt(6)."""
-    for index, radicand in enumerate(_RADICANDS):
-        part = value / radicand
-        above, below = math.isqrt(part.numerator), math.isqrt(part.denominator)
-        if above * above == part.numerator and below * below == part.denominator:
-            parts = [Fraction(0)] * 4
-            parts[index] = Fraction(above, below)
-            return Exact.surd(*parts)
-    return None
-
-
 def compute_square_root(value: Exact) -> Exact | None:
-    """Return the root of `value` that is not negative, None where it is no number of the field.
+    """Return the root of `value` that is not negative, None where it is no number of the field."""
+    root = _compute_root(value, (3, 2))
+    if root is None:
+        return None
+    parts = root.coefficient("")
+    # Enough digits for the sign, however much cancels: the product of the conjugates is no smaller.
+    digits = sum(len(str(part.numerator)) + len(str(part.denominator)) for part in parts)
+    with decimal.localcontext(prec=4 * digits + 30):
+        terms = (
+            Decimal(c.numerator) / c.denominator * Decimal(r).sqrt()
+            for c, r in zip(parts, _RADICANDS, strict=True)
+        )
+        return root if sum(terms) >= 0 else -root
 
-    With s = D^2 value, an integer combination of the roots, x = sqrt(s) is an algebraic integer: its traces
-    with 1, sqrt(2), sqrt(3), sqrt(6) are whole numbers, found from the roots of the conjugates of s. The
-    square is compared exactly, so nothing rests on the digits.
+
+def _compute_root(value: Exact, radicands: tuple[int, ...]) -> Exact | None:
+    """Return a root of `value` in Q with the roots of these radicands, (3, 2), (2,) or (); None without one.
+
+    In K(sqrt(r)) it is c + b / (2 c) sqrt(r) of a + b sqrt(r), with c^2 = (a + n) / 2 and n^2 = a^2 - r b^2,
+    n (of either sign) and c in K; for b = 0 it is that of a, or sqrt(r) times that of a / r.
     """
-    if not value:
-        return ZERO
-    surd = value.coefficient("")
-    if value.is_rational:
-        return _compute_rational_root(surd[0]) if surd[0] > 0 else None
-    below = math.lcm(*(part.denominator for part in surd))
-    whole = [int(part * below * below) for part in surd]
-    digits = max(len(str(abs(part))) for part in whole)
-    with decimal.localcontext(decimal.Context(prec=digits + _GUARD_DIGITS)):
-        bases = [Decimal(radicand).sqrt() for radicand in _RADICANDS]
-        conjugates = [
-            sum(
-                (s * Decimal(part) * base for s, part, base in zip(signs, whole, bases, strict=True)),
-                Decimal(),
-            )
-            for signs in _SIGNS
-        ]
-        if min(conjugates) < 0:
-            return None
-        roots = [conjugate.sqrt() for conjugate in conjugates]
-        for turns in itertools.product((1, -1), repeat=3):
-            turned = [turn * root for turn, root in zip((1, *turns), roots, strict=True)]
-            parts = [_compute_root_coefficient(turned, index, bases[index], below) for index in range(4)]
-            found = Exact.surd(*parts)
-            if found * found == value:
-                return found
+    one, two, three, six = value.coefficient("")
+    if not radicands:
+        root = Exact.surd(Fraction(math.isqrt(abs(one.numerator)), math.isqrt(one.denominator)))
+        return root if root * root == value else None
+    r, *rest = radicands
+    inner = tuple(rest)
+    a, b = (Exact.surd(one, two), Exact.surd(three, six)) if inner else (Exact.surd(one), Exact.surd(two))
+    root_of_r = Exact.surd(Fraction(0), 0, 1) if inner else Exact.surd(Fraction(0), 1)
+    if not b:
+        found = _compute_root(a, inner)
+        if found is None:
+            found = _compute_root(a * Exact.surd(Fraction(1, r)), inner)
+            found = None if found is None else found * root_of_r
+        return found
+    norm = _compute_root(a * a - Exact.of(r) * b * b, inner)
+    for double in () if norm is None else (a + norm, a - norm):
+        c = _compute_root(double * Exact.surd(Fraction(1, 2)), inner)
+        if c is not None:
+            return c + b * invert_exact(c + c) * root_of_r
     return None
 
 
-def _compute_root_coefficient(roots: list[Decimal], index: int, base: Decimal, below: int) -> Fraction:
-    """Return the coefficient of the root `index`, from its trace, which is a whole number."""
-    trace = sum((signs[index] * root for signs, root in zip(_SIGNS, roots, strict=True)), Decimal()) * base
-    return Fraction(int(trace.to_integral_value()), 4 * _RADICANDS[index] * below)
-
-
-_Row = tuple[Exact, Exact, Exact]
-ExactMatrix = tuple[_Row, _Row, _Row]
 _TWO = Exact.of(2)
-
-
-def rotate_y(angle: Angle) -> Placement:
-    """Return the frame turned about y by `angle`."""
-    c, s = angle.cosine, angle.sine
-    rotation = ((c, ZERO, s), (ZERO, ONE, ZERO), (-s, ZERO, c))
-    return Placement(rotation=rotation, translation=IDENTITY.translation)
-
-
-def rotate_rpy(roll: Angle, pitch: Angle, yaw: Angle) -> Placement:
-    """Return the frame turned by angles about fixed axes, Rz(yaw) Ry(pitch) Rx(roll), as in URDF."""
-    return compose_placements(rotate_z(yaw), compose_placements(rotate_y(pitch), rotate_x(roll)))
 
 
 def build_tangent_angle(tangent: Exact) -> Angle:
@@ -385,15 +355,6 @@ def build_tangent_angle(tangent: Exact) -> Angle:
     scale = invert_exact(ONE + square)
     cosine, sine = (ONE - square) * scale, _TWO * tangent * scale
     return Angle(cosine=cosine, sine=sine, radians=2 * math.atan(tangent.to_float()))
-
-
-def compute_half_tangent(cosine: Exact, sine: Exact) -> Exact:
-    """Return tan(angle / 2) = sin / (1 + cos) of any angle but a half turn.
-
-    Raises:
-        ZeroDivisionError: the angle is a half turn.
-    """
-    return sine * invert_exact(ONE + cosine)
 
 
 def compute_rotation(quaternion: Sequence[Exact]) -> ExactMatrix:
@@ -444,10 +405,6 @@ def compute_rpy(rotation: ExactMatrix) -> tuple[Angle, Angle, Angle] | None:
     return angles if rotate_rpy(*angles).rotation == rotation else None
 
 
-_Axis = tuple[Fraction, Fraction, Fraction]
-_LEAST_SNAP = 1e-9
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SnappedPlacement:
     """A rotation, and by how much it differs from what was written (rad)."""
@@ -458,13 +415,10 @@ class SnappedPlacement:
 
 def invert_placement(placement: Placement) -> Placement:
     """Return the outer frame seen from the inner one: R' and -R' p."""
-    columns = list(zip(*placement.rotation, strict=True))
-    r0, r1, r2 = ((column[0], column[1], column[2]) for column in columns)
-    rotation = (r0, r1, r2)
-    back = Placement(rotation=rotation, translation=IDENTITY.translation)
+    r0, r1, r2 = zip(*placement.rotation, strict=True)
     x, y, z = (-value for value in placement.translation)
-    origin = Placement(rotation=IDENTITY.rotation, translation=(x, y, z))
-    return compose_placements(back, origin)
+    back = Placement(rotation=(r0, r1, r2), translation=IDENTITY.translation)
+    return compose_placements(back, translate(x, y, z))
 
 
 def to_floats(placement: Placement) -> tuple[tuple[float, ...], ...]:
@@ -472,7 +426,7 @@ def to_floats(placement: Placement) -> tuple[tuple[float, ...], ...]:
     return tuple(tuple(entry.to_float() for entry in row) for row in placement.rotation)
 
 
-def build_axis_frame(axis: _Axis, *, snap: float = 1e-5) -> SnappedPlacement:
+def build_axis_frame(axis: tuple[Fraction, Fraction, Fraction], *, snap: float = 1e-5) -> SnappedPlacement:
     """Return a rotation that takes z to the direction of `axis`.
 
     Args:
@@ -487,20 +441,18 @@ def build_axis_frame(axis: _Axis, *, snap: float = 1e-5) -> SnappedPlacement:
     flat = compute_square_root(Exact.surd(x * x + y * y))
     length = compute_square_root(Exact.surd(x * x + y * y + z * z))
     if flat and length:
-        pitch = _build_quotient_angle(Exact.surd(z), flat, length)
-        yaw = _build_quotient_angle(Exact.surd(x), Exact.surd(y), flat)
+        by_length, by_flat = invert_exact(length), invert_exact(flat)
+        pitch = Angle.of(Exact.surd(z) * by_length, flat * by_length)
+        yaw = Angle.of(Exact.surd(x) * by_flat, Exact.surd(y) * by_flat)
     else:
         pitch = build_exact_angle(math.atan2(math.hypot(x, y), z), snap=snap)
         yaw = build_exact_angle(math.atan2(y, x), snap=snap)
     placement = compose_placements(rotate_z(yaw), rotate_y(pitch))
-    return SnappedPlacement(
-        placement=placement, moved_by=_measure_axis_error(placement, (float(x), float(y), float(z)))
-    )
-
-
-def _build_quotient_angle(cosine: Exact, sine: Exact, by: Exact) -> Angle:
-    inverse = invert_exact(by)
-    return Angle.of(cosine * inverse, sine * inverse)
+    # The angle between the axis and where the rotation takes z.
+    u, v = [row[2].to_float() for row in placement.rotation], [float(x), float(y), float(z)]
+    cross = [u[(k + 1) % 3] * v[(k + 2) % 3] - u[(k + 2) % 3] * v[(k + 1) % 3] for k in range(3)]
+    moved = math.atan2(math.hypot(*cross), sum(a * b for a, b in zip(u, v, strict=True)))
+    return SnappedPlacement(placement=placement, moved_by=moved)
 
 
 def _snap_to_coordinate_axis(x: Fraction, y: Fraction, z: Fraction, snap: float) -> SnappedPlacement | None:
@@ -509,7 +461,7 @@ def _snap_to_coordinate_axis(x: Fraction, y: Fraction, z: Fraction, snap: float)
     index = max(range(3), key=lambda k: abs(values[k]))
     others = math.hypot(*(float(value) for k, value in enumerate(values) if k != index))
     moved = math.atan2(others, abs(float(values[index])))
-    if moved > max(snap, _LEAST_SNAP):
+    if moved > max(snap, _ROUNDED):
         return None
     quarters = 1 if values[index] > 0 else -1
     angle = build_exact_angle((0 if quarters > 0 else math.pi) if index == 2 else quarters * math.pi / 2)
@@ -518,27 +470,19 @@ def _snap_to_coordinate_axis(x: Fraction, y: Fraction, z: Fraction, snap: float)
     return SnappedPlacement(placement=turned, moved_by=moved)
 
 
-def _measure_axis_error(placement: Placement, axis: Sequence[float]) -> float:
-    """Return the angle between `axis` and where the rotation takes z (rad)."""
-    u = [row[2].to_float() for row in placement.rotation]
-    cross = [u[(k + 1) % 3] * axis[(k + 2) % 3] - u[(k + 2) % 3] * axis[(k + 1) % 3] for k in range(3)]
-    return math.atan2(math.hypot(*cross), sum(a * b for a, b in zip(u, axis, strict=True)))
-
-
-def snap_to_quarter_turns(placement: Placement, *, snap: float = 1e-5) -> SnappedPlacement | None:
-    """Return the rotation with entries 0, 1 and -1 that `placement` stands near, None where there is none.
+def snap_to_quarter_turns(placement: Placement, *, snap: float = 1e-5) -> Placement | None:
+    """Return `placement` with the rotation of entries 0, 1 and -1 that it is near; None where there is none.
 
     What was written in several steps can come to a quarter turn that none of the steps shows.
     """
     rows = to_floats(placement)
-    rounded = [[round(value) for value in row] for row in rows]
-    moved = max(abs(a - b) for a, b in zip(itertools.chain(*rows), itertools.chain(*rounded), strict=True))
-    if moved > max(snap, _LEAST_SNAP):
+    moved = max(abs(value - round(value)) for row in rows for value in row)
+    if moved > max(snap, _ROUNDED):
         return None
-    r0, r1, r2 = ((Exact.of(row[0]), Exact.of(row[1]), Exact.of(row[2])) for row in rounded)
+    r0, r1, r2 = ((Exact.of(round(x)), Exact.of(round(y)), Exact.of(round(z))) for x, y, z in rows)
     rotation = (r0, r1, r2)
-    if rotation == placement.rotation:
-        return None
-    return SnappedPlacement(
-        placement=Placement(rotation=rotation, translation=placement.translation), moved_by=moved
+    return (
+        None
+        if rotation == placement.rotation
+        else Placement(rotation=rotation, translation=placement.translation)
     )

@@ -2,12 +2,10 @@
 
 Mass, centre of mass, inertia -> XX XY XZ YY YZ ZZ MX MY MZ M about the origin of a frame, where XY, XZ, YZ
 are entries of the inertia tensor (XY = - integral of x y dm). Joints in a tree and which of them are fixed
--> `Lumped`: the moving joints, placed exactly, their links heavier by what is fixed to them, and where each
-fixed link went.
+-> `Lumped`: the moving joints, their links heavier by what is fixed to them.
 
-Supported: any frame on the link, the test whether a mass distribution exists; fixed joints anywhere in the
-tree, in a row, at the base, at the end; followers of a fixed joint, which stand still with it; symbolic
-lengths.
+Supported: any frame on the link; fixed joints anywhere in the tree; followers of a fixed joint, which stand
+still with it; symbolic lengths.
 Not supported: masses that are not positive; the sum of links in symbols (`Joint.form`): where a link with
 mass joins one, its numbers stay.
 """
@@ -18,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symid.arrays import FloatArray
-from symid.robot.description import Joint, Mimic
+from symid.robot.description import Joint
 from symid.robot.geometry import IDENTITY, Placement, compose_placements, to_floats
 
 # A flat or thin link sits on the edge of what is possible; rounding of its decimals may cross it.
@@ -48,8 +46,7 @@ def move_parameters(
     tensor = rotation @ _to_tensor(parameters[:6]) @ rotation.T
     tensor = tensor + 2 * (p @ s) * np.eye(3) - np.outer(p, s) - np.outer(s, p)
     tensor = tensor + mass * ((p @ p) * np.eye(3) - np.outer(p, p))
-    moments = s + mass * p
-    entries = (*tensor[np.triu_indices(3)], *moments, mass)
+    entries = (*tensor[np.triu_indices(3)], *(s + mass * p), mass)
     return tuple(float(entry) + 0.0 for entry in entries)
 
 
@@ -71,7 +68,7 @@ def move_by_placement(
     rotation = np.array(to_floats(placement))
     translation = np.array([entry.to_float(symbols) for entry in placement.translation])
     if inverse:
-        return move_parameters(parameters, rotation.T, -rotation.T @ translation)
+        rotation, translation = rotation.T, -rotation.T @ translation
     return move_parameters(parameters, rotation, translation)
 
 
@@ -106,15 +103,14 @@ def explain_impossible_inertia(parameters: Sequence[float]) -> str:
     sum of the others; equivalently the second moments are a positive semi-definite matrix
     (Wensing, Kim and Slotine 2018, IEEE Robotics and Automation Letters 3(1)).
     """
-    moments = np.linalg.eigvalsh(_to_tensor(split_body(parameters)[2]))
+    low, middle, high = (float(J) for J in np.linalg.eigvalsh(_to_tensor(split_body(parameters)[2])))
     allowed = _TOLERANCE * max(float(np.abs(parameters[:6]).max()), 1e-300)
-    low, middle, high = (float(moment) for moment in moments)
     listed = f"{low:.6g}, {middle:.6g} and {high:.6g} kg*m^2"
     if low < -allowed:
         return f"the principal moments about the centre of mass are {listed}, and none can be negative"
     if high > low + middle + allowed:
-        text = "and none can exceed the sum of the others"
-        return f"the principal moments about the centre of mass are {listed}, {text}"
+        rule = "none can exceed the sum of the others"
+        return f"the principal moments about the centre of mass are {listed}, and {rule}"
     return ""
 
 
@@ -123,8 +119,7 @@ class FixedFrame:
     """A link without a joint of its own: `name` of its fixed joint, and where it is now.
 
     `carrier` is the index of the moving joint whose link it belongs to, -1 for the base; `placement` the
-    file's frame of the link seen from the carrier's link frame (from the base frame for -1). `has_mass` says
-    whether the file gives it one.
+    file's frame of the link seen from the carrier's link frame, or from the base frame.
     """
 
     name: str
@@ -135,11 +130,7 @@ class FixedFrame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lumped:
-    """A tree without its fixed joints.
-
-    `joints` are the moving ones in their old order, `indices` the new index of each old joint (None where it
-    was fixed), `frames` the links of the fixed joints in their old order.
-    """
+    """The moving joints of a tree, the new index of each old joint (None: fixed), links of fixed joints."""
 
     joints: tuple[Joint, ...]
     indices: tuple[int | None, ...]
@@ -151,13 +142,12 @@ def lump_fixed_joints(
 ) -> Lumped:
     """Return the tree with the links of fixed joints joined to the links before them.
 
-    A fixed link without inertial values counts as nothing: it is a mere frame. A moving link without values
-    stays without (unknown plus known is unknown). What is fixed to the base moves nowhere and is gone; its
-    frame is kept in `frames`. A joint that follows a fixed joint is fixed too.
+    A fixed link without inertial values is a mere frame. A moving link without values stays without (unknown
+    plus known is unknown). What is fixed to the base is in `frames` only. A joint that follows a fixed joint
+    is fixed too.
 
     Args:
-        joints: the whole tree, fixed joints included; their kind, drive and friction do not matter. Parents
-            and masters are indices into this sequence.
+        joints: the whole tree, fixed joints included; parents and masters are indices into it.
         fixed: indices of the joints that do not move.
         symbols: values of symbolic lengths, m.
     """
@@ -175,10 +165,16 @@ def lump_fixed_joints(
     found = []
     for old in moving:
         carrier, placement = _locate_parent(joints[old], carriers)
-        joint = _add_loads(
-            joints[old], [(joints[k], carriers[k][1]) for k in loads.get(old, [])], symbols or {}
-        )
-        mimic = joint.mimic and Mimic(master=positions[joint.mimic.master], multiplier=joint.mimic.multiplier)
+        joint = joints[old]
+        for k in loads.get(old, []):
+            if _has_mass(joints[k]):
+                own, added = joint.inertial, joints[k].inertial
+                total = None
+                if own is not None and added is not None:
+                    moved = move_by_placement(added, carriers[k][1], symbols)
+                    total = tuple(a + b for a, b in zip(own, moved, strict=True))
+                joint = replace(joint, inertial=total, form=None)
+        mimic = joint.mimic and replace(joint.mimic, master=positions[joint.mimic.master])
         parent = positions.get(carrier, -1)
         found.append(replace(joint, parent=parent, placement=placement, mimic=mimic))
     frames = tuple(
@@ -206,17 +202,3 @@ def _locate_parent(joint: Joint, carriers: Mapping[int, tuple[int, Placement]]) 
 
 def _has_mass(joint: Joint) -> bool:
     return joint.form is not None or (joint.inertial is not None and any(joint.inertial))
-
-
-def _add_loads(joint: Joint, loads: Sequence[tuple[Joint, Placement]], symbols: Mapping[str, float]) -> Joint:
-    """Return `joint` with the inertial values of its loads added to its own."""
-    heavy = [(load, placement) for load, placement in loads if _has_mass(load)]
-    if not heavy:
-        return joint
-    total: tuple[float, ...] | None = joint.inertial
-    for load, placement in heavy:
-        if total is None or load.inertial is None:
-            return replace(joint, inertial=None, form=None)
-        moved = move_by_placement(load.inertial, placement, symbols)
-        total = tuple(own + other for own, other in zip(total, moved, strict=True))
-    return replace(joint, inertial=total, form=None)

@@ -2,21 +2,19 @@
 
 A path, or a name in ./robots or among the robots that come with symid; texts such as
 ("processing.filter_cutoff", "50") -> `Robot`, checked like the file itself. `complete_robot` adds what
-neither a URDF nor a table of rows says: friction, rotors, gears, torque constants.
+neither a URDF nor a table of rows holds: friction, rotors, gears, torque constants.
 
-Supported: robot files (TOML), URDF, tables of Denavit-Hartenberg rows (CSV). Settings under `log`,
-`processing` and `controller`, and one friction model for all joints. To complete: one friction model of
-unknown values for all joints, rotors of unknown inertia, a gear and a torque constant for each joint that
-follows no other.
-Not supported: MJCF and xacro, which are written or refused, not read; settings of geometry, drives and link
-values, which belong into the file; values that contradict the source.
+Supported: robot files (TOML), URDF, tables of Denavit-Hartenberg rows (CSV); settings under `log`,
+`processing` and `controller`, and one friction model for all joints.
+Not supported: reading MJCF and xacro; settings of geometry, drives and link values, which belong into the
+file; values that contradict the source.
 """
 
 import codecs
 import difflib
 import os
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
@@ -26,7 +24,7 @@ from symid.environment import locate_resource_folder
 from symid.errors import Notice, RobotError, UsageError
 from symid.notation import get_unit_factor
 from symid.robot.description import Drive, FrictionValues, Robot
-from symid.robot.toml_friction import FRICTION_PARAMETERS, FRICTION_SHAPES
+from symid.robot.toml_drives import FRICTION_PARAMETERS, FRICTION_SHAPES
 from symid.robot.toml_settings import (
     list_controller,
     list_log,
@@ -35,11 +33,9 @@ from symid.robot.toml_settings import (
     read_log,
     read_processing,
 )
-from symid.robot.toml_values import InputReport, KeyPath, Place, Places, Section, suggest_names
+from symid.robot.toml_values import KeyPath, Place, Places, Section, sort_notices, suggest_names
 
 _SUFFIX = ".toml"
-_HEAD = 4096
-_URDF_SUFFIXES = (".urdf", ".xml", ".xacro")
 
 
 def _list_robot_folders() -> tuple[Path, ...]:
@@ -47,17 +43,12 @@ def _list_robot_folders() -> tuple[Path, ...]:
 
 
 def is_urdf(path: Path) -> bool:
-    """Return whether a file is a URDF, or a xacro file, which is refused as such.
-
-    Its name says so, or its first letter: TOML never begins with <, and XML always does.
-    """
-    return path.suffix.lower() in _URDF_SUFFIXES or _begins_as_xml(path)
-
-
-def _begins_as_xml(path: Path) -> bool:
+    """Return whether a file is a URDF or xacro by its suffix, or begins with <, as only XML does."""
+    if path.suffix.lower() in (".urdf", ".xml", ".xacro"):
+        return True
     try:
         with path.open("rb") as file:
-            head = file.read(_HEAD)
+            head = file.read(4096)
     except (OSError, ValueError):
         return False
     return head.removeprefix(codecs.BOM_UTF8).lstrip().startswith(b"<")
@@ -65,13 +56,9 @@ def _begins_as_xml(path: Path) -> bool:
 
 def list_robots() -> tuple[str, ...]:
     """Return the names of all robots in ./robots and of those that come with symid, sorted."""
-    names = {
-        path.stem
-        for folder in _list_robot_folders()
-        if folder.is_dir()
-        for path in folder.glob(f"*{_SUFFIX}")
-    }
-    return tuple(sorted(names))
+    return tuple(
+        sorted({path.stem for folder in _list_robot_folders() for path in folder.glob(f"*{_SUFFIX}")})
+    )
 
 
 def locate_robot_file(name_or_path: str) -> Path:
@@ -113,7 +100,6 @@ def _explain_missing_file(path: Path) -> str:
     return f"there is no robot '{path}'; {hint}known are {known}, or give the path of a .toml or .urdf file"
 
 
-_LONGEST_KEY = 3
 _TABLES = ("log", "processing", "controller")
 
 
@@ -124,16 +110,22 @@ def override_robot(robot: Robot, settings: Sequence[tuple[str, str]], friction: 
         robot: as read from its file.
         settings: pairs of a dotted key below `log`, `processing` or `controller`, or "friction", and a
             value as in TOML; a text needs no quotes, a list no brackets.
-        friction: the name of a friction model for all joints that follow no other. What the file knows
-            of the values is dropped wherever the model differs.
+        friction: the name of a friction model for all joints that follow no other. Values that the file
+            states are dropped where the model differs.
 
     Raises:
         UsageError: a key cannot be overridden, or there is no such friction model.
-        RobotError: the values do not fit; all of them are told at once.
+        RobotError: the values do not fit; all mistakes at once.
     """
-    kinds = [friction] if friction is not None else []
-    kinds += [value for key, value in settings if key == "friction"]
     pairs = [(key, value) for key, value in settings if key != "friction"]
+    if pairs:
+        robot = _replace_settings(robot, pairs)
+    for kind in (friction, *(value for key, value in settings if key == "friction")):
+        robot = robot if kind is None else _replace_friction(robot, kind)
+    return robot
+
+
+def _replace_settings(robot: Robot, pairs: Sequence[tuple[str, str]]) -> Robot:
     values: dict[str, Any] = {"log": list_log(robot.log), "processing": list_processing(robot.processing)}
     if robot.controller is not None:
         values["controller"] = list_controller(robot.controller)
@@ -141,33 +133,27 @@ def override_robot(robot: Robot, settings: Sequence[tuple[str, str]], friction: 
     for key, value in pairs:
         path = _split_key(key)
         _drop_stale_factor(values, path, value)
-        _set_value(values, path, _parse_setting(value))
         # The setting's place is that of its key, and of the tables around it that have none yet.
-        place = Place(f"--set {key}={value}", 0, 0, value)
-        for length in range(1, len(path)):
+        place = places[path] = Place(f"--set {key}={value}", 0, 0, value)
+        table = values
+        for length, name in enumerate(path[:-1], start=1):
             places.setdefault(path[:length], place)
-        places[path] = place
-    if pairs:
-        robot = _read_again(robot, values, places)
-    for kind in kinds:
-        robot = _replace_friction(robot, kind)
-    return robot
-
-
-def _read_again(robot: Robot, values: Mapping[str, Any], places: Mapping[KeyPath, Place]) -> Robot:
-    report = InputReport(Places(keys=places, values=places, whole=Place("--set", 0, 0)))
-    root = Section(values=values, path=(), report=report)
+            if not isinstance(table.get(name), dict):
+                table[name] = {}
+            table = table[name]
+        table[path[-1]] = _parse_setting(value)
+    places_of_all = Places(keys=places, values=places, whole=Place("--set", 0, 0))
+    root = Section(values=values, places=places_of_all)
     log = read_log(root, robot.axes) if values["log"] else robot.log
     processing, controller = read_processing(root), read_controller(root, robot.axes)
-    changed = replace(robot, log=log, processing=processing, controller=controller)
-    if report.errors:
-        raise RobotError(*report.notices())
-    return changed
+    if root.errors:
+        raise RobotError(*sort_notices(root.errors))
+    return replace(robot, log=log, processing=processing, controller=controller)
 
 
 def _split_key(key: str) -> tuple[str, ...]:
     path = tuple(key.split("."))
-    if path[0] not in _TABLES or not 1 < len(path) <= _LONGEST_KEY or not all(path):
+    if path[0] not in _TABLES or not 1 < len(path) <= 3 or not all(path):
         hint = suggest_names(path[0], (*_TABLES, "friction"))
         text = (
             f"'{key}' cannot be set here; {hint + ' ' if hint else ''}allowed are friction, processing.KEY, "
@@ -188,18 +174,8 @@ def _parse_setting(text: str) -> object:
     return values["value"] if len(values) == 1 else text
 
 
-def _set_value(values: dict[str, Any], path: tuple[str, ...], value: object) -> None:
-    table = values
-    for name in path[:-1]:
-        inner = table.setdefault(name, {})
-        if not isinstance(inner, dict):
-            inner = table[name] = {}
-        table = inner
-    table[path[-1]] = value
-
-
 def _drop_stale_factor(values: dict[str, Any], path: tuple[str, ...], value: str) -> None:
-    """Forget a factor when the unit that it belongs to gives way to one of another dimension."""
+    """Drop a factor when the unit that it belongs to gives way to one of another dimension."""
     if path[0] != "log" or path[2:] != ("unit",):
         return
     quantity = values["log"].get(path[1], {})
@@ -215,22 +191,20 @@ def _drop_stale_factor(values: dict[str, Any], path: tuple[str, ...], value: str
 def _replace_friction(robot: Robot, name: str) -> Robot:
     kinds = {kind.value: kind for kind in FRICTION_PARAMETERS}
     if name not in kinds:
-        hint = suggest_names(name, kinds) or f"allowed are {', '.join(kinds)}"
+        hint = suggest_names(name, kinds, otherwise="allowed are")
         text = f"there is no friction model '{name}'; {hint}"
         raise UsageError(Notice(code="usage.unknown-friction", text=text))
     kind = kinds[name]
-    lacking = [joint.name for joint in robot.axes if joint.friction.kind is not kind]
-    if kind in FRICTION_SHAPES and lacking:
+    changed = [joint.name for joint in robot.axes if joint.friction.kind is not kind]
+    if kind in FRICTION_SHAPES and changed:
         shape = ", ".join(key.name for key in FRICTION_SHAPES[kind])
         text = (
-            f"the friction model '{name}' needs {shape} of joint {lacking[0]!r}, which no option gives; "
+            f"the friction model '{name}' needs {shape} of joint {changed[0]!r}, which no option gives; "
             "write it into the robot file"
         )
         raise UsageError(Notice(code="usage.friction-shape", text=text))
     joints = tuple(
-        joint
-        if joint.friction.kind is kind or joint.mimic is not None
-        else replace(joint, friction=FrictionValues(kind=kind))
+        replace(joint, friction=FrictionValues(kind=kind)) if joint.name in changed else joint
         for joint in robot.joints
     )
     return replace(robot, joints=joints)
@@ -292,7 +266,6 @@ def complete_robot(robot: Robot, added: Completion) -> Robot:
 
 DEFAULT_GRAVITY = ("0", "0", "-9.81")
 """Gravity in m/s^2 in the base frame of a table of rows, where nothing else is stated."""
-_TABLE = ".csv"
 
 
 def load_robot(
@@ -323,49 +296,38 @@ def load_robot(
         RobotError: the file is wrong.
     """
     path = locate_robot_file(name)
-    table = path.suffix.lower() == _TABLE
-    _refuse_of_table(path, table=table, convention=convention, gravity=gravity)
+    table = path.suffix.lower() == ".csv"
+    if table == (convention is None) or (gravity is not None and not table):
+        text = "convention and gravity belong to a table of Denavit-Hartenberg rows (.csv); leave them out"
+        if table:
+            text = "a table of Denavit-Hartenberg rows: state its convention, 'modified' or 'standard'"
+        raise UsageError(Notice(code="usage.convention", text=text, file=str(path)))
     if not table and is_urdf(path):
         from symid.robot.urdf_reader import DEFAULT_SNAP, read_urdf
 
         robot = read_urdf(path, base=base, tip=tip, snap=DEFAULT_SNAP if snap is None else snap)
-    else:
-        _refuse_cut(path, base=base, tip=tip, snap=snap)
-        if convention is not None:
-            from symid.robot.dh_table import read_dh_table
-
-            robot = read_dh_table(path, convention, gravity or DEFAULT_GRAVITY)
-        else:
-            from symid.robot.toml_reader import read_robot
-
-            robot = read_robot(path)
-    return override_settings(robot, settings, friction)
-
-
-def _refuse_of_table(path: Path, *, table: bool, convention: str | None, gravity: object) -> None:
-    """Refuse a table of rows without its convention, and what only such a table has for another file."""
-    text = ""
-    if table and convention is None:
-        text = "a table of Denavit-Hartenberg rows: say which they are, convention 'modified' or 'standard'"
-    elif not table and (convention is not None or gravity is not None):
-        text = "convention and gravity belong to a table of Denavit-Hartenberg rows (.csv); leave them out"
-    if text:
-        raise UsageError(Notice(code="usage.convention", text=text, file=str(path)))
-
-
-def _refuse_cut(path: Path, **options: object) -> None:
-    for option, value in options.items():
+        return override_settings(robot, settings, friction)
+    for option, value in (("base", base), ("tip", tip), ("snap", snap)):
         if value is not None:
             what = "rounded" if option == "snap" else "cut at its links"
             remedy = "write the angles exactly" if option == "snap" else "leave the joints out of the file"
             text = f"--{option} {value}: only a URDF is {what}; leave the option out, or {remedy}"
             raise UsageError(Notice(code="usage.no-urdf", text=text, file=str(path)))
+    if convention is not None:
+        from symid.robot.dh_table import read_dh_table
+
+        robot = read_dh_table(path, convention, gravity or DEFAULT_GRAVITY)
+    else:
+        from symid.robot.toml_reader import read_robot
+
+        robot = read_robot(path)
+    return override_settings(robot, settings, friction)
 
 
 def override_settings(
     robot: Robot, settings: Sequence[tuple[str, str]], friction: str | None = None
 ) -> Robot:
-    """Return `robot` with other settings; what is wrong with one is wrong with the call, not the file.
+    """Return `robot` with other settings; a mistake in one is a mistake of the call, not of the file.
 
     Raises:
         UsageError: a setting cannot be made here, or its value does not fit.

@@ -1,7 +1,6 @@
 """Values of a robot's parameters, vector by vector, as JSON and as a C header for its generated library.
 
-Names, values, units -> `RobotValues`, in the order of the arguments of generated functions. JSON is an
-object of plain types, SI units, format 1, links in the frames of the URDF that symid writes:
+JSON is an object of plain types, SI units, format 1, links in the frames of the URDF that symid writes:
 
     format, version, robot, signature
     vectors: {"beta": [{name, value, unit, expression, identified, std}], "f": ..., "IA": ..., "h": ...}
@@ -9,13 +8,8 @@ object of plain types, SI units, format 1, links in the frames of the URDF that 
     links: [{joint, kind, parent, mass, com, inertia {xx xy xz yy yz zz about com}, standard {XX ... M}}]
     drives: [{name, gear, rotor_inertia, friction {model, values {}, shape {}, smoothing}}], couplings last
 
-The header has an array for each vector, such as `symid_arm_beta`, and for each entry its place in it, such
-as `SYMID_ARM_BETA_ZZR1`. Where the library's header is included before, the compiler checks that both have
-as many parameters; `SYMID_ARM_VALUES_SIGNATURE` is that of the model, as the library's own function says
-it.
-
-Supported: base parameters, friction, rotors of elastic joints, springs; double and single precision, C99
-and C++. A value that nobody knows is None, null in JSON, and 0 with a comment in C.
+The header has an array for each vector, such as `symid_arm_beta`, for each entry its place in it, such as
+`SYMID_ARM_BETA_ZZR1`, and the model's signature. An unknown value is null in JSON, and 0 with a comment in C.
 """
 
 import re
@@ -25,12 +19,12 @@ from dataclasses import asdict, dataclass
 from symid.notation import INERTIAL
 from symid.robot.description import Coupling, Joint, Robot
 from symid.robot.inertia import split_body
-from symid.robot.toml_friction import FRICTION_PARAMETERS, name_shape, name_values
+from symid.robot.toml_drives import FRICTION_PARAMETERS, name_shape, name_values
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ValueRow:
-    """A parameter: its value in SI units, what it groups, and where it was identified as what, how surely."""
+    """A parameter: its value in SI units, what it groups, its identified value and standard deviation."""
 
     name: str
     value: float | None
@@ -42,7 +36,7 @@ class ValueRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ValueVector:
-    """One argument of generated functions: its name there, in words what it is, its entries in order."""
+    """One argument of generated functions: its name there, its meaning, its entries in order."""
 
     name: str
     title: str
@@ -59,8 +53,6 @@ class RobotValues:
     vectors: tuple[ValueVector, ...]
 
 
-FORMAT = "symid values"
-VERSION = 1
 _TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
 
 
@@ -72,13 +64,17 @@ def build_json_values(
     Args:
         robot: with values of links and drives.
         values: the same as vectors.
-        outcome: how the values were found, in one word.
+        outcome: how the values were estimated, in one word.
         sources: the logs they come from.
     """
     symbols = dict(robot.symbols)
+    drives = [_describe_drive(joint, {"gear": joint.drive.gear}) for joint in robot.joints]
+    for coupling in robot.couplings:
+        terms = {robot.joints[index].name: float(factor) for index, factor in coupling.terms}
+        drives.append(_describe_drive(coupling, {"turns_with": terms}))
     return {
-        "format": FORMAT,
-        "version": VERSION,
+        "format": "symid values",
+        "version": 1,
         "robot": robot.name,
         "signature": values.signature,
         "outcome": outcome,
@@ -88,20 +84,7 @@ def build_json_values(
             vector.name: [asdict(row) for row in vector.rows] for vector in values.vectors if vector.rows
         },
         "links": [_describe_link(robot, joint) for joint in robot.joints],
-        "drives": [
-            *(_describe_drive(joint, {"gear": joint.drive.gear}) for joint in robot.joints),
-            *(
-                _describe_drive(
-                    coupling,
-                    {
-                        "turns_with": {
-                            robot.joints[index].name: float(factor) for index, factor in coupling.terms
-                        }
-                    },
-                )
-                for coupling in robot.couplings
-            ),
-        ],
+        "drives": drives,
     }
 
 
@@ -112,15 +95,11 @@ def _describe_link(robot: Robot, joint: Joint) -> dict[str, object]:
         "parent": robot.joints[joint.parent].name if joint.parent >= 0 else None,
     }
     if joint.inertial is None:
-        return {**found, "mass": None, "com": None, "inertia": None, "standard": None}
+        return found | dict.fromkeys(("mass", "com", "inertia", "standard"))
     mass, com, central = split_body(joint.inertial)
-    return {
-        **found,
-        "mass": mass,
-        "com": com,
-        "inertia": dict(zip(_TENSOR, central, strict=True)),
-        "standard": dict(zip(INERTIAL, joint.inertial, strict=True)),
-    }
+    inertia = dict(zip(_TENSOR, central, strict=True))
+    standard = dict(zip(INERTIAL, joint.inertial, strict=True))
+    return found | {"mass": mass, "com": com, "inertia": inertia, "standard": standard}
 
 
 def _describe_drive(owner: Joint | Coupling, moves: dict[str, object]) -> dict[str, object]:
@@ -140,10 +119,6 @@ def _describe_drive(owner: Joint | Coupling, moves: dict[str, object]) -> dict[s
 
 PRECISIONS = ("double", "float")
 """Types of numbers that the generated library may have."""
-
-# What the library calls the lengths of vectors.
-_LENGTHS = {"beta": "BETA", "f": "FRICTION"}
-_SAME = 1e-12
 
 
 def write_c_values(values: RobotValues, *, comments: Sequence[str] = (), precision: str = "double") -> str:
@@ -175,30 +150,33 @@ def write_c_values(values: RobotValues, *, comments: Sequence[str] = (), precisi
 
 
 def _write_check(prefix: str, vectors: Sequence[ValueVector]) -> Iterator[str]:
-    macro = prefix.upper()
-    sizes = {name: len(vector.rows) for vector in vectors for name in [_LENGTHS.get(vector.name)] if name}
-    if not sizes:
-        return
-    terms = " && ".join(f"{macro}_{name} == {size}" for name, size in sizes.items())
-    yield from (
-        "",
-        f"#ifdef {macro}_H",
-        "/* This does not compile where the library has other parameters. */",
-    )
-    yield f"typedef char {prefix}_values_fit[({terms}) ? 1 : -1];"
-    yield "#endif"
+    """Yield a check of the number of parameters, where the library's header was included before."""
+    names = {"beta": "BETA", "f": "FRICTION"}
+    terms = [
+        f"{prefix.upper()}_{names[vector.name]} == {len(vector.rows)}"
+        for vector in vectors
+        if vector.name in names
+    ]
+    if terms:
+        yield from ("", f"#ifdef {prefix.upper()}_H")
+        yield "/* This does not compile where the library has other parameters. */"
+        yield f"typedef char {prefix}_values_fit[({' && '.join(terms)}) ? 1 : -1];"
+        yield "#endif"
 
 
 def _write_vector(prefix: str, vector: ValueVector, precision: str) -> Iterator[str]:
-    places = _name_places(vector.rows)
-    base = f"{prefix.upper()}_{_to_identifier(vector.name).upper()}"
-    yield from (f"#define {base}_{place} {index}" for index, place in enumerate(places))
+    vector_name = _to_identifier(vector.name)
+    names = [_to_identifier(row.name) for row in vector.rows]
+    for index, name in enumerate(names):
+        place = name if names.count(name) == 1 else f"{name}_{index}"
+        yield f"#define {prefix.upper()}_{vector_name.upper()}_{place} {index}"
     yield from ("", f"/** {vector.title}. */")
-    yield f"static const {precision} {prefix}_{_to_identifier(vector.name)}[{len(vector.rows)}] = {{"
-    texts = [_write_number(row.value, precision) for row in vector.rows]
-    width = max(map(len, texts)) + 1
+    yield f"static const {precision} {prefix}_{vector_name}[{len(vector.rows)}] = {{"
+    end = "F" if precision == "float" else ""
+    texts = [f"{float(row.value or 0.0) + 0.0!r}{end}," for row in vector.rows]
+    width = max(map(len, texts))
     for index, (row, text) in enumerate(zip(vector.rows, texts, strict=True)):
-        yield f"    {text + ',':<{width}} /* [{index}] {_describe(row)} */"
+        yield f"    {text:<{width}} /* [{index}] {_describe(row)} */"
     yield "};"
 
 
@@ -206,22 +184,12 @@ def _to_identifier(name: str) -> str:
     return re.sub(r"\W", "_", name, flags=re.ASCII)
 
 
-def _name_places(rows: Sequence[ValueRow]) -> list[str]:
-    """Return a part of an identifier for each row, with its place where names would be the same."""
-    names = [_to_identifier(row.name) for row in rows]
-    return [name if names.count(name) == 1 else f"{name}_{index}" for index, name in enumerate(names)]
-
-
-def _write_number(value: float | None, precision: str) -> str:
-    return repr(float(value or 0.0) + 0.0) + ("F" if precision == "float" else "")
-
-
 def _describe(row: ValueRow) -> str:
     text = row.name if row.expression in ("", row.name) else f"{row.name} = {row.expression}"
     text += f", {row.unit}"
     if row.value is None:
-        return f"{text}; unknown, so that it is left at 0"
-    if row.identified is not None and abs(row.identified - row.value) > _SAME * abs(row.value):
+        return f"{text}; unknown, left at 0"
+    if row.identified is not None and abs(row.identified - row.value) > 1e-12 * abs(row.value):
         text += f"; identified as {row.identified:.9g}"
     if row.std is not None:
         percent = f" ({100 * row.std / abs(row.value):.2g} %)" if row.value else ""

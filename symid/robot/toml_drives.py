@@ -1,121 +1,276 @@
-"""What drives a joint and what gives at it: the `drive`, `spring`, `elasticity` and `[[coupling]]` tables.
+"""Drives, friction and springs: the `drive`, `friction`, `spring`, `elasticity` and `[[coupling]]` tables.
 
-Tables of a robot file -> `Drive`, `Spring`, `Elasticity`, `Coupling`.
-
-Supported: rotor inertias on either side of the gear; elastic joints with stiffness, damping, a cubic part,
-stops, knees on both sides or written for one and mirrored, catalogue values of harmonic drives; stiffnesses
-and rotor inertias that are "unknown", to be identified.
-Not supported: springs at a joint that are not linear; thresholds and knees that are unknown; a cubic part
-together with knees.
+Supported: rotor inertias on either side of the gear; the models of `FrictionKind` and `CurvedFriction`, with
+all values or none where they are unknown, and a speed over which dry friction changes its sign; elastic
+joints with stiffness, damping, a cubic part, stops, knees on both sides or written for one and mirrored,
+catalogue values of harmonic drives; stiffnesses and rotor inertias that are "unknown", to be identified.
+Not supported: springs at a joint that are not linear; unknown shape values, thresholds and knees; a cubic
+part together with knees.
 """
 
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
+import numpy as np
+
+from symid.arrays import FloatArray
 from symid.errors import RobotError
-from symid.robot.description import Coupling, Drive, JointKind, Spring
+from symid.notation import adapt_unit, get_unit
+from symid.robot.description import (
+    Coupling,
+    CurvedFriction,
+    Drive,
+    FrictionKind,
+    FrictionValues,
+    JointKind,
+    Spring,
+)
 from symid.robot.elasticity import Elasticity, Knee, Stop, compute_catalogue_knees
 from symid.robot.exact_values import read_fraction
-from symid.robot.toml_friction import read_friction
 from symid.robot.toml_values import (
     ANY,
     NOT_NEGATIVE,
     POSITIVE,
     Range,
     Section,
-    read_choice,
-    read_flag,
-    read_number,
-    read_table,
-    read_text,
-    refuse_unknown_keys,
     suggest_names,
+    to_decimal,
 )
 
-UNKNOWN = "unknown"
-"""What stands in place of a number that is to be identified."""
+Kind = FrictionKind | CurvedFriction
 
-_UNITS = {
-    "stiffness": ("N*m/rad", "N/m"),
-    "rest": ("rad", "m"),
-    "damping": ("N*m*s/rad", "N*s/m"),
-    "cubic": ("N*m/rad^3", "N/m^3"),
-    "threshold": ("rad", "m"),
-    "torque": ("N*m", "N"),
+FRICTION_PARAMETERS: dict[Kind, tuple[str, ...]] = {
+    FrictionKind.NONE: (),
+    FrictionKind.VISCOUS_COULOMB: ("Fv", "Fc"),
+    FrictionKind.VISCOUS_COULOMB_OFFSET: ("Fv", "Fc", "offset"),
+    FrictionKind.ASYMMETRIC: ("Fvp", "Fcp", "Fvn", "Fcn"),
+    CurvedFriction.STRIBECK: ("Fv", "Fc", "Fe"),
+    CurvedFriction.STRIBECK_OFFSET: ("Fv", "Fc", "Fe", "offset"),
+    CurvedFriction.IMPROVED_STRIBECK: ("Fv", "Fc", "Fe", "Fp"),
+    CurvedFriction.ASYMMETRIC_STRIBECK: ("Fvp", "Fcp", "Fvn", "Fcn", "Fe"),
+    CurvedFriction.CUBIC: ("Fv", "Fc", "Fvq", "Fvc"),
+    CurvedFriction.STRIBECK_CUBIC: ("Fv", "Fc", "Fe", "Fvq", "Fvc"),
+    CurvedFriction.POWER_LAW: ("Fc", "Fd"),
+    CurvedFriction.MAKKAR: ("Fm", "Fc", "Fv"),
 }
-"""Units of what springs have, at a joint that turns and at one that slides."""
+"""The parameters of each friction model, in the order of its values."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ShapeKey:
+    """A shape value: its key, its unit at a joint that turns, its range, its default where it has one."""
+
+    name: str
+    unit: str
+    allowed: Range = POSITIVE
+    default: float | None = None
+
+
+_EXPONENT = Range(low=0, high=10, open_low=True)
+_VS, _EDGE = ShapeKey(name="vs", unit="rad/s"), ShapeKey(name="dq0", unit="rad/s")
+_GAMMA = ShapeKey(name="gamma", unit="", allowed=_EXPONENT, default=2.0)
+
+FRICTION_SHAPES: dict[Kind, tuple[ShapeKey, ...]] = {
+    CurvedFriction.STRIBECK: (_VS, _GAMMA),
+    CurvedFriction.STRIBECK_OFFSET: (_VS, _GAMMA),
+    CurvedFriction.IMPROVED_STRIBECK: (_VS, _EDGE, _GAMMA),
+    CurvedFriction.ASYMMETRIC_STRIBECK: (_VS, _GAMMA),
+    CurvedFriction.STRIBECK_CUBIC: (_VS, _GAMMA),
+    CurvedFriction.POWER_LAW: (ShapeKey(name="delta", unit="", allowed=_EXPONENT),),
+    CurvedFriction.MAKKAR: tuple(ShapeKey(name=name, unit="s/rad") for name in ("g2", "g3", "g5")),
+}
+"""The shape values of each curved model that has any, in their order."""
+
+
+def name_values(friction: FrictionValues) -> dict[str, float]:
+    """Return the values of a friction model by name; none where they are unknown."""
+    if not friction.values:
+        return {}
+    return dict(zip(FRICTION_PARAMETERS[friction.kind], friction.values, strict=True))
+
+
+def name_shape(friction: FrictionValues) -> dict[str, float]:
+    """Return the shape values of a friction model by name; none where they are unknown."""
+    keys = FRICTION_SHAPES.get(friction.kind, ())
+    return {key.name: value for key, value in zip(keys, friction.shape, strict=False)}
+
+
+_WITHOUT_STEP: dict[Kind, str] = {
+    FrictionKind.NONE: "dry friction",
+    CurvedFriction.IMPROVED_STRIBECK: "step at standstill",
+    CurvedFriction.MAKKAR: "step at standstill",
+}
+# Of either sign; what is negative here need not push.
+_SIGNED = ("offset", "Fp", "Fe", "Fvq", "Fvc")
+# The speeds at which curves are evaluated: a hundred a decade.
+_SLOWEST, _FASTEST, _SPEED_COUNT = 1e-9, 1e6, 1500
+
+
+def read_friction(section: Section) -> FrictionValues:
+    """Return the friction of a joint's or coupling's table; none where it states none."""
+    names = sorted({name for group in FRICTION_PARAMETERS.values() for name in group})
+    shapes = {key.name: key for keys in FRICTION_SHAPES.values() for key in keys}
+    table = section.read_table("friction", ("model", *names, *shapes, "smoothing"))
+    if table is None:
+        return FrictionValues()
+    table.require("model", 'write model = "viscous_coulomb"')
+    kinds = {kind.value: kind for kind in FRICTION_PARAMETERS}
+    model = table.read_choice("model", kinds)
+    smoothing = table.read_float("smoothing", "rad/s", POSITIVE)
+    kind = kinds[model] if model else None
+    wanted = names if kind is None else FRICTION_PARAMETERS[kind]
+    keys = tuple(shapes.values()) if kind is None else FRICTION_SHAPES.get(kind, ())
+    given = {name: table.read_float(name, get_unit(name).replace(" ", "*")) for name in wanted}
+    shape = {key.name: table.read_float(key.name, key.unit, key.allowed) for key in keys}
+    if kind is None:
+        return FrictionValues()
+    _check_keys(table, kind, (*names, *shapes), keys)
+    for name, value in given.items():
+        if name not in _SIGNED and value is not None and value < 0:
+            text = f"{table.show(name)} drives the joint instead of braking it; write a positive coefficient"
+            table.warn("robot.negative-friction", name, text)
+    values = tuple(value for value in given.values() if value is not None)
+    filled = [key.default if (value := shape[key.name]) is None else value for key in keys]
+    found = FrictionValues(
+        kind=kind,
+        values=values if values and len(values) == len(wanted) else None,
+        smoothing=smoothing or 0.0,
+        shape=tuple(value for value in filled if value is not None) if None not in filled else (),
+    )
+    limits = section.get("limits")
+    limit = to_decimal(limits.get("velocity")) if isinstance(limits, dict) else None
+    fastest = float(limit) if limit is not None and limit > 0 else math.inf
+    _warn_of_driving_friction(table, found, fastest)
+    return found
+
+
+def _check_keys(table: Section, kind: Kind, names: tuple[str, ...], keys: tuple[ShapeKey, ...]) -> None:
+    """Refuse values that the model does not have, and a part of its values in place of all."""
+    wanted, shape = FRICTION_PARAMETERS[kind], tuple(key.name for key in keys)
+    code = "robot.friction-values"
+    if kind in _WITHOUT_STEP and "smoothing" in table.values:
+        text = f'has nothing to smooth: the model "{kind.value}" has no {_WITHOUT_STEP[kind]}; leave it out'
+        table.refuse_key(code, "smoothing", text)
+    for name in names:
+        if name in table.values and name not in (*wanted, *shape):
+            listed = f"its values are {', '.join(wanted)}" if wanted else "it has no values"
+            listed += f", its shape values {', '.join(shape)}" if shape else ""
+            table.refuse_key(code, name, f'not a value of the model "{kind.value}"; {listed}')
+    missing = [name for name in wanted if name not in table.values]
+    if missing and len(missing) < len(wanted):
+        text = (
+            f"without {', '.join(missing)}; give all of {', '.join(wanted)}, or none where they are unknown"
+        )
+        table.refuse_key(code, next(name for name in wanted if name in table.values), text)
+    for key in keys:
+        if key.default is None:
+            unit = adapt_unit(key.unit, prismatic=table.prismatic)
+            in_unit = f" in {unit}" if unit else ""
+            table.require(key.name, f'the model "{kind.value}" needs it as a number{in_unit}')
+
+
+def _warn_of_driving_friction(table: Section, friction: FrictionValues, fastest: float) -> None:
+    """Warn of a curve that drives the joint although no coefficient on its own does.
+
+    It does where its least braking torques up to a speed, one way and the other, have a negative sum.
+    """
+    named, shape = name_values(friction), name_shape(friction)
+    known = named and len(shape) == len(FRICTION_SHAPES.get(friction.kind, ()))
+    if not known or not isinstance(friction.kind, CurvedFriction):
+        return
+    named |= shape
+    if any(value < 0.0 for name, value in named.items() if name not in _SIGNED):
+        return
+    speeds = np.geomspace(_SLOWEST, max(min(fastest, _FASTEST), _SLOWEST), _SPEED_COUNT + 1)
+    least = sum(np.minimum.accumulate(_compute_brake(friction, named, side, speeds)) for side in ("p", "n"))
+    pushing = np.flatnonzero(least < 0.0)
+    if not len(pushing):
+        return
+    speed, unit = float(speeds[pushing[0]]), adapt_unit("rad/s", prismatic=table.prismatic)
+    start = f"from about {speed:.2g} {unit} on" if speed > _SLOWEST else "as motion begins"
+    key = next((name for name in _SIGNED[2:] if named.get(name, 0.0) < 0.0), "Fc")
+    hint = "simulation refuses that"
+    if friction.kind is CurvedFriction.MAKKAR:
+        key, hint = "Fm", "Fc or Fv must outweigh Fm, or g2 be at least g3"
+    text = f"{named[key]:g} drives the joint {start} instead of braking it; {hint}"
+    table.warn("robot.negative-friction", key, text)
+
+
+def _compute_brake(
+    friction: FrictionValues, named: Mapping[str, float], side: str, v: FloatArray
+) -> FloatArray:
+    """Return what a curve brakes with at speeds v (N,) in the direction "p" or "n", offset and bias apart."""
+    names = ("Fv", "Fc", "Fe", "Fd", "Fvq", "Fvc", "Fm")
+    fv, fc, fe, fd, fvq, fvc, fm = (named.get(key, named.get(f"{key}{side}", 0.0)) for key in names)
+    if friction.kind is CurvedFriction.MAKKAR:
+        bump = np.tanh(named["g2"] * v) - np.tanh(named["g3"] * v)
+        return fm * bump + fc * np.tanh(named["g5"] * v) + fv * v
+    vs, edge, width = named.get("vs", 1.0), named.get("dq0", 0.0), friction.smoothing
+    sign = np.tanh(v / width) if width else np.minimum(1.0, v / edge) if edge else 1.0
+    # Beyond ten decades nothing is left of the fall.
+    fall = np.exp(-(np.minimum(np.maximum(v, edge) / vs, 1e10) ** named.get("gamma", 2.0)))
+    dry = fc + fe * fall + fd * v ** named.get("delta", 1.0)
+    return dry * sign + fv * v + fvq * v * v + fvc * v**3
+
+
+UNKNOWN = "unknown"
+"""The text in place of a number that is to be identified."""
+
+_STIFFNESS = "N*m/rad"
 
 
 def read_drive(section: Section) -> Drive:
-    """Return the `drive` table of a joint."""
-    drive = read_table(section, "drive", ("gear", "rotor_inertia", "rotor_inertia_side", "torque_constant"))
+    """Return the `drive` table of a joint; motors turn, whatever the joint does."""
+    drive = section.read_table("drive", ("gear", "rotor_inertia", "rotor_inertia_side", "torque_constant"))
     if drive is None:
         return Drive()
     # The joint's own label is enough: the keys of a drive stand nowhere else.
-    drive = drive.inside(drive.values, section.label)
-    gear = read_number(drive, "gear", "")
+    drive = replace(drive, label=section.label, prismatic=False)
+    gear = drive.read_float("gear", "")
     if gear == 0:
-        text = "must not be 0; it is the number of motor turns per turn of the joint"
+        text = "must not be 0; it is the number of motor turns per joint turn"
         drive.refuse("robot.out-of-range", "gear", text)
-    constant = read_number(drive, "torque_constant", "N*m/A")
-    ratio = float(gear or 1)
+    side = drive.read_choice("rotor_inertia_side", ("motor", "joint"))
+    has_rotor = "rotor_inertia" in drive.values
+    inertia = drive.read_float("rotor_inertia", "kg*m^2", NOT_NEGATIVE, word=UNKNOWN)
+    if side and not has_rotor:
+        text = f'no rotor_inertia; write rotor_inertia = 1e-5 (kg*m^2) or "{UNKNOWN}", or leave this out'
+        drive.refuse_key("robot.rotor-side", "rotor_inertia_side", text)
+    known = has_rotor and drive.values["rotor_inertia"] != UNKNOWN
+    if known and "rotor_inertia_side" not in drive.values:
+        text = 'needs its side: write rotor_inertia_side = "motor" or rotor_inertia_side = "joint"'
+        drive.refuse_key("robot.rotor-side", "rotor_inertia", text)
+    ratio = gear or 1.0
     return Drive(
         gear=ratio,
-        has_rotor="rotor_inertia" in drive.values,
-        rotor_inertia=_read_rotor_inertia(drive, ratio),
-        torque_constant=None if constant is None else float(constant),
+        has_rotor=has_rotor,
+        rotor_inertia=None if inertia is None else inertia * (ratio**2 if side == "motor" else 1.0),
+        torque_constant=drive.read_float("torque_constant", "N*m/A"),
     )
 
 
-def _read_rotor_inertia(drive: Section, gear: float) -> float | None:
-    """Return the rotor inertia on the joint side, None where it is unknown."""
-    side = read_choice(drive, "rotor_inertia_side", ("motor", "joint"))
-    if "rotor_inertia" not in drive.values:
-        if side:
-            text = f'stands alone; write rotor_inertia = 1e-5 (kg*m^2) or "{UNKNOWN}", or leave it out'
-            drive.refuse_key("robot.rotor-side", "rotor_inertia_side", text)
-        return None
-    if drive.values["rotor_inertia"] == UNKNOWN:
-        return None
-    value = read_number(drive, "rotor_inertia", "kg*m^2", NOT_NEGATIVE)
-    if "rotor_inertia_side" not in drive.values:
-        text = 'needs its side: write rotor_inertia_side = "motor" or rotor_inertia_side = "joint"'
-        drive.refuse_key("robot.rotor-side", "rotor_inertia", text)
-    if value is None:
-        return None
-    return float(value) * (gear**2 if side == "motor" else 1.0)
-
-
-def read_spring(section: Section, *, prismatic: bool) -> Spring | None:
+def read_spring(section: Section) -> Spring | None:
     """Return the `spring` table of a joint: tau = stiffness (q - rest)."""
-    table = read_table(section, "spring", ("stiffness", "rest"))
+    table = section.read_table("spring", ("stiffness", "rest"))
     if table is None:
         return None
-    for key, example in (("stiffness", "120"), ("rest", "0")):
-        if key not in table.values:
-            unit = _UNITS[key][prismatic]
-            text = f'missing; write {key} = {example} ({unit}) or {key} = "{UNKNOWN}"'
-            table.refuse_key("robot.missing-key", key, text)
-    stiffness = read_known(table, "stiffness", _UNITS["stiffness"][prismatic], ANY)
-    rest = read_known(table, "rest", _UNITS["rest"][prismatic], ANY)
+    for key, example, unit in (("stiffness", "120", _STIFFNESS), ("rest", "0", "rad")):
+        shown = adapt_unit(unit, prismatic=table.prismatic)
+        table.require(key, f'write {key} = {example} ({shown}) or {key} = "{UNKNOWN}"')
+    stiffness = table.read_float("stiffness", _STIFFNESS, word=UNKNOWN)
+    rest = table.read_float("rest", "rad", word=UNKNOWN)
     if stiffness is not None and stiffness < 0:
         text = f"{stiffness:g} pushes the joint away from rest; a spring's stiffness is positive"
         table.warn("robot.negative-stiffness", "stiffness", text)
     return Spring(stiffness=stiffness, rest=rest)
 
 
-def read_known(table: Section, key: str, unit: str, allowed: Range) -> float | None:
-    """Return the number at `key`; None where it is unknown or wrong."""
-    if table.values.get(key) == UNKNOWN:
-        return None
-    value = read_number(table, key, unit, allowed)
-    return None if value is None else float(value)
-
-
-def read_table_array(root: Section, key: str, noun: str) -> list[Section]:
+def read_table_array(root: Section, key: str) -> list[Section]:
     """Return the tables of `[[key]]`, each with a label for messages; what is none is reported."""
-    tables: Any = root.values.get(key)
+    tables: Any = root.get(key)
     if tables is None:
         return []
     if not isinstance(tables, list):
@@ -124,12 +279,12 @@ def read_table_array(root: Section, key: str, noun: str) -> list[Section]:
     sections = []
     for index, table in enumerate(tables):
         if not isinstance(table, Mapping):
-            # The other tables are read all the same, so that their mistakes are told too.
-            text = f"expected [[{key}]] in two brackets, got {root.show(key, index)} as {noun} {index + 1}"
+            # The other tables are read all the same, so that their mistakes are reported too.
+            text = f"expected [[{key}]] in two brackets, got {root.show(key, index)} as {key} {index + 1}"
             root.refuse("robot.wrong-type", key, text, index)
             continue
         name = table.get("name")
-        label = f"{noun} '{name}'" if isinstance(name, str) else f"{noun} {index + 1}"
+        label = f"{key} '{name}'" if isinstance(name, str) else f"{key} {index + 1}"
         sections.append(root.inside(table, label, key, index))
     return sections
 
@@ -145,8 +300,8 @@ def read_couplings(
         kinds: of the same joints, None for a fixed one.
     """
     couplings: list[Coupling] = []
-    for section in read_table_array(root, "coupling", "coupling"):
-        refuse_unknown_keys(section, ("name", "terms", "rotor_inertia", "friction"))
+    for section in read_table_array(root, "coupling"):
+        section.refuse_unknown_keys(("name", "terms", "rotor_inertia", "friction"))
         name = _read_name(section, [entry.name for entry in couplings])
         terms = _read_terms(section, names, kinds)
         prismatic = bool(terms) and all(kinds[index] is JointKind.PRISMATIC for index, _ in terms)
@@ -156,8 +311,8 @@ def read_couplings(
                 name=name,
                 terms=terms,
                 has_rotor="rotor_inertia" in section.values,
-                rotor_inertia=read_known(section, "rotor_inertia", unit, NOT_NEGATIVE),
-                friction=read_friction(section, prismatic=prismatic),
+                rotor_inertia=section.read_float("rotor_inertia", unit, NOT_NEGATIVE, word=UNKNOWN),
+                friction=read_friction(replace(section, prismatic=prismatic)),
             )
         )
     return tuple(couplings)
@@ -165,10 +320,8 @@ def read_couplings(
 
 def _read_name(section: Section, taken: Sequence[str]) -> str:
     """Return the coupling's name, which ends the names of its parameters."""
-    if "name" not in section.values:
-        text = 'missing; write name = "m6": it ends the names of the parameters, as in IAm6'
-        section.refuse_key("robot.missing-key", "name", text)
-    name = read_text(section, "name")
+    section.require("name", 'write name = "m6": it ends the names of the parameters, as in IAm6')
+    name = section.read_text("name")
     if name is None:
         return ""
     if not name.isidentifier() or not name.isascii():
@@ -183,20 +336,18 @@ def _read_name(section: Section, taken: Sequence[str]) -> str:
 def _read_terms(
     section: Section, names: Sequence[str], kinds: Sequence[JointKind | None]
 ) -> tuple[tuple[int, Fraction], ...]:
-    if "terms" not in section.values:
-        text = "missing; write terms = { joint5 = 1, joint6 = 1 }: speed = sum of factor * dq"
-        section.refuse_key("robot.missing-key", "terms", text)
-    table = read_table(section, "terms")
+    example = "write terms = { joint5 = 1, joint6 = 1 }"
+    section.require("terms", f"{example}: speed = sum of factor * dq")
+    table = section.read_table("terms")
     if table is None:
         return ()
     if not table.values:
-        text = "empty; write terms = { joint5 = 1, joint6 = 1 }, joints and factors"
-        section.refuse("robot.missing-key", "terms", text)
+        section.refuse("robot.missing-key", "terms", f"empty; {example}, joints and factors")
     terms = []
     for name in table.values:
         factor = read_fraction(table, name, "leave the joint out: the drive does not turn with it")
         if name not in names:
-            hint = suggest_names(name, names) or f"allowed are {', '.join(names)}"
+            hint = suggest_names(name, names, otherwise="allowed are")
             table.refuse_key("robot.unknown-joint", name, f"there is no such joint; {hint}")
         elif kinds[names.index(name)] is None:
             text = "the joint is fixed and drives nothing; name one that moves"
@@ -210,38 +361,32 @@ _ELASTICITY_KEYS = ("stiffness", "damping", "cubic", "stops", "knees", "symmetri
 _CATALOGUE = ("K1", "K2", "K3", "T1", "T2")
 
 
-def read_elasticity(section: Section, *, prismatic: bool) -> Elasticity | None:
-    """Return the `elasticity` table of a joint; a notice says what it means for functions of the robot."""
-    table = read_table(section, "elasticity", _ELASTICITY_KEYS)
+def read_elasticity(section: Section) -> Elasticity | None:
+    """Return the `elasticity` table of a joint; a notice explains which side q is."""
+    table = section.read_table("elasticity", _ELASTICITY_KEYS)
     if table is None:
         return None
-    text = "functions of q speak of the link; friction and rotor are those of the motor, which moves apart"
+    text = "q is the link position; friction and rotor inertia are on the motor side"
     section.warn("robot.elastic-joint", "elasticity", text)
-    before = len(table.report.errors)
-    damping = read_number(table, "damping", _UNITS["damping"][prismatic], NOT_NEGATIVE)
-    cubic = read_number(table, "cubic", _UNITS["cubic"][prismatic], NOT_NEGATIVE)
-    stops = _read_stops(table, prismatic=prismatic)
+    before = len(table.errors)
+    damping = table.read_float("damping", "N*m*s/rad", NOT_NEGATIVE)
+    cubic = table.read_float("cubic", "N*m/rad^3", NOT_NEGATIVE)
+    stops = _read_stops(table)
     if "catalogue" in table.values:
-        stiffness, knees = _read_catalogue(table, prismatic=prismatic)
+        stiffness, knees = _read_catalogue(table)
     else:
-        unit = _UNITS["stiffness"][prismatic]
-        if "stiffness" not in table.values:
-            text = f'missing; write stiffness = 1e4 ({unit}) or stiffness = "{UNKNOWN}"'
-            table.refuse_key("robot.missing-key", "stiffness", text)
-        stiffness = read_known(table, "stiffness", unit, POSITIVE)
-        knees = _read_knees(table, prismatic=prismatic)
+        unit = adapt_unit(_STIFFNESS, prismatic=table.prismatic)
+        table.require("stiffness", f'write stiffness = 1e4 ({unit}) or stiffness = "{UNKNOWN}"')
+        stiffness = table.read_float("stiffness", _STIFFNESS, POSITIVE, word=UNKNOWN)
+        knees = _read_knees(table)
     if cubic and "knees" in table.values:
-        text = "cannot stand beside knees: both make the joint harder; describe it by one of them"
+        text = "cannot be combined with knees: both harden the spring; use one of them"
         table.refuse_key("robot.elasticity-mixed", "cubic", text)
-    if len(table.report.errors) > before:
+    if len(table.errors) > before:
         return None
     try:
         return Elasticity(
-            stiffness=stiffness,
-            damping=float(damping or 0),
-            cubic=float(cubic or 0),
-            stops=stops,
-            knees=knees,
+            stiffness=stiffness, damping=damping or 0.0, cubic=cubic or 0.0, stops=stops, knees=knees
         )
     except RobotError as error:
         for notice in error.notices:
@@ -249,26 +394,23 @@ def read_elasticity(section: Section, *, prismatic: bool) -> Elasticity | None:
         return None
 
 
-def _read_catalogue(table: Section, *, prismatic: bool) -> tuple[float | None, tuple[Knee, ...]]:
+def _read_catalogue(table: Section) -> tuple[float | None, tuple[Knee, ...]]:
     """Return the stiffness K1 and the knees that a maker's table stands for."""
     for key in ("stiffness", "knees", "symmetric", "cubic"):
         if key in table.values:
-            text = "cannot stand beside catalogue, which says stiffness and knees; leave one of them out"
+            text = "cannot be combined with catalogue, which gives stiffness and knees; leave one of them out"
             table.refuse_key("robot.elasticity-mixed", key, text)
-    inner = read_table(table, "catalogue", _CATALOGUE)
+    inner = table.read_table("catalogue", _CATALOGUE)
     if inner is None:
         return None, ()
     values = {}
     for key in _CATALOGUE:
-        unit = _UNITS["stiffness" if key[0] == "K" else "torque"][prismatic]
-        number = read_number(inner, key, unit, POSITIVE)
-        if key not in inner.values:
-            text = (
-                f"missing; catalogue = {{ {', '.join(f'{name} = ..' for name in _CATALOGUE)} }} has all five"
-            )
-            inner.refuse_key("robot.missing-key", key, text)
-        elif number is not None:
-            values[key] = float(number)
+        inner.require(
+            key, f"catalogue = {{ {', '.join(f'{name} = ..' for name in _CATALOGUE)} }} has all five"
+        )
+        number = inner.read_float(key, _STIFFNESS if key[0] == "K" else "N*m", POSITIVE)
+        if number is not None:
+            values[key] = number
     if len(values) < len(_CATALOGUE):
         return None, ()
     if not values["T1"] < values["T2"]:
@@ -279,72 +421,62 @@ def _read_catalogue(table: Section, *, prismatic: bool) -> tuple[float | None, t
     return values["K1"], compute_catalogue_knees(slopes, (values["T1"], values["T2"]))
 
 
-def _list_entries(table: Section, key: str, example: str) -> list[Section]:
-    """Return the tables of the array at `key`; what is none is reported."""
-    entries: Any = table.values.get(key)
+def _list_entries(table: Section, key: str, *numbers: tuple[str, str]) -> list[Section]:
+    """Return the tables of the array at `key`, which hold these numbers; what is none is reported."""
+    entries: Any = table.get(key)
     if entries is None:
         return []
     if not isinstance(entries, list) or not all(isinstance(entry, Mapping) for entry in entries):
+        example = ", ".join(f"{name} = {number}" for name, number in numbers)
         text = f"expected a list of tables, as in {key} = [{{ {example} }}], got {table.show(key)}"
         table.refuse("robot.wrong-type", key, text)
         return []
-    return [
-        table.inside(entry, f"{table.label}: {key} {index + 1}", key, index)
-        for index, entry in enumerate(entries)
-    ]
+    sections = []
+    for index, entry in enumerate(entries):
+        sections.append(table.inside(entry, f"{table.label}: {key} {index + 1}", key, index))
+        sections[-1].refuse_unknown_keys(name for name, _ in numbers)
+    return sections
 
 
-def _read_required(entry: Section, key: str, unit: str, allowed: Range) -> float | None:
+def _read_required(entry: Section, key: str, unit: str, allowed: Range, word: str = "") -> float | None:
     """Return the number at `key`; one that is missing is reported."""
-    if key not in entry.values:
-        text = f"missing; write {key} = a number" + (f" in {unit}" if unit else "")
-        entry.refuse_key("robot.missing-key", key, text)
-    number = read_number(entry, key, unit, allowed)
-    return None if number is None else float(number)
+    shown = adapt_unit(unit, prismatic=entry.prismatic)
+    entry.require(key, f"write {key} = a number" + (f" in {shown}" if unit else ""))
+    return entry.read_float(key, unit, allowed, word=word)
 
 
-def _read_stops(table: Section, *, prismatic: bool) -> tuple[Stop, ...]:
-    unit = _UNITS["stiffness"][prismatic]
+def _check_order(entry: Section, threshold: float, before: Sequence[Stop | Knee]) -> None:
+    if before and not threshold > before[-1].threshold:
+        text = f"must be greater than {before[-1].threshold:g} before it: thresholds increase, each once"
+        entry.refuse("robot.out-of-range", "threshold", text)
+
+
+def _read_stops(table: Section) -> tuple[Stop, ...]:
     stops: list[Stop] = []
-    for entry in _list_entries(table, "stops", "threshold = 0.002, stiffness = 120"):
-        refuse_unknown_keys(entry, ("threshold", "stiffness"))
-        threshold = _read_required(entry, "threshold", _UNITS["threshold"][prismatic], POSITIVE)
-        stiffness: float | None = None
-        if entry.values.get("stiffness") != UNKNOWN:
-            stiffness = _read_required(entry, "stiffness", unit, NOT_NEGATIVE)
+    for entry in _list_entries(table, "stops", ("threshold", "0.002"), ("stiffness", "120")):
+        threshold = _read_required(entry, "threshold", "rad", POSITIVE)
+        stiffness = _read_required(entry, "stiffness", _STIFFNESS, NOT_NEGATIVE, UNKNOWN)
         if threshold is not None:
-            before = stops[-1].threshold if stops else 0.0
-            if not threshold > before:
-                _refuse_order(entry, before)
+            _check_order(entry, threshold, stops)
             stops.append(Stop(threshold=threshold, stiffness=stiffness))
     return tuple(stops)
 
 
-def _read_knees(table: Section, *, prismatic: bool) -> tuple[Knee, ...]:
-    symmetric = read_flag(table, "symmetric") or False
+def _read_knees(table: Section) -> tuple[Knee, ...]:
+    symmetric = table.read_flag("symmetric") or False
     knees: list[Knee] = []
-    for entry in _list_entries(table, "knees", "threshold = 3.0, slope = 0.5"):
-        refuse_unknown_keys(entry, ("threshold", "slope"))
-        allowed = POSITIVE if symmetric else ANY
-        threshold = _read_required(entry, "threshold", _UNITS["torque"][prismatic], allowed)
+    for entry in _list_entries(table, "knees", ("threshold", "3.0"), ("slope", "0.5")):
+        threshold = _read_required(entry, "threshold", "N*m", POSITIVE if symmetric else ANY)
         slope = _read_required(entry, "slope", "", ANY)
         if threshold == 0:
             text = "must not be 0: the outer function has slope 1 there; change stiffness instead"
             entry.refuse("robot.out-of-range", "threshold", text)
         elif threshold is not None and slope is not None:
-            if knees and not threshold > knees[-1].threshold:
-                _refuse_order(entry, knees[-1].threshold)
+            _check_order(entry, threshold, knees)
             knees.append(Knee(threshold=threshold, slope=slope))
-    if symmetric and "knees" not in table.values:
-        table.refuse_key(
-            "robot.elasticity-mixed", "symmetric", "stands alone; it mirrors knees, and there are none"
-        )
-    below = (
-        [Knee(threshold=-knee.threshold, slope=knee.slope) for knee in reversed(knees)] if symmetric else []
-    )
-    return (*below, *knees)
-
-
-def _refuse_order(entry: Section, before: float) -> None:
-    text = f"must be greater than {before:g} before it: thresholds increase, each once"
-    entry.refuse("robot.out-of-range", "threshold", text)
+    if not symmetric:
+        return tuple(knees)
+    if "knees" not in table.values:
+        text = "it mirrors knees, and there are none; write knees or leave it out"
+        table.refuse_key("robot.elasticity-mixed", "symmetric", text)
+    return (*(Knee(threshold=-knee.threshold, slope=knee.slope) for knee in reversed(knees)), *knees)

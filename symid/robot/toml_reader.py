@@ -1,54 +1,87 @@
-"""A robot from its TOML file.
+"""A robot from its TOML file: the whole file, its joints and couplings, and the links of joints.
 
-A path or a text -> `Robot`, or one `RobotError` with all that is wrong, each with its place. `build_robot`
-takes the values of a file from any source; a table of Denavit-Hartenberg rows gives them too.
+A path or a text -> `Robot`, or one `RobotError` with all mistakes and their places. `build_robot` takes the
+values of a file from any source; a table of Denavit-Hartenberg rows gives them too.
 
-Supported: TOML 1.0 in UTF-8, lines ending as on any system; the keys of the commented file in the
-documentation.
-Not supported: files that include others; guesses. A convention, a joint's kind, gravity and units must be
-written.
+Supported: TOML 1.0 in UTF-8, lines ending as on any system; chains and trees, a joint's parent stands before
+it; fixed joints, whose links are joined to those that carry them, with a notice; chains of followers; links
+by mass, centre of mass and inertia, or by standard parameters, symbols in place of numbers. Standard
+parameters that no body has (from a converted file, or identified) are kept, with a warning; mass, com and
+inertia are typed by hand, and such values refused.
+Not supported: files that include others; a convention, a joint's kind, gravity or units that are not written;
+rings of followers, followers of fixed joints; negative masses, symbols among standard parameters.
 """
 
 import re
-import tomllib
 from collections.abc import Sequence
-from decimal import Decimal
+from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
-from symid.errors import Notice, RobotError
+from symid.errors import RobotError
 from symid.notation import INERTIAL
-from symid.robot.description import Coupling, Robot
-from symid.robot.exact_values import Symbols, read_linear_form
-from symid.robot.geometry import ZERO, Exact
-from symid.robot.toml_friction import FRICTION_PARAMETERS
-from symid.robot.toml_joints import read_joints
+from symid.robot.description import (
+    Coupling,
+    Joint,
+    JointKind,
+    Limits,
+    Mimic,
+    MimicStep,
+    Robot,
+    SymbolicInertia,
+    follow_chain,
+)
+from symid.robot.exact_values import (
+    DH_KEYS,
+    read_angle,
+    read_fraction,
+    read_length,
+    read_linear_form,
+    read_origin,
+    read_row,
+)
+from symid.robot.geometry import (
+    IDENTITY,
+    ZERO,
+    Exact,
+    Placement,
+    build_exact_angle,
+    compose_placements,
+    rotate_z,
+    translate,
+)
+from symid.robot.inertia import (
+    compute_standard_parameters,
+    explain_impossible_inertia,
+    lump_fixed_joints,
+    move_by_placement,
+)
+from symid.robot.toml_drives import (
+    FRICTION_PARAMETERS,
+    read_couplings,
+    read_drive,
+    read_elasticity,
+    read_friction,
+    read_spring,
+    read_table_array,
+)
 from symid.robot.toml_settings import read_controller, read_log, read_processing
 from symid.robot.toml_values import (
-    InputReport,
+    ANY,
+    BASE,
+    NOT_NEGATIVE,
+    POSITIVE,
     Section,
-    has_list,
-    locate_values,
-    read_choice,
-    read_number,
-    read_table,
-    read_text,
+    explain_wide_limits,
+    parse_toml,
     read_text_file,
-    refuse_unknown_keys,
+    sort_notices,
+    suggest_names,
 )
 
-CONVENTIONS = ("modified", "standard", "origin")
 _ROBOT_KEYS = (
-    "name",
-    "description",
-    "source",
-    "convention",
-    "gravity",
-    "symbols",
-    "joint",
-    "coupling",
-    "log",
-    "processing",
-    "controller",
+    *("name", "description", "source", "convention", "gravity", "symbols"),
+    *("joint", "coupling", "log", "processing", "controller"),
 )
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 # Letters of coordinates, functions and parameters would read as something else in a formula.
@@ -58,115 +91,6 @@ _LETTERS = (
     *dict.fromkeys(name for names in FRICTION_PARAMETERS.values() for name in names),
 )
 _RESERVED = re.compile(rf"(?:pi|tau|theta|sqrt|atan|[sc]\d+|d{{0,2}}q\d*|(?:{'|'.join(_LETTERS)})R?\d+)")
-
-
-def build_robot(root: Section, file: str) -> Robot:
-    """Return the robot that the values of a whole file describe.
-
-    Args:
-        root: the values, with the report that gathers what is wrong.
-        file: the path or name of the file.
-
-    Raises:
-        RobotError: with a notice for each mistake, in the order of their places.
-    """
-    refuse_unknown_keys(root, _ROBOT_KEYS)
-    convention = _read_convention(root)
-    symbols = _read_symbols(root)
-    joints, couplings = read_joints(root, convention, symbols)
-    _refuse_parameters(root, symbols, couplings)
-    gravity = _read_gravity(root, symbols)
-    log = read_log(root, joints)
-    name = _read_name(root, Path(file).stem)
-    texts = {key: read_text(root, key) or "" for key in ("description", "source")}
-    processing = read_processing(root)
-    controller = read_controller(root, joints)
-    if root.report.errors:
-        raise RobotError(*root.report.notices())
-    _warn_of_unused_symbols(root, symbols)
-    return Robot(
-        name=name,
-        description=texts["description"],
-        source=texts["source"],
-        convention=convention,
-        gravity=gravity,
-        symbols=tuple(sorted(symbols.values.items())),
-        joints=joints,
-        couplings=couplings,
-        log=log,
-        processing=processing,
-        controller=controller,
-        path=file,
-        notices=root.report.remarks(),
-    )
-
-
-def _read_name(root: Section, stem: str) -> str:
-    name = read_text(root, "name")
-    if name is not None and not _NAME.fullmatch(name):
-        text = (
-            f"{root.show('name')} cannot name generated functions; use letters, digits and _, a letter first"
-        )
-        root.refuse("robot.bad-name", "name", text)
-    return name or re.sub(r"\W|^(?=\d)", "_", stem)
-
-
-def _read_convention(root: Section) -> str:
-    if "convention" not in root.values:
-        text = (
-            'missing, and never guessed; write convention = "modified" (alpha and a belong to the link '
-            'before: Craig, Khalil), convention = "standard" (to the joint\'s own link: classic DH) or '
-            'convention = "origin" (frames as in URDF)'
-        )
-        root.refuse_key("robot.missing-key", "convention", text)
-    return read_choice(root, "convention", CONVENTIONS) or "modified"
-
-
-def _read_gravity(root: Section, symbols: Symbols) -> tuple[Exact, Exact, Exact]:
-    value = root.values.get("gravity")
-    if value is None:
-        text = "missing; write gravity = [0, 0, -9.81], the vector in the base frame in m/s^2"
-        root.refuse_key("robot.missing-key", "gravity", text)
-        return (ZERO, ZERO, ZERO)
-    if not has_list(root, "gravity", 3, "numbers in m/s^2"):
-        return (ZERO, ZERO, ZERO)
-    x, y, z = (read_linear_form(root, "gravity", symbols, "m/s^2", index) or ZERO for index in range(3))
-    return (x, y, z)
-
-
-def _read_symbols(root: Section) -> Symbols:
-    table = read_table(root, "symbols")
-    if table is None:
-        return Symbols({})
-    values: dict[str, float] = {}
-    for name in table.values:
-        if not _NAME.fullmatch(name) or _RESERVED.fullmatch(name):
-            text = (
-                "cannot name a symbol; use letters, digits and _, and no letter of a coordinate or parameter"
-            )
-            table.refuse_key("robot.bad-name", name, text)
-        values[name] = float(read_number(table, name, "") or 0)
-    return Symbols(values)
-
-
-def _refuse_parameters(root: Section, symbols: Symbols, couplings: Sequence[Coupling]) -> None:
-    """Refuse symbols that read as the parameters of coupled drives."""
-    taken = {f"{letter}{coupling.name}": coupling.name for coupling in couplings for letter in _LETTERS}
-    section = root.inside(symbols.values, "symbols", "symbols")
-    for name in symbols.values:
-        if name in taken and not _RESERVED.fullmatch(name):
-            text = f"cannot name a symbol: it reads as a parameter of the coupling {taken[name]}"
-            section.refuse_key("robot.bad-name", name, text)
-
-
-def _warn_of_unused_symbols(root: Section, symbols: Symbols) -> None:
-    section = root.inside(symbols.values, "symbols", "symbols")
-    for name in symbols.values:
-        if name not in symbols.units:
-            section.warn("robot.unused-symbol", name, "nothing in the file uses this symbol")
-
-
-_PLACE = re.compile(r"\s*\(at (?:line (\d+), column (\d+)|end of document)\)$")
 
 
 def read_robot(path: Path) -> Robot:
@@ -184,28 +108,385 @@ def parse_robot(text: str, file: str = "robot.toml") -> Robot:
     Raises:
         RobotError: with a notice for each mistake in the text.
     """
-    text = text.replace("\r\n", "\n")
-    try:
-        values = tomllib.loads(text, parse_float=Decimal)
-    except tomllib.TOMLDecodeError as error:
-        raise RobotError(_explain_syntax(str(error), text, file)) from error
-    report = InputReport(locate_values(text, file))
-    return build_robot(Section(values=values, path=(), report=report), file)
+    return build_robot(parse_toml(text, file), file)
 
 
-def _explain_syntax(message: str, text: str, file: str) -> Notice:
-    match = _PLACE.search(message)
-    if match and match[1]:
-        line, column = int(match[1]), int(match[2])
-    else:
-        line, column = text.count("\n") + 1, len(text) - (text.rfind("\n") + 1) + 1
-    reason = _PLACE.sub("", message)
-    words = f"not valid TOML: {reason[:1].lower()}{reason[1:]}"
-    bare = (
-        re.match(r"[A-Za-z]\w*", text.split("\n")[line - 1][column - 1 :])
-        if "Invalid value" in reason
-        else None
+def build_robot(root: Section, file: str) -> Robot:
+    """Return the robot that the values of a whole file describe.
+
+    Args:
+        root: the values, with the lists that collect mistakes and warnings.
+        file: the path or name of the file.
+
+    Raises:
+        RobotError: with a notice for each mistake, in the order of their places.
+    """
+    root.refuse_unknown_keys(_ROBOT_KEYS)
+    if "convention" not in root.values:
+        text = (
+            'missing, and never guessed; write convention = "modified" (alpha and a belong to the link '
+            'before: Craig, Khalil), convention = "standard" (to the joint\'s own link: classic DH) or '
+            'convention = "origin" (frames as in URDF)'
+        )
+        root.refuse_key("robot.missing-key", "convention", text)
+    convention = root.read_choice("convention", ("modified", "standard", "origin")) or "modified"
+    root = _read_symbols(root)
+    joints, couplings = read_joints(root, convention)
+    _check_symbols(root, couplings)
+    remedy = "write gravity = [0, 0, -9.81], the vector in the base frame in m/s^2"
+    x, y, z = ZERO, ZERO, ZERO
+    if root.require("gravity", remedy) and root.has_list("gravity", 3, "numbers in m/s^2"):
+        x, y, z = (read_linear_form(root, "gravity", "m/s^2", index) or ZERO for index in range(3))
+    log = read_log(root, joints)
+    name = root.read_text("name")
+    if name is not None and not _NAME.fullmatch(name):
+        text = f"{root.show('name')} cannot name functions; use letters, digits and _, a letter first"
+        root.refuse("robot.bad-name", "name", text)
+    description, source = (root.read_text(key) or "" for key in ("description", "source"))
+    processing, controller = read_processing(root), read_controller(root, joints)
+    if root.errors:
+        raise RobotError(*sort_notices(root.errors))
+    symbols = root.inside(root.symbols, "symbols", "symbols")
+    for symbol in root.symbols:
+        if symbol not in root.used:
+            symbols.warn("robot.unused-symbol", symbol, "nothing in the file uses this symbol")
+    return Robot(
+        name=name or re.sub(r"\W|^(?=\d)", "_", Path(file).stem),
+        description=description,
+        source=source,
+        convention=convention,
+        gravity=(x, y, z),
+        symbols=tuple(sorted(root.symbols.items())),
+        joints=joints,
+        couplings=couplings,
+        log=log,
+        processing=processing,
+        controller=controller,
+        path=file,
+        notices=sort_notices(root.warnings),
     )
-    if bare:
-        words += f'; a text or the name of a length stands in quotes: "{bare[0]}"'
-    return Notice(code="robot.syntax", text=words, file=file, line=line, column=column)
+
+
+def _read_symbols(root: Section) -> Section:
+    """Return the file with the values of its symbols."""
+    table = root.read_table("symbols")
+    if table is None:
+        return root
+    values: dict[str, float] = {}
+    for name in table.values:
+        if not _NAME.fullmatch(name) or _RESERVED.fullmatch(name):
+            text = "cannot name a symbol; use letters, digits and _, and no name of a coordinate or parameter"
+            table.refuse_key("robot.bad-name", name, text)
+        values[name] = table.read_float(name, "") or 0.0
+    return replace(root, symbols=values)
+
+
+def _check_symbols(root: Section, couplings: Sequence[Coupling]) -> None:
+    """Refuse symbols that read as the parameters of coupled drives."""
+    taken = {f"{letter}{coupling.name}": coupling.name for coupling in couplings for letter in _LETTERS}
+    section = root.inside(root.symbols, "symbols", "symbols")
+    for name in root.symbols:
+        if name in taken and not _RESERVED.fullmatch(name):
+            text = f"cannot name a symbol: it reads as a parameter of the coupling {taken[name]}"
+            section.refuse_key("robot.bad-name", name, text)
+
+
+_TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
+_STANDARD_UNITS = ("kg*m^2",) * 6 + ("kg*m",) * 3 + ("kg",)
+
+
+def read_body(
+    section: Section, name: str, frame: Placement, others: tuple[str, ...] = ()
+) -> tuple[tuple[float, ...] | None, SymbolicInertia | None]:
+    """Return the ten parameters of a body and their form in symbols; None where the file states none.
+
+    Args:
+        section: the table around that of the body, as of a joint.
+        name: of the body's table, as "link".
+        frame: the frame that the file's values refer to, seen from the link's frame.
+        others: keys that the table may have besides.
+    """
+    link = section.read_table(name, ("mass", "com", "inertia", "standard", *others))
+    if link is None:
+        return None, None
+    errors, symbols = len(link.errors), link.symbols
+    key = "standard" if "standard" in link.values else "inertia"
+    form = _read_symbolic_inertia(link) if key == "inertia" else None
+    found = _read_standard(link) if key == "standard" else None
+    if form is not None:
+        com, inertia = ([entry.to_float(symbols) for entry in part] for part in (form.com, form.inertia))
+        found = compute_standard_parameters(form.mass.to_float(symbols), com, inertia)
+    if found is None or len(link.errors) > errors:
+        return None, None
+    impossible = explain_impossible_inertia(found) if found[9] else ""
+    if impossible and key == "inertia":
+        text = f"no physical body has this inertia: {impossible}; check the values and their reference point"
+        link.refuse("robot.impossible-inertia", key, f"{text}, or write them as standard, which is kept")
+        return None, None
+    if impossible:
+        text = f"no physical body has these values, and they are kept: {impossible}"
+        link.warn("robot.impossible-inertia", key, text)
+    elif not found[9] and any(found):
+        text = "no mass (M = 0), but other values: no physical body has them, and they are kept"
+        link.warn("robot.inertia-without-mass", key, text)
+    if form is not None and not any(form.inertia):
+        text = "inertia is taken as zero: a point mass; write inertia = { xx = 0.01, yy = 0.01, zz = 0.01 }"
+        section.warn("robot.point-mass", name, f"{text} (kg*m^2) if the link has one")
+    symbolic = form and any(entry.symbols for entry in (form.mass, *form.com, *form.inertia))
+    return move_by_placement(found, frame, symbols), form if symbolic else None
+
+
+def _read_symbolic_inertia(link: Section) -> SymbolicInertia | None:
+    mass = read_linear_form(link, "mass", "kg", allowed=POSITIVE)
+    x, y, z = ZERO, ZERO, ZERO
+    if link.has_list("com", 3, "numbers in m"):
+        x, y, z = (read_linear_form(link, "com", "m", index) or ZERO for index in range(3))
+    tensor = link.read_table("inertia", _TENSOR)
+    inertia = [ZERO] * 6
+    if tensor is not None:
+        for index, key in enumerate(_TENSOR):
+            allowed = NOT_NEGATIVE if key[0] == key[1] else ANY
+            inertia[index] = read_linear_form(tensor, key, "kg*m^2", allowed=allowed) or ZERO
+    if link.values:
+        remedy = "com and inertia mean nothing without it: write mass = 1.5 (kg), or leave them out"
+        link.require("mass", remedy)
+    if mass is None:
+        return None
+    xx, xy, xz, yy, yz, zz = inertia
+    return SymbolicInertia(mass=mass, com=(x, y, z), inertia=(xx, xy, xz, yy, yz, zz))
+
+
+def _read_standard(link: Section) -> tuple[float, ...] | None:
+    for key in ("mass", "com", "inertia"):
+        if key in link.values:
+            text = "cannot be combined with standard, which means the same; keep one of the two"
+            link.refuse_key("robot.two-forms", key, text)
+    table = link.read_table("standard", INERTIAL)
+    if table is None or not table.require("M", "write M = 1.5 (the mass in kg)"):
+        return None
+    return tuple(
+        table.read_float(key, unit, NOT_NEGATIVE if key == "M" else ANY) or 0.0
+        for key, unit in zip(INERTIAL, _STANDARD_UNITS, strict=True)
+    )
+
+
+def _read_mimics(
+    sections: Sequence[Section], names: Sequence[str], kinds: Sequence[JointKind | None]
+) -> dict[int, tuple[Mimic, Placement]]:
+    """Return what the followers among the joints follow, by their index, and the offset of their motion."""
+    steps: dict[str, MimicStep] = {}
+    offsets: dict[str, Placement] = {}
+    for section, name, kind in zip(sections, names, kinds, strict=True):
+        if "mimic" in section.values and (found := _read_mimic_step(section, kind, names, kinds)):
+            steps[name], offsets[name] = found
+    followers = {}
+    for name in steps:
+        index, path = names.index(name), [name]
+        for end in follow_chain(steps, name):
+            master = str(end.master)
+            if master in path:
+                # A ring is reported once, at its first joint; chains that end in one need no message.
+                if master == name and index == min(map(names.index, path)):
+                    text = f"{' follows '.join((*path, name))}: a ring; one of them must move by itself"
+                    sections[index].refuse("robot.mimic-ring", "mimic", text)
+                break
+            path.append(master)
+        else:
+            offset = offsets[name]
+            if kinds[index] is JointKind.PRISMATIC:
+                offset = translate(ZERO, ZERO, end.offset)
+            elif len(path) > 2:
+                radians = end.offset.to_float(sections[index].symbols)
+                offset = rotate_z(build_exact_angle(radians, snap=0.0))
+            followers[index] = Mimic(master=names.index(path[-1]), multiplier=end.multiplier), offset
+    return followers
+
+
+def _read_mimic_step(
+    section: Section, kind: JointKind | None, names: Sequence[str], kinds: Sequence[JointKind | None]
+) -> tuple[MimicStep, Placement] | None:
+    """Return what a joint follows directly, and the offset of its motion."""
+    if kind is None:
+        section.refuse_key("robot.follows-fixed", "mimic", "a fixed joint follows nothing; leave this out")
+        return None
+    table = section.read_table("mimic", ("joint", "multiplier", "offset"))
+    if table is None:
+        return None
+    multiplier = read_fraction(table, "multiplier", "leave it out, or write a fixed joint") or Fraction(1)
+    if kind is JointKind.REVOLUTE:
+        angle = read_angle(table, "offset")
+        offset, placement = Exact.of(angle.radians), rotate_z(angle)
+    else:
+        offset = read_length(table, "offset")
+        placement = translate(ZERO, ZERO, offset)
+    table.require("joint", 'write joint = "joint1", the joint to follow')
+    name = table.read_text("joint")
+    if name is None:
+        return None
+    if name not in names:
+        hint = suggest_names(name, names, otherwise="allowed are")
+        table.refuse("robot.unknown-joint", "joint", f'there is no joint "{name}"; {hint}')
+        return None
+    if kinds[names.index(name)] is None:
+        text = f'"{name}" is fixed; make this joint fixed too, or follow one that moves'
+        table.refuse("robot.follows-fixed", "joint", text)
+        return None
+    return MimicStep(master=name, multiplier=multiplier, offset=offset), placement
+
+
+_MOVING_KEYS = ("drive", "friction", "spring", "elasticity", "limits")
+_JOINT_KEYS = ("name", "kind", "parent", *DH_KEYS, "origin", "frame", "mimic", "link", *_MOVING_KEYS)
+_KINDS = {
+    "revolute": JointKind.REVOLUTE,
+    "continuous": JointKind.REVOLUTE,
+    "prismatic": JointKind.PRISMATIC,
+    "fixed": None,
+}
+
+
+def read_joints(root: Section, convention: str) -> tuple[tuple[Joint, ...], tuple[Coupling, ...]]:
+    """Return the joints of the file, and the drives that turn with several of them.
+
+    Args:
+        root: the whole file, with its symbols.
+        convention: "modified", "standard" or "origin".
+    """
+    remedy = 'write [[joint]] and kind = "revolute" for each joint'
+    root.require("joint", remedy)
+    if root.get("joint") == []:
+        root.refuse("robot.missing-key", "joint", f"empty, and a robot needs a joint; {remedy}")
+    tables = read_table_array(root, "joint")
+    names = _read_joint_names(tables)
+    kinds = []
+    for table in tables:
+        table.require("kind", 'write kind = "revolute" or kind = "prismatic"')
+        found = table.read_choice("kind", _KINDS)
+        kinds.append(_KINDS[found] if found else JointKind.REVOLUTE)
+    sections = [
+        replace(table, prismatic=kind is JointKind.PRISMATIC)
+        for table, kind in zip(tables, kinds, strict=True)
+    ]
+    followers = _read_mimics(sections, names, kinds)
+    joints: list[Joint] = []
+    for index, section in enumerate(sections):
+        section.refuse_unknown_keys(_JOINT_KEYS)
+        parent = _read_parent(section, index, names)
+        near, frame = _read_frames(section, convention)
+        if parent >= 0:
+            near = compose_placements(joints[parent].frame, near)
+        mimic, offset = followers.get(index, (None, IDENTITY))
+        if mimic is not None:
+            near = compose_placements(near, offset)
+        joint = _read_joint(section, kinds[index], frame)
+        joints.append(replace(joint, name=names[index], parent=parent, placement=near, mimic=mimic))
+    couplings = read_couplings(root, names, kinds)
+    fixed = [index for index, kind in enumerate(kinds) if kind is None]
+    if fixed and len(fixed) == len(joints) and not root.errors:
+        text = "every joint is fixed, and a robot moves; give one of them another kind"
+        sections[0].refuse("robot.fixed-joint", "kind", text)
+    if not fixed or root.errors:
+        return tuple(joints), couplings
+    lumped = lump_fixed_joints(joints, fixed, root.symbols)
+    for index, fixture in zip(fixed, lumped.frames, strict=True):
+        carrier = fixture.carrier
+        where = f"the link of joint '{lumped.joints[carrier].name}'" if carrier >= 0 else "the base"
+        mass = "" if fixture.has_mass else ", which gets no heavier: the file gives no mass"
+        sections[index].warn("robot.lumped", "kind", f"fixed; its link belongs to {where}{mass}")
+    moved = {old: new for old, new in enumerate(lumped.indices) if new is not None}
+    return lumped.joints, tuple(
+        replace(entry, terms=tuple((moved[index], factor) for index, factor in entry.terms))
+        for entry in couplings
+    )
+
+
+def _read_joint_names(sections: list[Section]) -> list[str]:
+    names: list[str] = []
+    for number, section in enumerate(sections, start=1):
+        name = section.read_text("name")
+        if name in names:
+            text = f"the name is taken by joint {names.index(name) + 1}; each joint needs its own"
+            section.refuse("robot.duplicate-joint", "name", text)
+        elif name is not None and (name == BASE or not name.strip()):
+            text = f'{section.show("name")} cannot name a joint: "{BASE}" is what the first joint is fixed to'
+            section.refuse("robot.bad-name", "name", text)
+        names.append(name or f"joint{number}")
+    return names
+
+
+def _read_parent(section: Section, index: int, names: list[str]) -> int:
+    """Return the index of the joint's parent, -1 for the base; the joint before it by default."""
+    parent = section.read_text("parent")
+    known = (BASE, *names[:index])
+    if parent is None or parent in known:
+        return index - 1 if parent is None else known.index(parent) - 1
+    if parent in names:
+        text = f'"{parent}" does not stand before this joint; a parent comes before its children'
+    else:
+        text = f'there is no joint "{parent}"; {suggest_names(parent, known, otherwise="allowed are")}'
+    section.refuse("robot.unknown-parent", "parent", text)
+    return index - 1
+
+
+def _read_frames(section: Section, convention: str) -> tuple[Placement, Placement]:
+    """Return the joint's frame seen from the link before it, and the link's seen from the joint's."""
+    general = [key for key in ("origin", "frame") if key in section.values]
+    if convention != "origin" and not general:
+        return read_row(section, convention)
+    for key in DH_KEYS:
+        if key in section.values:
+            where = 'in convention = "origin"' if convention == "origin" else f"together with {general[0]}"
+            text = f"not allowed {where}; place the joint by a row or by origin, not by both"
+            section.refuse_key("robot.mixed-placement", key, text)
+    return read_origin(section, "origin"), read_origin(section, "frame")
+
+
+def _read_joint(section: Section, kind: JointKind | None, frame: Placement) -> Joint:
+    """Return what a joint's table holds on the joint itself and its link."""
+    parameters, form = read_body(section, "link", frame)
+    joint = Joint(
+        name="",
+        kind=kind or JointKind.REVOLUTE,
+        parent=-1,
+        placement=IDENTITY,
+        frame=frame,
+        inertial=parameters,
+        form=form,
+    )
+    if kind is None:
+        for key in _MOVING_KEYS:
+            if key in section.values:
+                text = "a fixed joint has none; leave it out, or choose a kind that moves"
+                section.refuse_key("robot.fixed-joint", key, text)
+        return joint
+    return replace(
+        joint,
+        drive=read_drive(section),
+        friction=read_friction(section),
+        limits=_read_limits(section),
+        spring=read_spring(section),
+        elasticity=read_elasticity(section),
+    )
+
+
+def _read_limits(section: Section) -> Limits:
+    table = section.read_table("limits", ("position", "velocity", "acceleration", "jerk", "torque"))
+    if table is None:
+        return Limits()
+    position = table.read_numbers("position", "rad", 2)
+    if position and position[0] >= position[1]:
+        text = f"the lower limit {position[0]} must be less than the upper limit {position[1]}"
+        table.refuse("robot.out-of-range", "position", text)
+    elif position and not table.prismatic:
+        doubt = explain_wide_limits(float(position[0]), float(position[1]))
+        if doubt:
+            table.warn("robot.large-angle", "position", doubt)
+    if section.get("kind") == "continuous" and "position" in table.values:
+        text = 'a continuous joint has none; leave them out, or write kind = "revolute"'
+        table.refuse_key("robot.continuous-limits", "position", text)
+    return Limits(
+        position=(float(position[0]), float(position[1])) if position else None,
+        velocity=table.read_float("velocity", "rad/s", POSITIVE),
+        acceleration=table.read_float("acceleration", "rad/s^2", POSITIVE),
+        jerk=table.read_float("jerk", "rad/s^3", POSITIVE),
+        torque=table.read_float("torque", "N*m", POSITIVE),
+    )

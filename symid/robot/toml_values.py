@@ -1,13 +1,10 @@
 """Typed values out of a TOML text, each with its place, and a notice for each mistake.
 
-A path -> the text of a file (UTF-8). A text that `tomllib` accepts -> `Places`, a place (line and column
-from one, raw text) for every key path; a path is made of names and, within arrays, indices: ("joint", 0,
-"alpha"). A table as `tomllib` gives it, with decimals kept as decimals -> values of the type asked for,
-None where a value is absent or wrong; what is wrong goes to the `InputReport`.
+A path -> the text of a file (UTF-8). A text -> `Section`, a table whose methods return values of a type,
+decimals exactly, None where a value is absent or wrong, and collect what is wrong. `Places` has the line and
+column (from one) and the raw text of every key path: names and, within arrays, indices, ("joint", 0, "a").
 
-Supported: all of TOML 1.0: tables, arrays of tables and their sub-tables, dotted and quoted keys, inline
-tables, arrays over several lines, every kind of string, comments; texts, choices, flags, integers,
-decimals, lists of decimals, tables.
+Supported: all of TOML 1.0; texts, choices, flags, integers, decimals, lists of decimals, tables.
 Not supported: places in texts that are not TOML; the scanner validates nothing.
 """
 
@@ -17,13 +14,13 @@ import re
 import tomllib
 from bisect import bisect_left
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
 from symid.errors import Notice, RobotError
-from symid.notation import get_unit_factor
+from symid.notation import adapt_unit, get_unit_factor
 
 
 def read_text_file(path: Path, noun: str = "file") -> str:
@@ -34,12 +31,17 @@ def read_text_file(path: Path, noun: str = "file") -> str:
     """
     try:
         return path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        text = f"cannot be read: {error.strerror or 'it cannot be read'}"
+    except (OSError, UnicodeDecodeError) as error:
+        if isinstance(error, OSError):
+            text = f"cannot be read: {error.strerror or error}"
+        else:
+            text = f"not UTF-8 text (byte {error.start}); save the {noun} as UTF-8"
         raise RobotError(Notice(code="robot.unreadable", text=text, file=str(path))) from error
-    except UnicodeDecodeError as error:
-        text = f"not UTF-8 text (byte {error.start}); save the {noun} as UTF-8"
-        raise RobotError(Notice(code="robot.unreadable", text=text, file=str(path))) from error
+
+
+def sort_notices(notices: Iterable[Notice]) -> tuple[Notice, ...]:
+    """Return notices in the order of their places."""
+    return tuple(sorted(notices, key=lambda notice: (notice.line, notice.column)))
 
 
 KeyPath = tuple[str | int, ...]
@@ -52,11 +54,12 @@ _STRING = re.compile(
     r'"""(?:\\.|[^\\])*?"""(?:"{0,2})|\'\'\'.*?\'\'\'(?:\'{0,2})|"(?:[^"\\]|\\.)*"|\'[^\']*\'', re.DOTALL
 )
 _BARE_VALUE = re.compile(r"[^,\]}#\n]+")
+_SYNTAX_PLACE = re.compile(r"\s*\(at (?:line (\d+), column (\d+)|end of document)\)$")
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A place in a file, and the text that stands there."""
+    """A place in a file, and the text at it."""
 
     file: str
     line: int
@@ -64,7 +67,7 @@ class Place:
     text: str = ""
 
     def notice(self, code: str, text: str) -> Notice:
-        """Return a notice on what stands here."""
+        """Return a notice on what is here."""
         return Notice(code=code, text=text, file=self.file, line=self.line, column=self.column)
 
 
@@ -72,16 +75,16 @@ class Place:
 class Places:
     """The places of keys and values by key path; `whole` is the place of the text itself."""
 
-    keys: Mapping[KeyPath, Place]
-    values: Mapping[KeyPath, Place]
-    whole: Place
+    keys: Mapping[KeyPath, Place] = field(default_factory=dict)
+    values: Mapping[KeyPath, Place] = field(default_factory=dict)
+    whole: Place = Place("", 0, 0)
 
     def find_key(self, path: KeyPath) -> Place:
-        """Return where the key at `path` stands, or else the nearest table around it."""
+        """Return the place of the key at `path`, or else of the nearest table around it."""
         return self.keys[path] if path in self.keys else self.find_value(path[:-1])
 
     def find_value(self, path: KeyPath) -> Place:
-        """Return where the value at `path` stands, or else the nearest table around it."""
+        """Return the place of the value at `path`, or else of the nearest table around it."""
         while path and path not in self.values:
             path = path[:-1]
         return self.values.get(path, self.whole)
@@ -130,26 +133,27 @@ class _Scanner:
         self.position += brackets
         path: KeyPath = ()
         for number, (name, place) in enumerate(names, start=1):
-            path = (*path, name)
-            self.keys.setdefault(path, place)
-            self.values.setdefault(path, place)
+            path = self._enter(path, name, place)
             if number == len(names) and brackets == 2:
                 self._tables[path] = self._tables.get(path, 0) + 1
             if path in self._tables:
                 path = (*path, self._tables[path] - 1)
         self.keys[path] = names[-1][1]
         # A header says more on a table than a sub-table's header before it.
-        self.values[path] = self._place(start, self.position)
+        self.values[path] = self._place(start)
         return path
 
-    def _scan_pair(self, prefix: KeyPath) -> None:
+    def _enter(self, path: KeyPath, name: str, place: Place) -> KeyPath:
+        path = (*path, name)
+        self.keys.setdefault(path, place)
+        self.values.setdefault(path, place)
+        return path
+
+    def _scan_pair(self, path: KeyPath) -> None:
         names = self._scan_key()
         self.position += 1
-        path = prefix
         for name, place in names:
-            path = (*path, name)
-            self.keys.setdefault(path, place)
-            self.values.setdefault(path, place)
+            path = self._enter(path, name, place)
         self._skip(_SPACE)
         self._scan_value(path)
 
@@ -162,7 +166,7 @@ class _Scanner:
             self._skip(_KEY)
             raw = self.text[start : self.position]
             name = tomllib.loads(f"key = {raw}")["key"] if raw[0] in "\"'" else raw
-            names.append((name, self._place(start, self.position)))
+            names.append((name, self._place(start)))
             self._skip(_SPACE)
             if self.text[self.position] != ".":
                 return names
@@ -171,23 +175,25 @@ class _Scanner:
     def _scan_value(self, path: KeyPath) -> None:
         start = self.position
         match self.text[start]:
-            case "[":
-                self._scan_array(path)
-            case "{":
-                self._scan_inline_table(path)
+            case "[" | "{":
+                self._scan_entries(path, self.text[start])
             case '"' | "'":
                 self._skip(_STRING)
             case _:
                 self._skip(_BARE_VALUE)
                 self.position = start + len(self.text[start : self.position].rstrip())
-        self.values[path] = self._place(start, self.position)
+        self.values[path] = self._place(start)
 
-    def _scan_array(self, path: KeyPath) -> None:
+    def _scan_entries(self, path: KeyPath, bracket: str) -> None:
+        """Pass an array, or an inline table."""
         index = 0
         self.position += 1
         self._skip(_BLANK)
-        while self.text[self.position] != "]":
-            self._scan_value((*path, index))
+        while self.text[self.position] not in "]}":
+            if bracket == "[":
+                self._scan_value((*path, index))
+            else:
+                self._scan_pair(path)
             index += 1
             self._skip(_BLANK)
             if self.text[self.position] == ",":
@@ -195,26 +201,15 @@ class _Scanner:
                 self._skip(_BLANK)
         self.position += 1
 
-    def _scan_inline_table(self, path: KeyPath) -> None:
-        self.position += 1
-        self._skip(_BLANK)
-        while self.text[self.position] != "}":
-            self._scan_pair(path)
-            self._skip(_BLANK)
-            if self.text[self.position] == ",":
-                self.position += 1
-                self._skip(_BLANK)
-        self.position += 1
-
     def _skip(self, pattern: re.Pattern[str]) -> None:
-        match = pattern.match(self.text, self.position)
-        if match:
+        if match := pattern.match(self.text, self.position):
             self.position = match.end()
 
-    def _place(self, start: int, end: int) -> Place:
+    def _place(self, start: int) -> Place:
+        """Return the place from `start` to the cursor."""
         line = bisect_left(self._line_ends, start)
         before = self._line_ends[line - 1] if line else -1
-        return Place(self.file, line + 1, start - before, self.text[start:end])
+        return Place(self.file, line + 1, start - before, self.text[start : self.position])
 
 
 BASE = "base"
@@ -223,68 +218,7 @@ BASE = "base"
 _LONGEST_SHOWN = 40
 # Beyond this many decimal places a number is a slip, and exact arithmetic with it would not end.
 _LARGEST_EXPONENT = 30
-# Limits in degrees lie between these; beyond, a number stands for no limit.
-_WIDE, _WIDEST = 40, 1000
 _NUMBER_WITH_UNIT = re.compile(r"\s*[-+]?[\d.]+(?:[eE][-+]?\d+)?\s*(\S.*?)\s*")
-
-
-@dataclass(frozen=True, slots=True)
-class InputReport:
-    """What is wrong with a file, gathered while it is read, and what is only worth saying."""
-
-    places: Places
-    errors: list[Notice] = field(default_factory=list)
-    warnings: list[Notice] = field(default_factory=list)
-
-    def notices(self) -> tuple[Notice, ...]:
-        """Return the errors in the order of their places."""
-        return tuple(sorted(self.errors, key=_get_order))
-
-    def remarks(self) -> tuple[Notice, ...]:
-        """Return the warnings in the order of their places."""
-        return tuple(sorted(self.warnings, key=_get_order))
-
-
-def _get_order(notice: Notice) -> tuple[int, int]:
-    return (notice.line, notice.column)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Section:
-    """A table that is being read: where it stands in the file, and how messages call it."""
-
-    values: Mapping[str, Any]
-    path: KeyPath
-    report: InputReport
-    label: str = ""
-
-    def refuse(self, code: str, key: str, text: str, *inner: int) -> None:
-        """Add an error at the value of `key`, or at its element `inner`."""
-        place = self.report.places.find_value((*self.path, key, *inner))
-        self.report.errors.append(self._notice(code, place, key, text))
-
-    def warn(self, code: str, key: str, text: str, *inner: int) -> None:
-        """Add a warning at the value of `key`, or at its element `inner`."""
-        place = self.report.places.find_value((*self.path, key, *inner))
-        self.report.warnings.append(self._notice(code, place, key, text))
-
-    def refuse_key(self, code: str, key: str, text: str) -> None:
-        """Add an error at the name of `key`; at the table, if the key is missing."""
-        place = self.report.places.find_key((*self.path, key))
-        self.report.errors.append(self._notice(code, place, key, text))
-
-    def inside(self, values: Mapping[str, Any], label: str, *path: str | int) -> "Section":
-        """Return a table that stands at `path` of this one."""
-        return Section(values=values, path=(*self.path, *path), report=self.report, label=label)
-
-    def show(self, key: str, *inner: int) -> str:
-        """Return the value as the file writes it, shortened."""
-        place = self.report.places.values.get((*self.path, key, *inner))
-        value: Any = self.values.get(key)
-        return show(place.text if place else str(value))
-
-    def _notice(self, code: str, place: Place, key: str, text: str) -> Notice:
-        return place.notice(code, f"{self.label}: {key}: {text}" if self.label else f"{key}: {text}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -314,99 +248,233 @@ POSITIVE = Range(low=0, open_low=True)
 NOT_NEGATIVE = Range(low=0)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Section:
+    """A table that is being read: its place in the file, and its name in messages.
+
+    `prismatic`: it belongs to a joint that slides; `symbols` are the file's, `used` the unit of each that was
+    used. `used`, `errors` and `warnings` are shared by all tables of a file.
+    """
+
+    values: Mapping[str, Any]
+    places: Places
+    path: KeyPath = ()
+    label: str = ""
+    prismatic: bool = False
+    symbols: Mapping[str, float] = field(default_factory=dict)
+    used: dict[str, str] = field(default_factory=dict)
+    errors: list[Notice] = field(default_factory=list)
+    warnings: list[Notice] = field(default_factory=list)
+
+    def inside(self, values: Mapping[str, Any], label: str, *path: str | int) -> "Section":
+        """Return a table that stands at `path` of this one."""
+        return replace(self, values=values, path=(*self.path, *path), label=label)
+
+    def refuse(self, code: str, key: str, text: str, *inner: int) -> None:
+        """Add an error at the value of `key`, or at its element `inner`."""
+        place = self.places.find_value((*self.path, key, *inner))
+        self.errors.append(self._notice(code, place, key, text))
+
+    def warn(self, code: str, key: str, text: str, *inner: int) -> None:
+        """Add a warning at the value of `key`, or at its element `inner`."""
+        place = self.places.find_value((*self.path, key, *inner))
+        self.warnings.append(self._notice(code, place, key, text))
+
+    def refuse_key(self, code: str, key: str, text: str) -> None:
+        """Add an error at the name of `key`; at the table, if the key is missing."""
+        place = self.places.find_key((*self.path, key))
+        self.errors.append(self._notice(code, place, key, text))
+
+    def _notice(self, code: str, place: Place, key: str, text: str) -> Notice:
+        return place.notice(code, f"{self.label}: {key}: {text}" if self.label else f"{key}: {text}")
+
+    def require(self, key: str, remedy: str) -> bool:
+        """Return whether there is something at `key`; add an error where there is nothing."""
+        if key not in self.values:
+            self.refuse_key("robot.missing-key", key, f"missing; {remedy}")
+        return key in self.values
+
+    def refuse_unknown_keys(self, allowed: Iterable[str]) -> None:
+        """Add an error for each key that is not allowed in this table."""
+        names = tuple(allowed)
+        for key in self.values:
+            if key not in names:
+                hint = f"{suggest_names(key, names, likeness=0.6)} allowed are {', '.join(names)}".strip()
+                self.refuse_key("robot.unknown-key", key, f"no such key here; {hint}")
+
+    def show(self, key: str, *inner: int) -> str:
+        """Return the value as the file writes it, shortened."""
+        place = self.places.values.get((*self.path, key, *inner))
+        return show(place.text if place else str(self.values.get(key)))
+
+    def get(self, key: str, *inner: int) -> Any:  # noqa: ANN401  (whatever TOML has)
+        """Return the value at `key`, or its element `inner`, as it was read; None where there is none."""
+        value = self.values.get(key)
+        for index in inner:
+            value = value[index] if isinstance(value, list) and index < len(value) else None
+        return value
+
+    def _refuse_type(self, key: str, expected: str, *inner: int, hint: str = "") -> None:
+        text = f"expected {expected}, got {self.show(key, *inner)}{hint}"
+        self.refuse("robot.wrong-type", key, text, *inner)
+
+    def read_text(self, key: str) -> str | None:
+        """Return the text at `key`."""
+        value = self.get(key)
+        if value is None or isinstance(value, str):
+            return value
+        self._refuse_type(key, 'a text in "quotes"')
+        return None
+
+    def read_flag(self, key: str) -> bool | None:
+        """Return the truth value at `key`."""
+        value = self.get(key)
+        if value is None or isinstance(value, bool):
+            return value
+        self._refuse_type(key, "true or false")
+        return None
+
+    def read_choice(self, key: str, allowed: Iterable[str]) -> str | None:
+        """Return the text at `key`, one of `allowed`."""
+        names, value = tuple(allowed), self.get(key)
+        if value is None or (isinstance(value, str) and value in names):
+            return value
+        choices = ", ".join(f'"{name}"' for name in names)
+        hint = suggest_names(value, names, before="; ") if isinstance(value, str) else ""
+        self.refuse("robot.bad-choice", key, f"expected one of {choices}, got {self.show(key)}{hint}")
+        return None
+
+    def read_integer(self, key: str, allowed: Range) -> int | None:
+        """Return the integer at `key`."""
+        value = self.get(key)
+        if value is None:
+            return None
+        if not isinstance(value, int) or isinstance(value, bool):
+            self._refuse_type(key, "a whole number")
+            return None
+        if value not in allowed:
+            self.refuse("robot.out-of-range", key, f"must be {allowed}, got {value}")
+            return None
+        return value
+
+    def read_number(
+        self, key: str, unit: str, allowed: Range = ANY, *inner: int, word: str = ""
+    ) -> Decimal | None:
+        """Return the number at `key`, or its element `inner`, exactly as it is written.
+
+        `unit` is that of a joint that turns. `word` may stand in the number's place, and counts as absent.
+        """
+        value, unit = self.get(key, *inner), adapt_unit(unit, prismatic=self.prismatic)
+        if value is None or (word and value == word):
+            return None
+        number = to_decimal(value)
+        if number is None:
+            expected = f"a number in {unit}" if unit else "a number"
+            expected += f' or "{word}"' if word else ""
+            self._refuse_type(key, expected, *inner, hint=explain_number(value, unit))
+        elif number not in allowed:
+            text = f"must be {allowed} {unit}".rstrip() + f", got {self.show(key, *inner)}"
+            self.refuse("robot.out-of-range", key, text, *inner)
+            return None
+        return number
+
+    def read_float(
+        self, key: str, unit: str, allowed: Range = ANY, *inner: int, word: str = ""
+    ) -> float | None:
+        """Return the same as `read_number` in floating point."""
+        number = self.read_number(key, unit, allowed, *inner, word=word)
+        return None if number is None else float(number)
+
+    def has_list(self, key: str, count: int, what: str) -> bool:
+        """Return whether there is a list of `count` entries at `key`; another value is reported."""
+        value = self.get(key)
+        if value is None or (isinstance(value, list) and len(value) == count):
+            return value is not None
+        got = f"a list of {len(value)}" if isinstance(value, list) else self.show(key)
+        self.refuse("robot.wrong-type", key, f"expected a list of {count} {what}, got {got}")
+        return False
+
+    def read_numbers(self, key: str, unit: str, count: int) -> tuple[Decimal, ...] | None:
+        """Return the list of `count` numbers at `key`."""
+        if not self.has_list(key, count, f"numbers in {adapt_unit(unit, prismatic=self.prismatic)}"):
+            return None
+        found = [self.read_number(key, unit, ANY, index) for index in range(count)]
+        numbers = tuple(number for number in found if number is not None)
+        return numbers if len(numbers) == count else None
+
+    def read_table(self, key: str, allowed: Iterable[str] = ()) -> "Section | None":
+        """Return the table at `key`, its keys checked against `allowed` where any are given."""
+        value = self.get(key)
+        if value is None:
+            return None
+        if not isinstance(value, Mapping):
+            self._refuse_type(key, "a table")
+            return None
+        inner = self.inside(value, f"{self.label}: {key}" if self.label else key, key)
+        if names := tuple(allowed):
+            inner.refuse_unknown_keys(names)
+        return inner
+
+
+def parse_toml(text: str, file: str, code: str = "robot.syntax") -> Section:
+    """Return the whole table that `text` writes; messages call the text `file`.
+
+    Raises:
+        RobotError: with a notice of this code, where the text is no TOML.
+    """
+    text = text.replace("\r\n", "\n")
+    try:
+        values = tomllib.loads(text, parse_float=Decimal)
+    except tomllib.TOMLDecodeError as error:
+        match = _SYNTAX_PLACE.search(str(error))
+        line, column = text.count("\n") + 1, len(text) - text.rfind("\n")
+        if match and match[1]:
+            line, column = int(match[1]), int(match[2])
+        reason = _SYNTAX_PLACE.sub("", str(error))
+        words = f"not valid TOML: {reason[:1].lower()}{reason[1:]}"
+        bare = re.match(r"[A-Za-z]\w*", text.split("\n")[line - 1][column - 1 :])
+        if bare and "Invalid value" in reason:
+            words += f'; write a text or the name of a length in quotes: "{bare[0]}"'
+        notice = Notice(code=code, text=words, file=file, line=line, column=column)
+        raise RobotError(notice) from error
+    return Section(values=values, places=locate_values(text, file))
+
+
 def show(text: str) -> str:
     """Return `text` on one line, shortened in the middle of a message."""
     line = " ".join(text.split())
     return line if len(line) <= _LONGEST_SHOWN else line[: _LONGEST_SHOWN - 3] + "..."
 
 
-def suggest_names(name: str, allowed: Iterable[str], *, likeness: float = 0.5) -> str:
-    """Return a question with the names most like `name`, or nothing; blanks around a name are pointed out."""
+def suggest_names(
+    name: str, allowed: Iterable[str], *, likeness: float = 0.5, before: str = "", otherwise: str = ""
+) -> str:
+    """Return a question with the names most like `name`; blanks around a name are pointed out.
+
+    Args:
+        name: unknown.
+        allowed: the known names.
+        likeness: the least, from 0 to 1.
+        before: the text before the question.
+        otherwise: the text before all known names, where no name is like it; empty for an empty answer.
+    """
     names = list(allowed)
-    if blank := _explain_blanks(name, names):
-        return blank
+    twin = next((other for other in names if other.strip() == name.strip()), None)
+    if twin is not None and twin != name:
+        longer, where = (name, "here") if name != name.strip() else (twin, "there")
+        side = "at the end" if longer != longer.rstrip() else "at the start"
+        return f'{before}did you mean "{twin}"? there is a blank {side} of the name {where}'
     near = difflib.get_close_matches(name.lower(), [known.lower() for known in names], n=2, cutoff=likeness)
-    found = [known for known in names if known.lower() in near]
-    return f"did you mean {' or '.join(found)}?" if found else ""
-
-
-def _explain_blanks(name: str, known: Iterable[str]) -> str:
-    """Return in words that a name is one of `known` but for the blanks around it, or nothing."""
-    near = next((other for other in known if other.strip() == name.strip()), None)
-    if near is None or near == name:
-        return ""
-    longer, where = (name, "here") if name != name.strip() else (near, "there")
-    side = "at the end" if longer != longer.rstrip() else "at the start"
-    return f'did you mean "{near}"? there is a blank {side} of the name {where}'
-
-
-def get_element(section: Section, key: str, *inner: int) -> object:
-    """Return the value at `key`, or its element `inner`, as it was read; None where there is none."""
-    value: Any = section.values.get(key)
-    for index in inner:
-        value = value[index] if isinstance(value, list) and index < len(value) else None
-    return value
-
-
-def refuse_unknown_keys(section: Section, allowed: Iterable[str]) -> None:
-    """Add an error for each key that is not allowed in this table."""
-    names = tuple(allowed)
-    for key in section.values:
-        if key not in names:
-            hint = f"{suggest_names(key, names, likeness=0.6)} allowed are {', '.join(names)}".strip()
-            section.refuse_key("robot.unknown-key", key, f"no such key here; {hint}")
-
-
-def read_text(section: Section, key: str) -> str | None:
-    """Return the text at `key`."""
-    value = section.values.get(key)
-    if value is not None and not isinstance(value, str):
-        section.refuse("robot.wrong-type", key, f'expected a text in "quotes", got {section.show(key)}')
-        return None
-    return value
-
-
-def read_choice(section: Section, key: str, allowed: Iterable[str]) -> str | None:
-    """Return the text at `key`, one of `allowed`."""
-    names = tuple(allowed)
-    value = section.values.get(key)
-    if value is None or value in names:
-        return value
-    choices = ", ".join(f'"{name}"' for name in names)
-    hint = suggest_names(value, names) if isinstance(value, str) else ""
-    found = f"expected one of {choices}, got {section.show(key)}"
-    section.refuse("robot.bad-choice", key, f"{found}; {hint}" if hint else found)
-    return None
-
-
-def read_flag(section: Section, key: str) -> bool | None:
-    """Return the truth value at `key`."""
-    value = section.values.get(key)
-    if value is not None and not isinstance(value, bool):
-        section.refuse("robot.wrong-type", key, f"expected true or false, got {section.show(key)}")
-        return None
-    return value
-
-
-def read_integer(section: Section, key: str, allowed: Range) -> int | None:
-    """Return the integer at `key`."""
-    value = section.values.get(key)
-    if value is None:
-        return None
-    if not isinstance(value, int) or isinstance(value, bool):
-        section.refuse("robot.wrong-type", key, f"expected a whole number, got {section.show(key)}")
-        return None
-    if value not in allowed:
-        section.refuse("robot.out-of-range", key, f"must be {allowed}, got {value}")
-        return None
-    return value
+    if found := [known for known in names if known.lower() in near]:
+        return f"{before}did you mean {' or '.join(found)}?"
+    return f"{otherwise} {', '.join(names)}" if otherwise else ""
 
 
 def to_decimal(value: object) -> Decimal | None:
     """Return `value` as a decimal, or None if it is no finite number of a sensible size."""
-    if isinstance(value, bool) or not isinstance(value, int | Decimal):
+    if isinstance(value, bool) or not isinstance(value, int | float | Decimal):
         return None
-    number = Decimal(value)
+    number = Decimal(repr(value)) if isinstance(value, float) else Decimal(value)
     if not number.is_finite() or (number and abs(number.adjusted()) > _LARGEST_EXPONENT):
         return None
     return number
@@ -416,7 +484,7 @@ def explain_number(value: object, unit: str) -> str:
     """Return in words what keeps `value` from being a number in `unit`, or nothing."""
     match = _NUMBER_WITH_UNIT.fullmatch(value) if isinstance(value, str) else None
     if not match:
-        return " (not a finite number of a sensible size)" if isinstance(value, int | Decimal) else ""
+        return " (not a finite number of a sensible size)" if isinstance(value, int | float | Decimal) else ""
     try:
         dimension = get_unit_factor(unit)[0]
         found = get_unit_factor(match[1])[0]
@@ -428,67 +496,11 @@ def explain_number(value: object, unit: str) -> str:
 
 
 def explain_wide_limits(low: float, high: float) -> str:
-    """Return in words what is odd about the limits (rad) of a joint that turns, or nothing."""
+    """Return in words what is odd about the limits (rad) of a joint that turns, or nothing.
+
+    Limits in degrees lie between 40 and 1000; beyond, a number stands for no limit.
+    """
     widest = max(abs(low), abs(high))
-    if not _WIDE < widest < _WIDEST:
+    if not 40 < widest < 1000:
         return ""
     return f"{widest:g} rad are {widest / math.tau:.1f} turns; are these degrees? limits are in rad"
-
-
-def read_number(section: Section, key: str, unit: str, allowed: Range = ANY) -> Decimal | None:
-    """Return the number at `key`, exactly as it is written."""
-    value = section.values.get(key)
-    if value is None:
-        return None
-    number = to_decimal(value)
-    if number is None:
-        expected = f"expected a number in {unit}" if unit else "expected a number"
-        got = f"got {section.show(key)}{explain_number(value, unit)}"
-        section.refuse("robot.wrong-type", key, f"{expected}, {got}")
-    elif number not in allowed:
-        section.refuse(
-            "robot.out-of-range", key, f"must be {allowed} {unit}".rstrip() + f", got {section.show(key)}"
-        )
-        return None
-    return number
-
-
-def has_list(section: Section, key: str, count: int, what: str) -> bool:
-    """Return whether there is a list of `count` entries at `key`; another value is reported."""
-    value = section.values.get(key)
-    if value is None or (isinstance(value, list) and len(value) == count):
-        return value is not None
-    got = f"a list of {len(value)}" if isinstance(value, list) else section.show(key)
-    section.refuse("robot.wrong-type", key, f"expected a list of {count} {what}, got {got}")
-    return False
-
-
-def read_numbers(section: Section, key: str, unit: str, count: int) -> tuple[Decimal, ...] | None:
-    """Return the list of `count` numbers at `key`."""
-    if not has_list(section, key, count, f"numbers in {unit}"):
-        return None
-    numbers = []
-    for index, element in enumerate(section.values[key]):
-        number = to_decimal(element)
-        if number is None:
-            got = f"got {section.show(key, index)}{explain_number(element, unit)}"
-            section.refuse("robot.wrong-type", key, f"expected a number in {unit}, {got}", index)
-        else:
-            numbers.append(number)
-    return tuple(numbers) if len(numbers) == count else None
-
-
-def read_table(section: Section, key: str, allowed: Iterable[str] = ()) -> Section | None:
-    """Return the table at `key`, its keys checked against `allowed` where any are given."""
-    value = section.values.get(key)
-    if value is None:
-        return None
-    if not isinstance(value, Mapping):
-        section.refuse("robot.wrong-type", key, f"expected a table, got {section.show(key)}")
-        return None
-    label = f"{section.label}: {key}" if section.label else key
-    inner = section.inside(value, label, key)
-    names = tuple(allowed)
-    if names:
-        refuse_unknown_keys(inner, names)
-    return inner

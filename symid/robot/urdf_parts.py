@@ -1,26 +1,27 @@
-"""The links, joints and transmissions of a URDF, one by one.
+"""The links, joints and transmissions of a URDF, one by one, with a notice for each mistake.
 
 `<link>` -> `UrdfLink` with XX XY XZ YY YZ ZZ MX MY MZ M about the link frame's origin; `<joint>` ->
 `UrdfJoint` in the order of the file; `<transmission>` -> `Drive` by the joint's name, the motor-side rotor
-inertia multiplied by the square of the reduction. How joints hang together and which follow which is for
-`urdf_reader`.
+inertia multiplied by the square of the reduction. `urdf_reader` connects them.
 
-Supported: inertial frames turned and shifted in any way; values that no body has are kept, with a warning;
-origin, axis, limits, damping and friction of every type of joint; one actuator on one joint, the reduction
-at the actuator, at the joint or at the transmission itself.
-Not supported: negative masses; transmissions between several joints and actuators, which are listed as not
-used.
+Supported: decimals with or without exponent, below 1e-30 taken as zero; any inertial frame; inertias that no
+body can have are kept, with a warning; one actuator on one joint, the reduction at the actuator, at the
+joint or at the transmission itself.
+Not supported: negative masses; nan, hexadecimal numbers, inf (except in limits, where it means no limit);
+transmissions between several joints and actuators, which are listed as not used.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
 from fractions import Fraction
 
 import numpy as np
 
-from symid.arrays import FloatArray
+from symid.errors import Notice
 from symid.robot.description import Drive, FrictionKind, FrictionValues, Limits
 from symid.robot.geometry import (
     IDENTITY,
@@ -32,29 +33,235 @@ from symid.robot.geometry import (
     rotate_rpy,
 )
 from symid.robot.inertia import compute_standard_parameters, explain_impossible_inertia, move_parameters
-from symid.robot.toml_values import explain_wide_limits, show, suggest_names
-from symid.robot.urdf_xml import (
-    UrdfReading,
-    XmlElement,
-    get_single,
-    is_infinite,
-    read_decimal,
-    read_name,
-    read_vector,
-    refuse_text,
-)
+from symid.robot.toml_values import Place, explain_wide_limits, show, sort_notices, suggest_names, to_decimal
+from symid.robot.urdf_xml import XmlDocument, XmlElement
 
-_INERTIA_KEYS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-_LARGEST_ANGLE = 12
-_LARGEST_LENGTH = 10
+MOVING = ("revolute", "continuous", "prismatic")
+"""The types of joints with one coordinate."""
+
+_VISUAL = ("visual", "collision", "material", "gazebo")
+_UNSEEN = "not used, and not needed for the dynamics: {}"
+_SHOWN_LINES, _SHOWN_WORDS = 3, 6
+_LONGEST_NUMBER = 100
+_SMALLEST = Decimal("1e-30")
+_DECIMAL = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
+_Triple = tuple[Decimal, Decimal, Decimal]
+_NULL: _Triple = (Decimal(0), Decimal(0), Decimal(0))
+
+
+def list_words(words: Iterable[str], *, most: int = _SHOWN_WORDS) -> str:
+    """Return names as a list in a sentence, shortened."""
+    names = list(words)
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UrdfReading:
+    """A URDF that is being read: its links and joints by name, mistakes, and what is not used.
+
+    `grouped` has the names and places of warnings that are given once for many, by (code, text).
+    """
+
+    document: XmlDocument
+    snap: float
+    links: dict[str, "UrdfLink"] = field(default_factory=dict)
+    joints: dict[str, "UrdfJoint"] = field(default_factory=dict)
+    errors: list[Notice] = field(default_factory=list)
+    warnings: list[Notice] = field(default_factory=list)
+    grouped: dict[tuple[str, str], list[tuple[str, Place]]] = field(default_factory=dict)
+
+    def refuse(self, code: str, text: str, element: XmlElement | None = None, attribute: str = "") -> None:
+        """Add an error at an element (default: the root) or at the value of one of its attributes."""
+        place = self.document.find_place(element or self.document.root, attribute)
+        self.errors.append(place.notice(code, text))
+
+    def warn(self, code: str, text: str, element: XmlElement | None = None, attribute: str = "") -> None:
+        """Add a warning, likewise."""
+        place = self.document.find_place(element or self.document.root, attribute)
+        self.warnings.append(place.notice(code, text))
+
+    def group(self, code: str, text: str, name: str, element: XmlElement, attribute: str = "") -> None:
+        """Add `name` to a warning that is given once for all; its {} stands for the names."""
+        place = self.document.find_place(element, attribute)
+        self.grouped.setdefault((code, text), []).append((name, place))
+
+    def skip(self, kind: str, element: XmlElement, attribute: str = "") -> None:
+        """Record something in the file that symid does not use."""
+        self.group("robot.urdf-unused", f"not used: {kind} {{}}", "", element, attribute)
+
+    def skip_others(self, element: XmlElement, tags: Iterable[str], attributes: Iterable[str]) -> None:
+        """Record all inside `element` that has none of these names, and the text between its tags."""
+        known = tuple(tags)
+        for child in element.children:
+            if child.tag in _VISUAL:
+                self.group("robot.urdf-unused", _UNSEEN, f"<{child.tag}>", child)
+            elif child.tag not in known:
+                self.skip(f"<{child.tag}> in <{element.tag}>", child)
+        if element.text:
+            self.skip(f'the text "{show(element.text)}" in <{element.tag}>', element)
+        known = tuple(attributes)
+        for name in element.attributes:
+            if name not in known:
+                self.skip(f'attribute {name}="..." of <{element.tag}>', element, name)
+
+    def list_warnings(self) -> tuple[Notice, ...]:
+        """Return all warnings in the order of their places, those on unused things included."""
+        notices = list(self.warnings)
+        for (code, text), found in self.grouped.items():
+            counts = Counter(name for name, _ in found)
+            words = list_words(name if count == 1 else f"{name} ({count})" for name, count in counts.items())
+            if "" in counts:
+                lines = [str(line) for line in dict.fromkeys(place.line for _, place in found)]
+                often = "once" if len(found) == 1 else f"{len(found)} times"
+                more = ", ..." if len(lines) > _SHOWN_LINES else ""
+                listed = ", ".join(lines[:_SHOWN_LINES])
+                words = f"({often}, line{'s'[: len(lines) > 1]} {listed}{more})"
+            before, _, after = text.rpartition("{}")
+            first = min((place for _, place in found), key=lambda place: (place.line, place.column))
+            notices.append(first.notice(code, f"{before}{words}{after}"))
+        return sort_notices(notices)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UrdfPart:
+    """An element and its owner, such as "joint 'a'", which begins every message."""
+
+    reading: UrdfReading
+    owner: str
+    element: XmlElement
+
+    @property
+    def line(self) -> int:
+        """Return the line in which the element stands."""
+        return self.reading.document.find_place(self.element).line
+
+    def refuse(self, code: str, text: str, attribute: str = "") -> None:
+        """Add an error at the element or at the value of one of its attributes."""
+        self.reading.refuse(code, f"{self.owner}: {text}", self.element, attribute)
+
+    def warn(self, code: str, text: str, attribute: str = "") -> None:
+        """Add a warning, likewise."""
+        self.reading.warn(code, f"{self.owner}: {text}", self.element, attribute)
+
+    def group(self, code: str, text: str, detail: str = "", attribute: str = "") -> None:
+        """Add the owner's name, with a detail, to a warning that is given once for all."""
+        name = self.owner.partition(" ")[2]
+        self.reading.group(code, text, f"{name} ({detail})" if detail else name, self.element, attribute)
+
+    def enter(self, element: XmlElement) -> "UrdfPart":
+        """Return an element inside, of the same owner."""
+        return UrdfPart(reading=self.reading, owner=self.owner, element=element)
+
+    def get(self, tag: str, *attributes: str, inner: Sequence[str] = ()) -> "UrdfPart | None":
+        """Return the element of this name; a second one is a mistake, other content than stated is unused."""
+        found = [self.enter(element) for element in self.element.find_all(tag)]
+        for other in found[1:]:
+            other.refuse("robot.two-forms", f"a second <{tag}>; keep one of them")
+        if found and (attributes or inner):
+            self.reading.skip_others(found[0].element, inner, attributes)
+        return found[0] if found else None
+
+    def refuse_text(self, example: str) -> None:
+        """Add an error where numbers stand between the tags, and not in attributes."""
+        element = self.element
+        if element.text and not {"xyz", "rpy"} & set(element.attributes):
+            words = f'<{element.tag}> has text, "{show(element.text)}", and no xyz'
+            text = f"{words}; numbers stand in attributes: write <{element.tag} {example}/>"
+            self.refuse("robot.stray-text", text)
+
+    def read_decimal(self, attribute: str, *, endless: bool = False) -> Decimal | None:
+        """Return the number at an attribute (the element's text for ""); None where it is absent or wrong.
+
+        `endless`: "inf" is allowed, with either sign.
+        """
+        text = self.element.attributes.get(attribute) if attribute else self.element.text
+        if text is None:
+            return None
+        if endless and text.strip().lstrip("+-").lower() in {"inf", "infinity"}:
+            return Decimal("inf")
+        number = _parse_decimal(text.strip())
+        if number is None:
+            self._refuse_number(attribute, "a finite number", text)
+        return number
+
+    def read_vector(self, attribute: str) -> _Triple | None:
+        """Return the three numbers at an attribute; None where it is absent or wrong."""
+        text = self.element.attributes.get(attribute)
+        if text is None:
+            return None
+        match [_parse_decimal(part) for part in text.split()]:
+            case [Decimal() as x, Decimal() as y, Decimal() as z]:
+                return (x, y, z)
+        self._refuse_number(attribute, "three finite numbers with spaces between them", text)
+        return None
+
+    def _refuse_number(self, attribute: str, expected: str, text: str) -> None:
+        hint = "; decimals are written with a point" if "," in text else ""
+        hint = "; this is xacro: run xacro first" if "${" in text or "$(" in text else hint
+        name = f"{self.element.tag} {attribute}".strip()
+        self.refuse("robot.bad-number", f'{name}: expected {expected}, got "{show(text)}"{hint}', attribute)
+
+    def read_name(self, attribute: str, known: Iterable[str] | None = None) -> str | None:
+        """Return the name at an attribute, one of `known` where given; None where it is wrong."""
+        kind = self.element.tag if attribute == "name" else attribute
+        name = self.element.attributes.get(attribute, "")
+        if not name.strip():
+            text = f'<{self.element.tag}> needs a name: write {attribute}="..."'
+            self.refuse("robot.missing-key", text)
+            return None
+        names = [name] if known is None else list(known)
+        if name in names:
+            return name
+        hint = suggest_names(name, names, before="; ")
+        self.refuse("robot.unknown-name", f'there is no {kind} "{show(name)}" in this file{hint}', attribute)
+        return None
+
+
+def _parse_decimal(text: str) -> Decimal | None:
+    if len(text) > _LONGEST_NUMBER or not _DECIMAL.fullmatch(text):
+        return None
+    number = Decimal(text)
+    return to_decimal(number) if abs(number) >= _SMALLEST else Decimal(0)
+
+
+def _open_part(
+    reading: UrdfReading, element: XmlElement, known: Mapping[str, "UrdfLink | UrdfJoint"]
+) -> tuple[str, UrdfPart] | None:
+    """Return the name of a link or joint, and the part; None where it has no name, or one that is taken."""
+    tag = element.tag
+    name = UrdfPart(reading=reading, owner=f"a {tag}", element=element).read_name("name")
+    if name is None:
+        return None
+    part = UrdfPart(reading=reading, owner=f"{tag} '{name}'", element=element)
+    if name not in known:
+        return name, part
+    text = f"the name is taken by the {tag} of line {known[name].part.line}; each needs its own"
+    part.refuse(f"robot.duplicate-{tag}", text, "name")
+    return None
+
+
+def _read_pose(owner: UrdfPart) -> tuple[UrdfPart, _Triple, _Triple] | None:
+    """Return <origin> with xyz and rpy; values that look like millimetres or degrees get a warning."""
+    origin = owner.get("origin", "xyz", "rpy")
+    if origin is None:
+        return None
+    origin.refuse_text('xyz="0 0 0.1" rpy="0 0 0"')
+    xyz, rpy = (origin.read_vector(key) or _NULL for key in ("xyz", "rpy"))
+    if (far := max(map(abs, xyz))) > 10:
+        origin.warn("robot.long-length", f"origin xyz: {far} m is long; lengths are in m", "xyz")
+    if (wide := max(map(abs, rpy))) > 12:
+        turns = float(wide) / math.tau
+        text = f"origin rpy: {wide} is about {turns:.1f} turns; angles are in rad"
+        origin.warn("robot.large-angle", text, "rpy")
+    return origin, xyz, rpy
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UrdfLink:
-    """A link: its name, its element, the ten parameters in its own frame where the file states any."""
+    """A link, and the ten parameters in its own frame where the file states any."""
 
     name: str
-    element: XmlElement
+    part: UrdfPart
     inertial: tuple[float, ...] | None
 
     @property
@@ -63,143 +270,81 @@ class UrdfLink:
         return self.inertial[9] if self.inertial else 0.0
 
 
-def read_links(reading: UrdfReading) -> dict[str, UrdfLink]:
-    """Return the links by name, in the order of the file."""
-    links: dict[str, UrdfLink] = {}
+_INERTIA_KEYS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+
+
+def read_links(reading: UrdfReading) -> None:
+    """Add the links of the file to `reading.links`."""
     for element in reading.document.root.find_all("link"):
-        name = _read_new_name(reading, element, links)
-        if name is None:
-            continue
-        reading.skip_others(element, ("inertial",), ("name",))
-        links[name] = UrdfLink(name=name, element=element, inertial=_read_inertial(reading, name, element))
-    return links
+        if opened := _open_part(reading, element, reading.links):
+            name, part = opened
+            reading.skip_others(element, ("inertial",), ("name",))
+            reading.links[name] = UrdfLink(name=name, part=part, inertial=_read_inertial(part))
 
 
-def _read_new_name(
-    reading: UrdfReading, element: XmlElement, known: "Mapping[str, UrdfLink | UrdfJoint]"
-) -> str | None:
-    """Return the name of a link or joint; None where there is none, or it is taken."""
-    tag = element.tag
-    name = read_name(reading, f"a {tag}", element, "name")
-    if name is not None and name in known:
-        line = reading.document.find_place(known[name].element).line
-        text = f"{tag} '{name}': the name is taken by the {tag} of line {line}; each needs its own"
-        reading.refuse(f"robot.duplicate-{tag}", text, element, "name")
-        return None
-    return name
-
-
-_Triple = tuple[Decimal, Decimal, Decimal]
-
-
-def _read_pose(
-    reading: UrdfReading, owner: str, element: XmlElement
-) -> tuple[XmlElement, _Triple, _Triple] | None:
-    """Return <origin> with xyz and rpy; those that look like millimetres and degrees get a warning."""
-    origin = get_single(reading, owner, element, "origin")
-    if origin is None:
-        return None
-    reading.skip_others(origin, (), ("xyz", "rpy"))
-    refuse_text(reading, owner, origin, 'xyz="0 0 0.1" rpy="0 0 0"')
-    zero = (Decimal(0),) * 3
-    xyz, rpy = (read_vector(reading, owner, origin, key) or zero for key in ("xyz", "rpy"))
-    if any(abs(value) > _LARGEST_LENGTH for value in xyz):
-        far = max(abs(value) for value in xyz)
-        text = f"{owner}: origin xyz: {far} m is long; lengths are in m"
-        reading.warn("robot.long-length", text, origin, "xyz")
-    if any(abs(value) > _LARGEST_ANGLE for value in rpy):
-        wide = max(abs(value) for value in rpy)
-        turns = float(wide) / math.tau
-        text = f"{owner}: origin rpy: {wide} is about {turns:.1f} turns; angles are in rad"
-        reading.warn("robot.large-angle", text, origin, "rpy")
-    return origin, xyz, rpy
-
-
-def _read_inertial(reading: UrdfReading, name: str, link: XmlElement) -> tuple[float, ...] | None:
-    owner = f"link '{name}'"
-    inertial = get_single(reading, owner, link, "inertial")
+def _read_inertial(link: UrdfPart) -> tuple[float, ...] | None:
+    inertial = link.get("inertial", inner=("origin", "mass", "inertia"))
     if inertial is None:
         return None
-    reading.skip_others(inertial, ("origin", "mass", "inertia"), ())
-    mass = _read_mass(reading, owner, inertial)
-    central = _read_tensor(reading, owner, inertial)
-    rotation, com = np.eye(3), (Decimal(0),) * 3
-    pose = _read_pose(reading, owner, inertial)
-    if pose is not None:
-        com = pose[1]
-        rotation = _compute_rpy_matrix([float(value) for value in pose[2]])
+    mass, central = _read_mass(inertial), _read_tensor(inertial)
+    rotation, com = np.eye(3), [0.0] * 3
+    if pose := _read_pose(inertial):
+        com = [float(value) for value in pose[1]]
+        (cr, cp, cy), (sr, sp, sy) = (f([float(value) for value in pose[2]]) for f in (np.cos, np.sin))
+        # Rot(z, yaw) Rot(y, pitch) Rot(x, roll).
+        rotation = np.array(
+            [
+                [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+                [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+                [-sp, cp * sr, cp * cr],
+            ]
+        )
     if mass is None or central is None:
         return None
     turned = move_parameters((*central, 0.0, 0.0, 0.0, mass), rotation, np.zeros(3))
-    found = compute_standard_parameters(mass, [float(value) for value in com], turned[:6])
-    _warn_of_impossible_inertia(reading, owner, inertial, found)
+    found = compute_standard_parameters(mass, com, turned[:6])
+    if mass and (impossible := explain_impossible_inertia(found)):
+        text = f"no physical body has this inertia; the values are kept: {impossible}"
+        inertial.enter(inertial.element.find("inertia") or inertial.element).warn(
+            "robot.impossible-inertia", text
+        )
+    elif not mass and any(found):
+        text = "links {}: inertia without mass, which no physical body has; the values are kept"
+        inertial.group("robot.inertia-without-mass", text)
     return found
 
 
-def _compute_rpy_matrix(rpy: Sequence[float]) -> FloatArray:
-    """Return Rot(z, yaw) Rot(y, pitch) Rot(x, roll)."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
-
-
-def _read_mass(reading: UrdfReading, owner: str, inertial: XmlElement) -> float | None:
-    element = get_single(reading, owner, inertial, "mass")
-    if element is None or "value" not in element.attributes:
-        text = f'{owner}: <inertial> has no mass; write <mass value="1.5"/> (kg), or leave it out'
-        reading.refuse("robot.missing-key", text, element or inertial)
+def _read_mass(inertial: UrdfPart) -> float | None:
+    part = inertial.get("mass", "value")
+    if part is None or "value" not in part.element.attributes:
+        text = '<inertial> has no mass; write <mass value="1.5"/> (kg), or leave it out'
+        (part or inertial).refuse("robot.missing-key", text)
         return None
-    reading.skip_others(element, (), ("value",))
-    mass = read_decimal(reading, owner, element, "value")
+    mass = part.read_decimal("value")
     if mass is not None and mass < 0:
-        text = f"{owner}: mass: must be at least 0 kg, got {mass}"
-        reading.refuse("robot.out-of-range", text, element, "value")
+        part.refuse("robot.out-of-range", f"mass: must be at least 0 kg, got {mass}", "value")
         return None
     return None if mass is None else float(mass)
 
 
-def _read_tensor(reading: UrdfReading, owner: str, inertial: XmlElement) -> list[float] | None:
-    element = get_single(reading, owner, inertial, "inertia")
-    if element is None:
-        text = "links {}: <inertial> without <inertia>; taken as point masses"
-        reading.remark("robot.point-mass", text, owner.removeprefix("link "), inertial)
+def _read_tensor(inertial: UrdfPart) -> list[float] | None:
+    part = inertial.get("inertia", *_INERTIA_KEYS)
+    if part is None:
+        inertial.group("robot.point-mass", "links {}: <inertial> without <inertia>; taken as point masses")
         return [0.0] * 6
-    reading.skip_others(element, (), _INERTIA_KEYS)
-    missing = [key for key in _INERTIA_KEYS if key not in element.attributes]
+    missing = [key for key in _INERTIA_KEYS if key not in part.element.attributes]
     if missing:
-        text = f"{owner}: inertia: {', '.join(missing)} missing; taken as zero"
-        reading.warn("robot.incomplete-inertia", text, element)
-    errors = len(reading.report.errors)
-    entries = [float(read_decimal(reading, owner, element, key) or 0) for key in _INERTIA_KEYS]
-    return entries if len(reading.report.errors) == errors else None
+        part.warn("robot.incomplete-inertia", f"inertia: {', '.join(missing)} missing; taken as zero")
+    errors = len(part.reading.errors)
+    entries = [float(part.read_decimal(key) or 0) for key in _INERTIA_KEYS]
+    return entries if len(part.reading.errors) == errors else None
 
-
-def _warn_of_impossible_inertia(
-    reading: UrdfReading, owner: str, inertial: XmlElement, parameters: Sequence[float]
-) -> None:
-    if parameters[9] == 0:
-        if any(parameters):
-            text = "links {}: inertia without mass; no body has it, and the values are kept"
-            reading.remark("robot.inertia-without-mass", text, owner.removeprefix("link "), inertial)
-        return
-    if impossible := explain_impossible_inertia(parameters):
-        text = f"{owner}: no body has this inertia, and the values are kept: {impossible}"
-        reading.warn("robot.impossible-inertia", text, inertial.find("inertia") or inertial)
-
-
-MOVING = ("revolute", "continuous", "prismatic")
-"""The types of joints with one coordinate."""
 
 _TYPES = (*MOVING, "fixed", "floating", "planar")
 _JOINT_TAGS = ("parent", "child", "origin", "axis", "limit", "dynamics", "mimic")
 _DUST = Decimal("1e-9")
 # Doubles show their rounding in about this many parts of a metre.
-_PARTS = Fraction(10**15)
+_LENGTH_PARTS = Fraction(10**15)
 _ROUNDED = 1e-9
 
 
@@ -211,7 +356,7 @@ class UrdfJoint:
     type: str
     parent: str
     child: str
-    element: XmlElement
+    part: UrdfPart
     origin: Placement = IDENTITY
     turn: Placement = IDENTITY
     friction: FrictionValues = field(default_factory=FrictionValues)
@@ -223,35 +368,39 @@ class UrdfJoint:
         return self.type in MOVING
 
 
-def read_joint_elements(
-    reading: UrdfReading, links: Mapping[str, UrdfLink], snap: float
-) -> tuple[UrdfJoint, ...]:
-    """Return the joints of the file; those without two links are reported and left out."""
-    found: dict[str, UrdfJoint] = {}
+def read_joint_elements(reading: UrdfReading) -> None:
+    """Add the joints of the file to `reading.joints`; those without two links are reported and left out."""
     for element in reading.document.root.find_all("joint"):
-        name = _read_new_name(reading, element, found)
-        joint = _read_joint(reading, name, element, links, snap) if name is not None else None
-        if name is not None and joint is not None:
-            found[name] = joint
-    return tuple(found.values())
+        if opened := _open_part(reading, element, reading.joints):
+            name, part = opened
+            joint = _read_joint(name, part)
+            if joint is not None:
+                reading.joints[name] = joint
 
 
-def _read_joint(
-    reading: UrdfReading, name: str, element: XmlElement, links: Mapping[str, UrdfLink], snap: float
-) -> UrdfJoint | None:
-    owner = f"joint '{name}'"
-    type_ = _read_type(reading, owner, element)
+def _read_joint(name: str, part: UrdfPart) -> UrdfJoint | None:
+    reading, element = part.reading, part.element
+    type_ = element.attributes.get("type", "")
+    if type_ not in _TYPES:
+        got = f'got "{show(type_)}"{suggest_names(type_, _TYPES, before="; ")}' if type_ else "got none"
+        part.refuse("robot.joint-type", f"type: expected one of {', '.join(_TYPES)}, {got}", "type")
+        type_ = "fixed"
     reading.skip_others(element, _JOINT_TAGS, ("name", "type"))
-    parent = _read_end(reading, owner, element, "parent", links)
-    child = _read_end(reading, owner, element, "child", links)
-    origin = _read_origin(reading, owner, element, snap)
+    ends = []
+    for tag in ("parent", "child"):
+        end = part.get(tag, "link")
+        if end is None:
+            part.refuse("robot.missing-key", f'missing <{tag} link="..."/>')
+        ends.append(None if end is None else end.read_name("link", reading.links))
+    origin = _read_origin(part)
     moves = type_ in MOVING
     if not moves:
         for unused in element.find_all("axis", "limit", "dynamics"):
             reading.skip(f"<{unused.tag}> of a {type_} joint", unused)
-    turn = _read_axis(reading, owner, element, snap) if moves else IDENTITY
-    friction = _read_dynamics(reading, owner, element) if moves else FrictionValues()
-    limits = _read_limits(reading, name, element, type_) if moves else Limits()
+    turn = _read_axis(part) if moves else IDENTITY
+    friction = _read_dynamics(part) if moves else FrictionValues()
+    limits = _read_limits(part, type_) if moves else Limits()
+    parent, child = ends
     if parent is None or child is None:
         return None
     return UrdfJoint(
@@ -259,7 +408,7 @@ def _read_joint(
         type=type_,
         parent=parent,
         child=child,
-        element=element,
+        part=part,
         origin=origin,
         turn=turn,
         friction=friction,
@@ -267,149 +416,107 @@ def _read_joint(
     )
 
 
-def _read_type(reading: UrdfReading, owner: str, element: XmlElement) -> str:
-    found = element.attributes.get("type", "")
-    if found not in _TYPES:
-        said = f'got "{show(found)}"' if found else "and it has none"
-        hint = suggest_names(found, _TYPES) if found else ""
-        text = f"{owner}: its type must be one of {', '.join(_TYPES)}, {said}"
-        reading.refuse("robot.joint-type", f"{text}; {hint}" if hint else text, element, "type")
-        return "fixed"
-    return found
-
-
-def _read_end(
-    reading: UrdfReading, owner: str, joint: XmlElement, tag: str, links: Mapping[str, UrdfLink]
-) -> str | None:
-    element = get_single(reading, owner, joint, tag)
-    if element is None:
-        reading.refuse("robot.missing-key", f'{owner}: missing <{tag} link="..."/>', joint)
-        return None
-    reading.skip_others(element, (), ("link",))
-    return read_name(reading, owner, element, "link", links)
-
-
-def _read_origin(reading: UrdfReading, owner: str, joint: XmlElement, snap: float) -> Placement:
-    pose = _read_pose(reading, owner, joint)
+def _read_origin(joint: UrdfPart) -> Placement:
+    pose = _read_pose(joint)
     if pose is None:
         return IDENTITY
-    element, xyz, rpy = pose
+    part, xyz, rpy = pose
+    snap = part.reading.snap
     angles = [build_exact_angle(float(value), snap=snap) for value in rpy]
-    moved = max(abs(angle.snapped_by) for angle in angles)
-    if moved:
-        name = owner.removeprefix("joint ")
+    if moved := max(abs(angle.snapped_by) for angle in angles):
         text = "origin rpy was moved to the nearest multiple of pi/2, of joints (by rad) {}"
-        reading.remark("robot.angle-snapped", text, f"{name} ({moved:.1e})", element, "rpy")
-    roll, pitch, yaw = angles
-    x, y, z = (_round_length(reading, owner, element, value, snap) for value in xyz)
+        part.group("robot.angle-snapped", text, f"{moved:.1e}", "rpy")
+    lengths = []
+    for value in xyz:
+        # Floating-point programs leave dust in files.
+        if value and abs(value) < _DUST and snap:
+            text = "lengths below 1e-9 m in origin xyz were taken as zero, of joints {}"
+            part.group("robot.length-snapped", text, attribute="xyz")
+            lengths.append(ZERO)
+            continue
+        exact = Fraction(value)
+        lengths.append(Exact.surd(round(exact * _LENGTH_PARTS) / _LENGTH_PARTS if snap else exact))
+    (x, y, z), (roll, pitch, yaw) = lengths, angles
     return Placement(rotation=rotate_rpy(roll, pitch, yaw).rotation, translation=(x, y, z))
 
 
-def _round_length(
-    reading: UrdfReading, owner: str, element: XmlElement, value: Decimal, snap: float
-) -> Exact:
-    """Return a length without the dust that floating-point programs leave in files."""
-    if value and abs(value) < _DUST and snap:
-        text = "lengths below 1e-9 m in origin xyz were taken as zero, of joints {}"
-        reading.remark("robot.length-snapped", text, owner.removeprefix("joint "), element, "xyz")
-        return ZERO
-    exact = Fraction(value)
-    return Exact.surd(round(exact * _PARTS) / _PARTS if snap else exact)
-
-
-def _read_axis(reading: UrdfReading, owner: str, joint: XmlElement, snap: float) -> Placement:
-    element = get_single(reading, owner, joint, "axis")
+def _read_axis(joint: UrdfPart) -> Placement:
+    found = joint.get("axis", "xyz")
+    part = found or joint
     axis = (Decimal(1), Decimal(0), Decimal(0))
-    if element is None or (not element.text and "xyz" not in element.attributes):
-        name, text = owner.removeprefix("joint "), "no <axis> with xyz, so it is x (1 0 0), of joints {}"
-        reading.remark("robot.default-axis", text, name, element or joint)
-    if element is not None:
-        reading.skip_others(element, (), ("xyz",))
-        refuse_text(reading, owner, element, 'xyz="0 0 1"')
-        axis = read_vector(reading, owner, element, "xyz") or axis
+    if found is None or (not found.element.text and "xyz" not in found.element.attributes):
+        part.group("robot.default-axis", "no <axis> with xyz, so it is x (1 0 0), of joints {}")
+    if found is not None:
+        found.refuse_text('xyz="0 0 1"')
+        axis = found.read_vector("xyz") or axis
     if not any(axis):
-        text = f"{owner}: axis xyz: the axis 0 0 0 has no direction"
-        reading.refuse("robot.zero-axis", text, element or joint, "xyz")
+        part.refuse("robot.zero-axis", "axis xyz: the axis 0 0 0 has no direction", "xyz")
         return IDENTITY
     x, y, z = (Fraction(value) for value in axis)
-    turned = build_axis_frame((x, y, z), snap=snap)
+    turned = build_axis_frame((x, y, z), snap=joint.reading.snap)
     if turned.moved_by > _ROUNDED:
-        where = "to the nearest coordinate axis or plane"
-        text = f"{owner}: axis xyz: was moved by {turned.moved_by:.2e} rad {where}"
-        reading.warn("robot.axis-snapped", text, element or joint, "xyz")
+        text = f"axis xyz: was moved by {turned.moved_by:.2e} rad to the nearest coordinate axis or plane"
+        part.warn("robot.axis-snapped", text, "xyz")
     length = float(x * x + y * y + z * z) ** 0.5
     if abs(length - 1.0) > 1e-5:
-        text = f"{owner}: axis xyz: its length is {length:.6g}; it was made 1"
-        reading.warn("robot.axis-length", text, element or joint, "xyz")
+        part.warn("robot.axis-length", f"axis xyz: its length {length:.6g} was set to 1", "xyz")
     return turned.placement
 
 
-def _read_dynamics(reading: UrdfReading, owner: str, joint: XmlElement) -> FrictionValues:
-    element = get_single(reading, owner, joint, "dynamics")
-    if element is None:
+def _read_dynamics(joint: UrdfPart) -> FrictionValues:
+    part = joint.get("dynamics", "damping", "friction")
+    if part is None:
         return FrictionValues()
-    reading.skip_others(element, (), ("damping", "friction"))
     values = []
     for key in ("damping", "friction"):
-        value = read_decimal(reading, owner, element, key)
+        value = part.read_decimal(key)
         if value is not None and value < 0:
-            text = f"{owner}: dynamics {key}: {value} drives the joint instead of braking it"
-            reading.warn("robot.negative-friction", text, element, key)
+            text = f"dynamics {key}: {value} drives the joint instead of braking it"
+            part.warn("robot.negative-friction", text, key)
         values.append(float(value or 0))
     if not any(values):
         return FrictionValues()
     return FrictionValues(kind=FrictionKind.VISCOUS_COULOMB, values=(values[0], values[1]))
 
 
-def _read_limits(reading: UrdfReading, name: str, joint: XmlElement, type_: str) -> Limits:
-    owner = f"joint '{name}'"
-    element = get_single(reading, owner, joint, "limit")
-    if element is None:
+def _read_limits(joint: UrdfPart, type_: str) -> Limits:
+    part = joint.get("limit", "lower", "upper", "velocity", "effort")
+    if part is None:
         return Limits()
-    reading.skip_others(element, (), ("lower", "upper", "velocity", "effort"))
-    low, high, velocity, effort = (
-        read_decimal(reading, owner, element, key, endless=True)
-        for key in ("lower", "upper", "velocity", "effort")
-    )
-    for key, value in (("velocity", velocity), ("effort", effort)):
+    keys = ("lower", "upper", "velocity", "effort")
+    low, high, *others = (part.read_decimal(key, endless=True) for key in keys)
+    largest: list[float | None] = []
+    for key, value in zip(keys[2:], others, strict=True):
         if value is not None and value < 0:
             text = f"limit {key} negative, taken as unknown, of joints {{}}"
-            reading.remark("robot.bad-limits", text, f"'{name}'", element, key)
-    return Limits(
-        position=_choose_position_limits(reading, name, element, type_, (low, high)),
-        velocity=float(velocity) if velocity and velocity > 0 else None,
-        torque=float(effort) if effort and effort > 0 else None,
-    )
+            part.group("robot.bad-limits", text, attribute=key)
+        largest.append(float(value) if value and 0 < value < math.inf else None)
+    position = _choose_position_limits(part, type_, (low, high))
+    return Limits(position=position, velocity=largest[0], torque=largest[1])
 
 
 def _choose_position_limits(
-    reading: UrdfReading,
-    name: str,
-    element: XmlElement,
-    type_: str,
-    ends: tuple[Decimal | None, Decimal | None],
+    part: UrdfPart, type_: str, ends: tuple[Decimal | None, Decimal | None]
 ) -> tuple[float, float] | None:
-    """Return the limits of the position, None where they are no range or one of them is endless."""
-    endless = [key for key in ("lower", "upper") if is_infinite(element, key)]
-    if type_ == "continuous":
-        if endless or ends != (None, None):
-            reading.skip("lower and upper in <limit> of a continuous joint", element)
+    """Return the limits of the position, None where they are no range or one of them is infinite."""
+    if type_ == "continuous" and ends != (None, None):
+        part.reading.skip("lower and upper in <limit> of a continuous joint", part.element)
+    if type_ == "continuous" or ends == (None, None):
         return None
+    endless = [key for key, end in zip(("lower", "upper"), ends, strict=True) if end and end.is_infinite()]
     if endless:
         text = "a position limit is infinite, so none is used, of joints {}"
-        reading.remark("robot.endless-limits", text, f"'{name}'", element, endless[0])
-        return None
-    if ends == (None, None):
+        part.group("robot.endless-limits", text, attribute=endless[0])
         return None
     # An absent limit of the two is zero.
     low, high = (float(end or 0) for end in ends)
     if low >= high:
         if low or high:
-            text = f"joint '{name}': limit: lower {low:g} is not less than upper {high:g}; not used"
-            reading.warn("robot.bad-limits", text, element, "lower")
+            text = f"limit: lower {low:g} is not less than upper {high:g}; not used"
+            part.warn("robot.bad-limits", text, "lower")
         return None
     if type_ == "revolute" and (doubt := explain_wide_limits(low, high)):
-        reading.warn("robot.large-angle", f"joint '{name}': limit: {doubt}", element, "lower")
+        part.warn("robot.large-angle", f"limit: {doubt}", "lower")
     return (low, high)
 
 
@@ -417,85 +524,69 @@ _REDUCTIONS = ("mechanicalReduction", "mechanical_reduction", "drake:gear_ratio"
 ROTORS = ("motorInertia", "motor_inertia", "rotorInertia", "rotor_inertia", "drake:rotor_inertia")
 """Elements of an actuator that hold its rotor's inertia, on the motor's side."""
 
-_TRANSMISSION_TAGS = ("type", "joint", "actuator", *_REDUCTIONS)
-# What says how a controller talks to the joint, and nothing about the mechanics.
+# How a controller talks to the joint is no mechanics.
 _SILENT = ("hardwareInterface", "role")
 
 
-def read_drives(reading: UrdfReading, joints: Mapping[str, UrdfJoint]) -> dict[str, Drive]:
-    """Return the drives by the name of their joint.
-
-    Args:
-        reading: where mistakes go.
-        joints: the joints of the file by name.
-    """
+def read_drives(reading: UrdfReading) -> dict[str, Drive]:
+    """Return the drives by the name of their joint."""
     drives: dict[str, Drive] = {}
-    seen: dict[str, XmlElement] = {}
+    lines: dict[str, int] = {}
     for element in reading.document.root.find_all("transmission"):
-        ends = [element.find(tag) for tag in ("joint", "actuator")]
-        joint, actuator = ends
-        alone = all(len(list(element.find_all(tag))) == 1 for tag in ("joint", "actuator"))
-        if joint is None or actuator is None or not alone:
+        joints, actuators = (list(element.find_all(tag)) for tag in ("joint", "actuator"))
+        if len(joints) != 1 or len(actuators) != 1:
             reading.skip("<transmission> that is not one actuator on one joint", element)
             continue
         owner = f"transmission '{element.attributes.get('name', '')}'"
-        for part, known in (
-            (element, _TRANSMISSION_TAGS),
-            (joint, _REDUCTIONS),
-            (actuator, (*_REDUCTIONS, *ROTORS)),
+        part = UrdfPart(reading=reading, owner=owner, element=element)
+        for inner, known in (
+            (element, ("type", "joint", "actuator", *_REDUCTIONS)),
+            (joints[0], _REDUCTIONS),
+            (actuators[0], (*_REDUCTIONS, *ROTORS)),
         ):
-            reading.skip_others(part, (*known, *_SILENT), ("name", "type"))
-        name = read_name(reading, owner, joint, "name")
-        if name is not None and (name not in joints or not joints[name].moves):
+            reading.skip_others(inner, (*known, *_SILENT), ("name", "type"))
+        name = part.enter(joints[0]).read_name("name")
+        if name is not None and (name not in reading.joints or not reading.joints[name].moves):
             reading.skip("<transmission> of a joint that is fixed, or not in the file", element)
             continue
-        drive = _read_drive(reading, owner, (actuator, joint, element))
+        drive = _read_drive(part, (actuators[0], joints[0], element))
         if name is None or drive is None:
             continue
-        if name in seen:
-            line = reading.document.find_place(seen[name]).line
-            text = f"{owner}: joint '{name}' has the transmission of line {line} already; keep one of them"
-            reading.refuse("robot.two-forms", text, element)
+        if name in drives:
+            text = f"joint '{name}' already has the transmission of line {lines[name]}; keep one of them"
+            part.refuse("robot.two-forms", text)
             continue
-        seen[name] = element
-        drives[name] = drive
+        drives[name], lines[name] = drive, part.line
     return drives
 
 
-def _read_drive(
-    reading: UrdfReading, owner: str, parts: tuple[XmlElement, XmlElement, XmlElement]
-) -> Drive | None:
-    errors = len(reading.report.errors)
-    reductions = [child for part in parts for child in part.find_all(*_REDUCTIONS)]
-    rotors = list(parts[0].find_all(*ROTORS))
-    reduction = _read_one(reading, owner, reductions, "mechanical reductions")
-    inertia = _read_one(reading, owner, rotors, "rotor inertias")
+def _read_drive(owner: UrdfPart, elements: tuple[XmlElement, XmlElement, XmlElement]) -> Drive | None:
+    errors = owner.reading.errors
+    before = len(errors)
+    reductions = [owner.enter(child) for element in elements for child in element.find_all(*_REDUCTIONS)]
+    rotors = [owner.enter(child) for child in elements[0].find_all(*ROTORS)]
+    reduction = _read_one(reductions, "mechanical reductions")
+    inertia = _read_one(rotors, "rotor inertias")
     if reduction == 0:
-        text = f"{owner}: mechanicalReduction: must not be 0; it is the motor's turns per turn of the joint"
-        reading.refuse("robot.out-of-range", text, reductions[0])
+        text = "mechanicalReduction: must not be 0; it is the number of motor turns per joint turn"
+        reductions[0].refuse("robot.out-of-range", text)
     if inertia is not None and inertia < 0:
-        text = f"{owner}: {rotors[0].tag}: must be at least 0 kg*m^2, got {inertia}"
-        reading.refuse("robot.out-of-range", text, rotors[0])
-    if len(reading.report.errors) > errors:
+        text = f"{rotors[0].element.tag}: must be at least 0 kg*m^2, got {inertia}"
+        rotors[0].refuse("robot.out-of-range", text)
+    if len(errors) > before:
         return None
     gear = 1.0 if reduction is None else float(reduction)
-    return Drive(
-        gear=gear,
-        has_rotor=bool(rotors),
-        rotor_inertia=None if inertia is None else float(inertia) * gear**2,
-    )
+    rotor = None if inertia is None else float(inertia) * gear**2
+    return Drive(gear=gear, has_rotor=bool(rotors), rotor_inertia=rotor)
 
 
-def _read_one(reading: UrdfReading, owner: str, elements: Sequence[XmlElement], what: str) -> Decimal | None:
+def _read_one(parts: Sequence[UrdfPart], what: str) -> Decimal | None:
     """Return the number that all of the elements state, None without any; two that differ are wrong."""
     # Between the tags, or as the attribute `value`.
-    values = [
-        read_decimal(reading, owner, element, "value" if "value" in element.attributes else "")
-        for element in elements
-    ]
-    for element, value in zip(elements[1:], values[1:], strict=True):
+    values = [part.read_decimal("value" if "value" in part.element.attributes else "") for part in parts]
+    for part, value in zip(parts[1:], values[1:], strict=True):
         if None not in (value, values[0]) and value != values[0]:
-            text = f"{owner}: two {what} that differ, {values[0]} and {value}; keep one"
-            reading.refuse("robot.two-forms", text, element)
+            text = f"two {what} that differ, {values[0]} and {value}; keep one"
+            part.refuse("robot.two-forms", text)
             return None
     return values[0] if values else None

@@ -1,28 +1,18 @@
 """An experiment with an elastic robot: motors under PD control along a trajectory, logged like a real one.
 
-Robot, Library with values, ReferenceMotion, ElasticExperimentOptions, random generator -> ElasticRun: the
-recording, the truth behind it, its energies; `observe` gives other logs of the same truth, with other
-sensors or other noise.
+Robot, Library with values, ReferenceMotion, ElasticExperimentOptions, random generator -> ElasticRun.
 
     tau = Kp (theta_d - theta_m) + Kd (dtheta_d - dtheta) + tau_d    each period, held until the next
-
-with theta_m from the motor encoder and dtheta the true motor speed: a drive has its own observer, which
-sees more than the log. By default theta_d = q_d + phi_0 and tau_d = g(q_d(0)), phi_0 being the torsion
-under the robot's weight at the first pose: the robot starts at rest and nothing jumps. The logged torque
-holds from the sample on. Gains by bandwidth:
-
     J = mean of 1 / ((M + B)^-1)_jj,   Kd = 2 w J, at most a share of B / T,   Kp = Kd^2 / (4 J)
-
-A torque that is held for T damps a motor of inertia B only while Kd T / B < 2; springs leave the motor
-alone with it at high frequency. Kp follows Kd, so that the loop stays critically damped. Energy balance
-of a run:
-
     sum int tau_i dtheta_i = change of (T + V + 1/2 sum B_i dtheta_i^2) + sum int F_i dtheta_i + tau_Ji dphi_i
 
-Supported: clean and noisy experiments ready made; torque limits of the robot file; gains, sensors,
-references (feed-forward) and values of one's own; link and motor encoders, motor torque.
-Not supported: control on link encoders, joints without elasticity beside elastic ones, logs without link
-encoders, options that change during a run.
+with theta_m from the motor encoder and dtheta the true motor speed. By default theta_d = q_d + phi_0 and
+tau_d = g(q_d(0)), phi_0 being the torsion under the weight at the first pose. The logged torque holds from
+the sample on. A torque held for T damps a motor of inertia B only while Kd T / B < 2.
+
+Supported: own gains, sensors, references and values; torque limits of the robot file.
+Not supported: control on link encoders, robots that are elastic in part, logs without link encoders.
+
 """
 
 from collections.abc import Mapping
@@ -31,15 +21,14 @@ from types import MappingProxyType
 
 import numpy as np
 
-from symid.arrays import FloatArray, FrozenArrays, freeze
-from symid.codegen import Library, PlantExperiment, PlantLog, PlantRobot
+from symid.arrays import FloatArray, FrozenArrays
+from symid.codegen import Library, PlantExperiment
 from symid.errors import Notice, SolverError, UsageError
 from symid.excitation import ReferenceMotion
 from symid.logs import Recording
 from symid.robot import Robot
 from symid.simulation.elastic_plant import (
     ElasticValues,
-    PlantRun,
     RestState,
     build_plant_robot,
     compute_rest,
@@ -55,16 +44,15 @@ from symid.simulation.experiment import (
     describe_massless,
     describe_runaway,
     describe_saturation,
-    get_torque_limits,
-    get_velocity_limits,
+    get_limits,
 )
 from symid.simulation.rigid_plant import build_curved_friction, check_friction_at_speeds
 from symid.simulation.sensors import (
     ElasticSensors,
-    add_motor_noise,
-    check_elastic_sensors,
-    compute_readings,
+    add_torque_noise,
+    check_sensors,
     get_encoder_turns,
+    quantise,
 )
 
 _DAMPING_SHARE = 0.4
@@ -81,18 +69,11 @@ class MotorGains:
 SHIPPED_GAINS: Mapping[str, MotorGains] = MappingProxyType(
     {"two_link_elastic": MotorGains(stiffness=(4000.0, 1500.0), damping=(120.0, 40.0))}
 )
-"""Gains that go with the values of a shipped robot; by the name of the robot."""
+"""Gains of shipped robots, by name."""
 
 
 def compute_gains(mass: FloatArray, rotor: FloatArray, bandwidth: float, period: float) -> MotorGains:
-    """Return gains with which every joint is critically damped.
-
-    Args:
-        mass: (K, n, n) kg m^2, at poses along the way.
-        rotor: (n,) kg m^2.
-        bandwidth: Hz.
-        period: of the control loop, s.
-    """
+    """Return gains of critically damped joints; mass (K, n, n), rotor (n,) kg m^2, bandwidth Hz, period s."""
     inertia = compute_effective_inertia(mass + np.diag(rotor))
     damping = np.minimum(4.0 * np.pi * bandwidth * inertia, _DAMPING_SHARE * rotor / period)
     stiffness = damping**2 / (4.0 * inertia)
@@ -101,7 +82,7 @@ def compute_gains(mass: FloatArray, rotor: FloatArray, bandwidth: float, period:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MotorReference(FrozenArrays):
-    """What motors are told: `angle`, `speed`, `torque`, each (N, n) at the ticks, joint side, SI units."""
+    """Reference of the motors: `angle`, `speed`, `torque`, each (N, n) at the ticks, joint side, SI units."""
 
     angle: FloatArray
     speed: FloatArray
@@ -120,7 +101,7 @@ class ElasticExperimentOptions:
         gains: of the motors' PD loops; None for those of a shipped robot, else by `bandwidth`.
         bandwidth: of loops with critical damping.
         control_counts: of the motor encoders in the loop, per turn; None for perfect ones.
-        sensors: what the log sees.
+        sensors: those of the log.
     """
 
     duration: float | None = None
@@ -150,7 +131,7 @@ class ElasticRun(FrozenArrays):
     """A recording and the truth behind it; position of links q, of motors theta, both joint side.
 
     Args:
-        recording: what a log of this run holds; `position` is that of the links.
+        recording: the log; `position` is that of the links.
         time: (N,) s.
         q, dq, theta, dtheta: (N, n) true. desired: (N, n) reference of the links.
         torque: (N, n) of the motors, held from each sample to the next; the last one did nothing.
@@ -189,7 +170,7 @@ class ElasticRun(FrozenArrays):
 
     @property
     def gap(self) -> FloatArray:
-        """Return the work that no energy and no loss accounts for, (N,) J since the start."""
+        """Return work less change of energy and losses, (N,) J since the start."""
         energy = self.kinetic + self.potential + self.spin
         losses = (self.friction + self.spring).sum(axis=1)
         gap: FloatArray = self.work.sum(axis=1) - (energy - energy[0]) - losses
@@ -208,47 +189,29 @@ class ElasticRun(FrozenArrays):
 
 
 def observe(run: ElasticRun, sensors: ElasticSensors, rng: np.random.Generator) -> Recording:
-    """Return another log of the same truth: a study of noise needs one simulation only.
-
-    What the control loop saw stays as it was; sensors that would change the motion want a run of their own.
-
-    Raises:
-        UsageError: sensors that cannot be.
-    """
-    check_elastic_sensors(sensors, run.q.shape[1])
+    """Return another log of the same run, whose motion stays; a UsageError for sensors out of range."""
+    check_sensors(sensors, run.q.shape[1])
 
     def read(
         position: FloatArray, late: float, offset: tuple[float, ...], counts: float | None
     ) -> FloatArray:
-        step = np.zeros_like(run.turn) if counts is None else run.turn / counts
-        return compute_readings(run.time, position, delay=max(late, 0.0), offset=offset, step=step)
+        if late > 0.0:
+            # The robot rested before the first sample.
+            columns = [np.interp(run.time - late, run.time, column) for column in position.T]
+            position = np.stack(columns, axis=1)
+        return quantise(position + np.array(offset), run.turn / (counts or np.inf))
 
     return Recording(
         time=run.time,
         position=read(run.q, sensors.delay, sensors.link_offset, sensors.link_counts),
         motor_position=read(run.theta, -sensors.delay, sensors.motor_offset, sensors.motor_counts),
-        torque=add_motor_noise(run.torque, sensors, rng),
+        torque=add_torque_noise(run.torque, sensors, rng),
         source=run.recording.source,
         notices=run.notices,
     )
 
 
 _POSES = 50
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _ElasticTask:
-    """An experiment, everything known before it is run."""
-
-    robot: Robot
-    library: Library
-    values: ElasticValues
-    plant: PlantRobot
-    options: ElasticExperimentOptions
-    gains: MotorGains | None
-    time: FloatArray
-    desired: FloatArray
-    speed: FloatArray
 
 
 def simulate_elastic(
@@ -270,47 +233,80 @@ def simulate_elastic(
         options: how it is run.
         rng: of the torque noise.
         values: the truth; None for the robot file's.
-        reference: what motors are told at the ticks; None for the trajectory, shifted by the first torsion.
+        reference: of the motors at the ticks; None for the trajectory, shifted by the first torsion.
 
     Raises:
         UsageError: sizes that do not fit, a value that the robot file does not state, options out of range.
         SolverError: the controlled robot is unstable, or its springs do not carry it.
     """
-    task = _prepare(robot, library, trajectory, options, values)
-    # Values that are tried, and not a robot's own, may push.
-    curves = None if values else build_curved_friction(library, get_velocity_limits(robot))
-    pose, own = task.desired[:1], task.values
-    hold = weight = library.evaluate("gravity", pose, own.beta)[0][0]
-    if own.friction.size:
-        hold = weight + library.evaluate("friction", np.zeros_like(pose), own.friction)[0][0]
-    rest = compute_rest(task.plant, weight, tuple(joint.name for joint in robot.axes))
-    # Motors see the trajectory ahead by the first torsion, and carry the weight.
-    torque = np.broadcast_to(hold, task.desired.shape)
-    followed = reference or MotorReference(angle=task.desired + rest.phi, speed=task.speed, torque=torque)
-    order = _build_order(task, followed, rest)
-    ran = simulate_plant(library, task.plant, order)
-    _check_motion(task, ran.log)
+    stated = values or get_elastic_values(robot, library.card)
+    time, gains = _check_experiment(robot, library, trajectory, options)
+    desired, speed = trajectory.evaluate_derivatives(time, 1)
+    # Values that are tried, and not a robot's own, may have friction that drives a joint.
+    curves = None if values else build_curved_friction(library, get_limits(robot, "velocity"))
+    pose = desired[:1]
+    hold = weight = library.evaluate("gravity", pose, stated.beta)[0][0]
+    if stated.friction.size:
+        hold = weight + library.evaluate("friction", np.zeros_like(pose), stated.friction)[0][0]
+    plant = build_plant_robot(stated)
+    rest = compute_rest(plant, weight, tuple(joint.name for joint in robot.axes))
+    # Motors follow the trajectory shifted by the first torsion, and carry the weight.
+    torque = np.broadcast_to(hold, desired.shape)
+    followed = reference or MotorReference(angle=desired + rest.phi, speed=speed, torque=torque)
+    order = _build_order(
+        robot, library, stated, gains, options, desired=desired, reference=followed, rest=rest
+    )
+    ran = simulate_plant(library, plant, order)
+    log, reach = ran.log, compute_reach(robot, desired)
+    gone = np.flatnonzero(
+        np.any((np.abs(log.q) >= reach) | (np.abs(log.theta) >= reach), axis=1)[: log.ticks]
+    )
+    if gone.size or log.ticks < len(log.q):
+        tick = int(gone[0]) if gone.size else log.ticks
+        raise SolverError(describe_runaway(tick, options.period, options.bandwidth))
     if curves:
-        check_friction_at_speeds(curves, library.card.joints, ran.log.dtheta)
-    notices = (*ran.notices, *describe_saturation(robot, ran.log.torque, order.limit))
-    run = _build_run(task, ran, notices, f"simulated: {robot.name}, {trajectory.source}")
+        check_friction_at_speeds(curves, library.card.joints, log.dtheta)
+    kinetic, potential = (part.reshape(-1) for part in library.evaluate("energy", log.q, log.dq, stated.beta))
+    source = f"simulated: {robot.name}, {trajectory.source}"
+    run = ElasticRun(
+        recording=Recording(
+            time=time, position=log.q, motor_position=log.theta, torque=log.torque, source=source
+        ),
+        time=time,
+        q=log.q,
+        dq=log.dq,
+        theta=log.theta,
+        dtheta=log.dtheta,
+        desired=desired,
+        torque=log.torque,
+        joint_torque=log.spring,
+        kinetic=kinetic,
+        potential=potential,
+        spin=0.5 * (stated.rotor * log.dtheta**2).sum(axis=1),
+        work=log.work,
+        friction=log.friction,
+        spring=log.elastic + log.damped,
+        turn=get_encoder_turns(robot),
+        values=stated,
+        backend=ran.backend,
+        notices=(*ran.notices, *describe_saturation(robot, log.torque, order.limit)),
+    )
     losses = (run.friction + run.spring).sum(axis=1)
     check_balance(run.kinetic + run.spin, run.potential, run.work.sum(axis=1), losses)
     return replace(run, recording=observe(run, options.sensors, rng))
 
 
-def _prepare(
+def _check_experiment(
     robot: Robot,
     library: Library,
     trajectory: ReferenceMotion,
     options: ElasticExperimentOptions,
-    values: ElasticValues | None,
-) -> _ElasticTask:
-    stated = values or get_elastic_values(robot, library.card)
+) -> tuple[FloatArray, MotorGains | None]:
+    """Return the control ticks (N,) in s of an experiment that can be run, and gains that are stated."""
     shipped = SHIPPED_GAINS.get(robot.name)
-    # A robot of one's own may have the name of a shipped one.
-    own = shipped if shipped and len(shipped.damping) == robot.freedom else None
-    gains = options.gains or own
+    # Another robot may have the name of a shipped one.
+    fits = shipped is not None and len(shipped.damping) == robot.freedom
+    gains = options.gains or (shipped if fits else None)
     time = build_times(
         robot,
         library,
@@ -319,94 +315,50 @@ def _prepare(
         period=options.period,
         gains={"stiffness": gains.stiffness, "damping": gains.damping} if gains else {},
     )
-    check_elastic_sensors(options.sensors, robot.freedom)
+    check_sensors(options.sensors, robot.freedom)
     if not (options.step > 0.0 and options.parts >= 1 and (options.control_counts or 1.0) > 0.0):
         text = (
             f"step {options.step:g} s, parts {options.parts}, control counts {options.control_counts}: "
             "the step and the counts must be positive, with one part at least"
         )
         raise UsageError(Notice(code="usage.experiment", text=text))
-    desired, speed = trajectory.evaluate_derivatives(time, 1)
-    return _ElasticTask(
-        robot=robot,
-        library=library,
-        values=stated,
-        plant=build_plant_robot(stated),
-        options=options,
-        gains=gains,
-        time=time,
-        desired=freeze(desired),
-        speed=speed,
-    )
+    return time, gains
 
 
-def _build_order(task: _ElasticTask, told: MotorReference, rest: RestState) -> PlantExperiment:
+def _build_order(
+    robot: Robot,
+    library: Library,
+    values: ElasticValues,
+    gains: MotorGains | None,
+    options: ElasticExperimentOptions,
+    *,
+    desired: FloatArray,
+    reference: MotorReference,
+    rest: RestState,
+) -> PlantExperiment:
+    """Return what the plant is to do; gains that are not given follow from the bandwidth."""
     for name in ("angle", "speed", "torque"):
-        if getattr(told, name).shape != task.desired.shape:
-            text = (
-                f"reference {name}: expected the shape {task.desired.shape}, got {getattr(told, name).shape}"
-            )
+        shape = getattr(reference, name).shape
+        if shape != desired.shape:
+            text = f"reference {name}: expected the shape {desired.shape}, got {shape}"
             raise UsageError(Notice(code="usage.experiment", text=text))
-    options, start = task.options, task.desired[0]
-    poses = task.desired[np.linspace(0, len(task.desired) - 1, _POSES).astype(int)]
-    (mass,) = task.library.evaluate("mass_matrix", poses, task.values.beta)
+    poses = desired[np.linspace(0, len(desired) - 1, _POSES).astype(int)]
+    (mass,) = library.evaluate("mass_matrix", poses, values.beta)
     if not np.all(np.linalg.eigvalsh(mass) > 0.0):
-        raise SolverError(describe_massless(task.robot))
-    gains = task.gains or compute_gains(mass, task.values.rotor, options.bandwidth, options.period)
+        raise SolverError(describe_massless(robot))
+    gains = gains or compute_gains(mass, values.rotor, options.bandwidth, options.period)
     return PlantExperiment(
-        angle=told.angle,
-        speed=told.speed,
-        torque=told.torque,
+        angle=reference.angle,
+        speed=reference.speed,
+        torque=reference.torque,
         stiffness=np.array(gains.stiffness),
         damping=np.array(gains.damping),
-        limit=get_torque_limits(task.robot),
-        step=get_encoder_turns(task.robot) / (options.control_counts or np.inf),
+        limit=get_limits(robot, "torque"),
+        step=get_encoder_turns(robot) / (options.control_counts or np.inf),
         period=options.period,
-        substeps=count_substeps(task.library, task.values, poses, period=options.period, step=options.step),
+        substeps=count_substeps(library, values, poses, period=options.period, step=options.step),
         parts=options.parts,
-        q=start,
-        theta=start + rest.phi,
+        q=desired[0],
+        theta=desired[0] + rest.phi,
         play=rest.play,
-    )
-
-
-def _check_motion(task: _ElasticTask, log: PlantLog) -> None:
-    """Refuse a robot that ran away.
-
-    Raises:
-        SolverError: the text says when, and what helps.
-    """
-    reach = compute_reach(task.robot, task.desired)
-    far = np.any((np.abs(log.q) >= reach) | (np.abs(log.theta) >= reach), axis=1)
-    gone = np.flatnonzero(far[: log.ticks])
-    if gone.size or log.ticks < len(log.q):
-        tick = int(gone[0]) if gone.size else log.ticks
-        raise SolverError(describe_runaway(tick, task.options.period, task.options.bandwidth))
-
-
-def _build_run(task: _ElasticTask, ran: PlantRun, notices: tuple[Notice, ...], source: str) -> ElasticRun:
-    log, values = ran.log, task.values
-    kinetic, potential = task.library.evaluate("energy", log.q, log.dq, values.beta)
-    return ElasticRun(
-        recording=Recording(
-            time=task.time, position=log.q, motor_position=log.theta, torque=log.torque, source=source
-        ),
-        time=task.time,
-        q=log.q,
-        dq=log.dq,
-        theta=log.theta,
-        dtheta=log.dtheta,
-        desired=task.desired,
-        torque=log.torque,
-        joint_torque=log.spring,
-        kinetic=kinetic.reshape(-1),
-        potential=potential.reshape(-1),
-        spin=0.5 * (values.rotor * log.dtheta**2).sum(axis=1),
-        work=log.work,
-        friction=log.friction,
-        spring=log.elastic + log.damped,
-        turn=get_encoder_turns(task.robot),
-        values=values,
-        backend=ran.backend,
-        notices=notices,
     )

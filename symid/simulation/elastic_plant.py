@@ -1,16 +1,14 @@
 """The plant of an elastic robot: its values, its rest under its weight, its motion, in C or in NumPy.
 
-Robot and its library's card -> ElasticValues -> PlantRobot. PlantRobot, torques that the springs carry ->
-torsions and play states at rest. Library, PlantRobot, PlantExperiment -> PlantLog and notices on how it
-came about: compiled where there is a compiler, else by the same equations and steps as `templates/c/plant.c`
-in NumPy, several hundred times slower.
+Robot and its library's card -> ElasticValues -> PlantRobot. Library, PlantRobot, PlantExperiment -> PlantLog:
+compiled where there is a compiler, else by the same equations and steps as `templates/c/plant.c` in NumPy,
+several hundred times slower.
 
     rest: S(v(phi)) = g,   v on the virgin curve: P_i = sign(phi) max(|phi| - r_i, 0)
 
-Supported: robots all of whose coordinates belong to elastic joints, rotors included; steps short enough
-for the fastest motion of the robot; springs loaded once from zero.
-Not supported: robots that are elastic in part; joints without a rotor inertia; dry friction that jumps;
-other histories of the springs before the start.
+Supported: robots all of whose coordinates belong to elastic joints, rotors included; steps short enough for
+the fastest motion; springs loaded once from zero.
+Not supported: robots that are elastic in part; joints without rotor inertia; dry friction that jumps.
 """
 
 import math
@@ -22,7 +20,6 @@ import numpy as np
 
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import (
-    CompiledPlant,
     Library,
     ModelCard,
     PlantExperiment,
@@ -52,19 +49,15 @@ class ElasticValues(FrozenArrays):
 
 
 def get_elastic_values(robot: Robot, card: ModelCard) -> ElasticValues:
-    """Return the values that the robot file states.
-
-    Raises:
-        UsageError: the robot cannot be simulated as an elastic one; all reasons at once.
-    """
+    """Return the values that the robot file states, or raise a UsageError with all reasons why not."""
     if not card.elastic:
-        names = [joint.name for joint, gives in zip(robot.axes, robot.elastic, strict=True) if not gives]
+        names = [joint.name for joint, elastic in zip(robot.axes, robot.elastic, strict=True) if not elastic]
         text = (
-            f"robot {robot.name!r} is not elastic in every joint ({', '.join(names)} do not give); elastic "
-            "simulation wants an [joint.elasticity] table for all joints or for none"
+            f"robot {robot.name!r} is elastic in part: {', '.join(names)} have no [joint.elasticity]; give "
+            "one to all joints or to none"
         )
         raise UsageError(Notice(code="usage.not-elastic", text=text))
-    notices = [*_describe_gaps(robot, card), *_describe_sharp_friction(robot, card)]
+    notices = tuple(_describe_gaps(robot, card))
     if notices:
         raise UsageError(*notices)
     rotors = {rotor.joint: rotor for rotor in card.rotors}
@@ -77,7 +70,7 @@ def get_elastic_values(robot: Robot, card: ModelCard) -> ElasticValues:
 
 
 def _describe_gaps(robot: Robot, card: ModelCard) -> Iterator[Notice]:
-    """Yield what is said of values that the robot file does not state, or that are not positive."""
+    """Yield notices on values that are missing or not positive, and on dry friction that jumps."""
     unknown = [entry.name for entry in (*card.beta, *card.rotors, *card.friction) if entry.value is None]
     rotors = {rotor.joint: rotor.value for rotor in card.rotors}
     light = [name for name, value in rotors.items() if value is not None and not value > 0.0]
@@ -98,20 +91,19 @@ def _describe_gaps(robot: Robot, card: ModelCard) -> Iterator[Notice]:
         yield Notice(code="usage.unknown-values", text=text)
     for names, what in ((light, "rotor_inertia"), (soft, "stiffness")):
         if names:
-            text = f"robot {robot.name!r}: the {what} of {', '.join(names)} must be positive to be simulated"
+            text = (
+                f"robot {robot.name!r} cannot be simulated: the {what} of {', '.join(names)} must be positive"
+            )
             yield Notice(code="usage.not-positive", text=text)
-
-
-def _describe_sharp_friction(robot: Robot, card: ModelCard) -> Iterator[Notice]:
-    """Yield a notice if dry friction jumps: a motor that sticks is not among the plant's modes."""
+    # A motor that sticks is not among the plant's modes.
     smooth = {joint.name for joint in robot.joints if joint.friction.smoothing > 0.0}
     smooth |= {coupling.name for coupling in robot.couplings if coupling.friction.smoothing > 0.0}
-    names = [entry.name for entry in card.friction if entry.name.startswith("Fc") and entry.value]
-    sharp = [entry.name for entry in card.friction if entry.name in names and entry.joint not in smooth]
+    dry = [entry for entry in card.friction if entry.name.startswith("Fc") and entry.value]
+    sharp = [entry.name for entry in dry if entry.joint not in smooth]
     if sharp:
         text = (
-            f"robot {robot.name!r}: the dry friction {', '.join(sharp)} changes its sign at once, which the "
-            "elastic plant cannot hold at rest; give [joint.friction] a `smoothing` speed, such as 0.01 rad/s"
+            f"robot {robot.name!r}: the dry friction {', '.join(sharp)} jumps at standstill, which elastic "
+            "simulation does not support; give [joint.friction] a `smoothing` speed, such as 0.01 rad/s"
         )
         yield Notice(code="usage.sharp-friction", text=text)
 
@@ -148,10 +140,6 @@ _LEAST_SHARE = 1e-9
 _LOGGED = ("q", "dq", "theta", "dtheta", "spring", "torque", "work", "friction", "elastic", "damped")
 
 
-def _clamp(value: float, bound: float) -> float:
-    return min(max(value, -bound), bound)
-
-
 @final
 class Springs:
     """The springs of all joints: tau = S(v), v = k0 phi + k3 phi^3 + sum k_i clamp(phi - P_i, r_i)."""
@@ -170,16 +158,16 @@ class Springs:
             for levels, slopes in zip(robot.knee.tolist(), robot.slope.tolist(), strict=True)
         ]
 
-    def find_inner(self, joint: int, phi: float, play: FloatArray) -> float:
+    def compute_inner(self, joint: int, phi: float, play: FloatArray) -> float:
         """Return v, in N m or N, of one joint at torsion `phi` with the plays (n, m) where they are."""
         v = (self._stiffness[joint] + self._cubic[joint] * phi * phi) * phi
         for k, radius, weight in self._stops[joint]:
-            v += weight * _clamp(phi - float(play[joint, k]), radius)
+            v += weight * min(max(phi - float(play[joint, k]), -radius), radius)
         return float(v)
 
-    def find_torque(self, joint: int, phi: float, play: FloatArray) -> float:
+    def compute_torque(self, joint: int, phi: float, play: FloatArray) -> float:
         """Return S(v), in N m or N."""
-        torque = v = self.find_inner(joint, phi, play)
+        torque = v = self.compute_inner(joint, phi, play)
         for level, slope in self._knees[joint]:
             over = v - level
             if over * level > 0.0:
@@ -191,14 +179,14 @@ class Springs:
         total = 0.0
         # A torsion that is no number ends the loop: no comparison with it holds.
         while start < end or start > end:
-            kink = self.find_kink(joint, start, end, play)
-            middle = self.find_torque(joint, 0.5 * (start + kink), play)
-            sides = self.find_torque(joint, start, play) + self.find_torque(joint, kink, play)
+            kink = self.locate_kink(joint, start, end, play)
+            middle = self.compute_torque(joint, 0.5 * (start + kink), play)
+            sides = self.compute_torque(joint, start, play) + self.compute_torque(joint, kink, play)
             total += (kink - start) / 6.0 * (sides + 4.0 * middle)
             start = kink
         return total
 
-    def find_kink(self, joint: int, start: float, end: float, play: FloatArray) -> float:
+    def locate_kink(self, joint: int, start: float, end: float, play: FloatArray) -> float:
         """Return the first torsion from `start` towards `end` at which the slope changes; `end` for none."""
         least, way = _LEAST_SHARE * abs(end - start), 1.0 if end > start else -1.0
 
@@ -209,23 +197,25 @@ class Springs:
             kink = float(play[joint, k]) + way * radius
             end = kink if is_between(kink) else end
         for level, _ in self._knees[joint]:
-            apart = self.find_inner(joint, start, play) - level
-            beyond = self.find_inner(joint, end, play) - level
+            apart = self.compute_inner(joint, start, play) - level
+            beyond = self.compute_inner(joint, end, play) - level
             if apart * beyond < 0.0:
-                kink = self._find_level(joint, (start, end), play, level)
+                kink = self._locate_level(joint, (start, end), play, level)
                 end = kink if is_between(kink) else end
         return end
 
-    def _find_level(self, joint: int, interval: tuple[float, float], play: FloatArray, level: float) -> float:
+    def _locate_level(
+        self, joint: int, interval: tuple[float, float], play: FloatArray, level: float
+    ) -> float:
         """Return where in the interval, without a kink of the stops, v crosses `level`."""
         start, end = interval
-        apart = self.find_inner(joint, start, play) - level
+        apart = self.compute_inner(joint, start, play) - level
         if not self._cubic[joint]:
-            return start + (end - start) * apart / (apart - (self.find_inner(joint, end, play) - level))
+            return start + (end - start) * apart / (apart - (self.compute_inner(joint, end, play) - level))
         low, high = 0.0, 1.0
         for _ in range(_ROOT_STEPS):
             share = 0.5 * (low + high)
-            value = self.find_inner(joint, start + share * (end - start), play) - level
+            value = self.compute_inner(joint, start + share * (end - start), play) - level
             low, high = (share, high) if value * apart > 0.0 else (low, share)
         return start + high * (end - start)
 
@@ -240,25 +230,25 @@ class _ElasticStepper:
         self._forward: Callable[..., tuple[FloatArray, ...]] = library.bind("forward_dynamics")
         self._friction = library.bind("friction") if robot.friction.size else None
 
-    def find_springs(self, x: FloatArray, play: FloatArray) -> FloatArray:
+    def compute_springs(self, x: FloatArray, play: FloatArray) -> FloatArray:
         phi = x[2] - x[0]
-        pull = [self.springs.find_torque(joint, float(angle), play) for joint, angle in enumerate(phi)]
+        pull = [self.springs.compute_torque(joint, float(angle), play) for joint, angle in enumerate(phi)]
         torque: FloatArray = np.array(pull) + self._robot.damping * (x[3] - x[1])
         return torque
 
-    def _find_slope(self, x: FloatArray, play: FloatArray, torque: FloatArray) -> FloatArray:
+    def _compute_slope(self, x: FloatArray, play: FloatArray, torque: FloatArray) -> FloatArray:
         robot, twist = self._robot, x[3] - x[1]
         drag = np.zeros(robot.size) if self._friction is None else self._friction(x[3], robot.friction)[0]
-        push = self.find_springs(x, play)
+        push = self.compute_springs(x, play)
         (acceleration,) = self._forward(x[0], x[1], push, robot.beta)
         spin = (torque - push - drag) / robot.rotor
         return np.array([x[1], acceleration, x[3], spin, drag * x[3], robot.damping * twist * twist])
 
     def step(self, x: FloatArray, play: FloatArray, torque: FloatArray, h: float) -> FloatArray:
-        k1 = self._find_slope(x, play, torque)
-        k2 = self._find_slope(x + 0.5 * h * k1, play, torque)
-        k3 = self._find_slope(x + 0.5 * h * k2, play, torque)
-        k4 = self._find_slope(x + h * k3, play, torque)
+        k1 = self._compute_slope(x, play, torque)
+        k2 = self._compute_slope(x + 0.5 * h * k1, play, torque)
+        k3 = self._compute_slope(x + 0.5 * h * k2, play, torque)
+        k4 = self._compute_slope(x + h * k3, play, torque)
         return x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
 
     def bends(self, x: FloatArray, after: FloatArray, play: FloatArray) -> bool:
@@ -267,12 +257,13 @@ class _ElasticStepper:
             return True
         pairs = zip((x[2] - x[0]).tolist(), (after[2] - after[0]).tolist(), strict=True)
         return any(
-            self.springs.find_kink(joint, start, end, play) != end for joint, (start, end) in enumerate(pairs)
+            self.springs.locate_kink(joint, start, end, play) != end
+            for joint, (start, end) in enumerate(pairs)
         )
 
 
 def simulate_in_numpy(library: Library, robot: PlantRobot, order: PlantExperiment) -> PlantLog:
-    """Return what happens to the robot, to rounding as the compiled plant does; see `PlantExperiment`."""
+    """Return the motion of the robot, equal to that of the compiled plant up to rounding."""
     stepper, size = _ElasticStepper(library, robot), robot.size
     rest = np.zeros(size)
     x = np.array([order.q, rest, order.theta, rest, rest, rest])
@@ -293,8 +284,10 @@ def simulate_in_numpy(library: Library, robot: PlantRobot, order: PlantExperimen
     for tick in range(order.ticks):
         if not np.all(np.isfinite(x[:4])):
             return PlantLog(**log, ticks=tick)
-        torque = _compute_motor_torque(order, tick, x)
-        row = (x[0], x[1], x[2], x[3], stepper.find_springs(x, play), torque, work, x[4], elastic, x[5])
+        measured = quantise(x[2], order.step)
+        demand = order.stiffness * (order.angle[tick] - measured) + order.damping * (order.speed[tick] - x[3])
+        torque: FloatArray = np.clip(demand + order.torque[tick], -order.limit, order.limit)
+        row = (x[0], x[1], x[2], x[3], stepper.compute_springs(x, play), torque, work, x[4], elastic, x[5])
         for name, values in zip(_LOGGED, row, strict=True):
             log[name][tick] = values
         for _ in range(order.substeps if tick + 1 < order.ticks else 0):
@@ -307,23 +300,15 @@ def simulate_in_numpy(library: Library, robot: PlantRobot, order: PlantExperimen
     return PlantLog(**log, ticks=order.ticks)
 
 
-def _compute_motor_torque(order: PlantExperiment, tick: int, x: FloatArray) -> FloatArray:
-    """Return the torque (n,) of the motors' PD loops at a tick."""
-    measured = quantise(x[2], order.step)
-    demand = order.stiffness * (order.angle[tick] - measured) + order.damping * (order.speed[tick] - x[3])
-    torque: FloatArray = np.clip(demand + order.torque[tick], -order.limit, order.limit)
-    return torque
-
-
 _SHARE = 0.5
-"""Of the time constant of the fastest motion: a Runge-Kutta step, which is stable to 2.7 times it."""
+"""Of the time constant of the fastest motion; Runge-Kutta steps are stable up to 2.7 times it."""
 _SMALL = 1e-9
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlantRun:
-    """What happened, and what a user should know of how it was computed."""
+    """The motion, and how it was computed."""
 
     log: PlantLog
     backend: str
@@ -333,29 +318,16 @@ class PlantRun:
 def simulate_plant(
     library: Library, robot: PlantRobot, order: PlantExperiment, *, compiler: str | None = None
 ) -> PlantRun:
-    """Return what happens to the robot; a machine without a compiler takes much longer, and a notice says so.
-
-    Args:
-        library: the functions of the links.
-        robot: all numbers.
-        order: the experiment.
-        compiler: command of the C compiler; None for the first that is found.
-
-    Raises:
-        OutputError: there is no place to keep the compiled plant.
-    """
-    if not has_addresses(library):
-        return _simulate_slowly(library, robot, order, "the robot's functions are not compiled")
+    """Return the motion; a notice says where it was computed without a compiler (None: the first found)."""
+    reason = "there is no C compiler"
     try:
-        plant: CompiledPlant | None = load_plant_code(compiler=compiler)
+        plant = load_plant_code(compiler=compiler) if has_addresses(library) else None
     except GenerationError as error:
-        return _simulate_slowly(library, robot, order, str(error))
-    if plant is None:
-        return _simulate_slowly(library, robot, order, "there is no C compiler")
-    return PlantRun(log=plant.run(library, robot, order), backend="c", notices=plant.notices)
-
-
-def _simulate_slowly(library: Library, robot: PlantRobot, order: PlantExperiment, reason: str) -> PlantRun:
+        plant, reason = None, str(error)
+    if plant is not None:
+        return PlantRun(log=plant.run(library, robot, order), backend="c", notices=plant.notices)
+    if not has_addresses(library):
+        reason = "the robot's functions are not compiled"
     text = f"{reason}: the elastic robot is simulated in NumPy, with the same numbers but many times slower"
     notice = Notice(code="simulate.slow-plant", text=text)
     return PlantRun(log=simulate_in_numpy(library, robot, order), backend="python", notices=(notice,))
@@ -364,47 +336,32 @@ def _simulate_slowly(library: Library, robot: PlantRobot, order: PlantExperiment
 def count_substeps(
     library: Library, values: ElasticValues, poses: FloatArray, *, period: float, step: float
 ) -> int:
-    """Return how many Runge-Kutta steps a tick takes.
+    """Return the Runge-Kutta steps in a tick of `period` s, each of at most `step` s.
 
-    Args:
-        library: the functions of the links.
-        values: all numbers.
-        poses: (K, n) along the way, rad or m.
-        period: of a tick, s.
-        step: the longest step wanted, s; fast springs, friction and damping shorten it.
+    Fast springs, friction and damping at the poses (K, n), rad or m, shorten the steps.
     """
-    rate = max(_compute_spring_rate(library, values, poses), _compute_friction_rate(library, values))
+    # Links and rotors swing against each other, or settle by damping.
+    (mass,) = library.evaluate("mass_matrix", poses, values.beta)
+    mobility = np.linalg.inv(mass) + np.diag(1.0 / values.rotor)
+    root = np.sqrt([_compute_largest_stiffness(spring) for spring in values.elasticity])
+    rate = float(np.sqrt(np.linalg.eigvalsh(root[:, None] * mobility * root).max()))
+    root = np.sqrt([spring.damping for spring in values.elasticity])
+    rate = max(rate, float(np.linalg.eigvalsh(root[:, None] * mobility * root).max()))
+    if values.friction.size:
+        # Friction stops a rotor.
+        speeds = _SMALL * np.vstack([np.eye(len(values.rotor)), -np.eye(len(values.rotor))])
+        (drag,) = library.evaluate("friction", speeds, values.friction)
+        ahead, back = np.split(np.asarray(drag), 2)
+        slope = np.diagonal(ahead - back) / (2.0 * _SMALL)
+        rate = max(rate, float(np.max(slope / values.rotor)))
     longest = min(step, _SHARE / rate) if rate > 0.0 else step
     return max(1, math.ceil(period / longest - _ROUNDING))
 
 
-def _compute_spring_rate(library: Library, values: ElasticValues, poses: FloatArray) -> float:
-    """Return the fastest rate in 1/s at which links and rotors swing against each other, or settle."""
-    (mass,) = library.evaluate("mass_matrix", poses, values.beta)
-    mobility = np.linalg.inv(mass) + np.diag(1.0 / values.rotor)
-    stiffness = np.array([_compute_largest_stiffness(values, joint) for joint in range(len(values.rotor))])
-    root, damping = np.sqrt(stiffness), np.array([spring.damping for spring in values.elasticity])
-    swing = float(np.sqrt(np.linalg.eigvalsh(root[:, None] * mobility * root).max()))
-    root = np.sqrt(damping)
-    return max(swing, float(np.linalg.eigvalsh(root[:, None] * mobility * root).max()))
-
-
-def _compute_largest_stiffness(values: ElasticValues, joint: int) -> float:
+def _compute_largest_stiffness(spring: Elasticity) -> float:
     """Return the largest slope of a spring whose cubic term is small at the torsions of use."""
-    spring = values.elasticity[joint]
     sides = [sum(knee.slope for knee in spring.knees if knee.threshold * side > 0.0) for side in (1.0, -1.0)]
     return (spring.initial_stiffness or 0.0) * (1.0 + max(0.0, *sides))
-
-
-def _compute_friction_rate(library: Library, values: ElasticValues) -> float:
-    """Return the fastest rate in 1/s at which friction stops a rotor."""
-    if not values.friction.size:
-        return 0.0
-    speeds = _SMALL * np.vstack([np.eye(len(values.rotor)), -np.eye(len(values.rotor))])
-    (drag,) = library.evaluate("friction", speeds, values.friction)
-    ahead, back = np.split(np.asarray(drag), 2)
-    slope = np.diagonal(ahead - back) / (2.0 * _SMALL)
-    return float(np.max(slope / values.rotor))
 
 
 _GROWTH = 1.1
@@ -423,10 +380,7 @@ class RestState(FrozenArrays):
 def compute_rest(robot: PlantRobot, load: FloatArray, names: tuple[str, ...]) -> RestState:
     """Return torsions at which the springs carry `load` (n,) in N m or N, reached from zero.
 
-    The first root on the curve is bracketed by trials that grow by a tenth, then halved to the last digit.
-
-    Raises:
-        SolverError: a spring carries no such load: it softens until it gives way.
+    The first root is bracketed by trials that grow by a tenth, then halved to the last digit.
     """
     springs = Springs(robot)
     phi = np.array(
@@ -434,10 +388,7 @@ def compute_rest(robot: PlantRobot, load: FloatArray, names: tuple[str, ...]) ->
     )
     lost = [name for name, angle in zip(names, phi.tolist(), strict=True) if not np.isfinite(angle)]
     if lost:
-        text = (
-            f"the springs of {', '.join(lost)} cannot carry the weight of the robot; give them a stiffness "
-            "and a cubic term that let their torque rise"
-        )
+        text = f"the springs of {', '.join(lost)} cannot carry the weight of the robot; make them stiffer"
         raise SolverError(Notice(code="simulate.weak-spring", text=text))
     return RestState(phi=phi, play=_compute_virgin_play(robot, phi))
 
@@ -451,15 +402,15 @@ def _locate_torsion(springs: Springs, robot: PlantRobot, joint: int, load: float
     """Return the torsion of one joint, not a number where there is none."""
     side = 1.0 if load > 0.0 else -1.0
 
-    def find_excess(phi: float) -> float:
+    def compute_excess(phi: float) -> float:
         play = _compute_virgin_play(robot, np.full(robot.size, phi))
-        return side * springs.find_torque(joint, phi, play) - abs(load)
+        return side * springs.compute_torque(joint, phi, play) - abs(load)
 
     if not load:
         return 0.0
     high = abs(load) / float(robot.stiffness[joint] + robot.weight[joint].sum())
     for _ in range(_MOST_TRIALS):
-        if find_excess(side * high) >= 0.0:
+        if compute_excess(side * high) >= 0.0:
             break
         high *= _GROWTH
     else:
@@ -467,5 +418,5 @@ def _locate_torsion(springs: Springs, robot: PlantRobot, joint: int, load: float
     low = 0.0
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
-        low, high = (low, middle) if find_excess(side * middle) >= 0.0 else (middle, high)
+        low, high = (low, middle) if compute_excess(side * middle) >= 0.0 else (middle, high)
     return side * high

@@ -1,23 +1,16 @@
 """An experiment: a rigid robot under PD control along a trajectory, logged like a real one; and its checks.
 
-Robot, Library with values, ReferenceMotion, ExperimentOptions, random generator -> SimulationRun: the
-recording, and the truth behind it.
+Robot, Library with values, ReferenceMotion, ExperimentOptions, random generator -> SimulationRun.
 
     tau = g(q_d(0)) + Kp (q_d - q_m) + Kd (dq_d - dq_f)    each period, held until the next
 
-with q_m from the encoder and dq_f its low-passed difference; a robot file's controller may say otherwise.
-The weight at the first pose is carried from the first tick on, so that no run begins with a fall. The
-logged torque at a sample is that of a sensor that averages over the period around it: the mean of the
-torques before and after the tick, so that it belongs to the same instant as the position. The log has the
-reference too.
-
-The checks hold for rigid and elastic robots: sizes and times that do not fit, a run whose energy balance
-does not close, a robot that leaves ten times its position limits are errors with a remedy and never a
-log; torque at its limit gives a notice.
+with q_m from the encoder and dq_f its low-passed difference; a robot file's controller may say otherwise. The
+logged torque at a sample is the mean of the torques before and after the tick, as a sensor averages it. The
+checks hold for elastic robots too.
 
 Supported: joint PD, torque limits of the robot file.
-Not supported: further feed-forward, motor-side logs, elastic joints (see `elastic_experiment`),
-collisions.
+Not supported: further feed-forward, motor-side logs, elastic joints (see `elastic_experiment`), collisions.
+
 """
 
 from collections.abc import Mapping
@@ -31,13 +24,24 @@ from symid.errors import Notice, SolverError, UsageError
 from symid.excitation import ReferenceMotion
 from symid.logs import Recording
 from symid.robot import Controller, Robot
-from symid.simulation.rigid_plant import RigidPlant, RigidPlantState, build_rest_state
-from symid.simulation.sensors import SensorOptions, Sensors, add_torque_noise, build_sensors, quantise
+from symid.simulation.rigid_plant import (
+    RigidPlant,
+    RigidPlantState,
+    build_rest_state,
+    check_friction_at_speeds,
+)
+from symid.simulation.sensors import (
+    SensorOptions,
+    add_torque_noise,
+    check_sensors,
+    get_encoder_turns,
+    quantise,
+)
 
 _RUNAWAY = 1e4
-"""Positions in rad or m beyond this are no motion of a robot."""
+"""Rad or m: largest position of a joint without limits."""
 _FAR = 10.0
-"""Nor are positions beyond so many times the limits of the joint."""
+"""Largest position of a joint with limits, relative to them."""
 _LARGEST_GAP = 1e-6
 """Of work, change of energy and dissipation, relative to the largest of them."""
 _REMEDY = (
@@ -55,20 +59,7 @@ def build_times(
     substeps: int = 1,
     gains: Mapping[str, tuple[float, ...] | None],
 ) -> FloatArray:
-    """Return the control ticks (N,) in s.
-
-    Args:
-        robot: of the experiment.
-        library: its functions.
-        trajectory: that it follows.
-        duration: s; None for that of the trajectory.
-        period: s.
-        substeps: of a period.
-        gains: by name, one a joint.
-
-    Raises:
-        UsageError: all sizes and times that do not fit.
-    """
+    """Return the control ticks (N,) in s, or raise a UsageError with all sizes and times that do not fit."""
     size = robot.freedom
     problems = []
     if trajectory.size != size or library.card.size != size:
@@ -91,29 +82,19 @@ def build_times(
 
 
 def compute_effective_inertia(mass: FloatArray) -> FloatArray:
-    """Return the mean of 1 / (M^-1)_jj (n,) over mass matrices (K, n, n): what a joint feels, others free.
-
-    It is never more than M_jj; with it no mode of the coupled robot under PD control at w is faster than
-    w sqrt(n).
-    """
+    """Return the mean of 1 / (M^-1)_jj (n,) over M (K, n, n): what a joint feels, others free."""
     inertia: FloatArray = np.mean(1.0 / np.diagonal(np.linalg.inv(mass), axis1=1, axis2=2), axis=0)
     return inertia
 
 
-def get_torque_limits(robot: Robot) -> FloatArray:
-    """Return the torque limits (n,) in N m or N, infinite where there are none."""
-    limits = [joint.limits.torque for joint in robot.axes]
-    return np.array([np.inf if limit is None else limit for limit in limits])
-
-
-def get_velocity_limits(robot: Robot) -> FloatArray:
-    """Return the velocity limits (n,) in rad/s or m/s, infinite where there are none."""
-    limits = [joint.limits.velocity for joint in robot.axes]
+def get_limits(robot: Robot, name: str) -> FloatArray:
+    """Return the limits "torque" or "velocity" (n,) of the joints, SI units, infinite for none."""
+    limits = [getattr(joint.limits, name) for joint in robot.axes]
     return np.array([np.inf if limit is None else limit for limit in limits])
 
 
 def compute_reach(robot: Robot, desired: FloatArray) -> FloatArray:
-    """Return the positions (n,) that no joint reaches unless it ran away."""
+    """Return the positions (n,) beyond which a joint is out of control; `desired` (N, n), rad or m."""
     bounds = [joint.limits.position for joint in robot.axes]
     reach = np.array([_FAR * max(map(abs, bound)) if bound else _RUNAWAY for bound in bounds])
     furthest: FloatArray = np.maximum(reach, 2.0 * np.abs(desired).max(axis=0))
@@ -123,30 +104,26 @@ def compute_reach(robot: Robot, desired: FloatArray) -> FloatArray:
 def check_balance(
     kinetic: FloatArray, potential: FloatArray, work: FloatArray, dissipation: FloatArray
 ) -> None:
-    """Refuse a run that is not finite, or whose energy balance does not close; (N,) J each.
-
-    Raises:
-        SolverError: the text says by how much, and what helps.
-    """
+    """Refuse a run that is not finite, or whose energy balance does not close; (N,) J each."""
     energy = kinetic + potential
     change = energy - energy[0]
     gap = float(np.abs(work - change - dissipation).max())
     largest = max(float(np.abs(part).max()) for part in (work, kinetic, change, dissipation))
-    # What is lost in rounding of the potential is no gap.
+    # Rounding of the potential is no gap.
     scale = largest + 1e-6 * float(np.abs(potential).max())
     if not np.isfinite(gap + scale):
-        text = f"the simulated run holds values that are not finite; {_REMEDY}"
+        text = f"the simulated run has values that are not finite; {_REMEDY}"
         raise SolverError(Notice(code="simulate.not-finite", text=text))
     if gap > _LARGEST_GAP * scale:
         text = (
-            f"work, energy and dissipation of the run disagree by {gap / scale:.2g} of the largest, "
-            f"{_LARGEST_GAP:g} at most are accepted: the motion is too fast for the steps; {_REMEDY}"
+            f"the energy balance of the run has a relative error of {gap / scale:.2g} (allowed "
+            f"{_LARGEST_GAP:g}): the motion is too fast for the integration steps; {_REMEDY}"
         )
         raise SolverError(Notice(code="simulate.energy", text=text))
 
 
 def describe_saturation(robot: Robot, torque: FloatArray, limit: FloatArray) -> tuple[Notice, ...]:
-    """Return who was at the limits (n,) with `torque` (N, n), and for how long."""
+    """Return a notice for each joint that reached its limit (n,) with `torque` (N, n)."""
     share = np.mean(np.abs(torque) >= limit, axis=0)
     return tuple(
         Notice(
@@ -159,18 +136,18 @@ def describe_saturation(robot: Robot, torque: FloatArray, limit: FloatArray) -> 
 
 
 def describe_massless(robot: Robot) -> Notice:
-    """Return what is said of a robot whose mass matrix is singular."""
+    """Return the notice on a robot whose mass matrix is singular."""
     text = (
-        f"robot {robot.name!r} cannot be simulated: its mass matrix is singular, so a joint moves without "
+        f"robot {robot.name!r} cannot be simulated: its mass matrix is singular, a joint moves without "
         "inertia; give every moved link a mass with an inertia, or its drive a rotor_inertia"
     )
     return Notice(code="simulate.massless", text=text)
 
 
 def describe_runaway(tick: int, period: float, bandwidth: float) -> Notice:
-    """Return what is said of a robot that ran away at a tick; period in s, bandwidth of the gains in Hz."""
+    """Return the notice on a robot out of control at a tick; period in s, bandwidth of the gains in Hz."""
     text = (
-        f"the controlled robot ran away at t = {tick * period:g} s: lower the bandwidth "
+        f"the controlled robot became unstable at t = {tick * period:g} s; lower the bandwidth "
         f"({bandwidth:g} Hz) or the gains, shorten the control period ({period:g} s), "
         "or give links with mass an inertia"
     )
@@ -184,10 +161,15 @@ _GAIN_SAMPLES = 50
 class ExperimentOptions:
     """How an experiment is run; times in s, frequencies in Hz.
 
-    `duration` None for the trajectory's own; `stiffness` (Kp) and `damping` (Kd) per joint, None for
-    gains that give `bandwidth` with critical damping at the joint's mean effective inertia.
-    `controller`, where there is one, takes the place of these gains and of `velocity_filter`; a constant
-    torque that it does not state is the weight at the first pose.
+    Args:
+        duration: None for the trajectory's own.
+        period: of control and log; substeps: of the plant in a period.
+        bandwidth: of gains with critical damping at the joint's mean effective inertia.
+        velocity_filter: cut-off of the measured velocity.
+        stiffness, damping: Kp, Kd of each joint in place of gains by bandwidth.
+        sensors: what controller and log read.
+        controller: replaces gains and filter; a constant torque that it does not state is the weight at the
+            first pose.
     """
 
     duration: float | None = None
@@ -206,7 +188,7 @@ class SimulationRun(FrozenArrays):
     """A recording and the truth behind it.
 
     Args:
-        recording: what a log of this run holds.
+        recording: the log.
         q, dq: (N, n) true states. desired: (N, n) reference positions. torque: (N, n) held from
             each sample to the next; the last row repeats the one before.
         kinetic, potential, work, dissipation: (N,) J; work and dissipation since the start.
@@ -234,19 +216,6 @@ class SimulationRun(FrozenArrays):
         return float(gap.max() / max(float(np.abs(self.work).max()), np.finfo(np.float64).tiny))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Control:
-    """Gains (n,), constant torque (n,), pole of the velocity filter, limits (n,), positions run away (n,)."""
-
-    law: Controller
-    stiffness: FloatArray
-    damping: FloatArray
-    weight: FloatArray
-    blend: float
-    limit: FloatArray
-    reach: FloatArray
-
-
 def simulate_experiment(
     robot: Robot,
     library: Library,
@@ -258,11 +227,16 @@ def simulate_experiment(
 
     Raises:
         UsageError: sizes that do not fit, a value that the robot file does not state, options out of range,
-            friction that drives a joint at its speeds.
+            friction that drives a joint at its speeds, elastic joints.
         SolverError: the controlled robot is unstable or too light, chatters without end, or has friction that
             is too steep.
     """
-    _refuse_elastic(robot)
+    names = [joint.name for joint, elastic in zip(robot.axes, robot.elastic, strict=True) if elastic]
+    if names:
+        text = (
+            f"robot {robot.name!r} has elastic joints ({', '.join(names)}); simulate it as an elastic robot"
+        )
+        raise UsageError(Notice(code="usage.elastic-robot", text=text))
     stated = options.controller or options
     times = build_times(
         robot,
@@ -273,77 +247,82 @@ def simulate_experiment(
         substeps=options.substeps,
         gains={"stiffness": stated.stiffness, "damping": stated.damping},
     )
-    plant = RigidPlant(library, speeds=get_velocity_limits(robot))
-    sensors = build_sensors(robot, options.sensors)
+    plant = RigidPlant(library, speeds=get_limits(robot, "velocity"))
+    check_sensors(options.sensors, robot.freedom)
+    encoder = get_encoder_turns(robot) / (options.sensors.counts_per_turn or np.inf)
     desired, speeds, _ = trajectory.evaluate(times)
-    control = _build_control(robot, library, plant, desired, options)
-    states, torque = _run_control_loop(plant, sensors, control, (desired, speeds), options)
+    law = _complete_controller(robot, library, plant, desired, options)
+    states, torque = _run_control_loop(robot, plant, law, (desired, speeds), options, encoder=encoder)
     q, dq = np.array([state.q for state in states]), np.array([state.dq for state in states])
-    plant.check_friction(dq)
-    kinetic, potential = library.evaluate("energy", q, dq, plant.beta)
+    check_friction_at_speeds(plant.friction, library.card.joints, dq)
+    kinetic, potential = (part.reshape(-1) for part in library.evaluate("energy", q, dq, plant.beta))
     work = np.array([state.work for state in states])
     dissipation = np.array([state.dissipation for state in states])
-    check_balance(kinetic.reshape(-1), potential.reshape(-1), work, dissipation)
+    check_balance(kinetic, potential, work, dissipation)
     # The mean of the torques before and after each tick; nothing was held before the first.
     logged = torque.copy()
     logged[1:] = 0.5 * (torque[1:] + torque[:-1])
+    recording = Recording(
+        time=times,
+        position=quantise(q, encoder),
+        torque=add_torque_noise(logged, options.sensors, rng),
+        reference=desired,
+        reference_velocity=speeds,
+        source=f"simulated: {robot.name}, {trajectory.source}",
+        notices=describe_saturation(robot, torque, get_limits(robot, "torque")),
+    )
     return SimulationRun(
-        recording=Recording(
-            time=times,
-            position=quantise(q, sensors.step),
-            torque=add_torque_noise(logged, sensors, rng),
-            reference=desired,
-            reference_velocity=speeds,
-            source=f"simulated: {robot.name}, {trajectory.source}",
-            notices=describe_saturation(robot, torque, control.limit),
-        ),
+        recording=recording,
         q=q,
         dq=dq,
         desired=desired,
         torque=torque,
-        kinetic=kinetic.reshape(-1),
-        potential=potential.reshape(-1),
+        kinetic=kinetic,
+        potential=potential,
         work=work,
         dissipation=dissipation,
         events=states[-1].events,
-        controller=control.law,
+        controller=law,
     )
 
 
 def _run_control_loop(
+    robot: Robot,
     plant: RigidPlant,
-    sensors: Sensors,
-    control: _Control,
+    law: Controller,
     reference: tuple[FloatArray, FloatArray],
     options: ExperimentOptions,
+    *,
+    encoder: FloatArray,
 ) -> tuple[list[RigidPlantState], FloatArray]:
     """Return the states at every tick and the torques held from it (the last one repeats)."""
     desired, speeds = reference
+    limit, reach = get_limits(robot, "torque"), compute_reach(robot, desired)
+    stiffness, damping, offset = (np.array(part) for part in (law.stiffness, law.damping, law.offset))
+    cutoff = law.velocity_filter
+    blend = 1.0 if cutoff is None else 1.0 - float(np.exp(-2.0 * np.pi * cutoff * options.period))
+    sensed, asked = law.velocity_source == "sensor", float(law.velocity == "error")
     state = build_rest_state(desired[0])
     states, torque = [state], np.zeros_like(desired)
-    measured = quantise(state.q, sensors.step)
-    velocity = np.zeros(plant.size)
-    sensed = control.law.velocity_source == "sensor"
-    asked = float(control.law.velocity == "error")
+    measured, velocity = quantise(state.q, encoder), np.zeros(plant.size)
     for k in range(len(desired) - 1):
-        before, measured = measured, quantise(state.q, sensors.step)
+        before, measured = measured, quantise(state.q, encoder)
         raw = state.dq if sensed else (measured - before) / options.period
-        velocity = velocity + control.blend * (raw - velocity)
-        error, slip = desired[k] - measured, asked * speeds[k] - velocity
-        demand = control.weight + control.stiffness * error + control.damping * slip
-        torque[k] = np.minimum(np.maximum(demand, -control.limit), control.limit)
+        velocity = velocity + blend * (raw - velocity)
+        demand = offset + stiffness * (desired[k] - measured) + damping * (asked * speeds[k] - velocity)
+        torque[k] = np.minimum(np.maximum(demand, -limit), limit)
         state = plant.advance(state, torque[k], options.period, options.substeps)
         states.append(state)
-        if not (np.all(np.abs(state.q) < control.reach) and np.all(np.isfinite(state.dq))):
+        if not (np.all(np.abs(state.q) < reach) and np.all(np.isfinite(state.dq))):
             raise SolverError(describe_runaway(k, options.period, options.bandwidth))
     torque[-1] = torque[-2]
     return states, torque
 
 
-def _build_control(
+def _complete_controller(
     robot: Robot, library: Library, plant: RigidPlant, desired: FloatArray, options: ExperimentOptions
-) -> _Control:
-    """Return gains: Kp = w^2 J, Kd = 2 w J with J the effective inertia along the trajectory."""
+) -> Controller:
+    """Return the law with gains Kp = w^2 J, Kd = 2 w J, J the effective inertia, where none are stated."""
     samples = np.linspace(0, len(desired) - 1, _GAIN_SAMPLES).astype(int)
     (mass,) = library.evaluate("mass_matrix", desired[samples], plant.beta)
     try:
@@ -358,24 +337,5 @@ def _build_control(
         damping=options.damping or tuple((2.0 * pole * inertia).tolist()),
         velocity_filter=options.velocity_filter,
     )
-    cutoff = law.velocity_filter
-    weight = plant.find_weight(desired[0]) if law.offset is None else np.array(law.offset)
-    return _Control(
-        law=replace(law, offset=tuple(weight.tolist()), torque="average"),
-        stiffness=np.array(law.stiffness),
-        damping=np.array(law.damping),
-        blend=1.0 if cutoff is None else 1.0 - float(np.exp(-2.0 * np.pi * cutoff * options.period)),
-        weight=weight,
-        limit=get_torque_limits(robot),
-        reach=compute_reach(robot, desired),
-    )
-
-
-def _refuse_elastic(robot: Robot) -> None:
-    names = [joint.name for joint, gives in zip(robot.axes, robot.elastic, strict=True) if gives]
-    if names:
-        text = (
-            f"robot {robot.name!r} gives between motor and link ({', '.join(names)}); "
-            "simulate it as an elastic robot"
-        )
-        raise UsageError(Notice(code="usage.elastic-robot", text=text))
+    weight = plant.compute_weight(desired[0]).tolist()
+    return replace(law, offset=tuple(weight) if law.offset is None else law.offset, torque="average")

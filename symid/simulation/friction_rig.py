@@ -7,16 +7,15 @@ Law and its values, mass, drive -> RigRun: samples of the motion with an energy 
     spring   F = k (V t - x) + c (V - v)
     control  F = kp e + ki w - kd v,   e = target(t) - x,   dw/dt = e
 
-Integrated by LSODA (Hindmarsh and Petzold): bristles make the equations stiff while the mass slips, and
-soft while it sticks. Tolerances are relative, and absolute on the scale of the bristles: sticking is
-resolved.
+Integrated by LSODA (Hindmarsh and Petzold): bristles make the equations stiff while the mass slips, and soft
+while it sticks. Tolerances are relative, and absolute on the scale of the bristles.
 
 Supported: revolute and prismatic axes alike (kg m^2 and rad, or kg and m); any dynamic friction law.
 Not supported: several masses; forces that jump faster than the sampling, unless `substep` is set.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -37,11 +36,8 @@ from symid.joint_models import (
 class RigDrive(Protocol):
     """What pushes the mass."""
 
-    def find_force(self, time: float, position: float, velocity: float, memory: float) -> float:
-        """Return F, N m or N; `memory` is w."""
-
-    def find_memory_rate(self, time: float, position: float) -> float:
-        """Return dw/dt."""
+    def evaluate(self, time: float, state: Sequence[float]) -> tuple[float, float]:
+        """Return F, N m or N, and dw/dt at `state` (x, v, z, w)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,13 +46,9 @@ class ForceDrive:
 
     force: Callable[[float], float]
 
-    def find_force(self, time: float, position: float, velocity: float, memory: float) -> float:  # noqa: ARG002
-        """Return F(t)."""
-        return self.force(time)
-
-    def find_memory_rate(self, time: float, position: float) -> float:  # noqa: ARG002
-        """Return zero."""
-        return 0.0
+    def evaluate(self, time: float, state: Sequence[float]) -> tuple[float, float]:  # noqa: ARG002
+        """Return F(t) and zero."""
+        return self.force(time), 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,20 +59,18 @@ class SpringDrive:
     speed: float
     damping: float = 0.0
 
-    def find_force(self, time: float, position: float, velocity: float, memory: float) -> float:  # noqa: ARG002
-        """Return k (V t - x) + c (V - v)."""
-        return self.stiffness * (self.speed * time - position) + self.damping * (self.speed - velocity)
-
-    def find_memory_rate(self, time: float, position: float) -> float:  # noqa: ARG002
-        """Return zero."""
-        return 0.0
+    def evaluate(self, time: float, state: Sequence[float]) -> tuple[float, float]:
+        """Return k (V t - x) + c (V - v) and zero."""
+        position, velocity, *_ = state
+        pull = self.stiffness * (self.speed * time - position)
+        return pull + self.damping * (self.speed - velocity), 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PositionControl:
     """A PID controller of the position: gains in N m/rad, N m/(rad s), N m s/rad, or with m for rad.
 
-    `target` gives the position wanted over time: s -> rad or m.
+    `target` gives the desired position over time: s -> rad or m.
     """
 
     proportional: float
@@ -88,14 +78,11 @@ class PositionControl:
     derivative: float
     target: Callable[[float], float]
 
-    def find_force(self, time: float, position: float, velocity: float, memory: float) -> float:
-        """Return kp (target - x) + ki w - kd v."""
+    def evaluate(self, time: float, state: Sequence[float]) -> tuple[float, float]:
+        """Return kp (target - x) + ki w - kd v and the error of the position."""
+        position, velocity, _, memory = state
         error = self.target(time) - position
-        return self.proportional * error + self.integral * memory - self.derivative * velocity
-
-    def find_memory_rate(self, time: float, position: float) -> float:
-        """Return the error of the position."""
-        return self.target(time) - position
+        return self.proportional * error + self.integral * memory - self.derivative * velocity, error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,11 +94,7 @@ class Rig:
     mass: float
 
     def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            UsageError: a value is none of the law, or the mass is not positive.
-        """
+        """Refuse values that do not fit the law, and a mass that is not positive."""
         check_dynamic_values(self.law, self.values)
         if not (math.isfinite(self.mass) and self.mass > 0):
             text = f"the mass on the friction must be positive, got {self.mass:g}"
@@ -133,17 +116,8 @@ class RigOptions:
     substep: float | None = None
 
     def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            UsageError: times or tolerance are not positive, or there is no whole sampling period.
-        """
-        positive = (
-            self.duration,
-            self.rate,
-            self.tolerance,
-            self.duration if self.substep is None else self.substep,
-        )
+        """Refuse times and a tolerance that are not positive, and less than one sampling period."""
+        positive = (self.duration, self.rate, self.tolerance, 1.0 if self.substep is None else self.substep)
         if not all(math.isfinite(value) and value > 0 for value in positive) or self.duration * self.rate < 1:
             text = "duration, rate, tolerance and substep must be positive, the duration at least one period"
             raise UsageError(Notice(code="simulate.friction-rig", text=text))
@@ -172,35 +146,26 @@ class RigRun(FrozenArrays):
     energy: FloatArray
 
 
-RigState = tuple[float, float, float, float]
-
-
 def _compute_rates(
-    rig: Rig, drive: RigDrive, time: float, state: RigState
+    rig: Rig, drive: RigDrive, time: float, state: Sequence[float]
 ) -> tuple[list[float], float, float]:
     """Return the rates of (x, v, z, w, work, loss), the force and the friction."""
-    algebra = _FLOATS
-    position, velocity, deflection, memory = state
-    force = drive.find_force(time, position, velocity, memory)
-    friction = compute_dynamic_torque(algebra, rig.law, velocity, deflection, rig.values)
-    rate = compute_bristle_rate(algebra, rig.law, velocity, deflection, rig.values)
+    _, velocity, deflection, _ = state
+    force, memory_rate = drive.evaluate(time, state)
+    friction = compute_dynamic_torque(_FLOATS, rig.law, velocity, deflection, rig.values)
+    rate = compute_bristle_rate(_FLOATS, rig.law, velocity, deflection, rig.values)
     loss = friction * velocity - rig.values[0] * deflection * rate
     acceleration = (force - friction) / rig.mass
-    memory_rate = drive.find_memory_rate(time, position)
     return [velocity, acceleration, rate, memory_rate, force * velocity, loss], force, friction
 
 
 _FLOATS = build_float_carrier()
 _RUNAWAY = 1e15
-"""Times the way and the speed that bristles know: no motion of a rig."""
+"""Largest position and speed, relative to those of the bristles."""
 
 
 def simulate_friction_rig(rig: Rig, drive: RigDrive, options: RigOptions) -> RigRun:
-    """Return the motion of the mass, beginning with straight bristles.
-
-    Raises:
-        SolverError: the integrator gave up, or numbers grew without bound.
-    """
+    """Return the motion of the mass from straight bristles; a SolverError if it cannot be integrated."""
     from scipy.integrate import solve_ivp
 
     count = math.floor(options.duration * options.rate * (1.0 + 1e-12)) + 1
@@ -210,17 +175,18 @@ def simulate_friction_rig(rig: Rig, drive: RigDrive, options: RigOptions) -> Rig
     speed = bend * math.sqrt(rig.values[0] / rig.mass)
     scales = np.array([bend, speed, bend, bend * options.duration, largest * bend, largest * bend])
 
-    def find_rates(at: float, state: FloatArray) -> list[float]:
-        position, velocity, deflection, memory = state[:4].tolist()
+    def compute_rates(at: float, state: FloatArray) -> list[float]:
+        known = state[:4].tolist()
         # Beyond this the integrator would go on with ever smaller steps.
-        if not (abs(velocity) < _RUNAWAY * speed and abs(position) < _RUNAWAY * bend):
+        if not (abs(known[1]) < _RUNAWAY * speed and abs(known[0]) < _RUNAWAY * bend):
             raise OverflowError
-        return _compute_rates(rig, drive, at, (position, velocity, deflection, memory))[0]
+        return _compute_rates(rig, drive, at, known)[0]
 
+    reason = ""
     with np.errstate(all="ignore"):
         try:
             solved = solve_ivp(
-                find_rates,
+                compute_rates,
                 (0.0, time[-1]),
                 [options.position, options.velocity, 0.0, 0.0, 0.0, 0.0],
                 method="LSODA",
@@ -229,22 +195,20 @@ def simulate_friction_rig(rig: Rig, drive: RigDrive, options: RigOptions) -> Rig
                 atol=options.tolerance * scales,
                 max_step=options.substep or 10.0 / options.rate,
             )
+            if not solved.success or not np.all(np.isfinite(solved.y)):
+                reason = str(solved.message)
         except OverflowError:
-            raise _build_failure(rig, "the motion grew without bound") from None
-    if not solved.success or not np.all(np.isfinite(solved.y)):
-        raise _build_failure(rig, str(solved.message))
-    return _build_run(rig, drive, time, solved.y)
-
-
-def _build_failure(rig: Rig, reason: str) -> SolverError:
-    text = f"the rig of {rig.law.name!r} could not be simulated: {reason}; lower the gains or the tolerance"
-    return SolverError(Notice(code="simulate.friction-rig", text=text))
-
-
-def _build_run(rig: Rig, drive: RigDrive, time: FloatArray, states: FloatArray) -> RigRun:
-    position, velocity, deflection, _, work, loss = states
-    columns = zip(time.tolist(), *(row.tolist() for row in states[:4]), strict=True)
-    found = [_compute_rates(rig, drive, at, (x, v, z, w)) for at, x, v, z, w in columns]
+            reason = "the motion grew without bound"
+    if reason:
+        text = (
+            f"the rig of {rig.law.name!r} could not be simulated: {reason}; lower the gains or the tolerance"
+        )
+        raise SolverError(Notice(code="simulate.friction-rig", text=text))
+    position, velocity, deflection, _, work, loss = solved.y
+    found = [
+        _compute_rates(rig, drive, at, x)
+        for at, x in zip(time.tolist(), solved.y[:4].T.tolist(), strict=True)
+    ]
     return RigRun(
         time=time,
         position=position,

@@ -3,32 +3,21 @@
 Library with values, state, a torque held for some time -> the next state.
 
     M(q) ddq + c(q, dq) + tau_f = tau,   tau_f by mode: +1, -1 (sliding), 0 (held)
-
-Steps are classical Runge-Kutta with fixed modes. Where a sliding velocity crosses zero, the step is cut
-at the crossing, and the modes are chosen anew. Work and dissipation are integrated along, so that work =
-change of energy + dissipation can be checked.
-
-Friction of a coordinate is a line per direction of motion, straight or curved, and a band at rest:
-
     dq > 0: tau_f = viscous_p dq + level_p;  dq < 0: tau_f = viscous_n dq + level_n
     dq = 0: any tau_f within [level_n, level_p] that holds the joint
     curved: tau_f(dq) itself; level_p, level_n are its limits at standstill, viscous is zero
 
-While a step looks for the instant at which a joint stops, a curve is continued beyond standstill by its
-own mirror image about (0, level), so that the step is as smooth as on one side. A curved law that is
-continuous at standstill (smoothed, Makkar, the improved one) has an empty band: such a joint creeps, and
-never sticks. Where friction is curved, steps are shortened until the velocity agrees with that of the
-third-order formula of the same stages, dq + h/6 (a1 + 2 a2 + 2 a3 + a5), a5 at the end of the step.
+Classical Runge-Kutta steps with fixed modes, cut where a sliding velocity crosses zero; there the modes are
+chosen anew. While a step locates that instant, a curve is continued beyond standstill by its mirror image
+about (0, level), so that the step is smooth. A curved law that is continuous at standstill has an empty
+band: such a joint creeps and never sticks. Where friction is curved, steps are shortened until the velocity
+agrees with that of the third-order formula of the same stages, dq + h/6 (a1 + 2 a2 + 2 a3 + a5), a5 at the
+end of the step. Friction must oppose motion, up to a constant torque: its least value ahead is not below
+its largest back.
 
-Friction opposes motion, but for a constant torque, which does no work over a way and back, where its
-least value ahead is not below its largest one back. Lines show that by signs; curves are looked at over
-speeds.
-
-Supported: any number of joints, several held at once; all friction models of robot files, of joints and
-of those that follow them; friction that is steep within limits.
+Supported: several joints held at once; all friction models of joints and couplings.
 Not supported: elastic joints, contact, position limits, pre-sliding, friction of a drive that turns with
-several coordinates. Break-away of a held joint is looked for at the beginning of each step, not within it
-(a held joint does no work).
+several coordinates; a held joint breaks away at the beginning of a step only (it does no work).
 """
 
 import math
@@ -46,12 +35,12 @@ from symid.joint_models import FRICTION_MODELS
 
 _SPEEDS = (1.0, 2.0, -1.0, -2.0)
 _STANDSTILL = 1e-300
-"""A speed at which every law has its limit at standstill, powers of the speed included."""
+"""A speed at which every law, powers of the speed included, has its limit at standstill."""
 _PROBES = (_STANDSTILL, 1e-4, 1e-2, 1.0)
 _FASTEST, _SLOWEST, _SPEED_COUNT = 1e6, 1e-9, 1501
-"""The speeds at which a curve is looked at: a hundred a decade, less for a joint that is never so fast."""
+"""Grid of speeds for curves: a hundred a decade, fewer for a slower joint."""
 _ROUNDING = 1e-12
-"""Torques below this share of the largest are what rounding leaves of zero."""
+"""Torques below this share of the largest count as zero."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -69,7 +58,7 @@ class FrictionLines(FrozenArrays):
     curved: NDArray[np.bool_]
     curve: Callable[[FloatArray], FloatArray] | None = None
 
-    def find_drag(self, modes: Sequence[int], dq: FloatArray) -> FloatArray:
+    def compute_drag(self, modes: Sequence[int], dq: FloatArray) -> FloatArray:
         """Return what sliding adds to the level of each mode, (n,) N m or N; zero at standstill."""
         rows, columns = np.array(modes), np.arange(len(modes))
         drag: FloatArray = self.viscous[rows, columns] * dq
@@ -82,11 +71,7 @@ class FrictionLines(FrozenArrays):
 
 
 def get_parameter_values(parameters: tuple[ParameterCard, ...], robot: str) -> FloatArray:
-    """Return the values of parameters, (p,).
-
-    Raises:
-        UsageError: the robot file does not state all of them.
-    """
+    """Return the values of parameters, (p,), or raise a UsageError if the robot file does not state them."""
     unknown = [parameter.name for parameter in parameters if parameter.value is None]
     if unknown:
         text = (
@@ -105,31 +90,29 @@ def _compute_columns(library: Library, values: FloatArray, speeds: Sequence[floa
     return columns.reshape(size, len(speeds), size, -1) * values
 
 
-def _list_shared(columns: FloatArray, rest: FloatArray) -> NDArray[np.bool_]:
-    """Return which parameters (p,) make friction at a coordinate that depends on the speed of another.
+def _refuse_shared(card: ModelCard, columns: FloatArray, rest: FloatArray, start: FloatArray | None) -> None:
+    """Refuse friction at a coordinate that depends on the speed of another: a drive that turns with both.
 
-    Drives that turn with several joints each do; terms in proportion to the speed may cancel between them.
+    Terms in proportion to the speed may cancel; `start` is friction at the limits of standstill.
     """
-    least = _ROUNDING * np.abs(columns).max()
-    once, twice, once_back, twice_back = columns.swapaxes(0, 1)
-    ahead, back = twice - once, once_back - twice_back
-    linear, bend = 0.5 * (ahead + back), 0.5 * (ahead - back)
-    steps = (bend, 2.0 * once - twice - rest, 2.0 * once_back - twice_back - rest)
     others = ~np.eye(len(columns), dtype=bool)
-    uncancelled = np.abs(linear.sum(axis=2)) * others > least
-    felt = np.concatenate([linear[uncancelled], *(part[others] for part in steps)])
-    shared: NDArray[np.bool_] = np.any(np.abs(felt) > least, axis=0)
-    return shared
-
-
-def _refuse_shared(card: ModelCard, shared: NDArray[np.bool_]) -> None:
-    """Refuse friction at a coordinate that depends on the speed of another; `shared` (p,): which do that."""
+    if start is None:
+        least = _ROUNDING * np.abs(columns).max()
+        once, twice, once_back, twice_back = columns.swapaxes(0, 1)
+        ahead, back = twice - once, once_back - twice_back
+        linear, bend = 0.5 * (ahead + back), 0.5 * (ahead - back)
+        steps = (bend, 2.0 * once - twice - rest, 2.0 * once_back - twice_back - rest)
+        uncancelled = np.abs(linear.sum(axis=2)) * others > least
+        felt = np.concatenate([linear[uncancelled], *(part[others] for part in steps)])
+        shared = np.any(np.abs(felt) > least, axis=0)
+    else:
+        shared = np.any(np.any(start != rest, axis=1)[others], axis=0)
     names = [parameter.name for parameter, found in zip(card.friction, shared, strict=True) if found]
     if names:
         text = (
-            f"robot {card.robot!r} has a drive that turns with several joints, whose friction "
-            f"({', '.join(names)}) brakes one by the speed of another; simulation cannot make such joints "
-            "stick: leave that friction out of the robot file"
+            f"robot {card.robot!r} has a drive that turns with several joints: its friction "
+            f"({', '.join(names)}) makes one joint depend on the speed of another, and such joints cannot "
+            "stick in simulation; leave that friction out of the robot file"
         )
         raise UsageError(Notice(code="usage.shared-friction", text=text))
 
@@ -137,13 +120,8 @@ def _refuse_shared(card: ModelCard, shared: NDArray[np.bool_]) -> None:
 def build_friction_lines(library: Library, speeds: FloatArray | None = None) -> FrictionLines:
     """Return the friction lines of the library's coordinates, read from its friction regressor.
 
-    Args:
-        library: the functions of the robot.
-        speeds: (n,) rad/s or m/s, the largest that a curve is looked at; None or infinite for any.
-
-    Raises:
-        UsageError: values are missing, or friction would push: level_p < level_n, a negative slope, a curve
-            that crosses zero; friction at a coordinate depends on the speed of another.
+    Curves must oppose motion up to `speeds` (n,), rad/s or m/s, None for any. A UsageError names friction
+    that drives a joint or depends on the speed of another one, and missing values.
     """
     card = library.card
     viscous, level = np.zeros((3, card.size)), np.zeros((3, card.size))
@@ -152,7 +130,7 @@ def build_friction_lines(library: Library, speeds: FloatArray | None = None) -> 
     values = get_parameter_values(card.friction, card.robot)
     columns = _compute_columns(library, values, _SPEEDS)
     (rest,) = library.evaluate("friction_regressor", np.zeros((1, card.size)))
-    _refuse_shared(card, _list_shared(columns, rest[0] * values))
+    _refuse_shared(card, columns, rest[0] * values, None)
     own = np.arange(card.size)
     at = columns[own, :, own]
     # Parameter by parameter: one and two times a column are exact, sums of parameters need not be.
@@ -164,63 +142,39 @@ def build_friction_lines(library: Library, speeds: FloatArray | None = None) -> 
         _check_signs(card, viscous, level)
         return FrictionLines(viscous=viscous, level=level, curved=curved)
     start = _compute_columns(library, values, (_STANDSTILL, -_STANDSTILL))
-    moved = np.any(start != rest[0] * values, axis=1)
-    _refuse_shared(card, np.any(moved[~np.eye(card.size, dtype=bool)], axis=0))
+    _refuse_shared(card, columns, rest[0] * values, start)
     viscous[:, curved] = 0.0
     for row, place in ((1, 0), (2, 1)):
         level[row, curved] = start[own, place, own].sum(axis=1)[curved]
     _check_signs(card, viscous * ~curved, level * ~curved)
     friction = library.bind("friction")
-
-    def find_curve(dq: FloatArray) -> FloatArray:
-        return friction(dq, values)[0].copy()
-
-    lines = FrictionLines(viscous=viscous, level=level, curved=curved, curve=find_curve)
-    fastest = np.full(card.size, np.inf) if speeds is None else speeds
-    _check_curves(lines, card.joints, fastest, fastest)
+    lines = FrictionLines(
+        viscous=viscous, level=level, curved=curved, curve=lambda dq: friction(dq, values)[0].copy()
+    )
+    fastest = np.full((1, card.size), np.inf) if speeds is None else speeds[None]
+    check_friction_at_speeds(lines, card.joints, np.concatenate([fastest, -fastest]))
     return lines
 
 
 def build_curved_friction(library: Library, speeds: FloatArray) -> FrictionLines | None:
-    """Return the friction lines of motors, None where no friction is curved; speeds (n,) as above.
-
-    Raises:
-        UsageError: a curve would push, or depends on the speed of another motor.
-    """
+    """Return the friction lines of motors, None where no friction is curved; see `build_friction_lines`."""
     known = library.card.friction and _list_curved(library).any()
     return build_friction_lines(library, speeds) if known else None
 
 
 def check_friction_at_speeds(lines: FrictionLines, joints: Sequence[JointCard], dq: FloatArray) -> None:
-    """Refuse friction that drove a joint at velocities dq (N, n), rad/s or m/s.
-
-    Raises:
-        UsageError: which joints, and from what speed on.
-    """
-    _check_curves(lines, joints, np.maximum(-dq.min(axis=0), 0.0), np.maximum(dq.max(axis=0), 0.0))
-
-
-def _check_curves(
-    lines: FrictionLines, joints: Sequence[JointCard], back: FloatArray, ahead: FloatArray
-) -> None:
-    """Refuse curves that drive a joint at speeds up to `back` (n,) and `ahead` (n,), rad/s or m/s, positive.
-
-    Raises:
-        UsageError: which joints, and from what speed on.
-    """
+    """Refuse curves that drive a joint at speeds up to those in dq (N, n), rad/s or m/s."""
+    back, ahead = np.maximum(-dq.min(axis=0), 0.0), np.maximum(dq.max(axis=0), 0.0)
     notices = []
     for number in np.flatnonzero(lines.curved).tolist():
         speed = _locate_push(lines, number, float(back[number]), float(ahead[number]))
         if speed is not None:
-            joint = joints[number]
-            start = (
-                f"from about {speed:.2g} {joint.position_unit}/s on"
-                if speed > _SLOWEST
-                else "as motion begins"
-            )
+            joint, start = joints[number], "from standstill on"
+            if speed > _SLOWEST:
+                start = f"above about {speed:.2g} {joint.position_unit}/s"
             text = (
                 f"joint {joint.name!r}: friction must oppose motion, but it drives the joint {start}; "
-                "correct its values, or keep the joint slower and state that as its velocity limit"
+                "correct its values, or state a lower velocity limit"
             )
             notices.append(Notice(code="usage.negative-friction", text=text))
     if notices:
@@ -228,7 +182,7 @@ def _check_curves(
 
 
 def _locate_push(lines: FrictionLines, joint: int, back: float, ahead: float) -> float | None:
-    """Return the least speed from which a coordinate's friction pushes, None if it never does."""
+    """Return the least speed at which a coordinate's friction drives it, None if it never does."""
     if lines.curve is None:
         return None
     grid = np.geomspace(_SLOWEST, min(max(back, ahead, _SLOWEST), _FASTEST), _SPEED_COUNT)
@@ -239,9 +193,8 @@ def _locate_push(lines: FrictionLines, joint: int, back: float, ahead: float) ->
             if speed <= limit:
                 dq[joint] = side * speed
                 torque = float(lines.curve(dq)[joint])
-                least, largest = (
-                    (min(least, torque), largest) if side > 0.0 else (least, max(largest, torque))
-                )
+                least = min(least, torque) if side > 0.0 else least
+                largest = largest if side > 0.0 else max(largest, torque)
         if least < largest - _ROUNDING * max(abs(least), abs(largest)):
             return float(speed)
     return None
@@ -283,16 +236,16 @@ _ROOT_TOLERANCE = 1e-13
 _LEAST_SHARE = 1e-9
 _SLACK = 1e-9
 _MOST_STRIDES = 500
-"""Tries of a step within one substep: what friction needs that stops a joint at 1e6 / s within 1 ms."""
+"""Tries of a step within one substep; enough for friction that stops a joint at 1e6 / s within 1 ms."""
 _STRIDE_ERROR = 1e-7
-"""Of the velocity, in one step of the third-order formula; that of the step itself is far smaller."""
+"""Allowed relative error of the velocity in a step of the third-order formula."""
 _STRIDE_FLOOR = 1e-10
-"""Errors of the velocity below this, rad/s or m/s, are none."""
+"""Allowed absolute error of that velocity, rad/s or m/s."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RigidPlantState:
-    """Where the robot is. Arrays are never written to after they stand here.
+    """The state of the robot; its arrays are never written to.
 
     Args:
         q, dq: (n,) rad or m, rad/s or m/s. modes: friction mode of each joint, see the module.
@@ -317,23 +270,15 @@ def build_rest_state(q: FloatArray) -> RigidPlantState:
 class RigidPlant:
     """The solver: robot functions bound once, parameter values, friction lines."""
 
-    __slots__ = ("_bias", "_forward", "_joints", "_lines", "_mass", "beta", "size")
+    __slots__ = ("_bias", "_forward", "_joints", "_mass", "beta", "friction", "size")
 
     def __init__(self, library: Library, *, speeds: FloatArray | None = None) -> None:
-        """Bind the functions of `library`; values are those of its card.
-
-        Args:
-            library: the functions of the robot.
-            speeds: (n,) rad/s or m/s up to which friction must oppose motion; None for any.
-
-        Raises:
-            UsageError: the card lacks a value, or friction is not one that the plant can hold.
-        """
+        """Bind the functions; friction must oppose motion up to `speeds` (n,), rad/s or m/s (UsageError)."""
         card = library.card
         self.size = card.size
         self._joints = card.joints
         self.beta = get_parameter_values(card.beta, card.robot)
-        self._lines: FrictionLines = build_friction_lines(library, speeds)
+        self.friction: FrictionLines = build_friction_lines(library, speeds)
         self._forward: Callable[..., tuple[FloatArray, ...]] = library.bind("forward_dynamics")
         self._mass: Callable[..., tuple[FloatArray, ...]] = library.bind("mass_matrix")
         self._bias: Callable[..., tuple[FloatArray, ...]] = library.bind("bias")
@@ -343,38 +288,45 @@ class RigidPlant:
     ) -> RigidPlantState:
         """Return the state after `torque` (n,) was held for `duration` in s.
 
-        Raises:
-            SolverError: joints start and stop without end, which a rigid model cannot resolve, or friction
-                is so steep that steps become too short.
+        A SolverError if joints start and stop without end, or friction is too steep.
         """
         step, events, tries = duration / substeps, state.events, 0
         for _ in range(substeps):
             left = longest = step
             while left > 0.0:
                 state = self._settle(state, torque)
-                after, taken, longest, tried = self._find_stride(state, torque, min(left, longest))
+                after, taken, longest, tried = self._choose_stride(state, torque, min(left, longest))
                 tries += tried
                 share = 1.0
-                if any(_has_crossed(joint, state, after) for joint in range(self.size)):
-                    share, after = self._locate(state, after, torque, taken)
+                crossed = [
+                    joint for joint, mode in enumerate(state.modes) if float(after.dq[joint]) * mode < 0.0
+                ]
+                if crossed:
+                    share, after = self._locate(crossed, state, after, torque, taken)
                 state = after
                 left *= 1.0 - share * (taken / left)
                 if state.events - events > _MOST_EVENTS:
-                    raise SolverError(_describe_chatter(state, duration))
+                    pose = ", ".join(f"{value:.3g}" for value in state.q.tolist())
+                    text = (
+                        f"joints came to rest more than {_MOST_EVENTS} times within {duration:g} s, at "
+                        f"q = {pose}; lower the control gains or the friction, or shorten the "
+                        "control period"
+                    )
+                    raise SolverError(Notice(code="simulate.chatter", text=text))
                 if tries > _MOST_STRIDES * substeps:
                     raise SolverError(self._describe_steep(duration))
         return state
 
-    def _find_stride(
+    def _choose_stride(
         self, state: RigidPlantState, torque: FloatArray, h: float
     ) -> tuple[RigidPlantState, float, float, int]:
         """Return the state after a step of `h` at most, its length, that of the next, how many were tried."""
-        if self._lines.curve is None:
+        if self.friction.curve is None:
             return self._stride(state, torque, h)[0], h, h, 1
         for tries in range(1, _MOST_STRIDES + 1):
             with np.errstate(over="ignore", invalid="ignore"):
                 after, last = self._stride(state, torque, h)
-                excess = self._find_excess(after, last, torque, h)
+                excess = self._compute_excess(after, last, torque, h)
             # No number, after a step far too long, is no reason to accept it.
             factor = min(4.0, max(0.1, 0.9 * excess**-0.25)) if excess > 0.0 else 4.0
             if excess <= 1.0:
@@ -382,23 +334,17 @@ class RigidPlant:
             h *= factor if math.isfinite(excess) else 0.1
         return after, h, h, _MOST_STRIDES
 
-    def _find_excess(self, after: RigidPlantState, last: FloatArray, torque: FloatArray, h: float) -> float:
+    def _compute_excess(
+        self, after: RigidPlantState, last: FloatArray, torque: FloatArray, h: float
+    ) -> float:
         """Return the error of the velocities after a step, relative to the one allowed."""
         held = [joint for joint, mode in enumerate(after.modes) if mode == 0]
-        level = self._lines.level[np.array(after.modes), np.arange(self.size)]
-        push = torque - level - self._lines.find_drag(after.modes, after.dq)
+        level = self.friction.level[np.array(after.modes), np.arange(self.size)]
+        push = torque - level - self.friction.compute_drag(after.modes, after.dq)
         error = (h / 6.0) * np.abs(self._accelerate(after.q, after.dq, push, held) - last)
         return float(np.max(error / (_STRIDE_ERROR * np.abs(after.dq) + _STRIDE_FLOOR)))
 
-    def check_friction(self, dq: FloatArray) -> None:
-        """Refuse friction that drove a joint at velocities dq (N, n), rad/s or m/s.
-
-        Raises:
-            UsageError: which joints, and from what speed on.
-        """
-        check_friction_at_speeds(self._lines, self._joints, dq)
-
-    def find_weight(self, q: FloatArray) -> FloatArray:
+    def compute_weight(self, q: FloatArray) -> FloatArray:
         """Return the torque (n,) in N m or N that holds the robot at rest at `q` (n,)."""
         return self._bias(np.asarray(q, dtype=np.float64), np.zeros(self.size), self.beta)[0].copy()
 
@@ -406,12 +352,12 @@ class RigidPlant:
         self, state: RigidPlantState, torque: FloatArray, h: float
     ) -> tuple[RigidPlantState, FloatArray]:
         """Return the state after one Runge-Kutta step with the modes held, and its last stage's ddq (n,)."""
-        level = self._lines.level[np.array(state.modes), np.arange(self.size)]
+        level = self.friction.level[np.array(state.modes), np.arange(self.size)]
         push = torque - level
         held = [joint for joint, mode in enumerate(state.modes) if mode == 0]
 
         def slope(q: FloatArray, dq: FloatArray) -> Derivative:
-            drag = self._lines.find_drag(state.modes, dq)
+            drag = self.friction.compute_drag(state.modes, dq)
             return dq, self._accelerate(q, dq, push - drag, held), float(drag @ dq)
 
         q, dq = state.q, state.dq
@@ -432,15 +378,14 @@ class RigidPlant:
         return after, a4
 
     def _describe_steep(self, duration: float) -> Notice:
-        lines = self._lines
+        lines = self.friction
         creeps = lines.curved & (lines.level[1] <= lines.level[2])
         found = creeps if creeps.any() else lines.curved
         names = [joint.name for joint, steep in zip(self._joints, found, strict=True) if steep]
         text = (
-            f"the friction of {' or '.join(map(repr, names))} rises so steeply around standstill that "
-            f"{_MOST_STRIDES} steps within {duration:g} s do not follow it; widen the zone in which it "
-            "changes its sign (dq0, smoothing; lower g2, g3, g5), or take a model that jumps there, as "
-            "stribeck does"
+            f"the friction of {' or '.join(map(repr, names))} is too steep around standstill for "
+            f"{_MOST_STRIDES} steps within {duration:g} s; widen its transition (dq0, smoothing; lower g2, "
+            "g3, g5), or use a model that jumps at standstill, such as stribeck"
         )
         return Notice(code="simulate.steep-friction", text=text)
 
@@ -459,9 +404,8 @@ class RigidPlant:
     def _settle(self, state: RigidPlantState, torque: FloatArray) -> RigidPlantState:
         """Return the state with modes chosen for the joints that stand still.
 
-        A complementarity problem: a held joint needs a friction torque within its band, one that
-        breaks away must accelerate in the direction it slides. Solved by exchanging the first joint
-        that violates this, which ends because the mass matrix is positive definite (Murty 1974).
+        A complementarity problem: held joints need a torque within their band, others accelerate as they
+        slide. The first violation is exchanged, which ends as M is positive definite (Murty 1974).
         """
         resting = [joint for joint, mode in enumerate(state.modes) if mode == 0]
         if not resting:
@@ -471,20 +415,20 @@ class RigidPlant:
         net = torque - self._bias(state.q, state.dq, self.beta)[0]
         for _ in range(4 * 3 ** len(resting)):
             rows = np.array(modes)
-            friction = self._lines.find_drag(modes, state.dq) + self._lines.level[rows, columns]
+            friction = self.friction.compute_drag(modes, state.dq) + self.friction.level[rows, columns]
             held = [joint for joint, mode in enumerate(modes) if mode == 0]
             free = [joint for joint, mode in enumerate(modes) if mode != 0]
             acceleration = np.zeros(self.size)
             if free:
                 acceleration[free] = np.linalg.solve(mass[np.ix_(free, free)], (net - friction)[free])
             need = net - mass @ acceleration
-            change = self._find_violation(resting, held, need, acceleration, modes)
+            change = self._locate_violation(resting, held, need, acceleration, modes)
             if change is None:
                 break
             modes[change[0]] = change[1]
         return replace(state, modes=tuple(modes))
 
-    def _find_violation(
+    def _locate_violation(
         self,
         resting: list[int],
         held: list[int],
@@ -493,10 +437,10 @@ class RigidPlant:
         modes: list[int],
     ) -> tuple[int, int] | None:
         """Return the first resting joint whose mode is wrong, and its better mode."""
-        level = self._lines.level
+        level = self.friction.level
         for joint in resting:
             if joint in held:
-                # A torque may lie this far beyond the band and still count as within it.
+                # A torque this far beyond the band still counts as within it.
                 slack = _SLACK * (abs(need[joint]) + level[1, joint] - level[2, joint])
                 if need[joint] > level[1, joint] + slack:
                     return joint, 1
@@ -507,20 +451,23 @@ class RigidPlant:
         return None
 
     def _locate(
-        self, before: RigidPlantState, after: RigidPlantState, torque: FloatArray, h: float
+        self,
+        crossed: list[int],
+        before: RigidPlantState,
+        after: RigidPlantState,
+        torque: FloatArray,
+        h: float,
     ) -> tuple[float, RigidPlantState]:
         """Return the share of the step at which the first joint stops, and the state there, at rest."""
         share, stopping = min(
-            (self._find_stop(joint, before, after, torque, h), joint)
-            for joint in range(self.size)
-            if _has_crossed(joint, before, after)
+            (self._locate_stop(joint, before, after, torque, h), joint) for joint in crossed
         )
         there = self._stride(before, torque, share * h)[0]
         dq, modes = there.dq.copy(), list(there.modes)
         dq[stopping], modes[stopping] = 0.0, 0
         return share, replace(there, dq=dq, modes=tuple(modes), events=there.events + 1)
 
-    def _find_stop(
+    def _locate_stop(
         self, joint: int, before: RigidPlantState, after: RigidPlantState, torque: FloatArray, h: float
     ) -> float:
         """Return the share of the step at which `joint` stops: regula falsi by the Illinois rule."""
@@ -531,7 +478,7 @@ class RigidPlant:
 
         high, at_high = 1.0, float(after.dq[joint]) * mode
         low, at_low = 0.0, float(before.dq[joint]) * mode
-        # A joint that has just broken away starts at zero speed: look for where it was sliding.
+        # A joint that has just broken away starts at zero speed: locate where it was sliding.
         trial = 0.5
         while at_low <= 0.0 and trial > _LEAST_SHARE:
             value = speed(trial)
@@ -554,16 +501,3 @@ class RigidPlant:
                 high, at_high = share, value
                 at_low, side = (0.5 * at_low if side < 0 else at_low), -1
         return share
-
-
-def _has_crossed(joint: int, before: RigidPlantState, after: RigidPlantState) -> bool:
-    return float(after.dq[joint]) * before.modes[joint] < 0.0
-
-
-def _describe_chatter(state: RigidPlantState, duration: float) -> Notice:
-    text = (
-        f"joints came to rest more than {_MOST_EVENTS} times within {duration:g} s, "
-        f"at q = {state.q.tolist()}; the control gains are too high for this control period, "
-        "or the friction values too large"
-    )
-    return Notice(code="simulate.chatter", text=text)

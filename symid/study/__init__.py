@@ -38,7 +38,7 @@ if TYPE_CHECKING:
         AgreementStudy as AgreementStudy,
         EstimatorComparison as EstimatorComparison,
         GainStudy as GainStudy,
-        MeanGain as MeanGain,
+        RecoveredParameter as RecoveredParameter,
         Recovery as Recovery,
         build_gain_scene as build_gain_scene,
         build_recovery_scene as build_recovery_scene,

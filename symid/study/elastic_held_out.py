@@ -1,4 +1,4 @@
-"""Identified models of elastic robots, judged on a motion that was held out.
+"""Identified models of elastic robots, judged on a held-out motion.
 
 Robot, seeds -> `TrackingStudy`: how links follow TC in closed loop with feed-forward of each model.
 
@@ -8,11 +8,10 @@ Robot, seeds -> `TrackingStudy`: how links follow TC in closed loop with feed-fo
 
 Robot, library, seed -> `ManyJointsResult`: the torque that elimination and momentum rows leave unexplained.
 Two random motions within the robot's limits are identified together, a third is held out. Energy rows add up
-what all joints do, so that they separate the parameters of many joints badly; their condition number stands
-beside those of the other rows.
+what all joints do and separate the parameters of many joints badly: their condition number stands beside
+those of the other rows.
 
-Supported: tracking of robots with two joints whose file states the truth; torques of any number of joints,
-clean and noisy.
+Supported: tracking of robots with two joints whose file states the truth; torques of any number of joints.
 Not supported: noise in the loop; robots whose file lacks values.
 """
 
@@ -28,7 +27,6 @@ from symid.excitation import FourierOptions, build_random_fourier, build_tc
 from symid.identification.elastic import (
     RIGID,
     ElasticOptions,
-    ElasticProblem,
     MethodFit,
     build_elastic_problem,
     fit_elimination,
@@ -37,13 +35,13 @@ from symid.identification.elastic import (
     simulate_tracking,
 )
 from symid.identification.regression import warn_of_energy
-from symid.logs import Recording
 from symid.robot import Robot
-from symid.simulation import build_clean_options, build_noisy_options, simulate_elastic
+from symid.simulation import build_noisy_options, simulate_elastic
 from symid.study.elastic_methods import (
     AUTOMATIC,
     DATASETS,
     STUDY_METHODS,
+    TRAINING,
     SensorCondition,
     fit_all_methods,
     get_true_parameters,
@@ -78,7 +76,7 @@ class TrackingDifference:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrackingStudy:
-    """What came out.
+    """Tracking errors of all cases.
 
     Args:
         robot: its name; joints: names; seeds: how many.
@@ -96,15 +94,15 @@ class TrackingStudy:
 def _run_seed(task: tuple[Robot, str, int]) -> dict[str, tuple[float, ...]]:
     """Return the RMS errors of every case and joint for one seed."""
     robot, backend, seed = task
-    world = prepare_elastic_scene(robot, SensorCondition.NOISY, backend)
-    recordings = observe_runs(world.runs, DATASETS[-1].runs, SensorCondition.NOISY, seed)
-    fits = fit_all_methods(world.library, recordings, ElasticOptions(), STUDY_METHODS).fits
+    scene = prepare_elastic_scene(robot, SensorCondition.NOISY, backend)
+    recordings = observe_runs(scene.runs, DATASETS[TRAINING], SensorCondition.NOISY, seed)
+    fits = fit_all_methods(scene.library, recordings, ElasticOptions(), STUDY_METHODS).fits
     models: dict[str, MethodFit] = {
         CASE_1: fits[AUTOMATIC],
         CASE_2: fits["independent"],
         CASE_2_ENCODER: fits["independent, link encoder"],
     }
-    runs = simulate_tracking(robot, world.library, models, build_tc(), build_noisy_options())
+    runs = simulate_tracking(robot, scene.library, models, build_tc(), build_noisy_options())
     return {run.name: tuple(run.rms.tolist()) for run in runs}
 
 
@@ -123,7 +121,7 @@ def study_tracking(
         seeds: of the noise of the logs that models are identified from.
         backend: what computes its functions; see `prepare_library`.
         jobs: processes; None for one a core.
-        progress: told how many seeds are done, of how many.
+        progress: called with how many seeds are done, of how many.
 
     Raises:
         UsageError: the robot has not two joints, or its file states no truth.
@@ -150,14 +148,11 @@ def study_tracking(
     )
 
 
-_TRAINING = 2
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOut:
-    """What one method leaves of the held-out torque: percent of its RMS, joint by joint.
+    """What one method leaves of the held-out torque, percent of its RMS, joint by joint.
 
-    `floor` is the same with the true parameters: what the noise of sensors leaves.
+    `floor` is the same with the true parameters: the noise of the sensors.
     """
 
     method: str
@@ -190,7 +185,7 @@ class ManyJointsResult:
 def study_many_joints(
     robot: Robot, library: Library, condition: SensorCondition, seed: int, *, duration: float = 20.0
 ) -> ManyJointsResult:
-    """Return what elimination and momentum rows make of the robot's motions.
+    """Return what elimination and momentum rows leave of a held-out motion.
 
     Args:
         robot: elastic, with values.
@@ -203,56 +198,38 @@ def study_many_joints(
         UsageError: the robot file lacks values, or joints are not all elastic.
     """
     truth = get_true_parameters(library.card)
-    *training, held_out = _simulate_motions(robot, library, condition, seed, duration)
+    rng = np.random.default_rng(seed)
+    motion = FourierOptions(duration=duration)
+    trajectories = [build_random_fourier(robot, rng, motion) for _ in range(3)]
+    recordings = [
+        simulate_elastic(robot, library, trajectory, condition.build_options(), rng).recording
+        for trajectory in trajectories
+    ]
     # The springs are not looked at: the coarsest will do.
     options = ElasticOptions(refine=False, knees=0)
-    problem = _build_elastic_problem(library, training, options)
-    test = _build_elastic_problem(library, [held_out], options)
-    design, torque = np.concatenate([test.link, test.motor], axis=2), test.torque
+    signals = [prepare_elastic_signals(recording, options) for recording in recordings]
+    problem = build_elastic_problem(library, signals[:-1], options)
+    test = build_elastic_problem(library, signals[-1:], options)
+    design, torque = test.stack_filtered()
 
-    def judge(fit: MethodFit) -> HeldOut:
-        return HeldOut(
-            method=fit.method,
-            residual=_compute_residual_share(design, torque, fit.chi),
-            floor=_compute_residual_share(design, torque, truth),
-        )
+    def compute_shares(chi: FloatArray) -> tuple[float, ...]:
+        left = np.linalg.norm(torque - design @ chi, axis=0)
+        return tuple((100.0 * left / np.linalg.norm(torque, axis=0)).tolist())
 
+    rows = problem.stack_filtered()[0].reshape(-1, len(truth))
     return ManyJointsResult(
         robot=robot.name,
         joints=tuple(joint.name for joint in robot.axes),
         condition=condition,
         parameters=len(truth),
-        methods=tuple(judge(fit) for fit in (fit_elimination(problem), fit_momentum(problem))),
-        condition_elimination=_compute_condition(
-            np.concatenate([problem.link, problem.motor], axis=2).reshape(-1, len(truth))
+        methods=tuple(
+            HeldOut(method=fit.method, residual=compute_shares(fit.chi), floor=compute_shares(truth))
+            for fit in (fit_elimination(problem), fit_momentum(problem))
         ),
+        condition_elimination=_compute_condition(rows),
         condition_energy=_compute_condition(problem.design),
         notices=warn_of_energy(library.card.size),
     )
-
-
-def _simulate_motions(
-    robot: Robot, library: Library, condition: SensorCondition, seed: int, duration: float
-) -> list[Recording]:
-    rng = np.random.default_rng(seed)
-    options = build_clean_options() if condition is SensorCondition.CLEAN else build_noisy_options()
-    motion = FourierOptions(duration=duration)
-    trajectories = [build_random_fourier(robot, rng, motion) for _ in range(_TRAINING + 1)]
-    return [
-        simulate_elastic(robot, library, trajectory, options, rng).recording for trajectory in trajectories
-    ]
-
-
-def _build_elastic_problem(
-    library: Library, recordings: list[Recording], options: ElasticOptions
-) -> ElasticProblem:
-    signals = [prepare_elastic_signals(recording, options) for recording in recordings]
-    return build_elastic_problem(library, signals, options)
-
-
-def _compute_residual_share(design: FloatArray, torque: FloatArray, chi: FloatArray) -> tuple[float, ...]:
-    left = np.linalg.norm(torque - design @ chi, axis=0)
-    return tuple((100.0 * left / np.linalg.norm(torque, axis=0)).tolist())
 
 
 def _compute_condition(matrix: FloatArray) -> float:

@@ -6,16 +6,14 @@ Robot, datasets, seeds -> `ElasticStudy`: errors of every method on every datase
     TB1, TB2   the decaying trajectory of either joint, 50 s     TC     held out, 20 s
 
     parameters   largest |estimate - truth| / |truth| over the dynamic parameters whose truth is not zero
-    hysteresis   joint by joint RMS(tau_J estimate - tau_J) / RMS(tau_J), on the true torsion of a held-out
-                 run
+    hysteresis   joint by joint RMS(tau_J estimate - tau_J) / RMS(tau_J), on the true torsion of TC
 
 Clean: 5 kHz, perfect sensors. Noisy: 1 kHz, encoders with 2^20 steps a turn, torque noise of 2 % of each
-joint's RMS. What moves is the same for all seeds: the noise is on the measurement only. All methods see the
-same recordings. Simulations are made once in every process. Without noise one seed is enough.
+joint's RMS. The motion is the same for all seeds, the noise is on the measurement only, and all methods use
+the same recordings. Without noise one seed is enough.
 
-Supported: robots with two joints whose file states the truth; methods that give no hysteresis have no error
-of it.
-Not supported: noise that the control loop sees; seeds that stop and go on another day.
+Supported: robots with two joints whose file states the truth.
+Not supported: noise in the control loop.
 """
 
 import math
@@ -45,11 +43,17 @@ from symid.identification.elastic import (
 from symid.joint_models import compute_hysteresis_torque
 from symid.logs import Recording
 from symid.robot import Elasticity, Robot
-from symid.simulation import ElasticRun, build_clean_options, build_noisy_options, observe, simulate_elastic
+from symid.simulation import (
+    ElasticExperimentOptions,
+    ElasticRun,
+    build_clean_options,
+    build_noisy_options,
+    observe,
+    simulate_elastic,
+)
 from symid.study.monte_carlo import Spread, compute_spread, run_tasks
 
 _JOINTS = 2
-_TEN = 10.0
 
 
 class SensorCondition(Enum):
@@ -58,31 +62,21 @@ class SensorCondition(Enum):
     CLEAN = "clean"
     NOISY = "noisy"
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Dataset:
-    """Runs that are identified together."""
-
-    name: str
-    runs: tuple[str, ...]
+    def build_options(self) -> ElasticExperimentOptions:
+        """Return the options of a simulation with such sensors."""
+        return build_clean_options() if self is SensorCondition.CLEAN else build_noisy_options()
 
 
-DATASETS = (
-    Dataset(name="TA", runs=("TA",)),
-    Dataset(name="10 x TA", runs=("TA10",)),
-    Dataset(name="TB", runs=("TB1", "TB2")),
-    Dataset(name="10 x TA + TB", runs=("TA10", "TB1", "TB2")),
-)
-
-
-def _list_trajectories() -> dict[str, Trajectory]:
-    return {
-        "TA": build_ta(),
-        "TA10": scale_trajectory(build_ta(), _TEN),
-        "TB1": build_tb(0),
-        "TB2": build_tb(1),
-        "TC": build_tc(),
-    }
+TRAINING = "10 x TA + TB"
+DATASETS = {"TA": ("TA",), "10 x TA": ("TA10",), "TB": ("TB1", "TB2"), TRAINING: ("TA10", "TB1", "TB2")}
+"""Runs that are identified together."""
+_TRAJECTORIES: Mapping[str, Callable[[], Trajectory]] = {
+    "TA": build_ta,
+    "TA10": lambda: scale_trajectory(build_ta(), 10.0),
+    "TB1": lambda: build_tb(0),
+    "TB2": lambda: build_tb(1),
+    "TC": build_tc,
+}
 
 
 def simulate_runs(
@@ -96,13 +90,11 @@ def simulate_runs(
     if robot.freedom != _JOINTS:
         text = f"these experiments are for robots with {_JOINTS} joints; {robot.name!r} has {robot.freedom}"
         raise UsageError(Notice(code="usage.study-robot", text=text))
-    options = build_clean_options() if condition is SensorCondition.CLEAN else build_noisy_options()
-    trajectories = _list_trajectories()
     # The noise of these recordings is not used: each seed observes the runs anew.
     rng = np.random.default_rng(0)
     return {
-        name: simulate_elastic(robot, library, trajectories[name], options, rng)
-        for name in names or tuple(trajectories)
+        name: simulate_elastic(robot, library, _TRAJECTORIES[name](), condition.build_options(), rng)
+        for name in names or _TRAJECTORIES
     }
 
 
@@ -113,10 +105,9 @@ def observe_runs(
 
     A run has the same noise in whatever set it is identified.
     """
-    options = build_clean_options() if condition is SensorCondition.CLEAN else build_noisy_options()
-    numbers = {name: number for number, name in enumerate(_list_trajectories())}
+    sensors, order = condition.build_options().sensors, list(_TRAJECTORIES)
     return tuple(
-        observe(runs[name], options.sensors, np.random.default_rng([seed, numbers[name]])) for name in names
+        observe(runs[name], sensors, np.random.default_rng([seed, order.index(name)])) for name in names
     )
 
 
@@ -148,31 +139,18 @@ def compute_hysteresis_errors(fit: MethodFit, held_out: ElasticRun) -> FloatArra
     return _compare_torques(fit, held_out.phi, held_out.joint_torque)
 
 
-def compute_excited_errors(
-    fit: MethodFit, truth: Sequence[Elasticity], held_out: ElasticRun, reach: FloatArray
-) -> FloatArray:
-    """Return the same on the held-out torsion scaled down into what the logs excited: (n,) percent.
-
-    A spring cannot be known beyond the torsion that was seen; this is how well it is known within.
-
-    Args:
-        fit: what a method found.
-        truth: the true springs, one a joint.
-        held_out: whose torsion is scaled.
-        reach: (n,) largest torsion of the logs, rad or m.
-    """
-    phi = held_out.phi * np.minimum(1.0, reach / np.abs(held_out.phi).max(axis=0))
-    columns = [compute_hysteresis_torque(spring, phi[:, joint]) for joint, spring in enumerate(truth)]
-    return _compare_torques(fit, phi, np.column_stack(columns))
-
-
 def _compare_torques(fit: MethodFit, phi: FloatArray, torque: FloatArray) -> FloatArray:
     if not fit.elasticity:
         return np.full(phi.shape[1], np.nan)
-    found = [compute_hysteresis_torque(spring, phi[:, joint]) for joint, spring in enumerate(fit.elasticity)]
-    left = np.linalg.norm(np.column_stack(found) - torque, axis=0)
+    left = np.linalg.norm(_compute_torques(fit.elasticity, phi) - torque, axis=0)
     errors: FloatArray = 100.0 * left / np.linalg.norm(torque, axis=0)
     return errors
+
+
+def _compute_torques(springs: Sequence[Elasticity], phi: FloatArray) -> FloatArray:
+    return np.column_stack(
+        [compute_hysteresis_torque(spring, column) for spring, column in zip(springs, phi.T, strict=True)]
+    )
 
 
 AUTOMATIC = "automatic"
@@ -182,25 +160,14 @@ STUDY_METHODS = ("linear-spring", "two-step", "elimination", "weighted", "nlp", 
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StudyTask:
-    """One dataset with the noise of one seed."""
-
-    robot: Robot
-    dataset: Dataset
-    condition: SensorCondition
-    seed: int
-    backend: str = "auto"
-    methods: tuple[str, ...] = STUDY_METHODS
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class MethodRun:
-    """What one method made of one task.
+    """Errors of one method on one dataset with the noise of one seed.
 
     Args:
         method: its name; `chosen` the method that the automatic choice took.
         parameter_error, hysteresis_error, excited_error: percent, the last two of the worse joint, on the
-            held-out torsion and on the same within what the logs excited; nan where there is none.
+            held-out torsion and on the same scaled into what the logs excited: a spring cannot be known
+            beyond that; nan where there is none.
         outcome: how it ended; iterations: how many it took; seconds: of processor time.
     """
 
@@ -216,7 +183,7 @@ class MethodRun:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ElasticScene:
-    """What all tasks of a process share."""
+    """What all tasks of a process share: library, true parameters, runs."""
 
     library: Library
     truth: FloatArray
@@ -227,13 +194,13 @@ class ElasticScene:
 def prepare_elastic_scene(robot: Robot, condition: SensorCondition, backend: str) -> ElasticScene:
     """Return library, truth and runs of a robot; made once in every process."""
     library = prepare_library(robot, backend=backend)
-    runs = simulate_runs(robot, library, condition)
-    return ElasticScene(library=library, truth=get_true_parameters(library.card), runs=runs)
+    truth = get_true_parameters(library.card)
+    return ElasticScene(library=library, truth=truth, runs=simulate_runs(robot, library, condition))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MethodFits:
-    """What every method made of the same recordings.
+    """Fits of all methods to the same recordings.
 
     Args:
         fits: by method, and the one chosen under `AUTOMATIC`.
@@ -271,35 +238,37 @@ def fit_all_methods(
     return MethodFits(fits=fits | {AUTOMATIC: fits[best]}, seconds=seconds, chosen=best)
 
 
-def run_study_task(task: StudyTask) -> tuple[MethodRun, ...]:
-    """Return what every method, and the automatic choice among them, made of one task."""
-    world = prepare_elastic_scene(task.robot, task.condition, task.backend)
-    recordings = observe_runs(world.runs, task.dataset.runs, task.condition, task.seed)
-    found = fit_all_methods(world.library, recordings, ElasticOptions(), task.methods)
-    return tuple(_compute_errors(world, task.dataset, found, method) for method in found.fits)
+def run_study_task(
+    task: tuple[Robot, str, Sequence[str], Sequence[str], SensorCondition, int],
+) -> tuple[MethodRun, ...]:
+    """Return the errors of every method, and of the automatic choice among them.
 
-
-def _compute_errors(world: ElasticScene, dataset: Dataset, found: MethodFits, method: str) -> MethodRun:
-    fit = found.fits[method]
-    held_out = world.runs["TC"]
-    hysteresis = compute_hysteresis_errors(fit, held_out)
-    truth = [spring for spring in world.library.card.elasticity if spring is not None]
-    reach = np.max([np.abs(world.runs[name].phi).max(axis=0) for name in dataset.runs], axis=0)
-    excited = compute_excited_errors(fit, truth, held_out, reach)
-    usable = fit.outcome.usable
-    return MethodRun(
-        method=method,
-        parameter_error=compute_parameter_error(fit, world.truth) if usable else math.nan,
-        hysteresis_error=float(np.max(hysteresis)) if usable else math.nan,
-        excited_error=float(np.max(excited)) if usable else math.nan,
-        outcome=fit.outcome.name.lower(),
-        iterations=max(0, len(fit.history)),
-        seconds=found.seconds[method],
-        chosen=found.chosen if method == AUTOMATIC else "",
-    )
-
-
-_TORQUE_NOISE = 0.02
+    The task has robot, backend, methods, runs that are identified together, sensors, seed of their noise.
+    """
+    robot, backend, methods, runs, condition, seed = task
+    scene = prepare_elastic_scene(robot, condition, backend)
+    recordings = observe_runs(scene.runs, runs, condition, seed)
+    found = fit_all_methods(scene.library, recordings, ElasticOptions(), methods)
+    held_out = scene.runs["TC"]
+    reach = np.max([np.abs(scene.runs[name].phi).max(axis=0) for name in runs], axis=0)
+    excited = held_out.phi * np.minimum(1.0, reach / np.abs(held_out.phi).max(axis=0))
+    springs = [spring for spring in scene.library.card.elasticity if spring is not None]
+    torque = _compute_torques(springs, excited)
+    results = []
+    for method, fit in found.fits.items():
+        usable = fit.outcome.usable
+        run = MethodRun(
+            method=method,
+            parameter_error=compute_parameter_error(fit, scene.truth) if usable else math.nan,
+            hysteresis_error=float(np.max(compute_hysteresis_errors(fit, held_out))) if usable else math.nan,
+            excited_error=float(np.max(_compare_torques(fit, excited, torque))) if usable else math.nan,
+            outcome=fit.outcome.name.lower(),
+            iterations=len(fit.history),
+            seconds=found.seconds[method],
+            chosen=found.chosen if method == AUTOMATIC else "",
+        )
+        results.append(run)
+    return tuple(results)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -349,7 +318,7 @@ def study_elastic(
     seeds: Sequence[int],
     *,
     backend: str = "auto",
-    datasets: Sequence[Dataset] = DATASETS,
+    datasets: Mapping[str, tuple[str, ...]] = DATASETS,
     methods: tuple[str, ...] = STUDY_METHODS,
     jobs: int | None = None,
     timed: bool = False,
@@ -361,46 +330,41 @@ def study_elastic(
         robot: with elastic joints and all values.
         seeds: of the noise.
         backend: what computes its functions; see `prepare_library`.
-        datasets: which recordings are identified together.
+        datasets: names, and the runs that are identified together.
         methods: some of `STUDY_METHODS`.
         jobs: processes; None for one a core.
-        timed: whether to tell the time that each method took, which differs from run to run.
-        progress: told how many tasks are done, of how many.
+        timed: whether the time of each method is measured, which differs from run to run.
+        progress: called with how many tasks are done, of how many.
 
     Raises:
         UsageError: the robot has not two joints, or its file states no truth.
     """
-    groups = [(dataset, condition) for condition in SensorCondition for dataset in datasets]
+    groups = [(name, condition) for condition in SensorCondition for name in datasets]
+    numbers = {SensorCondition.CLEAN: seeds[:1], SensorCondition.NOISY: seeds}
     tasks = [
-        StudyTask(
-            robot=robot, dataset=dataset, condition=condition, seed=seed, backend=backend, methods=methods
-        )
-        for dataset, condition in groups
-        for seed in (seeds if condition is SensorCondition.NOISY else seeds[:1])
+        (robot, backend, methods, datasets[name], condition, seed)
+        for name, condition in groups
+        for seed in numbers[condition]
     ]
     # Made before the processes start, so that they do not all compile it.
-    world = prepare_elastic_scene(robot, SensorCondition.NOISY, backend)
-    results = run_tasks(run_study_task, tasks, jobs=jobs, progress=progress)
+    scene = prepare_elastic_scene(robot, SensorCondition.NOISY, backend)
+    results = iter(run_tasks(run_study_task, tasks, jobs=jobs, progress=progress))
     studies = []
-    for dataset, condition in groups:
-        noisy = condition is SensorCondition.NOISY
-        bound, spring_bound = _compute_bounds(world, dataset) if noisy else (math.nan, math.nan)
-        every = [
-            runs
-            for task, runs in zip(tasks, results, strict=True)
-            if (task.dataset, task.condition) == (dataset, condition)
-        ]
-        studies.append(
-            DatasetStudy(
-                dataset=dataset.name,
-                condition=condition,
-                seeds=len(every),
-                bound=bound,
-                spring_bound=spring_bound,
-                cells=_summarise(every, timed=timed),
-            )
+    for name, condition in groups:
+        bound = spring_bound = math.nan
+        if condition is SensorCondition.NOISY:
+            bound, spring_bound = _compute_bounds(scene, datasets[name])
+        cells = _summarise([next(results) for _ in numbers[condition]], timed=timed)
+        study = DatasetStudy(
+            dataset=name,
+            condition=condition,
+            seeds=len(numbers[condition]),
+            bound=bound,
+            spring_bound=spring_bound,
+            cells=cells,
         )
-    return ElasticStudy(robot=world.library.card.robot, studies=tuple(studies))
+        studies.append(study)
+    return ElasticStudy(robot=scene.library.card.robot, studies=tuple(studies))
 
 
 def _summarise(results: Sequence[tuple[MethodRun, ...]], *, timed: bool) -> tuple[MethodErrors, ...]:
@@ -424,11 +388,11 @@ def _count(words: Sequence[str]) -> tuple[tuple[str, int], ...]:
     return tuple((word, words.count(word)) for word in sorted(set(words)))
 
 
-def _compute_bounds(world: ElasticScene, dataset: Dataset) -> tuple[float, float]:
+def _compute_bounds(scene: ElasticScene, runs: Sequence[str]) -> tuple[float, float]:
     """Return the largest relative standard deviation, percent, at the bound without and with springs."""
     signals, noise = [], []
-    for name in dataset.runs:
-        run = world.runs[name]
+    for name in runs:
+        run = scene.runs[name]
         signals.append(
             ElasticSignals(
                 time=run.time,
@@ -442,10 +406,10 @@ def _compute_bounds(world: ElasticScene, dataset: Dataset) -> tuple[float, float
                 hold="zero",
             )
         )
-        noise.append(_TORQUE_NOISE * np.sqrt(np.mean(run.torque**2, axis=0)))
-    known = world.truth != 0.0
+        noise.append(0.02 * np.sqrt(np.mean(run.torque**2, axis=0)))
+    known = scene.truth != 0.0
     without, springs = (
-        np.sqrt(np.diag(find(world.library, signals, noise)))[known] / np.abs(world.truth[known])
-        for find in (compute_elimination_bound, compute_spring_bound)
+        np.sqrt(np.diag(compute(scene.library, signals, noise)))[known] / np.abs(scene.truth[known])
+        for compute in (compute_elimination_bound, compute_spring_bound)
     )
     return 100.0 * float(np.max(without)), 100.0 * float(np.max(springs))

@@ -1,8 +1,5 @@
 """Joint friction as Zhang, Hu and Zou (2021) print it, and synthetic data with their parameters.
 
-Output: rows of their Tables 1, 3 and 4; a second published truth; the noise and motions of the protocols.
-Law, parameters, velocities, generator -> `FrictionSamples`.
-
     v_k = -V sin(2 pi (k + 1/2) / N)
 
 Half a step off the grid no sample stands still: there a law without a zone would have no torque at all.
@@ -11,9 +8,8 @@ Zhang Tie, Hu Liangliang, Zou Yanbiao, "Identification of improved friction mode
 genetic algorithm", J. Zhejiang Univ. (Eng. Sci.) 55(5) (2021) 801-809,
 doi 10.3785/j.issn.1008-973X.2021.05.001.
 
-Supported: the numbers they print; white noise; motions in one direction (half a period) or in both.
-Not supported: their recordings, which are not public; noise of the velocity, which all estimators take as
-known.
+Supported: the numbers of their Tables 1, 3 and 4; a second published truth; white noise of the torque.
+Not supported: their recordings, which are not public.
 """
 
 from collections.abc import Sequence
@@ -45,27 +41,19 @@ class PublishedJoint:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PublishedGain:
-    """How much less squared error the improved law leaves than another: percent, as printed."""
-
-    viscous: float
-    stribeck: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class PublishedSums:
     """A row of Table 4.
 
     Args:
         joint: its number.
         sums: of squared errors by Coulomb + viscous, original Stribeck, improved Stribeck, (N m)^2.
-        printed: the gains as the paper prints them.
+        printed: how much less the improved law leaves than the two others, in percent.
         noise: standard deviation, N m, set here so that the gain over Coulomb + viscous comes out as printed.
     """
 
     joint: str
     sums: tuple[float, float, float]
-    printed: PublishedGain
+    printed: tuple[float, float]
     noise: float
 
 
@@ -99,21 +87,9 @@ RECOVERY_PEAKS = (0.1, 1.0)
 """Of its two cosines, rad/s."""
 
 TABLE_4 = (
-    PublishedSums(
-        joint="1", sums=(629.0, 537.0, 449.0), printed=PublishedGain(viscous=28.6, stribeck=16.3), noise=3.84
-    ),
-    PublishedSums(
-        joint="2",
-        sums=(26873.0, 25076.0, 22103.0),
-        printed=PublishedGain(viscous=17.7, stribeck=11.8),
-        noise=13.57,
-    ),
-    PublishedSums(
-        joint="3",
-        sums=(5881.0, 4725.0, 3909.0),
-        printed=PublishedGain(viscous=33.6, stribeck=17.3),
-        noise=9.53,
-    ),
+    PublishedSums(joint="1", sums=(629.0, 537.0, 449.0), printed=(28.6, 16.3), noise=3.84),
+    PublishedSums(joint="2", sums=(26873.0, 25076.0, 22103.0), printed=(17.7, 11.8), noise=13.57),
+    PublishedSums(joint="3", sums=(5881.0, 4725.0, 3909.0), printed=(33.6, 17.3), noise=9.53),
 )
 
 RV_2SQ = (
@@ -124,10 +100,6 @@ RV_2SQ = (
     PublishedJoint(joint="RV-2SQ 4", law="stribeck-1.6", values=(1.6581, 2.15, 0.05, 1.3165)),
 )
 """A second truth with published values."""
-
-
-_PERIOD = 1.0
-"""Of a cosine in s; friction without a memory does not depend on it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -164,11 +136,7 @@ def build_whole_cosines(peaks: Sequence[float], samples: int) -> FloatArray:
 def build_friction_scene(
     joint: str, law: str, physical: Sequence[float], velocity: FloatArray, noise: float
 ) -> FrictionScene:
-    """Return the scene; arguments as its fields.
-
-    Raises:
-        UsageError: there is no such law.
-    """
+    """Return the scene; arguments as its fields."""
     known = get_law(law)
     linear, shape = known.from_physical(physical)
     return FrictionScene(
@@ -186,7 +154,8 @@ def draw_samples(scene: FrictionScene, generator: np.random.Generator) -> Fricti
     count = len(scene.velocity)
     return FrictionSamples(
         joint=scene.joint,
-        time=_PERIOD * (np.arange(count) + 0.5) / count,
+        # One period in 1 s; friction without a memory does not depend on it.
+        time=(np.arange(count) + 0.5) / count,
         velocity=scene.velocity,
         torque=scene.torque + scene.noise * generator.standard_normal(count),
         extra=np.zeros((count, 0)),

@@ -1,8 +1,7 @@
 """The three protocols of the friction study: agreement (S1), recovery (S2) and gains (S3).
 
-S1, one direction, one Stribeck curve: motion, seeds -> `AgreementStudy`, counterpart of Table 1 of the paper:
-whether all estimators find the same optimum; `EstimatorComparison`: all estimators on one data set, with what
-each of them cost.
+S1, one direction, one Stribeck curve, Table 1 of the paper: motion, seeds -> `AgreementStudy`, whether all
+estimators find the same optimum; `EstimatorComparison`: all estimators on one data set, and their cost.
 
 S2, improved Stribeck law, Table 3, and a second robot: scenes of known truth, seeds -> `Recovery`:
 
@@ -12,21 +11,18 @@ S3, Table 4: joints of Table 3 in one slow cosine, seeds -> `GainStudy`:
 
     gain = 1 - J_improved / J_other,     in RMS 1 - sqrt(J_improved / J_other)
 
-The noise of each joint was set so that the gain over Coulomb + viscous comes out as printed, so that this
-column is no test. The gain over the original Stribeck law is a prediction, with one choice behind it that all
-joints share: the peak of the cosine, the one of 0.03 to 1.5 rad/s with the least miss.
+The noise of each joint was set so that the gain over Coulomb + viscous comes out as printed: this column is
+no test. The gain over the original Stribeck law is a prediction; the peak of the cosine, common to all
+joints, was chosen between 0.03 and 1.5 rad/s for the least miss.
 
-Supported: every estimator in `ESTIMATORS` with its defaults (one that cannot fit a law to a motion is
-listed with its reason); any law, by the default estimator; fits to the recording that is judged, as a paper
-may do, and to another draw of the same motion.
-Not supported: tuned options; draws in which a parameter is refused (all values are kept as they come); sums
-in (N m)^2 as a target: they grow with the number of samples, which is not printed.
+Supported: every estimator in `ESTIMATORS` with its defaults; any law, by the default estimator.
+Not supported: tuned options; refusal of parameters (all values are kept as they come).
 """
 
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,7 +30,6 @@ from symid.errors import UsageError
 from symid.identification.friction import (
     ESTIMATORS,
     STOCHASTIC,
-    FrictionEstimate,
     FrictionOptions,
     build_problem,
     compute_cramer_rao,
@@ -51,7 +46,6 @@ from symid.study.friction_paper import (
     TABLE_4,
     TRUTH_1,
     FrictionScene,
-    PublishedGain,
     Sweep,
     build_friction_scene,
     build_half_cosine,
@@ -69,10 +63,9 @@ _AGREEMENT_LAW = "stribeck"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstimatorRun:
-    """One fit: parameters as printed, J, excess of J over the least of all, what it cost, how it ended.
+    """One fit: parameters as printed, J, excess of J over the least of all, cost, how it ended.
 
-    `seconds` differs from run to run, all else does not; nan where it was not asked for. `reason` says why
-    there was no fit, else "".
+    `seconds` is nan where times were not asked for; `reason` says why there was no fit, else "".
     """
 
     estimator: str
@@ -99,12 +92,8 @@ class EstimatorComparison:
     runs: tuple[EstimatorRun, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AgreementDraw:
-    """One draw of the noise: of every estimator parameters and J, without those that had to refuse."""
-
-    seed: int
-    fits: tuple[tuple[str, tuple[float, ...], float], ...]
+AgreementDraw = tuple[tuple[tuple[float, ...], float], ...]
+"""One draw of the noise: parameters and J of every estimator, in their order."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -164,12 +153,12 @@ def fit_all_estimators(task: tuple[Sweep, int]) -> AgreementDraw:
     """Return what every estimator finds for one motion and one seed."""
     sweep, seed = task
     samples = draw_samples(build_sweep_scene(sweep), np.random.default_rng(seed))
-    law, fits = get_law(_AGREEMENT_LAW), []
-    for estimator in ESTIMATORS:
-        found = fit_friction(samples, law, estimator=estimator, generator=_build_generator(seed))
-        values = law.to_physical(found.linear, found.shape)
-        fits.append((estimator, values, found.objective))
-    return AgreementDraw(seed=seed, fits=tuple(fits))
+    law = get_law(_AGREEMENT_LAW)
+    fits = [
+        fit_friction(samples, law, estimator=estimator, generator=_build_generator(seed))
+        for estimator in ESTIMATORS
+    ]
+    return tuple((law.to_physical(found.linear, found.shape), found.objective) for found in fits)
 
 
 def _build_generator(seed: int) -> np.random.Generator:
@@ -182,22 +171,21 @@ def summarise_agreement(sweep: Sweep, draws: Sequence[AgreementDraw]) -> Agreeme
     scene, law = build_sweep_scene(sweep), get_law(_AGREEMENT_LAW)
     samples = draw_samples(scene, np.random.default_rng(0))
     bound = compute_cramer_rao(samples, law, scene.physical, scene.noise)
-    least = np.array([min(objective for _, _, objective in draw.fits) for draw in draws])
+    objectives = np.array([[objective for _, objective in draw] for draw in draws])
+    every_excess = objectives / np.min(objectives, axis=1, keepdims=True) - 1.0
     rows = []
     for place, estimator in enumerate(ESTIMATORS):
-        fits = [draw.fits[place] for draw in draws]
-        values = np.array([entry[1] for entry in fits])
-        objectives = np.array([entry[2] for entry in fits])
-        excess = objectives / least - 1.0
-        errors = np.abs(values - np.array(scene.physical)) / bound
+        excess = every_excess[:, place]
+        errors = np.abs(np.array([draw[place][0] for draw in draws]) - np.array(scene.physical)) / bound
         by_chance = estimator in STOCHASTIC
+        values, objective = draws[0][place]
         rows.append(
             AgreementRow(
                 estimator=estimator,
                 by_chance=by_chance,
-                values=fits[0][1],
-                objective=fits[0][2],
-                mean_objective=float(np.mean(objectives)),
+                values=values,
+                objective=objective,
+                mean_objective=float(np.mean(objectives[:, place])),
                 excess=float(np.max(excess)),
                 agreed=int(np.sum(excess <= (NEARNESS if by_chance else AGREEMENT))),
                 draws=len(draws),
@@ -229,42 +217,38 @@ def compare_estimators(
         timed: whether each is run three times, for the least of the times.
     """
     samples, law = draw_samples(scene, np.random.default_rng(seed)), get_law(scene.law)
-    fits: list[tuple[str, FrictionEstimate | None, float, str]] = []
+    runs = []
     for estimator in ESTIMATORS:
-        found, seconds, reason = None, math.inf if timed else math.nan, ""
+        seconds = math.inf
         try:
             # The first run loads packages, and any may be disturbed: the least is what it takes.
             for _ in range(3 if timed else 1):
                 begin = time.perf_counter()
                 found = fit_friction(samples, law, estimator=estimator, generator=_build_generator(seed))
-                passed = time.perf_counter() - begin
-                seconds = min(seconds, passed) if timed else seconds
+                seconds = min(seconds, time.perf_counter() - begin)
         except UsageError as error:
             reason = "; ".join(notice.text for notice in error.notices)
-        fits.append((estimator, found, seconds, reason))
-    least = min(found.objective for _, found, _, _ in fits if found is not None)
+            runs.append(EstimatorRun(estimator=estimator, reason=reason))
+            continue
+        run = EstimatorRun(
+            estimator=estimator,
+            values=law.to_physical(found.linear, found.shape),
+            objective=found.objective,
+            evaluations=found.evaluations,
+            solves=found.solves,
+            iterations=found.iterations,
+            seconds=seconds if timed else math.nan,
+            outcome=found.outcome.value,
+            history=found.history,
+        )
+        runs.append(run)
+    least = min(run.objective for run in runs if not run.reason)
     return EstimatorComparison(
         title=title,
         law=law.name,
         samples=samples.count,
         names=tuple(entry.name for entry in law.physical),
-        runs=tuple(
-            EstimatorRun(estimator=estimator, reason=reason)
-            if found is None
-            else EstimatorRun(
-                estimator=estimator,
-                values=law.to_physical(found.linear, found.shape),
-                objective=found.objective,
-                excess=found.objective / least - 1.0,
-                evaluations=found.evaluations,
-                solves=found.solves,
-                iterations=found.iterations,
-                seconds=seconds,
-                outcome=found.outcome.value,
-                history=found.history,
-            )
-            for estimator, found, seconds, reason in fits
-        ),
+        runs=tuple(replace(run, excess=run.objective / least - 1.0) for run in runs),
     )
 
 
@@ -272,9 +256,6 @@ RECOVERY_SAMPLES = 1000
 """Of each cosine."""
 NOT_IDENTIFIABLE = 0.5
 """Cramer-Rao deviation over value from which on a parameter counts as not identifiable."""
-_NOISE_SHARE = 0.02
-_SLOW = 3.0
-_FAST = 1.0
 
 FittedDraw = tuple[tuple[float, ...], int]
 """Fitted parameters in the order of the law's `physical`, and how many linear problems that took."""
@@ -289,7 +270,7 @@ class RecoveredParameter:
         truth, mean, deviation: of the draws; bound: Cramer-Rao deviation.
         ratio, bias: as in the module's equations.
         error: the largest |estimate - truth| / bound; inside: draws within three bounds.
-        told: whether the bound allows to identify it at all.
+        told: whether it is identifiable: the bound is small enough.
     """
 
     name: str
@@ -333,8 +314,8 @@ def build_second_scene(index: int) -> FrictionScene:
     """Return joint `index` of the RV-2SQ, counted from zero: peaks 3 vs and 1 rad/s, noise 0.02 fC."""
     row = RV_2SQ[index]
     coulomb, _, stribeck, _ = row.values
-    velocity = build_whole_cosines((_SLOW * stribeck, _FAST), RECOVERY_SAMPLES)
-    return build_friction_scene(row.joint, row.law, row.values, velocity, _NOISE_SHARE * coulomb)
+    velocity = build_whole_cosines((3.0 * stribeck, 1.0), RECOVERY_SAMPLES)
+    return build_friction_scene(row.joint, row.law, row.values, velocity, 0.02 * coulomb)
 
 
 def fit_draw(task: tuple[FrictionScene, int]) -> FittedDraw:
@@ -355,7 +336,18 @@ def summarise_recovery(scene: FrictionScene, found: Sequence[FittedDraw]) -> Rec
     truth = np.array(scene.physical)
     errors = np.abs(values - truth) / bounds
     means, deviations = np.mean(values, axis=0), np.std(values, axis=0, ddof=1)
-    edges = {entry.name: value for entry, value in zip(law.physical, scene.physical, strict=True)}
+    columns = {
+        "truth": truth,
+        "mean": means,
+        "deviation": deviations,
+        "bound": bounds,
+        "ratio": deviations / bounds,
+        "bias": (means - truth) / deviations,
+        "error": np.max(errors, axis=0),
+        "inside": np.sum(errors <= _BOUNDS, axis=0),
+        "told": bounds <= NOT_IDENTIFIABLE * np.abs(truth),
+    }
+    edges = dict(zip((entry.name for entry in law.physical), scene.physical, strict=True))
     edge = edges.get("dq0", edges["vs"])
     return Recovery(
         joint=scene.joint,
@@ -369,15 +361,7 @@ def summarise_recovery(scene: FrictionScene, found: Sequence[FittedDraw]) -> Rec
             RecoveredParameter(
                 name=entry.name,
                 unit=entry.unit,
-                truth=float(truth[k]),
-                mean=float(means[k]),
-                deviation=float(deviations[k]),
-                bound=float(bounds[k]),
-                ratio=float(deviations[k] / bounds[k]),
-                bias=float((means[k] - truth[k]) / deviations[k]),
-                error=float(np.max(errors[:, k])),
-                inside=int(np.sum(errors[:, k] <= _BOUNDS)),
-                told=bool(bounds[k] <= NOT_IDENTIFIABLE * abs(truth[k])),
+                **{name: column[k].item() for name, column in columns.items()},
             )
             for k, entry in enumerate(law.physical)
         ),
@@ -391,12 +375,8 @@ PEAK = 0.117
 GAIN_SAMPLES = 2000
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GainDraw:
-    """Sums of squared errors of the laws, (N m)^2: of the fit, and on another draw of the same motion."""
-
-    fitted: tuple[float, ...]
-    held_out: tuple[float, ...]
+GainDraw = tuple[tuple[float, ...], tuple[float, ...]]
+"""Sums of squared errors of the laws, (N m)^2: of the fit, and on another draw of the same motion."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -460,18 +440,17 @@ def fit_laws(task: tuple[FrictionScene, int]) -> GainDraw:
         torque = compute_friction_torque(law, samples.inputs, list(search.linear), list(search.shape))
         fitted.append(search.objective)
         held_out.append(float(np.sum((other - torque) ** 2)))
-    return GainDraw(fitted=tuple(fitted), held_out=tuple(held_out))
+    return tuple(fitted), tuple(held_out)
 
 
 def summarise_gains(index: int, draws: Sequence[GainDraw]) -> GainStudy:
     """Return what the draws, at least two, of joint `index` say together."""
     scene, row = build_gain_scene(index), TABLE_4[index]
-    fitted = np.array([draw.fitted for draw in draws])
-    held_out = np.array([draw.held_out for draw in draws])
+    fitted, held_out = np.array(draws).transpose(1, 0, 2)
     sums = np.mean(fitted, axis=0)
 
-    def build_gain(column: int, paper: float) -> MeanGain:
-        ratios = fitted[:, -1] / fitted[:, column]
+    def build_gain(column: int) -> MeanGain:
+        ratios, paper = fitted[:, -1] / fitted[:, column], row.printed[column]
         mean = float(100.0 * np.mean(1.0 - ratios))
         return MeanGain(
             mean=mean,
@@ -482,7 +461,6 @@ def summarise_gains(index: int, draws: Sequence[GainDraw]) -> GainStudy:
             miss=mean - paper,
         )
 
-    printed: PublishedGain = row.printed
     return GainStudy(
         joint=row.joint,
         noise=scene.noise,
@@ -491,6 +469,6 @@ def summarise_gains(index: int, draws: Sequence[GainDraw]) -> GainStudy:
         sums=tuple(map(float, sums)),
         scaled=tuple(map(float, sums * (row.sums[-1] / sums[-1]))),
         paper=row.sums,
-        viscous=build_gain(0, printed.viscous),
-        stribeck=build_gain(1, printed.stribeck),
+        viscous=build_gain(0),
+        stribeck=build_gain(1),
     )

@@ -5,10 +5,9 @@ Tasks -> results in the order of the tasks; one number a run -> `Spread`, `Paire
 Each task carries its own seed, and every worker has one thread for its linear algebra, even where it is the
 only one: results are the same to the last bit for any number of processes and of cores.
 
-Supported: functions that can be pickled; any number of processes on this machine; an error of a task, or an
-interruption, ends all. Runs without a result (nan) count as worse than all others.
-Not supported: tasks that depend on each other; runs of unequal weight; a script that calls this while it is
-imported.
+Supported: functions that can be pickled; an error of a task, or an interruption, ends all. Runs without a
+result (nan) count as worse than all others.
+Not supported: tasks that depend on each other; a script that calls this while it is imported.
 """
 
 import math
@@ -47,8 +46,8 @@ def run_tasks(
         function: of a module, so that other processes find it.
         tasks: arguments, each can be pickled.
         jobs: processes; None for one for each core that this process may use.
-        batch: how many tasks are worth a message to another process.
-        progress: told how many tasks are done, of how many.
+        batch: how many tasks a process gets at once.
+        progress: called with how many tasks are done, of how many.
 
     Raises:
         UsageError: jobs is not positive.
@@ -61,19 +60,19 @@ def run_tasks(
     results: list[B] = []
     if not tasks:
         return ()
-    batches = [tasks[start : start + batch] for start in range(0, len(tasks), batch)]
+    most = math.ceil(len(tasks) / batch)
     # A process that is forked from one with threads may hang; a fresh one costs half a second.
     context = multiprocessing.get_context("spawn")
     others = set(multiprocessing.active_children())
-    with ProcessPoolExecutor(min(jobs, len(batches)), mp_context=context, initializer=_end_quietly) as pool:
+    with ProcessPoolExecutor(min(jobs, most), mp_context=context, initializer=_end_quietly) as pool:
         try:
             # A worker may load NumPy before it comes to any line of ours, with the caller's own script: the
             # threads must be in the environment that it is born with. All start here.
             with _one_thread():
-                waiting = [pool.submit(_run_batch, function, part) for part in batches]
-            for future in waiting:
-                results.extend(future.result())
-                if progress is not None:
+                found = pool.map(function, tasks, chunksize=batch)
+            for result in found:
+                results.append(result)
+                if progress is not None and (len(results) % batch == 0 or len(results) == len(tasks)):
                     progress(len(results), len(tasks))
         except BaseException as error:
             # The pool would wait for what runs.
@@ -81,16 +80,12 @@ def run_tasks(
                 worker.terminate()
             if isinstance(error, BrokenProcessPool):
                 text = (
-                    f"a worker process was ended from outside after {len(results)} of {len(tasks)} tasks, as "
-                    "a system does that runs out of memory: try again with fewer jobs"
+                    f"a worker process was killed after {len(results)} of {len(tasks)} tasks; memory may "
+                    "have run out: try again with fewer jobs"
                 )
                 raise SolverError(Notice(code="solver.worker-lost", text=text)) from error
             raise
     return tuple(results)
-
-
-def _run_batch(function: Callable[[A], B], tasks: Sequence[A]) -> list[B]:
-    return [function(task) for task in tasks]
 
 
 @contextmanager
@@ -161,14 +156,12 @@ def _interpolate_percentile(ordered: FloatArray, share: float) -> float:
     return float(low if not part or low == high else (1.0 - part) * low + part * high)
 
 
-def compute_paired_difference(
-    first: FloatArray, second: FloatArray, confidence: float = 0.95
-) -> PairedDifference:
-    """Return the mean of first - second (runs,) each, with Student's interval."""
+def compute_paired_difference(first: FloatArray, second: FloatArray) -> PairedDifference:
+    """Return the mean of first - second (runs,) each, with Student's 95 % interval."""
     difference = np.asarray(first, dtype=np.float64) - np.asarray(second, dtype=np.float64)
     runs = len(difference)
     mean = float(difference.mean())
     if runs < 2:
         return PairedDifference(mean=mean, low=-math.inf, high=math.inf, runs=runs)
-    half = float(stdtrit(runs - 1, 0.5 + confidence / 2.0) * difference.std(ddof=1) / math.sqrt(runs))
+    half = float(stdtrit(runs - 1, 0.975) * difference.std(ddof=1) / math.sqrt(runs))
     return PairedDifference(mean=mean, low=mean - half, high=mean + half, runs=runs)

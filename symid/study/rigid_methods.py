@@ -1,26 +1,24 @@
-"""Methods for rigid robots: how near they come to the Cramer-Rao bound, and what the cut-off frequency does.
+"""Methods for rigid robots: precision against the Cramer-Rao bound, and the effect of the cut-off frequency.
 
 Robot, seeds -> `PrecisionStudy`; library, recording, processing -> `CutoffStudy`.
 
 Precision:
 
     ratio_k = sqrt(mean over seeds of (x_k - truth_k)^2) / bound_k
-    coverage = part of all |x_k - truth_k| <= 1.96 of the deviation stated
+    coverage = part of all |x_k - truth_k| <= 1.96 of the standard deviation stated
 
 The truth is what the robot file states, or bodies drawn once: clouds of points about the links, lighter
 towards the tip. The excitations are random Fourier series within the robot's limits; their states are exact.
-Noise of the torque is white, of one standard deviation a joint, a part of the root mean square of its torque.
-The equations do not change from seed to seed, only the noise does: rows are condensed once, and the values'
-column of every triangle is made anew, with F' F the rows' own and F' (values) from A' y.
+Noise of the torque is white, of one standard deviation a joint. Only the noise changes from seed to seed:
+rows are condensed once, and the values' column of every triangle is made anew.
 
 Cut-off: for every cut-off frequency of the position filter the parameters are fitted (WLS) to the first 60 %
-of the log, and predict the torque of the rest: mean over joints of |tau - tau_hat| / |tau|, both low-passed
+of the log and predict the torque of the rest: mean over joints of |tau - tau_hat| / |tau|, both low-passed
 alike. The states of the predicted part pass the log's own filter throughout, so that only the fit differs.
 
 Supported: rigid robots; WLS on torque rows, decimated or not, and on momentum rows; the physically consistent
 fit; cut-offs below 0.45 of the sample rate.
-Not supported: noise of the states; a choice of the cut-off by the result, which would use up the data that
-judge it.
+Not supported: noise of the states; a choice of the cut-off by the result.
 """
 
 from collections.abc import Callable, Sequence
@@ -37,7 +35,6 @@ from symid.excitation import FourierOptions, build_random_fourier
 from symid.identification.diagnostics import compute_band_residual, predict_torques
 from symid.identification.estimators import (
     Bodies,
-    CondensedFit,
     build_bodies,
     fit_condensed,
     solve_consistent,
@@ -67,7 +64,9 @@ DURATION = 10.0
 NOISE = 0.01
 """Standard deviation of the noise over the root mean square of the joint's torque."""
 _PERIOD = 2e-3
+"""Of samples, in s."""
 _WINDOW = 0.05
+"""Of momentum rows, in s."""
 _POINTS = 12
 _HEAVY = 4.0
 """Mass of the first link in kg where the robot file states none."""
@@ -81,7 +80,7 @@ class PrecisionScene:
         rows: by kind, "torque" and "momentum", of all excitations.
         truth: (p,) parameters; bodies: behind them.
         deviations: (n,) of the torque's noise; bound: (p,) Cramer-Rao deviations from all samples.
-        samples: of one excitation; period: s; window: s, of momentum rows.
+        samples: of one excitation.
     """
 
     rows: dict[str, Rows]
@@ -90,8 +89,6 @@ class PrecisionScene:
     deviations: FloatArray
     bound: FloatArray
     samples: int
-    period: float
-    window: float
 
 
 def build_precision_scene(robot: Robot, library: Library) -> PrecisionScene:
@@ -122,38 +119,31 @@ def build_precision_scene(robot: Robot, library: Library) -> PrecisionScene:
         deviations=deviations,
         bound=np.linalg.norm(np.linalg.inv(triangle), axis=1),
         samples=len(time),
-        period=_PERIOD,
-        window=_WINDOW,
     )
 
 
 def _get_truth(library: Library, bodies: Bodies) -> FloatArray:
+    """Return what the robot file states, or the parameters of clouds of points about bodies of any mass."""
+    from symid.dynamics import build_pseudo_inertias, compute_standard_parameters
+
     stated = [entry.value for entry in (*library.card.beta, *library.card.friction)]
     known = [value for value in stated if value is not None]
     if len(known) == len(stated):
         return np.array(known)
-    pi = _draw_bodies(bodies.stated)
-    values: FloatArray = np.einsum("pnk,nk->p", bodies.links, pi)
-    # Rotors as heavy as a tenth of a first link's; friction of one in its unit; no offsets.
-    values = values + bodies.positive @ np.full(bodies.positive.shape[1], 0.1)
-    return values + bodies.bounded @ np.ones(bodies.bounded.shape[1])
-
-
-def _draw_bodies(expected: FloatArray) -> FloatArray:
-    """Return standard parameters (n, 10) of clouds of points about expected bodies of any mass."""
-    from symid.dynamics import build_pseudo_inertias, compute_standard_parameters
-
-    rng = np.random.default_rng(0)
-    count, bodies = len(expected), []
-    for index, body in enumerate(build_pseudo_inertias(expected)):
+    rng, clouds = np.random.default_rng(0), []
+    for index, body in enumerate(build_pseudo_inertias(bodies.stated)):
         shape = body / body[3, 3]
         centre = shape[:3, 3]
         root = np.linalg.cholesky(shape[:3, :3] - np.outer(centre, centre))
         points = centre + rng.normal(size=(_POINTS, 3)) @ root.T
         extended = np.column_stack([points, np.ones(_POINTS)])
-        mass = _HEAVY * (count - index) / count
-        bodies.append(mass / _POINTS * extended.T @ extended)
-    return compute_standard_parameters(np.array(bodies))
+        mass = _HEAVY * (len(bodies.stated) - index) / len(bodies.stated)
+        clouds.append(mass / _POINTS * extended.T @ extended)
+    pi = compute_standard_parameters(np.array(clouds))
+    values: FloatArray = np.einsum("pnk,nk->p", bodies.links, pi)
+    # Rotors as heavy as a tenth of a first link's; friction of one in its unit; no offsets.
+    values = values + bodies.positive @ np.full(bodies.positive.shape[1], 0.1)
+    return values + bodies.bounded @ np.ones(bodies.bounded.shape[1])
 
 
 _BATCH = 20
@@ -204,8 +194,8 @@ class _SeedErrors(NamedTuple):
 
     errors: FloatArray
     deviations: FloatArray
-    price: float
-    eigenvalue: float
+    price: float = 0.0
+    eigenvalue: float = np.inf
 
 
 @lru_cache(maxsize=1)
@@ -230,7 +220,7 @@ def study_precision(
         seeds: of the noise.
         backend: what computes its functions; see `prepare_library`.
         jobs: processes; None for one a core.
-        progress: told how many tasks are done, of how many.
+        progress: called with how many tasks are done, of how many.
     """
     tasks = [(robot, backend, seed) for seed in seeds]
     found = run_tasks(_fit_seed, tasks, jobs=jobs, batch=_BATCH, progress=progress)
@@ -251,7 +241,7 @@ def study_precision(
 
 
 def _fit_seed(task: tuple[Robot, str, int]) -> dict[str, _SeedErrors]:
-    """Return what every method finds under the noise of a seed."""
+    """Return the errors of every method under the noise of a seed."""
     robot, backend, seed = task
     scene = _load_scene(robot, backend)
     rng = np.random.default_rng(seed)
@@ -259,15 +249,23 @@ def _fit_seed(task: tuple[Robot, str, int]) -> dict[str, _SeedErrors]:
     shape = (excitations, scene.samples, len(scene.deviations))
     noise = rng.normal(size=shape) * scene.deviations
     torque = _condense_with_noise(scene, "torque", noise.transpose(2, 0, 1).ravel())
-    windows = choose_windows(scene.samples, scene.period, scene.window)
+    windows = choose_windows(scene.samples, _PERIOD, _WINDOW)
     integrals = np.stack([integrate_windows(part, windows) for part in noise])
     momentum = _condense_with_noise(scene, "momentum", integrals.transpose(2, 0, 1).ravel())
-    weighted = fit_condensed(torque, np.eye(len(scene.truth)))
-    return {
-        "wls": _compute_errors(scene, weighted),
-        "momentum": _compute_errors(scene, fit_condensed(momentum, np.eye(len(scene.truth)))),
-        "consistent": _fit_consistent(scene, torque, weighted),
+    identity = np.eye(len(scene.truth))
+    weighted = fit_condensed(torque, identity)
+    triangle = stack_condensed(torque, weighted.weights) / np.sqrt(weighted.variance)
+    consistent = solve_consistent(triangle, weighted.values, scene.bodies)
+    whole = float(compute_square_sums(torque, consistent.values) @ weighted.weights**2)
+    best = float(weighted.squares @ weighted.weights**2)
+    price = 100.0 * (float(np.sqrt(whole / best)) - 1.0)
+    errors = {
+        name: _SeedErrors(fit.values - scene.truth, np.sqrt(np.diag(fit.covariance)))
+        for name, fit in (("wls", weighted), ("momentum", fit_condensed(momentum, identity)))
     }
+    deviations = errors["wls"].deviations
+    found = _SeedErrors(consistent.values - scene.truth, deviations, price, consistent.eigenvalue)
+    return {**errors, "consistent": found}
 
 
 def _condense_with_noise(scene: PrecisionScene, kind: str, noise: FloatArray) -> Condensed:
@@ -292,23 +290,6 @@ def _condense_with_noise(scene: PrecisionScene, kind: str, noise: FloatArray) ->
     return Condensed(factors=factors, counts=plain.counts, independent=plain.independent)
 
 
-def _compute_errors(scene: PrecisionScene, fit: CondensedFit) -> _SeedErrors:
-    return _SeedErrors(fit.values - scene.truth, np.sqrt(np.diag(fit.covariance)), 0.0, np.inf)
-
-
-def _fit_consistent(scene: PrecisionScene, torque: Condensed, weighted: CondensedFit) -> _SeedErrors:
-    triangle = stack_condensed(torque, weighted.weights) / np.sqrt(weighted.variance)
-    found = solve_consistent(triangle, weighted.values, scene.bodies)
-    whole = float(compute_square_sums(torque, found.values) @ weighted.weights**2)
-    best = float(weighted.squares @ weighted.weights**2)
-    return _SeedErrors(
-        found.values - scene.truth,
-        np.sqrt(np.diag(weighted.covariance)),
-        100.0 * (float(np.sqrt(whole / best)) - 1.0),
-        found.eigenvalue,
-    )
-
-
 def _summarise(scene: PrecisionScene, method: str, draws: Sequence[_SeedErrors]) -> PrecisionMethod:
     errors = np.array([draw.errors for draw in draws])
     deviations = np.array([draw.deviations for draw in draws])
@@ -329,13 +310,12 @@ def _summarise(scene: PrecisionScene, method: str, draws: Sequence[_SeedErrors])
 CUTOFFS = (10.0, 15.0, 20.0, 30.0, 50.0, 75.0, 100.0, 150.0, 200.0, 300.0)
 BAND = 10.0
 """Of the comparison, in Hz."""
-_FITTED_SHARE = 0.6
 _HIGHEST_CUTOFF = 0.45
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CutoffLine:
-    """One cut-off in Hz: residuals foretold in percent; None where nothing could be fitted."""
+    """One cut-off in Hz: held-out residuals in percent; None where nothing could be fitted."""
 
     cutoff: float
     decimated: float | None
@@ -363,36 +343,52 @@ def study_cutoff(
     cutoffs: Sequence[float] = CUTOFFS,
     progress: Callable[[int, int], None] | None = None,
 ) -> CutoffStudy:
-    """Return what fits with every cut-off foretell.
+    """Return how well fits with every cut-off predict the rest of the log.
 
     Args:
         library: the robot's functions.
         recording: the log.
         processing: of the robot file; its cut-off is replaced.
         cutoffs: Hz.
-        progress: told how many are done, of how many.
+        progress: called with how many are done, of how many.
     """
     settled = choose_filters(processing, [recording]).processing
     if settled.filter_cutoff is None:
         settled = choose_filters(replace(settled, automatic=True), [recording]).processing
     window = choose_window("momentum", settled, recording.period)
     count = len(recording.time)
-    middle = round(_FITTED_SHARE * count)
+    middle = round(0.6 * count)
     rest = replace(settled, drop_first=max(settled.drop_first, middle))
     usable = [value for value in cutoffs if value < _HIGHEST_CUTOFF / recording.period]
+
+    def predict(fitted: Processing, rows: str) -> float | None:
+        try:
+            estimate = identify_parameters(
+                library,
+                [recording],
+                fitted,
+                rows=rows,
+                estimator="wls",
+                window=window if rows == "momentum" else None,
+            )
+        except IdentifiabilityError:
+            return None
+        names = tuple(entry.name for entry in (*library.card.beta, *library.card.friction))
+        prediction = predict_torques(estimate.assemble(names), library, recording, rest, band=BAND)
+        return compute_band_residual(prediction).mean_relative_percent
+
     lines = []
     for value in usable:
         last = max(settled.drop_last, count - middle)
         filtered = replace(settled, filter_cutoff=value, drop_last=last)
         plain = replace(filtered, decimation=Decimation())
-        lines.append(
-            CutoffLine(
-                cutoff=value,
-                decimated=_predict_rest(library, recording, filtered, rest, "torque"),
-                plain=_predict_rest(library, recording, plain, rest, "torque"),
-                momentum=_predict_rest(library, recording, plain, rest, "momentum", window=window),
-            )
+        line = CutoffLine(
+            cutoff=value,
+            decimated=predict(filtered, "torque"),
+            plain=predict(plain, "torque"),
+            momentum=predict(plain, "momentum"),
         )
+        lines.append(line)
         if progress is not None:
             progress(len(lines), len(usable))
     return CutoffStudy(
@@ -403,23 +399,3 @@ def study_cutoff(
         band=BAND,
         lines=tuple(lines),
     )
-
-
-def _predict_rest(
-    library: Library,
-    recording: Recording,
-    fitted: Processing,
-    judged: Processing,
-    rows: str,
-    *,
-    window: float | None = None,
-) -> float | None:
-    try:
-        estimate = identify_parameters(
-            library, [recording], fitted, rows=rows, estimator="wls", window=window
-        )
-    except IdentifiabilityError:
-        return None
-    names = tuple(entry.name for entry in (*library.card.beta, *library.card.friction))
-    prediction = predict_torques(estimate.assemble(names), library, recording, judged, band=BAND)
-    return compute_band_residual(prediction).mean_relative_percent

@@ -1,5 +1,6 @@
 """The command line's contract: one JSON object, exit codes, no traceback, nothing on the wrong stream."""
 
+import errno
 import json
 import os
 import signal
@@ -213,7 +214,8 @@ def test_no_color_is_honoured(monkeypatch, project, value, coloured):
     text = os.read(reader, 10_000)
     os.close(reader)
     assert done.returncode == 2
-    assert b"there is no robot" in text
+    assert b"error" in text
+    assert b"nobody_here" in text
     assert (b"\x1b[" in text) is coloured
 
 
@@ -226,9 +228,10 @@ def test_an_answer_that_cannot_be_written_exits_74_with_one_line(project, ending
     command = f"exec {sys.executable} -m symid {arguments} {ending}"
     done = subprocess.run(["sh", "-c", command], env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 74, done.stderr
-    said = [line for line in done.stderr.splitlines() if not line.startswith("finding")]
+    said = [line for line in done.stderr.splitlines() if not line.startswith("deriving")]
     assert len(said) == 1
-    assert said[0].startswith("error: the answer cannot be written: ")
+    assert said[0].startswith("error: ")
+    assert os.strerror(errno.ENOSPC) in said[0] or ending == ">&-"
 
 
 def test_ctrl_c_while_loading_exits_130(project):

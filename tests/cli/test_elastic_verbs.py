@@ -1,6 +1,7 @@
 """An elastic robot by the verbs alone: simulate, identify, validate, export, generate, simulate again."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -67,7 +68,7 @@ def change(path, target, **changes):
     return target
 
 
-def test_validate_foretells_an_unseen_log(capsys, folder, estimate):
+def test_validate_predicts_an_unseen_log(capsys, folder, estimate):
     code, answer = call_json(capsys, "validate", ROBOT, estimate, folder / "tc.npz", "--gate", "2")
     assert code == 0
     result = answer["result"]
@@ -89,7 +90,8 @@ def test_validate_misses_a_gate(capsys, folder, estimate):
     assert not answer["result"]["accepted"]
     assert answer["errors"][0]["code"] == "validate.gate-missed"
     assert run(["validate", ROBOT, str(estimate), str(folder / "tc.npz"), "--gate", "0.01"]) == 1
-    assert "what the links need, less what the springs say" in capsys.readouterr().out
+    out = " ".join(capsys.readouterr().out.split())
+    assert all(table["caption"] in out for table in answer["result"]["tables"])
 
 
 def test_the_gate_is_missed_by_wrong_springs_too(capsys, folder, estimate, tmp_path):
@@ -105,7 +107,8 @@ def test_the_gate_is_missed_by_wrong_springs_too(capsys, folder, estimate, tmp_p
     assert not answer["result"]["accepted"]
     assert answer["result"]["mean_relative_percent"] == pytest.approx(means[0])
     assert [entry["code"] for entry in answer["errors"]] == ["validate.gate-missed"] * 2
-    assert answer["errors"][1]["text"].startswith("Torque of the joints")
+    caption = answer["result"]["tables"][2]["caption"].split(":")[0]
+    assert answer["errors"][1]["text"].startswith(caption)
     assert min(table["mean_relative_percent"] for table in answer["result"]["tables"][1:]) > 5.0
 
 
@@ -155,7 +158,7 @@ def test_validate_says_what_is_no_test(capsys, folder, estimate, tmp_path):
     _, answer = call_json(capsys, "validate", ROBOT, timid, folder / "tc.npz")
     (told,) = (entry["text"] for entry in answer["warnings"] if entry["code"] == "validate.beyond-torsion")
     assert "shoulder" in told
-    assert "against 0.001 rad" in told
+    assert "0.001 rad" in told
 
 
 def test_an_estimate_without_springs_says_nothing_of_them(capsys, folder, estimate, tmp_path):
@@ -180,7 +183,8 @@ def test_a_spring_that_was_refused_is_not_tried(capsys, folder, estimate, tmp_pa
     assert [len(table["residual"]) for table in tables] == [2, 1, 1]
     assert "validate.beyond-torsion" not in {entry["code"] for entry in answer["warnings"]}
     assert run(["validate", ROBOT, str(part), str(folder / "tc.npz"), "-q"]) == 0
-    assert "The estimate has no spring of elbow" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert re.search(r"\bno\b.* spring .*\belbow\b", out)
     code, answer = call_json(capsys, "validate", ROBOT, part, folder / "tc.npz", "--tracking")
     assert (code, answer["errors"][0]["code"]) == (2, "usage.no-springs")
     page = tmp_path / "page.html"
@@ -209,9 +213,9 @@ def test_tracking_of_a_random_motion_as_a_table(capsys, folder, estimate):
     log = str(folder / "tc.npz")
     assert run(["validate", ROBOT, str(estimate), log, "--tracking", "--seed", "3", "-q"]) == 0
     out = capsys.readouterr().out
-    assert "How links follow random finite Fourier series" in out
-    assert "rigid feed-forward" in out
-    assert "mrad" in out
+    rows = [line.split() for line in out.splitlines() if line.endswith("mrad")]
+    assert [row[0] for row in rows] == ["shoulder", "shoulder", "elbow", "elbow"]
+    assert [row[1] for row in rows] == ["rigid", "Case"] * 2
 
 
 @pytest.mark.parametrize(
@@ -316,7 +320,7 @@ def test_a_motor_side_estimate_is_tried_and_written_as_rigid(capsys, folder, mot
     assert both["result"]["residual"] == answer["result"]["residual"]
     assert "log.motor-position" in {entry["code"] for entry in both["warnings"]}
     assert run(["validate", ROBOT, str(found), str(log), "-q"]) == 0
-    assert "(joints taken as rigid)" in capsys.readouterr().out
+    assert re.search(r"\(.*\brigid\b.*\)", capsys.readouterr().out)
     code, answer = call_json(capsys, "validate", ROBOT, found, log, "--tracking")
     assert (code, answer["errors"][0]["code"]) == (2, "usage.rigid-tracking")
     path = tmp_path / "rigid.toml"
@@ -343,6 +347,6 @@ def test_values_of_no_bodies_say_how_far_the_nearest_are(capsys, estimate, tmp_p
     assert code == 0
     assert answer["result"]["outcome"] == "nearest"
     (told,) = (entry["text"] for entry in answer["warnings"] if entry["code"] == "export.inconsistent")
-    assert ("standard deviations away" in told) == known
+    assert ("standard deviations" in told) == known
     robot = read_robot(tmp_path / "nearest.toml")
     assert compute_parameter_values(robot, derive_base_parameters(robot))["ZZ2"] > 0.0

@@ -18,7 +18,7 @@ from symid.dynamics.base_parameters import compute_parameter_values, derive_base
 from symid.notation import INERTIAL
 from symid.robot.toml_reader import read_robot
 from symid.robot.urdf_reader import parse_urdf
-from symid.robot.urdf_writer import write_urdf
+from symid.robot.xml_writers import write_urdf
 from tests.chains import build_pinocchio, build_transmission, regress
 from tests.estimates import STD, fill_robot, store_estimate
 from tests.mujocos import find_mujoco_torques
@@ -360,7 +360,7 @@ def test_a_value_that_nobody_knows_is_said(capsys, wrist, tmp_path):
     lines = (tmp_path / "some.h").read_text(encoding="utf-8").splitlines()
     (unknown,) = (line for line in lines if "] Fv2" in line)
     (known,) = (line for line in lines if "] Fc2" in line)
-    assert "unknown, so that it is left at 0" in unknown
+    assert "unknown, left at 0" in unknown
     assert unknown.split()[0] == "0.0,"
     identified = {entry["name"]: entry["value"] for entry in estimate["parameters"]}
     assert float(known.split(",")[0]) == identified["Fc2"]

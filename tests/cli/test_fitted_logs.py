@@ -69,7 +69,7 @@ def test_validation_filters_as_the_fit_did(capsys, folder, estimate):
     run(["validate", str(folder / "arm.toml"), str(estimate), str(folder / "clean.npz"), "-q"])
     out = capsys.readouterr().out
     assert f"low-pass at {stored['filter_cutoff']:g} Hz" in out
-    assert "as in the fit" in out
+    assert f" by {stored['decimation']['factor']} " in out
 
 
 def test_a_log_at_another_rate_has_filters_of_its_own(capsys, folder, estimate):
@@ -129,7 +129,7 @@ def test_a_diagnosis_reads_runs_as_the_fit_did(capsys, folder, runs, tmp_path, o
     assert (used["filter_cutoff"], used["origin"]["filter_cutoff"]) == (20.0, "stated")
     assert used["origin"]["decimation.factor"] == "fit"
     assert run([*map(str, call), *map(str, held), "-q"]) == 0
-    assert "noisy.npz: positions pass a low-pass at 20 Hz (as stated)" in capsys.readouterr().out
+    assert "noisy.npz: positions: low-pass at 20 Hz (as stated)" in capsys.readouterr().out
     data = json.loads(found.read_text())
     for entry in data["settings"]["runs"]:
         entry["offset"] = [0.0]
@@ -158,7 +158,8 @@ def test_a_log_that_has_changed_is_named(capsys, folder, tmp_path):
     assert {"diagnosis.changed-log", "diagnosis.other-values"} <= set(find_codes(answer))
     assert answer["result"]["diagnosis"]["refit"]["largest_difference_stds"] > 0.1
     assert run([*map(str, call), "--force", "-q"]) == 0
-    assert "fitted again, the logs give the estimate to" in capsys.readouterr().out
+    moved = answer["result"]["diagnosis"]["refit"]["largest_difference_stds"]
+    assert f"{moved:.1g} standard deviations" in capsys.readouterr().out
 
 
 def test_settings_without_a_log_to_try_are_refused(capsys, estimate, tmp_path):

@@ -79,7 +79,7 @@ def test_a_robot_with_curved_friction_is_generated(capsys, tmp_path, target):
 def test_curved_friction_is_simulated_and_identified(capsys, tmp_path):
     robot, log = tmp_path / "slide.toml", tmp_path / "log.npz"
     robot.write_text(CURVED)
-    assert run(["simulate", str(robot), "-o", str(log), "--seed", "1", "-q"]) == 0
+    assert run(["simulate", str(robot), "-o", str(log), "--seed", "1", "--duration", "12", "-q"]) == 0
     capsys.readouterr()
     code, answer = call_json(capsys, "identify", robot, log, "-o", tmp_path / "estimate.json")
     assert code == 0

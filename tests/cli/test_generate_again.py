@@ -5,6 +5,8 @@ import os
 import shutil
 import subprocess
 import sys
+from contextlib import redirect_stdout
+from io import StringIO
 
 import pytest
 
@@ -18,21 +20,33 @@ def call(capsys, *arguments):
     return code, json.loads(capsys.readouterr().out)
 
 
-@pytest.fixture(params=["c", "python"])
+@pytest.fixture(params=["c", "python"], scope="module")
 def target(request):
     if request.param == "c" and shutil.which("make") is None:
         pytest.skip("wants make, and a C compiler, to run the self-test")
     return request.param
 
 
+@pytest.fixture(scope="module")
+def first(target, tmp_path_factory):
+    """Make a folder once for all tests of a target; return it and the answer."""
+    folder = tmp_path_factory.mktemp(target) / "code"
+    printed = StringIO()
+    with redirect_stdout(printed):
+        code = run_cli(["generate", ROBOT, "--target", target, "-o", str(folder), "--json", "-q"])
+    result = json.loads(printed.getvalue())["result"]
+    assert (code, result["unchanged"]) == (0, False)
+    return folder, result
+
+
 @pytest.fixture
-def made(capsys, tmp_path, target):
+def made(first, tmp_path, target):
+    """Return a copy of the folder, the call that made it, and what it answers of the copy."""
+    source, result = first
     folder = tmp_path / "code"
-    order = (ROBOT, "--target", target, "-o", folder)
-    code, answer = call(capsys, *order)
-    assert code == 0
-    assert answer["result"]["unchanged"] is False
-    return folder, order, answer["result"]
+    shutil.copytree(source, folder)
+    moved = json.loads(json.dumps(result).replace(str(source), str(folder)))
+    return folder, (ROBOT, "--target", target, "-o", folder), moved
 
 
 def read_files(folder):

@@ -1,6 +1,7 @@
 """`symid identify` for springs, second encoders and elastic robots, on real recordings too where they are."""
 
 import json
+import re
 from contextlib import redirect_stdout
 from pathlib import Path
 
@@ -75,9 +76,9 @@ def test_kr300_delay_offsets_and_the_one_spring_that_can_be_told(capsys, tmp_pat
 def test_kr300_as_a_table(capsys):
     assert run(["identify", "kr300", str(KR300 / "run_b.npz"), "--method", "stiffness", "-q"]) == 0
     out = capsys.readouterr().out
-    assert "link encoders lag motor encoders by" in out
-    assert "gravity does not load this joint" in out
-    assert "there is no link encoder" in out
+    assert re.search(r"\b2\.949 ms", out)
+    # Each joint is there with its reason.
+    assert re.findall(r"(?m)^(joint\d): ", out) == [f"joint{number}" for number in range(1, 7)]
 
 
 @MISSING
@@ -198,10 +199,9 @@ def test_one_method_as_tables(capsys, experiment):
     call = ["identify", "two_link_elastic", str(experiment), "--method", "linear-spring", "--window", "0.2"]
     assert run(call) == 0
     captured = capsys.readouterr()
-    assert "two_link_elastic: linear-spring, condition" in captured.out
-    assert "The method was asked for." in captured.out
+    assert captured.out.startswith("two_link_elastic: linear-spring, condition ")
     assert "k0 + stops" in captured.out
-    assert "link encoders were moved by" in captured.err
+    assert re.search(r"moved by [0-9.]+ ms", " ".join(captured.err.split()))
 
 
 def test_stiffness_of_an_elastic_arm(capsys, experiment):
@@ -220,7 +220,8 @@ def test_without_a_delay_nothing_is_moved(capsys, tmp_path):
     code, answer = call_json(capsys, "identify", "two_link_elastic", path, "--method", "elimination")
     assert code == 0
     (notice,) = (entry for entry in answer["warnings"] if entry["code"] == "log.in-line")
-    assert "nothing was moved" in notice["text"]
+    assert re.search(r"[0-9.]+ ms", notice["text"])
+    assert "log.aligned" not in {entry["code"] for entry in answer["warnings"]}
     assert answer["result"]["method"] == "elimination"
 
 
@@ -244,7 +245,7 @@ def test_the_cutoff_and_the_ends_of_elastic_joints_are_those_asked_for(capsys, e
     assert settings["cutoff"] == 15.0
     assert settings["cutoffs"] == [15.0]
     (notice,) = (entry for entry in answer["warnings"] if entry["code"] == "log.cut")
-    assert "the first 3000 and the last 2000 of 20001 samples" in notice["text"]
+    assert re.findall(r"\d+", notice["text"]) == ["3000", "2000", "20001"]
     counts = [entry["result"]["residual"][0]["samples"] for entry in (plain, answer)]
     assert counts[1] < counts[0] - 1000
     # The same by the names of the settings; no filter is a setting too.
@@ -269,7 +270,7 @@ def test_settings_without_a_meaning_for_elastic_joints_are_refused(capsys, two_s
     assert status == 2
     (error,) = answer["errors"]
     assert error["code"] == "usage.elastic-processing"
-    assert f"processing.{name} cannot be used here" in error["text"]
+    assert error["text"].startswith(f"processing.{name} ")
 
 
 def test_cutting_off_all_of_an_elastic_log_is_refused(capsys, two_sided):
@@ -296,11 +297,11 @@ def test_settings_of_the_robot_file_are_used_or_told(capsys, strict_arm, experim
     assert code == 0
     assert answer["result"]["settings"]["cutoffs"] == [22.0]
     (notice,) = (entry for entry in answer["warnings"] if entry["code"] == "identify.unused-processing")
-    assert "standstill, decimation: not used here" in notice["text"]
+    assert notice["text"].startswith("[processing] standstill, decimation:")
     assert "log.cut" in {entry["code"] for entry in answer["warnings"]}
     code, answer = call_json(capsys, "identify", strict_arm, experiment, "--method", "stiffness")
     (notice,) = (entry for entry in answer["warnings"] if entry["code"] == "identify.unused-processing")
-    assert "standstill, decimation, filter_cutoff: not used here" in notice["text"]
+    assert notice["text"].startswith("[processing] standstill, decimation, filter_cutoff:")
 
 
 def make_late(path, target, delay, rate=1000):
@@ -328,9 +329,8 @@ def test_links_ahead_of_their_motors_are_called_so(capsys, experiment, tmp_path)
     call = ["identify", "two_link_elastic", str(early), "--method", "stiffness"]
     assert run(call) == 0
     captured = capsys.readouterr()
-    assert "link encoders lead motor encoders by 9.69" in captured.out
-    assert "earlier than the motor encoders" in captured.err
-    assert "at the beginning were cut off" in captured.err
+    assert re.search(r"\b9\.69\d* ms", captured.out)
+    assert re.search(r"\b9\.69\d* ms.* earlier .* beginning", " ".join(captured.err.split()))
 
 
 def test_without_a_delay_none_is_told(capsys, tmp_path):
@@ -339,8 +339,7 @@ def test_without_a_delay_none_is_told(capsys, tmp_path):
     assert run([*call, "--offset", "0.5", "-o", str(path), "-q"]) == 0
     assert run(["identify", "two_link_elastic", str(path), "--method", "stiffness"]) == 0
     captured = capsys.readouterr()
-    assert "there is no delay beyond doubt" in captured.out
-    assert "were moved by zero offsets of up to 0.5" in captured.err
+    assert re.search(r"offsets .* 0\.5\b", " ".join(captured.err.split()))
     assert " 0 ms" not in captured.err
     code, answer = call_json(capsys, "identify", "two_link_elastic", path, "--method", "elimination")
     assert code == 0

@@ -10,7 +10,7 @@ from symid.cli.main import run
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
     path = tmp_path_factory.mktemp("estimators") / "log.npz"
-    assert run(["simulate", "two_link", "--seed", "1", "-o", str(path), "-q"]) == 0
+    assert run(["simulate", "two_link", "--seed", "1", "--duration", "10", "-o", str(path), "-q"]) == 0
     return path
 
 

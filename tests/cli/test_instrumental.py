@@ -82,7 +82,6 @@ def test_a_noisy_log_convicts_wls(capsys, folder):
     code, answer = call(capsys, *order, *NAME)
     assert code == 0
     assert "identify.biased-wls" in find_codes(answer)
-    assert "biased by noise in the states" in find_texts(answer)
     assert answer["result"]["settings"]["fit"]["wls"]["biased"] is True
     found, biased = (
         {entry["name"]: entry for entry in result["result"]["parameters"]} for result in (answer, usual)
@@ -94,8 +93,8 @@ def test_a_noisy_log_convicts_wls(capsys, folder):
     capsys.readouterr()
     assert run(list(map(str, (*order, *NAME)))) == 0
     out = capsys.readouterr().out
-    assert "begun with instruments along the references" in out
-    assert "wls of these rows is biased by noise in the states" in out
+    assert "instruments along the references" in out
+    assert ": ZZ" in out
 
 
 @pytest.mark.parametrize("estimator", ["instrumental", "output-error"])
@@ -112,7 +111,7 @@ def test_parameters_that_are_hardly_known_are_said_so(capsys, folder, tmp_path, 
     ]
     (told,) = (entry["text"] for entry in answer["warnings"] if entry["code"] == "identify.vague")
     assert vague
-    assert f"(one standard deviation): {', '.join(vague)};" in told
+    assert f" 30 %): {', '.join(vague)}." in told
 
 
 def test_the_estimate_goes_on_to_validation_report_and_export(capsys, folder, estimate):
@@ -149,7 +148,7 @@ def test_references_that_hardly_move_are_told_to_be_the_reason(capsys, folder, t
     code, answer = call(capsys, "identify", folder / "arm.toml", tmp_path / "still.npz", *NAME)
     assert code not in (0, 1)
     assert find_codes(answer) == {"identify.blind-instruments", "identify.poor-log"}
-    assert "the simulated states" in answer["errors"][0]["text"]
+    assert "q_ref" in answer["errors"][0]["text"]
 
 
 def test_what_is_missing_is_told_at_once(capsys, folder, tmp_path):

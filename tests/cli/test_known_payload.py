@@ -58,7 +58,7 @@ def test_both_runs_tell_the_robot_without_it(capsys, folder, rows):
     assert np.abs(measure(answer)).max() < 5.0
     (told,) = [entry for entry in answer["warnings"] if entry["code"] == "log.payload"]
     assert told["file"] == str(folder / "with.npz")
-    assert "the torque of the payload 'disc', which is known, is taken off" in told["text"]
+    assert "'disc'" in told["text"]
     _, forgotten = call_json(capsys, "identify", "two_link", folder / "forgotten.toml", "--rows", rows)
     errors = [
         np.abs([e["value"] - e["truth"] for e in found["result"]["parameters"]])
@@ -115,17 +115,21 @@ def test_what_cannot_take_it_into_account_refuses_it(capsys, folder, robot, opti
     code, answer = call_json(capsys, "identify", robot, folder / "alone.toml", *options)
     (error,) = answer["errors"]
     assert (code, error["code"]) == (3, "log.known-payload")
-    assert f"and {what} cannot take it into account" in error["text"]
+    assert f"which {what} does not support" in error["text"]
 
 
 @pytest.mark.parametrize(
     ("payload", "code", "said"),
     [
-        ('{ joint = "hand", mass = 1 }', "runs.unknown-joint", "allowed are shoulder, elbow"),
+        ('{ joint = "hand", mass = 1 }', "runs.unknown-joint", "shoulder, elbow"),
         ("{ mass = -1 }", "runs.", "mass"),
         ('{ name = "disc" }', "runs.", "mass"),
         ("{ mass = 1, weight = 2 }", "runs.unknown-key", "weight"),
-        ("{ mass = 1, inertia = { xx = 1, yy = 0.1, zz = 0.1 } }", "runs.impossible-inertia", "no body"),
+        (
+            "{ mass = 1, inertia = { xx = 1, yy = 0.1, zz = 0.1 } }",
+            "runs.impossible-inertia",
+            "payload: inertia: ",
+        ),
     ],
 )
 def test_mistakes_have_their_place(capsys, folder, payload, code, said):

@@ -95,7 +95,7 @@ def test_a_page_without_logs_needs_no_robot(capsys, found, tmp_path):
     assert code == 0
     assert answer["result"]["robot"] == ROBOT
     assert answer["result"]["validations"] == []
-    assert "No held-out log was given" in page.read_text(encoding="utf-8")
+    assert "--validation" in page.read_text(encoding="utf-8")
 
 
 def test_a_page_with_a_log_has_its_loops(capsys, found, log, tmp_path):
@@ -105,7 +105,8 @@ def test_a_page_with_a_log_has_its_loops(capsys, found, log, tmp_path):
     assert answer["result"]["validations"] == [str(log)]
     text = page.read_text(encoding="utf-8")
     assert "Hysteresis loops: " in text
-    assert "shoulder: hysteresis loops, opened" in text
+    assert text.count("joint torque (N m)") >= 1
+    assert text.count("<title>The loops of shoulder less ") == 1
     assert "7.999 s at 1000 Hz" in text
 
 

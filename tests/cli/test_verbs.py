@@ -109,7 +109,7 @@ def test_simulate_is_deterministic(capsys, tmp_path):
     paths = [tmp_path / name for name in ("a.npz", "b.npz", "c.npz")]
     for path, seed in zip(paths, (5, 5, 6), strict=True):
         code, answer = call_json(
-            capsys, "simulate", "two_link", "-o", path, "--seed", seed, "--duration", "3"
+            capsys, "simulate", "two_link", "-o", path, "--seed", seed, "--duration", "1"
         )
         assert code == 0
         assert answer["result"]["seed"] == seed
@@ -119,7 +119,7 @@ def test_simulate_is_deterministic(capsys, tmp_path):
 
 @pytest.mark.parametrize("trajectory", ["ta", "tb"])
 def test_simulate_clean_closes_the_energy_balance(capsys, tmp_path, trajectory):
-    arguments = ("--trajectory", trajectory, "--duration", "5", "--clean")
+    arguments = ("--trajectory", trajectory, "--duration", "3", "--clean")
     code, answer = call_json(capsys, "simulate", "two_link", "-o", tmp_path / "run.csv", *arguments)
     assert code == 0
     assert answer["result"]["noise"] == 0.0
@@ -274,7 +274,7 @@ def test_doctor_says_what_is_missing(capsys, monkeypatch):
 @pytest.mark.parametrize("rows", ["momentum", "energy"])
 def test_the_report_compares_rows_of_one_kind(capsys, log, tmp_path, rows):
     other, found, page = (tmp_path / name for name in ("other.npz", "estimate.json", "report.html"))
-    assert run(["simulate", "two_link", "-o", str(other), "--noise", "0.5", "--seed", "4", "-q"]) == 0
+    assert run(["simulate", "two_link", "-o", str(other), "--noise", "0.5", "--seed", "4", "--duration", "5", "-q"]) == 0
     assert run(["identify", "two_link", str(log), "--rows", rows, "-o", str(found), "-q"]) == 0
     assert run(["report", str(found), "--validation", str(other), "-o", str(page), "-q"]) == 0
     capsys.readouterr()

@@ -8,6 +8,7 @@ import re
 import pytest
 
 import symid
+from tests.simulations import share_simulations
 
 NAMES = [name for name in symid.__all__ if name != "__version__"]
 CLASSES = [name for name in NAMES if inspect.isclass(getattr(symid, name))]
@@ -90,6 +91,7 @@ for each in WITH_EXAMPLES:
 def test_examples_run(name, tmp_path, monkeypatch, c_compiler):
     assert c_compiler
     monkeypatch.chdir(tmp_path)
+    share_simulations(monkeypatch)
     example = doctest.DocTestParser().get_doctest(EXAMPLES[name], {}, name, None, 0)
     said = []
     doctest.DocTestRunner(optionflags=doctest.IGNORE_EXCEPTION_DETAIL).run(example, out=said.append)

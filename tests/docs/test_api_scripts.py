@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 import symid
-from tests.transcripts import compare, list_scripts, run_python
+from tests.simulations import share_simulations
+from tests.transcripts import compare, list_scripts, run_scripts
 
 PROJECT = Path(__file__).resolve().parents[2]
 FOLDER = PROJECT / "docs" / "api"
@@ -44,14 +45,25 @@ def test_scripts_are_short(path):
     assert 0 < len([line for line in lines if line.strip()]) <= MOST_LINES
 
 
-@pytest.mark.parametrize(("script", "page", "number"), STEPS, ids=[script.stem for script, *_ in STEPS])
-def test_scripts_print_what_the_page_shows(script, page, number, tmp_path, c_compiler):
+@pytest.fixture(scope="module")
+def printed(tmp_path_factory, c_compiler):
+    """Run all scripts, each in a folder of its own with the files of the page on one's own robot."""
     assert c_compiler
-    for file in (PROJECT / "docs" / "own_robot").iterdir():
-        shutil.copy(file, tmp_path)
-    code, found = run_python([str(script)], tmp_path, Path(os.environ["XDG_CACHE_HOME"]))
-    assert code == 0, found
-    assert not compare(read_steps(page)[number][1], found), found
+    pairs = []
+    for script, *_ in STEPS:
+        folder = tmp_path_factory.mktemp(script.stem)
+        for file in (PROJECT / "docs" / "own_robot").iterdir():
+            shutil.copy(file, folder)
+        pairs.append((script, folder))
+    with pytest.MonkeyPatch.context() as patch:
+        share_simulations(patch)
+        answers = run_scripts(pairs, Path(os.environ["XDG_CACHE_HOME"]))
+    return dict(zip((script for script, _ in pairs), answers, strict=True))
+
+
+@pytest.mark.parametrize(("script", "page", "number"), STEPS, ids=[script.stem for script, *_ in STEPS])
+def test_scripts_print_what_the_page_shows(script, page, number, printed):
+    assert not compare(read_steps(page)[number][1], printed[script]), printed[script]
 
 
 @pytest.mark.parametrize("page", ["README.md", "docs/api/index.md"])
@@ -68,8 +80,8 @@ def test_short_blocks_run(page, tmp_path, c_compiler):
     )
     draft.save(tmp_path / "arm.toml")
     (block,) = BLOCK.findall((PROJECT / page).read_text(encoding="utf-8"))
-    code, found = run_python(["-c", block], tmp_path, Path(os.environ["XDG_CACHE_HOME"]))
-    assert code == 0, found
+    (tmp_path / "block.py").write_text(block, encoding="utf-8")
+    (found,) = run_scripts([(tmp_path / "block.py", tmp_path)], Path(os.environ["XDG_CACHE_HOME"]))
     assert "MXR2" in found
     assert (tmp_path / "arm_identified.urdf").exists()
 

@@ -23,7 +23,6 @@ from symid.joint_models.friction_catalogue import get_law
 from symid.logs.reader import read_recording
 from symid.robot.toml_reader import read_robot
 
-PLAN = SearchPlan(cutoff=100.0, lengths=(1.5, 3.1, 6.2), shape=(0.03,), restarts=2)
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +79,11 @@ def test_blocks_held_back_choose_friction_by_direction(samples):
 
 FOUR = AxisModel(law=get_law("coulomb-viscous-offset"))
 CHOSEN = AxisModel(law=get_law("asymmetric"), terms=("drift",))
+# Shorter windows before these and restarts end no lower.
+PLANS = {
+    FOUR: SearchPlan(cutoff=100.0, lengths=(6.2,), restarts=0),
+    CHOSEN: SearchPlan(cutoff=100.0, lengths=(3.1, 6.2), restarts=0),
+}
 PUBLISHED = np.array([95.1089, 203.5034, 20.3935, -3.1648])
 
 
@@ -93,8 +97,8 @@ def foretell(model, values, recording):
 def fits(recordings):
     run = build_axis_run(recordings[0])
     return {
-        model.name: fit_whole_run(model, run, PLAN, generator=np.random.default_rng(0))
-        for model in (FOUR, CHOSEN)
+        model.name: fit_whole_run(model, run, plan, generator=np.random.default_rng(0))
+        for model, plan in PLANS.items()
     }
 
 
@@ -104,14 +108,14 @@ def test_the_simulated_axis_follows_the_recording_it_was_fitted_to(fits, recordi
     assert 1e3 * chosen.rmse < 0.45
     assert len(chosen.values) == 6
     # The offset of the drive drifts by half a newton in a run.
-    assert chosen.find_value("drift") == pytest.approx(-0.0227, abs=0.001)
+    assert dict(zip(chosen.names, chosen.values, strict=True))["drift"] == pytest.approx(-0.0227, abs=0.001)
 
 
 def test_the_recording_that_was_not_fitted(fits, recordings):
     published = foretell(FOUR, PUBLISHED, recordings[1])
     four = foretell(FOUR, fits[FOUR.name].values, recordings[1])
     chosen = foretell(CHOSEN, fits[CHOSEN.name].values, recordings[1])
-    # 4.9 mm, 7.5 mm, 8.4 mm.
+    # 4.9 mm, 7.3 mm, 8.4 mm.
     assert chosen < four < published < 9.0
     assert chosen < 5.5
 
@@ -119,6 +123,6 @@ def test_the_recording_that_was_not_fitted(fits, recordings):
 @pytest.mark.parametrize(
     ("model", "bar"), [(FOUR, 4.35), (CHOSEN, 2.64)], ids=("four parameters", "best network")
 )
-@pytest.mark.xfail(strict=True, reason="not reached: 7.46 mm against 4.35 mm, 4.91 mm against 2.64 mm")
+@pytest.mark.xfail(strict=True, reason="not reached: 7.29 mm against 4.35 mm, 4.91 mm against 2.64 mm")
 def test_bars_that_are_not_reached(fits, recordings, model, bar):
     assert foretell(model, fits[model.name].values, recordings[1]) <= bar

@@ -1,4 +1,7 @@
-"""Momentum rows of real logs: no acceleration is computed, and no more is left than by torque rows."""
+"""Momentum rows of real logs: no acceleration is computed, and no more is left than by torque rows.
+
+That of the TX40 is in test_tx40.
+"""
 
 import numpy as np
 import pytest
@@ -11,7 +14,6 @@ from symid.robot.toml_reader import read_robot
 
 LOGS = {
     "emps": ("DATA_EMPS.mat", "DATA_EMPS_PULSES.mat"),
-    "tx40": ("tx40.npz",),
     "kr300": ("run_a.npz", "run_b.npz", "run_c.npz"),
 }
 

@@ -337,11 +337,11 @@ def find_exact_rank(robot, seed):
     rng = np.random.default_rng(seed)
     rows = []
     start = None
-    for _ in range(len(energy.keys) + 8):
+    for _ in range(len(tuple(energy.kinetic)) + 8):
         point = draw_point(robot, names, rng)
-        potential = [evaluate(energy.potential[key], point) for key in energy.keys]
+        potential = [evaluate(energy.potential[key], point) for key in tuple(energy.kinetic)]
         start = start or potential
-        rows.append([evaluate(energy.kinetic[key], point) for key in energy.keys])
+        rows.append([evaluate(energy.kinetic[key], point) for key in tuple(energy.kinetic)])
         rows.append([(a - b) % PRIME for a, b in zip(potential, start, strict=True)])
     return find_prime_rank(rows)
 

@@ -3,6 +3,7 @@
 import re
 import subprocess
 from dataclasses import replace
+from functools import cache
 
 import casadi as ca
 import numpy as np
@@ -32,6 +33,8 @@ from tests.sx_programs import read_sx_program
 
 NAMES = ("inverse_dynamics", "friction", "hysteresis_step", "hysteresis_inverse_step")
 ALL = (*NAMES, "elastic_inverse_dynamics")
+PLAIN = ("CFLAGS=-O0",)
+"""What is looked at here is what the code computes; other tests compile it with optimisation."""
 UNEVEN = Elasticity(
     stiffness=250.0,
     stops=(Stop(threshold=0.004, stiffness=80.0),),
@@ -71,7 +74,7 @@ def build(c_compiler, tmp_path_factory):
         write_sources(generate_c_library(functions), folder / "c")
         write_sources(generate_python_module(functions), folder / "python")
         subprocess.run(
-            ["make", "-s", f"CC={c_compiler} -Werror", "shared", "check"],
+            ["make", "-s", f"CC={c_compiler} -Werror", *PLAIN, "shared", "check"],
             cwd=folder / "c",
             check=True,
             capture_output=True,
@@ -262,7 +265,7 @@ def test_the_card_lists_the_parameters_of_the_springs(arm):
     np.testing.assert_array_equal(build_spring_vector(springs, card), find_vectors(card)[3])
     turned = replace(springs[1], knees=tuple(Knee(threshold=x, slope=0.1) for x in (1.0, 2.0)))
     with pytest.raises(
-        UsageError, match=r"'elbow'.*0 cubic parts, 3 stops, 1 knees below, 1 above"
+        UsageError, match=r"'elbow'.*\b0\b.*\b3\b.*\b1\b.*\b1\b.*\b0\b.*\b3\b.*\b0\b.*\b2\b"
     ) as caught:
         build_spring_vector([springs[0], turned], card)
     assert caught.value.notices[0].code == "usage.spring-layout"
@@ -275,13 +278,20 @@ def test_unknown_stiffnesses_still_give_code(arm, build):
     assert [parameter.value for parameter in library.card.springs[:3]] == [None, None, 0.004]
 
 
+@pytest.fixture(scope="module")
+def read_functions(project):
+    return cache(lambda name: build_functions(read_robot(project / "robots" / f"{name}.toml")))
+
+
 @pytest.mark.parametrize("precision", ["double", "float"])
 @pytest.mark.parametrize("name", ["two_link_elastic", "two_link_harmonic", "puma560_elastic"])
-def test_the_example_tracks_with_the_hysteresis_it_knows(project, c_compiler, tmp_path, name, precision):
+def test_the_example_tracks_with_the_hysteresis_it_knows(
+    read_functions, c_compiler, tmp_path, name, precision
+):
     """Feed-forward alone knows where the links are: its error is that of the steps, far below the torsion."""
-    functions = build_functions(read_robot(project / "robots" / f"{name}.toml"))
+    functions = read_functions(name)
     write_sources(generate_c_library(functions, GenerateOptions(precision=precision)), tmp_path / "c")
-    command = ["make", "-s", f"CC={c_compiler} -Werror", "check", "control_loop"]
+    command = ["make", "-s", f"CC={c_compiler} -Werror", *PLAIN, "check", "control_loop"]
     subprocess.run(command, cwd=tmp_path / "c", check=True, capture_output=True)
     run = subprocess.run(
         ["./control_loop"], cwd=tmp_path / "c", check=True, capture_output=True, text=True
@@ -338,7 +348,7 @@ def test_slides_followers_and_unknown_values_have_springs_too(c_compiler, tmp_pa
     assert [parameter.name for parameter in functions.card.rotors] == ["IA1", "IA2"]
     assert [parameter.unit for parameter in functions.card.springs[:4]] == ["N/m", "N/m", "m", "1"]
     write_sources(generate_c_library(functions), tmp_path / "c")
-    command = ["make", "-s", f"CC={c_compiler} -Werror", "all", "check"]
+    command = ["make", "-s", f"CC={c_compiler} -Werror", *PLAIN, "all", "check"]
     run = subprocess.run(command, cwd=tmp_path / "c", check=True, capture_output=True, text=True)
     assert "0 of " in run.stdout
     assert "elastic_inverse_dynamics" in run.stdout

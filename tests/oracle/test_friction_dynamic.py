@@ -300,13 +300,13 @@ def test_fixed_steps_of_the_law_and_the_adaptive_rig_agree():
     ids=str,
 )
 def test_times_that_do_not_fit_are_refused(wrong):
-    with pytest.raises(UsageError, match="must be positive") as caught:
+    with pytest.raises(UsageError, match="positive") as caught:
         RigOptions(**{"duration": 1.0, **wrong})
     assert caught.value.notices[0].code == "simulate.friction-rig"
 
 
 def test_a_rig_without_mass_is_refused():
-    with pytest.raises(UsageError, match="mass on the friction must be positive, got 0"):
+    with pytest.raises(UsageError, match=r"mass .* positive, got 0"):
         Rig(law=DAHL, values=(1e4, 1.0), mass=0.0)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from symid.identification.elastic.nlp import optimise_nlp
+from symid.identification.elastic.nlp import compute_scales, optimise_nlp
 from symid.identification.elastic.options import NlpOptions
 
 
@@ -28,9 +28,10 @@ def draw_start(layout, x, generator):
 
 
 def optimise_from_many(fit, count, generator, options=None):
-    """Return the ends of `count` random feasible starts of the last problem of `fit`."""
+    """Return `count` random feasible starts of the last problem of `fit`, and the runs from there."""
     starts = [draw_start(fit.cost.layout, fit.run.x, generator) for _ in range(count)]
-    return [optimise_nlp(fit.cost, start, fit.scales, options or NlpOptions()) for start in starts]
+    scales = compute_scales(fit.cost, fit.run.x)
+    return [(start, optimise_nlp(fit.cost, start, scales, options or NlpOptions())) for start in starts]
 
 
 def is_same(run, least):

@@ -103,7 +103,7 @@ def test_a_log_at_odds_with_all_bodies_is_told(bodies):
     fit = fit_consistent(rows, analyse_identifiability(rows), bodies=bodies)
     (notice,) = fit.notices
     assert notice.code == "identify.price"
-    assert f"leave {fit.report['price_percent']:.3g} % more" in notice.text
+    assert f" {fit.report['price_percent']:.3g} % " in notice.text
 
 
 def test_friction_never_drives(bodies):

@@ -1,6 +1,7 @@
 """Identification of elastic joints from logs as they are: choice, doubts, refusals, files."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -58,6 +59,25 @@ def estimate(arm, run):
     return identify_elastic(arm[1], [run.recording])
 
 
+def list_codes(caught):
+    return [notice.code for notice in caught.value.notices]
+
+
+@pytest.fixture(scope="module")
+def work(arm, run):
+    return build_elastic_equations(arm[1], (run.recording,), ElasticOptions())
+
+
+@pytest.fixture(scope="module")
+def weighted(work):
+    return fit_method(work, "weighted")
+
+
+@pytest.fixture(scope="module")
+def one_shot(work):
+    return fit_method(work, "nlp")
+
+
 def values(estimate):
     return np.array([entry.value for entry in estimate.parameters])
 
@@ -96,9 +116,8 @@ def test_deviations_cover_the_truth_and_are_not_below_the_bound(arm, run):
     assert np.all(deviations < 10.0 * bound)
 
 
-def test_a_one_shot_fit_that_contradicts_the_motions_is_not_taken(arm, run):
-    work = build_elastic_equations(arm[1], (run.recording,), ElasticOptions())
-    fits = [fit_method(work, method) for method in ("elimination", "nlp")]
+def test_a_one_shot_fit_that_contradicts_the_motions_is_not_taken(work, one_shot):
+    fits = [fit_method(work, "elimination"), one_shot]
     agreed = choose_fit(work, fits)
     assert agreed.notices == ()
     assert agreed.fit.method == "nlp"
@@ -148,28 +167,26 @@ def test_an_estimate_is_read_as_it_was_written(tmp_path, arm, estimate):
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "place"),
     [
-        (lambda data: data.update(format="something"), "not an estimate written by symid"),
-        (lambda data: data.update(version=9), "version 9"),
-        (lambda data: data.pop("springs"), "springs is missing"),
-        (lambda data: data.update(outcome="PERFECT"), "outcome: expected one of SOLVED, .* got 'PERFECT'"),
-        (lambda data: data["covariance"].pop(), "covariance: expected 12 rows"),
-        (lambda data: data["parameters"][0].update(value="1"), "expected a number, got '1'"),
-        (lambda data: data.update(robot=3), "expected text, got 3"),
-        (
-            lambda data: data["springs"][0]["elasticity"]["stops"].reverse(),
-            r"springs\[0\].elasticity: the thresholds of stops",
-        ),
+        (lambda data: data.update(format="something"), "symid"),
+        (lambda data: data.update(version=9), r"\b9\b"),
+        (lambda data: data.pop("springs"), "springs"),
+        (lambda data: data.update(outcome="PERFECT"), "outcome:.* SOLVED, .*'PERFECT'"),
+        (lambda data: data["covariance"].pop(), "covariance:.* 12 rows"),
+        (lambda data: data["parameters"][0].update(value="1"), r"parameters\[0\].value:.*'1'"),
+        (lambda data: data.update(robot=3), "robot:.* 3"),
+        (lambda data: data["springs"][0]["elasticity"]["stops"].reverse(), r"springs\[0\].elasticity:"),
     ],
 )
-def test_files_that_are_no_estimates_are_refused(tmp_path, estimate, change, message):
+def test_files_that_are_no_estimates_are_refused(tmp_path, estimate, change, place):
     path = write_fit(estimate, tmp_path / "estimate.json")
     data = json.loads(path.read_text(encoding="utf-8"))
     change(data)
     path.write_text(json.dumps(data), encoding="utf-8")
-    with pytest.raises(EstimateError, match=message):
+    with pytest.raises(EstimateError, match=place) as caught:
         read_fit(path)
+    assert list_codes(caught) == ["estimate.format"]
 
 
 @pytest.mark.parametrize("text", ["", "[1]", "{", "\x00"])
@@ -177,16 +194,19 @@ def test_files_of_something_else_are_refused(tmp_path, text):
     path = tmp_path / "estimate.json"
     path.write_text(text, encoding="utf-8")
     assert not is_fit(path)
-    with pytest.raises(EstimateError):
-        read_fit(path)
-    with pytest.raises(EstimateError, match="cannot be read"):
-        read_fit(tmp_path / "none.json")
+    for wrong in (path, tmp_path / "none.json"):
+        with pytest.raises(EstimateError) as caught:
+            read_fit(wrong)
+        assert [(notice.code, notice.file) for notice in caught.value.notices] == [
+            ("estimate.format", str(wrong))
+        ]
 
 
 def test_an_estimate_of_another_model_is_refused(tmp_path, arm, estimate):
     path = write_fit(estimate, tmp_path / "estimate.json")
-    with pytest.raises(EstimateError, match="use the same robot"):
+    with pytest.raises(EstimateError) as caught:
         read_fit(path, replace(arm[1].card, signature="0" * 64))
+    assert list_codes(caught) == ["estimate.signature"]
 
 
 @pytest.mark.parametrize("method", ["linear-spring", "two-step", "elimination", "weighted", "independent"])
@@ -226,63 +246,66 @@ def test_options_of_the_one_shot_problem_reach_it(tmp_path, arm, run):
     assert "nlp" not in plain.settings
 
 
-def test_residuals_are_those_of_their_own_joints_where_a_spring_is_refused(arm, run):
+def test_residuals_are_those_of_their_own_joints_where_a_spring_is_refused(arm, run, weighted):
     """The torque that a residual is measured by is the joint's own, whichever joint comes before it."""
-    work = build_elastic_equations(arm[1], (run.recording,), ElasticOptions())
-    fit = fit_method(work, "weighted")
     whole, part = (
-        predict_elastic(arm[1], run.recording, ElasticOptions(), fit, told=told).residuals[1][1]
-        for told in ((True, True), (False, True))
+        predict_elastic(
+            arm[1], run.recording, ElasticOptions(), weighted, identifiable=identifiable
+        ).residuals[1][1]
+        for identifiable in ((True, True), (False, True))
     )
     assert part == whole[1:]
 
 
 def test_a_robot_without_springs_is_refused(robots_folder, run):
     library = prepare_library(read_robot(robots_folder / "two_link.toml"))
-    with pytest.raises(UsageError, match="joints that do not give") as caught:
+    with pytest.raises(UsageError, match="'two_link'") as caught:
         identify_elastic(library, [run.recording])
-    assert caught.value.notices[0].code == "usage.not-elastic"
+    assert list_codes(caught) == ["usage.not-elastic"]
 
 
 def test_no_log_and_logs_of_another_robot_are_refused(arm, run):
-    with pytest.raises(UsageError, match="no log was given"):
+    with pytest.raises(UsageError) as caught:
         identify_elastic(arm[1], [])
+    assert list_codes(caught) == ["usage.no-log"]
     one = Recording(
         time=run.time,
         position=run.q[:, :1],
         motor_position=run.theta[:, :1],
         torque=run.torque[:, :1],
     )
-    with pytest.raises(LogError, match="the log has 1 joints"):
+    with pytest.raises(LogError, match=r" 1 joints.* 2$") as caught:
         identify_elastic(arm[1], [one])
+    assert list_codes(caught) == ["log.joints"]
 
 
 def test_one_encoder_is_refused_with_what_is_missing(arm, run):
     lone = Recording(time=run.time, position=run.q, torque=run.torque)
-    with pytest.raises(LogError, match="motor and link positions") as caught:
+    with pytest.raises(LogError, match=r"\[log.motor_position\]") as caught:
         identify_elastic(arm[1], [lone])
-    assert caught.value.notices[0].code == "elastic.one-encoder"
+    assert list_codes(caught) == ["elastic.one-encoder"]
 
 
 def test_a_short_log_is_refused(arm, run):
     short = Recording(
         time=run.time[:300], position=run.q[:300], motor_position=run.theta[:300], torque=run.torque[:300]
     )
-    with pytest.raises(LogError, match="the log has 300 samples"):
+    with pytest.raises(LogError, match=r" 300 .* 657$") as caught:
         identify_elastic(arm[1], [short], ElasticOptions(cutoff=25.0))
+    assert list_codes(caught) == ["log.too-short"]
 
 
 def test_standstill_and_torsion_below_the_noise_are_refused(arm, run):
     rng = np.random.default_rng(0)
     noise = [1e-6 * rng.normal(size=run.q.shape) for _ in range(2)]
     still = Recording(time=run.time, position=noise[0], motor_position=noise[1], torque=run.torque)
-    with pytest.raises(IdentifiabilityError, match="no joint moves") as caught:
+    with pytest.raises(IdentifiabilityError) as caught:
         identify_elastic(arm[1], [still])
-    assert caught.value.notices[0].code == "elastic.standstill"
+    assert list_codes(caught) == ["elastic.standstill"]
     rigid = Recording(time=run.time, position=run.q, motor_position=run.q + noise[1], torque=run.torque)
-    with pytest.raises(IdentifiabilityError, match="nothing can be said of its spring") as caught:
+    with pytest.raises(IdentifiabilityError, match="1e-06 rad") as caught:
         identify_elastic(arm[1], [rigid])
-    assert [notice.code for notice in caught.value.notices] == ["elastic.no-torsion"] * 2
+    assert list_codes(caught) == ["elastic.no-torsion"] * 2
 
 
 def test_one_joint_without_visible_torsion_is_said_and_the_others_are_found(arm, run):
@@ -346,22 +369,22 @@ def test_an_encoder_that_never_changes_tells_no_torsion(arm, run):
     assert [spring.told for spring in found.springs] == [False, True]
     told = [notice.text for notice in found.notices if notice.code == "elastic.dead-encoder"]
     assert len(told) == 1
-    assert "joint 'shoulder': the link encoder never changes" in told[0]
+    assert re.search("'shoulder'.* link encoder", told[0])
     # Without the shoulder's motor nothing is left to explain the elbow's torque either.
     stuck = run.recording.motor_position.copy()
     stuck[:, 0] = 0.1
     dead = replace(run.recording, motor_position=stuck)
-    with pytest.raises(IdentifiabilityError, match="the motor encoder never changes") as caught:
+    with pytest.raises(IdentifiabilityError, match=r"'shoulder'.* motor encoder") as caught:
         identify_elastic(arm[1], [dead], ElasticOptions(method="weighted"))
-    assert [notice.code for notice in caught.value.notices] == ["elastic.dead-encoder", "elastic.no-spring"]
+    assert list_codes(caught) == ["elastic.dead-encoder", "elastic.no-spring"]
 
 
 @pytest.mark.parametrize("torque", [0.0, 3.0])
 def test_a_log_without_torque_is_refused(arm, run, torque):
     dead = replace(run.recording, torque=np.full_like(run.torque, torque))
-    with pytest.raises(IdentifiabilityError, match="zero, or the same number, throughout") as caught:
+    with pytest.raises(IdentifiabilityError) as caught:
         identify_elastic(arm[1], [dead])
-    assert [notice.code for notice in caught.value.notices] == ["elastic.no-torque"]
+    assert list_codes(caught) == ["elastic.no-torque"]
 
 
 @pytest.mark.parametrize("method", ["elimination", "weighted", "two-step"])
@@ -372,9 +395,9 @@ def test_springs_that_explain_nothing_are_refused(arm, run, method, mistake):
         "torque": replace(good, torque=-good.torque),
         "sides": replace(good, position=good.motor_position, motor_position=good.position),
     }
-    with pytest.raises(IdentifiabilityError, match="no spring explains its torque") as caught:
+    with pytest.raises(IdentifiabilityError) as caught:
         identify_elastic(arm[1], [wrong[mistake]], ElasticOptions(method=method))
-    assert [notice.code for notice in caught.value.notices] == ["elastic.no-spring"] * 2
+    assert list_codes(caught) == ["elastic.no-spring"] * 2
 
 
 def test_one_joint_with_its_sides_swapped_has_no_spring(arm, run):
@@ -383,7 +406,6 @@ def test_one_joint_with_its_sides_swapped_has_no_spring(arm, run):
     wrong = replace(run.recording, position=position, motor_position=motor)
     found = identify_elastic(arm[1], [wrong], ElasticOptions(method="weighted"))
     assert [spring.told for spring in found.springs] == [True, False]
-    assert "swapped" in found.springs[1].reason
     assert "elastic.no-spring" in {notice.code for notice in found.notices}
     assert "spring of elbow" in dict(found.refused)
 
@@ -394,7 +416,8 @@ def test_what_the_motion_of_one_joint_does_not_tell_is_refused(arm, joint, hidde
     slow = simulate_elastic(*arm, build_tb(joint), options, np.random.default_rng(1))
     found = identify_elastic(arm[1], [slow.recording], ElasticOptions(method="weighted"))
     assert {name for name, _ in found.refused} == hidden
-    assert all("exceeds its value" in reason for _, reason in found.refused)
+    stated = {entry.name: (f"{entry.std:.3g}", f"{entry.value:.3g}") for entry in found.parameters}
+    assert all(number in reason for name, reason in found.refused for number in stated[name])
     assert "elastic.not-told" in {notice.code for notice in found.notices}
     wrong = np.abs(values(found) - find_truth(arm[1]))
     names = [entry.name for entry in found.parameters]
@@ -439,29 +462,26 @@ def test_rows_that_begin_before_stops_have_settled_are_said(arm):
     found = identify_elastic(arm[1], [late.recording], ElasticOptions(method="weighted"))
     told = [notice.text for notice in found.notices if notice.code == "elastic.unsettled"]
     assert told
-    assert "rows begin at 3 s" in told[0]
-    assert "rad is known from" in told[0]
+    # The stop, when its state is known, and when rows begin.
+    assert re.search(r"stop at 0\.\d+ rad .* [0-9.]+ s .* 3 s:", told[0])
 
 
-def test_a_spring_without_stiffness_beyond_its_stops_is_said(arm, run):
-    work = build_elastic_equations(arm[1], (run.recording,), ElasticOptions())
-    fit = fit_method(work, "weighted")
-    codes = {notice.code for notice in warn_of_fit(work, fit, 10.0)}
+def test_a_spring_without_stiffness_beyond_its_stops_is_said(work, weighted):
+    codes = {notice.code for notice in warn_of_fit(work, weighted, 10.0)}
     assert "elastic.no-stiffness" not in codes
-    soft = replace(fit, elasticity=(replace(fit.elasticity[0], stiffness=0.0), fit.elasticity[1]))
+    first, second = weighted.elasticity
+    soft = replace(weighted, elasticity=(replace(first, stiffness=0.0), second))
     texts = [n.text for n in warn_of_fit(work, soft, 10.0) if n.code == "elastic.no-stiffness"]
     assert len(texts) == 1
     assert "'shoulder'" in texts[0]
     assert "elastic.no-stiffness" not in {n.code for n in warn_of_fit(work, soft, 10.0, refused=(0,))}
 
 
-def test_the_one_shot_fit_is_moved_by_the_rows_that_it_has_to_foretell(arm, run):
-    work = build_elastic_equations(arm[1], (run.recording,), ElasticOptions())
-    fit = fit_method(work, "nlp")
-    candidate = build_candidate(work, fit)
-    deviations = np.sqrt(np.diag(fit.covariance))
+def test_the_one_shot_fit_is_moved_by_the_rows_that_it_has_to_predict(work, one_shot):
+    candidate = build_candidate(work, one_shot)
+    deviations = np.sqrt(np.diag(one_shot.covariance))
     for fold in range(FOLDS):
-        moved = np.abs(candidate.refit(fold) - fit.chi)
+        moved = np.abs(candidate.refit(fold) - one_shot.chi)
         assert np.max(moved / deviations) > 0.1
         assert np.max(moved / deviations) < 5.0
 

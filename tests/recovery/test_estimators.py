@@ -251,7 +251,7 @@ def test_a_robot_file_without_values_is_no_prior():
 
     card = build_two_link().card
     bare = replace(card, beta=tuple(replace(entry, value=None) for entry in card.beta), friction=())
-    with pytest.raises(UsageError, match="states no values") as caught:
+    with pytest.raises(UsageError, match="'two_link'") as caught:
         build_prior_of_card(bare, 0.2)
     assert caught.value.notices[0].code == "usage.no-prior"
 

@@ -15,6 +15,7 @@ from symid.identification.elastic.nlp import (
     NlpPlace,
     compute_certificate,
     compute_place_slopes,
+    compute_scales,
     fit_nlp,
     list_places,
     optimise_nlp,
@@ -63,6 +64,22 @@ def noisy(arm):
     return build(arm, build_noisy_options(), ElasticOptions())
 
 
+@pytest.fixture(scope="module")
+def noisy_fit(noisy):
+    return fit_nlp(noisy)
+
+
+@pytest.fixture(scope="module")
+def grid_problem(noisy):
+    """Return the noisy problem with stops and knees that stay on their grids."""
+    return replace(noisy, options=replace(noisy.options, refine=False))
+
+
+@pytest.fixture(scope="module")
+def grid_fit(grid_problem):
+    return fit_nlp(grid_problem)
+
+
 def find_errors(arm, problem, fit):
     """Return the largest relative error of the dynamic parameters, and that of each joint's torque.
 
@@ -91,7 +108,6 @@ def test_without_noise_all_rows_give_the_truth(arm, clean, rows):
     assert np.all(springs < 2e-4)
     certificate = result.run.certificate
     assert certificate.kkt < 1e-8
-    assert certificate.violation == 0.0
     assert certificate.curvature > 0.0
     assert certificate.active == ()
 
@@ -115,11 +131,11 @@ def test_the_work_of_the_knees_is_that_of_the_exact_formula(arm, clean):
 
 def test_gradient_and_hessian_are_exact(noisy):
     options = NlpOptions(rows=("energy", "filtered", "momentum"), stribeck=True, smoothing=0.01, rounds=0)
-    cost = fit_nlp(noisy, replace(options, iterations=1)).cost
+    first = fit_nlp(noisy, replace(options, iterations=1))
+    cost = first.cost
     rng = np.random.default_rng(0)
     layout = cost.layout
-    x = np.array(fit_nlp(noisy, replace(options, iterations=1)).run.x)
-    x = draw_start(layout, x, rng)
+    x = draw_start(layout, first.run.x, rng)
     x[layout.speed], x[layout.excess] = (0.2, 0.4), (0.3, 0.2)
     state = cost.find_state(x)
     gradient, hessian = cost.find_gradient(state), cost.find_hessian(state, x)
@@ -140,8 +156,8 @@ def test_gradient_and_hessian_are_exact(noisy):
     assert np.abs(bend).max() > 100.0 * np.abs(difference).max()
 
 
-def test_stops_and_knees_where_the_data_put_them(arm, noisy):
-    result = fit_nlp(noisy)
+def test_stops_and_knees_where_the_data_put_them(arm, noisy, noisy_fit):
+    result = noisy_fit
     parameters, springs = find_errors(arm, noisy, result.fit)
     assert result.run.converged
     assert parameters < 0.02
@@ -150,7 +166,7 @@ def test_stops_and_knees_where_the_data_put_them(arm, noisy):
     assert len(result.fit.history) == NlpOptions().rounds + 1
 
 
-def test_places_move_to_the_best_ones_and_given_ones_stay(arm, noisy):
+def test_places_move_to_the_best_ones_and_given_ones_stay(arm, noisy, noisy_fit, grid_problem):
     """Steps of Gauss and Newton find the true places again from those that were put aside."""
     aside = tuple(
         replace(
@@ -160,7 +176,7 @@ def test_places_move_to_the_best_ones_and_given_ones_stay(arm, noisy):
         )
         for spring in arm[1].card.elasticity
     )
-    away = replace(fit_nlp(noisy).fit, elasticity=aside)
+    away = replace(noisy_fit.fit, elasticity=aside)
     found = fit_nlp(noisy, NlpOptions(rounds=4), away)
     for spring, true in zip(found.fit.elasticity, arm[1].card.elasticity, strict=True):
         # The largest stop of either joint hardly slips in this recording, or does not.
@@ -168,8 +184,7 @@ def test_places_move_to_the_best_ones_and_given_ones_stay(arm, noisy):
         assert [stop.threshold for stop in spring.stops[:2]] == pytest.approx(expected, rel=0.02)
         expected = [knee.threshold for knee in true.knees]
         assert [knee.threshold for knee in spring.knees] == pytest.approx(expected, rel=0.02)
-    given = replace(noisy, options=replace(noisy.options, refine=False))
-    kept = fit_nlp(given, NlpOptions(rounds=4), away)
+    kept = fit_nlp(grid_problem, NlpOptions(rounds=4), away)
     for spring, places in zip(kept.fit.elasticity, aside, strict=True):
         expected = [stop.threshold for stop in places.stops]
         assert [stop.threshold for stop in spring.stops] == expected[: len(spring.stops)]
@@ -182,9 +197,9 @@ def test_places_move_to_the_best_ones_and_given_ones_stay(arm, noisy):
     np.testing.assert_allclose(kept.fit.covariance, compute_nlp_covariance(kept.cost, kept.run.x))
 
 
-def test_slopes_by_places_are_those_of_the_problem(noisy):
+def test_slopes_by_places_are_those_of_the_problem(noisy, noisy_fit):
     """Against the same problem with the places moved by hand, ten times as far."""
-    result = fit_nlp(noisy)
+    result = noisy_fit
     setting = prepare_setting(noisy, NlpOptions(), result.fit)
     cost = replace(result.cost, recordings=setting.recordings, layout=setting.lay_out(()))
     places = list_places(setting, cost, result.run.x)
@@ -219,22 +234,25 @@ def test_rows_with_a_stop_elsewhere_are_those_made_anew(noisy, rows):
         np.testing.assert_array_equal(left, right)
 
 
-def test_a_file_without_rotor_inertias_is_identified_by_every_method(arm, noisy, robots_folder, tmp_path):
+def test_a_file_without_rotor_inertias_is_identified_by_every_method(
+    arm, noisy, noisy_fit, robots_folder, tmp_path
+):
     text = (robots_folder / "two_link_elastic.toml").read_text()
     file = tmp_path / "two_link_elastic.toml"
     file.write_text(re.sub(r"(?m)^\[joint.drive\]\n(.*\n){2}", "", text))
     library = prepare_library(read_robot(file))
     assert library.card.rotors == ()
     problem = build_elastic_problem(library, noisy.signals, noisy.options)
-    np.testing.assert_allclose(fit_nlp(problem).fit.chi, fit_nlp(noisy).fit.chi, rtol=1e-6)
+    np.testing.assert_allclose(fit_nlp(problem).fit.chi, noisy_fit.fit.chi, rtol=1e-6)
     run = simulate_elastic(*arm, build_tc(), build_noisy_options(), np.random.default_rng(0))
     found = identify_elastic(library, [run.recording], ElasticOptions())
     values = {entry.name: entry.value for entry in found.parameters}
     assert values["IA1"] == pytest.approx(0.25, rel=0.02)
     assert values["IA2"] == pytest.approx(0.05, rel=0.02)
     assert {trial.method for trial in found.trials} == set(METHODS) - {"automatic", "independent"}
-    with pytest.raises(UsageError, match="states no value for IA1, IA2; a study needs the truth"):
+    with pytest.raises(UsageError, match="IA1, IA2") as caught:
         get_true_parameters(library.card)
+    assert [notice.code for notice in caught.value.notices] == ["usage.study-robot"]
 
 
 @pytest.mark.parametrize(("stops", "knees"), [(0, 4), (8, 0), (0, 0)])
@@ -248,45 +266,45 @@ def test_no_stops_and_no_knees_are_none(arm, stops, knees):
             assert not spring.knees or knees
 
 
-def test_a_grid_over_noisy_data_stays_bounded_and_names_what_holds(arm, noisy):
-    result = fit_nlp(replace(noisy, options=replace(noisy.options, refine=False)))
+def test_a_grid_over_noisy_data_stays_bounded_and_names_what_holds(arm, noisy, grid_fit):
+    result = grid_fit
     parameters, springs = find_errors(arm, noisy, result.fit)
     assert result.run.converged
     assert parameters < 0.05
     assert np.all(springs < 0.1)
-    for spring, stiffness in zip(result.fit.elasticity, result.stiffness, strict=True):
+    layout = result.cost.layout
+    for spring, place in zip(result.fit.elasticity, layout.springs, strict=True):
         weights = [spring.stiffness, *(stop.stiffness for stop in spring.stops)]
-        assert 0.0 < max(weights) < 100.0 * stiffness
+        assert 0.0 < max(weights) < layout.upper[place.weights.start]
     certificate = result.run.certificate
     assert certificate.kkt < 1e-8
     assert certificate.active
-    places = {name: place for place, name in enumerate(result.cost.layout.names)}
-    for bound in certificate.active:
-        limits = result.cost.layout.lower if bound.side == "lower" else result.cost.layout.upper
-        assert bound.value == limits[places[bound.name]]
-        assert bound.multiplier > 0.0
+    for name, value in certificate.active:
+        place = layout.names.index(name)
+        assert value in {layout.lower[place], layout.upper[place]}
 
 
-def test_fifty_random_starts_end_at_one_optimum(noisy):
-    result = fit_nlp(noisy)
+def test_fifty_random_starts_end_at_one_optimum(noisy_fit):
+    result = noisy_fit
     many = optimise_from_many(result, 50, np.random.default_rng(5))
-    assert all(is_same(run, result.run.objective) for run in many)
-    for run in many:
-        assert run.start > 2.0 * run.objective
+    assert all(is_same(run, result.run.objective) for _, run in many)
+    for start, run in many:
+        assert result.cost.find_value(result.cost.find_state(start)) > 2.0 * run.objective
         assert run.certificate.kkt < 1e-6
 
 
-def test_every_start_on_a_grid_is_accounted_for(noisy):
-    result = fit_nlp(replace(noisy, options=replace(noisy.options, refine=False)))
-    many = optimise_from_many(result, 4, np.random.default_rng(5))
+def test_every_start_on_a_grid_is_accounted_for(grid_fit):
+    result = grid_fit
+    many = [run for _, run in optimise_from_many(result, 4, np.random.default_rng(5))]
     assert all(run.reason for run in many)
     least = min(run.objective for run in (result.run, *many) if run.converged)
     assert all(is_same(run, least) or run.objective > least * (1.0 + 1e-6) for run in many if run.converged)
 
 
-def test_the_gauss_newton_hessian_ends_at_the_same_optimum(noisy):
-    exact = fit_nlp(noisy)
-    other = optimise_nlp(exact.cost, exact.run.x * 1.05, exact.scales, NlpOptions(hessian="gauss-newton"))
+def test_the_gauss_newton_hessian_ends_at_the_same_optimum(noisy_fit):
+    exact = noisy_fit
+    start, scales = exact.run.x * 1.05, compute_scales(exact.cost, exact.run.x)
+    other = optimise_nlp(exact.cost, start, scales, NlpOptions(hessian="gauss-newton"))
     assert other.converged
     assert other.objective == pytest.approx(exact.run.objective, rel=1e-6)
 
@@ -297,15 +315,15 @@ def test_a_run_that_does_not_converge_says_so(noisy):
     assert not result.run.converged
     assert "Maximum_Iterations_Exceeded" in result.run.reason
     assert "elastic.nlp-not-converged" in {notice.code for notice in result.fit.notices}
-    (run,) = optimise_from_many(result, 1, np.random.default_rng(1), NlpOptions(iterations=1))
+    ((_, run),) = optimise_from_many(result, 1, np.random.default_rng(1), NlpOptions(iterations=1))
     assert not run.converged
 
 
-def test_a_point_off_the_optimum_has_no_certificate(noisy):
-    result = fit_nlp(noisy)
+def test_a_point_off_the_optimum_has_no_certificate(noisy_fit):
+    result = noisy_fit
     x = np.array(result.run.x)
     x[0] *= 1.01
-    assert compute_certificate(result.cost, x, result.scales).kkt > 1e-3
+    assert compute_certificate(result.cost, x, compute_scales(result.cost, result.run.x)).kkt > 1e-3
 
 
 def test_knees_and_stops_that_are_not_reached_are_named(noisy):
@@ -325,15 +343,14 @@ def test_a_limit_that_holds_a_weight_is_said(noisy):
     assert "elastic.nlp-limit" in {notice.code for notice in result.fit.notices}
 
 
-def test_odd_springs_and_their_own_start(noisy):
-    problem = replace(noisy, options=replace(noisy.options, refine=False))
-    first = fit_nlp(problem, NlpOptions(odd=True))
+def test_odd_springs_and_their_own_start(grid_problem):
+    first = fit_nlp(grid_problem, NlpOptions(odd=True))
     for spring in first.fit.elasticity:
         rising = [(knee.threshold, knee.slope) for knee in spring.knees if knee.threshold > 0]
         falling = [(-knee.threshold, knee.slope) for knee in reversed(spring.knees) if knee.threshold < 0]
         np.testing.assert_allclose(rising, falling, rtol=1e-12)
     # From its own result the same optimum is found, with the stops that were left.
-    again = fit_nlp(problem, NlpOptions(odd=True), first.fit)
+    again = fit_nlp(grid_problem, NlpOptions(odd=True), first.fit)
     assert again.run.converged
     np.testing.assert_allclose(again.fit.chi, first.fit.chi, rtol=0.02, atol=0.01)
 

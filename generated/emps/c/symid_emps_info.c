@@ -13,5 +13,5 @@ const char *symid_emps_signature(void)
 
 const char *symid_emps_digest(void)
 {
-    return "3873bc9444a8e748862e9a72d2263ecc70a8e12cffc198cb26c3ce6adc3775c8";
+    return "c8c9e3ae83ce967d23c1b8abbdb74bead529e0d66522277fc32ea5719a67a976";
 }

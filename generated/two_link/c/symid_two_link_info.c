@@ -13,5 +13,5 @@ const char *symid_two_link_signature(void)
 
 const char *symid_two_link_digest(void)
 {
-    return "19067fe97c8ca7d1e81e2d15d05eb2eca4d74697501c5854041f1209ac60873f";
+    return "90e591c91fa43995f30353a7c0939f6d5fe3b071525db038b8aa43286eecb183";
 }

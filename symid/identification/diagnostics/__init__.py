@@ -1,9 +1,10 @@
-"""What a fit leaves, what speaks against it, and what a log shows before a fit."""
+"""Residuals and uncertainty of a fit, warnings about it, and checks of a log before a fit."""
 
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from symid.identification.diagnostics.fit_warnings import (
+        build_warning as build_warning,
         compute_block_deviations as compute_block_deviations,
         sum_block_scores as sum_block_scores,
         warn_of_correlated_residuals as warn_of_correlated_residuals,

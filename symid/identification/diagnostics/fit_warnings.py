@@ -1,23 +1,18 @@
-"""Warnings about a fit: unsuitable filters, residuals that are not noise, stiction, impossible inertias.
+"""Warnings about fits: their texts, all in one table, and the checks of rigid fits that issue them.
 
-Settings, recordings, rows and fit, library -> notices, each with what to do.
+Settings, recordings, rows and fit, library -> notices. Texts of elastic and friction fits stand here too.
 
-A zero-phase filter continues the position beyond the ends of the log. Where a joint moves there, its
-acceleration is not what the continuation supposes, and about two periods of the cut-off are wrong.
+A zero-phase filter extrapolates the position at the ends of a log: of a joint that moves there about two
+periods of the cut-off are wrong. A joint that sticks holds any torque up to its break-away.
 
-A joint that sticks holds any torque up to its break-away, which no function of velocity explains. Rows at
-standstill that leave far more than those in motion pull at all parameters, and in a weighted fit they make
-their joint look noisy.
-
-Supported: one recording or several; torque and momentum rows for the pattern of the residual; torque,
-momentum and filtered rows of joints with friction for stiction; ends of logs by their mean speed over one
-period of the cut-off.
-Not supported: naming the missing term (see `residual_structure`); accelerations at an end at rest, which
-are wrong by less.
+Supported: one recording or several; torque and momentum rows for correlated residuals; torque, momentum and
+filtered rows of joints with friction for stiction.
+Not supported: naming the missing term (see `residual_structure`); accelerations at an end at rest.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +25,106 @@ from symid.identification.regression import SCALAR_KINDS, Identifiability, Rows
 from symid.logs import Recording
 from symid.robot import Processing
 
+_CORRELATED = (
+    "the residuals are correlated: the standard deviations of {names} are up to {ratio:.2g} times too small"
+)
+
+
+class FitWarning(NamedTuple):
+    """What was found and what it means, then what to do, with places for values."""
+
+    cause: str
+    remedy: str
+
+
+FIT_WARNINGS: Mapping[str, FitWarning] = {
+    "identify.no-filter": FitWarning(
+        "no filter is set: the noise of differentiated positions biases the parameters",
+        "set processing.filter_cutoff, in Hz",
+    ),
+    "identify.low-cutoff": FitWarning(
+        "the low-pass of the positions at {cutoff:g} Hz damps accelerations that decimation passes (up to "
+        "{kept:.3g} Hz)",
+        "raise processing.filter_cutoff to {least:.3g} Hz or more, or decimate further",
+    ),
+    "identify.pattern": FitWarning(
+        _CORRELATED,
+        "a term is missing, the filter smooths the reversal, or a joint sticks (processing.standstill): see "
+        "`symid report --diagnose`",
+    ),
+    "friction.pattern": FitWarning(
+        _CORRELATED,
+        "the friction law is incomplete, the filter smooths the reversal, or the decimation is too low "
+        "(--decimate)",
+    ),
+    "identify.impossible-mass": FitWarning(
+        "the identified mass matrix is not positive definite at {bad} of {poses} poses of the logs, which is "
+        "impossible for a robot",
+        "record more excitation, add the missing term to the model, or use --estimator consistent",
+    ),
+    "identify.vague": FitWarning(
+        "poorly identifiable (standard deviation above {percent:g} %): {names}",
+        "they matter little in these logs, or need a motion that excites them more",
+    ),
+    "elastic.vague": FitWarning(
+        "poorly identifiable (standard deviation above {percent:g} %): {names}",
+        "fast motions separate rotor from link inertias, and different poses identify gravity parameters: "
+        "add such motions, or take rotor inertias from data sheets",
+    ),
+    "elastic.not-told": FitWarning(
+        "not identifiable (standard deviation above the value): {names}",
+        "move these joints, fast and slowly, alone and with the others",
+    ),
+    "elastic.outcome": FitWarning(
+        "the method {method} ended early: {outcome}", "compare with another method"
+    ),
+    "identify.moving-ends": FitWarning(
+        "the log {ends} in motion, where the filter at {cutoff:g} Hz extrapolates: accelerations are wrong",
+        "leave {spoilt} samples out with {settings}",
+    ),
+    "identify.sticking": FitWarning(
+        "rows slower than {percent:g} % of the top speed have larger residuals than faster ones: {joints}; "
+        "joints that stick bias all parameters",
+        "leave these rows out with --set processing.standstill={speed:.2g} (rad/s or m/s, of all joints)",
+    ),
+    "identify.structure": FitWarning(
+        "{joint}: {share:.3g} % of the residual variance ({rms:.3g} {unit} RMS) {cause}",
+        "{advice}",
+    ),
+    "identify.drift": FitWarning(
+        "{logs} give different values of {names}, by more than their noise",
+        "the robot changed (temperature, payload, torque offset), or a term is missing: identify each log "
+        "alone and compare, or give each an offset of its own",
+    ),
+    "identify.tracking": FitWarning(
+        "simulated and measured positions differ by more than {limit:g} % of the tracking error (in "
+        "brackets): {joints}; {effect}, and the controller does not explain {missed} of the torque at the "
+        "measured positions",
+        "check gains, velocity filter, integral part, feed-forward and the side of the gear",
+    ),
+    "identify.biased-wls": FitWarning(
+        "{verdict}",
+        "fits of torque rows to this log are biased alike: check processing.filter_cutoff, decimation and "
+        "processing.standstill",
+    ),
+    "diagnosis.other-values": FitWarning(
+        "refitting the logs changes values by up to {refit:.3g} standard deviations",
+        "a log has changed, or the estimate was made with other options or another version: identify again",
+    ),
+    "validate.fitted-log": FitWarning(
+        "the {what} was fitted to this log, so this is not a validation",
+        "validate on another motion",
+    ),
+}
+"""By code."""
+
+
+def build_warning(code: str, *, file: str = "", **values: object) -> Notice:
+    """Return the warning of a code about a fit, or about one of its logs."""
+    cause, remedy = (part.format(**values) for part in FIT_WARNINGS[code])
+    return Notice(code=code, text=f"{cause}. {remedy[:1].upper()}{remedy[1:]}", file=file)
+
+
 _LEAST_RATIO = 2.5
 """Of the position's cut-off to the highest frequency that decimation keeps."""
 _BLOCKS = 100
@@ -40,23 +135,14 @@ _POOR_PERCENT = 30.0
 
 def warn_of_processing(processing: Processing, recordings: Sequence[Recording]) -> tuple[Notice, ...]:
     """Return what is wrong with the filters for these recordings."""
-    if processing.filter_cutoff is None:
-        text = (
-            "no filter is set: velocities and accelerations are raw differences of the logged positions, "
-            "and their noise biases the parameters; set processing.filter_cutoff, in Hz"
-        )
-        return (Notice(code="identify.no-filter", text=text),)
-    decimation = processing.decimation
+    cutoff, decimation = processing.filter_cutoff, processing.decimation
+    if cutoff is None:
+        return (build_warning("identify.no-filter"),)
     period = min(recording.period for recording in recordings)
     kept = 0.5 / period / decimation.factor * (decimation.band if decimation.factor > 1 else 1.0)
-    if decimation.factor == 1 or processing.filter_cutoff >= _LEAST_RATIO * kept:
+    if decimation.factor == 1 or cutoff >= _LEAST_RATIO * kept:
         return ()
-    text = (
-        f"the position's low-pass at {processing.filter_cutoff:g} Hz damps accelerations that the torque "
-        f"keeps: decimation lets pass what lies below {kept:.3g} Hz; raise processing.filter_cutoff to "
-        f"{_LEAST_RATIO * kept:.3g} Hz or more, or decimate further"
-    )
-    return (Notice(code="identify.low-cutoff", text=text),)
+    return (build_warning("identify.low-cutoff", cutoff=cutoff, kept=kept, least=_LEAST_RATIO * kept),)
 
 
 def sum_block_scores(
@@ -84,95 +170,73 @@ def sum_block_scores(
     return total, count
 
 
-def compute_block_deviations(rows: Rows, fit: RegressionFit, seen: Identifiability) -> FloatArray:
-    """Return standard deviations (p,) that hold for noise that is not independent from row to row.
+def compute_block_deviations(rows: Rows, fit: RegressionFit, identifiability: Identifiability) -> FloatArray:
+    """Return standard deviations (p,) from the clustered covariance over blocks of each group's rows.
 
-    B G (sum_b F_b' e_b e_b' F_b) G B' with G = (F'F)^-1, F = A B, over blocks b of consecutive rows of one
-    group: the clustered covariance (Liang and Zeger 1986).
+    B G (sum_b F_b' e_b e_b' F_b) G B' with G = (F'F)^-1, F = A B.
     """
-    design = (rows.matrix @ seen.basis) * fit.weights[:, None]
-    errors = fit.residuals * fit.weights
+    basis = identifiability.basis
+    design = (rows.matrix @ basis) * fit.weights[:, None]
     root = compute_inverse_root(design)
-    total, _ = sum_block_scores(design, errors, rows.group, _BLOCKS)
-    left = seen.basis @ root @ root.T
-    covariance = left @ total @ left.T
-    deviations: FloatArray = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    total, _ = sum_block_scores(design, fit.residuals * fit.weights, rows.group, _BLOCKS)
+    left = basis @ root @ root.T
+    deviations: FloatArray = np.sqrt(np.maximum(np.diag(left @ total @ left.T), 0.0))
     return deviations
 
 
-def warn_of_correlated_residuals(rows: Rows, fit: RegressionFit, seen: Identifiability) -> tuple[Notice, ...]:
-    """Return a notice where the residual keeps a pattern, so that the stated deviations are too small."""
-    learnt = seen.basis.shape[1]
-    if rows.kind in SCALAR_KINDS or len(rows.values) < 20 * learnt:
+def warn_of_correlated_residuals(
+    rows: Rows, fit: RegressionFit, identifiability: Identifiability
+) -> tuple[Notice, ...]:
+    """Return a notice where residuals are correlated, so that the stated deviations are too small."""
+    if rows.kind in SCALAR_KINDS or len(rows.values) < 20 * identifiability.basis.shape[1]:
         return ()
     stated = np.sqrt(np.diag(fit.covariance))
-    blocks = compute_block_deviations(rows, fit, seen)
+    blocks = compute_block_deviations(rows, fit, identifiability)
     scale = np.maximum(np.abs(fit.values).max(), 1e-300)
-    # A fit to the last bit leaves rounding, whose pattern says nothing.
-    far = [
-        (rows.names[k], blocks[k] / stated[k])
-        for k in np.flatnonzero(seen.learnable)
+    # A fit to the last bit leaves rounding, whose correlation has no meaning.
+    far = {
+        rows.names[k]: blocks[k] / stated[k]
+        for k in np.flatnonzero(identifiability.identifiable)
         if stated[k] > 1e-12 * scale and blocks[k] > _TOO_SMALL * stated[k]
-    ]
+    }
     if not far:
         return ()
-    names = ", ".join(name for name, _ in far)
-    worst = max(ratio for _, ratio in far)
-    text = (
-        f"the residual is not noise but keeps a pattern: the standard deviations of {names} are up to "
-        f"{worst:.2g} times too small; `symid report --diagnose` shows what it follows: a term is missing, "
-        "a filter blurs, or a joint sticks (processing.standstill)"
-    )
-    return (Notice(code="identify.pattern", text=text),)
+    return (build_warning("identify.pattern", names=", ".join(far), ratio=max(far.values())),)
 
 
-def _compute_mass_matrices(library: Library, poses: FloatArray, beta: FloatArray) -> FloatArray:
-    """Return M at each pose (N, n, n), column k the torque of a unit acceleration of joint k at rest."""
-    still = np.zeros_like(poses)
-    (weight,) = library.evaluate("torque_regressor", poses, still, still)
-    columns = []
-    for joint in range(poses.shape[1]):
+def evaluate_inertia_columns(library: Library, q: FloatArray) -> Iterator[FloatArray]:
+    """Yield the regressor (N, n, p) of each column of M(q), q (N, n): a unit acceleration at rest."""
+    still = np.zeros_like(q)
+    (weight,) = library.evaluate("torque_regressor", q, still, still)
+    for joint in range(q.shape[1]):
         unit = still.copy()
         unit[:, joint] = 1.0
-        (regressor,) = library.evaluate("torque_regressor", poses, still, unit)
-        columns.append((regressor - weight) @ beta)
-    return np.stack(columns, axis=2)
+        (regressor,) = library.evaluate("torque_regressor", q, still, unit)
+        yield regressor - weight
 
 
 def warn_of_mass_matrix(
     library: Library, values: FloatArray, recordings: Sequence[Recording]
 ) -> tuple[Notice, ...]:
-    """Return a notice where the mass matrix is not positive definite at poses of the recordings."""
+    """Return a notice where M, of values (p,), is not positive definite at poses of the recordings."""
     positions = np.vstack([recording.position for recording in recordings])
     poses = np.ascontiguousarray(positions[:: max(1, len(positions) // _POSES)])
-    mass = _compute_mass_matrices(library, poses, values[: len(library.card.beta)])
+    beta = values[: len(library.card.beta)]
+    mass = np.stack([column @ beta for column in evaluate_inertia_columns(library, poses)], axis=2)
     least = np.linalg.eigvalsh((mass + np.swapaxes(mass, 1, 2)) / 2.0)[:, 0]
     bad = int(np.sum(least <= 0.0))
-    if not bad:
-        return ()
-    text = (
-        f"at {bad} of {len(poses)} poses of the log the identified mass matrix is not positive definite: no "
-        "robot has such inertias; the log excites them too little, or the model misses a term"
-    )
-    return (Notice(code="identify.impossible-mass", text=text),)
+    return (build_warning("identify.impossible-mass", bad=bad, poses=len(poses)),) if bad else ()
 
 
 def warn_of_poorly_identifiable(parameters: Sequence[ParameterEstimate]) -> tuple[Notice, ...]:
     """Return a notice on parameters whose standard deviation is a large part of them."""
-    vague = [entry.name for entry in parameters if entry.relative_std_percent > _POOR_PERCENT]
-    if not vague:
-        return ()
-    text = (
-        f"known to no better than {_POOR_PERCENT:g} % (one standard deviation): {', '.join(vague)}; "
-        "they matter little in this log, or a motion that excites them is missing"
-    )
-    return (Notice(code="identify.vague", text=text),)
+    poor = ", ".join(entry.name for entry in parameters if entry.relative_std_percent > _POOR_PERCENT)
+    return (build_warning("identify.vague", percent=_POOR_PERCENT, names=poor),) if poor else ()
 
 
 def warn_of_fitted_log(source: str, what: str = "estimate") -> Notice:
-    """Return a notice that a log is one of the fit, so that it tests nothing."""
-    text = f"the {what} was fitted to this very log, which is no test of it; validate on another motion"
-    return Notice(code="validate.fitted-log", text=text, file=source)
+    """Return a notice that a log is one of the fit."""
+    return build_warning("validate.fitted-log", file=source, what=what)
 
 
 _PERIODS = 2.0
@@ -184,37 +248,35 @@ _MOVING = 0.05
 def warn_of_moving_ends(processing: Processing, recordings: Sequence[Recording]) -> tuple[Notice, ...]:
     """Return which logs begin or end in motion with nothing cut off there.
 
-    Args:
-        processing: as used, its cut-off in Hz and the samples cut at either end.
-        recordings: of the fit.
+    `processing` is the one used, its cut-off in Hz. The speed at an end is the mean over one period of it.
     """
-    if processing.filter_cutoff is None:
-        return ()
-    found = (_check_ends(processing, recording) for recording in recordings)
-    return tuple(notice for notice in found if notice is not None)
-
-
-def _check_ends(processing: Processing, recording: Recording) -> Notice | None:
-    spoilt = math.ceil(_PERIODS / (processing.filter_cutoff or 1.0) / recording.period)
-    span = max(1, round(spoilt / _PERIODS))
-    speed = np.abs(recording.position[span:] - recording.position[:-span])
-    if len(speed) == 0:
-        return None
-    moving = speed[[0, -1]] > _MOVING * speed.max(axis=0)
-    ends = (
-        ("begins", "drop_first", processing.drop_first, moving[0]),
-        ("ends", "drop_last", processing.drop_last, moving[1]),
-    )
-    bad = [(verb, name) for verb, name, cut, moves in ends if cut < spoilt and np.any(moves)]
-    if not bad:
-        return None
-    settings = " ".join(f"--set processing.{name}={spoilt}" for _, name in bad)
-    text = (
-        f"the log {' and '.join(verb for verb, _ in bad)} in motion, and the filter at "
-        f"{processing.filter_cutoff:g} Hz does not know what was before or after: accelerations there are "
-        f"wrong and spoil the fit; leave {spoilt} samples out, with {settings}"
-    )
-    return Notice(code="identify.moving-ends", text=text, file=recording.source)
+    notices = []
+    cutoff = processing.filter_cutoff
+    for recording in recordings if cutoff is not None else ():
+        spoilt = math.ceil(_PERIODS / (cutoff or 1.0) / recording.period)
+        span = max(1, round(spoilt / _PERIODS))
+        speed = np.abs(recording.position[span:] - recording.position[:-span])
+        if not len(speed):
+            continue
+        moving = np.any(speed[[0, -1]] > _MOVING * speed.max(axis=0), axis=1)
+        cuts = (("begins", "drop_first"), ("ends", "drop_last"))
+        bad = [
+            (verb, name)
+            for (verb, name), moves in zip(cuts, moving, strict=True)
+            if moves and getattr(processing, name) < spoilt
+        ]
+        if bad:
+            notices.append(
+                build_warning(
+                    "identify.moving-ends",
+                    file=recording.source,
+                    ends=" and ".join(verb for verb, _ in bad),
+                    cutoff=cutoff,
+                    spoilt=spoilt,
+                    settings=" ".join(f"--set processing.{name}={spoilt}" for _, name in bad),
+                )
+            )
+    return tuple(notices)
 
 
 _SLOW = 0.02
@@ -226,42 +288,26 @@ _FEWEST = 30
 
 
 def warn_of_stiction(rows: Rows, fit: RegressionFit, library: Library) -> tuple[Notice, ...]:
-    """Return a notice where joints leave more than twice as much at standstill as in motion.
+    """Return a notice where residuals of joints with friction are twice as large at standstill as in motion.
 
-    Args:
-        rows: the equations; their velocities are those of joints, or means over windows.
-        fit: its residuals.
-        library: whose card says which joints have friction.
+    Velocities of the rows are those of joints, or means over windows.
     """
-    if rows.kind in SCALAR_KINDS:
-        return ()
     braked = {joint.name for joint in library.card.joints if joint.friction != "none"}
-    found = [
-        (name, *told)
-        for index, name in enumerate(rows.group_names)
-        if name in braked and (told := _compare_speeds(rows, fit, index)) is not None
-    ]
+    found, limits = [], []
+    for index, name in enumerate(rows.group_names if rows.kind not in SCALAR_KINDS else ()):
+        members = rows.group == index
+        speed, residual = np.abs(rows.velocity[members]), fit.residuals[members]
+        if name not in braked or len(speed) < 2 * _FEWEST:
+            continue
+        limit = _SLOW * float(np.quantile(speed, _TOP))
+        slow = speed < limit
+        if min(int(slow.sum()), int((~slow).sum())) < _FEWEST:
+            continue
+        still, moving = (float(np.sqrt(np.mean(residual[part] ** 2))) for part in (slow, ~slow))
+        if still > _RATIO * moving > 0.0:
+            found.append(f"{name} ({still / moving:.1f} times)")
+            limits.append(limit)
     if not found:
         return ()
-    joints = ", ".join(f"{name} ({ratio:.1f} times)" for name, ratio, _ in found)
-    speed = min(slow for _, _, slow in found)
-    text = (
-        f"rows slower than {100.0 * _SLOW:g} % of the top speed leave more than faster ones: {joints}; "
-        "joints that stick hold torques that no friction model explains, and pull at all parameters; leave "
-        f"such rows out with --set processing.standstill={speed:.2g} (rad/s or m/s, of all joints)"
-    )
-    return (Notice(code="identify.sticking", text=text),)
-
-
-def _compare_speeds(rows: Rows, fit: RegressionFit, group: int) -> tuple[float, float] | None:
-    """Return how much more a joint leaves at standstill, and the speed below which; None if it does not."""
-    members = rows.group == group
-    speed, residual = np.abs(rows.velocity[members]), fit.residuals[members]
-    if len(speed) < 2 * _FEWEST:
-        return None
-    limit = _SLOW * float(np.quantile(speed, _TOP))
-    slow = speed < limit
-    if min(int(slow.sum()), int((~slow).sum())) < _FEWEST:
-        return None
-    still, moving = (float(np.sqrt(np.mean(residual[part] ** 2))) for part in (slow, ~slow))
-    return (still / moving, limit) if still > _RATIO * moving > 0.0 else None
+    joints, percent = ", ".join(found), 100.0 * _SLOW
+    return (build_warning("identify.sticking", percent=percent, joints=joints, speed=min(limits)),)

@@ -4,41 +4,33 @@ Library, even recording -> `QuickFit` -> `JointSigns`, `Exchange`s, `TorqueDelay
 
     Recording -> Signals -> states and torque decimated alike -> blocks of samples -> regressor rows
 
-States pass the decimation instead of columns, which is quick, and true but for dry friction at a reversal.
-
-Sign: of each joint the torque is fitted by that joint's own rows, so that a wrong sign elsewhere does no
-harm. Its inertia must be positive, and its friction must take work out of the motion. Both as shares of the
-torque, with the deviation of leaving out one block:
+Sign: the torque of each joint is fitted by its own rows. Its inertia must be positive, and its friction must
+dissipate. Both as shares of the torque, with the deviation of leaving out one block:
 
     inertia share   mean(M_jj ddq^2) / (rms(ddq) rms(tau))
     friction share  mean(tau_f dq) / (rms(dq) rms(tau))
 
-Order: pairs of torque columns, of position columns and of both are exchanged; the exchange with the
-smallest residual on samples that the fit did not see is kept, and the search goes on from there as long as
-that falls clearly.
-
-Delay: a torque channel that lags by d holds tau(t - d), so that, with rows A and the fitted torque s = A x,
+Order: pairs of torque columns, of position columns and of both are exchanged; the exchange with the smallest
+residual on held-out samples is kept, as long as the residual falls clearly. Delay: a torque channel that lags
+by d holds tau(t - d), so with rows A and the fitted torque s = A x, linear in x and d, iterated,
 
     tau = A x - d ds/dt
 
-is linear in x and d. The fit is repeated with the torque really shifted until d no longer changes. Standard
-deviations come from leaving out each block of the log in turn (the jackknife).
-
-Supported: rigid joints that move, friction that is linear in its parameters; any permutation that exchanges
-of pairs reach, each an improvement; delays of any fraction of a sample and either sign, up to 50 ms, common
-and joint by joint.
-Not supported: elastic joints; joints at rest; joints whose torque is nearly all weight, whose signs say
-nothing.
+Supported: rigid joints that move, friction that is linear in its parameters; permutations that are products
+of exchanges, each an improvement; delays of either sign up to 50 ms, common and joint by joint.
+Not supported: elastic joints; joints at rest; signs of joints whose torque is nearly all gravity.
 """
 
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import IdentifiabilityError, Notice
+from symid.identification.diagnostics.fit_warnings import evaluate_inertia_columns
 from symid.identification.regression import (
     choose_filters,
     compute_payload_torque,
@@ -52,12 +44,12 @@ from symid.robot import JointKind, Processing, Robot
 
 _BLOCKS = 20
 _BLOCK = 200
-"""Samples of a block: with twenty blocks some thousand samples, enough for a look."""
+"""Samples of a block: with twenty blocks some thousand samples, enough for a quick fit."""
 _SMALL = 1e-7
 _SLOW = 0.02
 """Of the root mean square of a joint's speed: below, dry friction may hold it."""
 _NEAR = 3
-"""Samples on either side of a reversal, where decimation has smeared what friction does."""
+"""Samples on either side of a reversal, where decimation has smoothed the friction."""
 _MOST = 0.8
 
 
@@ -68,12 +60,11 @@ class QuickFit:
     Args:
         q, dq, ddq, tau: (N, n) decimated states and torques of the blocks, one after the other.
         rows: (N, n, p) regressor, friction included.
-        keep: (N, n) 1, or 0 where a joint with friction hardly moves: what holds it there is no function of
-            its speed.
+        keep: (N, n) 1, or 0 where a joint with friction hardly moves, whose torque is no function of speed.
         blocks: slices of the N samples, each of consecutive ones.
-        names: of the p parameters; `inertial` the number of those that are none of friction.
+        names: of the p parameters; `inertial` the number of those that are not friction.
         moving: joints that move in the log.
-        period: of the N samples in s; `rate` the log's own period in s.
+        period: of the N samples in s.
         recording, processing: what it was made from.
     """
 
@@ -104,8 +95,8 @@ def build_quick_fit(library: Library, recording: Recording, processing: Processi
     moving = tuple(joint for joint in range(library.card.size) if joint not in resting)
     if not moving:
         text = (
-            "no joint moves in this log beyond the noise of its encoder: nothing can be learnt from it; "
-            "record one in which every joint accelerates and turns both ways"
+            "no joint moves in this log beyond the noise of its encoder: record a log in which every joint "
+            "accelerates and turns both ways"
         )
         raise IdentifiabilityError(Notice(code="identify.standstill", text=text, file=recording.source))
     signals = hold_resting_joints(prepare_signals(recording, processing), resting)
@@ -179,16 +170,16 @@ def shift_torque(fit: QuickFit, delay: float) -> FloatArray:
 
 
 _CLEAR = 0.02
-"""Of the torque: a share beyond this, and beyond its own deviations, says something."""
+"""Of the torque: a share beyond this, and beyond its own deviations, is significant."""
 _SIGN_SURE = 3.0
 _GROUPS = 8
 _HEAVIEST, _LIGHTEST = 2e4, 1e-4
-"""kg at half the reach: no arm moves more, none so little."""
+"""kg at half the reach: no arm moves more, or so little."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointSigns:
-    """What the fit of joint `joint` alone says: shares of inertia and friction, with deviations; `mass`.
+    """The fit of joint `joint` alone: shares of inertia and friction, with deviations; `mass`.
 
     `mass` is the mean inertia M_jj as a mass (kg) at half the robot's reach, or that of a slide itself.
     """
@@ -202,7 +193,7 @@ class JointSigns:
 
     @property
     def wrong(self) -> bool:
-        """Return whether the torque goes against the motion, beyond doubt."""
+        """Return whether the torque goes against the motion, significantly."""
         shares = ((self.inertia, self.inertia_std), (self.friction, self.friction_std))
         clear = [share for share, std in shares if abs(share) > max(_CLEAR, _SIGN_SURE * std)]
         return bool(clear) and max(clear) < 0.0
@@ -210,47 +201,44 @@ class JointSigns:
 
 def estimate_signs(fit: QuickFit, library: Library, robot: Robot) -> tuple[JointSigns, ...]:
     """Return shares of inertia and friction of every joint that moves."""
-    reach = _compute_reach(robot)
-    still = np.zeros_like(fit.q)
-    weight = evaluate_columns(library, fit.q, still, still)
+    symbols = dict(robot.symbols)
+    lengths = [
+        float(np.linalg.norm([value.to_float(symbols) for value in joint.placement.translation]))
+        for joint in robot.joints
+    ]
+    # Half of the distances between joints in m, which are a tenth of one at least.
+    reach = 0.5 * max(0.1, sum(lengths))
+    columns = list(evaluate_inertia_columns(library, fit.q))
+    whole = np.arange(len(fit.q))
+    subsets = [whole, *(np.setdiff1d(whole, group) for group in np.array_split(whole, _GROUPS))]
     found = []
     for joint in fit.moving:
-        unit = still.copy()
-        unit[:, joint] = 1.0
-        column = evaluate_columns(library, fit.q, still, unit)[:, joint] - weight[:, joint]
-        column[:, fit.inertial :] = 0.0
-        values = np.array([_compute_shares(fit, joint, column, left) for left in _list_subsets(fit)])
-        whole, parts = values[0], values[1:]
-        stds = np.sqrt((len(parts) - 1) / len(parts) * np.sum((parts - parts.mean(axis=0)) ** 2, axis=0))
-        size = 1.0 if robot.axes[joint].kind is JointKind.PRISMATIC else (0.5 * reach) ** 2
+        column = columns[joint][:, joint]
+        values = np.array([_compute_shares(fit, joint, column, samples) for samples in subsets])
+        stds = np.sqrt(_compute_variances(values[1:]))
+        size = 1.0 if robot.axes[joint].kind is JointKind.PRISMATIC else reach**2
         found.append(
             JointSigns(
                 joint=joint,
-                inertia=float(whole[0]),
+                inertia=float(values[0, 0]),
                 inertia_std=float(stds[0]),
-                friction=float(whole[1]),
+                friction=float(values[0, 1]),
                 friction_std=float(stds[1]),
-                mass=float(whole[2] / size) if size > 0.0 else float("nan"),
+                mass=float(values[0, 2] / size),
             )
         )
     return tuple(found)
 
 
-def _list_subsets(fit: QuickFit) -> list[np.ndarray[tuple[int, ...], np.dtype[np.intp]]]:
-    """Return the samples' indices: all, then all without each of some groups of consecutive ones."""
-    whole = np.arange(len(fit.q))
-    groups = np.array_split(whole, _GROUPS)
-    return [whole, *(np.setdiff1d(whole, group) for group in groups)]
-
-
 def _compute_shares(
-    fit: QuickFit, joint: int, column: FloatArray, kept: "np.ndarray[tuple[int, ...], np.dtype[np.intp]]"
+    fit: QuickFit, joint: int, column: FloatArray, samples: NDArray[np.intp]
 ) -> tuple[float, float, float]:
-    kept = kept[fit.keep[kept, joint] > 0.0]
-    rows, tau = fit.rows[kept, joint], fit.tau[kept, joint]
-    dq, ddq = fit.dq[kept, joint], fit.ddq[kept, joint]
+    """Return the shares of inertia and friction at some samples, and the mean inertia."""
+    samples = samples[fit.keep[samples, joint] > 0.0]
+    rows, tau = fit.rows[samples, joint], fit.tau[samples, joint]
+    dq, ddq = fit.dq[samples, joint], fit.ddq[samples, joint]
     solution = solve_scaled(rows, tau, rcond=_SMALL)
-    inertia = column[kept] @ solution
+    inertia = column[samples] @ solution[: fit.inertial]
     braking = rows[:, fit.inertial :] @ solution[fit.inertial :]
     braking = braking - np.mean(braking)
     size = _compute_rms(tau) or 1.0
@@ -263,59 +251,48 @@ def _compute_rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _compute_reach(robot: Robot) -> float:
-    """Return the sum of the distances between joints in m, at least a tenth of one."""
-    symbols = dict(robot.symbols)
-    lengths = [
-        float(np.linalg.norm([value.to_float(symbols) for value in joint.placement.translation]))
-        for joint in robot.joints
-    ]
-    return max(0.1, sum(lengths))
-
-
 def describe_signs(signs: tuple[JointSigns, ...], robot: Robot, file: str) -> tuple[Notice, ...]:
     """Return a notice on every joint whose torque goes against its motion."""
     notices = []
     for entry in signs:
         if not entry.wrong:
             continue
-        shares = ((entry.inertia, "its inertia comes out negative"), (entry.friction, "friction drives it"))
-        told = " and ".join(text for share, text in shares if share < -_CLEAR)
+        shares = ((entry.inertia, "its inertia is negative"), (entry.friction, "its friction drives it"))
+        reason = " and ".join(text for share, text in shares if share < -_CLEAR)
         text = (
-            f"the torque of joint {robot.axes[entry.joint].name!r} has the wrong sign: fitted alone, {told}; "
-            "turn the sign of its torque or of its position: a factor of -1 in [log.torque] or "
-            "[log.position], or the sign of its gear"
+            f"the torque of joint {robot.axes[entry.joint].name!r} has the wrong sign: fitted alone, "
+            f"{reason}; change the sign of its torque or of its position (a factor of -1 in [log.torque] or "
+            "[log.position]), or of its gear"
         )
         notices.append(Notice(code="log.torque-sign", text=text, file=file))
     return tuple(notices)
 
 
 def describe_sizes(signs: tuple[JointSigns, ...], robot: Robot, file: str) -> tuple[Notice, ...]:
-    """Return a notice where the masses that the torques stand for are those of no robot."""
+    """Return a notice where the torques correspond to masses that no robot has."""
     clear = [entry for entry in signs if entry.inertia > max(_CLEAR, _SIGN_SURE * entry.inertia_std)]
     odd = [entry for entry in clear if not _LIGHTEST < entry.mass < _HEAVIEST]
     if not odd:
         return ()
     worst = max(odd, key=lambda entry: abs(np.log(entry.mass)))
-    large = worst.mass >= _HEAVIEST
     guess = (
-        "are these milliamperes, N mm or degrees? state the unit in [log.torque] and [log.position]"
-        if large
-        else 'is this the motor side (side = "motor"), or are these N m where kN m is stated?'
+        "check for milliamperes, N mm or degrees: state the unit in [log.torque] and [log.position]"
+        if worst.mass >= _HEAVIEST
+        else 'check for the motor side (side = "motor"), and for kN m stated in place of N m'
     )
     text = (
-        f"the torque of joint {robot.axes[worst.joint].name!r} stands for {worst.mass:.2g} kg moved, "
-        f"which no robot of this size has; {guess}"
+        f"the torque of joint {robot.axes[worst.joint].name!r} corresponds to a moving mass of "
+        f"{worst.mass:.2g} kg, which is not plausible; {guess}"
     )
     return (Notice(code="log.torque-size", text=text, file=file),)
 
 
 _CLEARLY = 0.75
 _ALIKE = 1.3
-"""Times the smallest residual: exchanges below cannot be told apart."""
+"""Times the smallest residual: exchanges below cannot be distinguished."""
 _SAMPLES = 500
 _CLEAN_RESIDUAL = 0.03
-"""A relative residual as small as this leaves no room for a doubt in the order."""
+"""With a relative residual as small as this the order is right."""
 
 _PIECES = 6
 _RIDGE = 1e-4
@@ -347,17 +324,13 @@ def detect_exchanges(fit: QuickFit, library: Library) -> tuple[Exchange, ...]:
         trials = []
         for pair in combinations(fit.moving, 2):
             moved, turned = _swap(positions, pair), _swap(torques, pair)
-            trials += [
-                (_measure_residual(states, library, positions, turned), "torque", pair, positions, turned),
-                (_measure_residual(states, library, moved, torques), "position", pair, moved, torques),
-                (
-                    _measure_residual(states, library, moved, turned),
-                    "position and torque",
-                    pair,
-                    moved,
-                    turned,
-                ),
-            ]
+            for what, first, second in (
+                ("torque", positions, turned),
+                ("position", moved, torques),
+                ("position and torque", moved, turned),
+            ):
+                residual = _measure_residual(states, library, first, second)
+                trials.append((residual, what, pair, first, second))
         if not trials:
             break
         residual, _, pair, moved, turned = min(trials, key=lambda trial: trial[0])
@@ -380,10 +353,10 @@ def _swap(order: Order, pair: tuple[int, int]) -> Order:
 def _measure_residual(
     states: tuple[FloatArray, ...], library: Library, positions: Order, torques: Order
 ) -> float:
-    """Return the mean over joints of |e| / |tau|, of samples that the fit did not see.
+    """Return the mean over joints of |e| / |tau| on held-out samples.
 
     One fit of all joints, each weighted alike, without each of some pieces of the log in turn; a small ridge
-    keeps what the others do not tell at zero.
+    keeps what they do not identify at zero.
     """
     moved = (np.ascontiguousarray(part[:, list(positions)]) for part in states[:3])
     rows = evaluate_columns(library, *moved)
@@ -410,19 +383,19 @@ def describe_exchanges(exchanges: tuple[Exchange, ...], robot: Robot, file: str)
     if not exchanges:
         return ()
     names = [repr(joint.name) for joint in robot.axes]
-    told = ", then ".join(
+    listed = ", then ".join(
         f"{entry.what} of {names[entry.first]} and {names[entry.second]}" for entry in exchanges
     )
     before, after = 100 * exchanges[0].before, 100 * exchanges[-1].after
     text = (
-        f"columns of joints look exchanged: {told}; with them in that order a quick fit leaves {after:.3g} % "
-        f"of the torque in place of {before:.3g} %; check the order of the columns in the log and under [log]"
+        f"columns of joints look exchanged: {listed}; exchanging them lowers the residual of a quick fit "
+        f"from {before:.3g} % to {after:.3g} %. Check the order of the columns in the log and under [log]"
     )
     return (Notice(code="log.swapped-joints", text=text, file=file),)
 
 
 _ROUNDS = 6
-_SETTLED = 0.01
+_CONVERGED = 0.01
 _LARGEST = 0.05
 _DELAY_SURE = 5.0
 _SMALLEST = 0.1
@@ -442,13 +415,20 @@ class TorqueDelay:
 
     @property
     def late(self) -> bool:
-        """Return whether there is a delay beyond doubt, of a size that matters."""
+        """Return whether there is a significant delay, of a size that matters."""
         return _LARGEST > abs(self.delay) > max(_DELAY_SURE * self.std, _SMALLEST * self.period)
 
 
 def estimate_torque_delay(fit: QuickFit) -> TorqueDelay:
     """Return the delay of the torques of `fit` behind its motion."""
-    weights = _compute_weights(fit)
+    joints = list(fit.moving)
+    size = np.linalg.norm(fit.tau[:, joints], axis=0)
+    weights = 1.0 / np.where(size > 0.0, size, 1.0)
+    matrix, values = _stack(fit, fit.tau, weights)
+    keep = fit.keep[:, joints].ravel()
+    errors = keep * (values - matrix @ _solve_kept(matrix, values, keep))
+    scatter = np.linalg.norm(errors.reshape(-1, len(joints)), axis=0) / weights
+    weights = 1.0 / np.maximum(scatter, 1e-6 * size + 1e-300)
     delay, tau = 0.0, fit.tau
     for _ in range(_ROUNDS):
         values, replicates = _fit_delays(fit, tau, weights)
@@ -457,10 +437,10 @@ def estimate_torque_delay(fit: QuickFit) -> TorqueDelay:
         shares /= shares.sum()
         step = float(shares @ values)
         delay += step
-        if abs(step) < _SETTLED * fit.recording.period or abs(delay) > _LARGEST:
+        if abs(step) < _CONVERGED * fit.recording.period or abs(delay) > _LARGEST:
             break
         tau = shift_torque(fit, delay)
-    # Joints that disagree by more than their own deviations say that these are too small (Birge 1932).
+    # Where joints disagree by more than their own deviations, these are too small (Birge 1932).
     excess = float(np.sum(((values - step) / np.maximum(stds, 1e-9)) ** 2)) / max(1, len(values) - 1)
     common = float(np.sqrt(_compute_variances(replicates @ shares[:, None])[0]))
     return TorqueDelay(
@@ -472,23 +452,6 @@ def estimate_torque_delay(fit: QuickFit) -> TorqueDelay:
     )
 
 
-def _compute_weights(fit: QuickFit) -> FloatArray:
-    """Return 1 / scatter of every moving joint's residual."""
-    joints = list(fit.moving)
-    size = np.linalg.norm(fit.tau[:, joints], axis=0)
-    weights = 1.0 / np.where(size > 0.0, size, 1.0)
-    errors = _compute_errors(fit, fit.tau, weights)
-    scatter = np.linalg.norm(errors, axis=0) / weights
-    result: FloatArray = 1.0 / np.maximum(scatter, 1e-6 * size + 1e-300)
-    return result
-
-
-def _compute_errors(fit: QuickFit, tau: FloatArray, weights: FloatArray) -> FloatArray:
-    matrix, values = _stack(fit, tau, weights)
-    errors = _list_kept(fit) * (values - matrix @ _solve_kept(fit, matrix, values))
-    return errors.reshape(-1, len(fit.moving))
-
-
 def _stack(fit: QuickFit, tau: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return matrix and values of all moving joints, sample by sample."""
     joints = list(fit.moving)
@@ -496,26 +459,22 @@ def _stack(fit: QuickFit, tau: FloatArray, weights: FloatArray) -> tuple[FloatAr
     return matrix.reshape(-1, fit.rows.shape[2]), (tau[:, joints] * weights).ravel()
 
 
-def _solve_kept(fit: QuickFit, matrix: FloatArray, values: FloatArray) -> FloatArray:
+def _solve_kept(matrix: FloatArray, values: FloatArray, keep: FloatArray) -> FloatArray:
     """Return the solution of the rows of joints that move."""
-    keep = _list_kept(fit)
     return solve_scaled(matrix * keep[:, None], values * keep, rcond=_SMALL)
-
-
-def _list_kept(fit: QuickFit) -> FloatArray:
-    return fit.keep[:, list(fit.moving)].ravel()
 
 
 def _fit_delays(fit: QuickFit, tau: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the delay of every moving joint (k,) in s, and those without each block (blocks, k)."""
     matrix, values = _stack(fit, tau, weights)
     count = len(fit.moving)
-    smooth = (matrix @ _solve_kept(fit, matrix, values)).reshape(-1, count)
+    keep = fit.keep[:, list(fit.moving)].ravel()
+    smooth = (matrix @ _solve_kept(matrix, values, keep)).reshape(-1, count)
     slopes = np.zeros((len(smooth), count, count))
     for block in fit.blocks:
         slope = np.gradient(smooth[block], fit.period, axis=0)
         slopes[block, range(count), range(count)] = -slope
-    design = np.column_stack([matrix, slopes.reshape(-1, count), values]) * _list_kept(fit)[:, None]
+    design = np.column_stack([matrix, slopes.reshape(-1, count), values]) * keep[:, None]
     lengths = np.linalg.norm(design, axis=0)
     scales = np.where(lengths > 0.0, 1.0 / np.where(lengths > 0.0, lengths, 1.0), 0.0)
     design *= scales
@@ -539,13 +498,13 @@ def _compute_variances(replicates: FloatArray) -> FloatArray:
 
 
 def describe_delay(found: TorqueDelay, file: str) -> tuple[Notice, ...]:
-    """Return a notice where the torque is not on the motion's clock."""
+    """Return a notice where torque and motion are not simultaneous."""
     if not found.late:
         return ()
-    side = "behind" if found.delay > 0.0 else "ahead of"
+    side = "after" if found.delay > 0.0 else "before"
     text = (
-        f"the torque is {1e3 * abs(found.delay):.4g} ms {side} the motion (standard deviation "
-        f"{1e3 * found.std:.2g} ms, {abs(found.delay) / found.period:.3g} samples): channels of different "
-        "age, which mixes friction and inertia; shift one of them, or filter far below its inverse"
+        f"the torque is logged {1e3 * abs(found.delay):.3g} ms {side} the motion (standard deviation "
+        f"{1e3 * found.std:.2g} ms, {abs(found.delay) / found.period:.3g} samples), which biases friction "
+        "and inertia; shift one of the channels, or filter far below the inverse of the delay"
     )
     return (Notice(code="log.torque-delay", text=text, file=file),)

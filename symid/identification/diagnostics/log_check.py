@@ -1,15 +1,13 @@
-"""Check of logs before an identification: as they are, with the robot's dynamics, and what they excite.
+"""Check of logs before an identification: as they are, with the robot's dynamics, and their excitation.
 
 Robot, logs -> `LogsCheck`; quick fits of the logs -> `LogExcitation`, a verdict and a reason for each base
 parameter.
 
-    time stamps -> even times -> quantities -> signs, order, delay -> excitation
-
     expected deviation   s sqrt(diag (A'A)^-1),  A and s of rows weighted by the scatter of their joint
 
-Supported: several logs of one robot, with uneven time stamps; rigid joints. Of elastic joints, whose
-torsion is no part of the rigid model, only the quantities are looked at.
-Not supported: a verdict on bias: a term that the model lacks is not seen here.
+Supported: several logs of one robot, with uneven time stamps; rigid joints. Of elastic joints only the
+quantities are checked.
+Not supported: bias by a term that the model lacks.
 """
 
 import os
@@ -18,7 +16,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
@@ -40,7 +37,6 @@ from symid.identification.diagnostics.log_channels import (
 from symid.identification.regression import (
     WHOLE_MODEL,
     RankRule,
-    ScaledSpectrum,
     compute_spectrum,
     solve_scaled,
 )
@@ -60,6 +56,7 @@ from symid.logs import (
 )
 from symid.robot import Robot
 
+IDENTIFIABLE, POORLY, NOT_IDENTIFIABLE = "identifiable", "poorly identifiable", "not identifiable"
 _WELL, _POOR = 10.0, 100.0
 _LARGE_CONDITION = 1e3
 _SHOWN = 8
@@ -68,9 +65,11 @@ _SMALL = 1e-7
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterVerdict:
-    """What logs say of one parameter: "told", "vague", "not told" or "refused", the reason where not told.
+    """The verdict on one parameter, and the reason where it is not "identifiable".
 
-    `relative_std_percent` is the deviation that an identification may be expected to have, of the value.
+    "identifiable", "poorly identifiable" (expected standard deviation above 10 % of the value), "not
+    identifiable" (above 100 %), or "refused" (it has no value of its own). `relative_std_percent` is that
+    deviation.
     """
 
     name: str
@@ -94,46 +93,45 @@ class LogExcitation:
 
     @property
     def empty(self) -> bool:
-        """Return whether the logs tell nothing."""
-        return not self.list_names("told", "vague")
+        """Return whether no parameter is identifiable."""
+        return not self.list_names(IDENTIFIABLE, POORLY)
 
     @property
     def poor(self) -> bool:
-        """Return whether the logs tell too few parameters for a model of the whole robot."""
-        told = len(self.parameters) - len(self.list_names("refused"))
-        return self.empty or told < WHOLE_MODEL * len(self.parameters)
+        """Return whether too few parameters are identifiable for a model of the whole robot."""
+        kept = len(self.parameters) - len(self.list_names("refused"))
+        return self.empty or kept < WHOLE_MODEL * len(self.parameters)
 
 
-def analyse_excitation(
-    fits: Sequence[QuickFit], joints: Sequence[str], rule: RankRule | None = None
-) -> LogExcitation:
-    """Return what the logs behind `fits` tell, `joints` the names of the robot's joints."""
-    rule = rule or RankRule()
+def analyse_excitation(fits: Sequence[QuickFit], joints: Sequence[str]) -> LogExcitation:
+    """Return which parameters the logs behind `fits` excite, `joints` the names of the robot's joints."""
+    rule = RankRule()
     matrix, values = _stack(fits)
     spectrum = compute_spectrum(matrix, rule.zero)
-    seen, identifiable = spectrum.mask_seen(rule), spectrum.mask_identifiable(rule)
-    solution, deviations = _compute_deviations(matrix, values, spectrum, seen)
+    kept, identifiable = spectrum.mask_directions(rule), spectrum.mask_identifiable(rule)
+    inner = spectrum.scales[:, None] * spectrum.directions[kept].T / spectrum.singular[kept]
+    solution: FloatArray = inner @ (inner.T @ (matrix.T @ values))
+    errors, rank = values - matrix @ solution, int(np.sum(kept))
+    variance = float(errors @ errors) / max(1, len(values) - rank)
+    deviations: FloatArray = np.sqrt(variance * np.sum(inner**2, axis=1))
     names = fits[0].names
     resting = [name for index, name in enumerate(joints) if all(index not in fit.moving for fit in fits)]
     still = f"; at rest: {', '.join(resting)}" if resting else ""
     verdicts = []
     for index, name in enumerate(names):
+        percent, verdict = float("inf"), "refused"
+        reason = f"it acts on no torque of this log{still}"
         if identifiable[index]:
             percent = 100.0 * float(deviations[index]) / max(abs(float(solution[index])), 1e-300)
-            verdict = "told" if percent <= _WELL else "vague" if percent <= _POOR else "not told"
-            reason = "" if verdict == "told" else "it is small beside the noise, or hardly excited"
-        else:
-            percent, verdict = float("inf"), "refused"
-            if spectrum.lengths[index]:
-                others = ", ".join(names[k] for k in spectrum.list_partners(index, rule)[:4])
-                reason = f"it acts only together with {others}{still}"
-            else:
-                reason = f"it acts on no torque of this log{still}"
+            verdict = IDENTIFIABLE if percent <= _WELL else POORLY if percent <= _POOR else NOT_IDENTIFIABLE
+            reason = "" if verdict == IDENTIFIABLE else "it is small beside the noise, or hardly excited"
+        elif spectrum.lengths[index]:
+            others = ", ".join(names[k] for k in spectrum.list_partners(index, rule)[:4])
+            reason = f"it acts only together with {others}{still}"
         verdicts.append(
             ParameterVerdict(name=name, verdict=verdict, relative_std_percent=percent, reason=reason)
         )
     largest = spectrum.singular[0] or 1.0
-    rank = int(np.sum(seen))
     return LogExcitation(
         parameters=tuple(verdicts),
         singular=tuple(float(value) for value in spectrum.singular / largest),
@@ -144,11 +142,15 @@ def analyse_excitation(
 
 def _stack(fits: Sequence[QuickFit]) -> tuple[FloatArray, FloatArray]:
     """Return the rows of all moving joints of all logs, each weighted by the scatter of its residual."""
+
+    def add(parts: Sequence[FloatArray]) -> FloatArray:
+        return np.asarray(np.vstack(parts).sum(axis=0))
+
     plain = [_list_rows(fit, np.ones(fit.tau.shape[1])) for fit in fits]
     matrix, values = np.vstack([part[0] for part in plain]), np.concatenate([part[1] for part in plain])
     first = solve_scaled(matrix, values, rcond=_SMALL)
-    squares = _add([(fit.keep * (fit.tau - fit.rows @ first)) ** 2 for fit in fits])
-    sizes, counts = _add([(fit.keep * fit.tau) ** 2 for fit in fits]), _add([fit.keep for fit in fits])
+    squares = add([(fit.keep * (fit.tau - fit.rows @ first)) ** 2 for fit in fits])
+    sizes, counts = add([(fit.keep * fit.tau) ** 2 for fit in fits]), add([fit.keep for fit in fits])
     scatter = np.sqrt(np.maximum(squares, 1e-12 * sizes) / np.maximum(counts, 1.0))
     weights = 1.0 / np.where(scatter > 0.0, scatter, 1.0)
     parts = [_list_rows(fit, weights) for fit in fits]
@@ -164,86 +166,44 @@ def _list_rows(fit: QuickFit, weights: FloatArray) -> tuple[FloatArray, FloatArr
     return matrix * factor[kept, None], fit.tau[:, joints].ravel()[kept] * factor[kept]
 
 
-def _add(parts: Sequence[FloatArray]) -> FloatArray:
-    """Return the sums (n,) over the samples of all parts (N, n)."""
-    total: FloatArray = np.vstack(parts).sum(axis=0)
-    return total
-
-
-def _compute_deviations(
-    matrix: FloatArray, values: FloatArray, spectrum: ScaledSpectrum, seen: NDArray[np.bool_]
-) -> tuple[FloatArray, FloatArray]:
-    """Return the fit (p,) over the directions seen, and its standard deviations."""
-    basis = spectrum.scales[:, None] * spectrum.directions[seen].T
-    inner = basis / spectrum.singular[seen]
-    solution: FloatArray = inner @ (inner.T @ (matrix.T @ values))
-    errors = values - matrix @ solution
-    freedom = max(1, len(values) - int(np.sum(seen)))
-    deviations: FloatArray = np.sqrt(float(errors @ errors) / freedom * np.sum(inner**2, axis=1))
-    return solution, deviations
-
-
-def describe_excitation(found: LogExcitation, file: str = "") -> tuple[Notice, ...]:
-    """Return notices on what the logs cannot tell, and on a bad condition."""
+def describe_excitation(found: LogExcitation) -> tuple[Notice, ...]:
+    """Return notices on parameters that are not identifiable, and on a bad condition."""
     notices = []
     refused = [entry for entry in found.parameters if entry.verdict == "refused"]
     if refused:
         listed = "; ".join(f"{entry.name}: {entry.reason}" for entry in refused[:_SHOWN])
         more = f"; and {len(refused) - _SHOWN} more" if len(refused) > _SHOWN else ""
         text = (
-            f"{len(refused)} of {len(found.parameters)} parameters cannot be told from these logs "
-            f"({listed}{more}); move every joint with accelerations of its own; "
-            "`symid excite` makes such motions"
+            f"{len(refused)} of {len(found.parameters)} parameters have no value of their own in these logs "
+            f"({listed}{more}). Accelerate every joint on its own; `symid excite` makes such motions"
         )
         notices.append(("log.not-excited", text))
-    faint = found.list_names("not told")
+    faint = found.list_names(NOT_IDENTIFIABLE)
     if faint:
+        listed = ", ".join(faint[:_SHOWN]) + (", ..." if len(faint) > _SHOWN else "")
         text = (
-            f"{len(faint)} parameters drown in the noise ({', '.join(faint[:_SHOWN])}"
-            f"{', ...' if len(faint) > _SHOWN else ''}): expected deviations are above {_POOR:g} % of "
-            "the value; faster or longer motions tell more, or leave them out"
+            f"{len(faint)} parameters are not identifiable, with an expected standard deviation above "
+            f"{_POOR:g} % of the value ({listed}). Use faster or longer motions, or leave them out"
         )
         notices.append(("log.faint-parameters", text))
     if found.condition > _LARGE_CONDITION:
         text = (
-            f"the condition number is {found.condition:.3g}: combinations of parameters are hardly "
-            "excited, and noise in them is amplified; use a motion made by `symid excite`"
+            f"the condition number is {found.condition:.3g}: noise in hardly excited combinations of "
+            "parameters is amplified. Use a motion made by `symid excite`"
         )
         notices.append(("log.condition", text))
-    return tuple(Notice(code=code, text=text, file=file) for code, text in notices)
+    return tuple(Notice(code=code, text=text) for code, text in notices)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogCheck:
-    """What dynamics says of one log: signs of moving joints, exchanged columns, delay of the torque."""
+    """The check of one log: signs of moving joints, exchanged columns, delay of the torque."""
 
     source: str
     signs: tuple[JointSigns, ...]
     exchanges: tuple[Exchange, ...]
     delay: TorqueDelay | None
     notices: tuple[Notice, ...]
-
-
-def check_logs(
-    library: Library, recordings: Sequence[Recording], robot: Robot
-) -> tuple[tuple[LogCheck, ...], LogExcitation, tuple[Notice, ...]]:
-    """Return the check of each log that moves, what all of them excite, and notices on the whole.
-
-    Raises:
-        IdentifiabilityError: no log has a joint that moves.
-    """
-    fits: list[QuickFit] = []
-    reasons: list[Notice] = []
-    for recording in recordings:
-        try:
-            fits.append(build_quick_fit(library, recording, robot.processing))
-        except (IdentifiabilityError, LogError) as error:
-            reasons += error.notices
-    if not fits:
-        raise IdentifiabilityError(*reasons)
-    checks = tuple(_check_log(fit, library, robot) for fit in fits)
-    excitation = analyse_excitation(fits, [joint.name for joint in robot.axes])
-    return checks, excitation, (*reasons, *describe_excitation(excitation))
 
 
 def _check_log(fit: QuickFit, library: Library, robot: Robot) -> LogCheck:
@@ -277,13 +237,13 @@ class CheckedLog:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LogsCheck:
-    """What was found in logs.
+    """The check of all logs.
 
     Attributes:
         logs: each as it is.
         copy: the file of an evenly sampled copy and what was done for it, where one was asked for.
-        dynamics: what the robot's dynamics says of each log that moves; empty for elastic joints.
-        excitation: what all logs together say of every parameter; None for elastic joints and logs at rest.
+        dynamics: the check of each log that moves by the robot's dynamics; empty for elastic joints.
+        excitation: verdicts on all parameters; None for elastic joints and logs at rest.
         notices: what is odd, with what to do. errors: why the logs are not enough for a model.
     """
 
@@ -309,7 +269,7 @@ def check_robot_logs(
         robot: the robot.
         logs: files, files of runs, or what was read before.
         prepare: returns the robot's functions, where they are needed.
-        progress: told what begins.
+        progress: called with a short text on what begins.
         output: of an evenly sampled copy of the first log, a file.
 
     Raises:
@@ -329,7 +289,16 @@ def check_robot_logs(
     if copy is not None:
         notices.append(copy[1])
     checked = LogsCheck(logs=tuple(found), copy=copy, notices=tuple(notices))
-    return _add_dynamics(checked, robot, prepare, progress)
+    if any(robot.elastic):
+        text = (
+            "elastic joints: signs, order and excitation are checked for rigid joints only; `symid identify` "
+            "lists what is not identifiable"
+        )
+        note = Notice(code="check.elastic", text=text)
+        return replace(checked, notices=(*checked.notices, note))
+    library = prepare()
+    progress("analysing the motion")
+    return _add_dynamics(checked, library, robot)
 
 
 def _write_even(log: Path | Recording, robot: Robot, output: Path) -> tuple[Path, Notice]:
@@ -342,41 +311,46 @@ def _write_even(log: Path | Recording, robot: Robot, output: Path) -> tuple[Path
     return write_raw_log(copy, output), notice
 
 
-def _add_dynamics(
-    checked: LogsCheck, robot: Robot, prepare: Callable[[], Library], progress: Callable[[str], None]
-) -> LogsCheck:
-    """Return the same with what the robot's dynamics says of the logs."""
-    if any(robot.elastic):
-        skipped = "joints give: signs, order and excitation are looked at for rigid joints only"
-        note = Notice(code="check.elastic", text=f"{skipped}; `symid identify` says what it cannot tell")
-        return replace(checked, notices=(*checked.notices, note))
-    library = prepare()
-    progress("looking at the motion")
-    try:
-        checks, excitation, notices = check_logs(library, [entry.recording for entry in checked.logs], robot)
-    except IdentifiabilityError as error:
-        return replace(checked, errors=error.notices)
-    said = (notice for check in checks for notice in check.notices)
+def _add_dynamics(checked: LogsCheck, library: Library, robot: Robot) -> LogsCheck:
+    """Return the same with the checks by the robot's dynamics."""
+    fits: list[QuickFit] = []
+    reasons: list[Notice] = []
+    for entry in checked.logs:
+        try:
+            fits.append(build_quick_fit(library, entry.recording, robot.processing))
+        except (IdentifiabilityError, LogError) as error:
+            reasons += error.notices
+    if not fits:
+        return replace(checked, errors=tuple(reasons))
+    checks = tuple(_check_log(fit, library, robot) for fit in fits)
+    excitation = analyse_excitation(fits, [joint.name for joint in robot.axes])
     return replace(
         checked,
         dynamics=checks,
         excitation=excitation,
-        notices=(*checked.notices, *said, *notices, *library.notices),
-        errors=(_say_poor(excitation),) if excitation.poor else (),
+        notices=(
+            *checked.notices,
+            *(notice for check in checks for notice in check.notices),
+            *reasons,
+            *describe_excitation(excitation),
+            *library.notices,
+        ),
+        errors=(_refuse_poor(excitation),) if excitation.poor else (),
     )
 
 
-def _say_poor(excitation: LogExcitation) -> Notice:
+def _refuse_poor(excitation: LogExcitation) -> Notice:
     """Return why the logs are not enough for a model of the robot."""
     if excitation.empty:
         reason = "; ".join(f"{entry.name}: {entry.reason}" for entry in excitation.parameters[:8])
-        what = "record one in which every joint accelerates"
-        text = f"nothing can be learnt from these logs ({reason}): {what}"
+        text = (
+            f"no parameter is identifiable from these logs ({reason}): record logs in which joints accelerate"
+        )
         return Notice(code="check.nothing", text=text)
     count, whole = len(excitation.list_names("refused")), len(excitation.parameters)
     text = (
-        f"these logs tell only {whole - count} of {whole} parameters, too few for a model of this robot; the "
-        "table says why: record one in which every joint accelerates on its own, or check it together with "
-        "further logs; `symid identify --partial` fits what can be told"
+        f"only {whole - count} of {whole} parameters are identifiable from these logs, for the reasons in "
+        "the table. Record a log in which every joint accelerates on its own, add logs, or fit what is "
+        "identifiable with `symid identify --partial`"
     )
     return Notice(code="check.poor", text=text)

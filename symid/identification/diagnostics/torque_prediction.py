@@ -4,12 +4,11 @@ Parameters, the library of their model, a recording -> `TorquePrediction` -> `Ba
 
     e = L tau - L [Y | Yf] x,    relative residual of a joint: |e|_2 / |L tau|_2
 
-L is a zero-phase Butterworth low-pass of order 4 at the stated band, applied at the full sample rate;
-states come from the filtered position, the torque is the logged one. Half a second at either end is left
-out, where the filter continues what it does not know.
+L is a zero-phase Butterworth low-pass of order 4, applied at the full sample rate; states come from the
+filtered position. Half a second at either end is left out, where the filter extrapolates.
 
-Supported: an estimate of any kind of rows: what is compared is always the torque. Joints that do not move
-and have friction are left out, because dry friction or a brake may hold any torque.
+Supported: an estimate from rows of any kind. Joints with friction that do not move are left out, because dry
+friction or a brake may hold any torque.
 Not supported: bands above half the sample rate.
 """
 
@@ -20,7 +19,7 @@ import numpy as np
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library
 from symid.errors import LogError, Notice
-from symid.identification.estimators import Residual
+from symid.identification.estimators import Residual, compute_mean_relative
 from symid.identification.regression import (
     choose_filters,
     compute_payload_torque,
@@ -28,7 +27,7 @@ from symid.identification.regression import (
     hold_resting_joints,
     list_resting_joints,
 )
-from symid.logs import Recording, Signals, low_pass, prepare_signals
+from symid.logs import Recording, low_pass, prepare_signals
 from symid.robot import Processing
 
 ENDS = 0.5
@@ -43,33 +42,26 @@ class TorquePrediction(FrozenArrays):
     """Measured and predicted torques of one log, both low-passed at `band` Hz.
 
     Args:
-        joints: names; units: of their torques; position_units: of their positions.
-        time: (N,) s; position, velocity, acceleration: (N, n), not low-passed further.
+        joints: names; units: of their torques; time: (N,) s.
         measured, predicted: (N, n) N m or N, joint side, measured without the torque of a known payload.
         counted: indices of the joints whose torque counts.
-        source: the log.
     """
 
     joints: tuple[str, ...]
     units: tuple[str, ...]
-    position_units: tuple[str, ...]
     time: FloatArray
-    position: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
     measured: FloatArray
     predicted: FloatArray
     counted: tuple[int, ...]
     band: float
-    source: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BandResidual:
-    """What a model leaves of a log within a band.
+    """The residual of a model on a log within a band.
 
     Args:
-        joints: norm, relative and absolute residual of each joint that counts; `std` is the root mean square.
+        joints: residual of each joint that counts; `std` is the root mean square.
         range_percent: of the same joints, the root mean square over the range of the measured torque.
         band: in Hz.
     """
@@ -81,7 +73,7 @@ class BandResidual:
     @property
     def mean_relative_percent(self) -> float:
         """Return the plain mean over joints of the relative residuals, in percent."""
-        return sum(entry.relative_percent for entry in self.joints) / len(self.joints)
+        return compute_mean_relative(self.joints)
 
 
 def predict_torques(
@@ -99,9 +91,8 @@ def predict_torques(
         values: (p,) base parameters and friction, in the order of the library's card.
         library: the functions of the robot.
         recording: the log.
-        processing: filter of the positions, and samples cut at either end of the log; its decimation
-            and its low-pass of the torque take no part; a filter that is left open is chosen from the log
-            (`resolve_processing` takes that of a fit).
+        processing: filter of the positions, chosen from the log if left open, and samples cut at either end;
+            decimation and the low-pass of the torque are not used.
         band: in Hz.
         ends: s that do not count, at either end of what is left.
 
@@ -113,7 +104,11 @@ def predict_torques(
     signals = hold_resting_joints(prepare_signals(recording, processing), resting)
     left = round(ends / signals.period)
     if len(signals.time) < 2 * left + _FEWEST:
-        raise LogError(_say_short(recording, signals, ends))
+        text = (
+            f"{len(signals.time) * signals.period:.3g} s are left of the log, too few for a comparison "
+            f"within a band that leaves out {ends:g} s at either end; cut off less, or use a longer log"
+        )
+        raise LogError(Notice(code="validate.short-log", text=text, file=recording.source))
     kept = slice(left, len(signals.time) - left)
     first = processing.drop_first
     torque = recording.torque[first : first + len(signals.time)]
@@ -127,27 +122,14 @@ def predict_torques(
     return TorquePrediction(
         joints=tuple(joint.name for joint in joints),
         units=tuple(joint.torque_unit for joint in joints),
-        position_units=tuple(joint.position_unit for joint in joints),
         time=signals.time[kept],
-        position=signals.q[kept],
-        velocity=signals.dq[kept],
-        acceleration=signals.ddq[kept],
         measured=measured,
         predicted=predicted,
         counted=tuple(
             index for index, joint in enumerate(joints) if index not in resting or joint.friction == "none"
         ),
         band=band,
-        source=recording.source,
     )
-
-
-def _say_short(recording: Recording, signals: Signals, ends: float) -> Notice:
-    text = (
-        f"{len(signals.time) * signals.period:.3g} s are left of the log, and {ends:g} s at either end do "
-        "not count: nothing is left to compare within a band; cut off less, or use a longer log"
-    )
-    return Notice(code="validate.short-log", text=text, file=recording.source)
 
 
 def compute_band_residual(prediction: TorquePrediction) -> BandResidual:

@@ -1,24 +1,21 @@
-"""How sure identified parameters are: correlation, block bootstrap, essential parameters, drift of logs.
+"""Uncertainty of identified parameters: correlation, block bootstrap, essential parameters, drift of logs.
 
 Covariance -> correlated pairs, `Ellipse`;  rows, their fit -> `Bootstrap`, `Essential`, `Drift`.
 
-Bootstrap: each log is cut into blocks of time, all joints of a block together. As many blocks as there are,
-drawn with replacement, make a new log, and its fit another set of parameters (Kuensch 1989). Their scatter
-is the standard deviation, whatever pattern the residual keeps within a block.
+Bootstrap: logs are drawn with replacement from blocks of time, all joints of a block together, and fitted
+(Kuensch 1989).
 
-Essential parameters: backward elimination. The parameter whose removal costs least, measured by its own
-noise, goes first, until the next one stands out of the noise. Removing parameter k raises the sum of
-weighted squares by x_k^2 / c_kk, c the inverse of F'F, F the weighted matrix of those kept. The idea is
-that of Pham and Gautier (1991), who drop by the relative deviation. The noise is that of blocks of
-consecutive rows, so that a patterned residual does not make every parameter essential.
+Essential parameters: backward elimination. The parameter whose removal costs least in its own noise goes
+first, until all are significant (the idea of Pham and Gautier 1991). Removing parameter k raises the sum of
+weighted squares by x_k^2 / c_kk, c the inverse of F'F, F the weighted matrix of those kept. The noise is that
+of blocks of consecutive rows, so that correlated residuals do not make every parameter essential.
 
-Drift: each log is fitted alone. A parameter that differs between them beyond what the noise of blocks
-allows has changed between the logs, or makes up for what the model misses. The mean residual of each joint
-in each log, with its deviation, shows where torque is missing that no parameter makes up for.
+Drift: each log is fitted alone; parameters that differ beyond the noise of blocks, and the mean residual of
+each joint in each log, with its deviation.
 
-Supported: any number of logs; weights of the fit; directions that the log does not determine stay as they
-are; drift of parameters that at least two of the logs identify alone.
-Not supported: more than two correlated parameters at once (singular values show these); patterns longer
+Supported: any number of logs; weights of the fit; directions that are not identifiable stay as they are;
+drift of parameters that at least two of the logs identify alone.
+Not supported: more than two correlated parameters at once (singular values show these); correlation longer
 than a block; grouping parameters anew, constraints; changes within a log.
 """
 
@@ -28,10 +25,11 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import IdentifiabilityError, Notice
-from symid.identification.diagnostics.fit_warnings import compute_block_deviations
+from symid.identification.diagnostics.fit_warnings import build_warning, compute_block_deviations
 from symid.identification.estimators import RegressionFit, fit_weighted
 from symid.identification.regression import (
     SCALAR_KINDS,
@@ -89,18 +87,12 @@ def list_correlated(
 
 
 def compute_ellipse(values: Sequence[float], covariance: FloatArray, level: float = 0.95) -> Ellipse:
-    """Return the ellipse of confidence of two parameters.
+    """Return the ellipse of confidence of two values with a covariance C (2, 2).
 
     (x - v)' C^-1 (x - v) = -2 ln(1 - level), the quantile of chi-squared with two degrees of freedom.
-
-    Args:
-        values: v, two numbers.
-        covariance: C (2, 2).
-        level: probability, between 0 and 1.
     """
     spread, directions = np.linalg.eigh(covariance)
-    radius = np.sqrt(-2.0 * np.log1p(-level))
-    lengths = radius * np.sqrt(np.maximum(spread, 0.0))
+    lengths = np.sqrt(-2.0 * np.log1p(-level)) * np.sqrt(np.maximum(spread, 0.0))
     longer = directions[:, 1]
     return Ellipse(
         centre=(float(values[0]), float(values[1])),
@@ -110,18 +102,16 @@ def compute_ellipse(values: Sequence[float], covariance: FloatArray, level: floa
     )
 
 
-BOOTSTRAP_BLOCKS = 40
-REPLICATES = 200
-_SEEN = 1e-10
-"""Singular value relative to the largest below which a drawn log does not tell a direction."""
+_RANK = 1e-10
+"""Singular value relative to the largest below which a drawn log does not identify a direction."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Bootstrap(FrozenArrays):
-    """What parameters scatter when blocks of the logs are drawn anew.
+    """Scatter of the parameters over logs drawn from blocks.
 
     Args:
-        names: of the parameters with a value of their own.
+        names: of the identifiable parameters.
         deviations: (k,) standard deviations; low, high: (k,) ends of the middle 95 %.
         blocks: of time; replicates: logs drawn.
     """
@@ -134,16 +124,17 @@ class Bootstrap(FrozenArrays):
     replicates: int
 
 
-def cut_blocks(rows: Rows, blocks: int) -> tuple[np.ndarray[tuple[int], np.dtype[np.intp]], int]:
+def cut_blocks(rows: Rows, blocks: int) -> tuple[NDArray[np.intp], int]:
     """Return the number of the block of each row (m,), and how many blocks there are.
 
     Blocks are stretches of time of equal length within a log; longer logs have more of them.
     """
-    spans = [(float(rows.time[part].min()), float(rows.time[part].max())) for part in _list_runs(rows)]
+    runs = [rows.run == run for run in np.unique(rows.run)]
+    spans = [(float(rows.time[part].min()), float(rows.time[part].max())) for part in runs]
     whole = sum(high - low for low, high in spans) or 1.0
     number = np.zeros(len(rows.values), dtype=np.intp)
     count = 0
-    for part, (low, high) in zip(_list_runs(rows), spans, strict=True):
+    for part, (low, high) in zip(runs, spans, strict=True):
         pieces = max(1, round(blocks * (high - low) / whole))
         place = (rows.time[part] - low) / ((high - low) or 1.0) * pieces
         number[part] = count + np.minimum(place.astype(np.intp), pieces - 1)
@@ -151,42 +142,30 @@ def cut_blocks(rows: Rows, blocks: int) -> tuple[np.ndarray[tuple[int], np.dtype
     return number, count
 
 
-def _list_runs(rows: Rows) -> list[np.ndarray[tuple[int], np.dtype[np.bool_]]]:
-    return [rows.run == run for run in np.unique(rows.run)]
-
-
 def compute_bootstrap(
     rows: Rows,
     fit: RegressionFit,
-    seen: Identifiability,
+    identifiability: Identifiability,
     generator: np.random.Generator,
     *,
-    blocks: int = BOOTSTRAP_BLOCKS,
-    replicates: int = REPLICATES,
+    blocks: int = 40,
+    replicates: int = 200,
 ) -> Bootstrap:
-    """Return the scatter of the parameters over logs drawn from blocks of the logs.
-
-    Args:
-        rows: the equations of the fit.
-        fit: its result.
-        seen: what the rows can tell.
-        generator: of random numbers.
-        blocks: of time, in all logs together.
-        replicates: logs to draw.
-    """
+    """Return the scatter of the parameters over logs drawn from `blocks` of time of all logs together."""
+    basis, identifiable = identifiability.basis, identifiability.identifiable
     number, count = cut_blocks(rows, blocks)
-    stacked = np.column_stack([rows.matrix @ seen.basis, rows.values]) * fit.weights[:, None]
+    stacked = np.column_stack([rows.matrix @ basis, rows.values]) * fit.weights[:, None]
     factors = [np.linalg.qr(stacked[number == block], mode="r") for block in range(count)]
     drawn = np.empty((replicates, len(rows.names)))
     for index in range(replicates):
         times = np.bincount(generator.integers(count, size=count), minlength=count)
         parts = [np.sqrt(times[block]) * factors[block] for block in np.flatnonzero(times)]
         triangle: FloatArray = np.asarray(np.linalg.qr(np.vstack(parts), mode="r"))
-        drawn[index] = seen.basis @ np.linalg.lstsq(triangle[:, :-1], triangle[:, -1], rcond=_SEEN)[0]
-    kept = drawn[:, seen.learnable]
+        drawn[index] = basis @ np.linalg.lstsq(triangle[:, :-1], triangle[:, -1], rcond=_RANK)[0]
+    kept = drawn[:, identifiable]
     low, high = np.percentile(kept, [2.5, 97.5], axis=0)
     return Bootstrap(
-        names=tuple(np.array(rows.names)[seen.learnable].tolist()),
+        names=tuple(np.array(rows.names)[identifiable].tolist()),
         deviations=kept.std(axis=0, ddof=1),
         low=low,
         high=high,
@@ -195,13 +174,9 @@ def compute_bootstrap(
     )
 
 
-NOISE_LEVEL = 2.0
-"""Deviations from zero below which a parameter is noise."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dropped:
-    """A parameter left out: how many deviations it lay from zero then, and the residual's growth so far."""
+    """A parameter left out: its ratio to its deviation then, and the residual's growth so far."""
 
     name: str
     ratio: float
@@ -210,7 +185,7 @@ class Dropped:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Essential(FrozenArrays):
-    """A model without what the log does not need.
+    """A model of the significant parameters.
 
     Args:
         kept: names of the parameters left.
@@ -228,22 +203,19 @@ class Essential(FrozenArrays):
 def select_essential(
     rows: Rows,
     fit: RegressionFit,
-    seen: Identifiability,
+    identifiability: Identifiability,
     *,
-    level: float = NOISE_LEVEL,
+    level: float = 2.0,
     freedom: str = "band",
 ) -> Essential:
     """Return the model that is left when parameters below `level` deviations are dropped one by one.
 
-    Args:
-        rows: the equations of the fit.
-        fit: its result; the rows keep its weights.
-        seen: what the rows can tell; only parameters with a value of their own are dropped.
-        level: in deviations.
-        freedom: how the variance of the noise is estimated, see `Processing.noise_freedom`.
+    Only identifiable parameters are dropped; the rows keep the weights of the fit. `freedom` says how the
+    variance of the noise is estimated, see `Processing.noise_freedom`.
     """
-    candidates = np.flatnonzero(seen.learnable)
-    others = seen.basis[~seen.learnable]
+    identifiable = identifiability.identifiable
+    candidates = np.flatnonzero(identifiable)
+    others = identifiability.basis[~identifiable]
     # Directions that only refused parameters share: they stay, whatever they cost.
     _, singular, right = (
         np.linalg.svd(others, full_matrices=False) if len(others) else (0, np.zeros(0), others)
@@ -251,12 +223,15 @@ def select_essential(
     rest = others @ right[singular > 1e-9 * max(singular.max(initial=0.0), 1e-300)].T
     mixing = np.zeros((rows.matrix.shape[1], len(candidates) + rest.shape[1]))
     mixing[candidates, np.arange(len(candidates))] = 1.0
-    mixing[np.ix_(~seen.learnable, np.arange(len(candidates), mixing.shape[1]))] = rest
+    mixing[np.ix_(~identifiable, np.arange(len(candidates), mixing.shape[1]))] = rest
     weighted = (rows.matrix * fit.weights[:, None]) @ mixing
     factor: FloatArray = np.asarray(
         np.linalg.qr(np.column_stack([weighted, rows.values * fit.weights]), mode="r")
     )
-    inflation = _compute_inflation(rows, fit, seen)[candidates]
+    stated = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+    blocks = compute_block_deviations(rows, fit, identifiability)
+    ratio: FloatArray = np.where(stated > 0.0, blocks / np.where(stated > 0.0, stated, 1.0), 1.0)
+    inflation = np.maximum(ratio, 1.0)[candidates]
     used, independent = count_freedom(freedom, mixing.shape[1], rows.independent)
     left = max(independent * len(rows.values) - used, 1.0)
     kept, dropped, inner, price = _eliminate(factor, inflation, left, level)
@@ -271,18 +246,13 @@ def select_essential(
     )
 
 
-def _compute_inflation(rows: Rows, fit: RegressionFit, seen: Identifiability) -> FloatArray:
-    """Return how many times larger than stated the deviations (p,) are, at least one."""
-    stated = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-    blocks = compute_block_deviations(rows, fit, seen)
-    ratio: FloatArray = np.where(stated > 0.0, blocks / np.where(stated > 0.0, stated, 1.0), 1.0)
-    return np.maximum(ratio, 1.0)
-
-
 def _eliminate(
     factor: FloatArray, inflation: FloatArray, freedom: float, level: float
 ) -> tuple[list[int], list[tuple[int, float, float]], FloatArray, float]:
-    """Return columns kept, (column, deviations, price) of those dropped, values of all, the whole price."""
+    """Return columns kept, (column, deviations, price) of those dropped, values of all, the whole price.
+
+    `inflation` (c,) of the first c columns, which may be dropped: their deviations over those of white noise.
+    """
     matrix, target = factor[:, :-1], factor[:, -1]
     kept = list(range(matrix.shape[1]))
     values, inverse, square = _solve_columns(matrix, target, kept)
@@ -332,7 +302,7 @@ _BLOCKS = 20
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterDrift:
-    """A parameter as each log tells it alone: values, deviations, and the chance of so much scatter."""
+    """A parameter as each log alone gives it: values, deviations, and the chance of so much scatter."""
 
     name: str
     values: tuple[float, ...]
@@ -342,12 +312,12 @@ class ParameterDrift:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drift:
-    """What differs between logs.
+    """Differences between logs.
 
     Args:
         runs: numbers of the logs that were compared, from zero.
         changed: parameters that differ beyond chance, the least likely first.
-        compared: how many parameters at least two logs tell alone.
+        compared: how many parameters at least two logs identify alone.
         residual: (log, joint, mean residual, its deviation) of the fit to all logs.
     """
 
@@ -358,27 +328,24 @@ class Drift:
 
 
 class SingleLogFit(NamedTuple):
-    """What one log tells alone: parameters and deviations (p,), and which of them it tells."""
+    """The fit to one log alone: parameters and deviations (p,), and which of them are identifiable."""
 
     values: FloatArray
     deviations: FloatArray
-    seen: Identifiability
+    identifiability: Identifiability
 
 
 SingleLogFitter = Callable[[int, FloatArray], SingleLogFit | None]
-"""From the number of a log and the weights of joints (g,) to what it tells alone, or None."""
+"""From the number of a log and the weights of joints (g,) to its fit; None where nothing is identifiable."""
 
 
 def measure_drift(
     rows: Rows, fit: RegressionFit, freedom: str = "band", fit_log: SingleLogFitter | None = None
 ) -> Drift:
-    """Return what the logs behind `rows` tell differently; nothing where there is only one.
+    """Return the differences between the logs behind `rows`; none where there is only one.
 
-    Args:
-        rows: the equations of the fit.
-        fit: its result.
-        freedom: how the variance of the noise is estimated, see `Processing.noise_freedom`.
-        fit_log: fits one log alone, where `rows` have no matrix.
+    `freedom` says how the variance of the noise is estimated, see `Processing.noise_freedom`; `fit_log` fits
+    one log alone, where `rows` have no matrix.
     """
     runs = tuple(int(run) for run in np.unique(rows.run))
     residual = tuple(entry for run in runs for entry in _compute_means(rows, fit, run))
@@ -389,11 +356,11 @@ def measure_drift(
     alone = {run: found for run in runs if (found := fit_log(run, weights)) is not None}
     changes = []
     for index, name in enumerate(rows.names):
-        told = [found for found in alone.values() if found.seen.learnable[index]]
-        if len(told) < 2:
+        known = [found for found in alone.values() if found.identifiability.identifiable[index]]
+        if len(known) < 2:
             continue
-        values = np.array([found.values[index] for found in told])
-        deviations = np.array([found.deviations[index] for found in told])
+        values = np.array([found.values[index] for found in known])
+        deviations = np.array([found.deviations[index] for found in known])
         changes.append(
             ParameterDrift(
                 name=name,
@@ -408,12 +375,7 @@ def measure_drift(
 
 
 def compute_mean_weights(rows: Rows, fit: RegressionFit) -> FloatArray:
-    """Return what the fit multiplied residuals of each group by (g,), without the weights of the logs.
-
-    Args:
-        rows: the equations of the fit.
-        fit: its result; where weights differ within a group their mean counts.
-    """
+    """Return what the fit multiplied residuals of each group by (g,), on average, without weights of logs."""
     own = fit.weights / np.sqrt(rows.weight)
     return np.array(
         [
@@ -427,16 +389,17 @@ def _fit_alone(rows: Rows, freedom: str, run: int, weights: FloatArray) -> Singl
     part = select_rows(rows, rows.run == run)
     part = replace(part, weight=np.ones(len(part.values)))
     try:
-        seen = analyse_identifiability(part)
+        identifiability = analyse_identifiability(part)
     except IdentifiabilityError:
         return None
-    found = fit_weighted(part, seen, weights, freedom)
-    stated = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
-    return SingleLogFit(found.values, np.maximum(stated, compute_block_deviations(part, found, seen)), seen)
+    fit = fit_weighted(part, identifiability, weights, freedom)
+    stated = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+    deviations = np.maximum(stated, compute_block_deviations(part, fit, identifiability))
+    return SingleLogFit(fit.values, deviations, identifiability)
 
 
 def _compute_chance(values: FloatArray, deviations: FloatArray) -> float:
-    """Return the probability that equal values scatter as much: chi-squared with k - 1 degrees of freedom.
+    """Return the probability that equal values scatter as much, with k - 1 degrees of freedom.
 
     The deviations rest on some tens of blocks, whence the F distribution in place of chi-squared.
     """
@@ -464,26 +427,18 @@ def _compute_means(rows: Rows, fit: RegressionFit, run: int) -> list[tuple[int, 
 def warn_of_drift(
     rows: Rows,
     fit: RegressionFit,
-    names: Sequence[str],
+    sources: Sequence[str],
     freedom: str = "band",
     *,
     fit_log: SingleLogFitter | None = None,
 ) -> tuple[Notice, ...]:
-    """Return a notice where the logs behind `rows` differ; `names` are theirs, by their number.
-
-    Further arguments as for `measure_drift`.
-    """
-    if len(names) < 2 or rows.kind in SCALAR_KINDS:
+    """Return a notice where the logs behind `rows`, from `sources`, differ; else as `measure_drift`."""
+    if len(sources) < 2 or rows.kind in SCALAR_KINDS:
         return ()
     drift = measure_drift(rows, fit, freedom, fit_log)
     if not drift.changed:
         return ()
-    shown = ", ".join(entry.name for entry in drift.changed[:8])
+    names = ", ".join(entry.name for entry in drift.changed[:8])
     more = f" and {len(drift.changed) - 8} more" if len(drift.changed) > 8 else ""
-    logs = ", ".join(names[run] for run in drift.runs)
-    text = (
-        f"{logs} tell {shown}{more} differently, beyond what their noise allows: the robot changed between "
-        "them (temperature, payload, zero of the torque), or the model misses a term that acts differently "
-        "in each; fit them apart and compare, or give each its own offsets"
-    )
-    return (Notice(code="identify.drift", text=text),)
+    logs = ", ".join(sources[run] for run in drift.runs)
+    return (build_warning("identify.drift", names=f"{names}{more}", logs=logs),)

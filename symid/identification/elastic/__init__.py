@@ -28,7 +28,6 @@ if TYPE_CHECKING:
         NlpOptions as NlpOptions,
     )
     from symid.identification.elastic.problem import (
-        ElasticProblem as ElasticProblem,
         build_elastic_problem as build_elastic_problem,
     )
     from symid.identification.elastic.regression import (
@@ -43,7 +42,7 @@ if TYPE_CHECKING:
         check_settings as check_settings,
         choose_route as choose_route,
         cut_logs as cut_logs,
-        get_asked_cutoff as get_asked_cutoff,
+        get_stated_cutoff as get_stated_cutoff,
         has_both_encoders as has_both_encoders,
         list_unused_settings as list_unused_settings,
         refuse_elasticity as refuse_elasticity,

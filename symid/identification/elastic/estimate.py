@@ -1,7 +1,5 @@
 """Results of elastic joints: of one method, and of the identification.
 
-Numbers of a solver -> MethodFit; fits and their rows -> ElasticEstimate.
-
 Supported: methods that give no hysteresis; methods without iterations.
 Not supported: uncertainties in a `MethodFit`, other than the covariance of its dynamics.
 """
@@ -9,7 +7,7 @@ Not supported: uncertainties in a `MethodFit`, other than the covariance of its 
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, final
 
 import numpy as np
@@ -66,17 +64,25 @@ class MethodFit(FrozenArrays):
         return np.concatenate([self.beta, self.rotor, self.friction])
 
 
+def build_method_fit(
+    method: str, chi: FloatArray, sizes: tuple[int, int], elasticity: tuple[Elasticity, ...] = ()
+) -> MethodFit:
+    """Return chi (p + n + pf,) with the sizes (p, n), and springs, as the result of a method."""
+    beta, rotor, friction = np.split(chi, np.cumsum(sizes))
+    return MethodFit(method=method, beta=beta, rotor=rotor, friction=friction, elasticity=elasticity)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpringEstimate:
     """The spring of one joint.
 
     Args:
         joint: its name; torque_unit, position_unit: N m and rad, or N and m.
-        elasticity: what was found; truth: what the robot file states, None where it leaves out a part.
+        elasticity: what was identified; truth: what the robot file states, None where it leaves out a part.
         torsion: the largest |phi| in the recordings, rad or m.
-        excited: the largest threshold whose stop slipped, 0 for none: stops beyond it are not seen.
-        torque: the largest |tau_J| that the spring gave: knees beyond it are not seen.
-        told: whether the recordings tell the spring; where not, its numbers mean nothing: `reason` says why.
+        excited: the largest threshold whose stop slipped, 0 for none: stops beyond it are not identifiable.
+        torque: the largest |tau_J| that the spring gave: knees beyond it are not identifiable.
+        told: whether the spring is identifiable; where not, its numbers mean nothing: `reason` says why.
     """
 
     joint: str
@@ -97,7 +103,7 @@ class MethodTrial:
 
     Args:
         method: its name; outcome: how it ended.
-        error: of prediction in units of the noise (see `CandidateScore`), None where none was asked for.
+        error: of prediction in units of the noise, squared; None where methods were not compared.
         values: of all dynamic parameters, in the order of the estimate's.
     """
 
@@ -134,30 +140,21 @@ class ElasticEstimate(DynamicsRecord):
 
     def list_mistakes(self) -> list[str]:
         """Return what is wrong with a record from a file: entries that do not fit each other."""
-        stated = [
-            (entry.joint, spring)
-            for entry in self.springs
-            for spring in (entry.elasticity, entry.truth)
-            if spring is not None
-        ]
-        numbers = [
-            (
-                joint,
-                (spring.stiffness, spring.damping, spring.cubic, *(stop.stiffness for stop in spring.stops)),
-            )
-            for joint, spring in stated
-        ]
-        mistakes = DynamicsRecord.list_mistakes(self) + [
-            f"springs: {joint}: expected a number, got null"
-            for joint, values in numbers
-            if any(value is None or not math.isfinite(value) for value in values)
-        ]
-        return mistakes + [
-            f"springs: {spring.joint}: {name}: expected a number that is not negative, got {value:g}"
-            for spring in self.springs
-            for name in ("torsion", "excited", "torque")
-            if not (value := getattr(spring, name)) >= 0.0
-        ]
+        mistakes = DynamicsRecord.list_mistakes(self)
+        for entry in self.springs:
+            for spring in (entry.elasticity, entry.truth):
+                if spring is None:
+                    continue
+                stops = (stop.stiffness for stop in spring.stops)
+                numbers = (spring.stiffness, spring.damping, spring.cubic, *stops)
+                if any(value is None or not math.isfinite(value) for value in numbers):
+                    mistakes.append(f"springs: {entry.joint}: expected a number, got null")
+            mistakes += [
+                f"springs: {entry.joint}: {name}: expected a number that is not negative, got {value:g}"
+                for name in ("torsion", "excited", "torque")
+                if not (value := getattr(entry, name)) >= 0.0
+            ]
+        return mistakes
 
     def list_strangers(self, card: ModelCard) -> list[str]:
         """Return where parameters, springs or residuals are not those of the model, in its order."""
@@ -168,19 +165,14 @@ class ElasticEstimate(DynamicsRecord):
         springs = [entry.joint for entry in self.springs]
         if found == expected and springs in ([], joints) and len(self.residual) == len(joints):
             return []
-        text = f"expected parameters {', '.join(expected)}, and springs for {', '.join(joints)} or none"
-        return [text]
+        return [f"expected parameters {', '.join(expected)}, and springs for {', '.join(joints)} or none"]
 
     def build_fit(self, bases: int) -> MethodFit:
         """Return the values as a fit, with `bases` base parameters at its beginning."""
         values = np.array([entry.value for entry in self.parameters])
-        joints = len(self.residual)
-        return MethodFit(
-            method=self.method,
-            beta=values[:bases],
-            rotor=values[bases : bases + joints],
-            friction=values[bases + joints :],
-            elasticity=tuple(spring.elasticity for spring in self.springs),
+        springs = tuple(spring.elasticity for spring in self.springs)
+        return replace(
+            build_method_fit(self.method, values, (bases, len(self.residual)), springs),
             history=self.history,
             outcome=self.outcome,
             covariance=np.array(self.covariance) if self.covariance else None,
@@ -189,7 +181,7 @@ class ElasticEstimate(DynamicsRecord):
 
 
 def name_friction(parameters: Sequence[str]) -> tuple[str, ...]:
-    """Return the friction models of joints whose parameters have these names; empty if they do not say."""
+    """Return the friction models of joints whose parameters have these names; empty if unknown."""
     numbers = [name.removeprefix("IA") for name in parameters if re.fullmatch(r"IA\d+", name)]
     letters = {letter for model in FRICTION_MODELS.values() for letter in model.parameters}
     kinds = {model.parameters: kind.value for kind, model in FRICTION_MODELS.items()}

@@ -3,20 +3,19 @@
     score = mean of ((tau - Y chi) / sigma)^2 over all rows, each predicted by a fit without it
     (chi_nlp - chi_w)' C_w^-1 (chi_nlp - chi_w) <= chi^2_0.999(parameters),   C_w the covariance of chi_w
 
-The yardstick is common to all methods and needs no spring: the sum of motor and link equations in a band,
-in units of its noise. Every fold leaves blocks of time out; the dynamics are fitted to the rest, springs
-held as they are. Of the methods whose score is not clearly above the least one (two standard errors of
-the difference), the one with the smallest standard deviations is taken. The one-shot problem uses most,
-for its springs tie the torques of motors and links together, but only where its springs are right: so it
-must first agree with the weighted elimination, which needs none (Hausman 1978). Its score is moved by
-what linear least squares with its springs make of the rows left out.
+All methods are compared on the sum of motor and link equations in a band, in units of its noise. Every fold
+leaves blocks of time out; the dynamics are fitted to the rest, springs held as they are. Of the methods whose
+score is not clearly above the least one (two standard errors), the one with the smallest standard deviations
+is taken. The one-shot problem is right only where its springs are: it must first agree with the weighted
+elimination, which needs none (Hausman 1978).
 
 Supported: all names of `METHODS`.
 Not supported: a choice of springs apart from dynamics; those of the chosen method are taken.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,20 +27,18 @@ from symid.identification.elastic.elimination import (
     BandFit,
     BandRows,
     build_band_rows,
-    build_elimination_rows,
     fit_band,
     fit_elimination,
     fit_independent,
     get_wide_cutoff,
     split_recordings,
 )
-from symid.identification.elastic.estimate import MethodFit
+from symid.identification.elastic.estimate import MethodFit, build_method_fit
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.problem import (
     ElasticProblem,
     average_sides,
     build_elastic_problem,
-    build_method_fit,
     fit_springs,
 )
 from symid.identification.elastic.regression import (
@@ -51,16 +48,17 @@ from symid.identification.elastic.regression import (
     solve_with_signs,
 )
 from symid.identification.elastic.two_step import (
-    compute_square_work,
+    build_stop_work,
     fit_alternation,
     fit_linear_spring,
     fit_two_step,
 )
 from symid.identification.elastic.uncertainty import (
-    compute_clustered_covariance,
+    compute_covariance,
     mark_unidentifiable,
     measure_identifiability,
 )
+from symid.identification.regression import choose_held_out
 from symid.joint_models import compute_hysteresis_torque
 from symid.logs import Recording
 
@@ -70,36 +68,11 @@ _CLEAR = 2.0
 FOLDS = 4
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MethodCandidate:
-    """A method to choose from.
+class MethodCandidate(NamedTuple):
+    """A method: its chi (p + n + pf,) without the rows of a fold, its largest relative deviation."""
 
-    Args:
-        name: of the method.
-        refit: gives chi (p + n + pf,) fitted without the rows of one fold.
-        spread: the largest relative standard deviation that it states.
-    """
-
-    name: str
     refit: Callable[[int], FloatArray]
     spread: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CandidateScore:
-    """The prediction error of a method in units of the noise; 1 is what noise alone would leave.
-
-    `doubt` is the standard error of its distance from the least error, `spread` that of the candidate.
-    """
-
-    name: str
-    error: float
-    doubt: float
-    spread: float
-
-    def is_close(self, least: float) -> bool:
-        """Return whether the error is not clearly above the least one."""
-        return self.error - least <= _CLEAR * self.doubt
 
 
 def assign_folds(time: FloatArray) -> NDArray[np.intp]:
@@ -111,39 +84,24 @@ def assign_folds(time: FloatArray) -> NDArray[np.intp]:
 
 def choose_candidate(
     candidates: Sequence[MethodCandidate], rows: BandRows, scatter: FloatArray
-) -> tuple[str, tuple[CandidateScore, ...]]:
-    """Return the name of the best candidate, and all scores.
+) -> tuple[int, FloatArray, int]:
+    """Return the place of the best candidate, the errors (c,) of all, and how many are as good as the best.
 
-    Args:
-        candidates: at least one, fitted without a fold on demand.
-        rows: the common yardstick.
-        scatter: (g,) of its groups, N m or N.
+    An error is the mean squared one in units of the noise, `scatter` (g,) of the groups of rows, N m or N; 1
+    is what noise alone would leave. All candidates are compared on the same rows.
     """
-    losses = np.stack([_compute_losses(candidate, rows, scatter) for candidate in candidates])
-    least = int(np.argmin(losses.mean(axis=1)))
-    blocks = rows.group * _FINE + np.minimum((rows.time * _FINE).astype(np.intp), _FINE - 1)
-    scores = tuple(
-        CandidateScore(
-            name=candidate.name,
-            error=float(loss.mean()),
-            doubt=float(np.linalg.norm(np.bincount(blocks, loss - losses[least])) / len(loss)),
-            spread=candidate.spread,
-        )
-        for candidate, loss in zip(candidates, losses, strict=True)
-    )
-    close = [score for score in scores if score.is_close(scores[least].error)]
-    return min(close, key=lambda score: score.spread).name, scores
-
-
-def _compute_losses(candidate: MethodCandidate, rows: BandRows, scatter: FloatArray) -> FloatArray:
-    """Return the squared prediction error of every row (m,) in units of the noise."""
     folds = assign_folds(rows.time)
-    losses = np.empty(len(rows.torque))
-    for fold in range(FOLDS):
-        held = folds == fold
-        errors = rows.torque[held] - rows.design[held] @ candidate.refit(fold)
-        losses[held] = (errors / scatter[rows.group[held]]) ** 2
-    return losses
+    blocks = rows.group * _FINE + np.minimum((rows.time * _FINE).astype(np.intp), _FINE - 1)
+    losses = []
+    for candidate in candidates:
+        errors = np.empty(len(rows.torque))
+        for fold in range(FOLDS):
+            held = folds == fold
+            errors[held] = rows.torque[held] - rows.design[held] @ candidate.refit(fold)
+        losses.append(np.bincount(blocks, (errors / scatter[rows.group]) ** 2))
+    choice = choose_held_out(np.array(losses), [entry.spread for entry in candidates], _CLEAR)
+    means = np.sum(losses, axis=1) / len(blocks)
+    return choice.taken, means, int(np.count_nonzero(choice.behind <= _CLEAR))
 
 
 ENERGY_METHODS = ("linear-spring", "two-step", "same-cost")
@@ -166,9 +124,13 @@ class ElasticEquations:
     rows: BandRows
     band: BandFit
 
+    @property
+    def identifiable(self) -> NDArray[np.bool_]:
+        """Return which parameters (p + n + pf,) the weighted elimination identifies."""
+        return np.isfinite(np.diag(self.band.covariance))
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _LinearRows:
+
+class _LinearRows(NamedTuple):
     """design @ chi = right, with the time of each row from 0 to 1 within its recording."""
 
     design: FloatArray
@@ -203,7 +165,7 @@ def build_elastic_equations(
 def fit_method(work: ElasticEquations, method: str) -> MethodFit:
     """Return dynamics and springs by one method, with the covariance of the dynamics.
 
-    What the rows do not tell has an infinite variance.
+    What the rows do not identify has an infinite variance.
     """
     two_step = fit_alternation if work.problem.options.scheme == "same-cost" else fit_two_step
     makers: dict[str, Callable[[], MethodFit]] = {
@@ -216,124 +178,17 @@ def fit_method(work: ElasticEquations, method: str) -> MethodFit:
     }
     fit = makers[method]()
     rows = build_linear_rows(work, fit)
-    if fit.covariance is not None:
-        return replace(
-            fit, covariance=mark_unidentifiable(fit.covariance, measure_identifiability(rows.design)[0])
-        )
-    errors = rows.right - rows.design @ fit.chi
-    return replace(fit, covariance=compute_clustered_covariance(rows.design, errors))
-
-
-def build_linear_rows(work: ElasticEquations, fit: MethodFit) -> _LinearRows:
-    """Return the equations that are linear in the dynamics of `fit`, its springs given."""
-    problem = work.problem
-    if fit.method in {"elimination", "independent", "nlp"}:
-        chosen = split_recordings(problem.signals)[0] if fit.method == "independent" else None
-        design, torque = build_elimination_rows(problem, chosen)
-        numbers = range(len(problem.signals)) if chosen is None else chosen
-        times = [_list_row_times(problem, number) for number in numbers]
-        return _LinearRows(design=design, right=torque, time=np.concatenate(times))
-    if fit.method == "weighted":
-        weights = 1.0 / work.band.scatter[work.rows.group]
-        return _LinearRows(
-            design=work.rows.design * weights[:, None],
-            right=work.rows.torque * weights,
-            time=work.rows.time,
-        )
-    pairs = list(zip(problem.signals, problem.energy, strict=True))
-    taken = [compute_window_work(fit.elasticity, signals, rows) for signals, rows in pairs]
-    times = [np.arange(len(signals.time))[rows.ends][:-1] / len(signals.time) for signals, rows in pairs]
-    return _LinearRows(
-        design=problem.design,
-        right=problem.supplied - np.concatenate(taken),
-        time=np.concatenate(times),
-    )
-
-
-def build_candidate(work: ElasticEquations, fit: MethodFit) -> MethodCandidate:
-    """Return `fit` as a candidate whose dynamics can be fitted again without a part of the rows."""
-    card = work.problem.library.card
-    # What no method can tell does not set them apart.
-    told = np.isfinite(np.diag(work.band.covariance))
-    spread = float(np.max(compute_relative_deviations(work, fit)[told], initial=0.0))
-    count = len(fit.chi)
-    offset = np.zeros(count)
-    if fit.method == "nlp":
-        # Exact where the fit is the least-squares solution of these rows, and near to it the influence of
-        # the rows left out.
-        rows = _build_side_rows(work.wide, fit)
-        offset = fit.chi - solve_with_signs(card, rows.design, rows.right)
-    else:
-        rows = build_linear_rows(work, fit)
-    if fit.method == "linear-spring":
-        # Its springs are linear too, and are fitted with the dynamics.
-        design = np.hstack([work.problem.design, compute_square_work(work.problem)])
-        rows = _LinearRows(design=design, right=work.problem.supplied, time=rows.time)
-    folds = assign_folds(rows.time)
-
-    def refit(fold: int) -> FloatArray:
-        kept = folds != fold
-        chi: FloatArray = offset + solve_with_signs(card, rows.design[kept], rows.right[kept])[:count]
-        return chi
-
-    return MethodCandidate(name=fit.method, refit=refit, spread=spread)
-
-
-def _build_side_rows(problem: ElasticProblem, fit: MethodFit) -> _LinearRows:
-    """Return motor and link equations with the springs' torques, each weighted by its scatter."""
-    designs, rights, times = [], [], []
-    for number, rows in enumerate(problem.filtered):
-        spring = compute_spring_torque(problem, fit, number)
-        beta = problem.sizes[0]
-        design = np.zeros((2, *rows.torque.shape, len(fit.chi)))
-        design[0, :, :, beta:], design[1, :, :, :beta] = rows.motor, rows.link
-        right = np.stack([rows.torque - spring, spring])
-        floor = _FLOOR * max(float(np.sqrt(np.mean(rows.torque**2))), 1e-300)
-        scatter = np.maximum(np.sqrt(np.mean((right - design @ fit.chi) ** 2, axis=1)), floor)[:, None, :]
-        designs.append((design / scatter[..., None]).reshape(-1, len(fit.chi)))
-        rights.append((right / scatter).reshape(-1))
-        times.append(np.tile(_list_row_times(problem, number), 2))
-    return _LinearRows(
-        design=np.concatenate(designs), right=np.concatenate(rights), time=np.concatenate(times)
-    )
-
-
-def compute_spring_torque(problem: ElasticProblem, fit: MethodFit, number: int) -> FloatArray:
-    """Return F[tau_J] (M, n) of the springs of `fit` at the filtered rows of recording `number`."""
-    signals, keep = problem.signals[number], problem.filtered[number].keep
-    torque = [
-        compute_hysteresis_torque(spring, signals.phi[:, joint])
-        for joint, spring in enumerate(fit.elasticity)
-    ]
-    filtered: FloatArray = filter_smooth(np.column_stack(torque), problem.options.rate, signals.period)[keep]
-    return filtered
-
-
-def compute_relative_deviations(work: ElasticEquations, fit: MethodFit) -> FloatArray:
-    """Return the standard deviation of every dynamic parameter relative to its size (p + n + pf,).
-
-    A parameter near zero is measured by what would matter: 5 % of a joint's torque through its column alone.
-    """
     if fit.covariance is None:
-        return np.full(len(fit.chi), np.inf)
-    size = work.problem.sizes[1]
-    design, torque = work.rows.design, work.rows.torque
-    matter = np.full(len(fit.chi), np.inf)
-    for joint in range(size):
-        own = work.rows.group % size == joint
-        lengths = np.linalg.norm(design[own], axis=0)
-        seen = lengths > 0.0
-        matter[seen] = np.minimum(matter[seen], _MATTER * np.linalg.norm(torque[own]) / lengths[seen])
-    matter[~np.isfinite(matter)] = 0.0
-    deviations = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-    relative: FloatArray = deviations / np.maximum(np.maximum(np.abs(fit.chi), matter), 1e-300)
-    return relative
+        return replace(fit, covariance=compute_covariance(rows.design, rows.right - rows.design @ fit.chi))
+    identifiable, _ = measure_identifiability(rows.design)
+    return replace(fit, covariance=mark_unidentifiable(fit.covariance, identifiable))
 
 
 def _fit_weighted(work: ElasticEquations) -> MethodFit:
     chi = work.band.chi
     springs = fit_springs(work.wide, average_sides(work.wide, chi))
-    return build_method_fit(work.problem, "weighted", chi, springs, covariance=work.band.covariance)
+    fit = build_method_fit("weighted", chi, work.problem.sizes, springs)
+    return replace(fit, covariance=work.band.covariance)
 
 
 def _fit_nlp(work: ElasticEquations) -> MethodFit:
@@ -346,10 +201,99 @@ def _fit_nlp(work: ElasticEquations) -> MethodFit:
     return fit_nlp(work.wide, start=start).fit
 
 
+def build_linear_rows(work: ElasticEquations, fit: MethodFit) -> _LinearRows:
+    """Return the equations that are linear in the dynamics of `fit`, its springs given."""
+    problem, band = work.problem, work.rows
+    if fit.method in {"elimination", "independent", "nlp"}:
+        numbers: Sequence[int] = range(len(problem.signals))
+        if fit.method == "independent":
+            numbers = split_recordings(problem.signals)[0]
+        design, torque = problem.stack_filtered(numbers)
+        time = np.concatenate([_list_row_times(problem, number) for number in numbers])
+        return _LinearRows(design.reshape(-1, design.shape[2]), torque.reshape(-1), time)
+    if fit.method == "weighted":
+        weights = 1.0 / work.band.scatter[band.group]
+        return _LinearRows(band.design * weights[:, None], band.torque * weights, band.time)
+    pairs = list(zip(problem.signals, problem.energy, strict=True))
+    taken = [compute_window_work(fit.elasticity, signals, rows) for signals, rows in pairs]
+    times = [np.arange(len(signals.time))[rows.ends][:-1] / len(signals.time) for signals, rows in pairs]
+    return _LinearRows(problem.design, problem.supplied - np.concatenate(taken), np.concatenate(times))
+
+
+def build_candidate(work: ElasticEquations, fit: MethodFit) -> MethodCandidate:
+    """Return `fit` as a candidate whose dynamics can be fitted again without a part of the rows."""
+    card = work.problem.library.card
+    # What no method can identify does not set them apart.
+    spread = np.max(compute_relative_deviations(work, fit)[work.identifiable], initial=0.0)
+    count = len(fit.chi)
+    offset = np.zeros(count)
+    if fit.method == "nlp":
+        # Exact where the fit is the least-squares solution of these rows, and near to it the influence of
+        # the rows left out.
+        rows = _build_side_rows(work.wide, fit)
+        offset = fit.chi - solve_with_signs(card, rows.design, rows.right)
+    else:
+        rows = build_linear_rows(work, fit)
+    if fit.method == "linear-spring":
+        # Its springs are linear too, and are fitted with the dynamics.
+        work_of_springs = build_stop_work(work.problem, [np.zeros(0)] * card.size)
+        rows = _LinearRows(np.hstack([rows.design, work_of_springs]), work.problem.supplied, rows.time)
+    folds = assign_folds(rows.time)
+
+    def refit(fold: int) -> FloatArray:
+        kept = folds != fold
+        return offset + solve_with_signs(card, rows.design[kept], rows.right[kept])[:count]
+
+    return MethodCandidate(refit, float(spread))
+
+
+def _build_side_rows(problem: ElasticProblem, fit: MethodFit) -> _LinearRows:
+    """Return motor and link equations with the springs' torques, each weighted by its scatter."""
+    designs, rights, times = [], [], []
+    for number, rows in enumerate(problem.filtered):
+        spring = compute_spring_torque(problem, fit, number)
+        motor, link = rows.design.copy(), rows.design.copy()
+        motor[:, :, : rows.bases], link[:, :, rows.bases :] = 0.0, 0.0
+        design, right = np.stack([motor, link]), np.stack([rows.torque - spring, spring])
+        floor = _FLOOR * max(float(np.sqrt(np.mean(rows.torque**2))), 1e-300)
+        scatter = np.maximum(np.sqrt(np.mean((right - design @ fit.chi) ** 2, axis=1)), floor)[:, None, :]
+        designs.append((design / scatter[..., None]).reshape(-1, len(fit.chi)))
+        rights.append((right / scatter).reshape(-1))
+        times.append(np.tile(_list_row_times(problem, number), 2))
+    return _LinearRows(np.concatenate(designs), np.concatenate(rights), np.concatenate(times))
+
+
 def _list_row_times(problem: ElasticProblem, number: int) -> FloatArray:
     count = len(problem.signals[number].time)
-    times: FloatArray = np.repeat(np.arange(count)[problem.filtered[number].keep] / count, problem.sizes[1])
-    return times
+    return np.repeat(np.arange(count)[problem.filtered[number].keep] / count, problem.sizes[1])
+
+
+def compute_spring_torque(problem: ElasticProblem, fit: MethodFit, number: int) -> FloatArray:
+    """Return F[tau_J] (M, n) of the springs of `fit` at the filtered rows of recording `number`."""
+    signals, keep = problem.signals[number], problem.filtered[number].keep
+    torque = np.column_stack(list(map(compute_hysteresis_torque, fit.elasticity, signals.phi.T)))
+    return filter_smooth(torque, problem.options.rate, signals.period)[keep]
+
+
+def compute_relative_deviations(work: ElasticEquations, fit: MethodFit) -> FloatArray:
+    """Return the standard deviation of every dynamic parameter relative to its size (p + n + pf,).
+
+    A parameter near zero is measured by what would matter: 5 % of a joint's torque through its column alone.
+    """
+    if fit.covariance is None:
+        return np.full(len(fit.chi), np.inf)
+    size = work.problem.sizes[1]
+    matter = np.full(len(fit.chi), np.inf)
+    for joint in range(size):
+        own = work.rows.group % size == joint
+        lengths = np.linalg.norm(work.rows.design[own], axis=0)
+        excited = lengths > 0.0
+        limit = _MATTER * np.linalg.norm(work.rows.torque[own]) / lengths[excited]
+        matter[excited] = np.minimum(matter[excited], limit)
+    matter[~np.isfinite(matter)] = 0.0
+    deviations = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+    relative: FloatArray = deviations / np.maximum(np.maximum(np.abs(fit.chi), matter), 1e-300)
+    return relative
 
 
 AUTOMATIC_METHODS = ("linear-spring", "two-step", "elimination", "weighted", "nlp")
@@ -358,60 +302,52 @@ _LEVEL = 0.999
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MethodSelection:
-    """The fit taken, the scores of all that could be, why, and what a reader should know."""
+    """The fit taken, the errors of all that could be, by method, why, and what a reader should know."""
 
     fit: MethodFit
-    scores: tuple[CandidateScore, ...]
     reason: str
+    errors: Mapping[str, float] = field(default_factory=dict)
     notices: tuple[Notice, ...] = ()
-
-
-def fit_candidates(work: ElasticEquations) -> tuple[MethodFit, ...]:
-    """Return the fits of all methods that the automatic choice compares."""
-    return tuple(fit_method(work, method) for method in AUTOMATIC_METHODS)
 
 
 def choose_fit(work: ElasticEquations, fits: Sequence[MethodFit]) -> MethodSelection:
     """Return the choice among `fits`, at least one of which is usable."""
+    from scipy.special import chdtri
+
     usable = [fit for fit in fits if fit.outcome.usable and np.all(np.isfinite(fit.chi))]
-    limit = _compute_limit(work)
-    kept = [fit for fit in usable if fit.method != "nlp" or _compute_chi2(work, fit) <= limit] or usable
+    limit = float(chdtri(np.count_nonzero(work.identifiable), 1.0 - _LEVEL))
+    chi2 = {fit.method: _compute_chi2(work, fit) for fit in usable if fit.method == "nlp"}
+    contrary = [fit for fit in usable if not chi2.get(fit.method, 0.0) <= limit]
+    kept = [fit for fit in usable if fit not in contrary] or usable
     candidates = [build_candidate(work, fit) for fit in kept]
-    best, scores = choose_candidate(candidates, work.rows, work.band.scatter)
-    taken = next(score for score in scores if score.name == best)
-    close = sum(score.is_close(min(entry.error for entry in scores)) for score in scores)
-    among = f"is the surest of the {close} that foretell" if close > 1 else "foretells"
-    reason = (
-        f"of {len(scores)} methods {best} {among} best the torques that dynamics were not fitted to, springs "
-        f"held as found: mean squared error {taken.error:.4g} in units of the noise"
+    taken, errors, close = choose_candidate(candidates, work.rows, work.band.scatter)
+    best = kept[taken]
+    noise = f"(normalised error {errors[taken]:.3g}; 1 is the noise floor)"
+    if close > 1:
+        reason = (
+            f"{close} of {len(kept)} methods predict held-out torque equally well {noise}. {best.method} has "
+            "the smallest uncertainty of these and was chosen"
+        )
+    else:
+        reason = f"{best.method} predicts held-out torque best of {len(kept)} methods {noise} and was chosen"
+    text = (
+        "the method {} was left out of the choice: its dynamics contradict those identified without springs "
+        f"(chi^2 {{:.3g}}, limit {limit:.3g}). Its spring model does not describe these joints well enough"
     )
     notices = tuple(
-        Notice(
-            code="elastic.contradiction",
-            text=f"the method {fit.method} contradicts what the motions show without springs (chi^2 "
-            f"{_compute_chi2(work, fit):.3g}, limit {limit:.3g}) and was left out of the choice: its springs "
-            "do not describe these joints well enough",
-        )
-        for fit in usable
+        Notice(code="elastic.contradiction", text=text.format(fit.method, chi2[fit.method]))
+        for fit in contrary
         if fit not in kept
     )
-    return MethodSelection(
-        fit=next(fit for fit in kept if fit.method == best), scores=scores, reason=reason, notices=notices
-    )
+    named = dict(zip((fit.method for fit in kept), errors.tolist(), strict=True))
+    return MethodSelection(fit=best, errors=named, reason=reason, notices=notices)
 
 
 def _compute_chi2(work: ElasticEquations, fit: MethodFit) -> float:
-    """Return (chi - chi_w)' C_w^-1 (chi - chi_w)."""
-    told = np.flatnonzero(np.isfinite(np.diag(work.band.covariance)))
-    covariance = work.band.covariance[np.ix_(told, told)]
+    """Return (chi - chi_w)' C_w^-1 (chi - chi_w) over the identifiable parameters."""
+    kept = np.flatnonzero(work.identifiable)
+    covariance = work.band.covariance[np.ix_(kept, kept)]
     lengths = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     inverse = np.linalg.pinv(covariance / np.outer(lengths, lengths), rcond=1e-12, hermitian=True)
-    scaled = (fit.chi - work.band.chi)[told] / lengths
+    scaled = (fit.chi - work.band.chi)[kept] / lengths
     return float(scaled @ inverse @ scaled)
-
-
-def _compute_limit(work: ElasticEquations) -> float:
-    from scipy.special import chdtri
-
-    count = np.count_nonzero(np.isfinite(np.diag(work.band.covariance)))
-    return float(chdtri(count, 1.0 - _LEVEL))

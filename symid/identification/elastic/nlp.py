@@ -8,11 +8,8 @@
     certificate  kkt = max_i |z_i - min(u_i, max(l_i, z_i - df/dz_i))|
 
 Unknowns are scaled by the lengths of their columns at the start, x = d z. All constraints are bounds, so
-that kkt is zero at a point that satisfies the Karush-Kuhn-Tucker conditions, and nowhere else; it is
-computed from our own gradient, whatever the solver says, and a few Newton steps with active bounds end
-every run. Stops and knees that are given, or on a grid, stay where they are; knees of a grid follow the
-torque that the springs reach. What no motion shows is said: stops beyond the torsion, knees beyond the
-torque.
+that kkt is zero exactly at points that satisfy the Karush-Kuhn-Tucker conditions. Stops and knees that are
+given, or on a grid, stay where they are; knees of a grid follow the torque that the springs reach.
 
 Supported: energy, filtered and momentum rows; Stribeck friction; odd springs; exact and Gauss-Newton
 Hessians.
@@ -29,7 +26,7 @@ from symid.arrays import FloatArray, FrozenArrays, freeze
 from symid.codegen import ModelCard
 from symid.errors import Notice
 from symid.identification.elastic.elimination import fit_elimination
-from symid.identification.elastic.estimate import HistoryEntry, MethodFit
+from symid.identification.elastic.estimate import HistoryEntry, MethodFit, build_method_fit
 from symid.identification.elastic.nlp_cost import (
     ElasticNlpCost,
     NlpLayout,
@@ -37,8 +34,8 @@ from symid.identification.elastic.nlp_cost import (
     build_layout,
     build_spring,
     build_start,
+    compute_linear_residuals,
     compute_nlp_covariance,
-    estimate_linear_sigmas,
     estimate_sigmas,
     flatten_slopes,
     invert_normal_equations,
@@ -46,10 +43,10 @@ from symid.identification.elastic.nlp_cost import (
 )
 from symid.identification.elastic.nlp_rows import NlpRecording, build_nlp_recording, move_stops
 from symid.identification.elastic.options import NlpOptions
-from symid.identification.elastic.problem import ElasticProblem, build_method_fit
-from symid.identification.elastic.spring_fit import compute_room
+from symid.identification.elastic.problem import ElasticProblem
+from symid.identification.elastic.spring_fit import compute_place_limits
 from symid.identification.elastic.two_step import fit_linear_spring
-from symid.identification.hysteresis import LEAST_KNEE, build_knee_grid
+from symid.identification.hysteresis import SpringWeights, build_knee_grid
 from symid.ipopt import Ending, IpoptOptions, SmoothProblem, keep_last, minimise
 from symid.robot import Elasticity
 
@@ -65,48 +62,29 @@ _KKT = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ActiveBound:
-    """An unknown at a bound: name, "lower" or "upper", its value, and the multiplier in scaled unknowns."""
-
-    name: str
-    side: str
-    value: float
-    multiplier: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Certificate:
     """What proves an optimum, computed without the solver.
 
     Args:
         kkt: scaled residual of the optimality conditions.
-        violation: largest distance outside a bound, scaled.
-        active: bounds that hold unknowns.
+        active: unknowns held by a bound, with their values.
         undetermined: unknowns without any effect at this point, or none apart from k0.
-        condition: condition number of the scaled Hessian of all other unknowns that no bound holds.
-        curvature: its least eigenvalue; positive at a strict local minimum.
+        curvature: least eigenvalue of the scaled Hessian of all other unknowns that no bound holds; positive
+            at a strict local minimum.
     """
 
     kkt: float
-    violation: float
-    active: tuple[ActiveBound, ...]
+    active: tuple[tuple[str, float], ...]
     undetermined: tuple[str, ...]
-    condition: float
     curvature: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NlpRun(FrozenArrays):
-    """One run.
-
-    Args:
-        x: (x,) unknowns in SI units; objective: f; start: f at the start.
-        outcome, reason: how it ended.
-    """
+    """One run: (x,) unknowns in SI units, f, and how it ended."""
 
     x: FloatArray
     objective: float
-    start: float
     outcome: Ending
     reason: str
     certificate: Certificate
@@ -115,22 +93,6 @@ class NlpRun(FrozenArrays):
     def converged(self) -> bool:
         """Return whether the run ended at an optimum."""
         return self.outcome in {Ending.CONVERGED, Ending.ACCEPTABLE}
-
-
-def build_smooth_problem(cost: ElasticNlpCost, hessian: str) -> SmoothProblem:
-    """Return the problem of `cost`, with its "exact" or "gauss-newton" Hessian."""
-    state = keep_last(cost.find_state)
-
-    def find_hessian(x: FloatArray) -> FloatArray:
-        return cost.find_hessian(state(x), x) if hessian == "exact" else cost.find_gauss_newton(state(x))
-
-    return SmoothProblem(
-        value=lambda x: cost.find_value(state(x)),
-        gradient=lambda x: cost.find_gradient(state(x)),
-        hessian=find_hessian,
-        lower=cost.layout.lower,
-        upper=cost.layout.upper,
-    )
 
 
 def compute_scales(cost: ElasticNlpCost, x: FloatArray) -> FloatArray:
@@ -142,18 +104,24 @@ def compute_scales(cost: ElasticNlpCost, x: FloatArray) -> FloatArray:
 
 
 def optimise_nlp(cost: ElasticNlpCost, start: FloatArray, scales: FloatArray, options: NlpOptions) -> NlpRun:
-    """Return the optimum next to `start` (x,), with its certificate.
+    """Return the optimum next to `start` (x,), with its certificate; a start outside the bounds is clipped.
 
-    Args:
-        cost: of the problem.
-        start: unknowns, SI; moved between the bounds where it is outside.
-        scales: SI units per scaled unknown.
-        options: Hessian, tolerance, limit of iterations.
+    Unknowns are in SI units, `scales` (x,) in SI units per scaled unknown.
     """
-    layout = cost.layout
-    scaled = build_smooth_problem(cost, options.hessian).scale(scales)
+    layout, state = cost.layout, keep_last(cost.find_state)
+
+    def find_hessian(x: FloatArray) -> FloatArray:
+        exact = options.hessian == "exact"
+        return cost.find_hessian(state(x), x) if exact else cost.find_gauss_newton(state(x))
+
+    scaled = SmoothProblem(
+        value=lambda x: cost.find_value(state(x)),
+        gradient=lambda x: cost.find_gradient(state(x)),
+        hessian=find_hessian,
+        lower=layout.lower,
+        upper=layout.upper,
+    ).scale(scales)
     begin = np.clip(start, layout.lower, layout.upper) / scales
-    first = scaled.value(begin)
     run = minimise(scaled, begin, IpoptOptions(tolerance=options.tolerance, iterations=options.iterations))
     outcome, reason = run.outcome, run.reason
     x = np.clip(_polish(scaled, run.x) * scales, layout.lower, layout.upper)
@@ -166,7 +134,6 @@ def optimise_nlp(cost: ElasticNlpCost, start: FloatArray, scales: FloatArray, op
     return NlpRun(
         x=x,
         objective=cost.find_value(cost.find_state(x)),
-        start=first,
         outcome=outcome,
         reason=reason,
         certificate=certificate,
@@ -179,30 +146,16 @@ def compute_certificate(cost: ElasticNlpCost, x: FloatArray, scales: FloatArray)
     state = cost.find_state(x)
     slope = cost.find_gradient(state) * scales
     z, low, high = x / scales, layout.lower / scales, layout.upper / scales
-    kkt = _compute_kkt(z, slope, low, high)
-    violation = float(np.max(np.maximum(np.maximum(low - z, z - high), 0.0)))
     at_low = (z - low <= _AT_BOUND) & (slope > 0.0) & (low < high)
     at_high = (high - z <= _AT_BOUND) & (slope < 0.0) & (low < high)
-    active = tuple(
-        ActiveBound(
-            name=layout.names[place],
-            side="lower" if at_low[place] else "upper",
-            value=float(x[place]),
-            multiplier=float(abs(slope[place])),
-        )
-        for place in np.flatnonzero(at_low | at_high)
-    )
     hessian = cost.find_hessian(state, x) * scales * scales[:, None]
     blind = (np.diag(hessian) <= _BLIND) & (np.abs(slope) <= _BLIND)
     free = ~(at_low | at_high | blind | (low == high))
-    values = np.linalg.eigvalsh(hessian[np.ix_(free, free)])
     return Certificate(
-        kkt=kkt,
-        violation=violation,
-        active=active,
+        kkt=_compute_kkt(z, slope, low, high),
+        active=tuple((layout.names[place], float(x[place])) for place in np.flatnonzero(at_low | at_high)),
         undetermined=tuple(layout.names[place] for place in np.flatnonzero(blind | (low == high))),
-        condition=float(values[-1] / values[0]) if values[0] > 0.0 else np.inf,
-        curvature=float(values[0]),
+        curvature=float(np.linalg.eigvalsh(hessian[np.ix_(free, free)])[0]),
     )
 
 
@@ -213,9 +166,9 @@ def _polish(problem: SmoothProblem, z: FloatArray) -> FloatArray:
     own residual falls.
     """
     low, high, hessian_of = problem.lower, problem.upper, problem.hessian
-    if hessian_of is None:
-        return np.clip(z, low, high)
     best = np.clip(z, low, high)
+    if hessian_of is None:
+        return best
     slope = problem.gradient(best)
     residual = _compute_kkt(best, slope, low, high)
     for _ in range(_NEWTON_STEPS):
@@ -224,8 +177,7 @@ def _polish(problem: SmoothProblem, z: FloatArray) -> FloatArray:
         trial = np.where(at_low, low, np.where(at_high, high, best))
         free = np.flatnonzero(~(at_low | at_high))
         hessian = hessian_of(best)[np.ix_(free, free)]
-        away = problem.gradient(trial)
-        trial[free] -= np.linalg.lstsq(hessian, away[free], rcond=1e-12)[0]
+        trial[free] -= np.linalg.lstsq(hessian, problem.gradient(trial)[free], rcond=1e-12)[0]
         trial = np.clip(trial, low, high)
         slope = problem.gradient(trial)
         reached = _compute_kkt(trial, slope, low, high)
@@ -267,16 +219,6 @@ class NlpSetting:
     knees: tuple[tuple[float, ...], ...] | None
     stiffness: FloatArray
 
-    @property
-    def stops_move(self) -> bool:
-        """Return whether the data place the stops: not those that are given, or on a grid with the knees."""
-        return self.problem.options.moves_stops and self.knees is not None
-
-    @property
-    def knees_move(self) -> bool:
-        """Return whether the data place the knees; those of odd springs stand in pairs, and stay."""
-        return self.stops_move and self.problem.options.knee_torques is None and not self.options.odd
-
     def lay_out(self, springs: Sequence[Elasticity]) -> NlpLayout:
         """Return the unknowns, with knees for what `springs` reach."""
         grids = []
@@ -286,72 +228,59 @@ class NlpSetting:
                 knees = self.knees[joint]
             else:
                 weights = list_weights(springs[joint], thresholds)
-                inner = [basis @ weights for basis in bases]
                 count, odd = self.problem.options.knees, self.options.odd
-                knees = tuple(sorted(map(float, build_knee_grid(inner, count, odd=odd))))
-            grid = SpringGrid(
-                thresholds=thresholds,
-                knees=knees,
-                stiffness=float(self.stiffness[joint]),
-                reach=max(float(np.abs(basis[:, 0]).max()) for basis in bases),
+                grid = build_knee_grid([basis @ weights for basis in bases], count, odd=odd)
+                knees = tuple(sorted(map(float, grid)))
+            grids.append(
+                SpringGrid(
+                    thresholds=thresholds,
+                    knees=knees,
+                    stiffness=float(self.stiffness[joint]),
+                    reach=max(float(np.abs(basis[:, 0]).max()) for basis in bases),
+                )
             )
-            grids.append(grid)
         return build_layout(self.problem.library.card, grids, self.options)
 
     def shift(self, places: Sequence[NlpPlace], steps: FloatArray) -> "NlpSetting":
         """Return the setting with each of the places moved by a step (places,)."""
         knees = [list(entries) for entries in self.knees or ()]
+        grids = [grid.copy() for grid in self.thresholds]
         moves: list[dict[int, float]] = [{} for _ in self.thresholds]
         for place, step in zip(places, steps.tolist(), strict=True):
             if place.knee:
                 knees[place.joint][place.index] += step
             elif step:
-                moves[place.joint][place.index] = float(self.thresholds[place.joint][place.index]) + step
+                grids[place.joint][place.index] += step
+                moves[place.joint][place.index] = float(grids[place.joint][place.index])
         moved = replace(self, knees=None if self.knees is None else tuple(map(tuple, knees)))
         if not any(moves):
             return moved
-        grids = [grid.copy() for grid in self.thresholds]
-        for grid, entries in zip(grids, moves, strict=True):
-            grid[list(entries)] = list(entries.values())
-        thresholds = tuple(map(freeze, grids))
-        if "filtered" in self.options.rows:
-            recordings = _build_recordings(self.problem, thresholds, self.options)
-        else:
-            recordings = tuple(
-                move_stops(recording, self.problem, number, moves)
-                for number, recording in enumerate(self.recordings)
-            )
-        return replace(moved, thresholds=thresholds, recordings=recordings)
+        recordings = tuple(move_stops(recording, moves) for recording in self.recordings)
+        return replace(moved, thresholds=tuple(map(freeze, grids)), recordings=recordings)
 
 
 def prepare_setting(problem: ElasticProblem, options: NlpOptions, begin: MethodFit) -> NlpSetting:
     """Return the setting of the first round; stops and knees are those of `begin` where it has some."""
     springs = begin.elasticity
-    placed = any(spring.stops or spring.knees for spring in springs)
-    thresholds = problem.thresholds
-    knees = problem.options.knee_torques
-    if placed:
+    thresholds, knees = problem.thresholds, problem.options.knee_torques
+    if any(spring.stops or spring.knees for spring in springs):
         thresholds = tuple(freeze([stop.threshold for stop in spring.stops]) for spring in springs)
         knees = tuple(tuple(knee.threshold for knee in spring.knees) for spring in springs)
     whole = np.array([spring.initial_stiffness or 0.0 for spring in springs])
     return NlpSetting(
         problem=problem,
         options=options,
-        recordings=_build_recordings(problem, thresholds, options),
+        recordings=tuple(
+            build_nlp_recording(problem, number, thresholds, options.rows)
+            for number in range(len(problem.signals))
+        ),
         thresholds=thresholds,
         knees=knees,
         stiffness=np.maximum(whole, 1e-6 * max(float(whole.max()), 1e-6)),
     )
 
 
-def _build_recordings(
-    problem: ElasticProblem, thresholds: Sequence[FloatArray], options: NlpOptions
-) -> tuple[NlpRecording, ...]:
-    numbers = range(len(problem.signals))
-    return tuple(build_nlp_recording(problem, number, thresholds, options.rows) for number in numbers)
-
-
-REST_WEIGHT = 1e-9
+_REST_WEIGHT = 1e-9
 """Of the linear spring: weights below it are zero."""
 _SHIFT = 1e-4
 """Of the place of a stop or knee, for derivatives by it."""
@@ -359,14 +288,18 @@ _FRACTIONS = (1.0, 0.5, 0.25, 0.125)
 
 
 def list_places(setting: NlpSetting, cost: ElasticNlpCost, x: FloatArray) -> tuple[NlpPlace, ...]:
-    """Return the stops and knees that the data place."""
+    """Return the stops and knees whose places are optimised: none that are given or on a grid.
+
+    Knees of odd springs stand in pairs, and stay.
+    """
+    options = setting.problem.options
+    if setting.knees is None or not options.moves_stops:
+        return ()
     places = []
     for joint, spring in enumerate(cost.layout.springs):
-        if setting.stops_move:
-            least = REST_WEIGHT * setting.stiffness[joint]
-            busy = np.flatnonzero(x[spring.weights][1:] > least)
-            places += [NlpPlace(joint=joint, knee=False, index=int(stop)) for stop in busy]
-        if setting.knees_move:
+        busy = np.flatnonzero(x[spring.weights][1:] > _REST_WEIGHT * setting.stiffness[joint])
+        places += [NlpPlace(joint=joint, knee=False, index=int(stop)) for stop in busy]
+        if options.knee_torques is None and not setting.options.odd:
             places += [NlpPlace(joint=joint, knee=True, index=knee) for knee in range(len(spring.knees))]
     return tuple(places)
 
@@ -385,24 +318,18 @@ def compute_place_slopes(
     return slopes
 
 
-def move_places(setting: NlpSetting, cost: ElasticNlpCost, x: FloatArray) -> tuple[NlpSetting, FloatArray]:
-    """Return setting and unknowns a step nearer to the optimum of unknowns and places together.
-
-    Args:
-        setting: where stops and knees stand.
-        cost: of that setting.
-        x: (x,) its optimum with these places.
-    """
+def _move_places(setting: NlpSetting, cost: ElasticNlpCost, x: FloatArray) -> tuple[NlpSetting, FloatArray]:
+    """Return setting and unknowns a step nearer to the optimum of unknowns x (x,) and places together."""
     places = list_places(setting, cost, x)
     if not places:
         return setting, x
     inverse, scores = invert_normal_equations(cost, x, compute_place_slopes(setting, cost, x, places))
     step = -inverse @ scores.sum(axis=0)
     value = cost.find_value(cost.find_state(x))
-    lower, upper = _compute_place_limits(setting, cost, x, places)
+    limits = _compute_place_limits(setting, cost, x)
+    lower, upper = np.array([limits[place] for place in places]).T
     for fraction in _FRACTIONS:
-        move = np.clip(fraction * step[len(x) :], lower, upper)
-        moved = setting.shift(places, move)
+        moved = setting.shift(places, np.clip(fraction * step[len(x) :], lower, upper))
         trial = _rebuild(cost, moved)
         start = np.clip(x + fraction * step[: len(x)], trial.layout.lower, trial.layout.upper)
         if trial.find_value(trial.find_state(start)) < value:
@@ -415,27 +342,25 @@ def _rebuild(cost: ElasticNlpCost, setting: NlpSetting) -> ElasticNlpCost:
 
 
 def _compute_place_limits(
-    setting: NlpSetting, cost: ElasticNlpCost, x: FloatArray, places: Sequence[NlpPlace]
-) -> tuple[FloatArray, FloatArray]:
+    setting: NlpSetting, cost: ElasticNlpCost, x: FloatArray
+) -> dict[NlpPlace, tuple[float, float]]:
     """Return how far each place may move down and up."""
     limits: dict[NlpPlace, tuple[float, float]] = {}
     for joint, spring in enumerate(cost.layout.springs):
-        bases = [part.bases[joint] for part in setting.recordings]
-        reach = max(float(np.abs(basis[:, 0]).max()) for basis in bases)
-        torque = np.concatenate([basis @ x[spring.weights] for basis in bases])
-        for index, ends in enumerate(zip(*compute_room(setting.thresholds[joint], 0.0, reach), strict=True)):
-            limits[NlpPlace(joint=joint, knee=False, index=index)] = ends
-        for side in (-1.0, 1.0):
-            order = [index for index, knee in enumerate(spring.knees) if knee * side > 0.0]
-            if side < 0.0:
-                order.reverse()
-            edge = max(0.0, float(np.max(side * torque)))
-            room = compute_room(np.abs([spring.knees[index] for index in order]), LEAST_KNEE * edge, edge)
-            for index, down, up in zip(order, *room, strict=True):
-                ends = (down, up) if side > 0.0 else (-up, -down)
-                limits[NlpPlace(joint=joint, knee=True, index=index)] = ends
-    found = np.array([limits[place] for place in places])
-    return found[:, 0], found[:, 1]
+        knees = np.array(spring.knees)
+        # Those below zero, then those above, both from zero outwards.
+        order = np.lexsort((np.abs(knees), knees > 0.0))
+        weights = SpringWeights(
+            thresholds=spring.thresholds,
+            stiffness=x[spring.weights],
+            knees=knees[order],
+            slopes=np.ones(len(knees)),
+        )
+        ends = compute_place_limits([part.bases[joint] for part in setting.recordings], weights)
+        stops = [NlpPlace(joint=joint, knee=False, index=index) for index in range(len(spring.thresholds))]
+        places = [*stops, *(NlpPlace(joint=joint, knee=True, index=index) for index in order.tolist())]
+        limits |= dict(zip(places, zip(*(part.tolist() for part in ends), strict=True), strict=True))
+    return limits
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -446,15 +371,11 @@ class NlpFit:
         fit: parameters and springs, outcome, one history entry a round.
         run: the last run, with its certificate.
         cost: of the last round; its `sigmas` are the row scales, its `layout` names the unknowns.
-        scales: (x,) SI units per scaled unknown.
-        stiffness: (n,) of the linear springs that bound the weights.
     """
 
     fit: MethodFit
     run: NlpRun
     cost: ElasticNlpCost
-    scales: FloatArray
-    stiffness: FloatArray
 
 
 def fit_nlp(
@@ -475,16 +396,17 @@ def fit_nlp(
     setting = prepare_setting(problem, options, begin)
     layout = setting.lay_out(begin.elasticity)
     x = build_start(layout, begin.chi, begin.elasticity)
-    sigmas = estimate_linear_sigmas(setting.recordings, begin.chi, setting.stiffness)
+    blocks = [block for part in setting.recordings for block in part.blocks]
+    linear = [compute_linear_residuals(block, begin.chi, setting.stiffness) for block in blocks]
+    sigmas = estimate_sigmas(blocks, linear, begin.chi)
     history: list[HistoryEntry] = []
     for number in range(options.rounds + 1):
         cost = ElasticNlpCost(
             recordings=setting.recordings, layout=layout, sigmas=sigmas, smoothing=options.smoothing
         )
-        scales = compute_scales(cost, x)
-        run = optimise_nlp(cost, x, scales, options)
-        moved, end = run.x[layout.dynamics] - x[layout.dynamics], np.abs(run.x[layout.dynamics])
+        run = optimise_nlp(cost, x, compute_scales(cost, x), options)
         residuals = cost.find_state(run.x).residuals
+        moved, end = run.x[layout.dynamics] - x[layout.dynamics], np.abs(run.x[layout.dynamics])
         entry = HistoryEntry(
             merit=run.objective,
             change=float(np.max(np.abs(moved) / np.maximum(end, 1e-3 * float(np.max(end))))),
@@ -493,22 +415,19 @@ def fit_nlp(
         history.append(entry)
         if number == options.rounds or not run.outcome.usable:
             break
-        sigmas = estimate_sigmas(cost, run.x)
+        sigmas = estimate_sigmas(cost.blocks, residuals, run.x[layout.dynamics])
         setting, layout, x = _carry_over(setting, replace(cost, sigmas=sigmas), run)
     run = replace(run, x=flatten_slopes(layout, run.x, run.certificate.undetermined))
-    springs = _read_springs(layout, run.x, setting.stiffness)
+    chi, springs = run.x[layout.dynamics], _read_springs(layout, run.x, setting.stiffness)
     slopes = compute_place_slopes(setting, cost, run.x, list_places(setting, cost, run.x))
-    fit = build_method_fit(
-        problem,
-        "nlp",
-        run.x[layout.dynamics],
-        springs,
+    fit = replace(
+        build_method_fit("nlp", chi, problem.sizes, springs),
         history=tuple(history),
         outcome=run.outcome,
         covariance=compute_nlp_covariance(cost, run.x, slopes),
         notices=(*_list_notices(run), *_describe_stribeck(problem.library.card, layout, run.x)),
     )
-    return NlpFit(fit=fit, run=run, cost=cost, scales=scales, stiffness=setting.stiffness)
+    return NlpFit(fit=fit, run=run, cost=cost)
 
 
 def _carry_over(
@@ -521,7 +440,7 @@ def _carry_over(
     layout = cost.layout
     x = flatten_slopes(layout, run.x, run.certificate.undetermined)
     if setting.knees is not None:
-        setting, x = move_places(setting, cost, x)
+        setting, x = _move_places(setting, cost, x)
         return setting, setting.lay_out(()), x
     springs = _read_springs(layout, x, setting.stiffness)
     fresh = setting.lay_out(springs)
@@ -530,26 +449,31 @@ def _carry_over(
     return setting, fresh, start
 
 
+def _read_springs(layout: NlpLayout, x: FloatArray, stiffness: FloatArray) -> tuple[Elasticity, ...]:
+    pairs = zip(layout.springs, stiffness, strict=True)
+    return tuple(build_spring(spring, x, _REST_WEIGHT * whole) for spring, whole in pairs)
+
+
 def _list_notices(run: NlpRun) -> Iterator[Notice]:
     if not run.converged:
-        text = f"the problem was not solved: {run.reason}; parameters and springs are those of its last point"
+        text = f"nlp did not converge: {run.reason}; parameters and springs are those of its last point"
         yield Notice(code="elastic.nlp-not-converged", text=text)
     unknown = run.certificate.undetermined
     if unknown:
         text = (
-            f"the recordings do not show {', '.join(unknown)}: move farther, at other speeds or with more "
-            "load, or leave these terms out"
+            f"not identifiable from these logs: {', '.join(unknown)}; record larger motions, other speeds or "
+            "more load, or leave these terms out"
         )
         yield Notice(code="elastic.nlp-undetermined", text=text)
-    for bound in run.certificate.active:
+    for name, value in run.certificate.active:
         # Zero is a bound of nature; all others are ours.
-        if bound.value != 0.0:
-            text = f"{bound.name} is at its limit of {bound.value:g}: the recordings do not hold it"
+        if value != 0.0:
+            text = f"{name} is at its limit of {value:g}: the logs do not determine it"
             yield Notice(code="elastic.nlp-limit", text=text)
 
 
 def _describe_stribeck(card: ModelCard, layout: NlpLayout, x: FloatArray) -> Iterator[Notice]:
-    """Yield the Stribeck friction that was found besides: no parameter of the model states it."""
+    """Yield the Stribeck friction that was identified besides: no parameter of the model states it."""
     for joint, excess, speed in zip(card.joints, x[layout.excess], x[layout.speed], strict=False):
         text = f"joint {joint.name!r}: Stribeck friction on top of the model's: "
         if excess > 0.0:
@@ -560,10 +484,3 @@ def _describe_stribeck(card: ModelCard, layout: NlpLayout, x: FloatArray) -> Ite
         else:
             text += "none"
         yield Notice(code="elastic.stribeck", text=text)
-
-
-def _read_springs(layout: NlpLayout, x: FloatArray, stiffness: FloatArray) -> tuple[Elasticity, ...]:
-    return tuple(
-        build_spring(spring, x, REST_WEIGHT * whole)
-        for spring, whole in zip(layout.springs, stiffness, strict=True)
-    )

@@ -7,14 +7,12 @@
 
 The slope of the outer function is one at v = 0, which fixes the scale of the weights, and c_j beyond its
 j-th knee on each side, so that knee j adds c_j - c_j-1: rising and passive means c_j > 0 and k_i >= 0.
-The first term of H alone is the Gauss-Newton Hessian; the second has closed forms too: unknowns meet only
-in products of slopes and weights, at crossings of knees, and in the Stribeck velocity. Rows of all kinds
-within a stretch of time share the same noise (Liang and Zeger 1986); places of stops and knees that the
-data chose count as unknown.
+The first term of H alone is the Gauss-Newton Hessian. Rows of all kinds within a stretch of time share the
+same noise (Liang and Zeger 1986); optimised places of stops and knees count as unknown.
 
 Supported: knees with slopes of their own on both sides, or odd springs whose sides share them; unknowns
 at bounds or without effect, which count as known in the covariance.
-Not supported: bounds on base parameters; starts outside the bounds; doubt about the number of stops and
+Not supported: bounds on base parameters; starts outside the bounds; uncertainty of the number of stops and
 knees.
 """
 
@@ -34,7 +32,7 @@ from symid.identification.elastic.nlp_rows import (
     build_knee_steps,
 )
 from symid.identification.elastic.options import NlpOptions
-from symid.identification.elastic.regression import list_lower_bounds
+from symid.identification.elastic.regression import average_steps, list_lower_bounds
 from symid.identification.hysteresis import build_stops
 from symid.joint_models import build_numpy_carrier, compute_stribeck_derivatives
 from symid.robot import Elasticity, Knee
@@ -62,8 +60,7 @@ class SpringLayout:
 
     def find_changes(self, x: FloatArray) -> FloatArray:
         """Return the changes of slope (entries,) of the unknowns x (x,)."""
-        found: FloatArray = self.changes @ x[self.slopes] + self.offset
-        return found
+        return self.changes @ x[self.slopes] + self.offset
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -93,12 +90,10 @@ class NlpLayout:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SpringGrid:
-    """What is fixed of one joint's spring.
+    """What is fixed of one joint's spring: thresholds (m,) rad or m, signed knee torques N m or N.
 
-    Args:
-        thresholds: (m,) of the stops, rad or m; knees: signed torques, N m or N.
-        stiffness: of a linear spring in its place, N m/rad or N/m; weights are bounded by a multiple.
-        reach: largest torsion; a stop that never slips is one with k0, and its weight is fixed at zero.
+    Weights are bounded by a multiple of `stiffness`, that of a linear spring; those of stops beyond `reach`,
+    the largest torsion, are fixed at zero, as they are one with k0.
     """
 
     thresholds: FloatArray
@@ -108,15 +103,9 @@ class SpringGrid:
 
 
 def build_layout(card: ModelCard, grids: Sequence[SpringGrid], options: NlpOptions) -> NlpLayout:
-    """Return the unknowns.
-
-    Args:
-        card: names of the dynamic parameters.
-        grids: one a joint.
-        options: bounds, Stribeck friction, odd springs.
-    """
+    """Return the unknowns: dynamic parameters of the card, perhaps Stribeck friction, a spring a grid."""
     joints = range(1, card.size + 1)
-    # A joint whose file states no rotor has one nevertheless, and it is found.
+    # A joint whose file states no rotor has one nevertheless, and it is identified.
     rotors = [f"IA{joint}" for joint in joints]
     names = [*(entry.name for entry in card.beta), *rotors, *(entry.name for entry in card.friction)]
     lower = [list_lower_bounds(card)]
@@ -136,10 +125,9 @@ def build_layout(card: ModelCard, grids: Sequence[SpringGrid], options: NlpOptio
         names += [f"k{stop} of joint {joint}" for stop in range(len(grid.thresholds) + 1)]
         names += [f"slope beyond {place} of joint {joint}" for place in places]
         least, limit = (factor * grid.stiffness for factor in (options.least_stiffness, options.weight_limit))
-        count = len(places)
-        lower += [np.array([least]), np.zeros(len(grid.thresholds)), np.full(count, options.slopes[0])]
-        upper += [np.array([limit]), np.where(grid.thresholds < grid.reach, limit, 0.0)]
-        upper += [np.full(count, options.slopes[1])]
+        slopes = np.ones((2, len(places))) * np.array(options.slopes)[:, None]
+        lower += [np.array([least]), np.zeros(len(grid.thresholds)), slopes[0]]
+        upper += [np.array([limit]), np.where(grid.thresholds < grid.reach, limit, 0.0), slopes[1]]
     return NlpLayout(
         names=tuple(names),
         lower=freeze(np.concatenate(lower)),
@@ -149,6 +137,30 @@ def build_layout(card: ModelCard, grids: Sequence[SpringGrid], options: NlpOptio
         speed=speed,
         springs=tuple(springs),
     )
+
+
+def _place_spring(grid: SpringGrid, first: int, *, odd: bool) -> tuple[SpringLayout, tuple[str, ...]]:
+    """Return a spring whose unknowns begin at `first`, and names of its slopes, from zero outwards."""
+    knees = grid.knees
+    sides = [sorted({abs(knee) for knee in knees})]
+    if not odd:
+        sides = [sorted((knee for knee in knees if knee * side > 0), key=abs) for side in (-1.0, 1.0)]
+    order = [knee for side in sides for knee in side]
+    # A knee changes the slope from that of the knee before it, or from one.
+    changes, offset = np.eye(len(order)) - np.eye(len(order), k=-1), np.zeros(len(order))
+    for start in {0, len(sides[0])} - {len(order)}:
+        changes[start, :start], offset[start] = 0.0, -1.0
+    weights = slice(first, first + len(grid.thresholds) + 1)
+    spring = SpringLayout(
+        weights=weights,
+        slopes=slice(weights.stop, weights.stop + len(order)),
+        thresholds=freeze(grid.thresholds),
+        knees=knees,
+        slots=tuple(order.index(abs(knee) if odd else knee) for knee in knees),
+        changes=freeze(changes),
+        offset=freeze(offset),
+    )
+    return spring, tuple(f"{'+-' if odd else ''}{knee:.6g}" for knee in order)
 
 
 def flatten_slopes(layout: NlpLayout, x: FloatArray, undetermined: Sequence[str]) -> FloatArray:
@@ -175,35 +187,6 @@ def build_spring(spring: SpringLayout, values: FloatArray, least: float) -> Elas
         stops=build_stops(spring.thresholds, weights[1:], least),
         knees=tuple(knees),
     )
-
-
-def _place_spring(grid: SpringGrid, first: int, *, odd: bool) -> tuple[SpringLayout, tuple[str, ...]]:
-    """Return a spring whose unknowns begin at `first`, and names of its slopes, from zero outwards."""
-    knees = grid.knees
-    if odd:
-        sides = [sorted({abs(knee) for knee in knees})]
-    else:
-        sides = [sorted((knee for knee in knees if knee * side > 0), key=abs) for side in (-1.0, 1.0)]
-    order = [knee for side in sides for knee in side]
-    changes, offset = np.eye(len(order)), np.zeros(len(order))
-    start = 0
-    for side in sides:
-        # A knee changes the slope from that of the knee before it, or from one.
-        offset[start : start + min(len(side), 1)] = -1.0
-        for place in range(start + 1, start + len(side)):
-            changes[place, place - 1] = -1.0
-        start += len(side)
-    weights = slice(first, first + len(grid.thresholds) + 1)
-    spring = SpringLayout(
-        weights=weights,
-        slopes=slice(weights.stop, weights.stop + len(order)),
-        thresholds=freeze(grid.thresholds),
-        knees=knees,
-        slots=tuple(order.index(abs(knee) if odd else knee) for knee in knees),
-        changes=freeze(changes),
-        offset=freeze(offset),
-    )
-    return spring, tuple(f"{'+-' if odd else ''}{knee:.6g}" for knee in order)
 
 
 Places = NDArray[np.intp]
@@ -250,10 +233,25 @@ class ElasticNlpCost:
         """Return residuals and their derivatives at the unknowns x."""
         blocks, knees, friction = [], [], []
         for part in self.recordings:
-            knees.append(self._find_knees(part, x))
-            friction.append(self._find_friction(part, x))
-            shared = _Shared(self.layout, x, knees[-1], friction[-1])
+            steps = tuple(
+                build_knee_steps(
+                    basis, x[spring.weights], tuple(zip(spring.knees, spring.slots, strict=True))
+                )
+                for spring, basis in zip(self.layout.springs, part.bases, strict=True)
+            )
+            # Step means (N - 1, 3) of g, g' and g'' of every joint with Stribeck friction.
+            means = tuple(
+                average_steps(
+                    np.column_stack(
+                        compute_stribeck_derivatives(_NUMPY, part.speed[:, joint], speed, self.smoothing)
+                    )
+                )
+                for joint, speed in enumerate(x[self.layout.speed])
+            )
+            shared = _SharedRows(self.layout, x, steps, means)
             blocks += [shared.find_block(block) for block in part.blocks]
+            knees.append(steps)
+            friction.append(means)
         residuals, places, jacobians = zip(*blocks, strict=True)
         return CostState(
             residuals=residuals,
@@ -285,12 +283,12 @@ class ElasticNlpCost:
     def find_hessian(self, state: CostState, x: FloatArray) -> FloatArray:
         """Return the exact Hessian (x, x)."""
         hessian = self.find_gauss_newton(state)
-        pending = list(zip(state.residuals, self.sigmas, strict=True))
+        pending = zip(state.residuals, self.sigmas, strict=True)
         for part, knees, friction in zip(self.recordings, state.knees, state.friction, strict=True):
             pulls = np.zeros((len(knees), len(part.speed) - 1))
             drags = np.zeros_like(pulls)
             for block in part.blocks:
-                residual, sigma = pending.pop(0)
+                residual, sigma = next(pending)
                 rows = -residual / (sigma**2 * self.rows)
                 for entry in block.springs:
                     if self.layout.springs[entry.joint].knees:
@@ -316,31 +314,17 @@ class ElasticNlpCost:
         """Yield residual, places, Jacobian and scale of every block."""
         return zip(state.residuals, state.places, state.jacobians, self.sigmas, strict=True)
 
-    def _find_knees(self, part: NlpRecording, x: FloatArray) -> tuple[KneeSteps, ...]:
-        return tuple(
-            build_knee_steps(basis, x[spring.weights], tuple(zip(spring.knees, spring.slots, strict=True)))
-            for spring, basis in zip(self.layout.springs, part.bases, strict=True)
-        )
 
-    def _find_friction(self, part: NlpRecording, x: FloatArray) -> tuple[FloatArray, ...]:
-        """Return the step means (N - 1, 3) of g, g' and g'' of every joint with Stribeck friction."""
-        means = []
-        for joint, speed in enumerate(x[self.layout.speed]):
-            rates = compute_stribeck_derivatives(_NUMPY, part.speed[:, joint], speed, self.smoothing)
-            columns = np.column_stack(rates)
-            means.append((columns[1:] + columns[:-1]) / 2.0)
-        return tuple(means)
-
-
-class _Shared:
+class _SharedRows:
     """Rows of knees and friction of one recording, each added up once for all blocks that use them."""
 
     def __init__(
         self, layout: NlpLayout, x: FloatArray, knees: Sequence[KneeSteps], friction: Sequence[FloatArray]
     ) -> None:
         self.layout, self.x, self.knees, self.friction = layout, x, knees, friction
+        pairs = zip(knees, layout.springs, strict=True)
+        self.bends = [steps.find_slopes(spring.find_changes(x)) for steps, spring in pairs]
         self.known: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}
-        self.steps: dict[int, FloatArray] = {}
 
     def find_block(self, block: RowBlock) -> tuple[FloatArray, Places, FloatArray]:
         """Return residual, places and Jacobian of a block."""
@@ -373,10 +357,7 @@ class _Shared:
         """Return rows (M, entries) of the dead zones and (M, m + 1) of their derivatives by the weights."""
         key = (joint, id(sums))
         if key not in self.known:
-            if joint not in self.steps:
-                changes = self.layout.springs[joint].find_changes(self.x)
-                self.steps[joint] = self.knees[joint].find_slopes(changes)
-            self.known[key] = sums.add(self.knees[joint].means), sums.add(self.steps[joint])
+            self.known[key] = sums.add(self.knees[joint].means), sums.add(self.bends[joint])
         return self.known[key]
 
 
@@ -398,64 +379,43 @@ def list_weights(spring: Elasticity, thresholds: FloatArray) -> FloatArray:
 
 
 def build_start(layout: NlpLayout, chi: FloatArray, springs: Sequence[Elasticity]) -> FloatArray:
-    """Return unknowns (x,) between their bounds: chi, the springs on the grid, no Stribeck friction yet.
-
-    Args:
-        layout: of the unknowns.
-        chi: (p + n + pf,) dynamic parameters.
-        springs: one a joint.
-    """
+    """Return unknowns (x,) between their bounds: chi (p + n + pf,), the springs, no Stribeck friction yet."""
     x = np.zeros(layout.size)
     x[layout.dynamics] = chi
     x[layout.speed] = np.sqrt(layout.lower[layout.speed] * layout.upper[layout.speed])
     for place, spring in zip(layout.springs, springs, strict=True):
         x[place.weights] = list_weights(spring, place.thresholds)
-        changes = np.zeros(len(place.offset))
-        changes[list(place.slots)] = [_compute_local_slope(spring, knee) for knee in place.knees]
-        x[place.slopes] = changes
+        slopes = np.zeros(len(place.offset))
+        for slot, torque in zip(place.slots, place.knees, strict=True):
+            # The slope of the outer function just beyond this knee.
+            side = np.sign(torque)
+            passed = (
+                knee.slope
+                for knee in spring.knees
+                if 0.0 < knee.threshold * side <= torque * side * (1.0 + 1e-12)
+            )
+            slopes[slot] = 1.0 + sum(passed)
+        x[place.slopes] = slopes
     return np.clip(x, layout.lower, layout.upper)
 
 
-def estimate_linear_sigmas(
-    recordings: Sequence[NlpRecording], chi: FloatArray, stiffness: FloatArray
+def compute_linear_residuals(block: RowBlock, chi: FloatArray, stiffness: FloatArray) -> FloatArray:
+    """Return the residuals (M,) of a block with linear springs (n,) N m/rad, in the unit of its rows."""
+    residual = block.values - block.matrix @ chi
+    for spring in block.springs:
+        residual = residual - block.sign * stiffness[spring.joint] * spring.columns[:, 0]
+    return residual
+
+
+def estimate_sigmas(
+    blocks: Sequence[RowBlock], residuals: Sequence[FloatArray], chi: FloatArray
 ) -> tuple[float, ...]:
-    """Return the rms residual of every block with linear springs, in the unit of its rows.
-
-    Args:
-        recordings: their rows.
-        chi: (p + n + pf,) dynamic parameters.
-        stiffness: (n,) of the springs.
-    """
+    """Return the rms residual of every block, in the unit of its rows."""
     sigmas = []
-    for block in (block for part in recordings for block in part.blocks):
-        residual = block.values - block.matrix @ chi
-        for spring in block.springs:
-            residual = residual - block.sign * stiffness[spring.joint] * spring.columns[:, 0]
-        sigmas.append(_compute_rms(residual, block.matrix @ chi))
+    for block, residual in zip(blocks, residuals, strict=True):
+        size, loads = (float(np.sqrt(np.mean(part**2))) for part in (residual, block.matrix @ chi))
+        sigmas.append(max(size, _LEAST_SIGMA * loads, 1e-300))
     return tuple(sigmas)
-
-
-def estimate_sigmas(cost: ElasticNlpCost, x: FloatArray) -> tuple[float, ...]:
-    """Return the rms residual of every block at x, in the unit of its rows."""
-    residuals = cost.find_state(x).residuals
-    return tuple(
-        _compute_rms(residual, block.matrix @ x[cost.layout.dynamics])
-        for residual, block in zip(residuals, cost.blocks, strict=True)
-    )
-
-
-def _compute_rms(residual: FloatArray, loads: FloatArray) -> float:
-    sizes = [float(np.sqrt(np.mean(values**2))) for values in (residual, loads)]
-    return max(sizes[0], _LEAST_SIGMA * sizes[1], 1e-300)
-
-
-def _compute_local_slope(spring: Elasticity, torque: float) -> float:
-    """Return the slope of the outer function just beyond `torque`, away from zero."""
-    side = 1.0 if torque > 0.0 else -1.0
-    passed = [
-        knee.slope for knee in spring.knees if 0.0 < knee.threshold * side <= torque * side * (1 + 1e-12)
-    ]
-    return 1.0 + sum(passed)
 
 
 _STRETCHES = 100
@@ -467,10 +427,7 @@ def compute_nlp_covariance(
 ) -> FloatArray:
     """Return the covariance (p + n + pf, p + n + pf) of the dynamic parameters at the optimum `x`.
 
-    Args:
-        cost: the problem.
-        x: its unknowns.
-        places: for each stop or knee, the derivative of every block's residuals by its place (M_b,).
+    `places` has, for each stop or knee, the derivative (M_b,) of every block's residuals by its place.
     """
     inverse, scores = invert_normal_equations(cost, x, places)
     spread = scores @ inverse[:, cost.layout.dynamics]

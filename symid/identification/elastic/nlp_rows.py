@@ -1,4 +1,4 @@
-"""Rows of the hysteresis-plus-friction problem: what is linear is worked out once, the rest step by step.
+"""Rows of the hysteresis-plus-friction problem: what is linear is computed once, the rest step by step.
 
     energy            y - dynamics chi - sum_i (work of spring i) = 0           one row a window
     motor, link       filtered or integrated over windows ("momentum"):
@@ -9,33 +9,24 @@
     knees             v = Phi k,   tau_J = v + sum_j s_j S_j(v)
                       S_j = max(v - R_j, 0) or, for R_j < 0, min(v - R_j, 0)
 
-A block says: values - matrix chi - sign (springs k + knees) - Stribeck = 0; sums add steps between
-samples up to rows, and their adjoint leads from rows back to steps. Between samples v is a straight line,
-and the mean of S_j over a step is that along it: from p < 0 to q > 0 beyond the knee q w / 2 with w = q /
-(q - p), both beyond (p + q) / 2. So it has continuous derivatives in k, and its second derivative is of
-rank one, s_j Phi_c Phi_c' / |q - p| at the crossing c.
+Between samples v is a straight line, and the mean of S_j over a step is that along it: from p < 0 to q > 0
+beyond the knee q w / 2 with w = q / (q - p), both beyond (p + q) / 2. So it has continuous derivatives in k,
+and its second derivative is of rank one, s_j Phi_c Phi_c' / |q - p| at the crossing c.
 
 Supported: energy, filtered and momentum rows in any combination; any signed knees, both sides sharing a
 slope too.
 Not supported: joint damping; friction on the link side; knees at zero torque; windows that overlap.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays
-from symid.codegen import Library
 from symid.identification.elastic.problem import ElasticProblem
-from symid.identification.elastic.regression import (
-    ElasticSignals,
-    EnergyWindows,
-    FilteredRows,
-    build_equations,
-    filter_smooth,
-)
+from symid.identification.elastic.regression import average_steps, build_equations, filter_smooth
 from symid.joint_models import compute_stop_basis, compute_work_columns
 
 
@@ -48,28 +39,28 @@ class WindowSums(FrozenArrays):
     count: int
     weights: FloatArray
 
+    @property
+    def span(self) -> slice:
+        """Return the steps of all windows."""
+        return slice(self.first, self.first + self.count * self.length)
+
     def add(self, steps: FloatArray) -> FloatArray:
         """Return the rows (M, ...) of step means (N - 1, ...)."""
-        span = self._span
-        blocks = steps[span].reshape(self.count, self.length, -1)
-        weights = self.weights[span].reshape(self.count, 1, self.length)
+        blocks = steps[self.span].reshape(self.count, self.length, -1)
+        weights = self.weights[self.span].reshape(self.count, 1, self.length)
         sums: FloatArray = np.matmul(weights, blocks).reshape(self.count, *steps.shape[1:])
         return sums
 
     def spread(self, rows: FloatArray) -> FloatArray:
         """Return the steps (N - 1,) that the adjoint makes of rows (M,)."""
         steps = np.zeros_like(self.weights)
-        steps[self._span] = self.weights[self._span] * np.repeat(rows, self.length)
+        steps[self.span] = self.weights[self.span] * np.repeat(rows, self.length)
         return steps
-
-    @property
-    def _span(self) -> slice:
-        return slice(self.first, self.first + self.count * self.length)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilterSums:
-    """The low-pass from rest over `steps` steps, seen at the samples first, first + length, ...
+    """The low-pass from rest over `steps` steps, at the `count` samples first, first + length, ...
 
     Args:
         steps: N - 1; count: rows.
@@ -82,6 +73,11 @@ class FilterSums:
     count: int
     decay: float
 
+    @property
+    def last(self) -> int:
+        """Return the sample of the last row."""
+        return self.first + (self.count - 1) * self.length
+
     def add(self, steps: FloatArray) -> FloatArray:
         """Return the rows (M, ...) of step means (N - 1, ...)."""
         from scipy.signal import lfilter
@@ -89,8 +85,7 @@ class FilterSums:
         flat = steps.reshape(self.steps, -1)
         inflow = np.empty((self.count, flat.shape[1]))
         inflow[0] = self._fade(self.first) @ flat[: self.first]
-        last = self.first + (self.count - 1) * self.length
-        blocks = flat[self.first : last].reshape(self.count - 1, self.length, flat.shape[1])
+        blocks = flat[self.first : self.last].reshape(self.count - 1, self.length, flat.shape[1])
         inflow[1:] = np.matmul(self._fade(self.length), blocks)
         rows: FloatArray = lfilter([1.0], [1.0, -(self.decay**self.length)], inflow, axis=0)
         return rows.reshape(self.count, *steps.shape[1:])
@@ -102,16 +97,13 @@ class FilterSums:
         outflow = lfilter([1.0], [1.0, -(self.decay**self.length)], rows[::-1])[::-1]
         steps = np.zeros(self.steps)
         steps[: self.first] = outflow[0] * self._fade(self.first)
-        last = self.first + (self.count - 1) * self.length
-        steps[self.first : last] = np.outer(outflow[1:], self._fade(self.length)).ravel()
+        steps[self.first : self.last] = np.outer(outflow[1:], self._fade(self.length)).ravel()
         return steps
 
     def _fade(self, length: int) -> FloatArray:
         """Return what is left of each of `length` steps at the end of the last."""
-        weights: FloatArray = (1.0 - self.decay) * self.decay ** np.arange(
-            length - 1, -1, -1, dtype=np.float64
-        )
-        return weights
+        left: FloatArray = self.decay ** np.arange(length - 1, -1, -1, dtype=np.float64)
+        return (1.0 - self.decay) * left
 
 
 StepSums = WindowSums | FilterSums
@@ -139,14 +131,12 @@ class KneeSteps:
     def find_slopes(self, slopes: FloatArray) -> FloatArray:
         """Return the derivatives (N - 1, m + 1) by the weights of sum_j s_j times the step means."""
         before, after = self.starts @ slopes, self.ends @ slopes
-        columns: FloatArray = before[:, None] * self.basis[:-1] + after[:, None] * self.basis[1:]
-        return columns
+        return before[:, None] * self.basis[:-1] + after[:, None] * self.basis[1:]
 
     def find_cross(self, multipliers: FloatArray) -> FloatArray:
         """Return sum_i c_i d mean_i / dk (m + 1, slots) for multipliers c (N - 1,) of the steps."""
         before, after = multipliers[:, None] * self.starts, multipliers[:, None] * self.ends
-        cross: FloatArray = self.basis[:-1].T @ before + self.basis[1:].T @ after
-        return cross
+        return self.basis[:-1].T @ before + self.basis[1:].T @ after
 
     def find_curvature(self, multipliers: FloatArray, slopes: FloatArray) -> FloatArray:
         """Return sum_i c_i sum_j s_j d2 mean_ij / dk2 (m + 1, m + 1)."""
@@ -158,12 +148,9 @@ class KneeSteps:
 
 
 def build_knee_steps(basis: FloatArray, weights: FloatArray, knees: Sequence[tuple[float, int]]) -> KneeSteps:
-    """Return the knees of one joint along a recording.
+    """Return the knees of one joint along a recording: signed torques, each with its slope variable.
 
-    Args:
-        basis: (N, m + 1) torsion and stops.
-        weights: (m + 1,) k0, k_1 .. k_m.
-        knees: signed torques, each with its slope variable.
+    `basis` (N, m + 1) are torsion and stops, `weights` (m + 1,) k0, k_1 .. k_m.
     """
     torque = basis @ weights
     slots = 1 + max((slot for _, slot in knees), default=-1)
@@ -191,7 +178,7 @@ def build_knee_steps(basis: FloatArray, weights: FloatArray, knees: Sequence[tup
 
 
 _ROW_RATE = 125.0
-"""Filtered rows a second in Hz: above it, rows tell nothing new."""
+"""Filtered rows a second in Hz: more rows add no information."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -200,11 +187,13 @@ class SpringColumns:
 
     Args:
         joint: its index.
-        columns: (M, m + 1) exact rows of the spring and its stops without knees.
+        build: makes exact columns (M, m + 1) of thresholds (m,) and their stop basis (N, m + 1).
+        columns: (M, m + 1) of the spring and its stops without knees.
         sums: adds step means of the knees up to rows.
     """
 
     joint: int
+    build: Callable[[FloatArray, FloatArray], FloatArray]
     columns: FloatArray
     sums: StepSums
 
@@ -235,168 +224,139 @@ class NlpRecording:
 
     Args:
         bases: per joint (N, m + 1) torsion and stops.
-        speed: (N, n) motor velocities, rad/s or m/s.
+        phi: (N, n) torsions; speed: (N, n) motor velocities, rad/s or m/s.
     """
 
     blocks: tuple[RowBlock, ...]
     bases: tuple[FloatArray, ...]
+    phi: FloatArray
     speed: FloatArray
 
 
 def build_nlp_recording(
     problem: ElasticProblem, index: int, thresholds: Sequence[FloatArray], kinds: Sequence[str]
 ) -> NlpRecording:
-    """Return the rows of one recording.
-
-    Args:
-        problem: all recordings.
-        index: of the recording.
-        thresholds: (m,) of each joint's stops, rad or m.
-        kinds: some of `NLP_ROWS`.
-    """
+    """Return the rows of recording `index`: some of `NLP_ROWS`, for thresholds (m,) of each joint."""
     signals = problem.signals[index]
     phi = signals.phi
     bases = tuple(compute_stop_basis(phi[:, joint], grid) for joint, grid in enumerate(thresholds))
     blocks: list[RowBlock] = []
     if "energy" in kinds:
-        blocks.append(_build_energy_block(signals, problem.energy[index], thresholds))
+        blocks.append(_build_energy_block(problem, index, thresholds))
     if "filtered" in kinds:
-        blocks += _build_filtered_blocks(signals, problem.filtered[index], problem.options.rate, bases)
+        blocks += _build_filtered_blocks(problem, index, bases)
     if "momentum" in kinds:
-        blocks += _build_momentum_blocks(problem.library, signals, problem.energy[index].ends, bases)
-    return NlpRecording(blocks=tuple(blocks), bases=bases, speed=signals.dtheta)
+        blocks += _build_momentum_blocks(problem, index, bases)
+    return NlpRecording(blocks=tuple(blocks), bases=bases, phi=phi, speed=signals.dtheta)
 
 
-def move_stops(
-    recording: NlpRecording, problem: ElasticProblem, index: int, moves: Sequence[Mapping[int, float]]
-) -> NlpRecording:
-    """Return energy and momentum rows with some stops elsewhere; all else is what it was.
-
-    Args:
-        recording: as it is.
-        problem: all recordings.
-        index: of the recording.
-        moves: for each joint, new thresholds of some stops by their index, rad or m.
-    """
-    phi, ends = problem.signals[index].phi, problem.energy[index].ends
-    bases = list(recording.bases)
-
-    def move(block: RowBlock, spring: SpringColumns) -> SpringColumns:
-        places = moves[spring.joint]
-        if not places:
-            return spring
-        stops = [1 + place for place in places]
-        columns = spring.columns.copy()
-        if block.name == "energy":
-            work = compute_work_columns(phi[:, spring.joint], np.array(list(places.values())))
-            columns[:, stops] = np.diff(work[ends], axis=0)[:, 1:]
-        else:
-            columns[:, stops] = spring.sums.add(_average_steps(bases[spring.joint][:, stops]))
-        return replace(spring, columns=columns)
-
+def move_stops(recording: NlpRecording, moves: Sequence[Mapping[int, float]]) -> NlpRecording:
+    """Return rows with some stops elsewhere; `moves` has for each joint thresholds by index, rad or m."""
+    bases, fresh = list(recording.bases), {}
     for joint, places in enumerate(moves):
         if places:
-            basis = compute_stop_basis(phi[:, joint], np.array(list(places.values())))
+            grid = np.array(list(places.values()))
+            fresh[joint] = grid, compute_stop_basis(recording.phi[:, joint], grid)
             bases[joint] = bases[joint].copy()
-            bases[joint][:, [1 + place for place in places]] = basis[:, 1:]
-    blocks = tuple(
-        replace(block, springs=tuple(move(block, spring) for spring in block.springs))
-        for block in recording.blocks
-    )
-    return replace(recording, blocks=blocks, bases=tuple(bases))
+            bases[joint][:, [1 + place for place in places]] = fresh[joint][1][:, 1:]
+
+    def move(spring: SpringColumns) -> SpringColumns:
+        if spring.joint not in fresh:
+            return spring
+        columns = spring.columns.copy()
+        columns[:, [1 + place for place in moves[spring.joint]]] = spring.build(*fresh[spring.joint])[:, 1:]
+        return replace(spring, columns=columns)
+
+    blocks = (replace(block, springs=tuple(map(move, block.springs))) for block in recording.blocks)
+    return replace(recording, blocks=tuple(blocks), bases=tuple(bases))
 
 
-def _average_steps(values: FloatArray) -> FloatArray:
-    """Return the means (N - 1, ...) over the steps between samples (N, ...)."""
-    means: FloatArray = (values[1:] + values[:-1]) / 2.0
-    return means
+def _build_energy_block(problem: ElasticProblem, index: int, thresholds: Sequence[FloatArray]) -> RowBlock:
+    signals, rows = problem.signals[index], problem.energy[index]
 
+    def place(joint: int, phi: FloatArray) -> SpringColumns:
+        def build(grid: FloatArray, _: FloatArray) -> FloatArray:
+            return np.diff(compute_work_columns(phi, grid)[rows.ends], axis=0)
 
-def _build_energy_block(
-    signals: ElasticSignals, rows: EnergyWindows, thresholds: Sequence[FloatArray]
-) -> RowBlock:
-    phi, turn = signals.phi, np.diff(signals.theta, axis=0)
-    springs = tuple(
-        SpringColumns(
-            joint=joint,
-            columns=np.diff(compute_work_columns(phi[:, joint], grid)[rows.ends], axis=0),
-            sums=_build_window_sums(rows.ends, np.diff(phi[:, joint])),
-        )
-        for joint, grid in enumerate(thresholds)
-    )
+        sums = _build_window_sums(rows.ends, np.diff(phi))
+        columns = build(thresholds[joint], phi)
+        return SpringColumns(joint=joint, build=build, columns=columns, sums=sums)
+
+    turn = np.diff(signals.theta, axis=0)
     return RowBlock(
         name="energy",
         matrix=rows.design,
         values=rows.supplied,
         sign=1.0,
-        springs=springs,
+        springs=tuple(place(joint, phi) for joint, phi in enumerate(signals.phi.T)),
         friction=tuple((joint, _build_window_sums(rows.ends, part)) for joint, part in enumerate(turn.T)),
     )
 
 
 def _build_filtered_blocks(
-    signals: ElasticSignals, rows: FilteredRows, rate: float, bases: Sequence[FloatArray]
+    problem: ElasticProblem, index: int, bases: Sequence[FloatArray]
 ) -> list[RowBlock]:
-    skip = max(1, int(1.0 / (_ROW_RATE * signals.period * rows.keep.step)))
+    rows, rate, period = problem.filtered[index], problem.options.rate, problem.signals[index].period
+    skip = max(1, int(1.0 / (_ROW_RATE * period * rows.keep.step)))
     keep = slice(rows.keep.start, None, rows.keep.step * skip)
     torque = rows.torque[::skip]
     sums = FilterSums(
-        steps=len(signals.time) - 1,
+        steps=len(bases[0]) - 1,
         first=keep.start,
         length=keep.step,
         count=len(torque),
-        decay=float(np.exp(-rate * signals.period)),
+        decay=float(np.exp(-rate * period)),
     )
-    columns = [filter_smooth(basis, rate, signals.period)[keep] for basis in bases]
-    return _join_blocks("filtered", (rows.motor[::skip], rows.link[::skip], torque), columns, sums)
+
+    def build(_: FloatArray, basis: FloatArray) -> FloatArray:
+        return filter_smooth(basis, rate, period)[keep]
+
+    springs = _list_columns(bases, build, sums)
+    return _join_blocks("filtered", rows.design[::skip], torque, springs, problem.sizes[0])
 
 
 def _build_momentum_blocks(
-    library: Library, signals: ElasticSignals, ends: slice, bases: Sequence[FloatArray]
+    problem: ElasticProblem, index: int, bases: Sequence[FloatArray]
 ) -> list[RowBlock]:
+    signals, ends = problem.signals[index], problem.energy[index].ends
     sums = _build_window_sums(ends, np.full(len(signals.time) - 1, signals.period))
 
     def add(values: FloatArray) -> FloatArray:
-        return sums.add(_average_steps(values))
+        return sums.add(average_steps(values))
 
-    motor, link = build_equations(library, signals, lambda values: np.diff(values[ends], axis=0), add)
-    torque = sums.add(signals.tau[:-1]) if signals.hold == "zero" else add(signals.tau)
-    return _join_blocks("momentum", (motor, link, torque), [add(basis) for basis in bases], sums)
+    design = build_equations(problem.library, signals, lambda values: np.diff(values[ends], axis=0), add)
+    springs = _list_columns(bases, lambda _, basis: add(basis), sums)
+    return _join_blocks("momentum", design, sums.add(signals.step_torque), springs, problem.sizes[0])
+
+
+def _list_columns(
+    bases: Sequence[FloatArray], build: Callable[[FloatArray, FloatArray], FloatArray], sums: StepSums
+) -> list[SpringColumns]:
+    return [
+        SpringColumns(joint=joint, build=build, columns=build(np.zeros(0), basis), sums=sums)
+        for joint, basis in enumerate(bases)
+    ]
 
 
 def _join_blocks(
-    kind: str, sides: tuple[FloatArray, FloatArray, FloatArray], columns: Sequence[FloatArray], sums: StepSums
+    kind: str, design: FloatArray, torque: FloatArray, springs: Sequence[SpringColumns], bases: int
 ) -> list[RowBlock]:
-    """Return the blocks of the motor (M, n, n + pf) and link (M, n, p) equations, joint by joint.
-
-    Args:
-        kind: of the rows.
-        sides: motor columns, link columns and torque (M, n).
-        columns: per joint, of the spring and its stops.
-        sums: of the rows.
-    """
-    motor, link, torque = sides
+    """Return the blocks of motor and link equations, joint by joint, of their sum (M, n, p + n + pf)."""
     blocks = []
-    for joint in range(torque.shape[1]):
-        springs = (SpringColumns(joint=joint, columns=columns[joint], sums=sums),)
-        still, driven = np.zeros_like(link[:, joint]), np.zeros_like(motor[:, joint])
-        blocks += [
-            RowBlock(
-                name=f"{kind} motor {joint + 1}",
-                matrix=np.hstack([still, motor[:, joint]]),
-                values=torque[:, joint],
-                sign=1.0,
-                springs=springs,
-                friction=((joint, sums),),
-            ),
-            RowBlock(
-                name=f"{kind} link {joint + 1}",
-                matrix=np.hstack([link[:, joint], driven]),
-                values=np.zeros(len(torque)),
-                sign=-1.0,
-                springs=springs,
-            ),
-        ]
+    for spring in springs:
+        joint = spring.joint
+        motor, link = design[:, joint].copy(), design[:, joint].copy()
+        motor[:, :bases], link[:, bases:] = 0.0, 0.0
+        for side, sign, matrix in (("motor", 1.0, motor), ("link", -1.0, link)):
+            block = RowBlock(
+                name=f"{kind} {side} {joint + 1}",
+                matrix=matrix,
+                values=torque[:, joint] if side == "motor" else np.zeros(len(torque)),
+                sign=sign,
+                springs=(spring,),
+                friction=((joint, spring.sums),) if side == "motor" else (),
+            )
+            blocks.append(block)
     return blocks
 
 

@@ -1,11 +1,11 @@
 """Options of an identification of elastic joints: method, hysteresis model, filters, stopping rule.
 
-Supported: thresholds and knees of one's own, or grids over the torsion and torque of the recordings.
+Supported: thresholds and knees that are given, or grids over the torsion and torque of the recordings.
 Not supported: another hysteresis model for each joint. Loads nothing heavy: the command line reads the names.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from symid.errors import Notice, UsageError
@@ -18,7 +18,7 @@ HESSIANS = ("exact", "gauss-newton")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NlpOptions:
-    """How the one-shot problem of the method "nlp" is set up and solved.
+    """How the one-shot problem of the method "nlp" is set up and solved; wrong values raise UsageError.
 
     Args:
         rows: some of `NLP_ROWS`.
@@ -48,45 +48,32 @@ class NlpOptions:
     iterations: int = 200
 
     def __post_init__(self) -> None:
-        """Check what every later stage relies on.
-
-        Raises:
-            UsageError: with all that is wrong.
-        """
-        mistakes = []
-        rows: object = self.rows
-        if isinstance(rows, str):
-            mistakes.append(f"rows {self.rows!r}: must be a tuple of kinds, such as ({NLP_ROWS[0]!r},)")
-        else:
-            if not self.rows or any(kind not in NLP_ROWS for kind in self.rows):
-                mistakes.append(f"rows {self.rows}: must be some of {', '.join(NLP_ROWS)}")
-            if len(set(self.rows)) < len(self.rows):
-                mistakes.append(f"rows {self.rows}: each kind once")
-        if self.hessian not in HESSIANS:
-            mistakes.append(f"hessian {self.hessian!r}: allowed are {', '.join(HESSIANS)}")
-        for name in ("speeds", "slopes"):
-            low, high = getattr(self, name)
-            if not 0.0 < low < high < math.inf:
-                mistakes.append(f"{name} ({low:g}, {high:g}): must be positive, the least first")
-        low, high = self.slopes
-        if not low < 1.0 < high:
+        """Refuse wrong values, all at once."""
+        mistakes = _list_mistakes(
+            self,
+            choices={"hessian": HESSIANS},
+            positive={"weight_limit": "1", "least_stiffness": "1", "tolerance": "1"},
+            counts={"rounds": 0, "iterations": 1},
+        )
+        # A text in place of a tuple of texts is refused by its letters.
+        if not self.rows or not set(self.rows) <= set(NLP_ROWS) or len(set(self.rows)) < len(self.rows):
             mistakes.append(
-                f"slopes ({low:g}, {high:g}): one must lie between them, it is the slope at zero torque"
+                f"rows {self.rows!r}: must be a tuple of some of {', '.join(NLP_ROWS)}, each once"
             )
-        mistakes += [
-            f"{name} {getattr(self, name):g}: must be a positive number"
-            for name in ("weight_limit", "least_stiffness", "tolerance")
-            if not 0.0 < getattr(self, name) < math.inf
-        ]
+        if not 0.0 < self.speeds[0] < self.speeds[1] < math.inf:
+            mistakes.append(f"speeds {self.speeds}: must be positive, the least first")
+        if not 0.0 < self.slopes[0] < 1.0 < self.slopes[1] < math.inf:
+            mistakes.append(
+                f"slopes {self.slopes}: must be positive; 1, the slope at zero torque, lies between"
+            )
         if not 0.0 <= self.smoothing < math.inf:
-            mistakes.append(f"smoothing {self.smoothing:g}: must be a speed, or 0")
-        mistakes += _list_wrong_counts(self, {"rounds": 0, "iterations": 1})
+            mistakes.append(f"smoothing {self.smoothing:g}: must be a speed in rad/s or m/s, or 0")
         _refuse("usage.nlp-option", mistakes)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ElasticOptions:
-    """How elastic joints are identified.
+    """How elastic joints are identified; wrong values raise UsageError.
 
     Args:
         method: one of `METHODS`; "automatic" compares several on the data and takes the best.
@@ -95,7 +82,7 @@ class ElasticOptions:
         thresholds: one tuple a joint, rad or m, in place of the grid.
         knees: number of knees on either side of the outer function; 0 for a plain Prandtl-Ishlinskii model.
         knee_torques: one tuple a joint of signed torques, N m or N, in place of the grid.
-        refine: move thresholds and knees off their grids to where the data put them; not those given.
+        refine: optimise the places of thresholds and knees that are on a grid; not of those given.
         window: length of an energy row in s.
         rate: lambda of the filter lambda / (s + lambda), rad/s.
         cutoff: of the zero-phase low-pass in Hz; 0 for none, None to choose by the encoders' noise.
@@ -119,48 +106,31 @@ class ElasticOptions:
     nlp: NlpOptions = field(default_factory=NlpOptions)
 
     def __post_init__(self) -> None:
-        """Check what every later stage relies on.
-
-        Raises:
-            UsageError: with all that is wrong.
-        """
-        mistakes = [
-            f"{name} {getattr(self, name)!r}: there is no such {name}; allowed are {', '.join(allowed)}"
-            for name, allowed in {"method": METHODS, "scheme": SCHEMES}.items()
-            if getattr(self, name) not in allowed
-        ]
-        mistakes += [
-            f"{name} {getattr(self, name):g}: must be a positive number (unit {unit})"
-            for name, unit in {"window": "s", "rate": "rad/s", "tolerance": "1"}.items()
-            if not 0.0 < getattr(self, name) < math.inf
-        ]
+        """Refuse wrong values, all at once."""
+        mistakes = _list_mistakes(
+            self,
+            choices={"method": METHODS, "scheme": SCHEMES},
+            positive={"window": "s", "rate": "rad/s", "tolerance": "1"},
+            counts={"stops": 0, "knees": 0, "iterations": 1},
+        )
         if self.cutoff is not None and not 0.0 <= self.cutoff < math.inf:
             mistakes.append(f"cutoff {self.cutoff:g}: must be a frequency in Hz, or 0 for no filter")
-        mistakes += _list_wrong_counts(self, {"stops": 0, "knees": 0, "iterations": 1})
-        mistakes += [
-            f"thresholds {grid}: must be positive and increase, each once"
-            for grid in self.thresholds or ()
-            if any(not 0.0 < value < math.inf for value in grid) or not _is_increasing(grid)
-        ]
-        mistakes += [
-            f"knee_torques {grid}: must differ from 0 and increase, each once"
-            for grid in self.knee_torques or ()
-            if any(not math.isfinite(value) or not value for value in grid) or not _is_increasing(grid)
-        ]
+        for name, least in (("thresholds", 0.0), ("knee_torques", -math.inf)):
+            for grid in getattr(self, name) or ():
+                allowed = all(least < value < math.inf and value != 0.0 for value in grid)
+                if not allowed or list(grid) != sorted(set(grid)):
+                    sign = "positive" if least == 0.0 else "finite, not 0,"
+                    mistakes.append(f"{name} {grid}: must be {sign} and increase, each once")
         _refuse("usage.elastic-option", mistakes)
 
     @property
     def moves_stops(self) -> bool:
-        """Return whether the data place stops and knees: not those that are given or stay on their grid."""
+        """Return whether the fit optimises the places of the stops: not if given or to stay on the grid."""
         return self.refine and self.thresholds is None
 
 
 def check_grids(options: ElasticOptions, joints: int) -> None:
-    """Check that given thresholds and knees are those of so many joints.
-
-    Raises:
-        UsageError: they are not.
-    """
+    """Raise UsageError where thresholds or knees are given for another number of joints."""
     given = {"thresholds": options.thresholds, "knee_torques": options.knee_torques}
     mistakes = [
         f"{name} are given for {len(grid)} joints; the robot has {joints}"
@@ -175,19 +145,30 @@ def _refuse(code: str, mistakes: Sequence[str]) -> None:
         raise UsageError(*(Notice(code=code, text=text) for text in mistakes))
 
 
-def _list_wrong_counts(options: object, counts: dict[str, int]) -> list[str]:
-    small = [
-        f"{name} {getattr(options, name)}: must be {least} or more"
-        for name, least in counts.items()
-        if getattr(options, name) < least
+def _list_mistakes(
+    options: object,
+    *,
+    choices: Mapping[str, Sequence[str]],
+    positive: Mapping[str, str],
+    counts: Mapping[str, int],
+) -> list[str]:
+    """Return what is wrong with fields: allowed words, units of positive numbers, least whole numbers."""
+    values = {name: getattr(options, name) for name in (*choices, *positive, *counts)}
+    return [
+        *(
+            f"{name} {values[name]!r}: allowed are {', '.join(allowed)}"
+            for name, allowed in choices.items()
+            if values[name] not in allowed
+        ),
+        *(
+            f"{name} {values[name]:g}: must be a positive number (unit {unit})"
+            for name, unit in positive.items()
+            if not 0.0 < values[name] < math.inf
+        ),
+        *(
+            f"{name} {values[name]}: must be a whole number, {least} or more"
+            for name, least in counts.items()
+            # The remainder of what is not a number is not zero either.
+            if values[name] < least or values[name] % 1
+        ),
     ]
-    return small + [
-        f"{name} {getattr(options, name)}: must be a whole number"
-        for name in counts
-        # Not a number leaves no zero either.
-        if getattr(options, name) % 1
-    ]
-
-
-def _is_increasing(grid: Sequence[float]) -> bool:
-    return list(grid) == sorted(set(grid))

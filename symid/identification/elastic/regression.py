@@ -1,20 +1,12 @@
 """From recordings of both encoders to equations: filtered states, filtered rows, energy rows, kept signs.
 
-Where velocities from raw differences are exact enough, nothing is filtered and tau[k] is the torque over
-[t_k, t_k+1]. Otherwise all signals pass the same zero-phase low-pass, and tau[k] is the mean of the two
-torques that meet at t_k: a torque that is held acts half a period later than its sample says. With F(s) =
-lambda / (s + lambda), x~ = x - x(0), p = Yp beta and dL/dq = YL beta (Slotine and Li 1987 for the
-filter):
+With F(s) = lambda / (s + lambda), x~ = x - x(0), p = Yp beta and dL/dq = YL beta (Slotine and Li 1987):
 
     link         {lambda (Yp~ - F[Yp~]) - F[YL]} beta = F[tau_J]
     motor        IA lambda (dtheta~ - F[dtheta~]) + F[Yf] f + F[tau_J] = F[tau]
     elimination  their sum: tau_J cancels, whatever the spring is
     energy       sum_i int tau_i dtheta_i - sum_i int tau_Ji dphi_i
                      = Delta h_link beta + sum_i IA_i Delta(dtheta_i^2) / 2 + int dtheta' Yf f dt
-
-The energy row is the motor equation times dtheta plus the link equation times dq, over a window: no
-acceleration is left. While fitting, rotor inertias, friction and springs are not negative; the mass
-matrix is checked afterwards.
 
 Supported: torques held between samples, sampled smooth signals; joints at rest (put at their mean
 position); friction that is linear in its parameters; equations that do not identify all parameters
@@ -79,25 +71,55 @@ class ElasticSignals(FrozenArrays):
         """Return the torsions theta - q (N, n)."""
         return self.theta - self.q
 
+    @property
+    def step_torque(self) -> FloatArray:
+        """Return the mean torque (N - 1, n) over each step between samples."""
+        return self.tau[:-1] if self.hold == "zero" else average_steps(self.tau)
+
+    @property
+    def centred_torque(self) -> FloatArray:
+        """Return the torque (N, n) about each sample."""
+        return center_held(self.tau) if self.hold == "zero" else self.tau
+
+
+def average_steps(values: FloatArray) -> FloatArray:
+    """Return the means (N - 1, ...) over the steps between samples (N, ...)."""
+    return (values[1:] + values[:-1]) / 2.0
+
+
+def center_held(tau: FloatArray) -> FloatArray:
+    """Return the torque (N, n) about each sample of one that is held: the mean of those that meet there."""
+    return np.vstack([tau[:1], average_steps(tau)])
+
 
 def prepare_elastic_signals(recording: Recording, options: ElasticOptions) -> ElasticSignals:
     """Return states and torques of `recording`, filtered alike, differentiated, the end cut.
+
+    Where velocities from raw differences are exact enough, nothing is filtered and tau[k] is the torque over
+    [t_k, t_k+1]. Otherwise all signals pass the same zero-phase low-pass, and tau[k] is the mean of the two
+    torques that meet at t_k: a torque that is held acts half a period later than its sample says.
 
     Raises:
         LogError: the recording lacks one of the encoders, is too short or unevenly sampled.
         UsageError: thresholds or knees are given for another number of joints.
     """
-    motor, link = _settle_resting(recording)
+    motor, link = get_encoder_positions(recording)
+    sides = [replace(recording, position=side, motor_position=None) for side in (motor, link)]
+    resting = sorted(set.intersection(*(set(list_resting_joints(side)) for side in sides)))
+    if resting:
+        motor, link = motor.copy(), link.copy()
+        for side in (motor, link):
+            side[:, resting] = side[:, resting].mean(axis=0)
     check_grids(options, recording.torque.shape[1])
     uneven = describe_uneven(recording.time, file=recording.source)
     if uneven is not None:
         raise LogError(uneven)
     period = recording.period
-    cutoff = choose_elastic_cutoff(recording) if options.cutoff is None else options.cutoff
+    cutoff = _choose_cutoff(recording) if options.cutoff is None else options.cutoff
     edge = int(np.ceil(_EDGE / (cutoff * period))) if cutoff else 1
     least = 4 * edge + 17
     if len(recording.time) < least:
-        text = f"the log has {len(recording.time)} samples; filter and cut ends need {least} at least"
+        text = f"the log has {len(recording.time)} samples; the filter and the cut ends need at least {least}"
         raise LogError(Notice(code="log.too-short", text=text, file=recording.source))
     tau = recording.torque
     if cutoff:
@@ -106,7 +128,6 @@ def prepare_elastic_signals(recording: Recording, options: ElasticOptions) -> El
             for values in (motor, link, center_held(tau))
         )
     kept = slice(0, len(recording.time) - edge)
-    phi = motor - link
     return ElasticSignals(
         time=recording.time[kept],
         q=link[kept],
@@ -115,13 +136,27 @@ def prepare_elastic_signals(recording: Recording, options: ElasticOptions) -> El
         dtheta=differentiate(motor, period)[kept],
         tau=tau[kept],
         period=period,
-        settled=max(edge, _locate_start(phi[kept], period, options)),
+        settled=max(edge, _locate_start((motor - link)[kept], period, options)),
         hold="first" if cutoff else "zero",
         cutoff=cutoff,
     )
 
 
-def choose_elastic_cutoff(recording: Recording) -> float:
+def get_encoder_positions(recording: Recording) -> tuple[FloatArray, FloatArray]:
+    """Return motor and link positions (N, n); raise LogError where one of them is missing."""
+    if recording.motor_position is not None:
+        return recording.motor_position, recording.position
+    if recording.link_position is not None:
+        return recording.position, recording.link_position
+    text = (
+        "torsion is the difference of motor and link positions, and this log has only one of them; name the "
+        "other column in [log.motor_position] or [log.link_position], or leave --method out to identify "
+        "the motor side alone"
+    )
+    raise LogError(Notice(code="elastic.one-encoder", text=text, file=recording.source))
+
+
+def _choose_cutoff(recording: Recording) -> float:
     """Return the cut-off in Hz of the low-pass that the encoders' noise asks for, 0 for none.
 
     The noise is taken from third differences d, sigma = |d|_rms / sqrt(20); that of a velocity by central
@@ -134,9 +169,7 @@ def choose_elastic_cutoff(recording: Recording) -> float:
         velocity_noise = noise / (np.sqrt(2.0) * recording.period)
         # A joint at rest has no speed to compare with; the fastest joint gives the scale.
         worst = max(worst, float(np.max(velocity_noise) / max(float(np.max(speed)), 1e-300)))
-    if worst < _EXACT:
-        return 0.0
-    return min(_CUTOFF, 1.0 / (_LEAST_RATIO * recording.period))
+    return 0.0 if worst < _EXACT else min(_CUTOFF, 1.0 / (_LEAST_RATIO * recording.period))
 
 
 def locate_settled(phi: FloatArray, threshold: float) -> int:
@@ -149,53 +182,16 @@ def locate_settled(phi: FloatArray, threshold: float) -> int:
     return int(np.argmax(span >= goal))
 
 
-def _settle_resting(recording: Recording) -> tuple[FloatArray, FloatArray]:
-    """Return motor and link positions, those of joints at rest on both sides at their means."""
-    motor, link = get_encoder_positions(recording)
-    sides = [replace(recording, position=side, motor_position=None) for side in (motor, link)]
-    resting = sorted(set.intersection(*(set(list_resting_joints(side)) for side in sides)))
-    if resting:
-        motor, link = motor.copy(), link.copy()
-        for side in (motor, link):
-            side[:, resting] = side[:, resting].mean(axis=0)
-    return motor, link
-
-
 def _locate_start(phi: FloatArray, period: float, options: ElasticOptions) -> int:
     """Return the sample at which plays are settled and filters have forgotten their start."""
-    count = options.stops
     starts = [int(np.ceil(5.0 / (options.rate * period)))]
-    for joint in range(phi.shape[1]):
+    for joint, torsion in enumerate(phi.T):
         if options.thresholds is not None:
-            grid = options.thresholds[joint]
-            largest = max(grid) if grid else 0.0
+            largest = max(options.thresholds[joint], default=0.0)
         else:
-            largest = count / (count + 1.0) * float(np.abs(phi[:, joint]).max())
-        starts.append(locate_settled(phi[:, joint], largest))
+            largest = options.stops / (options.stops + 1.0) * float(np.abs(torsion).max())
+        starts.append(locate_settled(torsion, largest))
     return min(max(starts), max(starts[0], int(_LATEST * len(phi))))
-
-
-def get_encoder_positions(recording: Recording) -> tuple[FloatArray, FloatArray]:
-    """Return motor and link positions.
-
-    Raises:
-        LogError: one of them is missing.
-    """
-    if recording.motor_position is not None:
-        return recording.motor_position, recording.position
-    if recording.link_position is not None:
-        return recording.position, recording.link_position
-    text = (
-        "torsion is the difference of motor and link positions, and this log has only one of them: name the "
-        "other column in [log.motor_position] or [log.link_position], or identify what the motor side alone "
-        "can tell"
-    )
-    raise LogError(Notice(code="elastic.one-encoder", text=text, file=recording.source))
-
-
-def center_held(tau: FloatArray) -> FloatArray:
-    """Return the torque (N, n) about each sample of one that is held: the mean of those that meet there."""
-    return np.vstack([tau[:1], (tau[1:] + tau[:-1]) / 2.0])
 
 
 def build_equations(
@@ -203,23 +199,22 @@ def build_equations(
     signals: ElasticSignals,
     differentiate_rows: Callable[[FloatArray], FloatArray],
     average_rows: Callable[[FloatArray], FloatArray],
-) -> tuple[FloatArray, FloatArray]:
-    """Return the motor columns [rotor | friction] (M, n, n + pf) and the link columns (M, n, p) of rows.
+) -> FloatArray:
+    """Return the columns [link beta | rotor | friction] (M, n, p + n + pf) of the sum of both equations.
 
-    Args:
-        library: functions of the robot; those of q speak of the links, friction of the motors.
-        signals: states at full rate.
-        differentiate_rows: makes of momenta and speeds (N, ...) the rows (M, ...) of their derivative.
-        average_rows: makes of torques (N, ...) their rows (M, ...), in the same way.
+    `differentiate_rows` makes of momenta and speeds (N, ...) the rows (M, ...) of their derivative,
+    `average_rows` of torques (N, ...) their rows, in the same way.
     """
     (momentum,) = library.evaluate("momentum_regressor", signals.q, signals.dq)
     (lagrange,) = library.evaluate("lagrange_regressor", signals.q, signals.dq)
-    link = differentiate_rows(momentum) - average_rows(lagrange)
-    motor = [differentiate_rows(signals.dtheta)[:, :, None] * np.eye(library.card.size)]
+    columns = [
+        differentiate_rows(momentum) - average_rows(lagrange),
+        differentiate_rows(signals.dtheta)[:, :, None] * np.eye(library.card.size),
+    ]
     if library.card.friction:
         (friction,) = library.evaluate("friction_regressor", signals.dtheta)
-        motor.append(average_rows(friction))
-    return np.concatenate(motor, axis=2), link
+        columns.append(average_rows(friction))
+    return np.concatenate(columns, axis=2)
 
 
 _ROW_RATE = 500.0
@@ -231,30 +226,24 @@ class FilteredRows(FrozenArrays):
     """Motor and link equations of one recording, at the samples `keep`.
 
     Args:
-        motor: (M, n, n + pf), columns [rotor | friction]; link: (M, n, p).
+        design: (M, n, p + n + pf), columns [link beta | rotor | friction].
         torque: (M, n), F[tau] in N m or N.
         keep: the samples of the signals that rows belong to.
+        bases: p.
     """
 
-    motor: FloatArray
-    link: FloatArray
+    design: FloatArray
     torque: FloatArray
     keep: slice
+    bases: int
 
-    @property
-    def elimination(self) -> FloatArray:
-        """Return the design (M, n, p + n + pf) of the sum of both equations; its right side is `torque`."""
-        return np.concatenate([self.link, self.motor], axis=2)
+    def find_motor_side(self, chi: FloatArray) -> FloatArray:
+        """Return F[tau_J] (M, n) by the motor equation with the dynamic parameters chi (p + n + pf,)."""
+        return self.torque - self.design[:, :, self.bases :] @ chi[self.bases :]
 
-    def find_motor_side(self, drive: FloatArray) -> FloatArray:
-        """Return F[tau_J] (M, n) by the motor equation; `drive` = [rotor; friction]."""
-        side: FloatArray = self.torque - self.motor @ drive
-        return side
-
-    def find_link_side(self, beta: FloatArray) -> FloatArray:
+    def find_link_side(self, chi: FloatArray) -> FloatArray:
         """Return F[tau_J] (M, n) by the link equation."""
-        side: FloatArray = self.link @ beta
-        return side
+        return self.design[:, :, : self.bases] @ chi[: self.bases]
 
 
 def filter_held(values: FloatArray, rate: float, period: float) -> FloatArray:
@@ -291,25 +280,21 @@ def filter_derivative(values: FloatArray, rate: float, period: float) -> FloatAr
 
 
 def build_filtered_rows(library: Library, signals: ElasticSignals, rate: float) -> FilteredRows:
-    """Return the filtered equations of one recording.
-
-    Args:
-        library: functions of the robot; those of q speak of the links, friction of the motors.
-        signals: states and torque at full rate.
-        rate: lambda in rad/s.
-    """
+    """Return the filtered equations of one recording; rate is lambda in rad/s."""
     period = signals.period
-    step = max(1, int(1.0 / (_ROW_RATE * period) + 1e-9))
-    keep = slice(signals.settled, None, step)
-
-    def average(values: FloatArray) -> FloatArray:
-        return filter_smooth(values, rate, period)[keep]
-
-    motor, link = build_equations(
-        library, signals, lambda values: filter_derivative(values, rate, period)[keep], average
+    keep = slice(signals.settled, None, max(1, int(1.0 / (_ROW_RATE * period) + 1e-9)))
+    pass_torque = filter_held if signals.hold == "zero" else filter_smooth
+    return FilteredRows(
+        design=build_equations(
+            library,
+            signals,
+            lambda values: filter_derivative(values, rate, period)[keep],
+            lambda values: filter_smooth(values, rate, period)[keep],
+        ),
+        torque=pass_torque(signals.tau, rate, period)[keep],
+        keep=keep,
+        bases=len(library.card.beta),
     )
-    torque = filter_held(signals.tau, rate, period)[keep] if signals.hold == "zero" else average(signals.tau)
-    return FilteredRows(motor=motor, link=link, torque=torque, keep=keep)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -333,47 +318,6 @@ def build_energy_windows(library: Library, signals: ElasticSignals, length: floa
     Raises:
         UsageError: a window is shorter than a sample or longer than the recording.
     """
-    ends = _locate_window_ends(signals, length)
-    turn = np.diff(signals.theta, axis=0)
-    # A held torque's work is exact with the torque of the step's start.
-    torque = signals.tau[:-1] if signals.hold == "zero" else (signals.tau[1:] + signals.tau[:-1]) / 2.0
-    supplied = _add_up(np.sum(torque * turn, axis=1), ends)
-    kinetic, potential = library.evaluate("energy_regressor", signals.q[ends], signals.dq[ends])
-    columns = [
-        np.diff(kinetic + potential, axis=0),
-        np.diff(signals.dtheta[ends] ** 2, axis=0) / 2.0,
-    ]
-    if library.card.friction:
-        (friction,) = library.evaluate("friction_regressor", signals.dtheta)
-        middle = (friction[1:] + friction[:-1]) / 2.0
-        columns.append(_add_up(np.einsum("ij,ijk->ik", turn, middle), ends))
-    return EnergyWindows(supplied=supplied, design=np.hstack(columns), ends=ends)
-
-
-def compute_window_work(
-    elasticity: Sequence[Elasticity], signals: ElasticSignals, rows: EnergyWindows
-) -> FloatArray:
-    """Return the work int tau_J dphi of all springs in every window (m,), J."""
-    total = np.zeros(len(rows.supplied))
-    phi = signals.phi
-    for joint, spring in enumerate(elasticity):
-        total += np.diff(compute_spring_work(spring, phi[:, joint])[rows.ends])
-    return total
-
-
-def compute_window_columns(
-    thresholds: Sequence[FloatArray], signals: ElasticSignals, rows: EnergyWindows
-) -> FloatArray:
-    """Return the work per unit stiffness in every window (m, sum (m_i + 1)), joint by joint."""
-    phi = signals.phi
-    columns = [
-        np.diff(compute_work_columns(phi[:, joint], grid)[rows.ends], axis=0)
-        for joint, grid in enumerate(thresholds)
-    ]
-    return np.hstack(columns)
-
-
-def _locate_window_ends(signals: ElasticSignals, length: float) -> slice:
     intervals, steps = round(length / signals.period), len(signals.time) - 1 - signals.settled
     count = steps // intervals if intervals else 0
     if count < 1:
@@ -382,13 +326,44 @@ def _locate_window_ends(signals: ElasticSignals, length: float) -> slice:
             f"the part of the recording that rows come from ({steps * signals.period:g} s)"
         )
         raise UsageError(Notice(code="usage.window", text=text))
-    return slice(signals.settled, signals.settled + count * intervals + 1, intervals)
+    ends = slice(signals.settled, signals.settled + count * intervals + 1, intervals)
+
+    def add(steps: FloatArray) -> FloatArray:
+        total = np.concatenate([np.zeros((1, *steps.shape[1:])), np.cumsum(steps, axis=0)])
+        return np.diff(total[ends], axis=0)
+
+    turn = np.diff(signals.theta, axis=0)
+    kinetic, potential = library.evaluate("energy_regressor", signals.q[ends], signals.dq[ends])
+    columns = [
+        np.diff(kinetic + potential, axis=0),
+        np.diff(signals.dtheta[ends] ** 2, axis=0) / 2.0,
+    ]
+    if library.card.friction:
+        (friction,) = library.evaluate("friction_regressor", signals.dtheta)
+        columns.append(add(np.einsum("ij,ijk->ik", turn, average_steps(friction))))
+    # The work of a held torque is exact with the torque of the step's start.
+    supplied = add(np.sum(signals.step_torque * turn, axis=1))
+    return EnergyWindows(supplied=supplied, design=np.hstack(columns), ends=ends)
 
 
-def _add_up(steps: FloatArray, ends: slice) -> FloatArray:
-    """Return the sums of `steps` (N - 1, ...) over every window."""
-    total = np.concatenate([np.zeros((1, *steps.shape[1:])), np.cumsum(steps, axis=0)])
-    return np.diff(total[ends], axis=0)
+def compute_window_work(
+    elasticity: Sequence[Elasticity], signals: ElasticSignals, rows: EnergyWindows
+) -> FloatArray:
+    """Return the work int tau_J dphi of all springs in every window (m,), J."""
+    total = np.zeros(len(rows.supplied))
+    for spring, torsion in zip(elasticity, signals.phi.T, strict=False):
+        total += np.diff(compute_spring_work(spring, torsion)[rows.ends])
+    return total
+
+
+def compute_window_columns(
+    thresholds: Sequence[FloatArray], signals: ElasticSignals, rows: EnergyWindows
+) -> list[FloatArray]:
+    """Return, joint by joint, the work per unit stiffness of a spring and its stops in every window."""
+    return [
+        np.diff(compute_work_columns(torsion, grid)[rows.ends], axis=0)
+        for grid, torsion in zip(thresholds, signals.phi.T, strict=True)
+    ]
 
 
 def list_lower_bounds(card: ModelCard, extra: int = 0) -> FloatArray:
@@ -404,30 +379,26 @@ def list_lower_bounds(card: ModelCard, extra: int = 0) -> FloatArray:
 def solve_with_signs(card: ModelCard, matrix: FloatArray, right: FloatArray) -> FloatArray:
     """Return argmin |matrix x - right| (p,), x = [chi; stiffnesses], not below its bounds.
 
-    By QR with columns scaled to length one; the bounded problem is solved only where a bound is broken.
-    Columns and directions that count as not seen (`RankRule`) get zero.
-
-    Args:
-        card: names the parameters of chi; columns beyond it are stiffnesses.
-        matrix: (m, p).
-        right: (m,).
+    By QR with columns of the matrix (..., p) scaled to length one; the bounded problem is solved only where a
+    bound is broken. Columns and directions without effect (`RankRule`) get zero.
     """
-    count = matrix.shape[1]
+    count = matrix.shape[-1]
+    matrix, right = matrix.reshape(-1, count), right.reshape(-1)
     lengths = np.linalg.norm(matrix, axis=0)
     rule = RankRule()
     alive: NDArray[np.bool_] = lengths > rule.zero * max(float(lengths.max(initial=0.0)), 1e-300)
     scales = np.where(alive, lengths, 1.0)
     columns = np.where(alive, matrix, 0.0) / scales
     triangle: FloatArray = np.asarray(np.linalg.qr(np.column_stack([columns, right]), mode="r"))
-    answer = np.linalg.lstsq(triangle[:, :count], triangle[:, count], rcond=rule.singular)
-    # What is not seen is zero, not what rounding makes of it: its sign would let bounds act.
+    left, values = triangle[:, :count], triangle[:, count]
+    answer = np.linalg.lstsq(left, values, rcond=rule.singular)
+    # What has no effect is zero, not what rounding makes of it: its sign would let bounds act.
     solution: FloatArray = np.where(alive, answer[0] / scales, 0.0)
     low = list_lower_bounds(card, count - len(card.beta) - card.size - len(card.friction))
     if np.all(solution >= low):
         return solution
     from scipy.optimize import lsq_linear
 
-    left, values = triangle[:, :count], triangle[:, count]
     if answer[2] < count:
         # Of the many solutions the bounded problem must take a short one too; this hardly weighs elsewhere.
         left = np.vstack([left, rule.singular * answer[3][0] * np.eye(count)])

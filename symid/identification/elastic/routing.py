@@ -1,4 +1,4 @@
-"""Which model robot, logs and options ask for: rigid, motor side alone, or elastic; which settings it uses.
+"""Which model suits robot, logs and options: rigid, motor side alone, or elastic; which settings it uses.
 
 Without the position of the link, q is taken as theta: torsion changes gravity and inertia by its own size
 only, 10^-2 and less. The rotor then turns with the link, and its inertia is a part of the base parameters
@@ -24,39 +24,40 @@ _PREFIX = "processing."
 _CUTOFF = "filter_cutoff"
 _ENDS = ("drop_first", "drop_last")
 _USED = {"elastic": (_CUTOFF, *_ENDS), "stiffness": _ENDS}
-_WHY = {
-    "elastic": "elastic joints are identified at the full rate of the log, with filters of their own",
-    "stiffness": "a stiffness is found at the full rate of the log, with a filter of its own",
-}
-_OPTIONS = {_CUTOFF: "--cutoff", "decimation.factor": "--decimate"}
-_OTHERS = ("filter_order", "filter_torque", "standstill", "noise_freedom", "decimation")
+_WHY = "elastic joints are identified at the full rate of the log, with filters of their own"
+_OPTIONS = {_CUTOFF: " (--cutoff)", "decimation.factor": " (--decimate)"}
+_OTHERS = ("filter_order", "filter_torque", "standstill", "noise_freedom", "decimation", _CUTOFF)
 
 
 def check_settings(settings: Sequence[tuple[str, str]], kind: str) -> None:
-    """Refuse settings of a call that have no meaning for `kind`, "elastic" or "stiffness".
-
-    Raises:
-        UsageError: there is such a setting.
-    """
-    names = [key.removeprefix(_PREFIX) for key, _ in settings if key.startswith(_PREFIX)]
-    useless = [name for name in dict.fromkeys(names) if name not in _USED[kind]]
+    """Raise UsageError for settings of a call that have no meaning for `kind`, "elastic" or "stiffness"."""
+    names = dict.fromkeys(key.removeprefix(_PREFIX) for key, _ in settings if key.startswith(_PREFIX))
+    useless = [f"{_PREFIX}{name}{_OPTIONS.get(name, '')}" for name in names if name not in _USED[kind]]
     if useless:
-        shown = [
-            f"{_PREFIX}{name}" + (f" ({_OPTIONS[name]})" if name in _OPTIONS else "") for name in useless
-        ]
-        text = (
-            f"{', '.join(shown)} cannot be used here: {_WHY[kind]}; "
-            f"allowed are {', '.join(_PREFIX + name for name in _USED[kind])}; "
-            f"leave {'them' if useless[1:] else 'it'} out"
-        )
+        allowed = ", ".join(_PREFIX + name for name in _USED[kind])
+        text = f"{', '.join(useless)} cannot be used here: {_WHY}. Allowed are {allowed}"
         raise UsageError(Notice(code="usage.elastic-processing", text=text))
 
 
-def get_asked_cutoff(robot: Robot, settings: Sequence[tuple[str, str]]) -> float | None:
+def list_unused_settings(robot: Robot, kind: str) -> tuple[Notice, ...]:
+    """Return a notice on the settings of the robot file that `kind`, as above, does not use."""
+    stated, standard = robot.processing, replace(Processing(), automatic=robot.processing.automatic)
+    unused = [
+        name
+        for name in _OTHERS
+        if name not in _USED[kind] and getattr(stated, name) != getattr(standard, name)
+    ]
+    if not unused:
+        return ()
+    text = f"[processing] {', '.join(unused)}: not used here: {_WHY}. Used are {', '.join(_USED[kind])}"
+    return (Notice(code="identify.unused-processing", text=text, file=robot.path),)
+
+
+def get_stated_cutoff(robot: Robot, settings: Sequence[tuple[str, str]]) -> float | None:
     """Return the cut-off in Hz that robot file or call state: 0 for no filter, None to choose one."""
     stated = robot.processing.filter_cutoff
-    asked = any(key == _PREFIX + _CUTOFF for key, _ in settings)
-    return 0.0 if stated is None and asked else stated
+    is_given = any(key == _PREFIX + _CUTOFF for key, _ in settings)
+    return 0.0 if stated is None and is_given else stated
 
 
 def cut_logs(recordings: Sequence[Recording], processing: Processing) -> tuple[Recording, ...]:
@@ -77,33 +78,20 @@ def cut_logs(recordings: Sequence[Recording], processing: Processing) -> tuple[R
     return tuple(cut)
 
 
-def list_unused_settings(robot: Robot, kind: str) -> tuple[Notice, ...]:
-    """Return a notice on the settings of the robot file that `kind`, as above, has no use for."""
-    standard = replace(Processing(), automatic=robot.processing.automatic)
-    names = (*_OTHERS, *(name for name in (_CUTOFF,) if name not in _USED[kind]))
-    unused = [name for name in names if getattr(robot.processing, name) != getattr(standard, name)]
-    if not unused:
-        return ()
-    text = f"[processing] {', '.join(unused)}: not used here: {_WHY[kind]}; used are {', '.join(_USED[kind])}"
-    return (Notice(code="identify.unused-processing", text=text, file=robot.path),)
-
-
 _STIFFNESS = (
-    "the log has one position a joint, so that its torsion is not seen; free motion shows a spring only at "
-    "the second order, and loops of torque over position are those of friction as well: measure the link's "
-    "position, lock the link, or load it statically"
+    "not identifiable: the log has one position a joint, so that its torsion is not measured; measure the "
+    "link's position, lock the link, or load it statically"
 )
-_HYSTERESIS = "it is a loop of torque over torsion, and the torsion is not seen in this log"
+_HYSTERESIS = "not identifiable: it is a loop of torque over torsion, and the torsion is not measured"
 _SPLIT = (
-    "torsional motion tells rotor and link apart, and is not seen in this log: where the rigid model lists a "
-    "rotor inertia, the torsion that it does not know biases it against the link's, and their sum is what "
-    "holds; take the rotor's from the data sheet, or measure the link's position"
+    "not identifiable: only torsional motion separates rotor from link inertia, and it is not measured; only "
+    "their sum is reliable. Take the rotor's from the data sheet, or measure the link's position"
 )
 _LINK_NAME = re.compile(r"link_position_?\d*")
 _ROTOR_NAME = re.compile(r"IA\d+")
 _MIXED = (
-    "the methods for springs and hysteresis need a robot whose joints are all elastic, and this one has "
-    "rigid joints besides; --method stiffness looks at its springs"
+    "the methods for springs and hysteresis need a robot whose joints are all elastic, and this one also has "
+    "rigid joints; use --method stiffness for its springs"
 )
 
 
@@ -114,8 +102,8 @@ def build_rigid_variant(robot: Robot) -> Robot:
 
 def build_rigid_estimate(estimate: Estimate, robot: Robot) -> Estimate:
     """Return an estimate of the rigid variant without its refusals of what only `robot` has."""
-    unseen = {name for name, _ in list_unseen(robot)}
-    return replace(estimate, refused=tuple(entry for entry in estimate.refused if entry[0] not in unseen))
+    elastic = {name for name, _ in list_unidentifiable(robot)}
+    return replace(estimate, refused=tuple(entry for entry in estimate.refused if entry[0] not in elastic))
 
 
 def build_motor_recording(recording: Recording, robot: Robot) -> Recording:
@@ -127,39 +115,33 @@ def build_motor_recording(recording: Recording, robot: Robot) -> Recording:
     """
     if not any(robot.elastic) or recording.motor_position is None:
         return recording
-    # A rigid joint has one position, whichever encoder saw it; a channel that never moves is no encoder.
+    # A rigid joint has one position, whichever encoder it is of; a channel that never moves is no encoder.
     taken = np.array(robot.elastic) & (np.ptp(recording.motor_position, axis=0) > 0.0)
     text = (
-        "the log has two positions a joint: that of the motor was taken for elastic joints, because friction "
-        "and rotors turn with it; gravity is wrong by the torsion"
+        "the log has two positions a joint; that of the motor is used for elastic joints, because friction "
+        "and rotors turn with it. Gravity is wrong by the torsion"
     )
+    notice = Notice(code="log.motor-position", text=text, file=recording.source)
     return replace(
         recording,
         position=np.where(taken, recording.motor_position, recording.position),
         velocity=None,
         motor_position=None,
-        notices=(
-            *recording.notices,
-            Notice(code="log.motor-position", text=text, file=recording.source),
-        ),
+        notices=(*recording.notices, notice),
     )
 
 
 def check_motor_side(robot: Robot, recordings: Sequence[Recording]) -> None:
-    """Refuse logs whose one position is that of the links by the name of its columns.
-
-    Raises:
-        LogError: it is.
-    """
+    """Raise LogError for logs whose one position is that of the links by the name of its columns."""
     position, link = robot.log.position, robot.log.link_position
     columns = () if position is None else position.columns
     known = () if link is None else link.columns
     if not columns or not all(name in known or _LINK_NAME.fullmatch(name) for name in columns):
         return
     text = (
-        f"its one position ({', '.join(columns)}) is that of the links, and the motor side of elastic joints "
-        "cannot be identified from it: friction and rotors turn with the motors; name the columns of the "
-        "motors in [log.motor_position], or in [log.position] alone"
+        f"its one position ({', '.join(columns)}) is that of the links, but friction and rotors turn with "
+        "the motors: elastic joints cannot be identified from it. Name the columns of the motors in "
+        "[log.motor_position], or in [log.position] alone"
     )
     raise LogError(*(Notice(code="elastic.link-side", text=text, file=entry.source) for entry in recordings))
 
@@ -170,52 +152,45 @@ def warn_of_rotors(parameters: Sequence[ParameterEstimate]) -> tuple[Notice, ...
     if not names:
         return ()
     text = (
-        f"negative rotor inertia, which no motor has: {', '.join(names)}; the position taken for that of the "
-        "motors may be that of the links, the sign or factor of the torque may be wrong, or the motions are "
-        "too slow to tell rotors from links: check the log's columns, or take the inertia from the data sheet"
+        f"negative rotor inertia, which is impossible: {', '.join(names)}. Check whether the position is "
+        "that of the links, and sign and factor of the torque; if the motions are too slow to separate "
+        "rotors from links, take the inertia from the data sheet"
     )
     return (Notice(code="elastic.negative-rotor", text=text),)
 
 
 def has_both_encoders(recordings: Sequence[Recording]) -> bool:
     """Return whether every recording has the positions of motors and of links."""
-    return all(
-        recording.motor_position is not None or recording.link_position is not None
-        for recording in recordings
-    )
+    return all(entry.motor_position is not None or entry.link_position is not None for entry in recordings)
 
 
-def list_unseen(robot: Robot, *, both: bool = False) -> tuple[tuple[str, str], ...]:
+def list_unidentifiable(robot: Robot, *, both: bool = False) -> tuple[tuple[str, str], ...]:
     """Return name and reason of what is not identified of an elastic robot.
 
-    Args:
-        robot: with elastic joints.
-        both: whether the logs have both positions, so that only the robot's rigid joints stand in the way.
+    With `both` the logs have both positions, so that only the robot's rigid joints stand in the way.
     """
+    reasons = (_MIXED,) * 3 if both else (_STIFFNESS, _HYSTERESIS, _SPLIT)
     refused: list[tuple[str, str]] = []
     for number, joint in enumerate(robot.joints, start=1):
-        if joint.elasticity is None:
-            continue
-        reasons = (_MIXED,) * 3 if both else (_STIFFNESS, _HYSTERESIS, _SPLIT)
-        refused += [(f"stiffness{number}", reasons[0]), (f"hysteresis{number}", reasons[1])]
-        if joint.drive.has_rotor:
-            refused.append((f"IA{number} apart from the link", reasons[2]))
+        if joint.elasticity is not None:
+            refused += [(f"stiffness{number}", reasons[0]), (f"hysteresis{number}", reasons[1])]
+            if joint.drive.has_rotor:
+                refused.append((f"IA{number} apart from the link", reasons[2]))
     return tuple(refused)
 
 
 def refuse_elasticity(estimate: Estimate, robot: Robot, *, both: bool = False) -> Estimate:
-    """Return the estimate of the rigid variant, what it cannot tell of `robot` refused; see `list_unseen`."""
-    unseen = list_unseen(robot, both=both)
+    """Return the estimate of the rigid variant, with what is not identifiable of `robot`."""
     why = (
         "some joints are rigid" if both else "the logs have one position a joint, taken as that of its motor"
     )
     text = (
         f"{why}: the rigid model was identified, with rotor inertias merged into the base parameters; "
-        "stiffness and hysteresis are refused"
+        "stiffness and hysteresis are not identifiable"
     )
     return replace(
         estimate,
-        refused=(*estimate.refused, *unseen),
+        refused=(*estimate.refused, *list_unidentifiable(robot, both=both)),
         outcome=Outcome.SOME_REFUSED,
         notices=(
             Notice(code="elastic.motor-side", text=text),
@@ -223,9 +198,6 @@ def refuse_elasticity(estimate: Estimate, robot: Robot, *, both: bool = False) -
             *estimate.notices,
         ),
     )
-
-
-_NAMES = {"rate": "lambda"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -244,7 +216,7 @@ def choose_route(
     elastic: Mapping[str, object],
     rigid: Sequence[str],
 ) -> Route:
-    """Return what the robot, its logs and the options together ask for.
+    """Return the route for the robot, its logs and the options together.
 
     Args:
         robot: as read.
@@ -257,43 +229,33 @@ def choose_route(
         UsageError: options of one kind for a robot, method or log of another.
         LogError: some logs have two encoders and some one; the one position is that of the links.
     """
-    both = [has_both_encoders((recording,)) for recording in recordings]
-    whole = all(robot.elastic)
-    if any(both) and not all(both) and any(robot.elastic):
-        without = [recording.source for recording, has in zip(recordings, both, strict=True) if not has]
+    without = [entry.source for entry in recordings if not has_both_encoders((entry,))]
+    if 0 < len(without) < len(recordings) and any(robot.elastic):
         text = "this log has one position a joint, others have two; give logs of one kind in one call"
         raise LogError(*(Notice(code="log.mixed-encoders", text=text, file=source) for source in without))
-    if whole and (all(both) or method is not None):
-        if not all(both):
+    if all(robot.elastic) and (not without or method is not None):
+        if without:
             text = (
-                f"--method {method} needs the positions of motors and links, and the log has one a joint: "
-                "name the other in [log.motor_position] or [log.link_position], or leave --method out to "
-                "identify what the motor side alone can tell"
+                f"--method {method} needs the positions of motors and links, and the log has one a joint. "
+                "Name the other in [log.motor_position] or [log.link_position], or leave --method out to "
+                "identify the motor side alone"
             )
             raise UsageError(Notice(code="usage.one-encoder", text=text))
-        _refuse_mixed(rigid, {}, f"the elastic robot {robot.name!r}")
+        _refuse_options(rigid, f"the elastic robot {robot.name!r}")
         return Route(kind="elastic", method=method or "automatic")
     if method is not None:
-        kind = "has rigid joints besides elastic ones" if any(robot.elastic) else "has no elastic joints"
+        kind = "also has rigid joints" if any(robot.elastic) else "has no elastic joints"
         text = f"--method {method}: the robot {robot.name!r} {kind}; leave it out, or use --method stiffness"
         raise UsageError(Notice(code="usage.method", text=text))
-    others = {name: value for name, value in elastic.items() if name != "window"}
-    _refuse_mixed((), others, f"{robot.name!r}, identified as rigid")
-    if any(robot.elastic) and not any(both):
+    given = [name for name, value in elastic.items() if name != "window" and value is not None]
+    options = [f"--{'lambda' if name == 'rate' else name}" for name in given]
+    _refuse_options(options, f"{robot.name!r}, identified as rigid")
+    if any(robot.elastic) and without:
         check_motor_side(robot, recordings)
     return Route(kind="motor-side" if any(robot.elastic) else "rigid")
 
 
-def _refuse_mixed(rigid: Sequence[str], elastic: Mapping[str, object], what: str) -> None:
-    """Refuse options that have no meaning for `what`.
-
-    Raises:
-        UsageError: options of rigid robots, or of elastic joints, were given.
-    """
-    given = [
-        *rigid,
-        *(f"--{_NAMES.get(name, name)}" for name, value in elastic.items() if value is not None),
-    ]
+def _refuse_options(given: Sequence[str], what: str) -> None:
     if given:
         text = f"{', '.join(given)} cannot be used with {what}; leave {'them' if given[1:] else 'it'} out"
         raise UsageError(Notice(code="usage.mixed-options", text=text))

@@ -5,12 +5,9 @@
     d tau_J / d r_i = -S'(v) k_i D_i,  D_i = d P_i / d r_i = -1, +1 since the play touched phi - r, phi + r
     d tau_J / d R_j = (c_j-1 - c_j) where v is beyond R_j
 
-ramp_j is the part of v between two knees and c_j the slope there. Plays run on the torsion as it is, and
-the filter F comes last. On a grid, stops are found by non-negative least squares, knees by Gauss-Newton.
-A grid puts two stops around each slip that the spring has, and leaves the smallest ones out; so from its
-solution all parameters are fitted together, positions included, by projected Levenberg-Marquardt. Then
-stops and knees are left out one by one, while the cost rises no more than noise lets it (Bayesian
-information criterion).
+ramp_j is the part of v between two knees and c_j the slope there. On a grid, stops are fitted by non-negative
+least squares, knees by Gauss-Newton; then all together, places included, by projected Levenberg-Marquardt;
+then stops and knees are left out one by one (Bayesian information criterion).
 
 Supported: several recordings; a plain Prandtl-Ishlinskii spring (no knees), which is a convex problem.
 Not supported: cubic springs, damping, an offset of the torsion; adding stops or knees to those of the
@@ -29,19 +26,16 @@ from symid.identification.hysteresis import (
     LEAST_SLOPE,
     SpringWeights,
     compute_local_slopes,
+    compute_outer,
     compute_ramps,
     hold_knees,
 )
 from symid.joint_models import compute_stop_basis
 
-_HALVINGS = 6
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SpringData:
-    """What does not change while the spring of one joint is fitted.
-
-    Plays run at full rate; what follows needs fewer samples, those at which rows are and as many before them.
+    """What does not change while the spring of one joint is fitted; only plays run at full rate.
 
     Args:
         torsions: (N,) rad or m of every recording, at full rate.
@@ -64,10 +58,7 @@ class SpringData:
         """Return phi and the stops of other thresholds, thinned, for every recording."""
         if weights.thresholds is self.thresholds:
             return self.basis
-        return tuple(
-            thin_samples(compute_stop_basis(phi, weights.thresholds), keep)
-            for phi, keep in zip(self.torsions, self.keeps, strict=True)
-        )
+        return _compute_basis(self.torsions, self.keeps, weights.thresholds)
 
 
 def prepare_spring_data(
@@ -79,27 +70,25 @@ def prepare_spring_data(
 ) -> SpringData:
     """Return the stop basis of one joint over all recordings, also filtered.
 
-    Args:
-        torsions: (N,) of every recording, unfiltered by F.
-        keeps: samples of the rows of each.
-        thresholds: (m,) of the stops.
-        rate: lambda in rad/s.
-        periods: s.
+    Arguments as the fields of `SpringData`; the torsions are not filtered by F.
     """
-    basis = tuple(
-        thin_samples(compute_stop_basis(phi, thresholds), keep)
-        for phi, keep in zip(torsions, keeps, strict=True)
-    )
     data = SpringData(
         torsions=tuple(torsions),
         keeps=tuple(keeps),
         thresholds=thresholds,
-        basis=basis,
+        basis=_compute_basis(torsions, keeps, thresholds),
         filtered=np.zeros((0, 0)),
         rate=rate,
         periods=tuple(periods),
     )
-    return replace(data, filtered=filter_parts(data, basis))
+    return replace(data, filtered=filter_parts(data, data.basis))
+
+
+def _compute_basis(
+    torsions: Sequence[FloatArray], keeps: Sequence[slice], thresholds: FloatArray
+) -> tuple[FloatArray, ...]:
+    pairs = zip(torsions, keeps, strict=True)
+    return tuple(thin_samples(compute_stop_basis(phi, thresholds), keep) for phi, keep in pairs)
 
 
 def rebuild_spring_data(data: SpringData, weights: SpringWeights) -> SpringData:
@@ -133,6 +122,9 @@ def fit_stops(data: SpringData, target: FloatArray) -> SpringWeights:
     )
 
 
+_HALVINGS = 6
+
+
 def fit_spring(
     data: SpringData,
     target: FloatArray,
@@ -141,30 +133,26 @@ def fit_spring(
     tolerance: float = 1e-6,
     iterations: int = 12,
 ) -> SpringWeights:
-    """Return stiffnesses and slopes by a projected Gauss-Newton method from `start`; positions stay.
+    """Return stiffnesses and slopes by a projected Gauss-Newton method from `start`; places stay.
 
     Each step is a non-negative least-squares problem in all parameters; it is halved while the cost rises.
-
-    Args:
-        data: of the joint.
-        target: F[tau_J] (M,), N m.
-        start: where to begin.
-        tolerance: relative fall of the cost that ends the iteration.
-        iterations: at most.
+    The iteration ends where the cost falls by less than `tolerance`, relative.
     """
     if not len(start.knees) and start.thresholds is data.thresholds:
         return fit_stops(data, target)
-    best, cost = start, float(np.sum((target - compute_filtered_torque(data, start)) ** 2))
+    best, cost = start, _compute_cost(data, target, start)
+    floor = np.concatenate([np.zeros(len(best.stiffness)), np.full(len(best.knees), LEAST_SLOPE)])
     for _ in range(iterations):
-        jacobian, value = _linearise(data, best)
-        packed = best.pack()
-        floor = np.concatenate([np.zeros(len(best.stiffness)), np.full(len(best.knees), LEAST_SLOPE)])
+        slopes = [compute_spring_slopes(basis, best) for basis in data.find_basis(best)]
+        filtered = filter_parts(data, slopes)
+        jacobian, value = filtered[:, :-1], filtered[:, -1]
+        packed = np.concatenate([best.stiffness, best.slopes])
         right = target - value + jacobian @ (packed - floor)
         goal = floor + solve_non_negative(jacobian, right)
-        trial, reached, fraction = best, np.inf, 1.0
+        fraction = 1.0
         for _ in range(_HALVINGS):
-            trial = best.unpack(packed + fraction * (goal - packed))
-            reached = float(np.sum((target - compute_filtered_torque(data, trial)) ** 2))
+            trial = best.move(fraction * (goal - packed))
+            reached = _compute_cost(data, target, trial)
             if reached <= cost:
                 break
             fraction /= 2.0
@@ -180,25 +168,12 @@ def fit_spring(
 def compute_filtered_torque(data: SpringData, weights: SpringWeights) -> FloatArray:
     """Return F[tau_J] (M,) of a spring at the rows of `data`."""
     if weights.thresholds is data.thresholds and not len(weights.knees):
-        result: FloatArray = data.filtered @ weights.stiffness
-        return result
-    torques = []
-    for basis in data.find_basis(weights):
-        inner = basis @ weights.stiffness
-        torques.append(inner + compute_ramps(inner, weights) @ (weights.slopes - 1.0))
-    return filter_parts(data, torques)
+        return data.filtered @ weights.stiffness
+    return filter_parts(data, [compute_outer(basis, weights) for basis in data.find_basis(weights)])
 
 
-def _linearise(data: SpringData, weights: SpringWeights) -> tuple[FloatArray, FloatArray]:
-    """Return the derivative of F[tau_J] by stiffnesses and slopes (M, m + 1 + knees), and F[tau_J] (M,)."""
-    parts = []
-    for basis in data.find_basis(weights):
-        inner = basis @ weights.stiffness
-        ramps = compute_ramps(inner, weights)
-        torque = inner + ramps @ (weights.slopes - 1.0)
-        parts.append(np.column_stack([basis * compute_local_slopes(inner, weights)[:, None], ramps, torque]))
-    filtered = filter_parts(data, parts)
-    return filtered[:, :-1], filtered[:, -1]
+def _compute_cost(data: SpringData, target: FloatArray, weights: SpringWeights) -> float:
+    return float(np.sum((target - compute_filtered_torque(data, weights)) ** 2))
 
 
 def solve_non_negative(matrix: FloatArray, right: FloatArray) -> FloatArray:
@@ -218,30 +193,27 @@ _TRIES = 5
 _PATIENCE = 4
 _FAR = 2.0
 _STEP = 0.4
-"""Of the gap to its neighbour that a position may move at once."""
+"""Of the gap to its neighbour that a place may move at once."""
 _FALL = 1e-3
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SpringPoint:
-    """A spring, its stop basis along every torsion as it is (N, m + 1), and its cost."""
-
-    weights: SpringWeights
-    bases: tuple[FloatArray, ...]
-    cost: float
-
-
-def evaluate_spring(data: SpringData, target: FloatArray, weights: SpringWeights) -> SpringPoint:
-    """Return a spring, its knees held away from zero, with its stop basis and cost |target - F[tau_J]|^2."""
+def _evaluate_spring(
+    data: SpringData, target: FloatArray, weights: SpringWeights
+) -> tuple[SpringWeights, tuple[FloatArray, ...], float]:
+    """Return a spring, its knees held away from zero, its full stop bases, and cost |target - F[tau_J]|^2."""
     bases = tuple(compute_stop_basis(phi, weights.thresholds) for phi in data.torsions)
-    _, lowest, highest = _measure_edges(bases, weights)
-    weights = replace(weights, knees=hold_knees(weights.knees, lowest, highest))
-    torques = []
-    for basis, keep in zip(bases, data.keeps, strict=True):
-        inner = thin_samples(basis, keep) @ weights.stiffness
-        torques.append(inner + compute_ramps(inner, weights) @ (weights.slopes - 1.0))
+    weights = replace(weights, knees=hold_knees(weights.knees, *measure_reach(bases, weights)[1:]))
+    pairs = zip(bases, data.keeps, strict=True)
+    torques = [compute_outer(thin_samples(basis, keep), weights) for basis, keep in pairs]
     errors = target - filter_parts(data, torques)
-    return SpringPoint(weights=weights, bases=bases, cost=float(errors @ errors))
+    return weights, bases, float(errors @ errors)
+
+
+def measure_reach(bases: Sequence[FloatArray], weights: SpringWeights) -> tuple[float, float, float]:
+    """Return the largest torsion, and the largest -v and v: beyond them a place has no effect."""
+    inner = [basis @ weights.stiffness for basis in bases]
+    torsion = max(float(np.abs(basis[:, 0]).max()) for basis in bases)
+    return torsion, max(-float(v.min()) for v in inner), max(float(v.max()) for v in inner)
 
 
 def optimise_spring(
@@ -255,12 +227,19 @@ def optimise_spring(
 
     With a `goal` for the cost the first spring that reaches it is enough, and one far from it is given up.
     """
-    point, damping = evaluate_spring(data, target, start), 1e-4
+    (best, bases, cost), damping = _evaluate_spring(data, target, start), 1e-4
     for count in range(_STEPS):
-        if goal is not None and (point.cost <= goal or (count >= _PATIENCE and point.cost > _FAR * goal)):
+        if goal is not None and (cost <= goal or (count >= _PATIENCE and cost > _FAR * goal)):
             break
-        jacobian, value = _linearise_places(data, point)
-        low, high = _compute_limits(point.weights, *measure_reach(point))
+        parts = []
+        for whole, keep in zip(bases, data.keeps, strict=True):
+            slips = thin_samples(compute_slips(whole, best.thresholds), keep)
+            parts.append(compute_spring_slopes(thin_samples(whole, keep), best, slips))
+        filtered = filter_parts(data, parts)
+        jacobian, value = filtered[:, :-1], filtered[:, -1]
+        down, up = compute_place_limits(bases, best)
+        low = np.concatenate([-best.stiffness, LEAST_SLOPE - best.slopes, down])
+        high = np.concatenate([np.full(len(low) - len(up), np.inf), up])
         # Columns without effect get no step, not a huge one.
         lengths = np.linalg.norm(jacobian, axis=0)
         idle = lengths <= 1e-9 * np.linalg.norm(value)
@@ -271,15 +250,15 @@ def optimise_spring(
         fall = 0.0
         for _ in range(_TRIES):
             move = _solve_damped(scaled, low * lengths, high * lengths, damping) / lengths
-            trial = evaluate_spring(data, target, _move(point.weights, move))
-            if trial.cost < point.cost:
-                fall = (point.cost - trial.cost) / point.cost
-                point, damping = trial, damping / 10.0
+            trial, trial_bases, reached = _evaluate_spring(data, target, best.move(move))
+            if reached < cost:
+                fall = (cost - reached) / cost
+                best, bases, cost, damping = trial, trial_bases, reached, damping / 10.0
                 break
             damping *= 10.0
         if fall < tolerance:
             break
-    return point.weights, point.cost
+    return best, cost
 
 
 def _solve_damped(scaled: FloatArray, low: FloatArray, high: FloatArray, damping: float) -> FloatArray:
@@ -297,80 +276,39 @@ def _solve_damped(scaled: FloatArray, low: FloatArray, high: FloatArray, damping
     return answer
 
 
-def measure_reach(point: SpringPoint) -> tuple[float, float, float]:
-    """Return the largest torsion, and the largest -v and v: beyond them a position has no effect."""
-    return _measure_edges(point.bases, point.weights)
-
-
-def _measure_edges(bases: Sequence[FloatArray], weights: SpringWeights) -> tuple[float, float, float]:
-    inner = [basis @ weights.stiffness for basis in bases]
-    torsion = max(float(np.abs(basis[:, 0]).max()) for basis in bases)
-    return torsion, max(-float(v.min()) for v in inner), max(float(v.max()) for v in inner)
-
-
-def _compute_limits(
-    weights: SpringWeights, torsion: float, lowest: float, highest: float
+def compute_place_limits(
+    bases: Sequence[FloatArray], weights: SpringWeights
 ) -> tuple[FloatArray, FloatArray]:
-    """Return how far each parameter may move down and up: stiffnesses, slopes, thresholds, knees."""
-    down, up = (
-        [-weights.stiffness, LEAST_SLOPE - weights.slopes],
-        [np.full(len(weights.stiffness) + len(weights.knees), np.inf)],
-    )
-    sides = (
-        (weights.thresholds, 0.0, torsion, 1),
-        (-weights.knees[: weights.below], LEAST_KNEE * lowest, lowest, -1),
-        (weights.knees[weights.below :], LEAST_KNEE * highest, highest, 1),
-    )
-    for places, least, edge, sign in sides:
-        lower, higher = compute_room(places, least, edge)
-        down.append(lower if sign > 0 else -higher)
-        up.append(higher if sign > 0 else -lower)
-    return np.concatenate(down), np.concatenate(up)
+    """Return how far thresholds and knees may each move down and up at once: (m + l,)."""
+    torsion, lowest, highest = measure_reach(bases, weights)
+    stops = _compute_room(weights.thresholds, 0.0, torsion)
+    below = _compute_room(-weights.knees[: weights.below], LEAST_KNEE * lowest, lowest)
+    above = _compute_room(weights.knees[weights.below :], LEAST_KNEE * highest, highest)
+    return np.concatenate([stops[0], -below[1], above[0]]), np.concatenate([stops[1], -below[0], above[1]])
 
 
-def compute_room(places: FloatArray, least: float, edge: float) -> tuple[FloatArray, FloatArray]:
+def _compute_room(places: FloatArray, least: float, edge: float) -> tuple[FloatArray, FloatArray]:
     """Return how far each of the increasing places (k,) may move down and up between `least` and `edge`."""
     gaps = np.diff(np.concatenate([[min([least, *places[:1]])], places, [max([edge, *places[-1:]])]]))
     return -_STEP * gaps[:-1], _STEP * gaps[1:]
 
 
-def _move(weights: SpringWeights, move: FloatArray) -> SpringWeights:
-    packed = weights.pack()
-    stops = len(packed) + len(weights.thresholds)
-    changed = weights.unpack(packed + move[: len(packed)])
-    return replace(
-        changed,
-        stiffness=np.maximum(changed.stiffness, 0.0),
-        thresholds=weights.thresholds + move[len(packed) : stops],
-        knees=weights.knees + move[stops:],
-    )
-
-
-def _linearise_places(data: SpringData, point: SpringPoint) -> tuple[FloatArray, FloatArray]:
-    """Return the derivative of F[tau_J] by all parameters, and F[tau_J] (M,)."""
-    weights, parts = point.weights, []
-    for whole, keep in zip(point.bases, data.keeps, strict=True):
-        slips = thin_samples(compute_slips(whole, weights.thresholds), keep)
-        parts.append(compute_spring_slopes(thin_samples(whole, keep), slips, weights))
-    filtered = filter_parts(data, parts)
-    return filtered[:, :-1], filtered[:, -1]
-
-
-def compute_spring_slopes(basis: FloatArray, slips: FloatArray, weights: SpringWeights) -> FloatArray:
+def compute_spring_slopes(
+    basis: FloatArray, weights: SpringWeights, slips: FloatArray | None = None
+) -> FloatArray:
     """Return the derivatives of tau_J by stiffnesses, slopes, thresholds and knees, and tau_J: (N, k + 1).
 
-    Args:
-        basis: (N, m + 1) torsion and stops.
-        slips: (N, m) of `compute_slips`.
-        weights: of the spring.
+    `basis` (N, m + 1) are torsion and stops; without `slips` (N, m) there are no columns of thresholds and
+    knees.
     """
     inner = basis @ weights.stiffness
     local = compute_local_slopes(inner, weights)[:, None]
     ramps = compute_ramps(inner, weights)
-    torque = inner + ramps @ (weights.slopes - 1.0)
-    beyond = np.sign(weights.knees) * (inner[:, None] - weights.knees) > 0.0
-    knees = (weights.before - weights.slopes) * beyond
-    return np.column_stack([basis * local, ramps, slips * weights.stiffness[1:] * local, knees, torque])
+    columns = [basis * local, ramps]
+    if slips is not None:
+        beyond = np.sign(weights.knees) * (inner[:, None] - weights.knees) > 0.0
+        columns += [slips * weights.stiffness[1:] * local, (weights.before - weights.slopes) * beyond]
+    return np.column_stack([*columns, inner + ramps @ (weights.slopes - 1.0)])
 
 
 def compute_slips(basis: FloatArray, thresholds: FloatArray) -> FloatArray:
@@ -389,26 +327,34 @@ _FINE_RATE = 500.0
 _EXACT = 1e-3
 """Of the torque; a residual below it is no reason for another stop or knee."""
 _EDGE = 0.95
-"""Of the torques seen; a knee further out shapes a few samples only."""
+"""Of the torques reached; a knee further out shapes a few samples only."""
 _CLOSE = 0.1
-"""Of the torques seen; a pair of knees within may be no more than the scale of the weights."""
+"""Of the torques reached; a pair of knees within may be no more than the scale of the weights."""
 _DENSE = 12
 _RATIO = 0.7
 """Of a threshold of the dense grid to the next one."""
 
 
 def refine_spring(data: SpringData, target: FloatArray, start: SpringWeights) -> SpringWeights:
-    """Return the spring of fewest stops and knees at their best places, `start` where that is no better.
+    """Return the spring of fewest stops and knees at their best places for F[tau_J] (M,), N m.
 
-    Args:
-        data: of the joint.
-        target: F[tau_J] (M,), N m.
-        start: a spring on the grid.
+    `start` is a spring on the grid, and is returned where that is no worse.
     """
     grid_cost = _compute_cost(data, target, start)
     thinned, coarse = _thin_data(data, target, _ROW_RATE)
-    best, cost = optimise_spring(thinned, coarse, _leave_out_idle(_start_dense(thinned, coarse, start)))
-    allowed = 1.0 + 2.0 * np.log(_count_independent(data, target)) / _count_independent(data, target)
+    dense = _start_dense(thinned, coarse, start)
+    # Without stops of no stiffness and knees that change nothing.
+    busy = dense.stiffness[1:] > _NEAR * np.sum(dense.stiffness)
+    lean = replace(
+        dense.keep_knees(np.abs(dense.slopes - dense.before) > _NEAR),
+        thresholds=dense.thresholds[busy],
+        stiffness=dense.stiffness[np.concatenate([[True], busy])],
+    )
+    best, cost = optimise_spring(thinned, coarse, lean)
+    # Independent rows: the filter passes noise up to rate / 2.
+    span = len(target) * float(np.mean([p * k.step for p, k in zip(data.periods, data.keeps, strict=True)]))
+    independent = max(20.0, min(float(len(target)), span * data.rate / 2.0))
+    allowed = 1.0 + 2.0 * np.log(independent) / independent
     enough = (_EXACT * float(np.linalg.norm(coarse))) ** 2
     found = True
     while found:
@@ -419,7 +365,11 @@ def refine_spring(data: SpringData, target: FloatArray, start: SpringWeights) ->
             if reached <= goal:
                 best, cost, found = trial, min(reached, cost), True
                 break
-    best = follow_spring(data, target, _leave_out_unreached(data, target, best))
+    # Knees at the edge of the torques reached are not identifiable, and extrapolate.
+    bases = [compute_stop_basis(phi, best.thresholds) for phi in data.torsions]
+    _, lowest, highest = measure_reach(bases, best)
+    edges = np.where(best.knees < 0.0, lowest, highest)
+    best = follow_spring(data, target, best.keep_knees(np.abs(best.knees) < _EDGE * edges))
     reached = _compute_cost(data, target, best)
     return best if reached <= max(grid_cost * allowed, (_EXACT * np.linalg.norm(target)) ** 2) else start
 
@@ -427,20 +377,15 @@ def refine_spring(data: SpringData, target: FloatArray, start: SpringWeights) ->
 def follow_spring(
     data: SpringData, target: FloatArray, start: SpringWeights, *, tolerance: float = 1e-4
 ) -> SpringWeights:
-    """Return the best spring near `start`, with as many stops and knees, positions included.
+    """Return the best spring near `start`, with as many stops and knees, places included.
 
-    Args:
-        data: of the joint.
-        target: F[tau_J] (M,), N m.
-        start: where to begin.
-        tolerance: relative fall of the cost that ends the iteration.
+    The iteration ends where the cost falls by less than `tolerance`, relative.
     """
-    thinned, coarse = _thin_data(data, target, _FINE_RATE)
-    return optimise_spring(thinned, coarse, start, tolerance)[0]
+    return optimise_spring(*_thin_data(data, target, _FINE_RATE), start, tolerance)[0]
 
 
 def _thin_data(data: SpringData, target: FloatArray, rate: float) -> tuple[SpringData, FloatArray]:
-    """Return about `rate` rows a second, with plays that see twice as many samples: enough to find places."""
+    """Return about `rate` rows a second, with plays at twice as many samples: enough to locate places."""
     torsions, keeps, periods, parts, at = [], [], [], [], 0
     for phi, keep, period in zip(data.torsions, data.keeps, data.periods, strict=True):
         rows = len(thin_samples(phi, keep)) - keep.start // keep.step
@@ -457,92 +402,58 @@ def _thin_data(data: SpringData, target: FloatArray, rate: float) -> tuple[Sprin
 
 
 def _start_dense(data: SpringData, target: FloatArray, start: SpringWeights) -> SpringWeights:
-    """Return a spring with stops on a geometric grid: small slips are as many as large ones.
-
-    A start without stops was asked for, and has none here either.
-    """
+    """Return a spring with stops on a geometric grid, as many small as large; none if the start has none."""
     if not len(start.thresholds):
         return start
     reach = max(float(np.abs(phi).max()) for phi in data.torsions)
     grid = reach * _RATIO ** np.arange(_DENSE, 0, -1.0)
-    spread = replace(
-        start, thresholds=grid, stiffness=np.concatenate([start.stiffness[:1], np.zeros(_DENSE)])
-    )
+    stiffness = np.concatenate([start.stiffness[:1], np.zeros(_DENSE)])
+    spread = replace(start, thresholds=grid, stiffness=stiffness)
     return fit_spring(rebuild_spring_data(data, spread), target, spread, iterations=4)
-
-
-def _leave_out_unreached(data: SpringData, target: FloatArray, weights: SpringWeights) -> SpringWeights:
-    """Return the spring without knees at the edge of the torques seen: they tell nothing, and extrapolate."""
-    _, lowest, highest = measure_reach(evaluate_spring(data, target, weights))
-    edges = np.where(weights.knees < 0.0, lowest, highest)
-    return weights.keep_knees(np.abs(weights.knees) < _EDGE * edges)
-
-
-def _count_independent(data: SpringData, target: FloatArray) -> float:
-    """Return how many independent rows there are: the filter passes noise up to rate / 2."""
-    span = len(target) * float(np.mean([p * k.step for p, k in zip(data.periods, data.keeps, strict=True)]))
-    return max(20.0, min(float(len(target)), span * data.rate / 2.0))
-
-
-def _compute_cost(data: SpringData, target: FloatArray, weights: SpringWeights) -> float:
-    return float(np.sum((target - compute_filtered_torque(data, weights)) ** 2))
-
-
-def _leave_out_idle(weights: SpringWeights) -> SpringWeights:
-    """Return the spring without stops of no stiffness and knees that change nothing."""
-    busy = weights.stiffness[1:] > _NEAR * np.sum(weights.stiffness)
-    stiffness = weights.stiffness[np.concatenate([[True], busy])]
-    left = weights.keep_knees(np.abs(weights.slopes - weights.before) > _NEAR)
-    return replace(left, thresholds=weights.thresholds[busy], stiffness=stiffness)
 
 
 def _list_simpler(data: SpringData, weights: SpringWeights) -> Iterator[SpringWeights]:
     """Yield springs with one stop or knee less, the least effective first."""
     options: list[tuple[float, SpringWeights]] = []
     reach = max(float(np.abs(phi).max()) for phi in data.torsions)
-    for place in range(len(weights.thresholds)):
-        keep = np.arange(len(weights.thresholds)) != place
-        loss = weights.stiffness[1 + place] * min(weights.thresholds[place], reach)
+    for place, threshold in enumerate(weights.thresholds):
         stiffness = np.delete(weights.stiffness, 1 + place)
-        thresholds = weights.thresholds[keep]
+        thresholds = np.delete(weights.thresholds, place)
         if place:
             # Merged with its lower neighbour, at the mean of both.
-            pair = weights.stiffness[place : 2 + place]
-            merged = float(pair @ weights.thresholds[place - 1 : place + 1] / max(np.sum(pair), 1e-300))
-            stiff = stiffness.copy()
+            pair, ends = weights.stiffness[place : 2 + place], weights.thresholds[place - 1 : place + 1]
+            stiff, moved = stiffness.copy(), thresholds.copy()
             stiff[place] = np.sum(pair)
-            gap = weights.thresholds[place] - weights.thresholds[place - 1]
-            moved = thresholds.copy()
-            moved[place - 1] = merged
-            options.append((float(np.min(pair)) * gap, replace(weights, thresholds=moved, stiffness=stiff)))
-        options.append((float(loss), replace(weights, thresholds=thresholds, stiffness=stiffness)))
+            moved[place - 1] = float(pair @ ends / max(np.sum(pair), 1e-300))
+            loss = float(np.min(pair)) * (ends[1] - ends[0])
+            options.append((loss, replace(weights, thresholds=moved, stiffness=stiff)))
+        loss = weights.stiffness[1 + place] * min(threshold, reach)
+        options.append((loss, replace(weights, thresholds=thresholds, stiffness=stiffness)))
     changes = np.abs(weights.slopes - weights.before)
     for place, torque in enumerate(weights.knees):
         loss = changes[place] * abs(torque) * 0.1
-        options.append((float(loss), weights.keep_knees(np.arange(len(changes)) != place)))
+        options.append((loss, weights.keep_knees(np.arange(len(changes)) != place)))
     options += _list_rescaled(data, weights)
     options.sort(key=lambda option: option[0])
     for _, simpler in options[:3]:
         yield simpler
 
 
-def _list_rescaled(data: SpringData, weights: SpringWeights) -> list[tuple[float, SpringWeights]]:
-    """Return the spring without its innermost knees, one on each side, where both lie near zero torque.
+def _list_rescaled(data: SpringData, weights: SpringWeights) -> Iterator[tuple[float, SpringWeights]]:
+    """Yield the spring without its innermost knees, one on each side, where both lie near zero torque.
 
     The slope beyond them is then the one at zero, and scales all weights; left out one by one, the other knee
     would stand in the way.
     """
     knees, above = weights.knees, weights.below
     if above in {0, len(knees)}:
-        return []
-    inner = [basis @ weights.stiffness for basis in data.find_basis(weights)]
-    lowest, highest = max(-float(v.min()) for v in inner), max(float(v.max()) for v in inner)
+        return
+    _, lowest, highest = measure_reach(data.find_basis(weights), weights)
     if -knees[0] > _CLOSE * lowest or knees[above] > _CLOSE * highest:
-        return []
+        return
     slope = float(weights.slopes[0] + weights.slopes[above]) / 2.0
     rest = weights.keep_knees(~np.isin(np.arange(len(knees)), (0, above)))
     scaled = replace(
         rest, stiffness=weights.stiffness * slope, knees=rest.knees * slope, slopes=rest.slopes / slope
     )
-    loss = abs(slope - 1.0) * max(-knees[0], knees[above]) * 0.1
-    return [(float(loss), scaled)]
+    yield abs(slope - 1.0) * max(-knees[0], knees[above]) * 0.1, scaled

@@ -5,19 +5,17 @@
     theta - q = c gravity + b motion + a ddtheta + s tanh(dtheta / v) + d dtheta + offset,    k = 1 / c
 
 Only gravity gives the torque of a spring an absolute scale: torques of acceleration are those of rotor
-and link in unknown shares, and friction takes its part before the spring. All else has coefficients of its
-own, so that errors of inertias, friction and delay do not reach the compliance. Standard deviations are
-those of a jackknife over blocks of a second, the rigid robot fitted anew without each; runs are averaged
-with the inverse of their variances, and where they differ by more, deviations are enlarged by the Birge
-ratio. The interval holds with 95 %. The alignment lets the torsion follow gravity, motion, and plays of
-their sum. Positions are those of the motors: what torsion changes in the regressors is of second order.
+and link in unknown shares, and friction takes its part before the spring. Standard deviations are those of a
+jackknife over blocks of a second, the rigid robot fitted anew without each; runs are averaged with the
+inverse of their variances, and deviations enlarged by the Birge ratio. The interval is that of 95 %.
 
 Supported: rigid and elastic robots, any number of runs; joints without a link encoder are refused by
 name; joints that gravity does not load have a compliance of zero.
-Not supported: hysteresis and damping; parameters one by one; weights of samples.
+Not supported: hysteresis and damping; parameters one by one; weights of samples; what torsion changes in the
+regressors, which is of second order: positions are those of the motors.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 
@@ -45,6 +43,8 @@ _CUTOFF = 10.0
 _LEAST_RATIO = 10.0
 _ORDER = 4
 _EDGE = 0.5
+_BLOCK = 1.0
+"""s, of the jackknife."""
 _PLAYS = (0.05, 0.1, 0.2, 0.35, 0.55)
 """Radii of plays as parts of the largest torque."""
 _REVERSAL = 0.02
@@ -63,7 +63,7 @@ class RigidRows:
     """The rigid robot's equations over one recording, at full rate.
 
     Args:
-        encoders: low-passed positions; period: s.
+        encoders: low-passed positions.
         speed, acceleration: (N, n) of the motors.
         still, whole: (N, n, p) regressors at rest and in motion, of the base parameters.
         extra: (N, n, r) columns of rotors and friction.
@@ -72,7 +72,6 @@ class RigidRows:
     """
 
     encoders: Encoders
-    period: float
     speed: FloatArray
     acceleration: FloatArray
     still: FloatArray
@@ -81,27 +80,26 @@ class RigidRows:
     torque: FloatArray
     blocks: tuple[slice, ...]
 
+    def compute_grams(self, design: FloatArray) -> FloatArray:
+        """Return the Gram matrices (blocks, n, k, k) of columns (N, n, k)."""
+        joints = range(design.shape[1])
+        return np.array([[design[part, j].T @ design[part, j] for j in joints] for part in self.blocks])
 
-def build_rigid_rows(
-    library: Library, recording: Recording, *, cutoff: float = _CUTOFF, block: float = 1.0
-) -> RigidRows:
-    """Return the equations of one recording.
+    def compute_torque_grams(self) -> FloatArray:
+        """Return the Gram matrices (blocks, n, k + 1, k + 1) of [whole | extra | torque]."""
+        design = np.concatenate([self.whole, self.extra, self.torque[:, :, None]], axis=2)
+        return self.compute_grams(design)
 
-    Args:
-        library: the robot's functions.
-        recording: with both encoders.
-        cutoff: of the zero-phase low-pass in Hz, at most a tenth of the sample rate.
-        block: length of a block in s.
 
-    Raises:
-        LogError: the recording has one encoder only.
-    """
+def build_rigid_rows(library: Library, recording: Recording) -> RigidRows:
+    """Return the equations of one recording; raise LogError where it has one encoder only."""
     found, period = get_encoders(recording), recording.period
-    cutoff = min(cutoff, 1.0 / (_LEAST_RATIO * period))
-    theta, q, torque = (
-        low_pass(values, period=period, cutoff=cutoff, order=_ORDER)
-        for values in (found.theta, found.q, recording.torque)
-    )
+
+    def low(values: FloatArray, cutoff: float = _CUTOFF) -> FloatArray:
+        limited = min(cutoff, 1.0 / (_LEAST_RATIO * period))
+        return low_pass(values, period=period, cutoff=limited, order=_ORDER)
+
+    theta, q = low(found.theta), low(found.q)
     speed = differentiate(theta, period)
     acceleration = differentiate(speed, period)
     link = np.where(found.present, q, theta)
@@ -114,29 +112,25 @@ def build_rigid_rows(
         extra.append(acceleration[:, :, None] * np.eye(theta.shape[1]))
     if library.card.friction:
         # Dry friction changes its sign faster than the low-pass lets pass: friction first, then the filter.
-        fast = min(4.0 * _CUTOFF, 1.0 / (_LEAST_RATIO * period))
-        quick = differentiate(low_pass(found.theta, period=period, cutoff=fast, order=_ORDER), period)
-        (friction,) = library.evaluate("friction_regressor", quick)
-        extra.append(low_pass(friction, period=period, cutoff=cutoff, order=_ORDER))
+        quick = differentiate(low(found.theta, 4.0 * _CUTOFF), period)
+        extra.append(low(library.evaluate("friction_regressor", quick)[0]))
     return RigidRows(
         encoders=Encoders(theta=theta, q=q, present=found.present),
-        period=period,
         speed=speed,
         acceleration=acceleration,
         still=still,
         whole=whole,
         extra=np.concatenate(extra, axis=2),
-        torque=torque,
-        blocks=split_blocks(len(theta), period, _EDGE, block),
+        torque=low(recording.torque),
+        blocks=split_blocks(len(theta), period, _EDGE, _BLOCK),
     )
 
 
 def fit_rigid(grams: FloatArray, weights: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
     """Return the parameters x (k,) and the joints' residuals (n,), root sums of squares.
 
-    Args:
-        grams: (n, k + 1, k + 1) of [A_j | tau_j], summed over blocks.
-        weights: (n,) of the joints; by their residuals, iterated, where None.
+    `grams` (n, k + 1, k + 1) are those of [A_j | tau_j], summed over blocks; `weights` (n,) of the joints are
+    those of their residuals, iterated, where None.
     """
     rounds = _ROUNDS if weights is None else 1
     weights = np.ones(len(grams)) if weights is None else weights
@@ -146,9 +140,9 @@ def fit_rigid(grams: FloatArray, weights: FloatArray | None = None) -> tuple[Flo
         lengths = np.sqrt(np.diag(inner))
         scales = np.where(lengths > 0.0, lengths, 1.0)
         values, vectors = np.linalg.eigh(inner / np.outer(scales, scales))
-        seen = values > _RANK**2 * max(values[-1], 1e-300)
-        part = vectors[:, seen]
-        x = (part @ ((part.T @ (right / scales)) / values[seen])) / scales
+        kept = values > _RANK**2 * max(values[-1], 1e-300)
+        part = vectors[:, kept]
+        x = (part @ ((part.T @ (right / scales)) / values[kept])) / scales
         left = np.append(x, -1.0)
         squares = np.maximum(np.einsum("k,jkl,l->j", left, grams, left), 0.0)
         squares = np.maximum(squares, 1e-18 * grams[:, -1, -1] + 1e-300)
@@ -157,19 +151,11 @@ def fit_rigid(grams: FloatArray, weights: FloatArray | None = None) -> tuple[Flo
     return x, np.sqrt(squares)
 
 
-def compute_rigid_grams(rows: RigidRows) -> FloatArray:
-    """Return the Gram matrices (blocks, n, k + 1, k + 1) of [whole | extra | torque]."""
-    design = np.concatenate([rows.whole, rows.extra, rows.torque[:, :, None]], axis=2)
-    return np.array(
-        [[design[part, j].T @ design[part, j] for j in range(design.shape[1])] for part in rows.blocks]
-    )
-
-
 def estimate_torsion_alignment(library: Library, recordings: Sequence[Recording]) -> Alignment:
     """Return delay and offsets of the link encoders, the torsion following the robot's own torques.
 
-    Torques depend on where the links are, so that they are found again with the encoders moved, until delay
-    and offsets rest.
+    Torques depend on where the links are, so that they are computed again with the encoders moved, until
+    delay and offsets converge.
 
     Raises:
         LogError: see `estimate_alignment`.
@@ -190,57 +176,58 @@ def estimate_torsion_alignment(library: Library, recordings: Sequence[Recording]
     return found
 
 
+def _align(
+    library: Library, recordings: Sequence[Recording]
+) -> tuple[tuple[Recording, ...], Alignment, Alignment | None, tuple[Notice, ...]]:
+    """Return the recordings in line, the alignment, what of it was taken out, and notices."""
+    found = estimate_torsion_alignment(library, recordings)
+    kept, moved = keep_significant(found), tuple(recordings)
+    notices: tuple[Notice, ...] = ()
+    if kept is not None:
+        moved = tuple(align(recording, kept, run=run) for run, recording in enumerate(recordings))
+        notices = tuple(recording.notices[-1] for recording in moved)
+    pairs = zip(library.card.joints, found.unknown, strict=True)
+    names = [repr(card.name) for card, unknown in pairs if unknown]
+    if names:
+        text = (
+            f"joint{'s'[: len(names) > 1]} {', '.join(names)}: the zero offset of the link encoder is not "
+            "identifiable and was left alone, because the torque of gravity hardly changes in some log. Set "
+            "the zero with the joint unloaded, or move it to where gravity pulls otherwise"
+        )
+        notices = (*notices, Notice(code="log.offset-unknown", text=text))
+    return moved, found, kept, notices
+
+
 def prepare_aligned(
     library: Library, recordings: Sequence[Recording]
 ) -> tuple[tuple[Recording, ...], Alignment | None, tuple[Notice, ...]]:
     """Return the recordings with delay and offsets of their link encoders taken out, if there are any.
 
-    What may as well be zero is left alone, and so is a zero that cannot be told; notices say so. Recordings
-    that are too short to tell are returned as they are.
+    What is not significant is left alone, and so is a zero that is not identifiable; notices say so.
+    Recordings that are too short for that are returned as they are.
 
     Raises:
         LogError: a recording has one encoder only, no joint has both encoders, or the delay is beyond what is
             searched.
     """
     try:
-        found = estimate_torsion_alignment(library, recordings)
+        moved, found, kept, notices = _align(library, recordings)
     except LogError as error:
         if {notice.code for notice in error.notices} != {"log.short-alignment"}:
             raise
-        told = tuple(replace(notice, text=f"{notice.text}; it was taken as none") for notice in error.notices)
-        return tuple(recordings), None, told
-    unknown = warn_of_unknown_offsets(found, [joint.name for joint in library.card.joints])
-    kept = keep_significant(found)
-    if kept is None:
-        return tuple(recordings), found, (_describe_alignment(found), *unknown)
-    moved = tuple(align(recording, kept, run=run) for run, recording in enumerate(recordings))
-    return moved, kept, (*(recording.notices[-1] for recording in moved), *unknown)
-
-
-def _describe_alignment(found: Alignment) -> Notice:
+        short = (replace(notice, text=f"{notice.text}; it was taken as none") for notice in error.notices)
+        return tuple(recordings), None, tuple(short)
+    if kept is not None:
+        return moved, kept, notices
     text = (
         f"delay between the encoders: {1e3 * found.delay:.3g} ms (standard deviation "
         f"{1e3 * found.delay_std:.2g} ms)"
     )
-    if np.all(np.isnan(found.offsets)):
-        return Notice(code="log.in-line", text=f"{text}: it may be zero, and nothing was moved")
-    text += (
-        f", zero offsets up to {np.nanmax(np.abs(found.offsets)):.2g} ({np.nanmax(found.offset_stds):.2g})"
-    )
-    return Notice(code="log.in-line", text=f"{text}: both may be zero, and nothing was moved")
-
-
-def warn_of_unknown_offsets(alignment: Alignment, joints: Sequence[str]) -> tuple[Notice, ...]:
-    """Return a notice on link encoders whose zero cannot be told; `joints` are the names of all."""
-    names = [repr(name) for name, unknown in zip(joints, alignment.unknown, strict=True) if unknown]
-    if not names:
-        return ()
-    text = (
-        f"joint{'s'[: len(names) > 1]} {', '.join(names)}: the torque of gravity hardly changes in some log, "
-        "so that a zero offset of its link encoder looks like its torsion; the offset was left alone: "
-        "set the zero with the joint unloaded, or move it to where gravity pulls otherwise"
-    )
-    return (Notice(code="log.offset-unknown", text=text),)
+    if not np.all(np.isnan(found.offsets)):
+        largest, deviation = np.nanmax(np.abs(found.offsets)), np.nanmax(found.offset_stds)
+        text += f", zero offsets up to {largest:.2g} ({deviation:.2g})"
+    notice = Notice(code="log.in-line", text=f"{text}: not significant, nothing was moved")
+    return moved, found, (notice, *notices)
 
 
 def list_torsion_columns(runs: Sequence[RigidRows]) -> list[FloatArray]:
@@ -249,34 +236,31 @@ def list_torsion_columns(runs: Sequence[RigidRows]) -> list[FloatArray]:
     Gravity, the torque of motion, plays of their sum, the direction of motion, the acceleration: torques with
     a memory of their turning points are what hysteresis follows, and the rest what a fit of torques errs by.
     """
-    grams = np.concatenate([compute_rigid_grams(rows) for rows in runs])
-    x, _ = fit_rigid(grams.sum(axis=0))
-    count = runs[0].whole.shape[2]
-    peak = np.max([np.max(np.abs(rows.whole @ x[:count]), axis=0) for rows in runs], axis=0)
+    x, _ = fit_rigid(np.concatenate([rows.compute_torque_grams() for rows in runs]).sum(axis=0))
+    beta = x[: runs[0].whole.shape[2]]
+    peak = np.max([np.max(np.abs(rows.whole @ beta), axis=0) for rows in runs], axis=0)
     scale = np.where(peak > 0.0, peak, 1.0)
-    width = compute_reversal_widths(runs)
-    return [_list_columns(rows, x[:count], scale, width) for rows in runs]
+    width = _compute_reversal_widths(runs)
+    columns = []
+    for rows in runs:
+        gravity = rows.still @ beta / scale
+        # Rounding at a joint that gravity does not load is no torque, and must not look like a constant one.
+        gravity = np.where(np.max(np.abs(gravity), axis=0) > _ROUNDING, gravity, 0.0)
+        torque = rows.whole @ beta / scale
+        plays = np.stack([compute_plays(part, np.array(_PLAYS), None) for part in torque.T], axis=1)
+        direction = np.tanh(rows.speed / width)
+        plain = (gravity, torque - gravity, torque**2, torque**3, direction, rows.acceleration)
+        columns.append(np.concatenate([np.stack(plain, axis=2), plays], axis=2))
+    return columns
 
 
-def compute_reversal_widths(runs: Sequence[RigidRows]) -> FloatArray:
+def _compute_reversal_widths(runs: Sequence[RigidRows]) -> FloatArray:
     """Return the speeds (n,) in rad/s or m/s over which a change of direction is spread."""
     speeds: FloatArray = np.max([np.max(np.abs(rows.speed), axis=0) for rows in runs], axis=0)
     return _REVERSAL * np.where(speeds > 0.0, speeds, 1.0)
 
 
-def _list_columns(rows: RigidRows, beta: FloatArray, scale: FloatArray, width: FloatArray) -> FloatArray:
-    gravity = rows.still @ beta / scale
-    # Rounding at a joint that gravity does not load is no torque, and must not look like a constant one.
-    gravity = np.where(np.max(np.abs(gravity), axis=0) > _ROUNDING, gravity, 0.0)
-    torque = rows.whole @ beta / scale
-    plays = np.stack(
-        [compute_plays(torque[:, joint], np.array(_PLAYS), None) for joint in range(torque.shape[1])], axis=1
-    )
-    plain = (gravity, torque - gravity, torque**2, torque**3, np.tanh(rows.speed / width), rows.acceleration)
-    return np.concatenate([np.stack(plain, axis=2), plays], axis=2)
-
-
-FLAT = 1e-6
+_FLAT = 1e-6
 """Gravity below this part of the whole torque is none."""
 _NUISANCES = 4
 
@@ -300,13 +284,20 @@ class ComplianceFits(FrozenArrays):
 
 def fit_compliances(runs: Sequence[RigidRows]) -> ComplianceFits:
     """Return the compliance of every joint in every run, with and without each block."""
-    rigid = np.concatenate([compute_rigid_grams(rows) for rows in runs])
+    widths, count = _compute_reversal_widths(runs), runs[0].still.shape[2]
+    torsion_grams = []
+    for rows in runs:
+        gap = rows.encoders.theta - rows.encoders.q
+        nuisances = (np.ones_like(gap), rows.speed, np.tanh(rows.speed / widths), rows.acceleration)
+        parts = [np.stack(nuisances, axis=2), rows.whole - rows.still, rows.still, gap[:, :, None]]
+        torsion_grams.append(rows.compute_grams(np.concatenate(parts, axis=2)))
+    rigid, torsion = (
+        np.concatenate([rows.compute_torque_grams() for rows in runs]),
+        np.concatenate(torsion_grams),
+    )
     owner = np.repeat(np.arange(len(runs)), [len(rows.blocks) for rows in runs])
-    widths = compute_reversal_widths(runs)
-    torsion = np.concatenate([_compute_torsion_grams(rows, widths) for rows in runs])
     whole, norms = fit_rigid(rigid.sum(axis=0))
-    count = runs[0].still.shape[2]
-    sums = np.array([torsion[owner == run].sum(axis=0) for run in range(len(runs))])
+    sums = np.array([grams.sum(axis=0) for grams in torsion_grams])
     first = _solve_runs(sums, whole[:count])
     replicates = [first[0]]
     for out, run in enumerate(owner):
@@ -327,21 +318,10 @@ def fit_compliances(runs: Sequence[RigidRows]) -> ComplianceFits:
     )
 
 
-def _compute_torsion_grams(rows: RigidRows, widths: FloatArray) -> FloatArray:
-    """Return the Gram matrices (blocks, n, 2 p + 5, 2 p + 5) of nuisances, motion, gravity and torsion."""
-    gap = rows.encoders.theta - rows.encoders.q
-    nuisances = (np.ones_like(gap), rows.speed, np.tanh(rows.speed / widths), rows.acceleration)
-    columns = [np.stack(nuisances, axis=2), rows.whole - rows.still, rows.still, gap[:, :, None]]
-    design = np.concatenate(columns, axis=2)
-    joints = range(gap.shape[1])
-    return np.array([[design[part, j].T @ design[part, j] for j in joints] for part in rows.blocks])
-
-
 def _solve_runs(sums: FloatArray, beta: FloatArray) -> FloatArray:
     """Return compliances, and squares of the torsion explained and left: (3, runs, n)."""
-    return np.array([[_solve_compliance(gram, beta) for gram in joints] for joints in sums]).transpose(
-        2, 0, 1
-    )
+    found = np.array([[_solve_compliance(gram, beta) for gram in joints] for joints in sums])
+    return found.transpose(2, 0, 1)
 
 
 def _solve_compliance(gram: FloatArray, beta: FloatArray) -> tuple[float, float, float]:
@@ -363,7 +343,7 @@ def _solve_compliance(gram: FloatArray, beta: FloatArray) -> tuple[float, float,
     part = np.linalg.lstsq(inner / np.outer(scales, scales), side, rcond=1e-12)[0]
     cleared = small[own + 1 :, own + 1 :] - side.T @ part
     loading, whole = float(cleared[0, 0]), max(float(cleared[1, 1]), 0.0)
-    if loading <= FLAT**2 * float(small[own + 1, own + 1]) or loading <= 0.0:
+    if loading <= _FLAT**2 * float(small[own + 1, own + 1]) or loading <= 0.0:
         return 0.0, 0.0, whole
     compliance = float(cleared[0, 1]) / loading
     explained = min(compliance * float(cleared[0, 1]), whole)
@@ -376,14 +356,14 @@ _UNLIKELY = 0.01
 
 
 class StiffnessVerdict(Enum):
-    """What became of a joint's stiffness; the value says it in words."""
+    """How the estimate of a joint's stiffness ended, in words."""
 
     IDENTIFIED = "identified"
     NO_ENCODER = "there is no link encoder"
     NO_GRAVITY = "gravity does not load this joint, or always alike"
     BELOW_NOISE = "the torsion that gravity explains is smaller than what it leaves"
     INCONSISTENT = "the runs contradict each other"
-    VAGUE = "the interval holds a rigid joint"
+    VAGUE = "poorly identifiable: the interval includes a rigid joint"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -425,7 +405,7 @@ class StiffnessEstimate:
 
 
 def estimate_stiffness(library: Library, recordings: Sequence[Recording]) -> StiffnessEstimate:
-    """Return the stiffness of every joint that the recordings can tell, after aligning the encoders.
+    """Return the stiffness of every joint where the recordings identify it, after aligning the encoders.
 
     Args:
         library: the robot's functions.
@@ -434,13 +414,8 @@ def estimate_stiffness(library: Library, recordings: Sequence[Recording]) -> Sti
     Raises:
         LogError: a recording has one encoder only, is uneven or too short, or no joint has both encoders.
     """
-    alignment = estimate_torsion_alignment(library, recordings)
-    kept = keep_significant(alignment)
-    aligned = list(recordings)
-    if kept is not None:
-        aligned = [align(recording, kept, run=run) for run, recording in enumerate(recordings)]
-    told = () if kept is None else tuple(recording.notices[-1] for recording in aligned)
-    fits = fit_compliances([build_rigid_rows(library, recording) for recording in aligned])
+    moved, alignment, _, notices = _align(library, recordings)
+    fits = fit_compliances([build_rigid_rows(library, recording) for recording in moved])
     return StiffnessEstimate(
         robot=library.card.robot,
         alignment=alignment,
@@ -449,60 +424,52 @@ def estimate_stiffness(library: Library, recordings: Sequence[Recording]) -> Sti
             for index, card in enumerate(library.card.joints)
         ),
         blocks=len(fits.compliances) - 1,
-        notices=(*told, *warn_of_unknown_offsets(alignment, [card.name for card in library.card.joints])),
+        notices=notices,
     )
 
 
 def _judge(fits: ComplianceFits, index: int, card: JointCard, *, present: bool) -> JointStiffness:
     """Return the spring of one joint; `present` says whether it has a link encoder."""
     explained, left = float(fits.explained[index]), float(fits.left[index])
-    unit = f"{card.torque_unit}/{card.position_unit}"
-    nothing = np.full(fits.compliances.shape[1], np.nan)
+    runs = run_stds = np.full(fits.compliances.shape[1], np.nan)
+    mean = std = low = high = float("nan")
+    against: tuple[tuple[StiffnessVerdict, str], ...]
     if not present:
-        return JointStiffness(
-            joint=card.name,
-            unit=unit,
-            verdict=StiffnessVerdict.NO_ENCODER,
-            reason="its link encoder's channel is constant or a copy: there is no link encoder",
-            runs=nothing,
-            run_stds=nothing,
-            explained=float("nan"),
-            left=float("nan"),
+        explained = left = float("nan")
+        text = "its link encoder's channel is constant or a copy: there is no link encoder"
+        against = ((StiffnessVerdict.NO_ENCODER, text),)
+    elif fits.loading[index] <= _FLAT:
+        explained = 0.0
+        load = "gravity does not load this joint"
+        if fits.steady[index] > _FLAT:
+            load = "the torque of gravity on this joint does not change"
+        text = (
+            f"{load}, and torques of acceleration are shared by rotor and link in unknown parts; {left:.3g} "
+            f"{card.position_unit} of its torsion are left (root mean square)"
         )
-    if fits.loading[index] <= FLAT:
-        load = (
-            "the torque of gravity on this joint does not change"
-            if fits.steady[index] > FLAT
-            else "gravity does not load this joint"
-        )
-        return JointStiffness(
-            joint=card.name,
-            unit=unit,
-            verdict=StiffnessVerdict.NO_GRAVITY,
-            reason=f"{load}, and torques of acceleration are shared by rotor and link in unknown parts; "
-            f"{left:.3g} {card.position_unit} of its torsion are left (root mean square)",
-            runs=nothing,
-            run_stds=nothing,
-            explained=0.0,
-            left=left,
-        )
-    mean, std, run_stds, chance = _average(fits.compliances[:, :, index])
-    low, high = _compute_interval(mean, std, len(fits.compliances) - 1)
-    against = _list_objections((explained, left), chance, (low, high), card)
+        against = ((StiffnessVerdict.NO_GRAVITY, text),)
+    else:
+        from scipy.stats import t
+
+        runs = fits.compliances[0, :, index]
+        mean, std, run_stds, chance = _average(fits.compliances[:, :, index])
+        half = float(t.ppf(0.5 + 0.5 * _LEVEL, max(1, len(fits.compliances) - 2))) * std
+        low, high = mean - half, mean + half
+        against = tuple(_list_objections((explained, left), chance, (low, high), card))
     reason = "; ".join(text for _, text in against) or (
         f"gravity explains {explained:.3g} {card.position_unit} of the torsion and leaves {left:.3g} "
         f"{card.position_unit}; the 95 % interval is that of the jackknife over blocks of time"
     )
     return JointStiffness(
         joint=card.name,
-        unit=unit,
+        unit=f"{card.torque_unit}/{card.position_unit}",
         verdict=against[0][0] if against else StiffnessVerdict.IDENTIFIED,
         reason=reason,
         stiffness=None if against else 1.0 / mean,
         interval=None if against else (1.0 / high, 1.0 / low),
         compliance=mean,
         std=std,
-        runs=fits.compliances[0, :, index],
+        runs=runs,
         run_stds=run_stds,
         explained=explained,
         left=left,
@@ -511,30 +478,30 @@ def _judge(fits: ComplianceFits, index: int, card: JointCard, *, present: bool) 
 
 def _list_objections(
     torsion: tuple[float, float], chance: float, interval: tuple[float, float], card: JointCard
-) -> list[tuple[StiffnessVerdict, str]]:
-    """Return what speaks against a stiffness: torsion explained and left, its runs, its interval."""
+) -> Iterator[tuple[StiffnessVerdict, str]]:
+    """Yield what speaks against a stiffness: torsion explained and left, its runs, its interval."""
     (explained, left), (low, high), unit = torsion, interval, card.position_unit
-    against = []
     if explained <= left:
         text = (
             f"the torsion that gravity explains, {explained:.3g} {unit}, is smaller than what it leaves, "
             f"{left:.3g} {unit} (root mean square)"
         )
-        against.append((StiffnessVerdict.BELOW_NOISE, text))
+        yield StiffnessVerdict.BELOW_NOISE, text
     if chance < _UNLIKELY:
-        text = f"the runs contradict each other: equal springs differ so much with a chance of {chance:.2g}"
-        against.append((StiffnessVerdict.INCONSISTENT, text))
+        text = f"the runs contradict each other: equal springs differ so much with probability {chance:.2g}"
+        yield StiffnessVerdict.INCONSISTENT, text
     if low <= 0.0:
         text = (
-            f"a rigid joint lies in the interval: with 95 % its compliance is from {low:.3g} to {high:.3g}, "
-            f"the inverse of {card.torque_unit}/{unit}"
+            f"the 95 % interval of the compliance, {low:.3g} to {high:.3g} {unit}/({card.torque_unit}), "
+            "includes a rigid joint"
         )
-        against.append((StiffnessVerdict.VAGUE, text))
-    return against
+        yield StiffnessVerdict.VAGUE, text
 
 
 def _average(replicates: FloatArray) -> tuple[float, float, FloatArray, float]:
     """Return mean, deviation, deviations of the runs and the chance that runs that agree differ so much."""
+    from scipy.stats import chi2
+
     values, others = replicates[0], replicates[1:]
     n = len(others)
     spread = others - others.mean(axis=0)
@@ -547,14 +514,5 @@ def _average(replicates: FloatArray) -> tuple[float, float, FloatArray, float]:
     freedom = len(values) - 1
     if freedom == 0:
         return mean, std, stds, 1.0
-    from scipy.stats import chi2
-
     excess = float(np.sum(((values - mean) / np.maximum(stds, 1e-300)) ** 2))
     return mean, std * max(1.0, excess / freedom) ** 0.5, stds, float(chi2.sf(excess, freedom))
-
-
-def _compute_interval(mean: float, std: float, blocks: int) -> tuple[float, float]:
-    from scipy.stats import t
-
-    half = float(t.ppf(0.5 + 0.5 * _LEVEL, max(1, blocks - 1))) * std
-    return mean - half, mean + half

@@ -1,28 +1,27 @@
-"""The two-step method: hysteresis given the dynamics, dynamics given the hysteresis, until both rest.
+"""The two-step method: hysteresis given the dynamics, dynamics given the hysteresis, until convergence.
 
     initialisation   y = Yd chi + sum_i k_i Delta(phi_i^2) / 2        linear springs, least squares
     H-step           spring_i <- min |F[tau_Ji](chi) - F[spring(phi_i)]|, torque of the motor equation
     X-step           chi <- min |y - W_e(springs) - Yd chi|, signs constrained
     same cost        min |y - Yd chi - Ae k|^2 over k and chi in turn; no bounds
 
-The two steps minimise different costs, so that descent is not certain: a step whose merit rises by more
-than `_RISE` is halved, and where the iteration does not converge the iterate of least merit is kept. With
-the same cost it is block coordinate descent: the cost never rises, the limit is the joint solution, and
-the error falls by rho = cos^2 of the smallest principal angle between the column spaces of Yd and Ae (von
-Neumann).
+The two steps minimise different costs: a step whose merit rises by more than `_RISE` is halved, and without
+convergence the iterate of least merit is kept. With the same cost it is block coordinate descent, whose error
+falls by cos^2 of the smallest principal angle between the column spaces of Yd and Ae (von Neumann).
 
 Supported: springs with and without knees (same cost: without).
 Not supported: proof of convergence with two costs; the outcome says how the iteration ended. Energy rows
 identify stiffnesses badly in noise, so that the H-step fits them to torques.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from symid.arrays import FloatArray
-from symid.identification.elastic.estimate import HistoryEntry, MethodFit
-from symid.identification.elastic.problem import ElasticProblem, build_method_fit, build_start_spring
+from symid.identification.elastic.estimate import HistoryEntry, MethodFit, build_method_fit
+from symid.identification.elastic.problem import ElasticProblem, build_start_spring
 from symid.identification.elastic.regression import (
     compute_window_columns,
     compute_window_work,
@@ -78,20 +77,17 @@ def init_two_step(problem: ElasticProblem) -> TwoStepState:
 
 def fit_linear_spring(problem: ElasticProblem) -> MethodFit:
     """Return dynamics and linear springs that explain the energy rows best: the initialisation step."""
-    _, joints, _ = problem.sizes
-    work = compute_square_work(problem)
-    solution = solve_with_signs(problem.library.card, np.hstack([problem.design, work]), problem.supplied)
+    joints = problem.sizes[1]
+    design = np.hstack([problem.design, build_stop_work(problem, [np.zeros(0)] * joints)])
+    solution = solve_with_signs(problem.library.card, design, problem.supplied)
     springs = tuple(Elasticity(stiffness=float(value)) for value in solution[-joints:])
-    return build_method_fit(problem, "linear-spring", solution[:-joints], springs)
+    return build_method_fit("linear-spring", solution[:-joints], problem.sizes, springs)
 
 
-def compute_square_work(problem: ElasticProblem) -> FloatArray:
-    """Return Delta(phi_i^2) / 2 of every window and joint (m, n): a linear spring's work per stiffness."""
-    parts = [
-        np.diff(part.phi[rows.ends] ** 2, axis=0) / 2.0
-        for part, rows in zip(problem.signals, problem.energy, strict=True)
-    ]
-    return np.vstack(parts)
+def build_stop_work(problem: ElasticProblem, thresholds: Sequence[FloatArray]) -> FloatArray:
+    """Return the work of springs and stops per unit stiffness in every window (m, sum (m_i + 1)), J."""
+    parts = zip(problem.signals, problem.energy, strict=True)
+    return np.vstack([np.hstack(compute_window_columns(thresholds, *part)) for part in parts])
 
 
 def step_two_step(problem: ElasticProblem, state: TwoStepState) -> TwoStepState:
@@ -101,24 +97,28 @@ def step_two_step(problem: ElasticProblem, state: TwoStepState) -> TwoStepState:
     parts = zip(problem.signals, problem.energy, strict=True)
     work = np.concatenate([compute_window_work(elasticity, part, rows) for part, rows in parts])
     goal = solve_with_signs(problem.library.card, problem.design, problem.supplied - work)
+    spring_torques = list(map(compute_filtered_torque, data, springs))
     fraction = 1.0
     for _ in range(_HALVINGS):
         chi = state.chi + fraction * (goal - state.chi)
-        norms = _compute_norms(problem, chi, data, springs, work)
+        motor_side = problem.find_motor_side(chi).T
+        errors = [
+            problem.supplied - work - problem.design @ chi,
+            *(aim - torque for aim, torque in zip(motor_side, spring_torques, strict=True)),
+        ]
+        norms = tuple(float(np.linalg.norm(part)) for part in errors)
         scales = state.scales or tuple(max(norm, 1e-300) for norm in norms)
         merit = sum((norm / scale) ** 2 for norm, scale in zip(norms, scales, strict=True))
         if merit <= state.merit * (1.0 + _RISE):
             break
         fraction /= 2.0
-    change = _compute_change(problem, chi - state.chi, chi)
+    # A parameter near zero is measured by what its column could explain at most.
+    lengths = np.maximum(np.linalg.norm(problem.design, axis=0), 1e-300)
+    sizes = np.maximum(np.abs(chi), 0.05 * float(np.linalg.norm(problem.supplied)) / lengths)
+    change = float(np.max(np.abs(chi - state.chi) / sizes))
     entry = HistoryEntry(merit=merit, change=change, damping=fraction, norms=norms)
-    return TwoStepState(
-        chi=chi,
-        data=data,
-        springs=springs,
-        scales=scales,
-        history=(*state.history, entry),
-    )
+    history = (*state.history, entry)
+    return TwoStepState(chi=chi, data=data, springs=springs, scales=scales, history=history)
 
 
 def terminate_two_step(problem: ElasticProblem, state: TwoStepState) -> Ending | None:
@@ -128,14 +128,13 @@ def terminate_two_step(problem: ElasticProblem, state: TwoStepState) -> Ending |
         return Ending.DIVERGED
     if len(state.history) > 1:
         # What a residual moves by counts relative to what was measured, not to a residual near zero.
-        sizes = [np.linalg.norm(problem.supplied), *np.linalg.norm(problem.torque, axis=0)]
+        torque = problem.stack_filtered()[1]
+        sizes = [np.linalg.norm(problem.supplied), *np.linalg.norm(torque, axis=0)]
         before, now = state.history[-2:]
         moved = np.abs(np.subtract(now.norms, before.norms)) / np.maximum(sizes, 1e-300)
         if now.change <= options.tolerance and np.all(moved <= options.tolerance):
             return Ending.CONVERGED
-    if len(state.history) >= options.iterations:
-        return Ending.LIMIT
-    return None
+    return Ending.LIMIT if len(state.history) >= options.iterations else None
 
 
 def fit_two_step(problem: ElasticProblem) -> MethodFit:
@@ -149,14 +148,9 @@ def fit_two_step(problem: ElasticProblem) -> MethodFit:
         outcome = terminate_two_step(problem, state)
     if outcome is Ending.CONVERGED and state.merit <= best.merit * (1.0 + _RISE):
         best = state
-    return build_method_fit(
-        problem,
-        "two-step",
-        best.chi,
-        tuple(map(build_elasticity, best.springs)),
-        history=state.history,
-        outcome=outcome,
-    )
+    springs = tuple(map(build_elasticity, best.springs))
+    fit = build_method_fit("two-step", best.chi, problem.sizes, springs)
+    return replace(fit, history=state.history, outcome=outcome)
 
 
 def _fit_springs(
@@ -164,55 +158,23 @@ def _fit_springs(
 ) -> tuple[tuple[SpringData, ...], tuple[SpringWeights, ...]]:
     """Return the H-step: the spring of every joint given chi, and the data for its thresholds."""
     target = problem.find_motor_side(state.chi)
-    refine = problem.options.moves_stops
-    count = len(state.history)
+    count = len(state.history) if problem.options.moves_stops else -1
     settled, springs = [], []
     for joint, (data, aim) in enumerate(zip(state.data, target.T, strict=True)):
         start = (
             state.springs[joint] if state.springs else build_start_spring(problem.options, data, joint, aim)
         )
-        if refine and count == _GRID_STEPS:
+        if count == _GRID_STEPS:
             start = refine_spring(data, aim, start)
-        elif refine and count == _GRID_STEPS + 1:
+        elif count == _GRID_STEPS + 1:
             start = follow_spring(data, aim, start)
         settled.append(rebuild_spring_data(data, start))
         springs.append(fit_spring(settled[-1], aim, start))
     return tuple(settled), tuple(springs)
 
 
-def _compute_norms(
-    problem: ElasticProblem,
-    chi: FloatArray,
-    data: tuple[SpringData, ...],
-    springs: tuple[SpringWeights, ...],
-    work: FloatArray,
-) -> tuple[float, ...]:
-    energy = problem.supplied - work - problem.design @ chi
-    torques = [
-        aim - compute_filtered_torque(entry, weights)
-        for aim, entry, weights in zip(problem.find_motor_side(chi).T, data, springs, strict=True)
-    ]
-    return tuple(float(np.linalg.norm(part)) for part in (energy, *torques))
-
-
-def _compute_change(problem: ElasticProblem, difference: FloatArray, chi: FloatArray) -> float:
-    """Return the largest step relative to the size of each parameter.
-
-    A parameter near zero is measured by what its column could explain at most.
-    """
-    lengths = np.maximum(np.linalg.norm(problem.design, axis=0), 1e-300)
-    natural = 0.05 * float(np.linalg.norm(problem.supplied)) / lengths
-    return float(np.max(np.abs(difference) / np.maximum(np.abs(chi), natural)))
-
-
 _LONGEST = 500
 _RANK = 1e-9
-
-
-def build_stop_work(problem: ElasticProblem) -> FloatArray:
-    """Return the work of springs and stops per unit stiffness in every window (m, sum (m_i + 1)), J."""
-    parts = zip(problem.signals, problem.energy, strict=True)
-    return np.vstack([compute_window_columns(problem.thresholds, signals, rows) for signals, rows in parts])
 
 
 def fit_alternation(problem: ElasticProblem, *, iterations: int = _LONGEST) -> MethodFit:
@@ -220,7 +182,8 @@ def fit_alternation(problem: ElasticProblem, *, iterations: int = _LONGEST) -> M
 
     The history's `change` is the relative step of chi, its `merit` the cost in J^2.
     """
-    design, supplied, columns = problem.design, problem.supplied, build_stop_work(problem)
+    design, supplied = problem.design, problem.supplied
+    columns = build_stop_work(problem, problem.thresholds)
     chi = solve_scaled(design, supplied, rcond=_RANK)
     stiffness = np.zeros(columns.shape[1])
     lengths = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
@@ -236,11 +199,10 @@ def fit_alternation(problem: ElasticProblem, *, iterations: int = _LONGEST) -> M
         if change <= problem.options.tolerance:
             outcome = Ending.CONVERGED
             break
-    springs, at = [], 0
-    for grid in problem.thresholds:
-        own = stiffness[at : at + len(grid) + 1]
-        springs.append(Elasticity(stiffness=float(own[0]), stops=build_stops(grid, own[1:], -1.0)))
-        at += len(own)
-    return build_method_fit(
-        problem, "same-cost", chi, tuple(springs), history=tuple(history), outcome=outcome
+    ends = np.cumsum([len(grid) + 1 for grid in problem.thresholds])[:-1]
+    springs = tuple(
+        Elasticity(stiffness=float(own[0]), stops=build_stops(grid, own[1:], -1.0))
+        for grid, own in zip(problem.thresholds, np.split(stiffness, ends), strict=True)
     )
+    fit = build_method_fit("same-cost", chi, problem.sizes, springs)
+    return replace(fit, history=tuple(history), outcome=outcome)

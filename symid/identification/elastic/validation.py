@@ -9,17 +9,16 @@
 
 The three torques, and the torsion that they are drawn over, pass the same filter F, so that no loop comes
 from it. The closed loop is simulated with the truth, which the controller does not know; runs differ by
-the feed-forward alone: the generated function `elastic_inverse_dynamics`, called tick by tick, its memory
-empty at the start.
+the feed-forward alone: the generated function `elastic_inverse_dynamics`, called tick by tick.
 
 Supported: springs with memory, which begins empty with the log; fits without a spring; several models at
 once.
 Not supported: one encoder only; noise in the loop; springs that the generated function does not support.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,8 +29,6 @@ from symid.excitation import Trajectory
 from symid.identification.elastic.estimate import ElasticEstimate, MethodFit
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.regression import (
-    ElasticSignals,
-    FilteredRows,
     build_filtered_rows,
     filter_smooth,
     prepare_elastic_signals,
@@ -54,7 +51,7 @@ class JointTrial(FrozenArrays):
         joint: its name; unit of torques, and of the torsion.
         time: (M,) s; torsion: (M,) rad or m.
         motor: (M,) joint torque by the motor equation; link: (M,) by the link equation, N m or N.
-        final: (M,) by the identified spring, None where none was found; initial: by the spring of the start.
+        final: (M,) by the identified spring, None where there is none; initial: by the spring of the start.
         truth: (M,) by the true spring, None where it is not known.
     """
 
@@ -80,7 +77,7 @@ class JointTrial(FrozenArrays):
 class ElasticTrial:
     """One log under the models; `residuals` are tables of residuals, each with its caption.
 
-    `fitted` tells a log of the fit, which is no test.
+    `fitted` marks a log of the fit, which is no test.
     """
 
     source: str
@@ -109,7 +106,7 @@ def evaluate_elastic(
     initial: Sequence[Elasticity] = (),
     cutoff: float | None = None,
 ) -> ElasticTrial:
-    """Return what `estimate` says of `recording`, filtered as its own logs were.
+    """Return what `estimate` predicts of `recording`, filtered as its own logs were.
 
     Args:
         estimate: of the same model as the library.
@@ -122,25 +119,24 @@ def evaluate_elastic(
         EstimateError: the estimate's settings cannot be used.
         LogError: the recording lacks an encoder, or is too short.
     """
-    return predict_elastic(
-        library,
-        recording,
-        _read_options(estimate) if cutoff is None else replace(_read_options(estimate), cutoff=cutoff),
-        estimate.build_fit(len(library.card.beta)),
-        initial=initial,
-        told=[spring.told for spring in estimate.springs],
-        truth=[spring.truth for spring in estimate.springs],
-        fitted=is_log_of_fit(recording, estimate.sources, estimate.settings),
-    )
-
-
-def _read_options(estimate: ElasticEstimate) -> ElasticOptions:
     found: dict[str, Any] = {name: estimate.settings[name] for name in _FILTERS if name in estimate.settings}
+    if cutoff is not None:
+        found["cutoff"] = cutoff
     try:
-        return ElasticOptions(**found)
+        options = ElasticOptions(**found)
     except (TypeError, UsageError) as error:
         text = f"its settings cannot be used: {error}; identify again"
         raise EstimateError(Notice(code="estimate.settings", text=text)) from error
+    return predict_elastic(
+        library,
+        recording,
+        options,
+        estimate.build_fit(len(library.card.beta)),
+        initial=initial,
+        identifiable=[spring.told for spring in estimate.springs],
+        truth=[spring.truth for spring in estimate.springs],
+        fitted=is_log_of_fit(recording, estimate.sources, estimate.settings),
+    )
 
 
 def predict_elastic(
@@ -150,93 +146,73 @@ def predict_elastic(
     final: MethodFit,
     *,
     initial: Sequence[Elasticity] = (),
-    told: Sequence[bool] = (),
+    identifiable: Sequence[bool] = (),
     truth: Sequence[Elasticity | None] = (),
     fitted: bool = False,
 ) -> ElasticTrial:
-    """Return what the models say of `recording`; nothing is fitted.
+    """Return what the models predict of `recording`, with the filters of the options; nothing is fitted.
 
-    Args:
-        library: of the robot.
-        recording: with both encoders.
-        options: of the identification; its filters are used.
-        final: what was identified.
-        initial: springs of the start, one a joint; empty where there are none.
-        told: whether the spring of each joint counts as found; empty where all do.
-        truth: true springs, one a joint; empty where unknown.
-        fitted: whether the log is one of the fit.
-
-    Raises:
-        LogError: the recording lacks an encoder, or is too short.
+    Sequences of springs, one a joint, are empty where there are none; `identifiable`, of the springs of
+    `final`, is empty where all are. `fitted` marks a log of the fit.
     """
     signals = prepare_elastic_signals(recording, options)
     rows = build_filtered_rows(library, signals, options.rate)
-    motor = rows.find_motor_side(np.concatenate([final.rotor, final.friction]))
-    link = rows.find_link_side(final.beta)
+    motor, link = rows.find_motor_side(final.chi), rows.find_link_side(final.chi)
     torsion = filter_smooth(signals.phi, options.rate, signals.period)[rows.keep]
+    phi, rate = signals.phi, signals.dtheta - signals.dq
+
+    def pass_spring(springs: Sequence[Elasticity | None], joint: int) -> FloatArray | None:
+        spring = springs[joint] if springs else None
+        if spring is None or spring.initial_stiffness is None:
+            return None
+        torque = compute_hysteresis_torque(spring, phi[:, joint], rate[:, joint])
+        return filter_smooth(torque, options.rate, signals.period)[rows.keep]
+
     springs = final.elasticity
-    known = [
-        spring if counts else None
-        for spring, counts in zip(springs, told or [True] * len(springs), strict=True)
-    ]
-    sets = [_compute_spring_torques(parts, signals, rows, options) for parts in (known, initial, truth)]
+    known: Sequence[Elasticity | None] = springs
+    if identifiable:
+        known = [spring if identifiable[joint] else None for joint, spring in enumerate(springs)]
     joints = tuple(
         JointTrial(
             joint=card.name,
             unit=card.torque_unit,
             torsion_unit=card.position_unit,
             time=signals.time[rows.keep],
-            torsion=torsion[:, index],
-            motor=motor[:, index],
-            link=link[:, index],
-            final=sets[0][index],
-            initial=sets[1][index],
-            truth=sets[2][index],
+            torsion=torsion[:, joint],
+            motor=motor[:, joint],
+            link=link[:, joint],
+            final=pass_spring(known, joint),
+            initial=pass_spring(initial, joint),
+            truth=pass_spring(truth, joint),
         )
-        for index, card in enumerate(library.card.joints)
+        for joint, card in enumerate(library.card.joints)
     )
-    return ElasticTrial(
-        source=recording.source, joints=joints, residuals=_list_residuals(joints, rows), fitted=fitted
-    )
-
-
-def _compute_spring_torques(
-    springs: Sequence[Elasticity | None], signals: ElasticSignals, rows: FilteredRows, options: ElasticOptions
-) -> tuple[FloatArray | None, ...]:
-    """Return F[spring(phi)] (M,) of every joint, None where its spring is not known."""
-    count = signals.phi.shape[1]
-    result: list[FloatArray | None] = [None] * count
-    phi, rate = signals.phi, signals.dtheta - signals.dq
-    for index, spring in enumerate(springs):
-        if spring is not None and spring.initial_stiffness is not None:
-            torque = compute_hysteresis_torque(spring, phi[:, index], rate[:, index])
-            result[index] = filter_smooth(torque, options.rate, signals.period)[rows.keep]
-    return tuple(result)
+    residuals = _list_residuals(joints, rows.torque)
+    return ElasticTrial(source=recording.source, joints=joints, residuals=residuals, fitted=fitted)
 
 
 def _list_residuals(
-    joints: tuple[JointTrial, ...], rows: FilteredRows
+    joints: tuple[JointTrial, ...], torques: FloatArray
 ) -> tuple[tuple[str, tuple[Residual, ...]], ...]:
-    pairs = list(zip(joints, rows.torque.T, strict=True))
+    def measure(entry: JointTrial, measured: FloatArray, errors: FloatArray) -> Residual:
+        return Residual.measure(entry.joint, errors, measured, entry.unit, float(np.std(errors)))
+
+    pairs = list(zip(joints, torques.T, strict=True))
     tables = [
         (
-            "Torque of the motors by the dynamics of motors and links together; no spring takes part.",
-            tuple(_measure_residual(entry, torque, entry.motor - entry.link) for entry, torque in pairs),
+            "Torque of the motors by the dynamics of motors and links together, without springs.",
+            tuple(measure(entry, torque, entry.motor - entry.link) for entry, torque in pairs),
         )
     ]
     known = [(entry, torque, entry.final) for entry, torque in pairs if entry.final is not None]
     if known:
-        motors = (_measure_residual(entry, torque, entry.motor - final) for entry, torque, final in known)
-        links = (_measure_residual(entry, entry.link, entry.link - final) for entry, _, final in known)
+        motors = (measure(entry, torque, entry.motor - final) for entry, torque, final in known)
+        links = (measure(entry, entry.link, entry.link - final) for entry, _, final in known)
         tables += [
             ("Torque of the motors by their own dynamics and the springs.", tuple(motors)),
-            ("Torque of the joints: what the links need, less what the springs say.", tuple(links)),
+            ("Torque of the joints: by the dynamics of the links, less that of the springs.", tuple(links)),
         ]
     return tuple(tables)
-
-
-def _measure_residual(entry: JointTrial, measured: FloatArray, errors: FloatArray) -> Residual:
-    return Residual.measure(entry.joint, errors, measured, entry.unit, float(np.std(errors)))
 
 
 _FUNCTION = "elastic_inverse_dynamics"
@@ -256,14 +232,14 @@ def compute_elastic_reference(
     Raises:
         UsageError: the library has no such function, or springs of another size.
     """
-    if _FUNCTION not in {function.name for function in library.card.functions}:
+    spec = next((function for function in library.card.functions if function.name == _FUNCTION), None)
+    if spec is None:
         text = (
             f"robot {library.card.robot!r} has no function {_FUNCTION}: all its joints must be elastic and "
             "driven by motors with a rotor_inertia, without damping, cubic springs or couplings"
         )
         raise UsageError(Notice(code="usage.no-feed-forward", text=text))
     springs = build_spring_vector(fit.elasticity, library.card)
-    spec = next(function for function in library.card.functions if function.name == _FUNCTION)
     shared = {"beta": fit.beta, "IA": fit.rotor, "f": fit.friction, "h": springs}
     parameters = [shared[port.name] for port in spec.inputs if port.name in shared]
     remembers = any(port.name == "Q" for port in spec.inputs)
@@ -279,10 +255,10 @@ def compute_elastic_reference(
     return MotorReference(angle=angle, speed=speed, torque=torque)
 
 
-def compute_rigid_reference(
+def _compute_rigid_reference(
     library: Library, fit: MethodFit, trajectory: Trajectory, time: FloatArray
 ) -> MotorReference:
-    """Return the same for a controller that takes the joints as rigid; arguments as above."""
+    """Return the same for a controller that takes the joints as rigid."""
     q, dq, ddq = trajectory.evaluate(time)
     (torque,) = library.evaluate("inverse_dynamics", q, dq, ddq, fit.beta)
     torque = torque + fit.rotor * ddq
@@ -318,8 +294,7 @@ class TrackingRun(FrozenArrays):
         return result
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SpringCounts:
+class SpringCounts(NamedTuple):
     """How many stops, and knees on either side, the springs of one joint have."""
 
     stops: int
@@ -346,7 +321,7 @@ def simulate_tracking(
         trajectory: of the links.
         options: of the closed loop.
         rigid: whose inertias and friction the rigid feed-forward takes; that of the first model by default.
-        progress: told of work that takes a while.
+        progress: is called before work that takes a while.
 
     Raises:
         UsageError, SolverError: see `simulate_elastic` and `compute_elastic_reference`.
@@ -354,48 +329,41 @@ def simulate_tracking(
     duration = trajectory.duration if options.duration is None else options.duration
     time: FloatArray = np.arange(round(duration / options.period) + 1) * np.float64(options.period)
     first = rigid or next(iter(models.values()))
-    references = {RIGID: compute_rigid_reference(library, first, trajectory, time)}
+    references = {RIGID: _compute_rigid_reference(library, first, trajectory, time)}
     if models:
-        counts = _count_stops_and_knees([fit.elasticity for fit in models.values()])
-        controller = prepare_controller(robot, counts, progress, backend=library.backend)
+        counts = [
+            _count(springs) for springs in zip(*(fit.elasticity for fit in models.values()), strict=True)
+        ]
+        # The numbers of the springs are arguments of the function.
+        plain = widen_springs([Elasticity(stiffness=1.0)] * len(counts), counts)
+        joints = list(robot.joints)
+        for index, spring in zip(robot.coordinates, plain, strict=True):
+            joints[index] = replace(joints[index], elasticity=spring)
+        shaped = replace(robot, joints=tuple(joints))
+        controller = prepare_library(shaped, names=(_FUNCTION,), progress=progress, backend=library.backend)
         for name, fit in models.items():
             wide = replace(fit, elasticity=widen_springs(fit.elasticity, counts))
             references[name] = compute_elastic_reference(controller, wide, trajectory, time)
+    runs = []
     # No noise is drawn for the loop; the logs of these runs are not used.
     rng = np.random.default_rng(0)
-
-    def run(name: str, reference: MotorReference) -> TrackingRun:
+    for name, reference in references.items():
         found = simulate_elastic(robot, library, trajectory, options, rng, reference=reference)
-        return TrackingRun(name=name, time=found.time, error=found.q - found.desired)
+        runs.append(TrackingRun(name=name, time=found.time, error=found.q - found.desired))
+    return tuple(runs)
 
-    return tuple(run(name, reference) for name, reference in references.items())
 
-
-def prepare_controller(
-    robot: Robot,
-    counts: Sequence[SpringCounts],
-    progress: Callable[[str], None] = lambda _: None,
-    *,
-    backend: str = "auto",
-) -> Library:
-    """Return the feed-forward function of a robot whose springs have so many stops and knees.
-
-    Args:
-        robot: with elastic joints.
-        counts: one a joint.
-        progress: told of work that takes a while.
-        backend: what computes the function; see `prepare_library`.
-    """
-    places = dict(zip(robot.coordinates, counts, strict=True))
-    # The numbers of the springs are arguments of the function.
-    joints = tuple(
-        replace(joint, elasticity=_widen(Elasticity(stiffness=1.0), places[index]))
-        if index in places
-        else joint
-        for index, joint in enumerate(robot.joints)
-    )
-    shaped = replace(robot, joints=joints)
-    return prepare_library(shaped, names=(_FUNCTION,), progress=progress, backend=backend)
+def _count(springs: Sequence[Elasticity]) -> SpringCounts:
+    """Return the largest numbers that occur in any of the springs, counted up."""
+    numbers = [
+        (
+            len(spring.stops),
+            sum(knee.threshold < 0.0 for knee in spring.knees),
+            sum(knee.threshold > 0.0 for knee in spring.knees),
+        )
+        for spring in springs
+    ]
+    return SpringCounts(*(-(-max(column) // _MULTIPLE) * _MULTIPLE for column in zip(*numbers, strict=True)))
 
 
 def widen_springs(elasticity: Sequence[Elasticity], counts: Sequence[SpringCounts]) -> tuple[Elasticity, ...]:
@@ -403,31 +371,20 @@ def widen_springs(elasticity: Sequence[Elasticity], counts: Sequence[SpringCount
     return tuple(_widen(spring, count) for spring, count in zip(elasticity, counts, strict=True))
 
 
-def _count_stops_and_knees(models: Sequence[Sequence[Elasticity]]) -> tuple[SpringCounts, ...]:
-    """Return, joint by joint, the largest numbers that occur in any model, counted up."""
-    return tuple(
-        SpringCounts(
-            stops=_round_up(len(spring.stops) for spring in springs),
-            below=_round_up(sum(knee.threshold < 0.0 for knee in spring.knees) for spring in springs),
-            above=_round_up(sum(knee.threshold > 0.0 for knee in spring.knees) for spring in springs),
-        )
-        for springs in zip(*models, strict=True)
-    )
-
-
-def _round_up(numbers: Iterable[int]) -> int:
-    return -(-max(numbers) // _MULTIPLE) * _MULTIPLE
-
-
 def _widen(spring: Elasticity, count: SpringCounts) -> Elasticity:
-    stops = list(spring.stops)
-    while len(stops) < count.stops:
-        last = stops[-1].threshold if stops else 1.0
-        stops.append(Stop(threshold=_FURTHER * last, stiffness=0.0))
-    below = [knee for knee in spring.knees if knee.threshold < 0.0]
-    above = [knee for knee in spring.knees if knee.threshold > 0.0]
-    while len(below) < count.below:
-        below.insert(0, Knee(threshold=_FURTHER * below[0].threshold if below else -1.0, slope=0.0))
-    while len(above) < count.above:
-        above.append(Knee(threshold=_FURTHER * above[-1].threshold if above else 1.0, slope=0.0))
-    return replace(spring, stops=tuple(stops), knees=(*below, *above))
+    def extend(places: list[float], least: int, first: float) -> list[float]:
+        whole = list(places)
+        while len(whole) < least:
+            whole.append(_FURTHER * whole[-1] if whole else first)
+        return whole[len(places) :]
+
+    stops = extend([stop.threshold for stop in spring.stops], count.stops, _FURTHER)
+    places = sorted(knee.threshold for knee in spring.knees)
+    below = extend([place for place in places[::-1] if place < 0.0], count.below, -1.0)
+    above = extend([place for place in places if place > 0.0], count.above, 1.0)
+    knees = [Knee(threshold=place, slope=0.0) for place in (*below, *above)]
+    return replace(
+        spring,
+        stops=(*spring.stops, *(Stop(threshold=place, stiffness=0.0) for place in stops)),
+        knees=tuple(sorted([*spring.knees, *knees])),
+    )

@@ -25,13 +25,11 @@ if TYPE_CHECKING:
         list_parameters as list_parameters,
     )
     from symid.identification.estimators.instrumental import (
-        Exogeneity as Exogeneity,
         InstrumentalSolution as InstrumentalSolution,
         assess_exogeneity as assess_exogeneity,
         fit_instruments as fit_instruments,
     )
     from symid.identification.estimators.least_squares import (
-        CondensedFit as CondensedFit,
         RegressionFit as RegressionFit,
         compute_inverse_root as compute_inverse_root,
         compute_residuals as compute_residuals,

@@ -1,26 +1,22 @@
 """The physically consistent fit: parameters of bodies that exist.
 
-Robot -> Bodies: beta = K pi in numbers, and what each parameter may be. Rows, what can be identified from
+Robot -> Bodies: beta = K pi in numbers, and the bounds of each parameter. Rows, what can be identified from
 them, Bodies -> RegressionFit.
 
     consistent   min |W (A K pi - y)|^2 / (2 s^2) + g sum_i D(P_i, P0_i)
     P_i = L_i Q_i L_i' > 0,   L_i L_i' = P0_i,   IA = u IA0 > 0;   Fv, Fc >= 0
 
 with the weights W of wls, and the distance D = tr Q - log det Q - 4 (for rotors u - log u - 1). In Q and u
-the problem is convex: there is one optimum of all bodies, which Newton's method finds (`nearest_bodies` of
-the dynamics); its decrement bounds how far the cost is above the least (`gap`).
-
-The distance counts as an observation: a body at a distance of one from the one expected, its mass alone
-three times that, say, costs as much as one row that is off by its standard deviation s: g = 1/2. So it
-hardly moves what the rows determine, and decides what they leave open. s is of what bodies leave of the
-rows: where the rows contradict all bodies, that is more than noise. Without the distance there may be no
-optimum at all: a moment of inertia that the rows want at zero is only approached, by a mass m that they do
-not see, and the cost falls with 1/m. With it m grows with 1 / sqrt(g).
+the problem is convex, and Newton's method finds its one optimum (`optimise_bodies` of the dynamics); the
+decrement bounds the distance to the least cost (`gap`). The distance counts as half an observation, g = 1/2,
+so that it hardly changes identifiable parameters and fixes the others. s is of what bodies leave of the rows.
+Without the distance there may be no optimum: a moment of inertia that the rows want at zero is only
+approached, by an unobservable mass that grows without end.
 
 Supported: every rank of the rows; links, rotors of joints and couplings, friction; symbolic lengths with a
 value.
-Not supported: elastic joints (their rotors are no base parameters); standard deviations of its own: those
-of wls are given, which the bounds can only make smaller.
+Not supported: elastic joints (their rotors are not base parameters); standard deviations of its own: those of
+wls are given, which the bounds can only make smaller.
 """
 
 from dataclasses import dataclass, replace
@@ -46,8 +42,6 @@ from symid.identification.regression import Identifiability, Rows, condense_rows
 from symid.notation import INERTIAL
 from symid.robot import Robot
 
-_DISSIPATING = ("Fv", "Fc")
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Bodies(FrozenArrays):
@@ -56,11 +50,11 @@ class Bodies(FrozenArrays):
     Args:
         names: (p,) base parameters, friction among them.
         links: (p, n, 10) coefficients of the links' standard parameters.
-        positive: (p, a) coefficients of what must be positive: rotor inertias; `positive_names` (a,).
-        bounded: (p, b) coefficients of what must not be negative: viscous and dry friction.
+        positive: (p, a) coefficients of rotor inertias, which must be positive; `positive_names` (a,).
+        bounded: (p, b) coefficients of viscous and dry friction, which must not be negative.
         free: (p, c) coefficients of offsets, springs and the like.
-        stated: (n, 10) bodies of the robot file, or round ones in their place: the distance to them decides
-            where the log does not. `unit` whether the file states none, and their mass is one each.
+        stated: (n, 10) bodies of the robot file, or round ones in their place; the distance to them decides
+            what the log leaves open. `unit` whether the file states none, and their mass is one each.
     """
 
     names: tuple[str, ...]
@@ -89,9 +83,8 @@ def build_bodies(robot: Robot) -> Bodies:
     used = [label for label in grouping.labels if grouping.matrix[:, column[label]].any()]
     places = [[column[index, name] for name in INERTIAL] for index in range(robot.size)]
     rotors = [label for label in used if label[1] == "IA"]
-    bounded = [label for label in used if label[1].startswith(_DISSIPATING)]
+    bounded = [label for label in used if label[1].startswith(("Fv", "Fc"))]
     others = [label for label in used if label[1] not in (*INERTIAL, "IA") and label not in bounded]
-    inertial = [column[index, name] for index in range(robot.size) for name in INERTIAL]
 
     def take(labels: list[tuple[int, str]]) -> FloatArray:
         return grouping.matrix[:, [column[label] for label in labels]].reshape(len(names), len(labels))
@@ -102,7 +95,7 @@ def build_bodies(robot: Robot) -> Bodies:
         positive=take(rotors),
         bounded=take(bounded),
         free=take(others),
-        stated=build_prior(robot, grouping.matrix[:, inertial], np.zeros(len(names))),
+        stated=build_prior(robot, grouping.matrix[:, np.ravel(places)], np.zeros(len(names))),
         unit=all(joint.inertial is None for joint in robot.joints),
         positive_names=tuple(write_label(robot, label) for label in rotors),
     )
@@ -111,8 +104,8 @@ def build_bodies(robot: Robot) -> Bodies:
 _SMALL = 1e-8
 _RANK = 1e-13
 LOOSE = 1e-9
-"""Weight of half the square of what friction and offsets are off the fit without bounds, in their deviations:
-nothing, as far as it matters, where the rows see them, and an answer where they do not."""
+"""Weight of half the squared difference of friction and offsets to the fit without bounds, in their standard
+deviations: no effect where the rows determine them, and a unique answer where they do not."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -120,7 +113,7 @@ class ConsistentCost:
     """The cost of rows, and the parameters behind its unknowns.
 
     Args:
-        problem: of blocks Q, rotors u, friction and the rest that the rows see, over their deviations.
+        problem: of blocks Q, rotors u, friction and the other observable parameters, over their deviations.
         roots: (n, 4, 4) L; rotors: (a,) IA0; loose: (p, b + c) effect of one unit of friction and the rest.
     """
 
@@ -146,18 +139,20 @@ def build_cost(triangle: FloatArray, centre: FloatArray, bodies: Bodies, weight:
         bodies: what links the parameters to bodies.
         weight: of the distance to the bodies expected.
     """
-    expected = build_pseudo_inertias(bodies.stated * _estimate_size(centre, bodies))
+    expected = build_pseudo_inertias(bodies.stated * _estimate_mass(centre, bodies))
     roots = np.asarray(np.linalg.cholesky(expected), dtype=np.float64)
     forms = roots.transpose(0, 2, 1) @ np.einsum("pnk,kab->pnab", bodies.links, PSEUDO_INERTIA_FORMS) @ roots
     matrix = triangle[:, :-1]
-    rotors = _estimate_rotors(centre, bodies)
+    # Expected is half of the parameter that a rotor is part of.
+    sizes = np.array([float(np.abs(centre[column > 0.0]).max(initial=0.0)) for column in bodies.positive.T])
+    rotors = np.maximum(0.5 * sizes, _SMALL)
     loose = np.hstack([bodies.bounded, bodies.free])
     lengths = np.linalg.norm(matrix @ loose, axis=0)
-    # What the rows do not see at all stays at zero.
-    seen = lengths > 0.0
-    loose, lengths = loose[:, seen], lengths[seen]
+    # Without any effect on the rows a parameter stays at zero.
+    observable = lengths > 0.0
+    loose, lengths = loose[:, observable], lengths[observable]
     middle = np.linalg.lstsq(loose, centre, rcond=None)[0] * lengths if loose.size else np.zeros(0)
-    dissipating = int(np.count_nonzero(seen[: bodies.bounded.shape[1]]))
+    dissipating = int(np.count_nonzero(observable[: bodies.bounded.shape[1]]))
     middle[:dissipating] = np.maximum(middle[:dissipating], 0.0)
     problem = BodyProblem(
         blocks=np.tensordot(matrix, forms, axes=1),
@@ -183,8 +178,8 @@ def _compute_explained(matrix: FloatArray, target: FloatArray, centre: FloatArra
     return explained
 
 
-def _estimate_size(centre: FloatArray, bodies: Bodies) -> float:
-    """Return the mass with which bodies of unit mass come next to the parameters; one for stated bodies."""
+def _estimate_mass(centre: FloatArray, bodies: Bodies) -> float:
+    """Return the mass with which bodies of unit mass are nearest to the parameters; one for stated bodies."""
     if not bodies.unit:
         return 1.0
     values = np.einsum("pnk,nk->p", bodies.links, bodies.stated)
@@ -195,22 +190,16 @@ def _estimate_size(centre: FloatArray, bodies: Bodies) -> float:
     return mass if mass > 0.0 else max(float(np.abs(wanted).max(initial=0.0)), _SMALL)
 
 
-def _estimate_rotors(centre: FloatArray, bodies: Bodies) -> FloatArray:
-    """Return the rotor inertias (a,) expected: half of the parameter that they are part of."""
-    sizes = np.array([float(np.abs(centre[column > 0.0]).max(initial=0.0)) for column in bodies.positive.T])
-    return np.maximum(0.5 * sizes, _SMALL)
-
-
 _WEIGHT = 0.5
 _DEAR = 5.0
-"""Price in percent beyond which the log is at odds with all bodies."""
-# The weight is settled when the noise that it is measured in changes by less than this part.
-_SETTLED = 1e-9
+"""Growth of the residual in percent beyond which the log contradicts all bodies."""
+_CONVERGED = 1e-9
+"""Relative change of the noise at which the weight, which is measured in it, has converged."""
 _PASSES = 100
-# To a weight that is greater by more than this the way is shorter from the bodies expected.
 _WARM = 2.0
-# What may be left of the cost, as a part of cost and weight.
+"""Ratio of weights above which it is shorter to start from the bodies expected."""
 _CERTAIN = 1e-8
+"""What may be left of the cost, as a part of cost and weight."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -220,11 +209,8 @@ class ConsistentSolution:
     Args:
         values: (p,) base parameters and friction; pi: (n, 10) standard parameters of the links.
         eigenvalue: the smallest one of the pseudo-inertias, SI.
-        nearest: the unknowns of the cost.
+        nearest: the unknowns of the cost; its `gap` bounds how far the cost is above the least.
         weight: of the distance, g times the square of the noise that bodies leave.
-        gap: the cost is above the least by this at most; gradient: its largest entry, unknowns in units of
-            their standard deviations.
-        steps: of Newton's method.
     """
 
     values: FloatArray
@@ -232,27 +218,18 @@ class ConsistentSolution:
     eigenvalue: float
     nearest: NearestBodies
     weight: float
-    gap: float
-    gradient: float
-    steps: int
 
 
 def fit_consistent(
-    rows: Rows, seen: Identifiability, freedom: str = "band", *, bodies: Bodies
+    rows: Rows, identifiability: Identifiability, freedom: str = "band", *, bodies: Bodies
 ) -> RegressionFit:
-    """Return the fit of bodies that exist.
-
-    Args:
-        rows: the equations.
-        seen: what they can tell.
-        freedom: see `fit_ols`.
-        bodies: what links the parameters to bodies.
+    """Return the fit of bodies that exist; arguments as for `fit_ols`.
 
     Raises:
         SolverError: no optimum was found.
     """
-    weights = estimate_group_weights(rows, seen, freedom)
-    free = fit_weighted(rows, seen, weights, freedom)
+    weights = estimate_group_weights(rows, identifiability, freedom)
+    free = fit_weighted(rows, identifiability, weights, freedom)
     independent = rows.independent if freedom == "band" else 1.0
     weighted = free.residuals * free.weights
     square = float(weighted @ weighted)
@@ -260,46 +237,34 @@ def fit_consistent(
     triangle = stack_condensed(condense_rows(rows), weights) / np.sqrt(variance)
     found = solve_consistent(triangle, free.values, bodies)
     residuals = rows.values - rows.matrix @ found.values
-    bounded = residuals * free.weights
-    price = 100.0 * (float(np.linalg.norm(bounded)) / max(np.sqrt(square), 1e-300) - 1.0)
-    return RegressionFit(
+    price = 100.0 * (float(np.linalg.norm(residuals * free.weights)) / max(np.sqrt(square), 1e-300) - 1.0)
+    text = (
+        f"the residual is {price:.3g} % larger than that of weighted least squares: the log contradicts all "
+        "bodies that exist; check signs, units and the order of joints (`symid check`), or add the missing "
+        "term to the model"
+    )
+    return replace(
+        free,
         values=found.values,
-        covariance=free.covariance,
         residuals=residuals,
-        spent=free.spent,
-        condition=free.condition,
-        weights=free.weights,
         report={
             "price_percent": price,
             "eigenvalue": found.eigenvalue,
             "weight": found.weight,
-            "steps": found.steps,
-            "gap": found.gap,
-            "gradient": found.gradient,
+            "steps": found.nearest.iterations,
+            "gap": found.nearest.gap,
+            "gradient": found.nearest.gradient,
             "standard_parameters": found.pi.tolist(),
         },
-        notices=_warn_of_price(price),
+        notices=(Notice(code="identify.price", text=text),) if price > _DEAR else (),
     )
-
-
-def _warn_of_price(price: float) -> tuple[Notice, ...]:
-    if price <= _DEAR:
-        return ()
-    text = (
-        f"the bodies that fit best leave {price:.3g} % more than weighted least squares does: the log is at "
-        "odds with all bodies that exist; look for wrong signs, units or exchanged joints (`symid check`), "
-        "or for a term that the model misses"
-    )
-    return (Notice(code="identify.price", text=text),)
 
 
 def solve_consistent(triangle: FloatArray, centre: FloatArray, bodies: Bodies) -> ConsistentSolution:
     """Return the bodies that minimise |F [x; -1]|^2 / 2 and the distance to those expected.
 
-    Args:
-        triangle: F (k, p + 1) of the weighted rows over the standard deviation of their noise.
-        centre: (p,) the parameters without bounds, for the size of the bodies to start from.
-        bodies: what links parameters to bodies.
+    F (k, p + 1) is `triangle`, of the weighted rows over the standard deviation of their noise; `centre` (p,)
+    are the parameters without bounds, for the size of the bodies to start from.
 
     Raises:
         SolverError: no optimum was found.
@@ -308,15 +273,19 @@ def solve_consistent(triangle: FloatArray, centre: FloatArray, bodies: Bodies) -
     square = float(np.sum((triangle @ np.append(centre, -1.0)) ** 2))
     problem, found = _iterate_weight(cost.problem, max(square, float(len(centre))))
     if not found.gap <= _CERTAIN * (compute_cost(problem, found) + problem.weight):
-        text = "no optimum among bodies that exist was found: Newton's method did not arrive within "
-        text = f"{text}{found.iterations} steps; identify with wls, and export that"
+        text = (
+            f"no optimum among bodies that exist: Newton's method did not converge in {found.iterations} "
+            "steps; identify with wls, and export that"
+        )
         raise SolverError(Notice(code="solver.consistent", text=text))
     inertias = cost.compute_bodies(found)
     eigenvalue = float(np.linalg.eigvalsh(inertias).min())
     if not eigenvalue > 0.0:
-        text = "the bodies that fit best span more orders of magnitude than numbers hold: the log contradicts"
-        text = f"{text} all bodies, or hardly tells anything; identify with wls, and look at what it refuses"
-        raise SolverError(Notice(code="solver.consistent", text=text))
+        text = (
+            "the best bodies are singular to working precision: the log contradicts all bodies, or excites "
+            "them too little; identify with wls, and look at the parameters it refuses"
+        )
+        raise SolverError(Notice(code="solver.singular-bodies", text=text))
     pi = compute_standard_parameters(inertias)
     values = np.einsum("pnk,nk->p", bodies.links, pi) + cost.loose @ found.others
     return ConsistentSolution(
@@ -325,9 +294,6 @@ def solve_consistent(triangle: FloatArray, centre: FloatArray, bodies: Bodies) -
         eigenvalue=eigenvalue,
         nearest=found,
         weight=problem.weight,
-        gap=found.gap,
-        gradient=found.gradient,
-        steps=found.iterations,
     )
 
 
@@ -335,9 +301,9 @@ def _iterate_weight(problem: BodyProblem, square: float) -> tuple[BodyProblem, N
     """Return the problem with its weight in units of the noise that its bodies leave, and these bodies.
 
     A greater weight leaves more, and more noise makes the weight greater: from that of a perfect fit it grows
-    until it settles, at the least weight that agrees with itself; rows far from the bodies expected may have
-    a second one, at which bodies hardly follow them. Where the way to the first is too long, it falls, from
-    that of the bodies expected.
+    until it converges, at the least weight that agrees with itself; rows far from the bodies expected may
+    have a second one, at which bodies hardly follow them. Where the way to the first is too long, it falls,
+    from that of the bodies expected.
     """
     found = optimise_bodies(problem)
     steps = found.iterations
@@ -347,7 +313,7 @@ def _iterate_weight(problem: BodyProblem, square: float) -> tuple[BodyProblem, N
     for _ in range(_PASSES):
         errors = compute_errors(problem, start)
         wanted = _WEIGHT * (1.0 + float(errors @ errors) / square)
-        if abs(wanted - known) <= _SETTLED * min(known, wanted):
+        if abs(wanted - known) <= _CONVERGED * min(known, wanted):
             break
         problem = replace(problem, weight=wanted)
         warm = wanted < _WARM * known < np.inf

@@ -21,25 +21,25 @@ from symid.serialization import Finite
 
 OPEN_SETTINGS = ("filter_cutoff", "decimation.factor")
 """Entries of the processing that may be left open."""
-_WHO = {
+_ORIGINS = {
     "stated": "as stated",
     "fit": "as in the fit",
-    "log": "chosen from this log, whose sample period is not that of the fit",
+    "log": "chosen from this log, whose sample period differs from that of the fit",
 }
 
 
 class Outcome(Enum):
     """How a fit ended; the value is the explanation."""
 
-    SOLVED = "all parameters were found"
-    SOME_REFUSED = "some parameters cannot be learnt from this log and were left out"
+    SOLVED = "all parameters were identified"
+    SOME_REFUSED = "some parameters are not identifiable from these logs and were left out"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterEstimate:
     """One identified parameter in SI units; `truth` where the robot file states it.
 
-    `expression` says what standard parameters it groups, `reason` why.
+    `expression` is the group of standard parameters, `reason` why they are grouped.
     """
 
     name: str
@@ -91,7 +91,7 @@ def list_parameters(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Residual:
-    """What a model leaves unexplained at one joint (or of one scalar equation).
+    """The residual of one joint, or of one scalar equation.
 
     `norm` is |y - A x|_2 in the rows' unit, `relative_percent` 100 norm / |y|_2 (infinite where
     nothing was measured), over `samples` rows; `std` the residual's standard deviation.
@@ -134,7 +134,7 @@ class FitRecord:
         friction: the friction model of each joint; empty where friction itself was identified.
         sources: the logs.
         settings: processing, log map and options, after overrides.
-        refused: parameters or joints that the logs cannot tell, with the reason.
+        refused: parameters or joints that are not identifiable from the logs, with the reason.
         notices: what a reader of the result should know.
     """
 
@@ -166,19 +166,19 @@ def check_model(record: FitRecord, card: ModelCard, file: str = "") -> None:
     if record.signature == card.signature:
         strangers = record.list_strangers(card)
         if strangers:
-            text = f"it does not fit the model {card.robot!r}: {', '.join(strangers)}; identify again"
+            text = f"the fit does not match the model {card.robot!r}: {', '.join(strangers)}; identify again"
             raise EstimateError(Notice(code="estimate.parameters", text=text, file=file))
         return
-    friction = tuple(joint.friction for joint in card.joints)
     check_robot(record, card.robot, file)
+    friction = tuple(joint.friction for joint in card.joints)
     if record.friction and record.friction != friction:
         difference = (
-            f"its friction is {', '.join(record.friction)}, that of the robot given {', '.join(friction)}"
+            f"its friction models are {', '.join(record.friction)}, those of the robot {', '.join(friction)}"
         )
     else:
         difference = (
-            f"the model of robot {card.robot!r} has changed since: its signature is now "
-            f"{card.signature[:12]}, the estimate's is {record.signature[:12]}"
+            f"the model of robot {card.robot!r} has changed since: its signature is {card.signature[:12]}, "
+            f"that of the fit {record.signature[:12]}"
         )
     raise _refuse_model(difference, file)
 
@@ -190,14 +190,13 @@ def check_robot(record: FitRecord, robot: str, file: str = "") -> None:
         EstimateError: for another one.
     """
     if record.robot != robot:
-        difference = f"it was identified for robot {record.robot!r}, the robot given is {robot!r}"
+        difference = f"it was identified for robot {record.robot!r}, not for {robot!r}"
         raise _refuse_model(difference, file)
 
 
 def _refuse_model(difference: str, file: str) -> EstimateError:
     text = (
-        f"the estimate does not fit the model: {difference}; "
-        "use the same robot and options, or identify again"
+        f"the fit does not match the model: {difference}; use the same robot and options, or identify again"
     )
     return EstimateError(Notice(code="estimate.signature", text=text, file=file))
 
@@ -207,9 +206,9 @@ class DynamicsRecord(FitRecord):
     """Parameters of the dynamics, of rigid or elastic joints.
 
     Args:
-        parameters: what was learnt, in the order of the model card.
-        residual: what the fit leaves unexplained, joint by joint.
-        condition: condition number of the column-scaled matrix, over what can be learnt.
+        parameters: those identified, in the order of the model card.
+        residual: of the fit, joint by joint.
+        condition: condition number of the column-scaled matrix, over the identifiable directions.
         covariance: of `parameters`, row by row; empty where the method has none.
     """
 
@@ -260,8 +259,8 @@ class Estimate(DynamicsRecord):
     Args:
         rows: how measurements became equations; `estimator` how equations became parameters.
         samples: rows of the fit.
-        unresolved: values of least norm for refused parameters that act only together. They
-            complete a prediction of motions like those of the log; one by one they mean nothing.
+        unresolved: values of least norm for refused parameters that act only together. They complete a
+            prediction of motions like those of the log; a single one has no physical meaning.
     """
 
     kind: ClassVar[str] = "rigid"
@@ -291,7 +290,9 @@ class Estimate(DynamicsRecord):
         found = [entry.name for entry in self.parameters] + [name for name, _ in self.refused]
         problems = [f"{name!r} is given twice" for name in dict.fromkeys(found) if found.count(name) > 1]
         strange = [name for name, _ in self.unresolved if name not in expected]
-        problems += [f"{name!r} is no parameter of it" for name in (*found, *strange) if name not in expected]
+        problems += [
+            f"{name!r} is not a parameter of it" for name in (*found, *strange) if name not in expected
+        ]
         return problems + [f"{name!r} is missing" for name in sorted(expected - set(found))]
 
 
@@ -315,23 +316,21 @@ class Series(FrozenArrays):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResolvedProcessing:
-    """What is used for a log, and whence each entry of `OPEN_SETTINGS` comes: "stated", "fit" or "log"."""
+    """The processing of a log, and the origin of each entry of `OPEN_SETTINGS`: "stated", "fit" or "log"."""
 
     processing: Processing
     origin: Mapping[str, str]
     notices: tuple[Notice, ...] = ()
 
-    def tell(self) -> str:
+    def describe(self) -> str:
         """Return the processing in a sentence."""
         cutoff, factor = self.processing.filter_cutoff, self.processing.decimation.factor
-        parts = (
-            "positions pass no filter" if cutoff is None else f"positions pass a low-pass at {cutoff:g} Hz",
-            "every row is kept" if factor == 1 else f"one row in {factor} is kept",
-        )
-        who = [_WHO[self.origin[name]] for name in OPEN_SETTINGS]
-        if who[0] == who[1]:
-            return f"{parts[0]}, and {parts[1]}: {who[0]}"
-        return f"{parts[0]} ({who[0]}), and {parts[1]} ({who[1]})"
+        filtering = "positions: no filter" if cutoff is None else f"positions: low-pass at {cutoff:g} Hz"
+        thinning = "no decimation" if factor == 1 else f"decimation by {factor}"
+        first, second = (_ORIGINS[self.origin[name]] for name in OPEN_SETTINGS)
+        if first == second:
+            return f"{filtering}; {thinning} ({first})"
+        return f"{filtering} ({first}); {thinning} ({second})"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -7,26 +7,18 @@ residuals).
     wls   min sum_j |A_j x - y_j|^2 / sigma_j^2, sigma_j = |e_j| / sqrt(m_j - p) from its own residuals e
     gls   min sum_t e_t' S^-1 e_t,  e_t = A_t x - y_t the residuals of all joints at one time
 
-By QR of A B, where the columns of B are the directions that the rows see, scaled so that the columns of A
-have length one. The covariance is s^2 (A'A)^-1 with s^2 = |e|^2 / (b m - p) of the weighted rows, b the
-part of them that is independent behind the decimation filter. The noise of an energy or power row grows
-with the speed in its window, so there the covariance is the one that holds for unequal noise (HC3 of
-MacKinnon and White 1985).
-
-The covariance S (g, g) of the noise between joints comes from the residuals of wls, iterated once, or is
-given. Of a motion that repeats it is known without a model: what repeats belongs to the motion, the rest is
-noise (Schoukens and Pintelon 2012),
+By QR of A B, the columns of B the observable directions. The covariance is s^2 (A'A)^-1 with
+s^2 = |e|^2 / (b m - p) of the weighted rows, b the part of them that is independent after decimation. The
+noise of an energy or power row grows with the speed in its window: there the covariance is HC3 (MacKinnon and
+White 1985). S (g, g) comes from the residuals of wls, or from P periods of N samples of a motion that repeats
+(Schoukens and Pintelon 2012):
 
     S = 1 / ((P - 1) N) sum over p, t of e_p(t) e_p(t)',   e_p = tau_p - mean over p of tau_p
 
-over P periods of N samples. Rows of one time are those of one run whose times are equal; where some joints
-have no row there (standstill), the part of S of the others counts.
-
-Supported: rank-deficient rows (directions that are not seen stay at zero); runs of unequal weight; two or
-more whole periods, of any length in samples.
-Not supported: robust losses, priors, constraints; noise that is correlated in time: filters that pass more
-than the decimation keeps make standard deviations too small; periodic motions that drift or start (cut
-these off, drop_first).
+Supported: rank-deficient rows (unobservable directions stay at zero); runs of unequal weight; two or more
+whole periods, of any length in samples; joints without a row at some times (standstill).
+Not supported: noise that is correlated in time: filters that pass more than the decimation keeps make
+standard deviations too small; periodic motions that drift or start (cut these off, drop_first).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -52,7 +44,7 @@ from symid.logs import Recording
 from symid.robot import Processing
 
 _ROUNDS = 30
-_SETTLED = 1e-6
+_CONVERGED = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -76,27 +68,16 @@ class CondensedFit:
     condition: float
 
 
-def estimate_weights(condensed: Condensed, basis: FloatArray, used: int) -> FloatArray:
+def iterate_weights(condensed: Condensed, solve: Callable[[FloatArray], FloatArray], used: int) -> FloatArray:
     """Return the inverse scatter (g,) of every group's residuals in the fit that has these weights.
 
-    From the ordinary fit on, until nothing changes: there a quiet joint shows the errors that the noise of
-    loud ones makes, and its weight comes out too small.
+    From the ordinary fit on, until it converges: in the ordinary fit a quiet joint has the errors that the
+    noise of loud ones makes, and its weight is too small.
 
     Args:
         condensed: the equations.
-        basis: (p, r) directions that they see.
-        used: parameters that the scatter of a group is corrected for, where it has more rows than that.
-    """
-    return iterate_weights(condensed, lambda weights: solve_condensed(condensed, basis, weights).values, used)
-
-
-def iterate_weights(condensed: Condensed, solve: Callable[[FloatArray], FloatArray], used: int) -> FloatArray:
-    """Return weights (g,) as `estimate_weights` does, of any estimator.
-
-    Args:
-        condensed: the equations that leave residuals.
         solve: from weights (g,) to parameters (p,).
-        used: as in `estimate_weights`.
+        used: parameters that the scatter of a group is corrected for, where it has more rows than that.
     """
     counts = condensed.counts
     divisor = np.where(counts > used, counts - used, np.maximum(counts, 1))
@@ -104,12 +85,15 @@ def iterate_weights(condensed: Condensed, solve: Callable[[FloatArray], FloatArr
     floor = 1e-9 * np.linalg.norm(condensed.factors[:, :, -1]) / np.sqrt(counts.sum())
     weights = np.ones(len(counts))
     for _ in range(_ROUNDS):
-        values = solve(weights)
-        scatter = np.maximum(np.sqrt(compute_square_sums(condensed, values) / divisor), floor)
+        scatter = np.maximum(np.sqrt(compute_square_sums(condensed, solve(weights)) / divisor), floor)
         before, weights = weights, 1.0 / scatter
-        if np.abs(weights / before - 1.0).max() < _SETTLED:
+        if np.abs(weights / before - 1.0).max() < _CONVERGED:
             break
     return weights
+
+
+def _estimate_weights(condensed: Condensed, basis: FloatArray, used: int) -> FloatArray:
+    return iterate_weights(condensed, lambda weights: solve_condensed(condensed, basis, weights).values, used)
 
 
 def fit_condensed(
@@ -119,13 +103,13 @@ def fit_condensed(
 
     Args:
         condensed: the equations.
-        basis: (p, r) directions that they see.
-        weights: (g,) of the groups' residuals; None for the inverse of their scatter, see `estimate_weights`.
+        basis: (p, r) observable directions.
+        weights: (g,) of the groups' residuals; None for the inverse of their scatter.
         freedom: how the variance of the noise is estimated, see `Processing.noise_freedom`.
     """
     used, independent = count_freedom(freedom, int(basis.shape[1]), condensed.independent)
     if weights is None:
-        weights = estimate_weights(condensed, basis, used)
+        weights = _estimate_weights(condensed, basis, used)
     found = solve_condensed(condensed, basis, weights)
     squares = compute_square_sums(condensed, found.values)
     variance = float(squares @ weights**2) / (independent * int(condensed.counts.sum()) - used)
@@ -140,16 +124,10 @@ def fit_condensed(
     )
 
 
-def compute_robust_covariance(basis: FloatArray, design: FloatArray, errors: FloatArray) -> FloatArray:
-    """Return the covariance of x = B z where every row has a variance of its own: (p, p).
+def _compute_robust_covariance(basis: FloatArray, design: FloatArray, errors: FloatArray) -> FloatArray:
+    """Return the covariance (p, p) of x = B z where every row has a variance of its own (HC3).
 
-    B (F'F)^-1 F' diag(e_i^2 / (1 - h_i)^2) F (F'F)^-1 B', h_i the leverage of row i: the
-    estimator HC3 of MacKinnon and White (1985).
-
-    Args:
-        basis: B (p, r).
-        design: F = A B (m, r), of full column rank.
-        errors: e (m,).
+    B (F'F)^-1 F' diag(e_i^2 / (1 - h_i)^2) F (F'F)^-1 B', h_i the leverage of row i, F = A B (m, r).
     """
     root = compute_inverse_root(design)
     orthonormal = design @ root
@@ -161,17 +139,14 @@ def compute_robust_covariance(basis: FloatArray, design: FloatArray, errors: Flo
 
 
 def compute_inverse_root(design: FloatArray) -> FloatArray:
-    """Return V S^-1 of the singular value decomposition, so that its square is (F'F)^-1."""
+    """Return V S^-1 of the singular value decomposition of F (m, r), so that its square is (F'F)^-1."""
     _, singular, directions = np.linalg.svd(np.linalg.qr(design, mode="r"), full_matrices=False)
     root: FloatArray = directions.T / singular
     return root
 
 
-def compute_group_scatter(rows: Rows, residuals: FloatArray, fitted: int) -> FloatArray:
-    """Return |e_j| / sqrt(m_j - fitted) of every group: (g,); `fitted` parameters were fitted.
-
-    A group with no more rows than that is divided by its number of rows; without rows it is 0.
-    """
+def _compute_group_scatter(rows: Rows, residuals: FloatArray, fitted: int) -> FloatArray:
+    """Return |e_j| / sqrt(m_j - fitted) of every group (g,), over sqrt(m_j) where that is not positive."""
     scatter = np.zeros(len(rows.group_names))
     for index in range(len(scatter)):
         part = residuals[rows.group == index]
@@ -181,8 +156,8 @@ def compute_group_scatter(rows: Rows, residuals: FloatArray, fitted: int) -> Flo
 
 
 def compute_residuals(rows: Rows, residuals: FloatArray, fitted: int) -> tuple[Residual, ...]:
-    """Return norm, relative norm and scatter of every group that has rows."""
-    scatter = compute_group_scatter(rows, residuals, fitted).tolist()
+    """Return norm, relative norm and scatter of residuals (m,) for every group that has rows."""
+    scatter = _compute_group_scatter(rows, residuals, fitted).tolist()
     masks = [rows.group == index for index in range(len(scatter))]
     parts = zip(rows.group_names, rows.group_units, masks, scatter, strict=True)
     return tuple(
@@ -203,7 +178,7 @@ class RegressionFit:
         condition: of the column-scaled matrix, weighted where the fit is.
         weights: (m,) what the rows were multiplied by; ones if empty.
         notices: what a reader of the result should know of the fit.
-        report: what the estimator chose or paid, by name; plain numbers, texts and lists.
+        report: what the estimator chose or reached, by name; plain numbers, texts and lists.
     """
 
     values: FloatArray
@@ -222,43 +197,36 @@ class RegressionFit:
         freeze_fields(self)
 
 
-def fit_ols(rows: Rows, seen: Identifiability, freedom: str = "band") -> RegressionFit:
-    """Return the ordinary least-squares fit of `rows`.
-
-    Args:
-        rows: the equations.
-        seen: what they can tell.
-        freedom: how the variance of the noise is estimated, see `Processing.noise_freedom`.
-    """
-    return fit_weighted(rows, seen, np.ones(len(rows.group_names)), freedom)
+def fit_ols(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> RegressionFit:
+    """Return the ordinary least-squares fit; `freedom` as in `Processing.noise_freedom`."""
+    return fit_weighted(rows, identifiability, np.ones(len(rows.group_names)), freedom)
 
 
-def fit_wls(rows: Rows, seen: Identifiability, freedom: str = "band") -> RegressionFit:
-    """Return the fit with rows weighted by the inverse scatter of their joint, until that settles.
-
-    Arguments as for `fit_ols`.
-    """
-    return fit_weighted(rows, seen, estimate_group_weights(rows, seen, freedom), freedom)
+def fit_wls(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> RegressionFit:
+    """Return the fit with rows weighted by the inverse scatter of their joint; else as `fit_ols`."""
+    weights = estimate_group_weights(rows, identifiability, freedom)
+    return fit_weighted(rows, identifiability, weights, freedom)
 
 
-def estimate_group_weights(rows: Rows, seen: Identifiability, freedom: str = "band") -> FloatArray:
+def estimate_group_weights(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> FloatArray:
     """Return the weights (g,) of `fit_wls`, the inverse scatter of every group's residuals."""
-    used, _ = count_freedom(freedom, int(seen.basis.shape[1]), rows.independent)
-    return estimate_weights(condense_rows(rows), seen.basis, used)
+    used, _ = count_freedom(freedom, int(identifiability.basis.shape[1]), rows.independent)
+    return _estimate_weights(condense_rows(rows), identifiability.basis, used)
 
 
 def fit_weighted(
-    rows: Rows, seen: Identifiability, weights: FloatArray, freedom: str = "band"
+    rows: Rows, identifiability: Identifiability, weights: FloatArray, freedom: str = "band"
 ) -> RegressionFit:
-    """Return the fit of `rows` with the residuals of group g multiplied by weights[g]; else as `fit_ols`."""
-    found = solve_condensed(condense_rows(rows), seen.basis, weights)
+    """Return the fit with the residuals of group g multiplied by weights[g]; else as `fit_ols`."""
+    basis = identifiability.basis
+    found = solve_condensed(condense_rows(rows), basis, weights)
     residuals = rows.values - rows.matrix @ found.values
     factors = weights[rows.group] * np.sqrt(rows.weight)
     weighted = residuals * factors
-    used, independent = count_freedom(freedom, int(seen.basis.shape[1]), rows.independent)
+    used, independent = count_freedom(freedom, int(basis.shape[1]), rows.independent)
     if rows.kind in SCALAR_KINDS:
-        design = (rows.matrix * factors[:, None]) @ seen.basis
-        covariance = compute_robust_covariance(seen.basis, design, weighted) / independent
+        design = (rows.matrix * factors[:, None]) @ basis
+        covariance = _compute_robust_covariance(basis, design, weighted) / independent
     else:
         variance = float(weighted @ weighted) / (independent * len(weighted) - used)
         covariance = variance * (found.root @ found.root.T)
@@ -277,30 +245,23 @@ _LEAST = 1e-6
 
 
 def fit_gls(
-    rows: Rows, seen: Identifiability, freedom: str = "band", noise: FloatArray | None = None
+    rows: Rows, identifiability: Identifiability, freedom: str = "band", noise: FloatArray | None = None
 ) -> RegressionFit:
-    """Return the fit with rows weighted by the covariance of their noise between joints.
+    """Return the fit with rows weighted by the covariance of their noise between joints; else as `fit_ols`.
 
-    Args:
-        rows: the equations.
-        seen: what they can tell.
-        freedom: see `fit_ols`.
-        noise: (g, g) covariance of the noise of one row of every group, up to a factor; None to estimate it.
+    `noise` (g, g) is that covariance for one row of every group, up to a factor; None to estimate it.
     """
-    first = fit_wls(rows, seen, freedom)
+    first = fit_wls(rows, identifiability, freedom)
     if len(rows.group_names) == 1:
         return replace(first, report={"noise_correlation": 0.0})
     known = estimate_noise_covariance(rows, first) if noise is None else np.asarray(noise, dtype=np.float64)
     whitened = whiten_rows(rows, known)
-    found = fit_weighted(whitened, seen, np.ones(len(rows.group_names)), freedom)
+    found = fit_weighted(whitened, identifiability, np.ones(len(rows.group_names)), freedom)
     size = np.sqrt(np.diag(known))
     correlation = known / np.outer(size, size)
-    return RegressionFit(
-        values=found.values,
-        covariance=found.covariance,
+    return replace(
+        found,
         residuals=rows.values - rows.matrix @ found.values,
-        spent=found.spent,
-        condition=found.condition,
         weights=(1.0 / size)[rows.group] * np.sqrt(rows.weight),
         report={"noise_correlation": float(np.abs(correlation - np.eye(len(size))).max())},
     )
@@ -313,13 +274,12 @@ def estimate_noise_covariance(rows: Rows, fit: RegressionFit) -> FloatArray:
     positive definite for that reason is moved towards its diagonal until it is.
     """
     table = _arrange_by_time(rows)
-    scatter = compute_group_scatter(rows, fit.residuals * np.sqrt(rows.weight), fit.spent)
+    scatter = _compute_group_scatter(rows, fit.residuals * np.sqrt(rows.weight), fit.spent)
     scatter = np.maximum(scatter, 1e-9 * np.linalg.norm(rows.values) / np.sqrt(len(rows.values)))
     scaled = fit.residuals / scatter[rows.group] * np.sqrt(rows.weight)
     errors = np.where(table >= 0, scaled[table], 0.0)
     there = (table >= 0).astype(np.float64)
-    pairs = there.T @ there
-    correlation = (errors.T @ errors) / np.maximum(pairs, 1.0)
+    correlation = (errors.T @ errors) / np.maximum(there.T @ there, 1.0)
     size = np.sqrt(np.maximum(np.diag(correlation), np.finfo(float).tiny))
     correlation = correlation / np.outer(size, size)
     np.fill_diagonal(correlation, 1.0)
@@ -333,20 +293,14 @@ def estimate_noise_covariance(rows: Rows, fit: RegressionFit) -> FloatArray:
 
 
 def whiten_rows(rows: Rows, noise: FloatArray) -> Rows:
-    """Return the rows of every time multiplied by L^-1, S = L L': their noise is white then.
-
-    Args:
-        rows: the equations.
-        noise: S (g, g).
-    """
+    """Return the rows of every time multiplied by L^-1, S = L L' (g, g): their noise is white then."""
     table = _arrange_by_time(rows)
     matrix, values = rows.matrix.copy(), rows.values.copy()
     patterns, kind = np.unique(table >= 0, axis=0, return_inverse=True)
     for index, pattern in enumerate(patterns):
         groups = np.flatnonzero(pattern)
         places = table[kind.ravel() == index][:, groups]
-        lower = np.linalg.cholesky(noise[np.ix_(groups, groups)])
-        inverse = np.linalg.inv(lower)
+        inverse = np.linalg.inv(np.linalg.cholesky(noise[np.ix_(groups, groups)]))
         values[places] = rows.values[places] @ inverse.T
         # Row by row of L^-1, so that no second copy of all equations is made.
         for k in range(len(groups)):
@@ -377,7 +331,7 @@ _LOUD = 0.5
 def estimate_period_noise(
     recordings: Sequence[Recording], processing: Processing, periods: Sequence[float]
 ) -> FloatArray:
-    """Return the covariance (n, n) of the torque's noise, N m or N each.
+    """Return the covariance (n, n) of the torque's noise, N m or N each, from what differs between periods.
 
     Args:
         recordings: at least one.
@@ -395,12 +349,20 @@ def estimate_period_noise(
     size = recordings[0].torque.shape[1]
     total, freedom = np.zeros((size, size)), 0
     for recording, period in zip(recordings, each, strict=True):
-        repeated = _fold(recording, processing, period)
-        errors = (repeated - repeated.mean(axis=0)).reshape(-1, size)
+        folded = _fold(recording, processing, period)
+        errors = (folded - folded.mean(axis=0)).reshape(-1, size)
         total += errors.T @ errors
-        freedom += (repeated.shape[0] - 1) * repeated.shape[1]
+        freedom += (folded.shape[0] - 1) * folded.shape[1]
     covariance: FloatArray = total / freedom
-    _check_noise(recordings, covariance)
+    torque = np.vstack([recording.torque for recording in recordings])
+    share = np.sqrt(np.diag(covariance)) / np.maximum(torque.std(axis=0), np.finfo(float).tiny)
+    if np.any(share > _LOUD):
+        worst = int(np.argmax(share))
+        text = (
+            f"the torque of joint {worst + 1} differs between periods by {100.0 * float(share[worst]):.3g} % "
+            "of its standard deviation: it does not repeat; check the period, or cut off the start"
+        )
+        raise UsageError(Notice(code="usage.period", text=text, file=recordings[0].source))
     return covariance
 
 
@@ -413,23 +375,9 @@ def _fold(recording: Recording, processing: Processing, period: float) -> FloatA
     samples = round(period / recording.period)
     if count < 2 or samples < 2:
         text = (
-            f"a period of {period:g} s occurs {count} times in the {span:g} s of this log that are kept; "
-            "noise shows from two periods on"
+            f"fewer than two periods of {period:g} s fit into the {span:.3g} s of this log that are kept; "
+            "record at least two, or correct the period"
         )
         raise UsageError(Notice(code="usage.period", text=text, file=recording.source))
     grid = time[0] + period * (np.arange(count)[:, None] + np.arange(samples) / samples)
-    columns = [np.interp(grid, time, column) for column in torque.T]
-    return np.stack(columns, axis=2)
-
-
-def _check_noise(recordings: Sequence[Recording], covariance: FloatArray) -> None:
-    torque = np.vstack([recording.torque for recording in recordings])
-    share = np.sqrt(np.diag(covariance)) / np.maximum(torque.std(axis=0), np.finfo(float).tiny)
-    if np.any(share > _LOUD):
-        worst = int(np.argmax(share))
-        percent = 100.0 * float(share[worst])
-        text = (
-            f"the torque of joint {worst + 1} differs between periods by {percent:.3g} % of its deviation; "
-            "it does not repeat with this period; check the period, or cut off the start"
-        )
-        raise UsageError(Notice(code="usage.period", text=text, file=recordings[0].source))
+    return np.stack([np.interp(grid, time, column) for column in torque.T], axis=2)

@@ -6,6 +6,7 @@ if TYPE_CHECKING:
     from symid.identification.friction.estimate import (
         FrictionEstimate as FrictionEstimate,
         compute_cramer_rao as compute_cramer_rao,
+        compute_law_sensitivities as compute_law_sensitivities,
         compute_sensitivities as compute_sensitivities,
     )
     from symid.identification.friction.estimators import (
@@ -49,9 +50,7 @@ if TYPE_CHECKING:
         LawSelection as LawSelection,
         compute_relative_residual as compute_relative_residual,
     )
-    from symid.identification.friction.validation import (
-        validate_friction as validate_friction,
-    )
+    from symid.identification.friction.validation import validate_friction as validate_friction
 else:
     from symid.lazy import load_names
 

@@ -4,8 +4,8 @@ FrictionProblem -> FrictionSearch.
 
     nlp        min_x J(x), lower <= x <= upper, over the physical parameters x, so that fS >= 0, fC >= 0 hold
                f(x) = |y - Q R t(x)|^2 / scale, t(x) = sum_k c_k(x) Phi_k(v; s(x)), (c, s) = mixing^-1 x
-               with exact first and second derivatives by CasADi, sample by sample; starts fill the box of
-               the shape evenly (Roberts' generalised golden ratio), linear parameters by least squares
+               with exact first and second derivatives by CasADi; starts fill the box of the shape evenly
+               (Roberts' generalised golden ratio), linear parameters by least squares
     genetic    tournament of two -> crossover of all parents -> the best of parents and children survive; the
                crossover mixes the deviations of the whole population, so that children follow a valley.
                Our own design: Zhang, Hu and Zou (2021) do not say how theirs works
@@ -19,8 +19,7 @@ A candidate of the last three is (linear, shape) mapped onto the unit box, posit
 logarithm.
 
 Supported: every static law; fixed shape values; the same state of the generator gives the same result.
-Not supported: optima in a kink to full precision and a proof of the optimum (`variable_projection` needs
-a hundredth of the evaluations).
+Not supported: optima in a kink to full precision, proof of the optimum.
 """
 
 from typing import Any
@@ -32,7 +31,6 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.identification.friction.estimate import FrictionSearch
 from symid.identification.friction.problem import (
-    AnnealingOptions,
     EvolutionOptions,
     FrictionNlpOptions,
     FrictionProblem,
@@ -47,27 +45,26 @@ class FrictionNlpCost:
     """f, its gradient and Hessian, and how many points were evaluated."""
 
     def __init__(self, problem: FrictionProblem, scale: float) -> None:
-        """Build the derivatives of the law; f is J over `scale`."""
         self.problem, self.scale, self.evaluations = problem, scale, 0
         self.function = _build_function(problem.law)
         self.inputs = np.vstack([problem.samples.inputs[name] for name in problem.law.inputs])
         self.size = len(problem.law.physical)
         self.upper = np.triu_indices(self.size)
-        self.find_state = keep_last(self._compute_state)
+        self.compute_state = keep_last(self._compute_state)
 
-    def find_value(self, x: FloatArray) -> float:
+    def compute_value(self, x: FloatArray) -> float:
         """Return f at x (n,)."""
-        errors = self.find_state(x)[0]
+        errors = self.compute_state(x)[0]
         return float(errors @ errors) / self.scale
 
-    def find_gradient(self, x: FloatArray) -> FloatArray:
+    def compute_gradient(self, x: FloatArray) -> FloatArray:
         """Return df/dx: (n,)."""
-        errors, slopes, _ = self.find_state(x)
+        errors, slopes, _ = self.compute_state(x)
         return np.asarray(slopes.T @ errors * (2.0 / self.scale))
 
-    def find_hessian(self, x: FloatArray) -> FloatArray:
+    def compute_hessian(self, x: FloatArray) -> FloatArray:
         """Return d2f/dx2: (n, n)."""
-        _, slopes, bends = self.find_state(x)
+        _, slopes, bends = self.compute_state(x)
         hessian = slopes.T @ slopes
         second = np.zeros_like(hessian)
         second[self.upper] = bends
@@ -102,41 +99,33 @@ def _build_function(law: FrictionLaw) -> Any:  # noqa: ANN401  # a function of c
     return casadi.Function("torque", [x, inputs], [torque, gradient, casadi.vertcat(*places)])
 
 
-_TRIED = 8
-"""Starts looked at for each that is followed."""
-
-
 def search_by_nlp(problem: FrictionProblem, options: FrictionNlpOptions) -> FrictionSearch:
-    """Return the least of the optima that the starts lead to.
-
-    Args:
-        problem: of one joint.
-        options: starts, tolerance, limit of iterations.
-    """
+    """Return the least of the optima from several starts."""
     law, projector = problem.law, Projector(problem, np.iinfo(np.int64).max)
-    names = [entry.name for entry in law.shape]
     # Bounds of the shape are those of the search.
-    box = dict(zip(names, zip(problem.low, problem.high, strict=True), strict=True))
+    edges = zip(law.shape, problem.low, problem.high, strict=True)
+    box = {entry.name: (least, most) for entry, least, most in edges}
     low, high = np.array([box.get(entry.name, (entry.lower, entry.upper)) for entry in law.physical]).T
-    states = sorted(
-        (projector.project(z) for z in _list_starts(problem, _TRIED * options.starts)),
-        key=lambda state: state.objective,
-    )
-    cost = FrictionNlpCost(
-        problem, max(states[0].objective, 1e-20 * float(problem.target @ problem.target), 1e-300)
-    )
+    states = [projector.project(z) for z in _list_starts(problem, 8 * options.starts)]
+    states.sort(key=lambda state: state.objective)
+    scale = max(states[0].objective, 1e-20 * float(problem.target @ problem.target), 1e-300)
+    cost = FrictionNlpCost(problem, scale)
     smooth = SmoothProblem(
-        value=cost.find_value, gradient=cost.find_gradient, hessian=cost.find_hessian, lower=low, upper=high
+        value=cost.compute_value,
+        gradient=cost.compute_gradient,
+        hessian=cost.compute_hessian,
+        lower=low,
+        upper=high,
     )
     settings = IpoptOptions(tolerance=options.tolerance, iterations=options.iterations)
     history, runs, objectives = [states[0].objective], [], []
     for state in states[: options.starts]:
         start = np.clip(law.to_physical(list(state.linear), list(state.shape)), low, high)
         # One unit of a scaled unknown changes the objective by about one.
-        bend = np.abs(np.diag(cost.find_hessian(start)))
+        bend = np.abs(np.diag(cost.compute_hessian(start)))
         scales = np.where(bend > 0.0, 1.0 / np.sqrt(np.where(bend > 0.0, bend, 1.0)), 1.0)
         runs.append(minimise(smooth, start, settings, scales))
-        objectives.append(cost.find_value(runs[-1].x) * cost.scale)
+        objectives.append(cost.compute_value(runs[-1].x) * cost.scale)
         history.append(min(history[-1], objectives[-1]) if runs[-1].outcome.usable else history[-1])
     usable = [place for place, run in enumerate(runs) if run.outcome.usable]
     place = min(usable or range(len(runs)), key=lambda place: objectives[place])
@@ -178,21 +167,16 @@ def _list_starts(problem: FrictionProblem, count: int) -> list[FloatArray]:
 
 
 class UnitBoxProblem:
-    """Candidates of a problem and their objective, counted."""
+    """Candidates of a problem, mapped onto the unit box of dimension `size`, and their objective, counted."""
 
     def __init__(self, problem: FrictionProblem) -> None:
-        """Keep the problem and its box."""
         self.problem, self.evaluations = problem, 0
         self.free = np.flatnonzero(problem.is_free)
         low, high = problem.encode(problem.low), problem.encode(problem.high)
         self.fixed = low
         self.low = np.concatenate([problem.lower, low[self.free]])
         self.high = np.concatenate([problem.upper, high[self.free]])
-
-    @property
-    def size(self) -> int:
-        """Return d, the number of coordinates."""
-        return len(self.low)
+        self.size = len(self.low)
 
     def express(self, genes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return linear (P, p) and shape (P, s) of genes (P, d)."""
@@ -202,10 +186,37 @@ class UnitBoxProblem:
         z[:, self.free] = values[:, count:]
         return values[:, :count], self.problem.decode(z)
 
-    def find_objectives(self, genes: FloatArray) -> FloatArray:
+    def compute_objectives(self, genes: FloatArray) -> FloatArray:
         """Return J (P,) of genes (P, d)."""
         self.evaluations += len(genes)
-        return self.problem.find_objectives(*self.express(genes))
+        return self.problem.compute_objectives(*self.express(genes))
+
+    def build_search(
+        self,
+        options: GeneticOptions | EvolutionOptions,
+        history: list[float],
+        genes: FloatArray,
+        objective: float,
+        *,
+        iterations: int,
+        converged: bool,
+        settings: tuple[tuple[str, float | int | str], ...],
+    ) -> FrictionSearch:
+        """Return the end of a search with the best candidate, genes (d,)."""
+        linear, shape = self.express(genes[None, :])
+        spread = f"the relative spread of the candidates' objectives fell below {options.tolerance:g}"
+        return FrictionSearch(
+            linear=linear[0],
+            shape=shape[0],
+            objective=objective,
+            evaluations=self.evaluations,
+            solves=0,
+            iterations=iterations,
+            history=tuple(history),
+            outcome=Ending.STAGNATED if converged else Ending.LIMIT,
+            ended=spread if converged else f"{options.generations} generations passed",
+            settings=settings,
+        )
 
 
 def compute_spread(objectives: FloatArray) -> float:
@@ -215,16 +226,10 @@ def compute_spread(objectives: FloatArray) -> float:
 
 
 def draw_children(genes: FloatArray, parents: FloatArray, width: float, generator: Generator) -> FloatArray:
-    """Return a child of each parent by a crossover of all: (P, d), mirrored at the box's faces.
+    """Return a child of each parent (P, d) by a crossover of all genes x (P, d), mirrored at the box's faces.
 
     child = parent + width / sqrt(P) sum_k w_k (x_k - mean), w_k standard normal: the steps have the
     population's own covariance, so that valleys in any direction are followed.
-
-    Args:
-        genes: the population x (P, d).
-        parents: (P, d).
-        width: of the steps in deviations of the population.
-        generator: of the weights.
     """
     count = len(genes)
     weights = generator.standard_normal((len(parents), count)) * (width / np.sqrt(count))
@@ -250,30 +255,22 @@ def choose_survivors(
 
 
 def search_by_population(
-    problem: FrictionProblem,
-    options: GeneticOptions | AnnealingOptions,
-    generator: Generator,
+    problem: FrictionProblem, options: GeneticOptions, generator: Generator
 ) -> FrictionSearch:
-    """Return the best candidate of the last generation.
-
-    Args:
-        problem: of one joint.
-        options: of the genetic algorithm, or of its hybrid with annealing, which visits neighbours as well.
-        generator: of all random numbers.
-    """
-    genome = UnitBoxProblem(problem)
-    genes = generator.random((options.population * genome.size, genome.size))
-    objectives = genome.find_objectives(genes)
+    """Return the best candidate of the genetic algorithm, or of its hybrid with annealing."""
+    box = UnitBoxProblem(problem)
+    genes = generator.random((options.population * box.size, box.size))
+    objectives = box.compute_objectives(genes)
     history = [float(np.min(objectives))]
     temperature = float(np.max(objectives)) - history[0]
-    settled = False
-    while not settled and len(history) <= options.generations:
+    converged = False
+    while not converged and len(history) <= options.generations:
         parents = genes[draw_winners(objectives, generator)]
         children = draw_children(genes, parents, options.width, generator)
-        genes, objectives = choose_survivors(genes, objectives, children, genome.find_objectives(children))
-        if isinstance(options, AnnealingOptions):
+        genes, objectives = choose_survivors(genes, objectives, children, box.compute_objectives(children))
+        if options.step > 0.0:
             neighbours = draw_children(genes, genes, options.step, generator)
-            reached = genome.find_objectives(neighbours)
+            reached = box.compute_objectives(neighbours)
             rise = reached - objectives
             chance = np.exp(-np.maximum(rise, 0.0) / max(temperature, 1e-300))
             accepted = generator.random(len(genes)) < chance
@@ -283,73 +280,38 @@ def search_by_population(
             objectives = np.where(accepted, reached, objectives)
             temperature *= options.cooling
         history.append(float(np.min(objectives)))
-        settled = compute_spread(objectives) <= options.tolerance
+        converged = compute_spread(objectives) <= options.tolerance
     best = int(np.argmin(objectives))
-    cooling = (("cooling", options.cooling),) if isinstance(options, AnnealingOptions) else ()
-    difference = f"worst and best candidate differ by less than {options.tolerance:g} of the objective"
-    return _build_search(
-        genome,
+    cooling = (("cooling", options.cooling),) if options.step > 0.0 else ()
+    return box.build_search(
+        options,
+        history,
         genes[best],
         float(objectives[best]),
-        history=history,
         iterations=len(history) - 1,
-        settled=settled,
-        ended=difference if settled else f"{options.generations} generations passed",
+        converged=converged,
         settings=(("population", len(genes)), ("width", options.width), *cooling),
-    )
-
-
-def _build_search(
-    genome: UnitBoxProblem,
-    genes: FloatArray,
-    objective: float,
-    *,
-    history: list[float],
-    iterations: int,
-    settled: bool,
-    ended: str,
-    settings: tuple[tuple[str, float | int | str], ...],
-) -> FrictionSearch:
-    """Return the end of a search with the best candidate, genes (d,)."""
-    linear, shape = genome.express(genes[None, :])
-    return FrictionSearch(
-        linear=linear[0],
-        shape=shape[0],
-        objective=objective,
-        evaluations=genome.evaluations,
-        solves=0,
-        iterations=iterations,
-        history=tuple(history),
-        outcome=Ending.STAGNATED if settled else Ending.LIMIT,
-        ended=ended,
-        settings=settings,
     )
 
 
 def search_by_evolution(
     problem: FrictionProblem, options: EvolutionOptions, generator: np.random.Generator
 ) -> FrictionSearch:
-    """Return what differential evolution finds.
-
-    Args:
-        problem: of one joint.
-        options: candidates per unknown, generations, spread at the end.
-        generator: of all random numbers.
-    """
+    """Return the best candidate of differential evolution."""
     from scipy.optimize import differential_evolution
 
-    genome = UnitBoxProblem(problem)
+    box = UnitBoxProblem(problem)
     history: list[float] = []
 
-    def find_objectives(genes: FloatArray) -> FloatArray:
-        objectives = genome.find_objectives(np.atleast_2d(genes.T))
+    def compute_objectives(genes: FloatArray) -> FloatArray:
+        objectives = box.compute_objectives(np.atleast_2d(genes.T))
         least = float(np.min(objectives))
         history.append(min(history[-1], least) if history else least)
         return objectives
 
     answer = differential_evolution(
-        find_objectives,
-        [(0.0, 1.0)] * genome.size,
+        compute_objectives,
+        [(0.0, 1.0)] * box.size,
         maxiter=options.generations,
         popsize=options.population,
         tol=options.tolerance,
@@ -360,15 +322,12 @@ def search_by_evolution(
         vectorized=True,
         updating="deferred",
     )
-    settled = bool(answer.success)
-    difference = f"the candidates' objectives differ by less than {options.tolerance:g} of their mean"
-    return _build_search(
-        genome,
+    return box.build_search(
+        options,
+        history,
         answer.x,
         float(answer.fun),
-        history=history,
         iterations=int(answer.nit),
-        settled=settled,
-        ended=difference if settled else f"{options.generations} generations passed",
-        settings=(("population", options.population * genome.size), ("strategy", options.strategy)),
+        converged=bool(answer.success),
+        settings=(("population", options.population * box.size), ("strategy", options.strategy)),
     )

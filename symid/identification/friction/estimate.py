@@ -1,17 +1,15 @@
-"""What a fit of a friction law says: how the search ended, parameters, and how uncertain they are.
+"""The result of a fit of a friction law: parameters, their uncertainty, how the search ended.
 
     F = R [Phi(v; s), dPhi/ds c, X],   cov = sigma^2 (F'F)^+,   sigma^2 = J / (M - p - s - k)
     physical = mixing (c, s)
     AICc = M ln(J / M) + 2 k + 2 k (k + 1) / (M - k - 1)      Hurvich and Tsai, Biometrika 76 (1989) 297-307
     BIC  = M ln(J / M) + k ln M                               Schwarz, Ann. Statist. 6 (1978) 461-464
 
-For white noise of known sigma the same matrix is the Cramer-Rao bound. A direction in which F has no
-length cannot be identified, and a parameter with a part in it has no deviation. In the criteria M is the
-number of rows, k that of the unknowns with the variance of the noise as one of them; a common constant is
-left out.
+For white noise of known sigma the same matrix is the Cramer-Rao bound. In the criteria M is the number of
+rows, k that of the unknowns with the variance of the noise as one of them; a common constant is left out.
 
-Supported: one joint, one law; fixed shape values, dependent columns; deterministic and stochastic
-searches.
+Supported: one joint, one law; fixed shape values, dependent columns (a parameter with a part in the null
+space of F has no deviation).
 Not supported: noise that is correlated behind R (see `poses`); time spent, so that equal fits are equal
 files.
 """
@@ -31,14 +29,14 @@ from symid.joint_models import FrictionLaw, compute_column_derivatives, compute_
 
 
 class NamedParameters:
-    """Base of results: parameters of a law, and of what stands beside it, by name."""
+    """Base of results: parameters of a law and of further columns, by name."""
 
     __slots__ = ()
     parameters: tuple[ParameterEstimate, ...]
     extra: tuple[ParameterEstimate, ...]
 
     def get_value(self, name: str) -> float | None:
-        """Return the value of a parameter of the law or beside it; None where it has none."""
+        """Return the value of a parameter; None where it has none."""
         return {entry.name: entry.value for entry in (*self.parameters, *self.extra)}.get(name)
 
     def get_std(self, name: str) -> float | None:
@@ -51,25 +49,22 @@ class FrictionEstimate(NamedParameters):
     """The result of a fit.
 
     Args:
-        joint: its name.
-        law: name of the law.
-        estimator: how it was fitted; `settings` its options, and what the search tells of itself.
+        joint, law, estimator: their names; `settings` the options and counts of the search.
         parameters: as papers print them, in the order of the law's `physical`, without those refused;
-            `reason` of an entry says that it stands at a bound.
-        extra: what multiplies the columns beside friction, without those refused.
-        refused: parameters that these samples cannot tell, with the reason.
+            `reason` of an entry: that it is at a bound.
+        extra: factors of the columns beside friction, without those refused.
+        refused: parameters that cannot be identified from these samples, with the reason.
         linear: (p,) of the law; shape: (s,) its nonlinear unknowns; other: (k,) of all columns beside
             friction. They predict torques of motions like those fitted; the entry of a refused parameter
             means nothing by itself.
-        covariance: of (linear, shape, other), row by row; directions that cannot be told have none.
-        objective: J, (N m)^2 or N^2.
-        sigma: standard deviation of the residual, N m or N.
+        covariance: of (linear, shape, other), row by row; zero in directions that are not identifiable.
+        objective: J, (N m)^2 or N^2; sigma: standard deviation of the residual, N m or N.
         samples: M, rows of the fit.
-        evaluations: how often J was found; solves: linear problems solved; iterations: or generations.
+        evaluations: of J; solves: linear problems solved; iterations: or generations.
         outcome: how it ended; `ended` the stop rule in words.
         aicc, bic: information criteria; condition: of the column-scaled Jacobian.
         history: the least objective after each iteration or generation.
-        notices: what a reader should know.
+        notices: warnings.
     """
 
     joint: str
@@ -103,11 +98,7 @@ class FrictionSearch(FrozenArrays):
     """The end of a search.
 
     Args:
-        linear: (p,) and shape: (s,) found; objective: J there.
-        evaluations: how often J was found; solves: linear problems solved; iterations: or generations.
-        history: the least J after each of them.
-        outcome: how it ended; `ended` the stop rule that held, in words.
-        settings: what the search tells of itself.
+        linear: (p,) and shape: (s,) found; the rest as in `FrictionEstimate`.
     """
 
     linear: FloatArray
@@ -125,11 +116,7 @@ class FrictionSearch(FrozenArrays):
 def compute_criteria(objective: float, rows: int, unknowns: int, floor: float = 0.0) -> tuple[float, float]:
     """Return AICc, infinite where there are too few rows, and BIC.
 
-    Args:
-        objective: J, (N m)^2 or N^2.
-        rows: M.
-        unknowns: that were fitted, without the variance.
-        floor: the least J that is more than rounding.
+    `objective` is J, `rows` M, `unknowns` what was fitted without the variance, `floor` the rounding of J.
     """
     count = unknowns + 1
     likelihood = rows * math.log(max(objective, floor, 1e-300) / rows)
@@ -138,21 +125,15 @@ def compute_criteria(objective: float, rows: int, unknowns: int, floor: float = 
     return aicc, likelihood + count * math.log(rows)
 
 
-_DEPENDENT = 1e-9
-_PART = 1e-6
-_VANISHED = 1e-30
-"""Length over the longest column's below which a column is none."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Uncertainty(FrozenArrays):
     """Of all unknowns in the order linear, shape, other, and of the physical parameters.
 
     Args:
-        covariance: (n, n); zero in directions that cannot be told.
-        physical: (p + s,) standard deviations, infinite where a parameter cannot be told, zero where fixed.
-        other: (k,) the same of what multiplies the columns beside friction.
-        rank: directions that can be told; condition: of the column-scaled F over these.
+        covariance: (n, n); zero in directions that are not identifiable.
+        physical: (p + s,) standard deviations, infinite where not identifiable, zero where fixed.
+        other: (k,) the same of the columns beside friction.
+        rank: of the column-scaled F; condition: over its range.
     """
 
     covariance: FloatArray
@@ -189,68 +170,50 @@ def compute_law_sensitivities(
 def compute_uncertainty(
     design: FloatArray, law: FrictionLaw, variance: float, fixed: Sequence[bool]
 ) -> Uncertainty:
-    """Return what F tells.
+    """Return the uncertainty that F (M, n) gives.
 
-    Args:
-        design: F (M, n).
-        law: whose physical parameters are meant.
-        variance: of the noise, (N m)^2 or N^2.
-        fixed: which shape values are not searched (s,).
+    `variance` is that of the noise, (N m)^2 or N^2; `fixed` (s,) are the shape values that are not searched.
     """
     count, edges = len(law.linear), len(law.linear) + len(law.shape)
     free = np.ones(design.shape[1], dtype=bool)
     free[count:edges] = ~np.asarray(fixed, dtype=bool)
     lengths = np.linalg.norm(design, axis=0)
-    gone = lengths <= _VANISHED * max(float(np.max(lengths)), 1e-300)
+    gone = lengths <= 1e-30 * max(float(np.max(lengths)), 1e-300)
     lengths[gone] = 1.0
     scaled = (np.where(gone, 0.0, design) / lengths)[:, free]
     _, singular, right = np.linalg.svd(np.linalg.qr(scaled, mode="r"))
-    rank = int(np.sum(singular > _DEPENDENT * max(float(singular[0]), 1e-300)))
-    root = np.zeros((design.shape[1], rank))
-    root[free] = right[:rank].T / singular[:rank]
-    blind = np.zeros((design.shape[1], int(free.sum()) - rank))
-    blind[free] = right[rank:].T
-    root, blind = root / lengths[:, None], blind / lengths[:, None]
+    rank = int(np.sum(singular > 1e-9 * max(float(singular[0]), 1e-300)))
+    directions = np.zeros((design.shape[1], int(free.sum())))
+    directions[free] = right.T
+    directions /= lengths[:, None]
+    root, null = directions[:, :rank] / singular[:rank], directions[:, rank:]
+    mixing = np.eye(design.shape[1])
+    mixing[:edges, :edges] = np.array(law.mixing, dtype=np.float64)
     covariance = variance * (root @ root.T)
-    mixing = np.zeros((edges, design.shape[1]))
-    mixing[:, :edges] = np.array(law.mixing, dtype=np.float64)
+    variances = np.einsum("ij,jk,ik->i", mixing, covariance, mixing)
+    sizes = np.maximum(np.linalg.norm(mixing / lengths, axis=1), 1e-300)
+    lost = np.linalg.norm(mixing @ null, axis=1) > 1e-6 * sizes
+    deviations = np.where(lost, np.inf, np.sqrt(np.maximum(variances, 0.0)))
     return Uncertainty(
         covariance=covariance,
-        physical=_compute_deviations(mixing, covariance, blind, lengths),
-        other=_compute_deviations(np.eye(design.shape[1])[edges:], covariance, blind, lengths),
+        physical=deviations[:edges],
+        other=deviations[edges:],
         rank=rank,
         condition=float(singular[0] / singular[rank - 1]) if rank else np.inf,
     )
 
 
-def _compute_deviations(
-    rows: FloatArray, covariance: FloatArray, blind: FloatArray, lengths: FloatArray
-) -> FloatArray:
-    """Return sqrt(g cov g') for each row g; infinite where g has a part in a blind direction."""
-    variances = np.einsum("ij,jk,ik->i", rows, covariance, rows)
-    sizes = np.linalg.norm(rows / lengths, axis=1)
-    parts = np.linalg.norm(rows @ blind, axis=1)
-    deviations = np.sqrt(np.maximum(variances, 0.0))
-    return np.where(parts > _PART * np.maximum(sizes, 1e-300), np.inf, deviations)
-
-
 def compute_cramer_rao(
-    samples: FrictionSamples,
-    law: FrictionLaw,
-    physical: Sequence[float],
-    noise: float,
-    fixed: Sequence[str] = (),
+    samples: FrictionSamples, law: FrictionLaw, physical: Sequence[float], noise: float
 ) -> FloatArray:
     """Return the least standard deviations (p + s,) that any unbiased estimator can have.
 
     Args:
-        samples: whose motion is meant; their torque is not read.
-        law: that holds.
-        physical: the true parameters, in the order of the law's.
+        samples: their motion; their torque is not read.
+        law: the true law.
+        physical: its true parameters, in its order.
         noise: standard deviation of the torque behind R, N m or N.
-        fixed: names of shape values that are known.
     """
     linear, shape = law.from_physical(physical)
     design = compute_sensitivities(samples, law, linear, shape)
-    known = [entry.name in fixed for entry in law.shape]
-    return compute_uncertainty(design, law, noise**2, known).physical
+    return compute_uncertainty(design, law, noise**2, [False] * len(shape)).physical

@@ -1,6 +1,6 @@
 """Identification of friction: recordings to a law and its parameters for every joint that moves.
 
-Functions of a robot, recordings, processing, FrictionTask -> FrictionIdentification.
+Library, recordings, processing, FrictionTask -> FrictionIdentification.
 
     Recording -> JointLogs -> FrictionSamples -> law (named, or chosen) -> FrictionEstimate -> pose test
 
@@ -40,27 +40,21 @@ from symid.robot import Processing
 from symid.serialization import write_json
 
 AUTO = "auto"
-"""The name under which a law is chosen on what was held back."""
+"""The name under which a law is chosen on held-out data."""
 _NOT_PERIODIC = "log.not-periodic"
-_SURE = 2.0
-"""Standard deviations below zero from which an inertia is surely negative."""
-_MUCH = 30.0
-"""Percent of the torque unexplained from which the log itself is in doubt."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionTask:
-    """What is asked for.
+    """What to identify, and how.
 
     Args:
-        model: name of a law, or `AUTO`; candidates: laws among which is chosen then.
-        estimator: of the final fit, one of `estimators.ESTIMATORS`.
-        options: of the estimators.
+        model: name of a law, or `AUTO`; candidates: laws to choose from then.
+        estimator: of the final fit, one of `estimators.ESTIMATORS`; options: of the estimators.
         beta: (p,) base parameters that are known, in the order of the model card; None to fit the rigid part.
         smoothing: speed v0 in rad/s or m/s over which all laws change their sign, 0 for a jump.
-        periods: of cosine motions in s, one for all logs or one for each, to average over them; empty to
-            leave logs as they are.
-        poses: whether poses are compared where there are several.
+        periods: s, of cosine motions to average over, one for all logs or one for each; empty for none.
+        poses: whether to compare poses where there are several.
     """
 
     model: str = AUTO
@@ -87,13 +81,13 @@ def identify_friction(
         library: the robot's functions.
         recordings: at least one, all of the same robot.
         processing: filter, cut ends and decimation, the same for all of them.
-        task: what is asked for.
+        task: the law, estimator and options.
         echo: further settings to keep with the result.
 
     Raises:
         UsageError: no such law or estimator, or no recording; a smoothing that the law has no use for.
         LogError: a recording does not fit the robot, cannot be processed, or has another period.
-        IdentifiabilityError: nothing can be learnt of any joint.
+        IdentifiabilityError: no parameter of any joint is identifiable.
         SolverError: a search ended without usable numbers.
     """
     task = task or FrictionTask()
@@ -102,8 +96,7 @@ def identify_friction(
     if task.periods:
         recordings, processing, notices = _fold(recordings, processing, task.periods)
     logs = prepare_joint_logs(library, recordings, processing)
-    joints: list[JointFriction] = []
-    refused: list[tuple[str, str]] = []
+    joints, refused = list[JointFriction](), list[tuple[str, str]]()
     for joint, card in enumerate(library.card.joints):
         try:
             extracted = extract_joint(library, logs, joint, beta=task.beta)
@@ -112,20 +105,24 @@ def identify_friction(
             refused.append((card.name, "; ".join(entry.text for entry in error.notices)))
             continue
         joints.append(found)
+        skipped = found.poses.skipped if found.poses else ()
         notices += tuple(
-            Notice(
-                code="friction.pose-skipped", text=f"{held}: left out of the comparison of poses: {reason}"
-            )
-            for held, reason in (found.poses.skipped if found.poses else ())
+            Notice(code="friction.pose-skipped", text=f"{held}: not in the comparison of poses: {reason}")
+            for held, reason in skipped
         )
         notices += extracted.notices
         notices += tuple(
             replace(entry, text=f"joint {card.name!r}: {entry.text}") for entry in found.estimate.notices
         )
-    _check_identified(joints, refused, [entry for entry in notices if entry.code == _NOT_PERIODIC])
-    notices += tuple(
-        Notice(code="friction.joint-refused", text=f"no friction law: {reason}") for _, reason in refused
-    )
+    if not any(entry.estimate.parameters for entry in joints):
+        reasons = [reason for _, reason in refused]
+        for entry in joints:
+            listed = "; ".join(f"{name}: {reason}" for name, reason in entry.estimate.refused)
+            reasons.append(f"joint {entry.joint!r}, law {entry.estimate.law}: {listed}")
+        periods = (notice for notice in notices if notice.code == _NOT_PERIODIC)
+        raise IdentifiabilityError(*(Notice(code="friction.nothing", text=one) for one in reasons), *periods)
+    lost = (f"no friction law: {reason}" for _, reason in refused)
+    notices += tuple(Notice(code="friction.joint-refused", text=text) for text in lost)
     settings = {
         **(echo or {}),
         "processing": logs.processing,
@@ -160,8 +157,8 @@ def _check_task(task: FrictionTask, recordings: Sequence[Recording]) -> None:
         raise UsageError(Notice(code="usage.friction-smoothing", text=f"{unused[0].text}; leave it out"))
     if len(task.periods) not in {0, 1, len(recordings)}:
         text = (
-            f"{len(task.periods)} periods were given for {len(recordings)} logs: give one for all of them, "
-            "or one for each in their order"
+            f"{len(task.periods)} periods for {len(recordings)} logs: give one for all of them, or one for "
+            "each in their order"
         )
         raise UsageError(Notice(code="usage.friction-periods", text=text))
     check_estimator(task.estimator)
@@ -170,7 +167,7 @@ def _check_task(task: FrictionTask, recordings: Sequence[Recording]) -> None:
 def _fold(
     recordings: Sequence[Recording], processing: Processing, periods: Sequence[float]
 ) -> tuple[tuple[Recording, ...], Processing, tuple[Notice, ...]]:
-    """Return mean periods, continued on both sides, and the processing that cuts off what continues them."""
+    """Return mean periods, repeated on both sides, and the processing that cuts these ends off."""
     cut = [cut_ends(entry, processing.drop_first, processing.drop_last) for entry in recordings]
     each = periods if len(periods) == len(cut) else [periods[0]] * len(cut)
     margin = max(round(period / entry.period) for entry, period in zip(cut, each, strict=True))
@@ -189,13 +186,9 @@ def _identify_joint(
     selection: LawSelection | None = None
     name = task.model
     if name == AUTO:
-        selection = select_law(
-            samples,
-            task.candidates,
-            smoothing=task.smoothing,
-            # Bounds by name hold for one law.
-            options=replace(task.options, bounds=()),
-        )
+        # Bounds by name hold for one law.
+        options = replace(task.options, bounds=())
+        selection = select_law(samples, task.candidates, smoothing=task.smoothing, options=options)
         name = selection.chosen
     law = get_law(name, smoothing=task.smoothing)
     check_inputs(samples, law)
@@ -204,16 +197,15 @@ def _identify_joint(
     left = torque - predict_rows(samples, law, estimate)
     residual = Residual.measure(samples.joint, left, torque, card.torque_unit, estimate.sigma)
     warnings = [*warn_of_friction_pattern(samples, law, estimate), *warn_of_inertia(estimate)]
-    if residual.relative_percent > _MUCH:
+    if residual.relative_percent > 30.0:
         text = (
-            f"law and rigid part leave {residual.relative_percent:.3g} % of the torque unexplained: check "
-            "units (radians, not degrees; torque of the joint, not of the motor), columns and signs of the "
-            "log, and whether torque and position were taken at the same times"
+            f"the residual is {residual.relative_percent:.3g} % of the torque. Check units (radians, not "
+            "degrees; torque of the joint, not of the motor), columns and signs of the log, and whether "
+            "torque and position were sampled at the same times"
         )
         warnings.append(Notice(code="friction.unexplained", text=text))
     warnings += _warn_of_smoothing(law)
     estimate = replace(estimate, notices=(*estimate.notices, *warnings))
-    runs = logs.find_moving(joint)
     return JointFriction(
         estimate=estimate,
         formula=law.formula,
@@ -225,27 +217,23 @@ def _identify_joint(
         selection=selection,
         poses=compare_poses(library, logs, joint, law, beta=task.beta) if task.poses else None,
         velocity_map=compute_velocity_map(samples, estimate.other),
-        sources=tuple(logs.sources[run] for run in runs),
+        sources=tuple(logs.sources[run] for run in logs.list_moving(joint)),
     )
 
 
 def check_inputs(samples: FrictionSamples, law: FrictionLaw) -> None:
-    """Refuse a law of the load where no load shows.
-
-    Raises:
-        IdentifiabilityError: the law reads what these logs do not tell.
-    """
+    """Raise IdentifiabilityError for a law of the load where no load is known."""
     if "load" in law.inputs and samples.load is None:
         text = (
-            f"joint {samples.joint!r}: law {law.name!r} reads the load, and none shows: links and payload "
-            "take too little of this joint's torque; move it against gravity or with more acceleration, give "
-            "base parameters with --known, or name a law without load"
+            f"joint {samples.joint!r}: law {law.name!r} needs the load, but links and payload take too "
+            "little of this joint's torque. Move it against gravity or accelerate more, give base "
+            "parameters with --known, or name a law without load"
         )
         raise IdentifiabilityError(Notice(code="friction.no-load", text=text))
 
 
 def _warn_of_smoothing(law: FrictionLaw) -> tuple[Notice, ...]:
-    """Return a notice where a smoothed sign is asked of a law that has none."""
+    """Return a warning where smoothing has no effect on a law."""
     if not law.smoothing:
         return ()
     near = np.array([-2.0, -0.5, 0.5, 2.0]) * law.smoothing
@@ -254,38 +242,20 @@ def _warn_of_smoothing(law: FrictionLaw) -> tuple[Notice, ...]:
     smooth, sharp = (compute_columns(entry, inputs, shape) for entry in (law, get_law(law.name)))
     if not np.array_equal(smooth, sharp):
         return ()
-    text = f"--smoothing changes nothing of law {law.name!r}, which has no sign that jumps"
+    text = f"--smoothing has no effect on law {law.name!r}, which is continuous at zero speed"
     return (Notice(code="friction.smoothing-unused", text=text),)
 
 
 def warn_of_inertia(estimate: FrictionEstimate) -> tuple[Notice, ...]:
-    """Return a notice where the rigid part has an inertia or a mass below zero."""
+    """Return a warning where the rigid part has a negative inertia or mass."""
     found = next((entry for entry in estimate.extra if entry.name == "J" and entry.value < 0.0), None)
     if found is None:
         return ()
-    size = f"J = {found.value:.4g} +- {found.std:.2g} {found.unit} is negative, which no inertia is"
-    sure = found.value < -_SURE * found.std
-    reason = (
-        "the torque may have the wrong sign or a unit be wrong, or the law leaves to J what it misses; check "
-        "the log's columns (log.torque) and scales"
-        if sure
-        else "within its uncertainty it is zero: the motion accelerates too little to show it"
-    )
-    return (Notice(code="friction.negative-inertia", text=f"{size}: {reason}"),)
-
-
-def _check_identified(
-    joints: Sequence[JointFriction], refused: Sequence[tuple[str, str]], doubts: Sequence[Notice]
-) -> None:
-    """Refuse a result without a single number.
-
-    Raises:
-        IdentifiabilityError: no parameter of friction of any joint can be learnt.
-    """
-    if any(entry.estimate.parameters for entry in joints):
-        return
-    reasons = [reason for _, reason in refused]
-    for entry in joints:
-        told = "; ".join(f"{name}: {reason}" for name, reason in entry.estimate.refused)
-        reasons.append(f"joint {entry.joint!r}, law {entry.estimate.law}: {told}")
-    raise IdentifiabilityError(*(Notice(code="friction.nothing", text=text) for text in reasons), *doubts)
+    size = f"J = {found.value:.4g} +- {found.std:.2g} {found.unit} is negative"
+    reason = "within its uncertainty it is zero: the motion accelerates too little to identify it"
+    if found.value < -2.0 * found.std:
+        reason = (
+            "the torque may have the wrong sign or unit, or the friction law is incomplete. Check the log's "
+            "columns (log.torque) and scales"
+        )
+    return (Notice(code="friction.negative-inertia", text=f"{size}; {reason}"),)

@@ -1,25 +1,23 @@
-"""Output error of one axis: mass, friction and other forces that make its simulated motion the measured one.
+"""Output error of one axis: mass, friction and other forces fitted to the measured motion by simulation.
 
     M dv/dt = u - Phi(v, x, u; s) c,    dx/dt = v,    u constant between samples
     min over values of  sum over windows, sum over k > 20 of (x(k; values) - x_measured(k))^2
 
-Each step is the exact solution of the equation linearised at its start, and ends where the velocity
-changes its sign: x and v follow from (exp(z) - 1) / z and its integral, the moment of rest from a
-logarithm. Friction that is linear in the velocity by direction is exact to rounding; other laws to the
-third power of the step. At rest the axis stays as long as the force lies between the friction on its two
-sides. A window is simulated without feedback from a parabola through its first 20 samples. The error of a
-long run has many dips, one for every moment of rest: values fitted in short windows are the start for
-long ones.
+Each step is the exact solution of the equation linearised at its start, and ends where the velocity changes
+its sign: x and v follow from (exp(z) - 1) / z and its integral, the moment of rest from a logarithm.
+Friction that is linear in the velocity by direction is exact to rounding; other laws to the third power of
+the step. At rest the axis stays as long as the force lies between the friction on its two sides. A window
+is simulated without feedback from a parabola through its first 20 samples. The error of a long run has many
+local minima, one for every moment of rest: values fitted in short windows are the start for long ones.
 
-Models are compared on blocks of the run: the errors of one block do not count while a model is fitted to
-the whole run, and then say how well it predicts. Of all models within one standard error of the best, the
-one with the fewest values is taken (Breiman, Friedman, Olshen and Stone 1984).
+Models are compared on blocks of the run, each held out of a fit to the whole run. Of all models within one
+standard error of the best, the one with the fewest values is taken (Breiman, Friedman, Olshen and Stone
+1984).
 
-Supported: every static law, with offset, drift of the offset, a spring, and dry friction that changes
-with the position (`AXIS_TERMS`); derivatives of the steps, moments of rest included; one run, cut into
-windows of any length.
+Supported: every static law, with the terms of `AXIS_TERMS`; exact derivatives of the steps; one run, cut
+into windows of any length.
 Not supported: laws whose slope at standstill is infinite (power law, exponent below one); elastic drives;
-standard deviations, for errors of a simulated position are nothing like independent.
+standard deviations (errors of a simulated position are far from independent).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -34,54 +32,25 @@ from symid.arrays import FloatArray, freeze_fields
 from symid.errors import LogError, Notice, UsageError
 from symid.identification.friction.samples import FrictionSamples, build_reduction
 from symid.identification.regression import solve_scaled
-from symid.joint_models import Carrier, FrictionLaw, LawParameter, build_casadi_carrier, build_numpy_carrier
+from symid.joint_models import Carrier, FrictionLaw, build_casadi_carrier, build_numpy_carrier
 from symid.logs import Recording, differentiate, low_pass, prepare_signals
 from symid.robot import Processing
 
 V = TypeVar("V")
 
 _AT_REST = 1e-12
-"""Speed in m/s or rad/s at which a law tells its friction on either side of rest."""
+"""Speed in m/s or rad/s at which a law gives its friction on either side of rest."""
 _SERIES_FIRST = 1e-4
-_SERIES_SECOND = 2e-2
 
-
-@dataclass(frozen=True, slots=True)
-class AxisTerm:
-    """A force beside the law, linear in one parameter: its column from velocity, position and time."""
-
-    parameter: LawParameter
-    column: Callable[[Carrier[V], Mapping[str, V]], V]
-
-
-def _compute_slope(carrier: Carrier[V], inputs: Mapping[str, V]) -> V:
-    return carrier.mul(carrier.sign(inputs["velocity"]), inputs["position"])
-
-
-def _compute_bend(carrier: Carrier[V], inputs: Mapping[str, V]) -> V:
-    return carrier.mul(_compute_slope(carrier, inputs), inputs["position"])
-
-
-_TERMS: tuple[tuple[str, str, str, str, Callable[[Any, Mapping[str, Any]], Any]], ...] = (
-    ("offset", r"\tau_0", "N m", "constant force", lambda carrier, _: carrier.one),
-    ("drift", r"\dot\tau_0", "N m/s", "change of the offset with time", lambda _, inputs: inputs["time"]),
-    ("spring", "k", "N m/rad", "force in proportion to the position", lambda _, inputs: inputs["position"]),
-    ("slope", "F_{C1}", "N m/rad", "change of dry friction with the position", _compute_slope),
-    ("bend", "F_{C2}", "N m/rad^2", "change of dry friction with the square of the position", _compute_bend),
-)
-AXIS_TERMS = {
-    name: AxisTerm(
-        LawParameter(
-            name=name,
-            latex=latex,
-            unit=unit,
-            unit_prismatic=unit.replace("N m", "N").replace("rad", "m"),
-            meaning=meaning,
-        ),
-        column,
-    )
-    for name, latex, unit, meaning, column in _TERMS
+AXIS_TERMS: dict[str, Callable[[Any, Mapping[str, Any]], Any]] = {
+    "offset": lambda carrier, _: carrier.one,
+    "drift": lambda _, inputs: inputs["time"],
+    "spring": lambda _, inputs: inputs["position"],
+    # Dry friction that changes with the position, and with its square.
+    "slope": lambda carrier, inputs: carrier.mul(carrier.sign(inputs["velocity"]), inputs["position"]),
+    "bend": lambda carrier, inputs: carrier.mul(AXIS_TERMS["slope"](carrier, inputs), inputs["position"]),
 }
+"""Forces beside the law, linear in one value each: columns from velocity, position and time."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,14 +58,13 @@ class AxisModel:
     """A mass, a law of friction, and forces beside it (names of `AXIS_TERMS`).
 
     Raises:
-        UsageError: a term is not known, stands twice, or is the offset that the law already has.
+        UsageError: a term is unknown, given twice, or already in the law.
     """
 
     law: FrictionLaw
     terms: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check the terms."""
         taken = {parameter.name for parameter in self.law.linear}
         wrong = [
             name
@@ -104,8 +72,10 @@ class AxisModel:
             if name not in AXIS_TERMS or name in taken or name in self.terms[:k]
         ]
         if wrong:
-            text = f"terms {', '.join(wrong)}: each may stand once, in the law or beside it; there are "
-            text += ", ".join(AXIS_TERMS)
+            text = (
+                f"terms {', '.join(wrong)}: unknown, given twice, or already in law {self.law.name!r}; "
+                f"choose among {', '.join(AXIS_TERMS)}"
+            )
             raise UsageError(Notice(code="usage.axis-term", text=text))
 
     @property
@@ -115,7 +85,7 @@ class AxisModel:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Return the names of all values: the mass M, those the force is linear in, the law's shape."""
+        """Return the names of all values: the mass M, linear values, the law's shape."""
         linear = [parameter.name for parameter in self.law.linear]
         return ("M", *linear, *self.terms, *(parameter.name for parameter in self.law.shape))
 
@@ -123,7 +93,7 @@ class AxisModel:
 def compute_force_columns(
     model: AxisModel, inputs: Mapping[str, FloatArray], shape: Sequence[float] = ()
 ) -> FloatArray:
-    """Return the columns (N, p) that the force is linear in beside the mass, law first, then terms.
+    """Return the columns (N, p) of the linear values without the mass, law first, then terms.
 
     `inputs` (N,) each: velocity, position, load and time; `shape`: values of the law.
     """
@@ -136,13 +106,13 @@ def compute_axis_terms(terms: Sequence[str], inputs: Mapping[str, FloatArray]) -
     """Return the columns (N,) of terms by name; `inputs` (N,) each: velocity, position and time."""
     carrier = build_numpy_carrier()
     shape = inputs["velocity"].shape
-    return tuple(np.broadcast_to(AXIS_TERMS[name].column(carrier, inputs), shape) for name in terms)
+    return tuple(np.broadcast_to(AXIS_TERMS[name](carrier, inputs), shape) for name in terms)
 
 
 def _list_columns(
     model: AxisModel, carrier: Carrier[V], inputs: Mapping[str, V], shape: Sequence[V]
 ) -> tuple[V, ...]:
-    beside = (AXIS_TERMS[name].column(carrier, inputs) for name in model.terms)
+    beside = (AXIS_TERMS[name](carrier, inputs) for name in model.terms)
     return (*model.law.columns(carrier, inputs, shape), *beside)
 
 
@@ -178,7 +148,6 @@ def simulate_axis(
 
 @lru_cache(maxsize=64)
 def _build_run(model: AxisModel, steps: int, period: float, substeps: int, *, rates: bool) -> Any:  # noqa: ANN401  # a function of casadi
-    """Return (state, inputs (2, steps), values) -> states (., steps) of `simulate_axis`."""
     return _build_step(model, period, substeps, rates=rates).mapaccum("run", steps)
 
 
@@ -229,20 +198,20 @@ def _move(friction: Any, state: Any, force: Any, time: Any, values: Any, period:
     half = position + 0.5 * period * speed
     moment = time + 0.5 * period
 
-    def find_side(place: Any) -> Any:  # noqa: ANN401
+    def compute_side(place: Any) -> Any:  # noqa: ANN401
         above, _ = friction(_AT_REST, place, force, moment, values)
         below, _ = friction(-_AT_REST, place, force, moment, values)
         return (force > above) - (force < below)
 
-    def find_motion(speed: Any, side: Any, place: Any) -> tuple[Any, Any]:  # noqa: ANN401
+    def compute_motion(speed: Any, side: Any, place: Any) -> tuple[Any, Any]:  # noqa: ANN401
         near = side * casadi.fmax(casadi.fabs(speed), _AT_REST)
         brake, slope = friction(near, place, force, moment, values)
         moving = casadi.fabs(side)
         return moving * (force - brake) / values[0], moving * slope / values[0]
 
     at_rest = speed == 0.0
-    side = casadi.if_else(at_rest, find_side(half), casadi.sign(speed))
-    pull, rate = find_motion(speed, side, half)
+    side = casadi.if_else(at_rest, compute_side(half), casadi.sign(speed))
+    pull, rate = compute_motion(speed, side, half)
     gain, way = _compute_gains(rate, period)
     free_speed, free_position = speed + gain * pull, position + period * speed + way * pull
     stops = casadi.logic_and(casadi.logic_not(at_rest), free_speed * side < 0.0)
@@ -250,7 +219,7 @@ def _move(friction: Any, state: Any, force: Any, time: Any, values: Any, period:
     _, way = _compute_gains(rate, moment_of_rest)
     rest = position + moment_of_rest * speed + way * pull
     left = period - moment_of_rest
-    pull, rate = find_motion(0.0, find_side(rest), rest)
+    pull, rate = compute_motion(0.0, compute_side(rest), rest)
     gain, way = _compute_gains(rate, left)
     return casadi.vertcat(
         casadi.if_else(stops, rest + way * pull, free_position),
@@ -266,7 +235,7 @@ def _compute_gains(rate: Any, time: Any) -> tuple[Any, Any]:  # noqa: ANN401  # 
     small = casadi.fabs(z) < _SERIES_FIRST
     safe = casadi.if_else(small, 1.0, z)
     first = casadi.if_else(small, 1 + z / 2 * (1 + z / 3 * (1 + z / 4)), casadi.expm1(safe) / safe)
-    little = casadi.fabs(z) < _SERIES_SECOND
+    little = casadi.fabs(z) < 2e-2
     safe = casadi.if_else(little, 1.0, z)
     series = 0.5 * (1 + z / 3 * (1 + z / 4 * (1 + z / 5 * (1 + z / 6 * (1 + z / 7)))))
     second = casadi.if_else(little, series, (casadi.expm1(safe) - safe) / (safe * safe))
@@ -274,10 +243,7 @@ def _compute_gains(rate: Any, time: Any) -> tuple[Any, Any]:  # noqa: ANN401  # 
 
 
 def _compute_time_to_rest(speed: Any, pull: Any, rate: Any, stops: Any) -> Any:  # noqa: ANN401  # expressions of casadi
-    """Return when speed + pull (1 - exp(-rate t)) / rate is zero: -speed / pull log(1 + y) / y.
-
-    y = rate speed / pull.
-    """
+    """Return the root of speed + pull (1 - exp(-rate t)) / rate, by log1p(y) / y, y = rate speed / pull."""
     import casadi
 
     plain = -speed / casadi.if_else(stops, pull, 1.0)
@@ -291,10 +257,9 @@ def _compute_time_to_rest(speed: Any, pull: Any, rate: Any, stops: Any) -> Any: 
 GIVEN = 20
 """Samples that a simulation may look at."""
 _FEWEST = 2 * GIVEN
-_EVALUATIONS = 40
 _TOLERANCE = 1e-7
 _WORST = 1e3
-"""Error in m or rad that stands for a simulation that left all bounds."""
+"""Error in m or rad of a simulation that diverged."""
 
 
 AxisStates = tuple[FloatArray, FloatArray, FloatArray]
@@ -303,11 +268,10 @@ AxisStates = tuple[FloatArray, FloatArray, FloatArray]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AxisRun:
-    """A recording of one axis.
+    """A recording of one axis: position (N,) m or rad, force (N,) N or N m, times in s.
 
-    Args:
-        position: (N,) m or rad. force: (N,) N or N m. period: of the samples in s.
-        begin: time of the first sample in s.
+    Raises:
+        LogError: arrays of different length, fewer than 40 samples, numbers that are not finite.
     """
 
     position: FloatArray
@@ -316,11 +280,7 @@ class AxisRun:
     begin: float = 0.0
 
     def __post_init__(self) -> None:
-        """Copy the arrays, make them read-only, check them.
-
-        Raises:
-            LogError: arrays of different length, fewer than 40 samples, numbers that are not finite.
-        """
+        """Copy the arrays, make them read-only, check them."""
         freeze_fields(self)
         sizes, text = (self.position.shape, self.force.shape), ""
         if sizes[0] != sizes[1] or len(sizes[0]) != 1 or sizes[0][0] < _FEWEST:
@@ -340,13 +300,9 @@ class Window(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OutputErrorFit:
-    """Values of a model.
+    """Values in the order of the model's `parameters`; RMS error over all windows, m or rad.
 
-    Args:
-        names, values: in the order of the model's `parameters`.
-        rmse: of the simulated position over all windows, m or rad.
-        windows: how many; evaluations: simulations of all of them, from all starts.
-        converged: whether the search ended for its tolerance.
+    `evaluations` counts simulations of all windows from all starts.
     """
 
     names: tuple[str, ...]
@@ -355,10 +311,6 @@ class OutputErrorFit:
     windows: int
     evaluations: int
     converged: bool
-
-    def find_value(self, name: str) -> float:
-        """Return one of the values."""
-        return self.values[self.names.index(name)]
 
 
 def split_windows(windows: Sequence[Window], samples: float) -> tuple[Window, ...]:
@@ -385,24 +337,13 @@ def compute_output_error(
     run: AxisRun,
     windows: Sequence[Window],
     left_out: Window | None = None,
-) -> FloatArray:
-    """Return simulated less measured position behind the first 20 samples of each window, m or rad.
-
-    Samples of `left_out` are simulated, but their errors are not among those returned.
-    """
-    return _compare(model, values, run, windows, left_out, rates=False)
-
-
-def _compare(
-    model: AxisModel,
-    values: FloatArray,
-    run: AxisRun,
-    windows: Sequence[Window],
-    left_out: Window | None,
     *,
-    rates: bool,
+    rates: bool = False,
 ) -> FloatArray:
-    """Return the errors (M,) of `compute_output_error`, or their derivatives (M, p) by the values."""
+    """Return simulated less measured position (M,) behind the first 20 samples of each window, m or rad.
+
+    With `rates` the derivatives (M, p) by the values. Samples of `left_out` are simulated, but not returned.
+    """
     parts = []
     for window in windows:
         samples = np.arange(window.first + GIVEN, window.last)
@@ -427,21 +368,9 @@ def compute_window_rmse(
 
 
 def fit_force(
-    model: AxisModel,
-    run: AxisRun,
-    states: AxisStates,
-    windows: Sequence[Window],
-    shape: Sequence[float] = (),
+    model: AxisModel, run: AxisRun, states: AxisStates, windows: Sequence[Window], shape: Sequence[float] = ()
 ) -> FloatArray:
-    """Return the values with the least error of force: where a search for the least error of position begins.
-
-    Args:
-        model: of the axis.
-        run: its recording.
-        states: position, velocity, acceleration (N,) at the samples of the run.
-        windows: samples used.
-        shape: values of the law's shape.
-    """
+    """Return the values with the least error of force on the samples in `windows`, for a law's shape."""
     rows = np.concatenate([np.arange(window.first, window.last) for window in windows])
     position, velocity, acceleration = (values[rows] for values in states)
     inputs = {
@@ -461,32 +390,21 @@ def fit_output_error(
     starts: Sequence[FloatArray],
     *,
     left_out: Window | None = None,
-    evaluations: int = _EVALUATIONS,
 ) -> OutputErrorFit:
-    """Return the values with the least error of position, the best from several starts.
+    """Return the values with the least error of position, the best from several `starts` (p,) each.
 
-    Args:
-        model: of the axis.
-        run: its recording.
-        windows: simulated each from its own first samples.
-        starts: values (p,) each.
-        left_out: samples whose errors do not count.
-        evaluations: simulations of all windows at most, for each start.
-
-    Raises:
-        LogError: a window has fewer than 40 samples.
+    Errors of samples in `left_out` do not count. Raises LogError for a window of fewer than 40 samples.
     """
     from scipy.optimize import least_squares
 
     short = [window for window in windows if window.last - window.first < _FEWEST]
     if short or not windows:
-        text = f"windows {short}: there must be one at least, and each must have {_FEWEST} samples or more"
+        text = f"windows {short}: at least one is needed, with {_FEWEST} samples or more each"
         raise LogError(Notice(code="friction.axis-run", text=text))
-    terms = tuple(AXIS_TERMS[name].parameter for name in model.terms)
-    parameters = (*model.law.linear, *terms, *model.law.shape)
+    linear, free, shape = model.law.linear, [np.inf] * len(model.terms), model.law.shape
     # The first value is the mass.
-    lower = np.array([0.0, *(parameter.lower for parameter in parameters)])
-    upper = np.array([np.inf, *(parameter.upper for parameter in parameters)])
+    lower = np.array([0.0, *(one.lower for one in linear), *np.negative(free), *(one.lower for one in shape)])
+    upper = np.array([np.inf, *(one.upper for one in linear), *free, *(one.upper for one in shape)])
     fits = []
     for start in starts:
         scale = np.maximum(np.abs(start), 1e-3)
@@ -496,13 +414,13 @@ def fit_output_error(
             least_squares(
                 lambda values: compute_output_error(model, values, run, windows, left_out),
                 inside,
-                jac=lambda values: _compare(model, values, run, windows, left_out, rates=True),
+                jac=lambda values: compute_output_error(model, values, run, windows, left_out, rates=True),
                 bounds=(lower, upper),
                 x_scale="jac",
                 xtol=_TOLERANCE,
                 ftol=_TOLERANCE,
                 gtol=None,
-                max_nfev=evaluations,
+                max_nfev=40,
             )
         )
     best = min(fits, key=lambda fit: float(fit.cost))
@@ -521,53 +439,34 @@ class SearchPlan:
     """How a fit to a whole run is searched.
 
     Args:
-        cutoff: of the low-pass behind the states that the first fit, of forces, takes, Hz.
-        lengths: of windows that lead there, s, short ones first.
-        shape: values of a law's shape to begin with.
-        restarts: further starts, scattered about the values found in windows.
-        scatter: standard deviation of that, relative.
+        cutoff: Hz, of the low-pass of the states in the first fit, of forces.
+        lengths: s, of the windows fitted next, short ones first.
+        shape: start values of a law's shape.
+        restarts: further starts, scattered by 2 % about the values found in windows.
     """
 
     cutoff: float
     lengths: tuple[float, ...]
     shape: tuple[float, ...] = ()
     restarts: int = 3
-    scatter: float = 0.02
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisTrial:
-    """How a model did.
-
-    Args:
-        model: what was tried.
-        held: root mean square error of the position in each block that did not count, m or rad.
-    """
+    """A model, and the RMS error of the position in each held-out block, m or rad."""
 
     model: AxisModel
     held: tuple[float, ...]
 
     @property
-    def unknowns(self) -> int:
-        """Return how many values were fitted."""
-        return len(self.model.parameters)
-
-    @property
     def rmse(self) -> float:
-        """Return the root of the mean square over the blocks, m or rad."""
+        """Return the RMS over the blocks, m or rad."""
         return float(np.sqrt(np.mean(np.square(self.held))))
 
     @property
     def deviation(self) -> float:
         """Return the standard error of the mean square over the blocks, m^2 or rad^2."""
         return float(np.std(np.square(self.held), ddof=1) / np.sqrt(len(self.held)))
-
-
-def compute_axis_states(run: AxisRun, cutoff: float, order: int = 4) -> AxisStates:
-    """Return position, velocity and acceleration (N,), low-passed forward and backward at `cutoff` Hz."""
-    position = low_pass(run.position, period=run.period, cutoff=cutoff, order=order)
-    velocity = differentiate(position, run.period)
-    return position, velocity, differentiate(velocity, run.period)
 
 
 def fit_whole_run(
@@ -578,41 +477,38 @@ def fit_whole_run(
     left_out: Window | None = None,
     generator: np.random.Generator,
 ) -> OutputErrorFit:
-    """Return the fit to a run simulated as one window, led there by forces, then by shorter windows.
+    """Return the fit to a run simulated as one window, started from a fit of forces, then of shorter windows.
 
     Args:
         model: of the axis.
         run: its recording.
         plan: of the search.
-        left_out: samples that neither this fit nor those before it use.
-        generator: of the scatter.
+        left_out: samples that no fit uses.
+        generator: of the restarts.
     """
     whole = Window(0, len(run.force))
     parts = [whole]
     if left_out is not None:
         sides = Window(0, left_out.first), Window(left_out.last, whole.last)
         parts = [side for side in sides if side.last > side.first]
-    states = compute_axis_states(run, plan.cutoff)
+    position = low_pass(run.position, period=run.period, cutoff=plan.cutoff, order=4)
+    velocity = differentiate(position, run.period)
+    states = position, velocity, differentiate(velocity, run.period)
     start = fit_force(model, run, states, parts, plan.shape[: len(model.law.shape)])
     for length in plan.lengths:
         windows = split_windows(parts, length / run.period)
         start = np.array(fit_output_error(model, run, windows, [start]).values)
-    scatter = (plan.scatter * generator.standard_normal(len(start)) for _ in range(plan.restarts))
+    scatter = (0.02 * generator.standard_normal(len(start)) for _ in range(plan.restarts))
     starts = [start, *(start * (1.0 + part) for part in scatter)]
     return fit_output_error(model, run, [whole], starts, left_out=left_out)
 
 
 def try_axis_model(
-    model: AxisModel,
-    run: AxisRun,
-    plan: SearchPlan,
-    *,
-    blocks: int = 4,
-    generator: np.random.Generator,
+    model: AxisModel, run: AxisRun, plan: SearchPlan, *, blocks: int = 4, generator: np.random.Generator
 ) -> AxisTrial:
-    """Return the error in each block of a fit to all others; the rest as in `fit_whole_run`.
+    """Return the error in each block of a fit to all others; arguments as for `fit_whole_run`.
 
-    The simulation passes through the block as long and as far from its start as it will be used.
+    The simulation passes through the block, as long and as far from its start as in use.
     """
     whole = Window(0, len(run.force))
     held = []
@@ -626,26 +522,22 @@ def try_axis_model(
 
 
 def choose_axis_trial(trials: Sequence[AxisTrial]) -> AxisTrial:
-    """Return, of all trials within one standard error of the best, that of the fewest values.
-
-    Among equally many, the one with the least error.
-    """
+    """Return the trial of the fewest values, then least error, within one standard error of the best."""
     best = min(trials, key=lambda trial: trial.rmse)
     limit = best.rmse**2 + best.deviation
     near = [trial for trial in trials if trial.rmse**2 <= limit]
-    return min(near, key=lambda trial: (trial.unknowns, trial.rmse))
+    return min(near, key=lambda trial: (len(trial.model.parameters), trial.rmse))
 
 
 def build_axis_samples(
-    recording: Recording, processing: Processing, *, joint: str = "axis", terms: Sequence[str] = ()
+    recording: Recording, processing: Processing, *, terms: Sequence[str] = ()
 ) -> FrictionSamples:
-    """Return the samples of an axis that moves along itself, with its mass as unknown.
+    """Return the samples of a prismatic axis, with its mass as unknown.
 
     Args:
         recording: of a robot with one joint.
         processing: filter, ends cut, decimation.
-        joint: its name.
-        terms: of `AXIS_TERMS`, columns beside the mass.
+        terms: of `AXIS_TERMS`.
 
     Raises:
         LogError: the recording has another number of joints, or cannot be filtered.
@@ -655,7 +547,7 @@ def build_axis_samples(
     position, velocity = signals.q[:, 0], signals.dq[:, 0]
     inputs = {"velocity": velocity, "position": position, "time": signals.time}
     return FrictionSamples(
-        joint=joint,
+        joint="axis",
         time=signals.time,
         velocity=velocity,
         torque=signals.tau[:, 0],
@@ -669,7 +561,7 @@ def build_axis_samples(
 
 
 def build_axis_run(recording: Recording) -> AxisRun:
-    """Return position and force of an axis as they were recorded, for simulations.
+    """Return position and force of an axis as recorded, for simulations.
 
     Raises:
         LogError: the recording has another number of joints.
@@ -685,5 +577,5 @@ def build_axis_run(recording: Recording) -> AxisRun:
 
 def _check_single(recording: Recording) -> None:
     if recording.position.shape[1] != 1:
-        text = f"the recording has {recording.position.shape[1]} joints; one is wanted"
+        text = f"the recording has {recording.position.shape[1]} joints, expected 1"
         raise LogError(Notice(code="log.joints", text=text, file=recording.source))

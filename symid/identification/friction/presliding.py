@@ -1,20 +1,21 @@
-"""Friction with a memory (Dahl, LuGre) identified: bristle stiffness and damping, and the law of slip.
+"""Friction with a state (Dahl, LuGre) identified: bristle stiffness and damping, and the law of slip.
 
-    J = |R tau - R [tau_f(x; p), X c]|^2   over whole recordings, tau_f simulated along the measured way
+    J = |R tau - R [tau_f(x; p), X c]|^2   over whole recordings, tau_f simulated along the measured path
 
-Between samples the measured way over the period is the velocity of an exact step; at samples the measured
-velocity sets damping and viscous friction. With sigma0 / fC, fS / fC and vs held, the torque is linear in
-fC, sigma1, fV and c: a grid over these ratios, at the scale of the ways in the data, gives starts; the
-best are refined by bounded Gauss-Newton steps with exact derivatives.
+Between samples the velocity of an exact step is the measured displacement over the period; at samples the
+measured velocity sets damping and viscous friction. With sigma0 / fC, fS / fC and vs held, the torque is
+linear in fC, sigma1, fV and c: a grid over these ratios gives starts; the best are refined by bounded
+Gauss-Newton steps with exact derivatives.
 
 Supported: several recordings, each beginning with straight bristles; columns beside friction; filters.
-Not supported: turning back between two samples; noise of the position that is not small against the
-presliding way, fC / sigma0.
+Not supported: turning back between two samples; position noise that is not small against the presliding
+displacement, fC / sigma0.
 """
 
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
@@ -35,20 +36,22 @@ from symid.joint_models import (
 
 LINEAR_PARAMETERS = ("sigma1", "fV")
 """Parameters that the torque is linear in; they may be zero, the others not."""
+_STIFFNESSES = 16
+"""Points of the grid over sigma0 / fC; the best `_STARTS` of the whole grid are refined."""
+_STARTS = 2
+_LARGEST_STD = 0.5
+"""Relative standard deviation beyond which a parameter is refused."""
+_REACH = float(np.log(1e5))
+"""Largest change of a refinement from its start, as the logarithm of a ratio."""
 
 
 def build_path(samples: FrictionSamples) -> FrictionPath:
-    """Return the way that the samples went: each recording of them begins with straight bristles.
-
-    Raises:
-        IdentifiabilityError: no positions, or nothing moves.
-        UsageError: times that do not increase within a recording.
-    """
+    """Return the path of the samples: each recording of them begins with straight bristles."""
     run = samples.run
     if samples.position is None or run is None or not np.any(np.diff(samples.position)):
         text = (
-            f"joint {samples.joint!r}: stiffness and damping of the bristles are learnt from the way of the "
-            "joint while it sticks and begins to slip; these samples have no position, or nothing moves"
+            f"joint {samples.joint!r}: no positions, or nothing moves; stiffness and damping of the "
+            "bristles are identified from the displacement of the joint while it sticks and begins to slip"
         )
         raise IdentifiabilityError(Notice(code="friction.presliding-position", text=text))
     start = np.concatenate([[1.0], (np.diff(run) != 0).astype(np.float64)])
@@ -57,19 +60,16 @@ def build_path(samples: FrictionSamples) -> FrictionPath:
     if np.any(period[start == 0] <= 0):
         text = f"joint {samples.joint!r}: times must increase within a recording"
         raise UsageError(Notice(code="friction.presliding-time", text=text))
-    way = np.diff(samples.position, prepend=samples.position[:1])
-    held = np.divide(way, period, out=np.zeros_like(way), where=period > 0)
+    moved = np.diff(samples.position, prepend=samples.position[:1])
+    held = np.divide(moved, period, out=np.zeros_like(moved), where=period > 0)
     return FrictionPath(held=held, velocity=samples.velocity, period=period, start=start)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PreslidingProblem:
-    """What is fitted: unknowns are the free values of the law, logarithms unless linear, then c.
+    """The unknowns are the free values of the law, logarithms unless linear, then c.
 
-    Args:
-        samples, law, path: what was measured, the model, the way.
-        fixed: values that are not fitted, by name.
-        target: (M,) R tau; extra: (M, k) R X.
+    `fixed` are values that are not fitted, by name; `target` (M,) is R tau, `extra` (M, k) R X.
     """
 
     samples: FrictionSamples
@@ -81,12 +81,12 @@ class PreslidingProblem:
 
     @property
     def free(self) -> list[int]:
-        """Return the numbers of the parameters that are fitted."""
+        """Return the places of the parameters that are fitted."""
         return [k for k, name in enumerate(self.law.names) if name not in self.fixed]
 
     @property
     def logarithmic(self) -> FloatArray:
-        """Return which of them stand as logarithms."""
+        """Return which of them are logarithms."""
         return np.array([self.law.names[k] not in LINEAR_PARAMETERS for k in self.free])
 
     def split(self, unknowns: FloatArray) -> tuple[list[float], FloatArray]:
@@ -98,97 +98,34 @@ class PreslidingProblem:
         names = enumerate(self.law.names)
         return [given[k] if k in given else self.fixed[name] for k, name in names], unknowns[count:]
 
-    def find_residual(self, unknowns: FloatArray) -> FloatArray:
-        """Return what the law and the columns beside it give more than was measured, (M,)."""
+    def compute_residual(self, unknowns: FloatArray) -> FloatArray:
+        """Return predicted less measured torque, (M,)."""
         values, other = self.split(unknowns)
         torque = simulate_dynamic_friction(self.law, values, self.path).torque
         return self.samples.pass_columns(torque[:, None])[:, 0] + self.extra @ other - self.target
 
-    def find_columns(self, values: Sequence[float]) -> FloatArray:
+    def compute_columns(self, values: Sequence[float]) -> FloatArray:
         """Return the derivatives (M, p + k) by the free values themselves, and by c."""
         columns = compute_torque_derivatives(self.law, values, self.path, self.free)
         return np.hstack([self.samples.pass_columns(columns), self.extra])
 
-    def find_jacobian(self, unknowns: FloatArray) -> FloatArray:
+    def compute_jacobian(self, unknowns: FloatArray) -> FloatArray:
         """Return the derivatives (M, p + k) by the unknowns."""
         values, _ = self.split(unknowns)
-        columns = self.find_columns(values)
+        columns = self.compute_columns(values)
         factors = np.where(self.logarithmic, np.array(values)[self.free], 1.0)
         columns[:, : len(self.free)] *= factors
         return columns
 
 
-def _build_problem(
-    samples: FrictionSamples, law: DynamicLaw, fixed: Mapping[str, float]
-) -> PreslidingProblem:
-    """Return the problem; values in `fixed` that the law lacks are ignored."""
-    if set(law.names) <= set(fixed):
-        text = f"all parameters of {law.name!r} are fixed: leave some to be fitted"
-        raise UsageError(Notice(code="friction.presliding-options", text=text))
-    target = samples.pass_columns(samples.torque[:, None])[:, 0]
-    beside = samples.extra.shape[1]
-    unknowns = sum(name not in fixed for name in law.names) + beside
-    if target.size <= unknowns:
-        text = f"joint {samples.joint!r}: {target.size} rows cannot tell {unknowns} unknowns of {law.name!r}"
-        raise IdentifiabilityError(Notice(code="friction.few-rows", text=text))
-    return PreslidingProblem(
-        samples=samples,
-        law=law,
-        path=build_path(samples),
-        fixed={name: value for name, value in fixed.items() if name in law.names},
-        target=target,
-        extra=samples.pass_columns(samples.extra) if beside else np.zeros((target.size, 0)),
-    )
-
-
-_EXCESS = (1.0, 1.5)
-_QUANTILES = (0.2, 0.6)
-_REACH = float(np.log(1e5))
-"""How far a refinement may go from its start, as the logarithm of a ratio."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PreslidingOptions:
-    """Settings.
-
-    Args:
-        fixed: name and value of parameters that are not fitted; those that the law lacks are ignored.
-        stiffnesses: points of the grid over sigma0 / fC.
-        starts: how many points of the grid are refined.
-        iterations: most steps of a refinement.
-        largest_std: relative standard deviation beyond which a parameter is refused.
-    """
-
-    fixed: tuple[tuple[str, float], ...] = (("gamma", 2.0),)
-    stiffnesses: int = 16
-    starts: int = 2
-    iterations: int = 60
-    largest_std: float = 0.5
-
-    def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            UsageError: a count below one, or a deviation that is not positive.
-        """
-        if min(self.stiffnesses, self.starts, self.iterations) < 1 or not self.largest_std > 0:
-            text = "stiffnesses, starts and iterations must be at least 1, largest_std positive"
-            raise UsageError(Notice(code="friction.presliding-options", text=text))
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PreslidingEstimate(NamedParameters):
-    """The result of a fit.
+    """The result of a fit; fields as in `FrictionEstimate`, except those below.
 
     Args:
-        joint, law: their names.
-        parameters: of the law, fitted and not refused; extra: beside it; fixed: those that were given.
-        refused: parameters that these samples cannot tell, with the reason.
-        values: all values in the order of the law; other: of the columns beside it. They predict motions like
-            those fitted; that of a refused parameter means nothing by itself.
-        objective: J, (N m)^2 or N^2; sigma: standard deviation of the residual; samples: rows of the fit.
-        evaluations: how often the torque was simulated; outcome: how it ended.
-        notices: what a reader should know.
+        fixed: parameters that were given.
+        values: all values in the order of the law; other: of the columns beside it.
+        evaluations: simulations of the torque.
     """
 
     joint: str
@@ -207,18 +144,18 @@ class PreslidingEstimate(NamedParameters):
     notices: tuple[Notice, ...] = ()
 
 
-def _build_grid(problem: PreslidingProblem, stiffnesses: int) -> list[list[float]]:
+def _build_grid(problem: PreslidingProblem) -> list[list[float]]:
     """Return the grid: values of the law with fC = 1 and no damping, viscous friction."""
     path, names = problem.path, problem.law.names
-    way = np.abs(path.held) * path.period
-    shortest = float(np.quantile(way[way > 0], 0.05))
+    moved = np.abs(path.held) * path.period
+    shortest = float(np.quantile(moved[moved > 0], 0.05))
     longest = float(np.ptp(problem.samples.position)) if problem.samples.position is not None else 1.0
-    slopes = np.geomspace(0.5 / longest, 1.0 / max(shortest, 1e-6 * longest), stiffnesses)
+    slopes = np.geomspace(0.5 / longest, 1.0 / max(shortest, 1e-6 * longest), _STIFFNESSES)
     stribeck = "vs" in names
-    speeds = np.quantile(np.abs(path.held)[way > 0], _QUANTILES) if stribeck else np.ones(1)
+    speeds = np.quantile(np.abs(path.held)[moved > 0], (0.2, 0.6)) if stribeck else np.ones(1)
     given = {"fC": 1.0, "sigma1": 0.0, "fV": 0.0, "gamma": 2.0}
     rows = []
-    for stiffness, excess, speed in itertools.product(slopes, _EXCESS if stribeck else (1.0,), speeds):
+    for stiffness, excess, speed in itertools.product(slopes, (1.0, 1.5) if stribeck else (1.0,), speeds):
         values = {**given, "sigma0": stiffness, "fS": excess, "vs": speed, **problem.fixed}
         rows.append([float(values[name]) for name in names])
     return rows
@@ -249,43 +186,66 @@ def _solve_start(problem: PreslidingProblem, values: list[float]) -> tuple[float
 
 
 def fit_presliding(
-    samples: FrictionSamples, law: DynamicLaw, options: PreslidingOptions | None = None
+    samples: FrictionSamples,
+    law: DynamicLaw,
+    *,
+    fixed: Mapping[str, float] = MappingProxyType({"gamma": 2.0}),
 ) -> PreslidingEstimate:
-    """Return the parameters of a law with a memory, all from the same samples.
+    """Return the parameters of a law with a state, all from the same samples.
+
+    Args:
+        samples: with positions.
+        law: what is fitted.
+        fixed: parameters that are not fitted; those that the law lacks are ignored.
 
     Raises:
         IdentifiabilityError: no positions, nothing moves, or there are fewer rows than unknowns.
-        UsageError: times that do not increase within a recording.
+        UsageError: times that do not increase within a recording, or all parameters are fixed.
     """
     from scipy.optimize import least_squares
 
-    options = options or PreslidingOptions()
-    problem = _build_problem(samples, law, dict(options.fixed))
-    grid = [_solve_start(problem, values) for values in _build_grid(problem, options.stiffnesses)]
+    if set(law.names) <= set(fixed):
+        text = f"all parameters of {law.name!r} are fixed: leave some to be fitted"
+        raise UsageError(Notice(code="friction.presliding-options", text=text))
+    target = samples.pass_columns(samples.torque[:, None])[:, 0]
+    beside = samples.extra.shape[1]
+    unknowns = sum(name not in fixed for name in law.names) + beside
+    if target.size <= unknowns:
+        text = (
+            f"joint {samples.joint!r}: {target.size} rows are too few for {unknowns} unknowns of {law.name!r}"
+        )
+        raise IdentifiabilityError(Notice(code="friction.few-rows", text=text))
+    problem = PreslidingProblem(
+        samples=samples,
+        law=law,
+        path=build_path(samples),
+        fixed={name: value for name, value in fixed.items() if name in law.names},
+        target=target,
+        extra=samples.pass_columns(samples.extra) if beside else np.zeros((target.size, 0)),
+    )
+    grid = [_solve_start(problem, values) for values in _build_grid(problem)]
     grid.sort(key=lambda pair: pair[0])
     searches = [
         least_squares(
-            problem.find_residual,
+            problem.compute_residual,
             start,
-            jac=problem.find_jacobian,
+            jac=problem.compute_jacobian,
             bounds=_list_bounds(problem, start),
             x_scale="jac",
-            max_nfev=options.iterations,
+            max_nfev=60,
             xtol=1e-9,
             ftol=1e-10,
             gtol=1e-10,
         )
-        for _, start in grid[: options.starts]
+        for _, start in grid[:_STARTS]
     ]
     best = min(searches, key=lambda search: search.cost)
     evaluations = 2 * len(grid) + sum(int(search.nfev) for search in searches)
-    return _build_estimate(
-        problem, options, np.asarray(best.x), converged=best.status > 0, evaluations=evaluations
-    )
+    return _build_estimate(problem, np.asarray(best.x), converged=best.status > 0, evaluations=evaluations)
 
 
 def _list_bounds(problem: PreslidingProblem, start: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the box of a refinement: logarithms near their start and as the law allows, c free."""
+    """Return the box of a refinement: logarithms near their start within the law's bounds, c free."""
     lower, upper = np.full(start.size, -np.inf), np.full(start.size, np.inf)
     for place, (k, logarithmic) in enumerate(zip(problem.free, problem.logarithmic, strict=True)):
         parameter = problem.law.parameters[k]
@@ -296,16 +256,6 @@ def _list_bounds(problem: PreslidingProblem, start: FloatArray) -> tuple[FloatAr
         lower[place] = max(start[place] - _REACH, least)
         upper[place] = min(start[place] + _REACH, np.log(parameter.upper))
     return lower, upper
-
-
-def _compute_covariance(columns: FloatArray, sigma: float) -> FloatArray:
-    """Return the covariance (p, p); huge where the columns do not tell."""
-    sizes = np.linalg.norm(columns, axis=0)
-    sizes[sizes == 0.0] = 1e-150
-    _, singular, directions = np.linalg.svd(columns / sizes, full_matrices=False)
-    roots = directions.T / np.maximum(singular, 1e-13 * singular[0]) / sizes[:, None]
-    covariance: FloatArray = sigma**2 * roots @ roots.T
-    return covariance
 
 
 def _is_flat(problem: PreslidingProblem, values: list[float], covariance: FloatArray) -> bool:
@@ -320,18 +270,9 @@ def _is_flat(problem: PreslidingProblem, values: list[float], covariance: FloatA
 
 
 def _sort_entries(
-    problem: PreslidingProblem,
-    values: list[float],
-    other: FloatArray,
-    covariance: FloatArray,
-    *,
-    largest: float,
-    damping: float,
+    problem: PreslidingProblem, values: list[float], other: FloatArray, covariance: FloatArray, damping: float
 ) -> tuple[list[ParameterEstimate], list[tuple[str, str]]]:
-    """Return what the samples tell, and what they do not.
-
-    `largest` is the relative deviation, `damping` what it is relative to where damping is zero.
-    """
+    """Return identified and refused parameters; zero damping counts as known relative to `damping`."""
     samples, law = problem.samples, problem.law
     units = samples.extra_units or ("",) * len(samples.extra_names)
     fitted = [law.parameters[k] for k in problem.free]
@@ -339,51 +280,55 @@ def _sort_entries(
     units = (*(entry.unit_prismatic if samples.prismatic else entry.unit for entry in fitted), *units)
     found = [*(values[k] for k in problem.free), *other.tolist()]
     flat = _is_flat(problem, values, covariance)
-    told, refused = [], []
+    identified, refused = [], []
     stds = np.sqrt(np.diag(covariance)).tolist()
     for name, unit, value, std in zip(names, units, found, stds, strict=True):
-        # Only what would have shown in the torque is known to be none.
-        at_zero = name in LINEAR_PARAMETERS and value <= 1e-6 * std and std <= largest * damping
+        # Zero is accepted only for what would have shown in the torque.
+        at_zero = name in LINEAR_PARAMETERS and value <= 1e-6 * std and std <= _LARGEST_STD * damping
         if name == "vs" and flat:
-            text = f"joint {samples.joint!r}: vs has no meaning: static and Coulomb friction do not differ"
-            refused.append((name, text))
-        elif std > largest * abs(value) and not at_zero:
-            refused.append((name, _describe_refusal(problem, name, std, value)))
+            text = "vs is not identifiable: static and Coulomb friction do not differ"
+            refused.append((name, f"joint {samples.joint!r}: {text}"))
+        elif std > _LARGEST_STD * abs(value) and not at_zero:
+            percent = 100.0 * std / abs(value) if value else np.inf
+            size = "infinite" if percent > 1e6 else f"{percent:.0f} %"
+            need = _NEEDS.get(name, "its column is too small, or others replace it")
+            text = f"{name} is not identifiable (relative deviation {size}): {need}"
+            refused.append((name, f"joint {samples.joint!r}: {text}"))
         else:
             ends = [end for entry in fitted if entry.name == name for end in (entry.lower, entry.upper)]
             held = any(abs(value - end) <= 1e-4 * abs(end) for end in ends if end)
             reason = "at its bound, zero" if at_zero else f"at its bound, {value:.3g}" if held else ""
-            told.append(ParameterEstimate(name=name, value=value, std=std, unit=unit, reason=reason))
-    return told, refused
+            entry = ParameterEstimate(name=name, value=value, std=std, unit=unit, reason=reason)
+            identified.append(entry)
+    return identified, refused
 
 
 def _build_estimate(
-    problem: PreslidingProblem,
-    options: PreslidingOptions,
-    unknowns: FloatArray,
-    *,
-    converged: bool,
-    evaluations: int,
+    problem: PreslidingProblem, unknowns: FloatArray, *, converged: bool, evaluations: int
 ) -> PreslidingEstimate:
     values, other = problem.split(unknowns)
-    residual = problem.find_residual(unknowns)
+    residual = problem.compute_residual(unknowns)
     objective = float(residual @ residual)
     sigma = float(np.sqrt(objective / max(residual.size - unknowns.size, 1)))
-    covariance = _compute_covariance(problem.find_columns(values), sigma)
-    # The damping whose torque at the median speed would be as large as the torque explained.
+    columns = problem.compute_columns(values)
+    sizes = np.linalg.norm(columns, axis=0)
+    sizes[sizes == 0.0] = 1e-150
+    _, singular, directions = np.linalg.svd(columns / sizes, full_matrices=False)
+    # Huge where columns are dependent.
+    roots = directions.T / np.maximum(singular, 1e-13 * singular[0]) / sizes[:, None]
+    covariance = sigma**2 * roots @ roots.T
+    # The damping whose torque at the median speed would equal the torque explained.
     held = problem.path.held
     speed = np.median(np.abs(held[held != 0.0]))
     damping = float(np.sqrt(np.mean((residual + problem.target) ** 2)) / speed)
-    told, refused = _sort_entries(
-        problem, values, other, covariance, largest=options.largest_std, damping=damping
-    )
-    own = [entry for entry in told if entry.name in problem.law.names]
+    identified, refused = _sort_entries(problem, values, other, covariance, damping)
+    own = [entry for entry in identified if entry.name in problem.law.names]
     outcome = Ending.CONVERGED if converged else Ending.LIMIT
     return PreslidingEstimate(
         joint=problem.samples.joint,
         law=problem.law.name,
         parameters=tuple(own),
-        extra=tuple(entry for entry in told if entry not in own),
+        extra=tuple(entry for entry in identified if entry not in own),
         fixed=tuple(problem.fixed.items()),
         refused=tuple(refused),
         values=tuple(values),
@@ -397,8 +342,8 @@ def _build_estimate(
     )
 
 
-_REASONS = {
-    "sigma0": "the joint must stick and turn back within the way that its bristles bend, fC / sigma0",
+_NEEDS = {
+    "sigma0": "the joint must stick and turn back within the presliding displacement, fC / sigma0",
     "sigma1": "the joint must move fast enough while it sticks: near 1 / s of sigma0 / sigma1",
     "fS": "the joint must break away slowly, or slip at speeds below vs",
     "vs": "the joint must slip at speeds around vs, and its friction must fall there",
@@ -407,23 +352,13 @@ _REASONS = {
 }
 
 
-def _describe_refusal(problem: PreslidingProblem, name: str, std: float, value: float) -> str:
-    reason = _REASONS.get(name, "its column is too small, or others stand in for it")
-    percent = 100.0 * std / abs(value) if value else np.inf
-    size = "infinite" if percent > 1e6 else f"{percent:.0f} %"
-    return (
-        f"joint {problem.samples.joint!r}: {name} cannot be told from these samples "
-        f"(relative deviation {size}): {reason}"
-    )
-
-
 def _list_notices(problem: PreslidingProblem, values: list[float], refused: list[str]) -> tuple[Notice, ...]:
     named = dict(zip(problem.law.names, values, strict=True))
     notices = []
     if named.get("fS", np.inf) < named["fC"] and not {"fS", "fC", "vs"} & set(refused):
         text = (
-            f"joint {problem.samples.joint!r}: static friction {named['fS']:.4g} came out below "
-            f"Coulomb friction {named['fC']:.4g}: this joint's friction does not fall with speed"
+            f"joint {problem.samples.joint!r}: static friction {named['fS']:.4g} is estimated below Coulomb "
+            f"friction {named['fC']:.4g}: this joint's friction does not fall with speed"
         )
         notices.append(Notice(code="friction.presliding-static", text=text))
     moving = np.abs(problem.path.held) * problem.path.period
@@ -431,8 +366,8 @@ def _list_notices(problem: PreslidingProblem, values: list[float], refused: list
     inside = int(np.sum((moving > 0) & (moving < bend)))
     if inside < 20 and "sigma0" not in refused:
         text = (
-            f"joint {problem.samples.joint!r}: only {inside} samples moved less than the presliding way "
-            f"{bend:.3g}: sample faster, or move slower around reversals"
+            f"joint {problem.samples.joint!r}: only {inside} samples moved less than the presliding "
+            f"displacement {bend:.3g}: sample faster, or move slower around reversals"
         )
         notices.append(Notice(code="friction.presliding-few", text=text))
     return tuple(notices)

@@ -1,10 +1,9 @@
-"""The result of an identification of friction: joint by joint, and as robot files have it.
+"""The result of an identification of friction, joint by joint, and its export to robot files.
 
 Fits, choices, tests -> FrictionIdentification; JointFriction -> FrictionValues, or why there are none.
 
-Robot files name what friction has beyond its Coulomb level, as the columns of the laws do:
-
-    Fe = fS - fC,    offset = fP where friction has no zone about standstill
+Robot files name friction relative to its Coulomb level, as the columns of the laws do: Fe = fS - fC, offset
+= fP where friction has no zone about standstill.
 
 Supported: export of all laws whose columns are those of a model of robot files.
 Not supported: export of laws of load or position, of an offset beside a model that has none, of refused
@@ -41,11 +40,11 @@ class JointFriction:
     """Friction of one joint.
 
     Args:
-        estimate: the law's parameters, how sure they are, and how they were found.
-        formula: of the law, in words; `smoothing` v0 in rad/s or m/s of its sign, 0 for the sign.
+        estimate: the law's parameters and their uncertainty.
+        formula: of the law, in words; smoothing: v0 of its sign in rad/s or m/s, 0 for the sign.
         unit: of the torque; velocity_unit: of the velocity.
         rigid: how the rigid part of the torque was treated.
-        residual: what the law leaves unexplained of the logs it was fitted to.
+        residual: of the logs it was fitted to.
         selection: how the law was chosen; None where it was named.
         poses: whether friction depends on the pose; None where one pose was recorded.
         velocity_map: friction torque against velocity, as measured.
@@ -82,7 +81,7 @@ class FrictionIdentification(FitRecord):
 
     Args:
         model: the law asked for, or "auto"; estimator: how laws were fitted.
-        joints: those whose friction shows.
+        joints: those whose friction was identified.
     """
 
     kind: ClassVar[str] = "friction"
@@ -91,16 +90,12 @@ class FrictionIdentification(FitRecord):
     joints: tuple[JointFriction, ...]
 
     def list_mistakes(self) -> list[str]:
-        """Return what is wrong with a record from a file: arrays that do not fit a law or each other.
-
-        Raises:
-            UsageError: there is no law of this name.
-        """
+        """Return arrays of a record that do not fit a law or each other; raise UsageError for no law."""
         mistakes = [text for joint in self.joints for text in _list_mistakes(joint)]
         return mistakes if self.joints else ["joints is empty"]
 
     def list_strangers(self, card: ModelCard) -> list[str]:
-        """Return joints that are not those of the model, each once."""
+        """Return joints that are not those of the model, or given twice."""
         known, given = [joint.name for joint in card.joints], [entry.joint for entry in self.joints]
         wrong = [name for name in dict.fromkeys(given) if name not in known or given.count(name) > 1]
         names = ", ".join(map(repr, wrong))
@@ -108,12 +103,7 @@ class FrictionIdentification(FitRecord):
 
 
 def _list_mistakes(joint: JointFriction) -> list[str]:
-    """Return where arrays of a joint do not fit its law or each other.
-
-    Raises:
-        UsageError: there is no law of this name.
-    """
-    estimate, seen = joint.estimate, joint.velocity_map
+    estimate, curve = joint.estimate, joint.velocity_map
     law = get_law(estimate.law, smoothing=joint.smoothing)
     size = len(law.linear) + len(law.shape) + len(estimate.other)
     lengths = [
@@ -122,47 +112,45 @@ def _list_mistakes(joint: JointFriction) -> list[str]:
         ("estimate.covariance", len(estimate.covariance), size),
         *((f"estimate.covariance, row {k}", len(row), size) for k, row in enumerate(estimate.covariance)),
         *(
-            (f"velocity_map.{name}", len(getattr(seen, name)), len(seen.velocity))
+            (f"velocity_map.{name}", len(getattr(curve, name)), len(curve.velocity))
             for name in ("torque", "spread", "count")
         ),
-        ("velocity_map.cloud_torque", len(seen.cloud_torque), len(seen.cloud_velocity)),
+        ("velocity_map.cloud_torque", len(curve.cloud_torque), len(curve.cloud_velocity)),
     ]
-    for entry in () if joint.poses is None else joint.poses.parameters:
-        many = len(joint.poses.poses) if joint.poses is not None else 0
-        lengths += [(f"poses, values of {entry.name}", len(entry.values), many)]
-        lengths += [(f"poses, stds of {entry.name}", len(entry.stds), many)]
-        lengths += [(f"poses, freedom of {entry.name}", len(entry.freedom) or many, many)]
+    if joint.poses is not None:
+        many = len(joint.poses.poses)
+        for entry in joint.poses.parameters:
+            for name, values in (("values", entry.values), ("stds", entry.stds), ("freedom", entry.freedom)):
+                absent = name == "freedom" and not values
+                lengths.append((f"poses, {name} of {entry.name}", many if absent else len(values), many))
     mistakes = [
         f"joint {joint.joint!r}: {name} has {length} entries, not {wanted}"
         for name, length, wanted in lengths
         if length != wanted
     ]
-    if not len(seen.cloud_velocity):
+    if not len(curve.cloud_velocity):
         mistakes.append(f"joint {joint.joint!r}: velocity_map.cloud_velocity is empty")
-    numbers = (*estimate.linear, *estimate.shape, *seen.cloud_velocity, *seen.cloud_torque)
+    numbers = (*estimate.linear, *estimate.shape, *curve.cloud_velocity, *curve.cloud_torque)
     if not all(map(math.isfinite, numbers)):
         mistakes.append(f"joint {joint.joint!r}: values of the law or of measured rows are not numbers")
     chosen = joint.selection and joint.selection.chosen
     if joint.selection and chosen not in {trial.law for trial in joint.selection.trials}:
-        mistakes.append(f"joint {joint.joint!r}: selection.chosen {chosen!r} is none of the laws tried")
+        mistakes.append(f"joint {joint.joint!r}: selection.chosen {chosen!r} is not one of the laws tried")
     return mistakes
 
 
 _EXPONENT = r"(?:-(?P<gamma>exponent|[\d.e-]+))?"
 _NAMES = {"Fs": "Fe", "Fv2": "Fvq", "Fv3": "Fvc"}
-_WITHOUT_ZONE = {"Fs": "Fe", "Fp": "offset"}
-_TUSTIN = "1"
-_GAUSSIAN = "2"
 
 
 class _Family(NamedTuple):
-    """Laws that a model can say: a pattern of their names, the model, that with an offset, other names."""
+    """Laws of a model: a pattern of their names, the model, that with an offset, other names."""
 
     pattern: str
     kind: FrictionKind | CurvedFriction
     with_offset: FrictionKind | CurvedFriction | None = None
     names: Mapping[str, str] = _NAMES
-    gamma: str = _GAUSSIAN
+    gamma: str = "2"
     has_sign: bool = True
 
 
@@ -170,9 +158,13 @@ _FAMILIES = (
     _Family(r"coulomb(?:-viscous)?", FrictionKind.VISCOUS_COULOMB, FrictionKind.VISCOUS_COULOMB_OFFSET),
     _Family(r"coulomb-viscous-offset", FrictionKind.VISCOUS_COULOMB_OFFSET),
     _Family(r"asymmetric", FrictionKind.ASYMMETRIC),
-    _Family(r"tustin", CurvedFriction.STRIBECK, CurvedFriction.STRIBECK_OFFSET, gamma=_TUSTIN),
+    _Family(r"tustin", CurvedFriction.STRIBECK, CurvedFriction.STRIBECK_OFFSET, gamma="1"),
     _Family(rf"stribeck{_EXPONENT}", CurvedFriction.STRIBECK, CurvedFriction.STRIBECK_OFFSET),
-    _Family(rf"improved-stribeck-h3{_EXPONENT}", CurvedFriction.STRIBECK_OFFSET, names=_WITHOUT_ZONE),
+    _Family(
+        rf"improved-stribeck-h3{_EXPONENT}",
+        CurvedFriction.STRIBECK_OFFSET,
+        names={"Fs": "Fe", "Fp": "offset"},
+    ),
     _Family(rf"improved-stribeck{_EXPONENT}", CurvedFriction.IMPROVED_STRIBECK, has_sign=False),
     _Family(rf"asymmetric-stribeck{_EXPONENT}", CurvedFriction.ASYMMETRIC_STRIBECK),
     _Family(r"cubic|polynomial-(?:2|3|2,3|3,2)", CurvedFriction.CUBIC),
@@ -183,7 +175,7 @@ _FAMILIES = (
 
 
 def describe_obstacle(joint: JointFriction) -> str:
-    """Return why no robot file can have the joint's friction as it was identified; empty where one can."""
+    """Return why no robot file can have the identified friction of a joint; empty where one can."""
     estimate = joint.estimate
     law = get_law(estimate.law, smoothing=joint.smoothing)
     physical = {entry.name for entry in law.physical}
@@ -192,11 +184,15 @@ def describe_obstacle(joint: JointFriction) -> str:
         return "; ".join(f"{name} was refused: {reason}" for name, reason in refused)
     found = _get_family(law.name)
     if found is None:
-        return f"robot files have no model of the law {law.name!r}{_explain(law)}"
+        further, plain = [name for name in law.inputs if name != "velocity"], law.name.removesuffix("+offset")
+        text = f"robot files have no model of the law {law.name!r}"
+        if further:
+            return f"{text}: it reads the {' and the '.join(further)} besides the velocity"
+        return f"{text}; they have {plain!r}, without an offset" if _get_family(plain) is not None else text
     _, kind, gamma = found
     shape = _name_shape(law, estimate.shape, gamma)
     wrong = [
-        f"{key.name} = {shape[key.name]:g}, and robot files take what is {key.allowed}"
+        f"{key.name} = {shape[key.name]:g}, and robot files allow {key.allowed}"
         for key in FRICTION_SHAPES.get(kind, ())
         if shape[key.name] not in key.allowed
     ]
@@ -223,7 +219,7 @@ def build_robot_friction(joint: JointFriction) -> FrictionValues:
     return FrictionValues(
         kind=kind,
         values=tuple(values.get(name, 0.0) for name in FRICTION_PARAMETERS[kind]),
-        # Without a sign there is nothing to smooth, and robot files refuse it.
+        # Robot files refuse a smoothing where there is no sign.
         smoothing=joint.smoothing if family.has_sign else 0.0,
         shape=tuple(shape[key.name] for key in keys),
     )
@@ -247,18 +243,8 @@ def _name_shape(law: FrictionLaw, values: Sequence[float], gamma: str) -> dict[s
     return shape if "gamma" in shape or gamma == "exponent" else {**shape, "gamma": float(gamma)}
 
 
-def _explain(law: FrictionLaw) -> str:
-    further = [name for name in law.inputs if name != "velocity"]
-    if further:
-        return f": it reads the {' and the '.join(further)} besides the velocity"
-    plain = law.name.removesuffix("+offset")
-    if plain != law.name and _get_family(plain) is not None:
-        return f"; they have {plain!r}, without an offset"
-    return ""
-
-
 def set_identified_friction(robot: Robot, found: FrictionIdentification) -> Robot:
-    """Return the robot with the friction model that the identification gave to all joints, if it did."""
+    """Return the robot with the friction model that the identification gave to all joints, if any."""
     kinds = found.settings.get("friction")
     asked = set(kinds) if isinstance(kinds, Sequence) else set()
     own = {joint.friction.kind.value for joint in robot.axes}

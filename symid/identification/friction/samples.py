@@ -1,23 +1,22 @@
-"""What friction of one joint is fitted to: samples, the rows that filters leave, the velocity-torque map.
+"""Samples of one joint, the rows that filters leave of them, and the velocity-torque map.
 
 Arrays of one joint in SI units -> FrictionSamples -> FrictionRows, VelocityMap.
 
     tau = Phi(v; shape) linear + X extra + noise,    R tau = R [Phi, X] c + R noise
 
 R is a linear operator that the torque and all columns pass alike: a filter, a decimation, both. Rows are
-chosen behind R, so that what is left out has passed the same filter as what stays. The map has intervals
-of velocity with equal numbers of rows, direction by direction.
+selected behind R, so that all have passed the same filter.
 
 Supported: velocity, load and position as inputs of a law; columns of known form beside friction; several
-recordings, each filtered by itself; a thinned cloud of single rows for figures.
-Not supported: several joints at once; R that depends on the values it acts on; maps over load or
-position.
+recordings, each filtered by itself.
+Not supported: several joints at once; R that depends on the values it acts on; maps over load or position.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import accumulate
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,11 +26,11 @@ from symid.errors import LogError, Notice
 from symid.logs import decimate
 from symid.robot import Decimation
 
-_LEAST_SHARE = 0.01
-"""Of the samples: with fewer against the rest a joint moved in one direction."""
-
 Reduction = Callable[[FloatArray], FloatArray]
 """A linear operator on columns: (N, c) -> (M, c)."""
+
+
+_VECTORS = ("time", "velocity", "torque", "load", "position", "run")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -43,15 +42,13 @@ class FrictionSamples:
         time: (N,) s.
         velocity: (N,) rad/s or m/s.
         torque: (N,) N m or N; positive where it drives towards positive velocity.
-        extra: (N, k) columns that stand beside friction, as ddq, sin q, cos q; (N, 0) for none.
-        extra_names: of these columns.
-        extra_units: of what multiplies them; empty where they are not known.
+        extra: (N, k) columns beside friction, as ddq, sin q, cos q; (N, 0) for none.
+        extra_names, extra_units: of the factors of these columns; no units where they are not known.
         load: (N,) torque that the gear carries, N m or N; None where it is not known.
         position: (N,) rad or m; None where it is not known.
-        run: (N,) which recording or pose a sample belongs to, counted from zero; None: all of one.
-        reduce: R, which torque and all columns pass; None for the identity.
+        run: (N,) recording of a sample, from zero; None: all of one.
+        reduce: R; None for the identity.
         prismatic: whether the joint moves along its axis.
-        noise: standard deviation of the torque's noise behind R, N m or N; None where it is not known.
 
     Raises:
         LogError: arrays of different length, empty, or with numbers that are not finite.
@@ -69,7 +66,6 @@ class FrictionSamples:
     run: NDArray[np.int64] | None = None
     reduce: Reduction | None = None
     prismatic: bool = False
-    noise: float | None = None
 
     def __post_init__(self) -> None:
         """Copy the arrays, make them read-only, check them."""
@@ -80,7 +76,7 @@ class FrictionSamples:
         joint, count, mistakes = f"joint {self.joint!r}", len(self.velocity), []
         if count == 0:
             mistakes.append(f"{joint}: there are no samples")
-        for name in ("time", "velocity", "torque", "load", "position", "run"):
+        for name in _VECTORS:
             values = getattr(self, name)
             if values is not None and values.shape != (count,):
                 mistakes.append(f"{joint}: {name} has shape {values.shape}, not ({count},)")
@@ -93,8 +89,6 @@ class FrictionSamples:
             values = getattr(self, name)
             if values is not None and not np.all(np.isfinite(values)):
                 mistakes.append(f"{joint}: {name} holds numbers that are not finite")
-        if self.noise is not None and not 0.0 < self.noise < np.inf:
-            mistakes.append(f"{joint}: noise {self.noise:g} must be positive, or not given")
         if mistakes:
             raise LogError(*(Notice(code="friction.samples", text=text) for text in mistakes))
 
@@ -105,7 +99,7 @@ class FrictionSamples:
 
     @property
     def inputs(self) -> dict[str, FloatArray]:
-        """Return what a law may read: velocity, and load and position where they are known, (N,) each."""
+        """Return the inputs of laws, (N,) each: velocity, and load and position where they are known."""
         given = {"velocity": self.velocity, "load": self.load, "position": self.position}
         return {name: values for name, values in given.items() if values is not None}
 
@@ -114,28 +108,16 @@ class FrictionSamples:
         return columns if self.reduce is None else self.reduce(columns)
 
     def take(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> "FrictionSamples":
-        """Return some of the samples, without R, which belongs to all of them."""
-        return replace(
-            self,
-            time=self.time[index],
-            velocity=self.velocity[index],
-            torque=self.torque[index],
-            extra=self.extra[index],
-            load=None if self.load is None else self.load[index],
-            position=None if self.position is None else self.position[index],
-            run=None if self.run is None else self.run[index],
-            reduce=None,
-        )
+        """Return some of the samples, without R, which is of all of them."""
+        arrays = {name: getattr(self, name) for name in (*_VECTORS, "extra")}
+        given = {name: values for name, values in arrays.items() if values is not None}
+        chosen: dict[str, Any] = {name: values[index] for name, values in given.items()}
+        return replace(self, **chosen, reduce=None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrictionRows(FrozenArrays):
-    """Rows of one joint.
-
-    Args:
-        time: (M,) s. velocity: (M,) rad/s or m/s. torque: (M,) N m or N. extra: (M, k) of the samples.
-        run: (M,) which recording a row belongs to.
-    """
+    """Rows of one joint: time, velocity, torque, run (M,) and extra (M, k), as in `FrictionSamples`."""
 
     time: FloatArray
     velocity: FloatArray
@@ -145,30 +127,28 @@ class FrictionRows(FrozenArrays):
 
 
 def build_reduction(lengths: Sequence[int], decimation: Decimation) -> Reduction | None:
-    """Return the operator that decimates recordings of these numbers of samples; None for no decimation."""
+    """Return the operator that decimates recordings of these lengths; None for no decimation."""
     if decimation.factor == 1:
         return None
     return partial(_decimate_parts, ends=tuple(accumulate(lengths)), decimation=decimation)
 
 
 def _decimate_parts(columns: FloatArray, ends: tuple[int, ...], decimation: Decimation) -> FloatArray:
-    """Return columns (N, c) decimated, each recording, up to one of `ends`, by itself."""
     parts = np.split(columns, ends[:-1])
     return np.vstack([decimate(part, decimation) for part in parts])
 
 
 def _pass_some(columns: FloatArray, whole: Reduction, kept: NDArray[np.intp]) -> FloatArray:
-    """Return some of the rows that another reduction leaves."""
     chosen: FloatArray = whole(columns)[kept]
     return chosen
 
 
 def build_friction_rows(samples: FrictionSamples) -> FrictionRows:
-    """Return the rows that the samples are fitted as."""
+    """Return the samples behind R."""
     ones, run = np.ones(samples.count), np.asarray(samples.run, dtype=np.float64)
     columns = [ones, samples.time, samples.velocity, run, samples.torque, samples.extra]
     passed = samples.pass_columns(np.column_stack(columns))
-    # A filter whose gain at rest is not one scales constants, which say where a row is.
+    # A filter whose gain at rest is not one scales constants.
     gain = passed[:, 0]
     return FrictionRows(
         time=passed[:, 1] / gain,
@@ -180,9 +160,9 @@ def build_friction_rows(samples: FrictionSamples) -> FrictionRows:
 
 
 def is_one_sided(velocity: FloatArray) -> bool:
-    """Return whether less than one sample in a hundred moves against the rest."""
+    """Return whether at most one sample in a hundred moves against the others."""
     forward, backward = int(np.sum(velocity > 0.0)), int(np.sum(velocity < 0.0))
-    return min(forward, backward) <= _LEAST_SHARE * max(forward, backward)
+    return min(forward, backward) <= 0.01 * max(forward, backward)
 
 
 def select_friction_rows(samples: FrictionSamples, kept: NDArray[np.bool_]) -> FrictionSamples:
@@ -192,21 +172,12 @@ def select_friction_rows(samples: FrictionSamples, kept: NDArray[np.bool_]) -> F
     return replace(samples, reduce=partial(_pass_some, whole=samples.reduce, kept=np.flatnonzero(kept)))
 
 
-INTERVALS = 20
-"""Of each direction, at most."""
-LEAST_ROWS = 5
-"""Of an interval."""
-CLOUD = 600
-"""Rows of the cloud, at most."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VelocityMap(FrozenArrays):
     """Friction torque in intervals of velocity.
 
     Args:
-        velocity: (B,) mean of each interval, rad/s or m/s, rising. torque: (B,) mean, N m or N.
-        spread: (B,) standard deviation of the rows. count: (B,) rows.
+        velocity, torque, spread, count: (B,) mean velocity, rising, mean torque, its deviation, rows.
         cloud_velocity, cloud_torque: (C,) single rows, evenly over time.
         slowest: speed of the slowest row of all, rad/s or m/s.
     """
@@ -221,32 +192,26 @@ class VelocityMap(FrozenArrays):
 
 
 def compute_velocity_map(
-    samples: FrictionSamples, other: FloatArray | tuple[float, ...] = (), *, intervals: int = INTERVALS
+    samples: FrictionSamples, other: FloatArray | tuple[float, ...] = (), *, intervals: int = 20
 ) -> VelocityMap:
-    """Return the map of what is left of the torque without its rigid part.
+    """Return the map of the torque less `other` (k,) times the columns beside friction.
 
-    Args:
-        samples: of one joint.
-        other: (k,) what multiplies the columns beside friction.
-        intervals: of each direction, at most.
+    At most `intervals` of each direction have equal numbers of rows.
     """
     rows = build_friction_rows(samples)
     torque = rows.torque - rows.extra @ np.asarray(other, dtype=np.float64)
-    parts: list[tuple[np.floating, np.floating, np.floating, int]] = []
+    parts: list[tuple[Any, ...]] = []
     for direction in (-1.0, 1.0):
         index = np.flatnonzero(direction * rows.velocity > 0.0)
         order = index[np.argsort(rows.velocity[index], kind="stable")]
-        count = min(intervals, len(order) // LEAST_ROWS)
+        count = min(intervals, len(order) // 5)
         for group in np.array_split(order, count) if count else ():
             values = torque[group]
             parts.append((np.mean(rows.velocity[group]), np.mean(values), np.std(values), len(group)))
     table = np.array(parts).reshape(-1, 4)
-    kept = np.unique(np.linspace(0, len(torque) - 1, min(CLOUD, len(torque))).astype(int))
+    kept = np.unique(np.linspace(0, len(torque) - 1, min(600, len(torque))).astype(int))
     return VelocityMap(
-        velocity=table[:, 0],
-        torque=table[:, 1],
-        spread=table[:, 2],
-        count=table[:, 3],
+        **dict(zip(("velocity", "torque", "spread", "count"), table.T, strict=True)),
         cloud_velocity=rows.velocity[kept],
         cloud_torque=torque[kept],
         slowest=float(np.min(np.abs(rows.velocity), initial=np.inf)),

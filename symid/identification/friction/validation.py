@@ -1,17 +1,18 @@
-"""What identified friction explains of a log that it was not fitted to; nothing is fitted.
+"""What identified friction predicts of a log that it was not fitted to; nothing is fitted.
 
 FrictionIdentification, the library of the same model, a recording -> Validation.
 
     tau^ = Phi(dq; shape) linear + X other,    relative residual = |R (tau - tau^)| / |R tau|
 
-The rows are those of the fit: filter, decimation, rows below standstill left out. X has the columns that
-were fitted along; where base parameters were known, tau is without them, as in the fit.
+The rows are those of the fit: filter, decimation, rows below standstill left out. X are the columns that
+were fitted along; known base parameters are subtracted from tau, as in the fit.
 
 Supported: joints that move in the log, and whose rigid part the logs of the fit identified.
-Not supported: mean periods; the rows of the log are taken one by one.
+Not supported: mean periods.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,17 +25,14 @@ from symid.identification.estimators import Residual, Series, Validation, check_
 from symid.identification.friction.extraction import (
     JointLogs,
     RigidColumns,
+    build_joint_samples,
     build_rigid_columns,
     list_independent,
+    list_physical_columns,
     prepare_joint_logs,
 )
 from symid.identification.friction.results import FrictionIdentification, JointFriction
-from symid.identification.friction.samples import (
-    FrictionSamples,
-    build_friction_rows,
-    build_reduction,
-    select_friction_rows,
-)
+from symid.identification.friction.samples import FrictionSamples, build_friction_rows, select_friction_rows
 from symid.identification.friction.selection import predict_rows
 from symid.joint_models import FrictionLaw, get_law
 from symid.logs import Recording, Signals, is_log_of_fit
@@ -62,7 +60,7 @@ def validate_friction(
     Raises:
         EstimateError: the friction belongs to another model.
         LogError: the recording does not fit the robot.
-        IdentifiabilityError: nothing can be said of any joint.
+        IdentifiabilityError: no joint can be validated.
     """
     check_model(found, library.card)
     beta = read_known_parameters(found, library.card)
@@ -94,11 +92,7 @@ def validate_friction(
 
 
 def read_known_parameters(found: FrictionIdentification, card: ModelCard) -> FloatArray | None:
-    """Return the base parameters (p,) that were subtracted; None where the rigid part was fitted along.
-
-    Raises:
-        EstimateError: the friction does not say their values.
-    """
+    """Return the base parameters (p,) that were subtracted; None where the rigid part was fitted along."""
     if found.settings.get("rigid") != "known":
         return None
     values = found.settings.get("known_values")
@@ -106,7 +100,7 @@ def read_known_parameters(found: FrictionIdentification, card: ModelCard) -> Flo
     numbers = [values.get(name) for name in names] if isinstance(values, Mapping) else [None]
     plain = [float(value) for value in numbers if isinstance(value, int | float)]
     if len(plain) != len(names):
-        text = "its settings have no usable 'known_values', the base parameters it rests on; identify again"
+        text = "its settings have no usable 'known_values' (the base parameters subtracted); identify again"
         raise EstimateError(Notice(code="estimate.settings", text=text))
     return np.array(plain)
 
@@ -114,17 +108,26 @@ def read_known_parameters(found: FrictionIdentification, card: ModelCard) -> Flo
 def _validate_joint(
     entry: JointFriction, library: Library, logs: JointLogs, beta: FloatArray | None
 ) -> _Trial:
-    """Return what the friction of a joint explains.
-
-    Raises:
-        IdentifiabilityError: nothing can be said of it.
-    """
+    """Return residual, series and notices of a joint; raise IdentifiabilityError where there are none."""
     law = get_law(entry.estimate.law, smoothing=entry.smoothing)
     joint = [card.name for card in library.card.joints].index(entry.joint)
-    if not logs.find_moving(joint):
+    if not logs.list_moving(joint):
         raise _leave_out(entry.joint, "it does not move of its own in this log")
-    samples, notices = _build_samples(entry, library, logs, joint, beta)
-    samples, told = _choose_rows(samples, entry, law, logs.processing.standstill)
+    (signals,) = logs.signals
+    rigid = build_rigid_columns(library, (signals,), joint)
+    names = _list_columns(entry, library.card)
+    fitted = _build_columns(names, rigid, library, signals, joint)
+    columns = RigidColumns.build(fitted, ((name, "") for name in names))
+    samples = build_joint_samples(library, logs, joint, (0,), columns)
+    own = [k for k, name in enumerate(names) if name in {*_PHYSICAL, *rigid.names}]
+    notices: tuple[Notice, ...] = ()
+    if beta is not None:
+        load = rigid.columns @ beta
+        samples = replace(samples, torque=samples.torque - load, load=load)
+    else:
+        samples = replace(samples, load=fitted[:, own] @ np.array(entry.estimate.other)[own])
+        notices = _check_rigid(entry, library, rigid, fitted[:, own], [names[k] for k in own])
+    samples, found = _choose_rows(samples, entry, law, logs.processing.standstill)
     rows = build_friction_rows(samples)
     predicted = predict_rows(samples, law, entry.estimate)
     residual = Residual.measure(entry.joint, rows.torque - predicted, rows.torque, entry.unit)
@@ -137,47 +140,11 @@ def _validate_joint(
         measured=rows.torque,
         predicted=predicted,
     )
-    return residual, series, (*notices, *told)
-
-
-def _build_samples(
-    entry: JointFriction, library: Library, logs: JointLogs, joint: int, beta: FloatArray | None
-) -> tuple[FrictionSamples, tuple[Notice, ...]]:
-    """Return the log as the law's prediction needs it, with the columns of the fit."""
-    (signals,) = logs.signals
-    rigid = build_rigid_columns(library, (signals,), joint)
-    names = _list_columns(entry, library.card)
-    fitted = _build_columns(names, rigid, library, signals, joint)
-    own = [k for k, name in enumerate(names) if name in {*_PHYSICAL, *rigid.names}]
-    torque = signals.tau[:, joint]
-    notices: tuple[Notice, ...] = ()
-    if beta is not None:
-        load = rigid.columns @ beta
-        torque = torque - load
-    else:
-        load = fitted[:, own] @ np.array(entry.estimate.other)[own]
-        notices = _check_rigid(entry, library, rigid, fitted[:, own], [names[k] for k in own])
-    samples = FrictionSamples(
-        joint=entry.joint,
-        time=signals.time,
-        velocity=signals.dq[:, joint],
-        torque=torque,
-        extra=fitted,
-        extra_names=names,
-        load=load,
-        position=signals.q[:, joint],
-        reduce=build_reduction([len(signals.time)], logs.processing.decimation),
-        prismatic=library.card.joints[joint].kind == "prismatic",
-    )
-    return samples, notices
+    return residual, series, (*notices, *found)
 
 
 def _list_columns(entry: JointFriction, card: ModelCard) -> tuple[str, ...]:
-    """Return the names of what was fitted beside friction, in the order of its values.
-
-    Raises:
-        EstimateError: the names are not those of the values.
-    """
+    """Return the names of the columns beside friction; raise EstimateError where values do not fit."""
     estimate = entry.estimate
     own = {parameter.name for parameter in get_law(estimate.law).physical}
     given = {parameter.name for parameter in estimate.extra}
@@ -186,8 +153,8 @@ def _list_columns(entry: JointFriction, card: ModelCard) -> tuple[str, ...]:
     names = tuple(name for name in order if name in given)
     if len(names) != len(estimate.other) or len(names) != len(given):
         text = (
-            f"joint {entry.joint!r}: beside friction {', '.join(sorted(given)) or 'nothing'} was fitted, "
-            f"with {len(estimate.other)} values, and the model knows {len(names)} of them; identify again"
+            f"joint {entry.joint!r}: beside friction {', '.join(sorted(given)) or 'nothing'} was fitted with "
+            f"{len(estimate.other)} values, of which the model has {len(names)}; identify again"
         )
         raise EstimateError(Notice(code="estimate.parameters", text=text))
     return names
@@ -196,12 +163,9 @@ def _list_columns(entry: JointFriction, card: ModelCard) -> tuple[str, ...]:
 def _build_columns(
     names: Sequence[str], rigid: RigidColumns, library: Library, signals: Signals, joint: int
 ) -> FloatArray:
-    """Return the columns (N, k) of these names."""
-    columns: dict[str, FloatArray] = {
-        "J": signals.ddq[:, joint],
-        "a": np.sin(signals.q[:, joint]),
-        "b": np.cos(signals.q[:, joint]),
-    }
+    card = library.card.joints[joint]
+    physical = list_physical_columns(signals.q[:, joint], signals.ddq[:, joint], card)
+    columns = {name: column for name, column, _ in physical}
     columns |= dict(zip(rigid.names, rigid.columns.T, strict=True))
     others = [entry.name for entry in library.card.friction]
     if set(names) & set(others):
@@ -213,32 +177,28 @@ def _build_columns(
 def _check_rigid(
     entry: JointFriction, library: Library, rigid: RigidColumns, fitted: FloatArray, names: Sequence[str]
 ) -> tuple[Notice, ...]:
-    """Refuse motions that need more of the rigid part than was fitted, and say where it holds.
-
-    Raises:
-        IdentifiabilityError: they do.
-    """
+    """Return where the rigid part holds; raise IdentifiabilityError where a motion needs more of it."""
     if len(list_independent(np.hstack([fitted, rigid.columns]))) != len(list_independent(fitted)):
         reason = (
-            "this motion needs more of its rigid part than the fitted logs showed, as where a joint moved "
-            "alone there and moves with others here; identify the base parameters, and friction with --known"
+            "this motion needs more of its rigid part than was fitted, as where a joint moved alone there "
+            "and moves with others here. Identify the base parameters, and friction with --known"
         )
         raise _leave_out(entry.joint, reason)
-    untold = [name for name, _ in entry.estimate.refused if name in names]
-    if untold:
+    refused = [name for name, _ in entry.estimate.refused if name in names]
+    if refused:
         text = (
-            f"joint {entry.joint!r}: of its rigid part {', '.join(untold)} got no number; what is foretold "
-            "holds for motions like those that were fitted, and for others means nothing"
+            f"joint {entry.joint!r}: {', '.join(refused)} of its rigid part are not identifiable; the "
+            "prediction holds only for motions like those that were fitted"
         )
         return (Notice(code="validate.friction-beside", text=text),)
-    seen = {name for name, column in zip(rigid.names, rigid.columns.T, strict=True) if column.any()}
-    # Base parameters that none was grouped with are the robot's, at every pose.
-    if library.card.size == 1 or not names or seen <= set(names):
+    acting = {name for name, column in zip(rigid.names, rigid.columns.T, strict=True) if column.any()}
+    # Base parameters that were fitted one by one hold at every pose.
+    if library.card.size == 1 or not names or acting <= set(names):
         return ()
-    told = f" ({', '.join(names)})" if set(names) <= set(_PHYSICAL) else f" of {len(names)} columns"
+    which = ", ".join(names) if set(names) <= set(_PHYSICAL) else f"{len(names)} columns"
     text = (
-        f"joint {entry.joint!r}: its rigid part{told} was fitted along and holds for the poses of the fitted "
-        "logs; for others identify the base parameters, and friction with --known"
+        f"joint {entry.joint!r}: its rigid part ({which}) was fitted along and holds at the poses of the "
+        "fitted logs. For others identify the base parameters, and friction with --known"
     )
     return (Notice(code="validate.friction-pose", text=text),)
 
@@ -246,11 +206,7 @@ def _check_rigid(
 def _choose_rows(
     samples: FrictionSamples, entry: JointFriction, law: FrictionLaw, standstill: float
 ) -> tuple[FrictionSamples, tuple[Notice, ...]]:
-    """Return the rows that count: not below standstill, and of laws with refused parameters those fitted.
-
-    Raises:
-        IdentifiabilityError: none.
-    """
+    """Return rows above standstill, of laws with refused parameters those within the speeds fitted."""
     rows = build_friction_rows(samples)
     own = {parameter.name for parameter in law.physical}
     refused = [name for name, _ in entry.estimate.refused if name in own]
@@ -265,14 +221,14 @@ def _choose_rows(
     outside = int(np.sum(moving & ~inside))
     if refused:
         text = (
-            f"{joint}: {', '.join(refused)} got no number, but the law as a whole foretells torques at the "
-            f"speeds that were fitted; {outside} of {len(kept)} rows at others were left out"
+            f"{joint}: {', '.join(refused)} are not identifiable, so the law holds only at the speeds that "
+            f"were fitted; {outside} of {len(kept)} rows at others were left out"
         )
         notices.append(Notice(code="validate.friction-refused", text=text))
     elif beyond := int(np.sum(moving & far)):
         text = (
-            f"{joint}: {beyond} of {len(kept)} rows are faster than all that was fitted, or in a direction "
-            "that was not: the law is extrapolated there"
+            f"{joint}: {beyond} of {len(kept)} rows are faster than those fitted, or in another direction: "
+            "the law is extrapolated there"
         )
         notices.append(Notice(code="validate.friction-range", text=text))
     return (samples if kept.all() else select_friction_rows(samples, kept)), tuple(notices)

@@ -1,4 +1,4 @@
-"""Variable projection: the shape of a friction law is searched, all else follows by linear least squares.
+"""Variable projection: the shape of a friction law is searched, the rest follows by linear least squares.
 
 FrictionProblem -> FrictionSearch.
 
@@ -6,19 +6,15 @@ FrictionProblem -> FrictionSearch.
     h(s) = r(s)' dPhi/ds c(s) = -1/2 dJ/ds = 0                           root finding, one shape value
 
 Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432; Kaufman, BIT 15 (1975) 49-57; Levenberg, Quart.
-Appl. Math. 2 (1944) 164-168; Marquardt, J. SIAM 11 (1963) 431-441. A grid of shapes, spaced by equal
-factors, gives the starts; damped Gauss-Newton steps in the logarithms follow the best of them; lambda
-follows the curvature that the last step found. A law with a linear zone has an objective with a kink
-wherever the edge of the zone passes a sample: such an edge is set onto the kinks next to it, and beyond
-them. Where friction changes its sign at a velocity that is searched, the objective jumps: the intervals
-between jumps are tried, ever closer around the best.
+Appl. Math. 2 (1944) 164-168; Marquardt, J. SIAM 11 (1963) 431-441. Damped Gauss-Newton steps in the
+logarithms start from a grid of shapes; lambda follows the curvature of the last step. A linear zone gives J
+a kink wherever the edge of the zone passes a sample: the edge is set onto the kinks next to it, and beyond
+them. Where friction changes its sign at a velocity that is searched, J jumps: the intervals between jumps
+are tried, ever closer around the best. Root finding (first row of Table 2 of Zhang, Hu and Zou (2021))
+scans h at values spaced by equal factors and finds each root by Brent's method.
 
-Root finding scans h at values spaced by equal factors, finds each root by Brent's method and keeps the
-one of least J; it is variable projection with one unknown, and the first row of Table 2 of Zhang, Hu and
-Zou (2021) as far as its description tells.
-
-Supported: up to three shape values, fixed ones too, dependent columns; root finding: one free shape
-value, motions in one direction.
+Supported: up to three shape values, fixed ones too, dependent columns; root finding: one free shape value,
+motions in one direction.
 Not supported: bounds of linear parameters (`bounded_search`); proof that no better optimum exists.
 """
 
@@ -42,18 +38,13 @@ from symid.identification.regression import solve_scaled
 from symid.ipopt import Ending
 
 IntArray = NDArray[np.int64]
-_DAMPING = 1e-3
 _MOST_WANTED = 10.0
 _MOST_FAILED = 100.0
-"""Damping at most after a step that made J greater, unless it was greater before."""
+"""Damping at most after a failed step, unless it was greater before."""
 _RESOLVED = 1e-15
-"""Part of J by which a step must promise to make it less: rounding hides what is smaller."""
-_ROUNDING = 1e-11
-"""Part of J below which a change of J says nothing of its curvature."""
+"""Relative decrease of J that a step must promise: less is rounding."""
 _POOR = 0.25
-"""Of the promised gain: a step in several directions that gives more is not too long in most of them."""
-_LONGEST = 1.5
-"""Step in a logarithm at most."""
+"""Part of the promised gain above which a step in several directions counts as short enough."""
 
 
 def descend(
@@ -63,7 +54,6 @@ def descend(
     *,
     tolerance: float,
     steps: int,
-    history: list[float],
     patience: int = 60,
     box: tuple[FloatArray, FloatArray] | None = None,
 ) -> tuple[Projection, bool]:
@@ -73,13 +63,13 @@ def descend(
     """
     problem = projector.problem
     low, high = box or (problem.encode(problem.low), problem.encode(problem.high))
-    damping, failed = _DAMPING, 0
-    jacobian, fresh = projector.find_jacobian(state), False
+    damping, failed = 1e-3, 0
+    jacobian, fresh = projector.compute_jacobian(state), False
     for _ in range(steps):
         if projector.exhausted or failed >= patience:
             return state, False
         if fresh:
-            jacobian = projector.find_jacobian(state)
+            jacobian = projector.compute_jacobian(state)
         fresh = False
         slope = jacobian.T @ state.residual
         held = ((state.z <= low) & (slope > 0.0)) | ((state.z >= high) & (slope < 0.0))
@@ -88,20 +78,20 @@ def descend(
         if len(moving):
             step[moving] = solve_scaled(jacobian[:, moving], -state.residual, rcond=1e-13, damping=damping)
             projector.solves += 1
-        step *= min(1.0, _LONGEST / max(float(np.max(np.abs(step))), 1e-300))
+        step *= min(1.0, 1.5 / max(float(np.max(np.abs(step))), 1e-300))
         trial_z = np.clip(state.z + step, low, high)
         step = trial_z - state.z
         bend = jacobian @ step
         promised = -float((2.0 * state.residual + bend) @ bend)
-        unseen = damping <= _MOST_WANTED and promised <= _RESOLVED * state.objective
-        if unseen or float(np.max(np.abs(step), initial=0.0)) <= tolerance:
+        negligible = damping <= _MOST_WANTED and promised <= _RESOLVED * state.objective
+        if negligible or float(np.max(np.abs(step), initial=0.0)) <= tolerance:
             return state, True
         trial = projector.project(trial_z)
         wanted = _choose_damping(jacobian, state, trial)
         if trial.objective < state.objective:
             damping = max(0.1 * damping, min(wanted, _MOST_WANTED), 1e-12)
             state, fresh, failed = trial, True, 0
-            history.append(min(history[-1], state.objective))
+            projector.record(state)
         else:
             damping = max(damping * (10.0 if damping > 1e-6 else 1e3), min(wanted, _MOST_FAILED))
             failed += 1
@@ -111,14 +101,13 @@ def descend(
 def _choose_damping(jacobian: FloatArray, state: Projection, trial: Projection) -> float:
     """Return the damping that makes the model of J as curved as J was along the last step.
 
-    J(d) = J + 2 r'F d + (1 + c) |F d|^2 is solved for c. The damping is c |F d|^2 / |D d|^2: with one shape
-    value, the next step is that of the secant. Without it, steps that all go too far close in on the optimum
-    from both sides as slowly as c tells, although each of them makes J less.
+    J(d) = J + 2 r'F d + (1 + c) |F d|^2 is solved for c; the damping is c |F d|^2 / |D d|^2, with one shape
+    value the step of the secant. Without it, steps that are all too long converge slowly.
     """
     step = trial.z - state.z
     bend = jacobian @ step
     curved, length = float(bend @ bend), float(np.sum((np.linalg.norm(jacobian, axis=0) * step) ** 2))
-    if curved <= _ROUNDING * state.objective or length == 0.0:
+    if curved <= 1e-11 * state.objective or length == 0.0:
         return 0.0
     slope = 2.0 * float(state.residual @ bend)
     gain = trial.objective - state.objective
@@ -132,81 +121,70 @@ _KINKED = frozenset({"dq0"})
 _JUMPING = frozenset({"dqs"})
 """Shape values at which J jumps whenever they pass a velocity sampled: where friction changes its sign."""
 _EXCHANGED = (("g2", "g3"),)
-"""Shape values that may be exchanged, as only a sign changes with them: the first is the greater one."""
-_NEXT = 1.5
+"""Shape values that may be exchanged: the first is the greater one."""
 _PATIENCE = 3
-"""Steps in a row that may fail near a kink: across it the model of J holds for none."""
-_SETTLED = 1e-10
-"""Part of J that a side of a kink may promise."""
+"""Steps in a row that may fail near a kink."""
 _INSIDE = 1e-8
 """Distance to the ends of an interval between jumps, by its width."""
 _ONE_JUMP = 1e-6
 _ACROSS = 3e-8
 """Step from there over the jump, by the same width."""
-_APPROACH = 10
-"""Steps towards an optimum in a kink, which steps alone do not reach."""
-_VISITS = 2
 _CANDIDATES = 8
 _RESERVE = 12
-"""Solves kept to end what is smooth once the kinks were visited."""
-_DEVIATIONS = 4.0
-_ROUNDS = 5
-_CLOSER = 0.4
+"""Solves kept for the smooth rest once the kinks were visited."""
 _LINEAR = "the law is linear in what is free"
 _SMALL_STEP = "the next step in the shape, or what it promises, fell below the tolerance"
 
 
 def search_by_projection(problem: FrictionProblem, options: VariableProjectionOptions) -> FrictionSearch:
-    """Return the shape of the least objective, and its linear parameters.
-
-    Args:
-        problem: with at most three shape values that are not fixed.
-        options: grid, starts, limits.
-    """
+    """Return the optimum of a problem with at most three free shape values."""
     projector = Projector(problem, options.solves)
     states = [projector.project(z) for z in build_shape_grid(problem, options)]
-    history = [min(state.objective for state in states)]
+    projector.record(*states)
     free = np.flatnonzero(problem.is_free)
     if not len(free):
-        return projector.build_search(states[0], history, Ending.CONVERGED, _LINEAR)
+        return projector.build_search(states[0], Ending.CONVERGED, _LINEAR)
     # The distance of the grid's points in each coordinate.
     spacing = np.ones(len(problem.low))
     width = problem.encode(problem.high) - problem.encode(problem.low)
     spacing[free] = width[free] / np.array(options.grid[len(free) - 1])
     if any(problem.law.shape[place].name in _JUMPING for place in free):
         least = min(states, key=lambda state: state.objective)
-        states = [_visit_jumps(projector, least, free, spacing, history)]
-    starts = _choose_starts(states, spacing, options)
-    ends = [descend(projector, start, free, tolerance=1e-2, steps=6, history=history) for start in starts]
+        states = [_visit_jumps(projector, least, free, spacing)]
+    starts: list[Projection] = []
+    for state in sorted(states, key=lambda state: state.objective):
+        # None next to another one chosen.
+        apart = [float(np.max(np.abs((state.z - other.z) / spacing))) for other in starts]
+        if len(starts) < options.starts and all(distance > 1.5 for distance in apart):
+            starts.append(state)
+    ends = [descend(projector, start, free, tolerance=1e-2, steps=6) for start in starts]
     best = min((end for end, _ in ends), key=lambda state: state.objective)
-    best, done = _finish(projector, best, free, options.tolerance, history)
+    best, done = _finish(projector, best, free, options.tolerance)
     outcome, ended = Ending.STALLED, "no step made the objective less"
     if done:
-        outcome, ended = Ending.CONVERGED, _SMALL_STEP if len(history) > 1 else _LINEAR
+        outcome, ended = Ending.CONVERGED, _SMALL_STEP if len(projector.history) > 1 else _LINEAR
     elif projector.exhausted:
         outcome, ended = Ending.LIMIT, f"{projector.limit} linear problems were solved"
-    return projector.build_search(best, history, outcome, ended)
+    return projector.build_search(best, outcome, ended)
 
 
 def _finish(
-    projector: Projector, best: Projection, free: IntArray, tolerance: float, history: list[float]
+    projector: Projector, best: Projection, free: IntArray, tolerance: float
 ) -> tuple[Projection, bool]:
     """Return the optimum next to `best`, and whether it is one; J may have kinks or jump."""
     problem = projector.problem
     names = {problem.law.shape[place].name for place in free}
     if not names & (_KINKED | _JUMPING):
-        return descend(projector, best, free, tolerance=tolerance, steps=60, history=history)
+        return descend(projector, best, free, tolerance=tolerance, steps=60)
     patience = _PATIENCE if names & _KINKED else 2 * _PATIENCE
-    best, _ = descend(
-        projector, best, free, tolerance=tolerance, steps=_APPROACH, history=history, patience=patience
-    )
+    best, _ = descend(projector, best, free, tolerance=tolerance, steps=10, patience=patience)
     if names & _KINKED:
-        return _visit_kinks(projector, best, free, tolerance, history)
-    return _cross_jumps(projector, best, free, tolerance, history)
+        return _visit_kinks(projector, best, free, tolerance)
+    return _cross_jumps(projector, best, free, tolerance)
 
 
 def build_shape_grid(problem: FrictionProblem, options: VariableProjectionOptions) -> list[FloatArray]:
-    """Return coordinates of the grid's shapes, in order, (s,) each; one alone where nothing is free."""
+    """Return coordinates (s,) of the grid's shapes, in order; one alone where nothing is free."""
     low, high = problem.encode(problem.low), problem.encode(problem.high)
     free = np.flatnonzero(problem.is_free)
     if not len(free):
@@ -224,25 +202,7 @@ def build_shape_grid(problem: FrictionProblem, options: VariableProjectionOption
     return [point for point in points if all(point[a] > point[b] for a, b in pairs)] or points
 
 
-def _choose_starts(
-    states: list[Projection], spacing: FloatArray, options: VariableProjectionOptions
-) -> list[Projection]:
-    """Return the grid's least states, none next to another one chosen; `spacing` (s,) is the grid's."""
-    places = [state.z / spacing for state in states]
-    order = sorted(range(len(states)), key=lambda index: states[index].objective)
-    chosen: list[int] = []
-    for index in order:
-        apart = [float(np.max(np.abs(places[index] - places[k]))) for k in chosen]
-        if all(distance > _NEXT for distance in apart):
-            chosen.append(index)
-        if len(chosen) == options.starts:
-            break
-    return [states[index] for index in chosen]
-
-
-def _visit_jumps(
-    projector: Projector, best: Projection, free: IntArray, spacing: FloatArray, history: list[float]
-) -> Projection:
+def _visit_jumps(projector: Projector, best: Projection, free: IntArray, spacing: FloatArray) -> Projection:
     """Return the end of a search over the intervals between jumps, ever closer around the best one."""
     problem = projector.problem
     place = next(k for k in free if problem.law.shape[k].name in _JUMPING)
@@ -251,7 +211,7 @@ def _visit_jumps(
     middles = np.log(0.5 * (speeds[1:] + speeds[:-1]))
     low, high = problem.encode(problem.low), problem.encode(problem.high)
     reach = float(spacing[place])
-    for _ in range(_ROUNDS):
+    for _ in range(5):
         near = np.flatnonzero(np.abs(middles - best.z[place]) <= reach)
         chosen = (
             near[np.unique(np.linspace(0, len(near) - 1, _CANDIDATES).astype(int))] if len(near) else near
@@ -262,8 +222,8 @@ def _visit_jumps(
             z = np.array(best.z)
             z[place] = np.clip(middle, low[place], high[place])
             best = min(best, projector.project(z), key=lambda state: state.objective)
-        best, _ = descend(projector, best, others, tolerance=1e-3, steps=3, history=history)
-        reach *= _CLOSER
+        best, _ = descend(projector, best, others, tolerance=1e-3, steps=3)
+        reach *= 0.4
     return best
 
 
@@ -290,7 +250,7 @@ def _compute_box(problem: FrictionProblem, state: Projection) -> tuple[FloatArra
 
 
 def _cross_jumps(
-    projector: Projector, best: Projection, free: IntArray, tolerance: float, history: list[float]
+    projector: Projector, best: Projection, free: IntArray, tolerance: float
 ) -> tuple[Projection, bool]:
     """Return the optimum of an interval between jumps that no neighbour reached by its end undercuts."""
     problem = projector.problem
@@ -299,7 +259,7 @@ def _cross_jumps(
         box = _compute_box(problem, best)
         if not np.array_equal(z := np.clip(best.z, *box), best.z):
             best = min(best, projector.project(z), key=lambda state: state.objective)
-        best, done = descend(projector, best, free, tolerance=tolerance, steps=60, history=history, box=box)
+        best, done = descend(projector, best, free, tolerance=tolerance, steps=60, box=box)
         width = _ACROSS * (box[1] - box[0])
         across = np.where(
             best.z <= box[0], best.z - width, np.where(best.z >= box[1], best.z + width, best.z)
@@ -314,24 +274,22 @@ def _cross_jumps(
 
 
 def _visit_kinks(
-    projector: Projector, best: Projection, free: IntArray, tolerance: float, history: list[float]
+    projector: Projector, best: Projection, free: IntArray, tolerance: float
 ) -> tuple[Projection, bool]:
     """Return the least of the optima in the kinks around `best` and between them, and whether it is one."""
     problem = projector.problem
     edge = next(k for k in free if problem.law.shape[k].name in _KINKED)
     others = free[free != edge]
     projector.reserve = _RESERVE
-    for _ in range(_VISITS):
+    for _ in range(2):
         if projector.solves + 2 * _CANDIDATES + projector.reserve > projector.limit:
             break
         tried = [projector.project(z) for z in _list_kinks(projector, best, edge, others)]
         tried.sort(key=lambda state: state.objective)
         before = best.objective
         for state in tried[:2]:
-            on_kink, _ = descend(projector, state, others, tolerance=tolerance, steps=4, history=history)
-            beyond, _ = descend(
-                projector, on_kink, free, tolerance=tolerance, steps=6, history=history, patience=_PATIENCE
-            )
+            on_kink, _ = descend(projector, state, others, tolerance=tolerance, steps=4)
+            beyond, _ = descend(projector, on_kink, free, tolerance=tolerance, steps=6, patience=_PATIENCE)
             best = min(best, on_kink, beyond, key=lambda end: end.objective)
         if before - best.objective <= 1e-9 * before:
             break
@@ -339,21 +297,19 @@ def _visit_kinks(
     # In a kink the edge stays, and the rest converges; J must then rise on both sides of the edge.
     done = False
     for moving in (others, free, others):
-        best, done = descend(
-            projector, best, moving, tolerance=tolerance, steps=20, history=history, patience=2 * _PATIENCE
-        )
-        gain = max(projector.find_side_gain(best, edge, side) for side in (1.0, -1.0))
-        done = done and gain <= _SETTLED * best.objective
+        best, done = descend(projector, best, moving, tolerance=tolerance, steps=20, patience=2 * _PATIENCE)
+        gain = max(projector.compute_side_gain(best, edge, side) for side in (1.0, -1.0))
+        done = done and gain <= 1e-10 * best.objective
         if done:
             break
-    history.append(min(history[-1], best.objective))
+    projector.record(best)
     return best, done
 
 
 def _list_kinks(projector: Projector, state: Projection, edge: int, others: IntArray) -> list[FloatArray]:
     """Return coordinates at kinks some deviations about the edge, the other ones moved along the valley."""
     problem = projector.problem
-    jacobian = projector.find_jacobian(state)
+    jacobian = projector.compute_jacobian(state)
     normal = jacobian.T @ jacobian
     slide = np.zeros(len(state.z))
     slide[edge] = 1.0
@@ -365,7 +321,7 @@ def _list_kinks(projector: Projector, state: Projection, edge: int, others: IntA
     low, high = problem.encode(problem.low), problem.encode(problem.high)
     speeds = np.unique(np.abs(problem.samples.velocity))
     kinks = np.log(speeds[speeds > problem.low[edge]])
-    near = np.flatnonzero(np.abs(kinks - state.z[edge]) <= _DEVIATIONS * spread)
+    near = np.flatnonzero(np.abs(kinks - state.z[edge]) <= 4.0 * spread)
     place = int(np.searchsorted(kinks, state.z[edge]))
     near = np.union1d(near, [k for k in (place - 1, place) if 0 <= k < len(kinks)]).astype(int)
     if len(near) > _CANDIDATES:
@@ -378,66 +334,45 @@ def _list_kinks(projector: Projector, state: Projection, edge: int, others: IntA
 
 
 def search_by_roots(problem: FrictionProblem, options: RootFindingOptions) -> FrictionSearch:
-    """Return the stationary point of least objective, or the better end of the scan where there is none.
+    """Return the stationary point of least objective, else the better end of the scan.
 
-    Args:
-        problem: with one shape value that is not fixed, and one direction of motion.
-        options: points of the scan, tolerance.
-
-    Raises:
-        UsageError: both directions, or another number of shape values.
+    Raises UsageError for motion in both directions, or not exactly one free shape value.
     """
     from scipy.optimize import brentq
 
-    place = _get_free_place(problem)
+    free, mistakes = np.flatnonzero(problem.is_free), []
+    if len(free) != 1:
+        mistakes.append(f"one free shape value; law {problem.law.name!r} has {len(free)} here")
+    if not is_one_sided(build_friction_rows(problem.samples).velocity):
+        mistakes.append("motion in one direction; these samples have both")
+    if mistakes:
+        texts = (f"root finding needs {text}: use the estimator 'varpro'" for text in mistakes)
+        raise UsageError(*(Notice(code="usage.root-finding", text=text) for text in texts))
+    place = int(free[0])
     projector = Projector(problem, np.iinfo(np.int64).max)
     ends = [problem.encode(values) for values in (problem.low, problem.high)]
     kept: dict[float, tuple[float, Projection]] = {}
 
-    def find_slope(coordinate: float) -> float:
+    def compute_slope(coordinate: float) -> float:
         if coordinate not in kept:
             z = np.array(ends[0])
             z[place] = coordinate
             state = projector.project(z)
-            slope = float(-(projector.find_jacobian(state)[:, place] @ state.residual))
+            slope = float(-(projector.compute_jacobian(state)[:, place] @ state.residual))
             kept[coordinate] = slope, state
         return kept[coordinate][0]
 
     scan = [float(value) for value in np.linspace(ends[0][place], ends[1][place], options.points)]
-    slopes = [find_slope(value) for value in scan]
-    history = [min(state.objective for _, state in kept.values())]
+    slopes = [compute_slope(value) for value in scan]
+    projector.record(*(state for _, state in kept.values()))
     roots = 0
     for left, right, before, after in zip(scan[:-1], scan[1:], slopes[:-1], slopes[1:], strict=True):
         if before * after < 0.0:
-            root = float(brentq(find_slope, left, right, xtol=options.tolerance, rtol=1e-14))
-            find_slope(root)
+            root = float(brentq(compute_slope, left, right, xtol=options.tolerance, rtol=1e-14))
+            compute_slope(root)
             roots += 1
-            history.append(min(history[-1], kept[root][1].objective))
+            projector.record(kept[root][1])
     best = min((state for _, state in kept.values()), key=lambda state: state.objective)
     ended = f"{roots} roots were found, the best is kept" if roots else "the slope never changes its sign"
-    return projector.build_search(
-        best,
-        history,
-        Ending.CONVERGED if roots else Ending.STALLED,
-        ended,
-        settings=(("points", options.points), ("roots", roots)),
-    )
-
-
-def _get_free_place(problem: FrictionProblem) -> int:
-    """Return which shape value is free, the only one."""
-    free = np.flatnonzero(problem.is_free)
-    mistakes = []
-    if len(free) != 1:
-        mistakes.append(
-            f"root finding needs a law with one shape value to search; {problem.law.name!r} has {len(free)} "
-            "here: use the estimator 'varpro'"
-        )
-    if not is_one_sided(build_friction_rows(problem.samples).velocity):
-        mistakes.append(
-            "root finding is for motion in one direction, and these samples hold both: "
-            "use the estimator 'varpro'"
-        )
-    if mistakes:
-        raise UsageError(*(Notice(code="usage.root-finding", text=text) for text in mistakes))
-    return int(free[0])
+    settings = (("points", options.points), ("roots", roots))
+    return projector.build_search(best, Ending.CONVERGED if roots else Ending.STALLED, ended, settings)

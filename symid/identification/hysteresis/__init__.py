@@ -11,6 +11,7 @@ if TYPE_CHECKING:
         build_knee_grid as build_knee_grid,
         build_stops as build_stops,
         compute_local_slopes as compute_local_slopes,
+        compute_outer as compute_outer,
         compute_ramps as compute_ramps,
         fit_kuhnen as fit_kuhnen,
         hold_knees as hold_knees,

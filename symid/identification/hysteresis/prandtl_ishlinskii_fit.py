@@ -4,10 +4,10 @@
     e = v(phi) - S'(tau),   S'(tau) = tau + sum_j w'_j S_rj(tau)                 error model of the fit
 
 S' is the inverse of the outer function tau = S(v), with knees at given torques; e is linear in all
-weights. The slope of S' at zero torque is one, which fixes the scale, so knees keep away from there. In
-slopes c'_j beyond the knees and in sums of plays, v = sum_i W_i (P_i - P_i+1), the inequalities W_i >=
-least and c'_j >= least are bounds, and the fit is least squares with bounds. A passive spring bounds the
-stops: k0 >= least, k_i >= 0 (Kuhnen, European Journal of Control 9 (2003) 407-418).
+weights. The slope of S' at zero torque is one, which fixes the scale. In slopes c'_j beyond the knees and in
+sums of plays, v = sum_i W_i (P_i - P_i+1), the inequalities W_i >= least and c'_j >= least are bounds, and
+the fit is least squares with bounds; for a passive spring k0 >= least, k_i >= 0 (Kuhnen, European Journal of
+Control 9 (2003) 407-418).
 
 Supported: stops and knees; weights of both signs, or passive springs; any signed knees.
 Not supported: cubic springs, damping; large noise in the torque, which enters the columns of S' and
@@ -66,14 +66,20 @@ class SpringWeights:
         before[self.below : self.below + 1] = 1.0
         return before
 
-    def pack(self) -> FloatArray:
-        """Return stiffnesses and slopes as one vector."""
-        return np.concatenate([self.stiffness, self.slopes])
+    def move(self, step: FloatArray) -> "SpringWeights":
+        """Return this spring with a step added to stiffnesses and slopes, none of the former below zero.
 
-    def unpack(self, packed: FloatArray) -> "SpringWeights":
-        """Return this spring with other stiffnesses and slopes."""
-        stiff = len(self.stiffness)
-        return replace(self, stiffness=packed[:stiff], slopes=packed[stiff:])
+        A longer step also moves thresholds and knees.
+        """
+        weights = len(self.stiffness) + len(self.slopes)
+        stiffness, slopes = np.split(step[:weights], [len(self.stiffness)])
+        moved = replace(
+            self, stiffness=np.maximum(self.stiffness + stiffness, 0.0), slopes=self.slopes + slopes
+        )
+        if len(step) == weights:
+            return moved
+        thresholds, knees = np.split(step[weights:], [len(self.thresholds)])
+        return replace(moved, thresholds=self.thresholds + thresholds, knees=self.knees + knees)
 
     def keep_knees(self, kept: NDArray[np.bool_]) -> "SpringWeights":
         """Return this spring with some of its knees (l,) alone."""
@@ -91,38 +97,35 @@ def compute_ramps(inner: FloatArray, weights: SpringWeights) -> FloatArray:
     return columns - knees
 
 
+def compute_outer(basis: FloatArray, weights: SpringWeights) -> FloatArray:
+    """Return tau_J (N,) of torsion and stops (N, m + 1)."""
+    inner = basis @ weights.stiffness
+    return inner + compute_ramps(inner, weights) @ (weights.slopes - 1.0)
+
+
 def compute_local_slopes(inner: FloatArray, weights: SpringWeights) -> FloatArray:
     """Return S'(v) (N,)."""
     order = np.argsort(weights.knees)
     slopes = np.insert(weights.slopes[order], weights.below, 1.0)
-    local: FloatArray = slopes[np.searchsorted(weights.knees[order], inner)]
-    return local
+    return slopes[np.searchsorted(weights.knees[order], inner)]
 
 
 def hold_knees(knees: FloatArray, lowest: float, highest: float) -> FloatArray:
     """Return knee torques (l,) as those of `SpringWeights`, none nearer to zero than is allowed.
 
-    Args:
-        knees: (l,) N m or N.
-        lowest: the largest -v.
-        highest: the largest v.
+    `lowest` is the largest -v, `highest` the largest v, N m or N.
     """
     rank, largest = np.arange(len(knees)), np.where(knees < 0.0, lowest, highest)
     rank = np.where(knees < 0.0, rank, rank - np.count_nonzero(knees < 0.0))
     least = LEAST_KNEE * largest * (1.0 + _LEAST_GAP * rank)
-    held: FloatArray = np.sign(knees) * np.maximum(np.abs(knees), least)
-    return held
+    return np.sign(knees) * np.maximum(np.abs(knees), least)
 
 
 def build_knee_grid(inner: Sequence[FloatArray], count: int, *, odd: bool = False) -> FloatArray:
     """Return knee torques as those of `SpringWeights`: -+ (j - 1/2) / count max(-v or v), j = 1 .. count.
 
-    None lies nearer to zero than `hold_knees` allows.
-
-    Args:
-        inner: v (N,) of every recording, N m or N.
-        count: of knees on each side on which there is torque.
-        odd: whether both sides reach as far as the larger one.
+    None lies nearer to zero than `hold_knees` allows; `inner` is v (N,) of every recording, N m or N. Odd
+    grids reach as far on both sides.
     """
     low = max(0.0, -min(float(part.min()) for part in inner))
     high = max(0.0, *(float(part.max()) for part in inner))
@@ -159,20 +162,23 @@ def build_stops(thresholds: FloatArray, stiffness: FloatArray, least: float) -> 
 def build_elasticity(weights: SpringWeights) -> Elasticity:
     """Return the spring as a record, without stops of no stiffness and knees that change no slope."""
     whole = float(np.sum(weights.stiffness))
-    stops = build_stops(weights.thresholds, weights.stiffness[1:], _NEAR * whole)
     knees = [
         Knee(threshold=float(torque), slope=float(change))
         for torque, change in zip(weights.knees, weights.slopes - weights.before, strict=True)
-        if abs(change) > _NEAR
+        # Without any stiffness there is no torque, and knees have no effect.
+        if whole and abs(change) > _NEAR
     ]
-    # A spring that does not rise once all stops slip has no inverse.
-    rest = max(float(weights.stiffness[0]), _RISE * whole)
-    return Elasticity(stiffness=rest, stops=stops, knees=tuple(sorted(knees)))
+    return Elasticity(
+        # A spring that does not rise once all stops slip has no inverse.
+        stiffness=max(float(weights.stiffness[0]), _RISE * whole),
+        stops=build_stops(weights.thresholds, weights.stiffness[1:], _NEAR * whole),
+        knees=tuple(sorted(knees)),
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KuhnenFit:
-    """A spring found from its torsion and torque.
+    """A spring identified from its torsion and torque.
 
     Args:
         elasticity: the spring, knees in torque before them; stops may be negative unless passive.
@@ -209,9 +215,13 @@ def fit_kuhnen(
     """
     radii, outer = np.asarray(thresholds, dtype=np.float64), np.asarray(knees, dtype=np.float64)
     _check_record(torsion, torque, radii, outer)
-    basis = compute_stop_basis(torsion, radii)
     stiff = len(radii) + 1
-    change = np.eye(stiff) if passive else _build_play_sums(stiff)
+    change = np.eye(stiff)
+    names = ["stiffness", *(f"stop at {radius:.6g}" for radius in radii)]
+    if not passive:
+        # W_i is the slope after stops 1 .. i slip: k0 = W_m, k_i = W_i-1 - W_i.
+        change = np.vstack([np.eye(stiff)[-1:], -np.diff(np.eye(stiff), axis=0)])
+        names = ["slope at reversal", *(f"slope past the stop at {radius:.6g}" for radius in radii)]
     below, above = outer[outer < 0.0][::-1], outer[outer > 0.0]
     spring = SpringWeights(
         thresholds=radii,
@@ -219,80 +229,54 @@ def fit_kuhnen(
         knees=np.concatenate([below, above]),
         slopes=np.ones(len(outer)),
     )
+    names += [f"slope beyond {knee:.6g}" for knee in spring.knees]
     middle = np.clip(torque, max(below, default=-np.inf), min(above, default=np.inf))
-    matrix = np.hstack([basis @ change, -compute_ramps(torque, spring)])
+    matrix = np.hstack([compute_stop_basis(torsion, radii) @ change, -compute_ramps(torque, spring)])
     low = np.full(matrix.shape[1], least)
     low[:stiff] = least * float(np.abs(torque).max() / max(np.abs(torsion).max(), 1e-300))
     if passive:
         low[1:stiff] = 0.0
     solution = solve_scaled(matrix, middle, low=low)
-    inner = _compute_inner_knees(replace(spring, slopes=solution[stiff:]))
-    packed = np.concatenate([change @ solution[:stiff], 1.0 / solution[stiff:]])
+    # Knees in tau become knees in v = S'(tau), piece by piece of S'.
+    inverse = replace(spring, slopes=solution[stiff:])
+    sides = (slice(inverse.below), slice(inverse.below, None))
+    rises = [inverse.before[side] * np.diff(inverse.knees[side], prepend=0.0) for side in sides]
+    found = replace(
+        spring,
+        stiffness=change @ solution[:stiff],
+        slopes=1.0 / solution[stiff:],
+        knees=np.concatenate([np.cumsum(rise) for rise in rises]),
+    )
     return KuhnenFit(
-        elasticity=build_elasticity(replace(spring.unpack(packed), knees=inner)),
+        elasticity=build_elasticity(found),
         residual=float(np.sqrt(np.mean((matrix @ solution - middle) ** 2))),
-        active=_list_active_bounds(solution <= low, radii, spring.knees, passive=passive),
+        active=tuple(names[place] for place in np.flatnonzero(solution <= low)),
     )
 
 
-def _build_play_sums(count: int) -> FloatArray:
-    """Return the stop weights (count, count) that each of W_0 .. W_m alone stands for.
-
-    W_i is the slope after stops 1 .. i slip: k0 = W_m, k_i = W_i-1 - W_i.
-    """
-    change = np.zeros((count, count))
-    change[0, -1] = 1.0
-    for stop in range(1, count):
-        change[stop, stop - 1] = 1.0
-        change[stop, stop] = -1.0
-    return change
-
-
-def _compute_inner_knees(inverse: SpringWeights) -> FloatArray:
-    """Return the knees (l,) in v = S'(tau), of knees in tau and the slopes of S'."""
-    sides = (slice(inverse.below), slice(inverse.below, None))
-    rise = [inverse.before[side] * np.diff(inverse.knees[side], prepend=0.0) for side in sides]
-    return np.concatenate([np.cumsum(part) for part in rise])
-
-
-def _list_active_bounds(
-    active: NDArray[np.bool_], radii: FloatArray, knees: FloatArray, *, passive: bool
-) -> tuple[str, ...]:
-    names = ["stiffness", *(f"stop at {radius:.6g}" for radius in radii)]
-    if not passive:
-        names = ["slope at reversal", *(f"slope past the stop at {radius:.6g}" for radius in radii)]
-    names += [f"slope beyond {knee:.6g}" for knee in knees]
-    return tuple(names[place] for place in np.flatnonzero(active))
-
-
 def _check_record(torsion: FloatArray, torque: FloatArray, radii: FloatArray, knees: FloatArray) -> None:
-    """Refuse what is no record or no grid.
-
-    Raises:
-        UsageError: with all that is wrong.
-    """
-    mistakes = []
+    """Raise UsageError, with all that is wrong, for what is no record or no grid."""
     count = len(radii) + 1 + len(knees)
+    mistakes = []
     if torsion.ndim != 1 or torsion.shape != torque.shape or len(torsion) < count:
-        text = (
-            f"torsion {torsion.shape} and torque {torque.shape}: must be two equal columns of {count} samples"
-        )
-        mistakes.append(f"{text} at least")
+        shapes = f"torsion {torsion.shape} and torque {torque.shape}"
+        mistakes.append(f"{shapes}: must be two equal columns of at least {count} samples")
     if not (np.all(np.isfinite(torsion)) and np.all(np.isfinite(torque))):
         mistakes.append("torsion and torque: all samples must be finite numbers")
     if np.any(radii <= 0.0) or np.any(np.diff(radii) <= 0.0):
         mistakes.append(f"thresholds {radii.tolist()}: must be positive and increase, each once")
-    if not mistakes and np.any(radii >= np.abs(torsion).max()):
-        text = f"the largest torsion is {np.abs(torsion).max():.6g}"
-        mistakes.append(f"thresholds {radii.tolist()}: {text}; a stop beyond it never slips")
-    if not mistakes and not np.all((knees > torque.min()) & (knees < torque.max())):
-        text = f"torques reach from {torque.min():.6g} to {torque.max():.6g}"
-        mistakes.append(f"knees {knees.tolist()}: {text}; nothing is known beyond")
-    near = [float(knee) for knee in knees if knee and abs(knee) < LEAST_KNEE * np.max(np.sign(knee) * torque)]
-    if not mistakes and near:
-        text = f"must be {LEAST_KNEE:.0%} of the largest torque on their side at least"
-        mistakes.append(f"knees {near}: {text}; nearer to zero the slope of one there fixes no scale")
     if np.any(knees == 0.0) or np.any(np.diff(knees) <= 0.0):
         mistakes.append(f"knees {knees.tolist()}: must differ from 0 and increase, each once")
+    if not mistakes:
+        largest, low, high = float(np.abs(torsion).max()), float(torque.min()), float(torque.max())
+        near = [float(knee) for knee in knees if abs(knee) < LEAST_KNEE * np.max(np.sign(knee) * torque)]
+        if np.any(radii >= largest):
+            text = f"must be less than the largest torsion, {largest:.6g}; a stop beyond it never slips"
+            mistakes.append(f"thresholds {radii.tolist()}: {text}")
+        if not np.all((knees > low) & (knees < high)):
+            mistakes.append(f"knees {knees.tolist()}: must lie within the torques, {low:.6g} to {high:.6g}")
+        if near:
+            text = f"must be at least {LEAST_KNEE:.0%} of the largest torque on their side"
+            mistakes.append(f"knees {near}: {text}; nearer to zero the scale of the weights is undetermined")
     if mistakes:
         raise UsageError(*(Notice(code="usage.kuhnen-grid", text=text) for text in mistakes))

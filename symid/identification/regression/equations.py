@@ -1,7 +1,6 @@
 """Regression equations A x = y + noise of one recording, x = [beta; f], five kinds.
 
-Input: a library of robot functions, filtered signals. Output: `Rows`, the observation matrix A with its
-right side y.
+Library, Signals -> Rows (observation matrix A, right side y).
 
     torque    at every sample of every joint, decimated:  [Y | Yf] x = tau
     momentum  over windows [a, b] of every joint:         [Yp(b) - Yp(a) - int YL | int Yf] x = int tau
@@ -10,24 +9,19 @@ right side y.
     power     at every sample, all joints together:       [dh/dt | dq' Yf] x = tau' dq
 
 Momentum is the Lagrangian form d(dT/ddq)/dt - dL/dq = tau integrated once; filtered is that of Slotine and
-Li (1987); energy is the theorem of Gautier and Khalil (1988), h = hT + hV, and power its rate (Gautier
-1997). Only torque rows need accelerations.
+Li (1987), energy the theorem of Gautier and Khalil (1988), h = hT + hV, power its rate (Gautier 1997). Only
+torque rows need accelerations: F(dYp/dt) = l [Yp(b) - exp(-l W) Yp(a)] - l int l exp(-l (b - s)) Yp ds over
+a window of W by parts, and earlier windows decay by exp(-l W). Integrals are taken by Simpson's rule, with
+the kernel in it for `filtered`, the same on both sides.
 
-The filter of Slotine and Li takes the rate of the momentum without an acceleration: by parts,
-
-    int l exp(-l (t - s)) dYp/ds ds = l [Yp(b) - exp(-l W) Yp(a)] - l int l exp(-l (b - s)) Yp ds
-
-over a window of W; rows of later windows carry the former on with exp(-l W). In all kinds, what is known at
-samples enters by Simpson's rule (with the kernel in it for `filtered`), the same on both sides.
-
-Supported: rigid robots, friction that is linear in its parameters; regressors evaluated block by block;
-windows of an even number of intervals that share their ends, or overlap by equal parts.
+Supported: rigid robots, friction that is linear in its parameters; windows of an even number of intervals
+that share their ends, or overlap by equal parts.
 Not supported: elastic joints; samples at uneven times.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,46 +58,51 @@ def choose_windows(samples: int, period: float, length: float, pieces: int = 1) 
     step = length / pieces
     intervals = 2 * round(step / (2.0 * period)) if step > 0.0 else 0
     count = (samples - 1) // intervals if intervals else 0
-    if count < 1:
-        begun = f", each begun {step:g} s after the last, as the overlap asks, and this" if pieces > 1 else ""
+    if count < pieces:
         text = (
-            f"window of {length:g} s{begun or ':'} must be at least two sample periods ({2 * period:g} s) "
-            f"and at most the log without its cut ends ({(samples - 1) * period:g} s)"
-            f"{'; ask for longer windows, or for less overlap' if pieces > 1 else ''}"
+            f"window of {length:g} s{f' (by the overlap one every {step:g} s)' if pieces > 1 else ''}: must "
+            f"be at least two sample periods ({2 * period:g} s) and at most the log without its cut ends "
+            f"({(samples - 1) * period:g} s){'; use longer windows or less overlap' if pieces > 1 else ''}"
         )
         raise UsageError(Notice(code="usage.window", text=text))
     return Windows(count=count, intervals=intervals, period=period)
 
 
 def integrate_windows(values: FloatArray, windows: Windows) -> FloatArray:
-    """Return the integral of `values` (N, ...) over every window: (count, ...).
-
-    Composite Simpson's rule, h/3 (y0 + 4 y1 + 2 y2 + ... + 4 y[w-1] + yw), of fourth order.
-    Both sides of a row pass through the same rule, so what jumps between samples, as dry
-    friction does, costs no accuracy: its error is the same on both sides.
-    """
-    w, count = windows.intervals, windows.count
-    weights = np.full(w, 2.0)
+    """Return the integral of `values` (N, ...) over every window (count, ...), by Simpson's rule."""
+    weights = np.full(windows.intervals + 1, 2.0)
     weights[1::2] = 4.0
-    weights[0] = 1.0
+    weights[[0, -1]] = 1.0
+    return _weigh_windows(values, windows, weights) * (windows.period / 3.0)
+
+
+def _weigh_windows(values: FloatArray, windows: Windows, weights: FloatArray) -> FloatArray:
+    """Return the sum of weights (w + 1,) times the samples of every window; windows share their ends."""
+    w, count = windows.intervals, windows.count
     inner = values[: count * w].reshape(count, w, *values.shape[1:])
-    last = values[windows.ends][1:]
-    total: FloatArray = np.tensordot(inner, weights, axes=(1, 0)) + last
-    return total * (windows.period / 3.0)
+    total: FloatArray = np.tensordot(inner, weights[:-1], axes=(1, 0))
+    whole: FloatArray = total + weights[-1] * values[windows.ends][1:]
+    return whole
+
+
+def _cut_windows(windows: Windows, pieces: int = 1) -> Iterator[tuple[slice, Windows, slice]]:
+    """Yield blocks of rows of `pieces` windows each: which rows, their windows, the samples of these."""
+    rows, most = windows.count - pieces + 1, max(1, _SAMPLES // windows.intervals)
+    for start in range(0, rows, most):
+        stop = min(rows, start + most)
+        block = replace(windows, count=stop - start + pieces - 1)
+        first = start * windows.intervals
+        yield slice(start, stop), block, slice(first, first + block.count * windows.intervals + 1)
 
 
 _SAMPLES = 8192
 """Samples whose regressors are in memory at a time."""
-_WINDOWS = 1024
-"""Momentum equations of a joint that are in memory at a time."""
 _RATE = 2.0
-"""Of the filter of `filtered` rows, times the window: rows share 2 % of their noise's variance."""
-_SIMPSON_WHITE = 0.5
-"""Variance of white noise behind Simpson's rule over three samples."""
+"""Rate of the filter of `filtered` rows, times the window: rows share 2 % of their noise's variance."""
 
 
 class EquationPart(NamedTuple):
-    """Equations: matrix (M, n, p), values and velocity (M, n), with one joint for all where they are summed.
+    """Equations: matrix (M, n, p), values and velocity (M, n); one column in place of n for scalar equations.
 
     `time` (M,) s; `independent` rows of independent noise that they are worth, as a fraction.
     """
@@ -115,37 +114,49 @@ class EquationPart(NamedTuple):
     independent: float
 
 
-def build_torque_part(library: Library, signals: Signals, processing: Processing) -> EquationPart:
-    """Return torque equations, every column and the torque decimated alike."""
-    outline = outline_torque_part(signals, processing)
-    parameters = len(library.card.beta) + len(library.card.friction)
-    matrix = np.empty((*outline.values.shape, parameters))
-    for part, rows in cut_torque_matrix(library, signals, processing):
-        matrix[part] = rows
-    return outline._replace(matrix=matrix)
+def outline_part(
+    kind: str, signals: Signals, processing: Processing, window: float, pieces: int
+) -> EquationPart:
+    """Return torque or momentum equations without their matrix.
+
+    `pieces` windows begin within the length `window` (s) of one.
+    """
+    if kind == "torque":
+        values, velocity = (decimate(columns, processing.decimation) for columns in (signals.tau, signals.dq))
+        return EquationPart(
+            matrix=np.empty((*values.shape, 0)),
+            values=values,
+            time=_list_kept_times(signals.time, len(values), processing.decimation.factor),
+            velocity=velocity,
+            independent=compute_noise_bandwidth(processing, signals.period),
+        )
+    windows = choose_windows(len(signals.time), signals.period, window, pieces)
+    span = windows.intervals * windows.period * pieces
+    values = _merge(integrate_windows(signals.tau, windows), pieces)
+    velocity = _merge(integrate_windows(signals.dq, windows), pieces) / span
+    return _outline_windows(signals, windows, pieces, values, velocity)
 
 
-def outline_torque_part(signals: Signals, processing: Processing) -> EquationPart:
-    """Return torque equations without their matrix."""
-    values, velocity = (decimate(columns, processing.decimation) for columns in (signals.tau, signals.dq))
-    return EquationPart(
-        matrix=np.empty((*values.shape, 0)),
-        values=values,
-        time=_list_kept_times(signals.time, len(values), processing.decimation.factor),
-        velocity=velocity,
-        independent=compute_noise_bandwidth(processing, signals.period),
-    )
-
-
-def cut_torque_matrix(
-    library: Library, signals: Signals, processing: Processing
+def cut_matrix(
+    kind: str, library: Library, signals: Signals, processing: Processing, *, window: float, pieces: int
 ) -> Iterator[tuple[slice, FloatArray]]:
-    """Yield the matrix (k, n, p) of torque equations block by block, and which rows a block holds."""
+    """Yield the matrix (k, n, p) of torque or momentum equations by blocks, with the rows of each."""
+    if kind == "torque":
 
-    def evaluate(part: slice) -> FloatArray:
-        return evaluate_columns(library, signals.q[part], signals.dq[part], signals.ddq[part])
+        def evaluate(part: slice) -> FloatArray:
+            return evaluate_columns(library, signals.q[part], signals.dq[part], signals.ddq[part])
 
-    return decimate_blocks(evaluate, len(signals.time), processing.decimation)
+        yield from decimate_blocks(evaluate, len(signals.time), processing.decimation)
+        return
+    windows = choose_windows(len(signals.time), signals.period, window, pieces)
+    for rows, block, part in _cut_windows(windows, pieces):
+        q, dq = signals.q[part], signals.dq[part]
+        (momentum,) = library.evaluate("momentum_regressor", q[block.ends], dq[block.ends])
+        (lagrange,) = library.evaluate("lagrange_regressor", q, dq)
+        columns = np.concatenate([-lagrange, *_evaluate_friction(library, dq)], axis=2)
+        matrix = integrate_windows(columns, block)
+        matrix[:, :, : momentum.shape[2]] += np.diff(momentum, axis=0)
+        yield rows, _merge(matrix, pieces)
 
 
 def evaluate_columns(library: Library, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
@@ -155,108 +166,63 @@ def evaluate_columns(library: Library, q: FloatArray, dq: FloatArray, ddq: Float
 
 
 def evaluate_torques(library: Library, signals: Signals, values: FloatArray) -> FloatArray:
-    """Return the torques (N, n) in N m or N that parameters (p,) foretell at every sample, block by block."""
-    torques = []
-    for start in range(0, len(signals.time), _SAMPLES):
-        part = slice(start, start + _SAMPLES)
-        columns = evaluate_columns(library, signals.q[part], signals.dq[part], signals.ddq[part])
-        torques.append(columns @ values)
-    return np.concatenate(torques)
+    """Return the torques (N, n) in N m or N that parameters (p,) predict at every sample."""
+    parts = (slice(start, start + _SAMPLES) for start in range(0, len(signals.time), _SAMPLES))
+    return np.concatenate(
+        [
+            evaluate_columns(library, signals.q[part], signals.dq[part], signals.ddq[part]) @ values
+            for part in parts
+        ]
+    )
 
 
 def _list_kept_times(time: FloatArray, kept: int, factor: int) -> FloatArray:
     """Return the times of the samples that a decimation by `factor` keeps: the last is among them."""
-    first = len(time) - 1 - factor * (kept - 1)
-    return time[first::factor]
+    return time[len(time) - 1 - factor * (kept - 1) :: factor]
 
 
-def build_momentum_part(library: Library, signals: Signals, length: float, pieces: int) -> EquationPart:
-    """Return momentum equations over windows of `length` s; each begins a `pieces`th of it after the last."""
-    windows = choose_windows(len(signals.time), signals.period, length, pieces)
-    whole = slice(0, len(signals.time))
-    matrix = _merge(_integrate_momentum(library, signals, windows, whole), pieces)
-    return outline_momentum_part(signals, length, pieces)._replace(matrix=matrix)
-
-
-def cut_momentum_matrix(
-    library: Library, signals: Signals, length: float, pieces: int
-) -> Iterator[tuple[slice, FloatArray]]:
-    """Yield the matrix (k, n, p) of momentum equations block by block, and which rows a block holds."""
-    windows = choose_windows(len(signals.time), signals.period, length, pieces)
-    rows, step = windows.count - pieces + 1, max(pieces, _WINDOWS)
-    for start in range(0, rows, step):
-        stop = min(rows, start + step)
-        count = stop - start + pieces - 1
-        block = Windows(count=count, intervals=windows.intervals, period=windows.period)
-        first = start * windows.intervals
-        samples = slice(first, first + count * windows.intervals + 1)
-        yield slice(start, stop), _merge(_integrate_momentum(library, signals, block, samples), pieces)
-
-
-def _integrate_momentum(library: Library, signals: Signals, windows: Windows, samples: slice) -> FloatArray:
-    """Return the matrix (M, n, p) of windows that begin with the first of `samples`."""
-    q, dq = signals.q[samples], signals.dq[samples]
-    (momentum,) = library.evaluate("momentum_regressor", q[windows.ends], dq[windows.ends])
-
-    def evaluate(part: slice) -> FloatArray:
-        (lagrange,) = library.evaluate("lagrange_regressor", q[part], dq[part])
-        return np.concatenate([-lagrange, *_evaluate_friction(library, dq[part])], axis=2)
-
-    matrix = _integrate_blocks(evaluate, windows, integrate_windows)
-    matrix[:, :, : momentum.shape[2]] += np.diff(momentum, axis=0)
-    return matrix
-
-
-def outline_momentum_part(signals: Signals, length: float, pieces: int) -> EquationPart:
-    """Return momentum equations without their matrix."""
-    windows = choose_windows(len(signals.time), signals.period, length, pieces)
-    ends, span = windows.ends, windows.intervals * windows.period
-    values = _merge(integrate_windows(signals.tau, windows), pieces)
+def _outline_windows(
+    signals: Signals, windows: Windows, pieces: int, values: FloatArray, velocity: FloatArray
+) -> EquationPart:
+    ends = signals.time[windows.ends]
     return EquationPart(
         matrix=np.empty((*values.shape, 0)),
         values=values,
-        time=_compute_centres(signals.time[ends], pieces),
-        velocity=_merge(integrate_windows(signals.dq, windows), pieces) / (span * pieces),
+        time=(ends[pieces:] + ends[:-pieces]) / 2.0,
+        velocity=velocity,
         independent=1.0 / pieces,
     )
 
 
-def build_energy_part(library: Library, signals: Signals, length: float, pieces: int) -> EquationPart:
-    """Return energy equations over windows, as `build_momentum_part`."""
+def _build_energy_part(library: Library, signals: Signals, length: float, pieces: int) -> EquationPart:
     windows = choose_windows(len(signals.time), signals.period, length, pieces)
-    ends = windows.ends
-    kinetic, potential = library.evaluate("energy_regressor", signals.q[ends], signals.dq[ends])
-    columns = [np.diff(kinetic + potential, axis=0)]
-    if library.card.friction:
-        columns.append(
-            _integrate_blocks(
-                lambda part: _compute_friction_power(library, signals.dq[part]), windows, integrate_windows
-            )
-        )
+    matrix = []
+    for _, block, part in _cut_windows(windows, pieces):
+        q, dq = signals.q[part], signals.dq[part]
+        kinetic, potential = library.evaluate("energy_regressor", q[block.ends], dq[block.ends])
+        work = (integrate_windows(power, block) for power in _compute_friction_power(library, dq))
+        matrix.append(_merge(np.hstack([np.diff(kinetic + potential, axis=0), *work]), pieces))
     power = np.einsum("ij,ij->i", signals.tau, signals.dq)
-    values = _merge(integrate_windows(power, windows), pieces)
-    return EquationPart(
-        matrix=_merge(np.hstack(columns), pieces)[:, None],
-        values=values[:, None],
-        time=_compute_centres(signals.time[ends], pieces),
-        velocity=np.zeros((len(values), 1)),
-        independent=1.0 / pieces,
-    )
+    values = _merge(integrate_windows(power, windows), pieces)[:, None]
+    outline = _outline_windows(signals, windows, pieces, values, np.zeros(values.shape))
+    return outline._replace(matrix=np.concatenate(matrix)[:, None])
 
 
-def build_power_part(library: Library, signals: Signals, processing: Processing) -> EquationPart:
+def _build_power_part(library: Library, signals: Signals, processing: Processing) -> EquationPart:
     """Return power equations at every sample, averaged over the two periods around it and decimated."""
-    span = 2.0 * signals.period
+
+    def average(values: FloatArray) -> FloatArray:
+        mean: FloatArray = (values[:-2] + 4.0 * values[1:-1] + values[2:]) / 6.0
+        return mean
 
     def evaluate(inner: slice) -> FloatArray:
         part = slice(inner.start, inner.stop + 2)
         q, dq = signals.q[part], signals.dq[part]
         kinetic, potential = library.evaluate("energy_regressor", q, dq)
         energy = kinetic + potential
-        columns = [(energy[2:] - energy[:-2]) / span]
-        if library.card.friction:
-            columns.append(_average(_compute_friction_power(library, dq)))
-        return np.column_stack([*columns, _average(np.einsum("ij,ij->i", signals.tau[part], dq))])
+        friction = map(average, _compute_friction_power(library, dq))
+        supplied = average(np.einsum("ij,ij->i", signals.tau[part], dq))
+        return np.column_stack([(energy[2:] - energy[:-2]) / (2.0 * signals.period), *friction, supplied])
 
     blocks = decimate_blocks(evaluate, len(signals.time) - 2, processing.decimation)
     kept = np.vstack([rows for _, rows in blocks])
@@ -267,36 +233,29 @@ def build_power_part(library: Library, signals: Signals, processing: Processing)
         values=kept[:, -1:],
         time=_list_kept_times(signals.time[1:-1], len(kept), factor),
         velocity=np.zeros((len(kept), 1)),
-        independent=band * _SIMPSON_WHITE if factor == 1 else band,
+        independent=band * 0.5 if factor == 1 else band,
     )
 
 
-def build_filtered_part(library: Library, signals: Signals, length: float) -> EquationPart:
+def _build_filtered_part(library: Library, signals: Signals, length: float) -> EquationPart:
     """Return filtered equations: one a window of `length` s, the filter's time constant half of it."""
     windows = choose_windows(len(signals.time), signals.period, length)
-    span = windows.intervals * windows.period
-    rate, keep = _RATE / span, float(np.exp(-_RATE))
+    rate, keep = _RATE / (windows.intervals * windows.period), float(np.exp(-_RATE))
     weights = _compute_kernel_weights(windows, rate)
-    ends = windows.ends
-    (momentum,) = library.evaluate("momentum_regressor", signals.q[ends], signals.dq[ends])
-    inertial = momentum.shape[2]
-
-    def evaluate(part: slice) -> FloatArray:
+    matrix = []
+    for _, block, part in _cut_windows(windows):
         q, dq = signals.q[part], signals.dq[part]
         (lagrange,) = library.evaluate("lagrange_regressor", q, dq)
         (inner,) = library.evaluate("momentum_regressor", q, dq)
-        return np.concatenate([-lagrange - rate * inner, *_evaluate_friction(library, dq)], axis=2)
-
-    def convolve(values: FloatArray, part: Windows) -> FloatArray:
-        return _weigh_windows(values, part, weights)
-
-    matrix = _integrate_blocks(evaluate, windows, convolve)
-    matrix[:, :, :inertial] += rate * (momentum[1:] - keep * momentum[:-1])
+        columns = np.concatenate([-lagrange - rate * inner, *_evaluate_friction(library, dq)], axis=2)
+        steps, momentum = _weigh_windows(columns, block, weights), inner[block.ends]
+        steps[:, :, : inner.shape[2]] += rate * (momentum[1:] - keep * momentum[:-1])
+        matrix.append(steps)
     return EquationPart(
-        matrix=_carry_on(matrix, keep),
-        values=_carry_on(convolve(signals.tau, windows), keep),
-        time=np.array(signals.time[ends][1:]),
-        velocity=_carry_on(convolve(signals.dq, windows), keep),
+        matrix=_accumulate(np.concatenate(matrix), keep),
+        values=_accumulate(_weigh_windows(signals.tau, windows, weights), keep),
+        time=np.array(signals.time[windows.ends][1:]),
+        velocity=_accumulate(_weigh_windows(signals.dq, windows, weights), keep),
         independent=(1.0 - keep) / (1.0 + keep),
     )
 
@@ -305,32 +264,8 @@ def _evaluate_friction(library: Library, dq: FloatArray) -> tuple[FloatArray, ..
     return library.evaluate("friction_regressor", dq) if library.card.friction else ()
 
 
-def _compute_friction_power(library: Library, dq: FloatArray) -> FloatArray:
-    (friction,) = library.evaluate("friction_regressor", dq)
-    power: FloatArray = np.einsum("ij,ijk->ik", dq, friction)
-    return power
-
-
-def _average(values: FloatArray) -> FloatArray:
-    """Return Simpson's mean over the two periods around every inner sample."""
-    mean: FloatArray = (values[:-2] + 4.0 * values[1:-1] + values[2:]) / 6.0
-    return mean
-
-
-def _integrate_blocks(
-    evaluate: Callable[[slice], FloatArray],
-    windows: Windows,
-    integrate: Callable[[FloatArray, Windows], FloatArray],
-) -> FloatArray:
-    """Return the integrals over all windows of what `evaluate` gives at samples, block by block."""
-    many = max(1, _SAMPLES // windows.intervals)
-    parts = []
-    for first in range(0, windows.count, many):
-        count = min(many, windows.count - first)
-        start = first * windows.intervals
-        block = Windows(count=count, intervals=windows.intervals, period=windows.period)
-        parts.append(integrate(evaluate(slice(start, start + count * windows.intervals + 1)), block))
-    return np.concatenate(parts)
+def _compute_friction_power(library: Library, dq: FloatArray) -> list[FloatArray]:
+    return [np.einsum("ij,ijk->ik", dq, columns) for columns in _evaluate_friction(library, dq)]
 
 
 def _merge(values: FloatArray, pieces: int) -> FloatArray:
@@ -342,16 +277,11 @@ def _merge(values: FloatArray, pieces: int) -> FloatArray:
     return total
 
 
-def _compute_centres(ends: FloatArray, pieces: int) -> FloatArray:
-    centres: FloatArray = (ends[pieces:] + ends[:-pieces]) / 2.0
-    return centres
-
-
 def _compute_kernel_weights(windows: Windows, rate: float) -> FloatArray:
     """Return weights (w + 1,) of the samples of a window in int l exp(-l (b - s)) y(s) ds.
 
     Over every two periods y is the parabola through its samples; the integral of kernel times parabola is
-    taken by Gauss's rule, which has all digits of it.
+    taken by Gauss's rule, which is exact to rounding.
     """
     nodes, shares = np.polynomial.legendre.leggauss(8)
     u = nodes + 1.0
@@ -365,16 +295,7 @@ def _compute_kernel_weights(windows: Windows, rate: float) -> FloatArray:
     return weights
 
 
-def _weigh_windows(values: FloatArray, windows: Windows, weights: FloatArray) -> FloatArray:
-    """Return the sum of weights (w + 1,) times the samples of every window, whose ends are shared."""
-    w, count = windows.intervals, windows.count
-    inner = values[: count * w].reshape(count, w, *values.shape[1:])
-    total: FloatArray = np.tensordot(inner, weights[:-1], axes=(1, 0))
-    whole: FloatArray = total + weights[-1] * values[windows.ends][1:]
-    return whole
-
-
-def _carry_on(steps: FloatArray, keep: float) -> FloatArray:
+def _accumulate(steps: FloatArray, keep: float) -> FloatArray:
     """Return F_i = keep F_(i-1) + steps_i, from zero on."""
     total = steps.copy()
     for index in range(1, len(total)):
@@ -390,10 +311,8 @@ WINDOW = 0.1
 
 _ENERGY_LIMIT = 3
 _MOST_SHARED = 0.95
-
-
-def _make_empty() -> NDArray[np.intp]:
-    return np.empty(0, dtype=np.intp)
+_ARRAYS = ("matrix", "values", "group", "time", "velocity", "run", "weight")
+"""Fields of `Rows` with an entry for each equation."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, weakref_slot=True)
@@ -406,11 +325,10 @@ class Rows:
         group: (m,) index of the joint, 0 throughout for scalar equations.
         time: (m,) s, of the sample or the middle of the window.
         velocity: (m,) of the joint in rad/s or m/s; of a window its mean; 0 for scalar equations.
-        names, units: of the p parameters.
-        group_names, group_units, velocity_units: of the groups.
+        names, units: of the p parameters; group_names, group_units, velocity_units: of the groups.
         independent: rows of independent noise that the rows are worth, as a fraction of them.
-        run: (m,) which recording of the fit a row is of, from zero.
-        weight: (m,) what the square of a row's residual counts for; one unless runs were weighed.
+        run: (m,) recording of a row, from zero; zero if not given.
+        weight: (m,) what the square of a row's residual counts for; one if not given.
     """
 
     kind: str
@@ -426,19 +344,18 @@ class Rows:
     velocity_units: tuple[str, ...]
     independent: float = 1.0
     notices: tuple[Notice, ...] = ()
-    run: NDArray[np.intp] = field(default_factory=_make_empty)
+    run: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, dtype=np.intp))
     weight: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only; rows without a run are of the first, and weigh one."""
+        """Copy the arrays and make them read-only; fill in `run` and `weight`."""
         count = len(self.values)
         if len(self.weight) != count:
             object.__setattr__(self, "weight", np.ones(count))
-        if len(self.run) != count:
-            object.__setattr__(self, "run", np.zeros(count, dtype=np.intp))
         freeze_fields(self)
-        for name in ("group", "run"):
-            places = np.array(getattr(self, name), dtype=np.intp)
+        run = self.run if len(self.run) == count else np.zeros(count)
+        for name, given in (("group", self.group), ("run", run)):
+            places = np.array(given, dtype=np.intp)
             places.setflags(write=False)
             object.__setattr__(self, name, places)
 
@@ -458,8 +375,7 @@ def build_rows(
         kind: one of `ROW_KINDS`.
         library: the functions of the robot.
         signals: filtered states and torques at full rate.
-        processing: its decimation is applied alike to every column and to the torque of torque
-            and power rows; the integrals of the other kinds thin out by themselves.
+        processing: its decimation is applied to every column and the torque of torque and power rows.
         window: length of the windows in s, for momentum, filtered and energy.
         overlap: part of a window that the next one shares, of momentum and energy; the nearest of
             0, 1/2, 2/3, 3/4 and so on is taken.
@@ -468,34 +384,44 @@ def build_rows(
         UsageError: there is no such kind, the windows do not fit into the log, or the overlap is no part.
     """
     if kind not in ROW_KINDS:
-        text = f"rows {kind!r}: there is no such kind; allowed are {', '.join(ROW_KINDS)}"
+        text = f"rows {kind!r}: unknown; choose one of {', '.join(ROW_KINDS)}"
         raise UsageError(Notice(code="usage.unknown-rows", text=text))
-    pieces = count_pieces(overlap)
-    builders = {
-        "torque": lambda: build_torque_part(library, signals, processing),
-        "momentum": lambda: build_momentum_part(library, signals, window, pieces),
-        "filtered": lambda: build_filtered_part(library, signals, window),
-        "power": lambda: build_power_part(library, signals, processing),
-        "energy": lambda: build_energy_part(library, signals, window, pieces),
-    }
-    return assemble_rows(kind, library.card, builders[kind]())
+    pieces, card = count_pieces(overlap), library.card
+    match kind:
+        case "torque" | "momentum":
+            outline = outline_part(kind, signals, processing, window, pieces)
+            matrix = np.empty((*outline.values.shape, len(card.beta) + len(card.friction)))
+            for places, block in cut_matrix(kind, library, signals, processing, window=window, pieces=pieces):
+                matrix[places] = block
+            part = outline._replace(matrix=matrix)
+        case "filtered":
+            part = _build_filtered_part(library, signals, window)
+        case "power":
+            part = _build_power_part(library, signals, processing)
+        case _:
+            part = _build_energy_part(library, signals, window, pieces)
+    return assemble_rows(kind, card, part)
 
 
 def count_pieces(overlap: float) -> int:
-    """Return how many windows begin within the length of one."""
+    """Return how many windows begin in the length of one; raise UsageError unless 0 <= overlap <= 0.95."""
     if not 0.0 <= overlap <= _MOST_SHARED:
-        text = f"overlap {overlap:g}: must be a part of a window, from 0 to {_MOST_SHARED:g}"
+        text = f"overlap {overlap:g}: must be a fraction of the window from 0 to {_MOST_SHARED:g}"
         raise UsageError(Notice(code="usage.overlap", text=text))
     return max(1, round(1.0 / (1.0 - overlap)))
 
 
 def assemble_rows(kind: str, card: ModelCard, part: EquationPart) -> Rows:
     """Return equations of a kind joint by joint, with the names and units of their model."""
-    parameters = card.beta + card.friction
-    scalar = kind in SCALAR_KINDS
-    joints = () if scalar else card.joints
-    groups = part.values.shape[1]
-    factor = " s" if kind == "momentum" else ""
+    parameters, groups = card.beta + card.friction, part.values.shape[1]
+    labels: tuple[tuple[str, str, str], ...] = (
+        (("all joints", SCALAR_KINDS[kind], ""),)
+        if kind in SCALAR_KINDS
+        else tuple(
+            (joint.name, joint.torque_unit + " s" * (kind == "momentum"), f"{joint.position_unit}/s")
+            for joint in card.joints
+        )
+    )
     return Rows(
         kind=kind,
         matrix=np.swapaxes(part.matrix, 0, 1).reshape(-1, part.matrix.shape[2]),
@@ -505,13 +431,11 @@ def assemble_rows(kind: str, card: ModelCard, part: EquationPart) -> Rows:
         velocity=part.velocity.T.ravel(),
         names=tuple(parameter.name for parameter in parameters),
         units=tuple(parameter.unit for parameter in parameters),
-        group_names=("all joints",) if scalar else tuple(joint.name for joint in joints),
-        group_units=(SCALAR_KINDS[kind],)
-        if scalar
-        else tuple(joint.torque_unit + factor for joint in joints),
-        velocity_units=("",) if scalar else tuple(f"{joint.position_unit}/s" for joint in joints),
+        group_names=tuple(label[0] for label in labels),
+        group_units=tuple(label[1] for label in labels),
+        velocity_units=tuple(label[2] for label in labels),
         independent=part.independent,
-        notices=warn_of_energy(card.size, kind) if scalar else (),
+        notices=warn_of_energy(card.size, kind) if kind in SCALAR_KINDS else (),
     )
 
 
@@ -520,10 +444,8 @@ def warn_of_energy(joints: int, kind: str = "energy") -> tuple[Notice, ...]:
     if joints <= _ENERGY_LIMIT:
         return ()
     text = (
-        f"{kind} rows for {joints} joints: one scalar equation at a time adds up what every joint does, so "
-        "that small parameters of the last links drown in the work of the first ones and the "
-        f"matrix is nearly rank deficient beyond {_ENERGY_LIMIT} joints; torque or momentum rows "
-        "keep the joints apart"
+        f"{kind} rows sum the work of all joints: with more than {_ENERGY_LIMIT} joints (here {joints}) "
+        "small parameters of the last links are lost in noise. Use torque or momentum rows"
     )
     return (Notice(code="identify.energy-rank", text=text),)
 
@@ -531,29 +453,21 @@ def warn_of_energy(joints: int, kind: str = "energy") -> tuple[Notice, ...]:
 def stack_rows(parts: Sequence[Rows], weights: Sequence[float] | None = None) -> Rows:
     """Return the equations of several recordings of one robot as one set, group by group.
 
-    Args:
-        parts: the equations of each recording.
-        weights: what the squares of each recording's residuals count for, positive; one if None.
+    `weights` are what the squares of each recording's residuals count for; one if None.
     """
-    first = parts[0]
     sizes = [len(part.values) for part in parts]
+    arrays: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS
+    }
+    whole = replace(
+        parts[0],
+        **arrays,
+        independent=sum(part.independent * len(part.values) for part in parts) / max(sum(sizes), 1),
+        notices=tuple(dict.fromkeys(notice for part in parts for notice in part.notices)),
+    )
     run = np.repeat(np.arange(len(parts)), sizes)
     weight = np.repeat(np.ones(len(parts)) if weights is None else np.asarray(weights, dtype=float), sizes)
-    group = np.concatenate([part.group for part in parts])
-    order = np.argsort(group, kind="stable")
-    notices = tuple(dict.fromkeys(notice for part in parts for notice in part.notices))
-    return replace(
-        first,
-        matrix=np.vstack([part.matrix for part in parts])[order],
-        values=np.concatenate([part.values for part in parts])[order],
-        group=group[order],
-        time=np.concatenate([part.time for part in parts])[order],
-        independent=sum(part.independent * len(part.values) for part in parts) / max(len(group), 1),
-        velocity=np.concatenate([part.velocity for part in parts])[order],
-        notices=notices,
-        run=run[order],
-        weight=weight[order],
-    )
+    return select_rows(replace(whole, run=run, weight=weight), np.argsort(whole.group, kind="stable"))
 
 
 def drop_groups(rows: Rows, groups: Sequence[int]) -> Rows:
@@ -561,15 +475,7 @@ def drop_groups(rows: Rows, groups: Sequence[int]) -> Rows:
     return select_rows(rows, ~np.isin(rows.group, list(groups)))
 
 
-def select_rows(rows: Rows, keep: NDArray[np.bool_]) -> Rows:
-    """Return the equations for which `keep` (m,) holds."""
-    return replace(
-        rows,
-        matrix=rows.matrix[keep],
-        values=rows.values[keep],
-        group=rows.group[keep],
-        time=rows.time[keep],
-        velocity=rows.velocity[keep],
-        run=rows.run[keep],
-        weight=rows.weight[keep],
-    )
+def select_rows(rows: Rows, keep: NDArray[np.bool_] | NDArray[np.intp]) -> Rows:
+    """Return the equations for which `keep` (m,) holds, or those at its places."""
+    chosen: dict[str, Any] = {name: getattr(rows, name)[keep] for name in _ARRAYS}
+    return replace(rows, **chosen)

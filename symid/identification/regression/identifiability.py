@@ -1,24 +1,20 @@
 """Equations condensed by QR, their rank, and the parameters that can be identified from them.
 
-Input: rows, all at once or block by block. Output: `Condensed`, one triangle per group of rows;
-`ScaledSpectrum`; `Identifiability`: the directions of the parameter space that the rows determine, and the
-parameters that they do not.
+Rows, all at once or block by block -> Condensed (a triangle for each group) -> Identifiability.
 
     [A_g y_g] = Q_g F_g,  so that  |A_g x - y_g| = |F_g [x; -1]|  for every x
 
-By Householder transformations, block after block: the triangle so far is put on top of the next block and
-factorised again. The normal equations, which square the condition number, are never formed.
-
-A parameter is identifiable if no direction that the rows cannot see has a part of it. The directions are
+By Householder transformations, block after block; normal equations, which square the condition number, are
+never formed. A parameter is identifiable if no direction in the null space has a part of it; directions are
 the right singular vectors of the matrix with its columns scaled to length one.
 
 Supported: any number of rows, full and deficient rank; columns that are zero in a group cost nothing.
-Not supported: losses other than squares, residuals row by row (both need the rows); a verdict on precision:
-a poorly identifiable parameter is fitted, and its standard deviation says how poorly.
+Not supported: losses other than squares (they need the rows); a verdict on precision: poorly identifiable
+parameters are fitted, and have a large standard deviation.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -48,20 +44,12 @@ class Condensed:
     counts: NDArray[np.intp]
     independent: float = 1.0
 
-    @property
-    def parameters(self) -> int:
-        """Return the number p of parameters."""
-        return int(self.factors.shape[2]) - 1
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CondensedSolution:
-    """The least-squares solution of condensed rows.
+    """The least-squares solution (p,); the covariance is the variance of the noise times root root'.
 
-    Args:
-        values: (p,); root: (p, r) such that the covariance is the noise's variance times root root'.
-        square: sum of the weighted squares that remain.
-        condition: of the column-scaled matrix, weighted.
+    `square` is the sum of the weighted squares that remain, `condition` that of the column-scaled matrix.
     """
 
     values: FloatArray
@@ -71,7 +59,7 @@ class CondensedSolution:
 
 
 def extend_triangle(triangle: FloatArray, blocks: Iterable[FloatArray]) -> FloatArray:
-    """Return the triangle (k, k) of all rows that it stands for and those of `blocks` (m, k).
+    """Return the triangle (k, k) of its own rows and those of `blocks` (m, k).
 
     Columns without any entry are left out of the work. The input is not changed.
     """
@@ -100,32 +88,23 @@ def condense_weighted(rows: Rows, weight: FloatArray) -> Condensed:
     """Return the triangles of the groups with `weight` (m,) in place of the rows' own; 0 leaves a row out."""
     groups, size = len(rows.group_names), rows.matrix.shape[1] + 1
     factors = np.zeros((groups, size, size))
-    counts = np.zeros(groups, dtype=np.intp)
+    counts = np.bincount(rows.group[weight != 0.0], minlength=groups).astype(np.intp)
     root = None if np.all(weight == 1.0) else np.sqrt(weight)
     for index in range(groups):
-        members = _locate_members(rows, index)
-        part = None if root is None else root[members]
-        counts[index] = len(rows.values[members]) if part is None else np.count_nonzero(part)
-        factors[index] = extend_triangle(factors[index], _cut_blocks(rows, members, part))
+        factors[index] = extend_triangle(factors[index], _cut_blocks(rows, index, root))
     return Condensed(factors=freeze(factors), counts=counts, independent=rows.independent)
 
 
-def _locate_members(rows: Rows, index: int) -> slice | NDArray[np.intp]:
-    """Return where the rows of a group stand: a slice where they stand together, so that none is copied."""
-    members = np.flatnonzero(rows.group == index)
-    if len(members) and members[-1] - members[0] + 1 == len(members):
-        return slice(int(members[0]), int(members[-1]) + 1)
-    return members
-
-
-def _cut_blocks(
-    rows: Rows, members: slice | NDArray[np.intp], root: FloatArray | None
-) -> Iterable[FloatArray]:
+def _cut_blocks(rows: Rows, group: int, root: FloatArray | None) -> Iterable[FloatArray]:
+    places = np.flatnonzero(rows.group == group)
+    # Rows that stand together are taken as a slice, which copies nothing.
+    together = len(places) and places[-1] - places[0] + 1 == len(places)
+    members = slice(int(places[0]), int(places[-1]) + 1) if together else places
     matrix, values = rows.matrix[members], rows.values[members]
     for start in range(0, len(values), BLOCK):
         part = slice(start, start + BLOCK)
         block = np.column_stack([matrix[part], values[part]])
-        yield block if root is None else block * root[part, None]
+        yield block if root is None else block * root[members][part, None]
 
 
 def stack_condensed(condensed: Condensed, weights: FloatArray) -> FloatArray:
@@ -135,12 +114,9 @@ def stack_condensed(condensed: Condensed, weights: FloatArray) -> FloatArray:
 
 
 def count_freedom(freedom: str, parameters: int, independent: float) -> tuple[int, float]:
-    """Return how many degrees of freedom parameters take from rows, and the part of the rows that counts.
+    """Return the degrees of freedom that parameters take, and the part of the rows that counts.
 
-    Args:
-        freedom: how the variance of the noise is estimated, see `Processing.noise_freedom`.
-        parameters: that were fitted.
-        independent: rows of independent noise that the rows are worth, as a fraction of them.
+    `freedom` as in `Processing.noise_freedom`; `independent` as in `Condensed`.
     """
     return (1 if freedom == "one" else parameters, independent if freedom == "band" else 1.0)
 
@@ -153,12 +129,9 @@ def compute_square_sums(condensed: Condensed, values: FloatArray) -> FloatArray:
 
 
 def solve_condensed(condensed: Condensed, basis: FloatArray, weights: FloatArray) -> CondensedSolution:
-    """Return the least-squares solution in the span of `basis`.
+    """Return the least-squares solution in the span of `basis` (p, r).
 
-    Args:
-        condensed: the equations.
-        basis: (p, r) directions that the rows see.
-        weights: (g,) what residuals of each group are multiplied by.
+    `weights` (g,) are what residuals of each group are multiplied by.
     """
     triangle = stack_condensed(condensed, weights)
     count = int(basis.shape[1])
@@ -166,34 +139,30 @@ def solve_condensed(condensed: Condensed, basis: FloatArray, weights: FloatArray
     factor: FloatArray = np.asarray(np.linalg.qr(np.column_stack([matrix @ basis, target]), mode="r"))
     left, singular, right = np.linalg.svd(factor[:count, :count])
     values: FloatArray = basis @ (right.T @ ((left.T @ factor[:count, count]) / singular))
+    scaled = compute_spectrum(matrix[:, basis.any(axis=1)]).singular
     return CondensedSolution(
         values=values,
         root=basis @ (right.T / singular),
         square=float(np.sum((matrix @ values - target) ** 2)),
-        condition=_compute_condition(matrix[:, basis.any(axis=1)], count),
+        condition=float(scaled[0] / scaled[count - 1]),
     )
 
 
-def _compute_condition(matrix: FloatArray, count: int) -> float:
-    """Return the ratio of the first to the last of `count` singular values, columns scaled to length one."""
-    lengths = np.linalg.norm(matrix, axis=0)
-    singular = np.linalg.svd(matrix / np.where(lengths > 0.0, lengths, 1.0), compute_uv=False)
-    return float(singular[0] / singular[count - 1])
-
-
 WHOLE_MODEL = 0.75
-"""Part of a robot's parameters that logs must tell to be called enough for a model of the robot."""
+"""Share of a robot's parameters that must be identifiable for a model of the robot."""
 JOINT_AT_REST = "identify.joint-at-rest"
 """Code of the notice that the rows of a joint were left out because it does not move."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RankRule:
-    """When something counts as not seen.
+    """Limits below which something counts as zero.
 
-    `zero` is the length of a column relative to the longest one, `singular` a singular value of
-    the scaled matrix relative to the largest one, `share` the squared part of an unseen
-    direction in a parameter. `least` is the part of all parameters that must be seen.
+    Args:
+        zero: length of a column relative to the longest one.
+        singular: singular value of the scaled matrix relative to the largest one.
+        share: squared part of a direction in the null space in a parameter.
+        least: share of all parameters that must be identifiable.
     """
 
     zero: float = 1e-10
@@ -216,20 +185,19 @@ class ScaledSpectrum:
     singular: FloatArray
     directions: FloatArray
 
-    def mask_seen(self, rule: RankRule) -> NDArray[np.bool_]:
-        """Return which directions the rows see: (p,)."""
+    def mask_directions(self, rule: RankRule) -> NDArray[np.bool_]:
+        """Return which directions are identifiable: (p,)."""
         return np.asarray(self.singular > rule.singular * self.singular[0])
 
     def mask_identifiable(self, rule: RankRule) -> NDArray[np.bool_]:
-        """Return which parameters have no part in a direction that the rows do not see: (p,)."""
-        share = np.sum(self.directions[~self.mask_seen(rule)] ** 2, axis=0)
+        """Return which parameters have no part in the null space: (p,)."""
+        share = np.sum(self.directions[~self.mask_directions(rule)] ** 2, axis=0)
         return np.asarray((share <= rule.share) & (self.lengths > 0.0))
 
     def list_partners(self, index: int, rule: RankRule) -> list[int]:
-        """Return the parameters that trade against parameter `index` in what is not seen, closest first."""
-        hidden = self.directions[~self.mask_seen(rule)]
-        # The projector on the unseen directions.
-        partners = np.abs(hidden.T @ hidden[:, index])
+        """Return the parameters that depend on parameter `index` in the null space, most dependent first."""
+        null = self.directions[~self.mask_directions(rule)]
+        partners = np.abs(null.T @ null[:, index])
         partners[index] = 0.0
         order = np.argsort(-partners, kind="stable").tolist()
         return [k for k in order if partners[k] ** 2 > rule.share]
@@ -237,19 +205,18 @@ class ScaledSpectrum:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Identifiability:
-    """What rows can tell.
+    """Which parameters can be identified from rows.
 
     Args:
-        basis: (p, r) directions that the rows see; the fit is a combination of them. The row
-            of a parameter without any effect is zero.
-        learnable: (p,) whether a parameter has a value of its own.
-        refused: (name, reason) of the others.
-        condition: of the column-scaled matrix, over the directions seen.
-        notices: one for every refused parameter.
+        basis: (p, r) identifiable directions, of which the fit is a combination; the row of a parameter
+            without any effect is zero.
+        identifiable: (p,) whether a parameter is.
+        refused: (name, reason) of the others; notices: one for each of them.
+        condition: of the column-scaled matrix, over the identifiable directions.
     """
 
     basis: FloatArray
-    learnable: NDArray[np.bool_]
+    identifiable: NDArray[np.bool_]
     refused: tuple[tuple[str, str], ...]
     condition: float
     notices: tuple[Notice, ...]
@@ -314,97 +281,94 @@ def solve_scaled(
 
 
 def analyse_identifiability(rows: Rows, rule: RankRule | None = None) -> Identifiability:
-    """Return which parameters `rows` can tell, and which not.
+    """Return which parameters are identifiable from `rows`.
 
     Raises:
-        IdentifiabilityError: none can be learnt, or fewer than the rule wants, or there are not more rows
-            than parameters.
+        IdentifiabilityError: none, or fewer than the rule wants, or there are not more rows than parameters.
     """
     rule = rule or RankRule()
     if not len(rows.values):
         text = (
-            "no equation is left of this log: its joints are slower than processing.standstill, or stand "
-            "still, wherever it is not cut off; record a longer log, or leave out less"
+            "no equation is left of this log: wherever it is not cut off, its joints rest or are slower than "
+            "processing.standstill. Record a longer log, or leave out less"
         )
         raise IdentifiabilityError(Notice(code="identify.no-rows", text=text), *rows.notices)
-    seen = analyse_condensed(condense_rows(rows), rows.kind, rows.names, rule)
-    check_identifiable_share(seen, rows.names, rule.least, rows.notices)
-    return seen
+    found = analyse_condensed(condense_rows(rows), rows.kind, rows.names, rule)
+    check_identifiable_share(found, rows.names, rule.least, rows.notices)
+    return found
 
 
 def check_identifiable_share(
-    seen: Identifiability, names: tuple[str, ...], least: float, notices: tuple[Notice, ...] = ()
+    found: Identifiability, names: tuple[str, ...], least: float, notices: tuple[Notice, ...] = ()
 ) -> None:
-    """Check that rows can tell enough for a model of the whole robot.
-
-    Args:
-        seen: what they tell.
-        names: of all parameters.
-        least: part of the parameters that must be learnable.
-        notices: of the rows; what they say of joints at rest is told first.
+    """Check that at least `least` of all parameters (by `names`) are identifiable.
 
     Raises:
-        IdentifiabilityError: fewer are; every parameter that is not is named with the reason.
+        IdentifiabilityError: fewer are; every other one is named with the reason, after `notices` of joints
+            at rest.
     """
-    count = int(seen.learnable.sum())
+    count = int(found.identifiable.sum())
     if count >= least * len(names):
         return
     text = (
-        f"these logs tell only {count} of {len(names)} parameters, too few for a model of this robot: record "
-        "a motion in which every joint accelerates on its own and turns both ways (`symid excite` makes "
-        "one), or name further logs; --partial fits what can be told"
+        f"only {count} of {len(names)} parameters are identifiable from these logs. Record a motion in which "
+        "every joint accelerates on its own and turns both ways (`symid excite` makes one), add logs, or fit "
+        "what is identifiable with --partial"
     )
     # One line for a reason, however many parameters share it.
-    reasons = dict.fromkeys(reason for _, reason in seen.refused)
-    told = (
-        (", ".join(name for name, reason in seen.refused if reason == shared), shared) for shared in reasons
-    )
+    shared: dict[str, list[str]] = {}
+    for name, reason in found.refused:
+        shared.setdefault(reason, []).append(name)
     raise IdentifiabilityError(
         *(notice for notice in notices if notice.code == JOINT_AT_REST),
         Notice(code="identify.poor-log", text=text),
-        *(Notice(code="identify.poor-log", text=f"not told: {some}: {reason}") for some, reason in told),
+        *(
+            Notice(code="identify.poor-log", text=f"not identifiable: {', '.join(some)}: {reason}")
+            for reason, some in shared.items()
+        ),
     )
 
 
 def analyse_condensed(
     condensed: Condensed, kind: str, names: tuple[str, ...], rule: RankRule | None = None
 ) -> Identifiability:
-    """Return which parameters condensed rows of a kind can tell; see `analyse_identifiability`."""
+    """Return which parameters are identifiable from condensed rows; see `analyse_identifiability`."""
     rule = rule or RankRule()
     _check_rows(condensed, kind)
     # The triangles have the singular values of all rows.
-    spectrum = compute_spectrum(condensed.factors[:, :, :-1].reshape(-1, condensed.parameters), rule.zero)
-    seen, learnable = spectrum.mask_seen(rule), spectrum.mask_identifiable(rule)
-    refused = tuple(
-        (name, _explain_unidentifiable(index, names, spectrum, rule))
-        for index, name in enumerate(names)
-        if not learnable[index]
-    )
-    if not learnable.any():
-        raise IdentifiabilityError(_say_nothing(refused))
-    notices = tuple(
-        Notice(code="identify.refused", text=f"parameter {name} was left out: {reason}")
-        for name, reason in refused
-    )
+    spectrum = compute_spectrum(condensed.factors[:, :, :-1].reshape(-1, len(names)), rule.zero)
+    found, identifiable = spectrum.mask_directions(rule), spectrum.mask_identifiable(rule)
+    refused = []
+    for index in np.flatnonzero(~identifiable):
+        others = [names[k] for k in spectrum.list_partners(int(index), rule)]
+        shown = ", ".join(others[:4]) + (f" and {len(others) - 4} more" if len(others) > 4 else "")
+        reason = f"it acts only together with {shown}, in a fixed proportion throughout this log"
+        if spectrum.lengths[index] == 0.0:
+            reason = "it does not act on any measured torque in this log"
+        refused.append((names[index], reason))
+    if not identifiable.any():
+        raise _refuse_all("; ".join(f"{name}: {reason}" for name, reason in refused))
+    basis = np.where(spectrum.lengths > 0.0, spectrum.scales, 0.0)[:, None] * spectrum.directions[found].T
     return Identifiability(
-        basis=freeze(
-            np.where(spectrum.lengths > 0.0, spectrum.scales, 0.0)[:, None] * spectrum.directions[seen].T
+        basis=freeze(basis),
+        identifiable=identifiable,
+        refused=tuple(refused),
+        condition=float(spectrum.singular[0] / spectrum.singular[found][-1]),
+        notices=tuple(
+            Notice(code="identify.refused", text=f"parameter {name} was left out: {reason}")
+            for name, reason in refused
         ),
-        learnable=learnable,
-        refused=refused,
-        condition=float(spectrum.singular[0] / spectrum.singular[seen][-1]),
-        notices=notices,
     )
 
 
 def _check_rows(condensed: Condensed, kind: str) -> None:
-    count, parameters = int(condensed.counts.sum()), condensed.parameters
+    count, parameters = int(condensed.counts.sum()), condensed.factors.shape[2] - 1
     if not np.any(condensed.factors[:, :, :-1]):
-        raise IdentifiabilityError(_say_nothing(()))
+        raise _refuse_all()
     if count <= parameters:
         text = (
-            f"{count} {kind} rows cannot determine {parameters} parameters and their scatter: "
-            "use a longer log, a shorter window, less decimation, or torque rows"
+            f"{count} {kind} rows are too few for {parameters} parameters and their uncertainty: use a "
+            "longer log, a shorter window, less decimation, or torque rows"
         )
         raise IdentifiabilityError(Notice(code="identify.too-few-rows", text=text))
     if not np.any(condensed.factors[:, :, -1]):
@@ -412,29 +376,18 @@ def _check_rows(condensed: Condensed, kind: str) -> None:
         raise IdentifiabilityError(Notice(code="identify.no-torque", text=text))
 
 
-def _say_nothing(refused: tuple[tuple[str, str], ...]) -> Notice:
-    reasons = "; ".join(f"{name}: {reason}" for name, reason in refused)
-    text = "nothing can be learnt from this log" + (f" ({reasons})" if reasons else "")
-    return Notice(code="identify.nothing", text=f"{text}: record a log in which the joints move")
-
-
-def _explain_unidentifiable(
-    index: int, names: tuple[str, ...], spectrum: ScaledSpectrum, rule: RankRule
-) -> str:
-    """Return why parameter `index` cannot be learnt."""
-    if spectrum.lengths[index] == 0.0:
-        return "it does not act on any measured torque in this log"
-    others = [names[k] for k in spectrum.list_partners(index, rule)]
-    shown = ", ".join(others[:4]) + (f" and {len(others) - 4} more" if len(others) > 4 else "")
-    return f"it acts only together with {shown}, in a fixed proportion throughout this log"
+def _refuse_all(reasons: str = "") -> IdentifiabilityError:
+    text = f"no parameter is identifiable from this log{f' ({reasons})' if reasons else ''}"
+    return IdentifiabilityError(
+        Notice(code="identify.nothing", text=f"{text}: record a log in which the joints move")
+    )
 
 
 def list_resting_joints(recording: Recording) -> tuple[int, ...]:
-    """Return the joints that do not move in a recording.
+    """Return the joints whose range of positions is less than twenty times the encoder's noise.
 
-    A joint moves if the range of its position is more than twenty times the noise, which is
-    taken from second differences d: sigma = |d|_rms / sqrt(6) for white noise. An encoder that
-    flips between neighbouring ticks rests.
+    The noise is that of second differences d: sigma = |d|_rms / sqrt(6). An encoder that flips between
+    neighbouring ticks rests.
     """
     position = recording.position
     spread = np.ptp(position, axis=0)
@@ -448,14 +401,12 @@ def list_resting_joints(recording: Recording) -> tuple[int, ...]:
 def hold_resting_joints(signals: Signals, resting: tuple[int, ...]) -> Signals:
     """Return the signals with the given joints exactly at rest, at their mean position.
 
-    What differentiation makes of encoder noise at standstill is no motion; least of all is its
-    sign the direction of dry friction.
+    Encoder noise would pass for motion, and its sign for the direction of dry friction.
     """
     if not resting:
         return signals
     joints = list(resting)
     q, dq, ddq = signals.q.copy(), signals.dq.copy(), signals.ddq.copy()
     q[:, joints] = q[:, joints].mean(axis=0)
-    dq[:, joints] = 0.0
-    ddq[:, joints] = 0.0
-    return Signals(time=signals.time, q=q, dq=dq, ddq=ddq, tau=signals.tau, period=signals.period)
+    dq[:, joints] = ddq[:, joints] = 0.0
+    return replace(signals, q=q, dq=dq, ddq=ddq)

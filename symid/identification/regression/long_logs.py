@@ -5,9 +5,8 @@ Library, recordings, processing -> LongRows -> Condensed.
     outline     values, times, velocities, weights of all equations, without the matrix
     segments    stretches of time of one joint in one run: the triangle of [A y]
 
-What a fit, its standard deviations and its warnings need of the matrix, the triangles of the segments have;
-residuals take another pass. Segments begin wherever a block of `compute_block_deviations` begins, in a fit
-to all runs or to one.
+Fits, standard deviations and warnings are computed from the triangles; residuals take another pass.
+Segments begin wherever a block of `compute_block_deviations` begins, in a fit to all runs or to one.
 
 Supported: torque and momentum rows, with 100 equations or more of every joint in every run it moves in.
 Not supported: power and energy rows, whose covariance needs every row.
@@ -26,16 +25,14 @@ from symid.identification.regression.equations import (
     Rows,
     assemble_rows,
     count_pieces,
-    cut_momentum_matrix,
-    cut_torque_matrix,
+    cut_matrix,
     evaluate_torques,
-    outline_momentum_part,
-    outline_torque_part,
+    outline_part,
     stack_rows,
 )
 from symid.identification.regression.identifiability import BLOCK, Condensed, extend_triangle
 from symid.identification.regression.preparation import leave_out_rows, prepare_rows, prepare_states
-from symid.logs import Recording, Signals, decimate
+from symid.logs import Recording, decimate
 from symid.robot import Processing
 
 LONG_KINDS = ("torque", "momentum")
@@ -59,30 +56,19 @@ class RowBuilder(NamedTuple):
         )
 
     def outline(self, recording: Recording) -> Rows:
-        """Return the equations of a recording with their places in time (m, 1) in place of the matrix.
-
-        Places are counted from zero, joint by joint.
-        """
+        """Return the equations of a recording with their places in time (m, 1), from zero, as matrix."""
         card, signals = self.library.card, prepare_states(self.library, recording, self.processing)
-        part = (
-            outline_torque_part(signals, self.processing)
-            if self.kind == "torque"
-            else outline_momentum_part(signals, self.window, count_pieces(self.overlap))
-        )
+        part = outline_part(self.kind, signals, self.processing, self.window, count_pieces(self.overlap))
         places = np.arange(len(part.values), dtype=np.float64)
         part = part._replace(matrix=np.tile(places[:, None, None], (1, card.size, 1)))
         return leave_out_rows(assemble_rows(self.kind, card, part), self.library, recording, self.processing)
 
     def cut(self, recording: Recording) -> Iterator[tuple[slice, FloatArray]]:
         """Yield the matrix (k, n, p) of a recording's equations by stretches of time, and their places."""
-        signals = prepare_states(self.library, recording, self.processing)
-        return self.cut_signals(signals)
-
-    def cut_signals(self, signals: Signals) -> Iterator[tuple[slice, FloatArray]]:
-        """Yield the same of filtered states and torques."""
-        if self.kind == "torque":
-            return cut_torque_matrix(self.library, signals, self.processing)
-        return cut_momentum_matrix(self.library, signals, self.window, count_pieces(self.overlap))
+        signals, pieces = prepare_states(self.library, recording, self.processing), count_pieces(self.overlap)
+        return cut_matrix(
+            self.kind, self.library, signals, self.processing, window=self.window, pieces=pieces
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -90,9 +76,8 @@ class LongRows:
     """Equations without their matrix.
 
     Args:
-        outline: all of the equations but the matrix, in place of which stand their places in time (m, 1).
-        triangles: (s, p + 1, p + 1) of [A y] of every segment, not weighed.
-        starts: (s + 1,) first equation of every segment, and how many there are.
+        outline: in place of the matrix the places in time (m, 1).
+        triangles: (s, p + 1, p + 1) of [A y] of segments, not weighed; starts: (s + 1,) their first rows.
     """
 
     outline: Rows
@@ -104,9 +89,9 @@ class LongRows:
         groups, size = len(self.outline.group_names), self.triangles.shape[1]
         factors, counts = np.zeros((groups, size, size)), np.zeros(groups, dtype=np.intp)
         for group in range(groups):
-            chosen = np.flatnonzero(self._choose(run) & (self.outline.group[self.starts[:-1]] == group))
-            factors[group] = self._join(chosen, weighed=run is None)
-            counts[group] = np.diff(self.starts)[chosen].sum()
+            members = self._mask(group, run)
+            factors[group] = self._join(members[self.starts[:-1]], weighed=run is None)
+            counts[group] = members.sum()
         return Condensed(factors=factors, counts=counts, independent=self.outline.independent)
 
     def sketch(self, run: int | None = None) -> Rows:
@@ -114,15 +99,13 @@ class LongRows:
 
         A'A and A'y of every block are those of its equations, so `compute_block_deviations` gives the same.
         """
-        outline, size = self.outline, self.triangles.shape[1]
+        outline, first, size = self.outline, self.starts[:-1], self.triangles.shape[1]
         parts, groups = [], []
         for group in np.unique(outline.group):
-            members = (
-                outline.group == group if run is None else (outline.group == group) & (outline.run == run)
-            )
+            members = self._mask(group, run)
             for block in np.array_split(np.flatnonzero(members), _BLOCKS) if members.any() else ():
-                inside = (self.starts[:-1] >= block[0]) & (self.starts[:-1] <= block[-1])
-                parts.append(self._join(np.flatnonzero(inside & self._choose(run)), weighed=run is None))
+                inside = members[first] & (first >= block[0]) & (first <= block[-1])
+                parts.append(self._join(inside, weighed=run is None))
                 groups.append(group)
         table, count = np.vstack(parts), len(parts) * size
         return replace(
@@ -136,14 +119,14 @@ class LongRows:
             weight=np.ones(count),
         )
 
-    def _choose(self, run: int | None) -> NDArray[np.bool_]:
-        runs = self.outline.run[self.starts[:-1]]
-        return np.ones(len(runs), dtype=bool) if run is None else runs == run
+    def _mask(self, group: int, run: int | None) -> NDArray[np.bool_]:
+        members: NDArray[np.bool_] = self.outline.group == group
+        return members if run is None else members & (self.outline.run == run)
 
-    def _join(self, chosen: NDArray[np.intp], *, weighed: bool) -> FloatArray:
+    def _join(self, inside: NDArray[np.bool_], *, weighed: bool) -> FloatArray:
         size = self.triangles.shape[1]
-        roots = np.sqrt(self.outline.weight[self.starts[chosen]]) if weighed else np.ones(len(chosen))
-        stacked = (self.triangles[chosen] * roots[:, None, None]).reshape(-1, size)
+        roots = np.sqrt(self.outline.weight[self.starts[:-1][inside]]) if weighed else np.ones(inside.sum())
+        stacked = (self.triangles[inside] * roots[:, None, None]).reshape(-1, size)
         blocks = (stacked[start : start + BLOCK] for start in range(0, len(stacked), BLOCK))
         return extend_triangle(np.zeros((0, size)), blocks)
 
@@ -151,15 +134,9 @@ class LongRows:
 def condense_recordings(
     maker: RowBuilder, recordings: Sequence[Recording], weights: Sequence[float] | None
 ) -> LongRows | None:
-    """Return the equations of recordings, condensed; None where a joint has too few of them for blocks.
+    """Return the condensed equations of recordings; None where a joint has too few of them for blocks.
 
-    Args:
-        maker: of equations.
-        recordings: all of one robot.
-        weights: what the squares of each recording's residuals count for; one if None.
-
-    Raises:
-        LogError, IdentifiabilityError, UsageError: as for `prepare_rows`.
+    `weights` as for `stack_rows`; errors as for `prepare_rows`.
     """
     outline = stack_rows([maker.outline(entry) for entry in recordings], weights)
     starts = _locate_segments(outline)
@@ -168,8 +145,18 @@ def condense_recordings(
     size = len(outline.names) + 1
     triangles = np.zeros((len(starts) - 1, size, size))
     for run, recording in enumerate(recordings):
-        for places, matrix in _list_blocks(maker, recording, outline, run):
-            _extend(triangles, starts, places, np.column_stack([matrix, outline.values[places]]))
+        own = [
+            np.flatnonzero((outline.run == run) & (outline.group == joint))
+            for joint in range(maker.library.card.size)
+        ]
+        times = [outline.matrix[places, 0].astype(np.intp) for places in own]
+        for part, matrix in maker.cut(recording):
+            for joint, (places, time) in enumerate(zip(own, times, strict=True)):
+                low, high = np.searchsorted(time, [part.start, part.stop])
+                if high > low:
+                    chosen = places[low:high]
+                    columns = matrix[time[low:high] - part.start, joint]
+                    _extend(triangles, starts, chosen, np.column_stack([columns, outline.values[chosen]]))
     return LongRows(outline=outline, triangles=triangles, starts=starts)
 
 
@@ -187,22 +174,6 @@ def _locate_segments(outline: Rows) -> NDArray[np.intp] | None:
     return np.array(sorted(starts), dtype=np.intp)
 
 
-def _list_blocks(
-    maker: RowBuilder, recording: Recording, outline: Rows, run: int
-) -> Iterator[tuple[NDArray[np.intp], FloatArray]]:
-    """Yield matrices (k, p) of neighbouring equations of a joint, and their places in the outline."""
-    own = [
-        np.flatnonzero((outline.run == run) & (outline.group == joint))
-        for joint in range(maker.library.card.size)
-    ]
-    times = [outline.matrix[places, 0].astype(np.intp) for places in own]
-    for part, matrix in maker.cut(recording):
-        for joint, (places, time) in enumerate(zip(own, times, strict=True)):
-            low, high = np.searchsorted(time, [part.start, part.stop])
-            if high > low:
-                yield places[low:high], matrix[time[low:high] - part.start, joint]
-
-
 def _extend(
     triangles: FloatArray, starts: NDArray[np.intp], places: NDArray[np.intp], table: FloatArray
 ) -> None:
@@ -217,25 +188,14 @@ def _extend(
 def predict_rows(
     maker: RowBuilder, recordings: Sequence[Recording], outline: Rows, values: FloatArray
 ) -> FloatArray:
-    """Return what parameters (p,) foretell of the equations (m,) of `outline`, by another pass.
-
-    Args:
-        maker: of equations.
-        recordings: as for `condense_recordings`.
-        outline: of their equations.
-        values: (p,).
-    """
+    """Return what parameters (p,) predict of the equations (m,) of `outline`, by another pass."""
     predicted = np.empty(len(outline.values))
     for run, recording in enumerate(recordings):
-        whole = _predict(maker, recording, values)
+        if maker.kind == "torque":
+            signals = prepare_states(maker.library, recording, maker.processing)
+            whole = decimate(evaluate_torques(maker.library, signals, values), maker.processing.decimation)
+        else:
+            whole = np.concatenate([matrix @ values for _, matrix in maker.cut(recording)])
         own = outline.run == run
         predicted[own] = whole[outline.matrix[own, 0].astype(np.intp), outline.group[own]]
     return predicted
-
-
-def _predict(maker: RowBuilder, recording: Recording, values: FloatArray) -> FloatArray:
-    """Return what parameters foretell of a recording (M, n): its torque at every sample, decimated."""
-    if maker.kind != "torque":
-        return np.concatenate([matrix @ values for _, matrix in maker.cut(recording)])
-    signals = prepare_states(maker.library, recording, maker.processing)
-    return decimate(evaluate_torques(maker.library, signals, values), maker.processing.decimation)

@@ -10,21 +10,17 @@ What the processing leaves open is chosen from the logs:
     windows  of momentum rows as long as rows are apart, so that they keep the same band
 
 The clean band of a joint ends where the noise of its encoder, differentiated twice, has a hundredth of the
-power of its acceleration: such noise enters the columns, not the torque, and moves parameters towards zero.
-Noise and motion are told apart in the power spectral density of the position (Welch's method, Hann windows
-of at least 2 s, half overlapped, trends removed): the noise floor is the median of the density over the
-upper half of all frequencies, and
+power of its acceleration: such noise enters the columns and biases parameters towards zero. The noise floor
+is the median of the power spectral density of the position (Welch) over the upper half of all frequencies,
+and
 
     noise   floor (2 pi)^4 b^5 / 5,     motion   integral to b of (density - floor) (2 pi f)^4 df
 
-The torque of a known payload, Y(q, dq, ddq) dbeta, is subtracted from the measured one, so that the
-equations are those of the robot alone.
-
-Supported: several recordings (the best of them counts for each joint); what is stated stays; encoders with
-white noise, quantisation included; joints at rest, whose rows are left out where dry friction or a brake
-may hold them.
-Not supported: a filter of its own for each joint (columns of all joints share one equation); positions that
-were filtered before they were logged, whose noise is underestimated; payloads of simulated robots.
+Supported: several recordings (the best of them counts for each joint); encoders with white noise,
+quantisation included; known payloads, whose torque Y dbeta is subtracted; joints at rest, whose rows are
+left out where dry friction or a brake may hold them.
+Not supported: a filter for each joint (columns of all joints share one equation); positions that were
+filtered before they were logged, whose noise is underestimated; payloads of simulated robots.
 """
 
 import math
@@ -55,18 +51,13 @@ from symid.robot import Processing
 
 NOISE_SHARE = 0.01
 """Part of the acceleration's power that noise may be."""
-_SPAN = 2.0
-_LEAST_SAMPLES = 64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointBand:
-    """What a position holds.
+    """Noise of an encoder: density `floor` (rad or m over root Hz), standard deviation `noise` (rad or m).
 
-    Args:
-        floor: one-sided density of the noise, rad or m over the root of Hz.
-        clean: Hz, up to which noise is less than `NOISE_SHARE` of the acceleration's power.
-        noise: rad or m, standard deviation of such a noise over all frequencies.
+    Up to `clean` Hz it is less than `NOISE_SHARE` of the acceleration's power.
     """
 
     floor: float
@@ -79,34 +70,33 @@ def measure_bands(recording: Recording) -> tuple[JointBand, ...]:
     from scipy.signal import welch
 
     rate = 1.0 / recording.period
-    length = min(len(recording.time), max(_LEAST_SAMPLES, round(_SPAN * rate)))
+    length = min(len(recording.time), max(64, round(2.0 * rate)))
     frequency, density = welch(recording.position, fs=rate, nperseg=length, detrend="linear", axis=0)
-    return tuple(_measure_band(frequency[1:], column[1:], rate) for column in density.T)
-
-
-def _measure_band(frequency: FloatArray, density: FloatArray, rate: float) -> JointBand:
-    floor = float(np.median(density[frequency > 0.25 * rate]))
-    steep = (2.0 * np.pi * frequency) ** 4
-    motion = np.cumsum(np.maximum(density - floor, 0.0) * steep)
-    clean = np.flatnonzero(np.cumsum(floor * steep) <= NOISE_SHARE * motion)
-    return JointBand(
-        floor=float(np.sqrt(floor)),
-        clean=float(frequency[clean[-1]]) if len(clean) else 0.0,
-        noise=float(np.sqrt(floor * rate / 2.0)),
-    )
+    frequency, steep = frequency[1:], (2.0 * np.pi * frequency[1:]) ** 4
+    bands = []
+    for column in density[1:].T:
+        floor = float(np.median(column[frequency > 0.25 * rate]))
+        motion = np.cumsum(np.maximum(column - floor, 0.0) * steep)
+        clean = np.flatnonzero(np.cumsum(floor * steep) <= NOISE_SHARE * motion)
+        bands.append(
+            JointBand(
+                floor=float(np.sqrt(floor)),
+                clean=float(frequency[clean[-1]]) if len(clean) else 0.0,
+                noise=float(np.sqrt(floor * rate / 2.0)),
+            )
+        )
+    return tuple(bands)
 
 
 _LEAST_BAND = 5.0
 """Hz that are always kept: robots move there."""
-_RATIO = 5.0
-_HIGHEST = 0.4
 SAME_PERIOD = 0.01
-"""Sample periods that differ by less, relative to one another, are the same: clocks drift."""
+"""Relative difference up to which sample periods count as the same: clocks drift."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilterChoice:
-    """What was chosen, and why; `clean` bands (n,) in Hz of the joints, 0 of those that do not move."""
+    """What was chosen, and why; `clean` bands (n,) in Hz of the joints, 0 where one does not move."""
 
     processing: Processing
     clean: tuple[float, ...] = ()
@@ -114,33 +104,42 @@ class FilterChoice:
 
 
 def choose_filters(processing: Processing, recordings: Sequence[Recording]) -> FilterChoice:
-    """Return the processing with cut-off and decimation chosen, where they are left open.
-
-    Args:
-        processing: as stated; returned as it is unless `automatic`.
-        recordings: at least one; sampled alike.
+    """Return the processing with cut-off and decimation chosen, where it is `automatic`.
 
     Raises:
-        LogError: there is something to choose, and they are not sampled alike.
+        LogError: there is something to choose, and the recordings are not sampled alike.
     """
     usual = choose_processing(processing, recordings[0].period)
     if usual == processing:
         return FilterChoice(processing=processing)
     _check_periods(recordings)
     rate = 1.0 / recordings[0].period
-    clean = _measure_clean_bands(recordings)
-    moving = [band for band in clean if band > 0.0]
+    clean = [0.0] * recordings[0].position.shape[1]
+    for recording in recordings:
+        resting = list_resting_joints(recording)
+        for joint, entry in enumerate(measure_bands(recording)[: len(clean)]):
+            if joint not in resting:
+                clean[joint] = max(clean[joint], entry.clean)
     decimation = usual.decimation
     kept = 0.5 * decimation.band * rate / decimation.factor
-    band = max(_LEAST_BAND, min([kept, *moving]))
+    band = max(_LEAST_BAND, min([kept, *(limit for limit in clean if limit > 0.0)]))
     if processing.decimation.factor == 1:
         factor = max(decimation.factor, math.floor(0.5 * decimation.band * rate / band))
         decimation = replace(decimation, factor=factor)
         kept = 0.5 * decimation.band * rate / factor
-    cutoff = processing.filter_cutoff or float(f"{min(_RATIO * kept, _HIGHEST * rate):.3g}")
-    chosen = replace(usual, filter_cutoff=cutoff, decimation=decimation)
+    cutoff = processing.filter_cutoff or float(f"{min(5.0 * kept, 0.4 * rate):.3g}")
+    noisy = decimation.factor > usual.decimation.factor
+    bands = ", ".join(f"{limit:.3g}" if limit else "-" for limit in clean)
+    text = (
+        f"filter chosen from the logs: positions pass a low-pass at {cutoff:g} Hz, and one row in "
+        f"{decimation.factor} is kept (band up to {kept:.3g} Hz, limited by the "
+        f"{'noise' if noisy else 'rate'}; noise is below {100.0 * NOISE_SHARE:g} % of the accelerations up "
+        f"to {bands} Hz, joint by joint). To set them, state filter_cutoff and decimation under [processing]"
+    )
     return FilterChoice(
-        processing=chosen, clean=clean, notices=(_explain_choice(chosen, clean, kept, usual),)
+        processing=replace(usual, filter_cutoff=cutoff, decimation=decimation),
+        clean=tuple(clean),
+        notices=(Notice(code="identify.automatic", text=text),),
     )
 
 
@@ -150,55 +149,24 @@ def _check_periods(recordings: Sequence[Recording]) -> None:
         return
     listed = ", ".join(f"{entry.source or 'a log'} every {1e3 * entry.period:.4g} ms" for entry in recordings)
     text = (
-        f"the logs are not sampled alike ({listed}), and no cut-off and decimation can be chosen that suit "
-        "all: state filter_cutoff and decimation under [processing], or bring the logs to one rate"
+        f"the logs have different sample periods ({listed}), so no common cut-off and decimation can be "
+        "chosen: state filter_cutoff and decimation under [processing], or resample the logs to one rate"
     )
     raise LogError(Notice(code="identify.mixed-periods", text=text))
 
 
 def choose_window(kind: str, processing: Processing, period: float) -> float:
-    """Return the length in s of the windows of rows, where none is asked for.
+    """Return the length in s of the windows of rows of a kind, by default.
 
-    Args:
-        kind: of rows.
-        processing: with its decimation chosen.
-        period: of the samples in s.
+    `processing` has its decimation chosen; `period` of the samples in s.
     """
     factor = processing.decimation.factor
     # Longer windows would damp what torque rows keep: heavy and light joints of a fast motion differ there.
     return factor * period if kind == "momentum" and factor > 1 else WINDOW
 
 
-def _measure_clean_bands(recordings: Sequence[Recording]) -> tuple[float, ...]:
-    size = recordings[0].position.shape[1]
-    clean = [0.0] * size
-    for recording in recordings:
-        resting = list_resting_joints(recording)
-        for joint, band in enumerate(measure_bands(recording)):
-            if joint not in resting and joint < size:
-                clean[joint] = max(clean[joint], band.clean)
-    return tuple(clean)
-
-
-def _explain_choice(chosen: Processing, clean: Sequence[float], kept: float, usual: Processing) -> Notice:
-    told = ", ".join(f"{band:.3g}" if band else "-" for band in clean)
-    noise = chosen.decimation.factor > usual.decimation.factor
-    text = (
-        "the robot file leaves the processing open: positions pass a "
-        f"low-pass at {chosen.filter_cutoff:g} Hz, and one row in {chosen.decimation.factor} is kept, which "
-        f"holds what lies below {kept:.3g} Hz; {'the noise' if noise else 'the rate'} decides: noise of the "
-        f"positions is below {100.0 * NOISE_SHARE:g} % of the accelerations up to {told} Hz, joint by joint; "
-        "state filter_cutoff and decimation under [processing] to choose yourself"
-    )
-    return Notice(code="identify.automatic", text=text)
-
-
 def subtract_payload_torque(library: Library, signals: Signals, recording: Recording) -> Signals:
-    """Return the signals without the torque (N, n) of a known payload; as they are where there is none.
-
-    Raises:
-        LogError: the payload was stated for another model.
-    """
+    """Return the signals without the torque of a known payload; raise LogError if it is of another model."""
     load = compute_payload_torque(library, signals, recording)
     return signals if load is None else replace(signals, tau=signals.tau - load)
 
@@ -210,8 +178,8 @@ def compute_payload_torque(library: Library, signals: Signals, recording: Record
     load = np.array(recording.run.load)
     if len(load) != len(library.card.beta):
         text = (
-            f"the payload changes {len(load)} base parameters, the model has {len(library.card.beta)}: read "
-            "the run with the robot that is identified"
+            f"the payload is given for {len(load)} base parameters, the model has {len(library.card.beta)}: "
+            "read the run with the robot that is identified"
         )
         raise LogError(Notice(code="log.payload-model", text=text, file=recording.source))
     # A payload has no friction.
@@ -229,13 +197,7 @@ def prepare_rows(
 ) -> Rows:
     """Return the equations of one recording: filter, differentiate, settle resting joints, build.
 
-    Args:
-        kind: of rows.
-        library: the functions of the robot.
-        recording: the log.
-        processing: what it leaves open is chosen from this recording.
-        window: length of windows in s.
-        overlap: part of a window that the next one shares.
+    What the processing leaves open is chosen from this recording; other arguments as for `build_rows`.
 
     Raises:
         LogError: the recording has another number of joints than the robot.
@@ -251,87 +213,51 @@ def prepare_rows(
 def prepare_states(library: Library, recording: Recording, processing: Processing) -> Signals:
     """Return filtered states of one recording, joints at rest exactly so, and torques without known payloads.
 
-    Args:
-        library: the functions of the robot.
-        recording: the log.
-        processing: it leaves nothing open.
-
-    Raises:
-        LogError: the recording has another number of joints than the robot.
-        IdentifiabilityError: no joint moves.
+    `processing` leaves nothing open. Errors as for `prepare_rows`.
     """
     check_joints(library, (recording,))
     resting = list_resting_joints(recording)
     if len(resting) == library.card.size:
-        raise IdentifiabilityError(_say_standstill(recording))
+        text = (
+            "no joint moves in this log beyond the noise of its encoder: record a log in which every joint "
+            "accelerates and turns both ways"
+        )
+        notice = Notice(code="identify.standstill", text=text, file=recording.source)
+        raise IdentifiabilityError(notice)
     signals = hold_resting_joints(prepare_signals(recording, processing), resting)
     return subtract_payload_torque(library, signals, recording)
 
 
 def leave_out_rows(rows: Rows, library: Library, recording: Recording, processing: Processing) -> Rows:
     """Leave out rows of slow joints, and of joints at rest that dry friction or a brake may hold."""
-    rows = _leave_out_slow(rows, recording, processing.standstill)
-    resting = list_resting_joints(recording)
-    joints = library.card.joints
-    held = tuple(joint for joint in resting if joints[joint].friction != "none")
-    notices = tuple(_say_resting(joints[joint].name, recording) for joint in held)
-    return replace(drop_groups(rows, held), notices=rows.notices + notices) if held else rows
-
-
-def _leave_out_slow(rows: Rows, recording: Recording, standstill: float) -> Rows:
-    """Leave out the rows of joints slower than `standstill` (rad/s or m/s), and say how many."""
-    slow = np.abs(rows.velocity) < standstill
-    if not slow.any():
-        return rows
-    notices = tuple(
-        _say_slow(
-            name,
-            recording,
-            standstill,
-            int(slow[rows.group == index].sum()),
-            int((rows.group == index).sum()),
+    slow = np.abs(rows.velocity) < processing.standstill
+    notices = []
+    for index in np.unique(rows.group[slow]):
+        own = rows.group == index
+        text = (
+            f"joint {rows.group_names[index]!r}: {int(np.sum(slow & own))} of {int(np.sum(own))} rows slower "
+            f"than processing.standstill = {processing.standstill:g} were left out"
         )
-        for index, name in enumerate(rows.group_names)
-        if slow[rows.group == index].any()
-    )
-    return replace(select_rows(rows, ~slow), notices=rows.notices + notices)
-
-
-def _say_slow(joint: str, recording: Recording, standstill: float, left_out: int, whole: int) -> Notice:
-    text = (
-        f"joint {joint!r}: {left_out} of {whole} rows slower than {standstill:g} were left out, "
-        "as processing.standstill asks"
-    )
-    return Notice(code="identify.slow-rows", text=text, file=recording.source)
+        notices.append(Notice(code="identify.slow-rows", text=text, file=recording.source))
+    rows = select_rows(rows, ~slow) if slow.any() else rows
+    joints = library.card.joints
+    held = [joint for joint in list_resting_joints(recording) if joints[joint].friction != "none"]
+    for joint in held:
+        text = (
+            f"joint {joints[joint].name!r} does not move in this log: dry friction or a brake may hold any "
+            "torque, so its rows were left out"
+        )
+        notices.append(Notice(code=JOINT_AT_REST, text=text, file=recording.source))
+    return replace(drop_groups(rows, held), notices=(*rows.notices, *notices)) if notices else rows
 
 
 def check_joints(library: Library, recordings: Sequence[Recording]) -> None:
-    """Refuse recordings of another number of joints than the robot has.
-
-    Raises:
-        LogError: with all of them.
-    """
+    """Raise LogError for recordings of another number of joints than the robot has."""
     expected, wrong = library.card.size, []
     for recording in recordings:
         found = recording.position.shape[1]
         if found != expected:
-            text = f"the log has {found} joints, the robot {library.card.robot!r} has {expected}"
+            text = f"the log has {found} joints, robot {library.card.robot!r} has {expected}"
             wrong.append(Notice(code="log.joints", text=text, file=recording.source))
     if wrong:
         raise LogError(*wrong)
-
-
-def _say_standstill(recording: Recording) -> Notice:
-    text = (
-        "no joint moves in this log beyond the noise of its encoder: nothing can be learnt from a "
-        "log at standstill; record one in which every joint accelerates and turns both ways"
-    )
-    return Notice(code="identify.standstill", text=text, file=recording.source)
-
-
-def _say_resting(joint: str, recording: Recording) -> Notice:
-    text = (
-        f"joint {joint!r} does not move in this log: dry friction or a brake may hold any torque, "
-        "so its rows were left out"
-    )
-    return Notice(code=JOINT_AT_REST, text=text, file=recording.source)

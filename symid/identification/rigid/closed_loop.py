@@ -1,25 +1,24 @@
 """A controlled robot, simulated at the times of a recording.
 
 Library, parameters, recording with the reference of its controller -> `ClosedLoop`, the controller of one
-recording, and `ClosedLoopRun`, what the robot did under it.
+recording, and the `Signals` of the simulated robot.
 
     tau[k] = o + tau_ff[k] + Kp (q_ref[k] - q[k]) + Kd (dq_ref[k] - v[k])      within +- limit, held to k + 1
     v[k]   = v[k-1] + b ((q[k] - q[k-1]) / T - v[k-1]),   b = 1 - exp(-2 pi f T)     velocity from differences
 
-v = dq[k] from a sensor, through the same low-pass; b = 1 without a filter. A constant torque o that is not
-known is taken from the recording: the mean of what its torque has beyond the other terms, at the measured
-positions. The simulation starts at the first measured position, with the velocity of the reference. The
-plant takes the parameters from a library whose model card states them.
+v = dq[k] from a sensor, through the same low-pass; b = 1 without a filter. An unknown constant torque o is
+estimated from the recording, as the mean of its torque less the other terms at the measured positions. The
+simulation starts at the first measured position, with the velocity of the reference.
 
 Supported: what `symid.robot.Controller` states; torque limits of the joints; base parameters and friction.
 Not supported: controllers that run at another period than the log.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library, ModelCard
 from symid.errors import Notice, SolverError, UsageError
 from symid.identification.regression import list_resting_joints
@@ -41,9 +40,9 @@ def set_card_values(card: ModelCard, values: FloatArray) -> ModelCard:
 
 
 _FORGOTTEN = 10.0
-"""Times Kd / Kp after which the loop has forgotten where the simulation began."""
+"""Times Kd / Kp after which the initial state of a simulation has no effect."""
 _AT_REST = 1e-9
-"""Velocities of the reference below this, rad/s or m/s, are none."""
+"""Velocities of the reference below this, rad/s or m/s, are zero."""
 _STRANGE = 1.8
 """Deviation of reference less position, beside that of the position, above which they are of two motions."""
 _LOST = 10.0
@@ -51,69 +50,42 @@ _LOST = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ClosedLoop:
+class ClosedLoop(FrozenArrays):
     """The controller of one recording.
 
     Args:
         controller: gains and structure.
-        reference: (N, n) rad or m, at the times of the recording.
-        velocity: (N, n) rad/s or m/s of the reference; zero where empty.
-        feedforward: (N, n) N m or N, zero where empty.
-        offset: o (n,) N m or N, zero where empty.
-        limit: (n,) N m or N of the torque, infinite where empty.
+        reference: (N, n) rad or m, at the times of the recording; velocity: (N, n) rad/s or m/s of it.
+        feedforward: (N, n) N m or N; offset: o (n,) N m or N.
+        limit: (n,) N m or N of the torque, infinite where there is none.
     """
 
     controller: Controller
     reference: FloatArray
-    velocity: FloatArray = field(default_factory=lambda: np.empty(0))
-    feedforward: FloatArray = field(default_factory=lambda: np.empty(0))
-    offset: FloatArray = field(default_factory=lambda: np.empty(0))
-    limit: FloatArray = field(default_factory=lambda: np.empty(0))
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only; fill what is empty."""
-        reference = freeze(self.reference)
-        size = reference.shape[1]
-        object.__setattr__(self, "reference", reference)
-        for name, standard in (
-            ("velocity", np.zeros_like(reference)),
-            ("feedforward", np.zeros_like(reference)),
-            ("offset", np.zeros(size)),
-            ("limit", np.full(size, np.inf)),
-        ):
-            values: FloatArray = getattr(self, name)
-            object.__setattr__(self, name, freeze(values if values.size else standard))
+    velocity: FloatArray
+    feedforward: FloatArray
+    offset: FloatArray
+    limit: FloatArray
 
     @property
     def settling(self) -> float:
-        """Return the time in s after which nothing is left of how a simulation began."""
+        """Return the time in s after which the initial state of a simulation has no effect."""
         return _compute_settling(self.controller)
 
-    def find_blend(self, period: float) -> float:
+    def compute_blend(self, period: float) -> float:
         """Return b of the velocity's low-pass at a period in s."""
         cutoff = self.controller.velocity_filter
         return 1.0 if cutoff is None else 1.0 - float(np.exp(-2.0 * np.pi * cutoff * period))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ClosedLoopRun:
-    """What a simulated robot did: states at the times of the recording, `signals.tau` as it would log it."""
-
-    signals: Signals
-    loop: ClosedLoop
-
-
 def build_closed_loop(recording: Recording, controller: Controller, limit: FloatArray) -> ClosedLoop:
-    """Return the controller of a recording that has its reference.
+    """Return the controller of a recording that has its reference, with torque limits (n,) in N m or N.
 
-    Args:
-        recording: with `reference`; without `reference_velocity` it is differentiated.
-        controller: of the robot file.
-        limit: (n,) N m or N, infinite where there is none.
+    A reference velocity that is not logged is differentiated.
 
     Raises:
-        UsageError: the recording has no reference, or one that is no number throughout or of another motion;
-            the loop is too slow for it.
+        UsageError: the reference is missing, not finite, or of another motion; the loop is too slow for the
+            recording.
     """
     reference = recording.reference
     unusable = list_unusable(recording, controller)
@@ -127,7 +99,7 @@ def build_closed_loop(recording: Recording, controller: Controller, limit: Float
         controller=controller,
         reference=reference,
         velocity=speeds,
-        feedforward=np.empty(0) if recording.feedforward is None else recording.feedforward,
+        feedforward=np.zeros_like(reference) if recording.feedforward is None else recording.feedforward,
         offset=np.array(controller.offset or (0.0,) * reference.shape[1]),
         limit=limit,
     )
@@ -138,58 +110,51 @@ def build_closed_loop(recording: Recording, controller: Controller, limit: Float
 
 
 def list_unusable(recording: Recording, controller: Controller | None = None) -> tuple[Notice, ...]:
-    """Return what keeps a controller, any if none is given, from being simulated along a recording."""
+    """Return why a controller, any if none is given, cannot be simulated along a recording."""
+    texts = []
     if recording.reference is None:
-        text = (
+        texts.append(
             "this estimator simulates the controller, and the log has no reference position: log it as "
             "q_ref, or name its columns in [log.reference]"
         )
-        return (Notice(code="usage.controlled-robot", text=text, file=recording.source),)
-    notices = []
     for name in ("reference", "reference_velocity", "feedforward"):
         values: FloatArray | None = getattr(recording, name)
         if values is not None and not np.all(np.isfinite(values)):
             first = int(np.argwhere(~np.isfinite(values))[0, 0])
-            text = (
-                f"{name} holds values that are no numbers (NaN, infinite), the first at sample {first}, "
-                "counted from 0; cut or repair the log there"
+            texts.append(
+                f"{name} has values that are not finite, the first at sample {first} (counted from 0): cut "
+                "or repair the log there"
             )
-            notices.append(Notice(code="usage.controlled-robot", text=text, file=recording.source))
-    if notices:
-        return tuple(notices)
-    slow = () if controller is None else _refuse_slow(recording, _compute_settling(controller))
-    return (*_refuse_strange(recording, recording.reference), *slow)
+    if not texts and recording.reference is not None:
+        texts += _list_implausible(recording, recording.reference, controller)
+    return tuple(Notice(code="usage.controlled-robot", text=text, file=recording.source) for text in texts)
 
 
-def _refuse_strange(recording: Recording, reference: FloatArray) -> tuple[Notice, ...]:
-    """Return a notice where the reference is so far from a joint that moves that it is of something else."""
+def _list_implausible(
+    recording: Recording, reference: FloatArray, controller: Controller | None
+) -> list[str]:
+    """Return why the reference belongs to another motion, or the loop is too slow for the log."""
     if reference.shape != recording.position.shape:
-        return ()
+        return [f"the reference has shape {reference.shape}, the position {recording.position.shape}"]
+    texts = []
     moved, away = np.std(recording.position, axis=0), np.std(reference - recording.position, axis=0)
     resting = list_resting_joints(recording)
     strange = [j for j in range(len(moved)) if j not in resting and away[j] > _STRANGE * moved[j]]
-    if not strange:
-        return ()
-    told = ", ".join(f"{j + 1} ({away[j]:.3g} from it, which moves {moved[j]:.3g})" for j in strange)
-    text = (
-        "the reference is not one of the measured position, counted in standard deviations in rad or m, of "
-        f"joint {told}: check unit, factor, sign and side (of the gear) of [log.reference], or whose run it "
-        "is"
-    )
-    return (Notice(code="usage.controlled-robot", text=text, file=recording.source),)
-
-
-def _refuse_slow(recording: Recording, settling: float) -> tuple[Notice, ...]:
-    """Return a notice where the loop does not forget within the log where its simulation began."""
+    if strange:
+        listed = ", ".join(f"{j + 1} ({away[j]:.3g} against {moved[j]:.3g})" for j in strange)
+        texts.append(
+            "the difference of reference and measured position varies more than the position itself "
+            f"(standard deviations in rad or m) at joint {listed}: check unit, factor, sign and side of "
+            "[log.reference], and that it belongs to this run"
+        )
     length = len(recording.time) * recording.period
-    if settling + 2.0 * recording.period < length:
-        return ()
-    text = (
-        f"the loop forgets where its simulation began after {settling:.3g} s, {_FORGOTTEN:g} times damping "
-        f"/ stiffness of its slowest joint, and the log is {length:.3g} s long: check the gains of "
-        "[controller], or record longer"
-    )
-    return (Notice(code="usage.controlled-robot", text=text, file=recording.source),)
+    settling = 0.0 if controller is None else _compute_settling(controller)
+    if controller is not None and settling + 2.0 * recording.period >= length:
+        texts.append(
+            f"the log, {length:.3g} s long, is shorter than the settling time of the loop, {settling:.3g} s "
+            f"({_FORGOTTEN:g} times damping / stiffness): check the gains of [controller], or record longer"
+        )
+    return texts
 
 
 def _compute_settling(controller: Controller) -> float:
@@ -199,8 +164,8 @@ def _compute_settling(controller: Controller) -> float:
 
 
 def compute_demand(loop: ClosedLoop, recording: Recording) -> FloatArray:
-    """Return the torque (N, n) that the controller asks for at the measured positions, as a log states it."""
-    position, period, blend = recording.position, recording.period, loop.find_blend(recording.period)
+    """Return the torque (N, n) that the controller commands at the measured positions, as logged."""
+    position, period, blend = recording.position, recording.period, loop.compute_blend(recording.period)
     if loop.controller.velocity_source == "sensor":
         raw = differentiate(position, period)
     else:
@@ -221,21 +186,15 @@ def compute_demand(loop: ClosedLoop, recording: Recording) -> FloatArray:
 
 def simulate_closed_loop(
     library: Library, values: FloatArray, recording: Recording, loop: ClosedLoop
-) -> ClosedLoopRun:
-    """Return what the controlled model does at the times of a recording.
-
-    Args:
-        library: the robot's functions.
-        values: (p,) base parameters and friction.
-        recording: its times and its first position.
-        loop: its controller.
+) -> Signals:
+    """Return states and logged torque of the controlled model with values (p,) at the times of a recording.
 
     Raises:
         UsageError: the model has friction that cannot be simulated.
         SolverError: it runs away, or starts and stops without end.
     """
     plant = RigidPlant(Library(set_card_values(library.card, values), library.engine))
-    period, blend, gains = recording.period, loop.find_blend(recording.period), loop.controller
+    period, blend, gains = recording.period, loop.compute_blend(recording.period), loop.controller
     stiffness, damping = np.array(gains.stiffness), np.array(gains.damping)
     sensed = gains.velocity_source == "sensor"
     reach = _LOST * np.maximum(np.ptp(loop.reference, axis=0), 1.0)
@@ -251,42 +210,35 @@ def simulate_closed_loop(
     for k in range(count):
         q[k], dq[k] = state.q, state.dq
         if not np.all(np.abs(state.q - loop.reference[k]) < reach):
-            raise SolverError(_say_runaway(recording, k))
+            seconds = recording.time[k] - recording.time[0]
+            text = (
+                f"the simulated robot left its reference after {seconds:.3g} s: the gains are not those of "
+                "the controller, or the initial parameters are far off"
+            )
+            raise SolverError(Notice(code="solver.runaway", text=text, file=recording.source))
         raw = state.dq if sensed else (state.q - before) / period
         velocity, before = velocity + blend * (raw - velocity), state.q
         push = stiffness * (loop.reference[k] - state.q) + damping * (loop.velocity[k] - velocity)
         demand = loop.offset + loop.feedforward[k] + push
         torque[k] = np.minimum(np.maximum(demand, -loop.limit), loop.limit)
         if k + 1 < count:
-            # A loop that runs away overflows within a period, which is told at its end.
+            # A loop that runs away overflows within a period, and is refused at its end.
             with np.errstate(over="ignore", invalid="ignore"):
                 state = plant.advance(state, torque[k], period)
-    return ClosedLoopRun(
-        signals=Signals(
-            time=recording.time,
-            q=q,
-            dq=dq,
-            ddq=differentiate(dq, period),
-            tau=_log_torque(torque, gains),
-            period=period,
-        ),
-        loop=loop,
+    return Signals(
+        time=recording.time,
+        q=q,
+        dq=dq,
+        ddq=differentiate(dq, period),
+        tau=_log_torque(torque, gains),
+        period=period,
     )
 
 
 def _log_torque(torque: FloatArray, gains: Controller) -> FloatArray:
-    """Return held torques (N, n) as the log states them."""
+    """Return held torques (N, n) as logged."""
     if gains.torque == "command":
         return torque
     average = torque.copy()
     average[1:] = 0.5 * (torque[1:] + torque[:-1])
     return average
-
-
-def _say_runaway(recording: Recording, sample: int) -> Notice:
-    seconds = recording.time[sample] - recording.time[0]
-    text = (
-        f"the simulated robot left its reference after {seconds:.3g} s: the "
-        "gains are not those of the controller, or the parameters to begin with are far off"
-    )
-    return Notice(code="solver.controlled-robot", text=text, file=recording.source)

@@ -3,14 +3,12 @@
 Robot whose file states the controller, its library, recordings with references -> `Estimate`.
 
 The iteration begins with an estimate given, with instruments along the references, or with a fit of torque
-rows by wls to the same recordings. The result says what it stands on: the controller, and how near the
-simulated runs came to the real ones. Where the simulated robot is further from the measured positions than
-a tenth of what the controller leaves between these and its reference, the controller is another one.
-Instruments add a verdict on least squares.
+rows by wls. The result states the controller and the distance of simulated and measured positions; where that
+is more than a tenth of the tracking error, a warning says that the controller is another one. Instruments
+add a test of least squares for bias.
 
-Supported: several recordings, of unequal weight; the controller's numbers are listed once, what came from a
-log for each.
-Not supported: elastic robots; saying which gain is the wrong one.
+Supported: several recordings, of unequal weight.
+Not supported: elastic robots; locating the gain that is wrong.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -22,134 +20,29 @@ from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import Notice, UsageError
 from symid.identification.diagnostics import (
+    build_warning,
     warn_of_correlated_residuals,
     warn_of_poorly_identifiable,
     warn_of_processing,
 )
-from symid.identification.estimators import Estimate, Exogeneity, assess_exogeneity
+from symid.identification.estimators import Estimate, assess_exogeneity
 from symid.identification.regression import JOINT_AT_REST, RankRule, choose_filters
-from symid.identification.rigid.closed_loop import (
-    ClosedLoop,
-    build_closed_loop,
-    compute_demand,
-    list_unusable,
-)
+from symid.identification.rigid.closed_loop import build_closed_loop, compute_demand, list_unusable
 from symid.identification.rigid.closed_loop_fit import (
     ClosedLoopFit,
+    ClosedLoopProblem,
     estimate_start,
     fit_instrumental,
     fit_output_error,
 )
-from symid.identification.rigid.fit import (
-    INSTRUMENTAL,
-    OUTPUT_ERROR,
-    FittedRows,
-    build_estimate,
-    identify_parameters,
-)
+from symid.identification.rigid.fit import INSTRUMENTAL, FittedRows, build_estimate, identify_parameters
 from symid.logs import Recording, decimate
-from symid.robot import Controller, Processing, Robot, list_controller
+from symid.robot import Controller, Robot, list_controller
 
 _FAR = 0.1
-"""Simulated positions may be this part of the tracking error away from the measured ones."""
-
-
-def describe_tracking(library: Library, found: ClosedLoopFit) -> dict[str, object]:
-    """Return how many simulations it took, and how far positions are apart, joint by joint."""
-    joints = library.card.joints
-    return {
-        "iterations": found.iterations,
-        "changes": list(found.changes),
-        "tracking": [
-            {
-                "joint": joint.name,
-                "unit": joint.position_unit,
-                "simulated_from_measured": gap,
-                "reference_from_measured": lag,
-            }
-            for joint, gap, lag in zip(joints, found.tracking.tolist(), found.lag.tolist(), strict=True)
-        ],
-    }
-
-
-def describe_controller(
-    controller: Controller, loops: Sequence[ClosedLoop], recordings: Sequence[Recording]
-) -> dict[str, object]:
-    """Return what the controller was: as stated, and what came from the logs; gains in SI units."""
-    stated = list_controller(controller)
-    numbers = {key: list(map(float, stated[key])) for key in ("stiffness", "damping")}
-    logged = all(recording.reference_velocity is not None for recording in recordings)
-    return {
-        **stated,
-        **numbers,
-        "velocity_filter": controller.velocity_filter,
-        "offset": [loop.offset.tolist() for loop in loops],
-        "offset_from": "log" if controller.offset is None else "robot file",
-        "reference_velocity": (
-            "none" if controller.velocity == "measured" else "logged" if logged else "differentiated"
-        ),
-        "torque_limit": [entry if np.isfinite(entry) else None for entry in loops[0].limit.tolist()],
-    }
-
-
-def measure_controller_residual(
-    loops: Sequence[ClosedLoop], recordings: Sequence[Recording], processing: Processing
-) -> list[float]:
-    """Return (n,) percent of the logged torque that the controller does not ask for at measured positions."""
-    missing: list[FloatArray] = []
-    whole: list[FloatArray] = []
-    for loop, recording in zip(loops, recordings, strict=True):
-        gap = recording.torque - compute_demand(loop, recording)
-        missing.append(decimate(gap, processing.decimation))
-        whole.append(decimate(recording.torque, processing.decimation))
-    size = np.linalg.norm(np.vstack(whole), axis=0)
-    share = 100.0 * np.linalg.norm(np.vstack(missing), axis=0) / np.where(size > 0.0, size, 1.0)
-    percents: list[float] = share.tolist()
-    return percents
-
-
-def warn_of_tracking(found: ClosedLoopFit, unexplained: Sequence[float], price: str) -> tuple[Notice, ...]:
-    """Return a notice where the simulation follows its reference in another way than the log does.
-
-    Args:
-        found: the fit.
-        unexplained: (n,) percent of the torque, of `measure_controller_residual`.
-        price: what follows for the parameters.
-    """
-    joints = [
-        index
-        for index, (gap, lag) in enumerate(zip(found.tracking.tolist(), found.lag.tolist(), strict=True))
-        if gap > _FAR * lag
-    ]
-    if not joints:
-        return ()
-    told = ", ".join(
-        f"{found.rows.group_names[index]!r} {found.tracking[index]:.2g} "
-        f"{found.rows.velocity_units[index].removesuffix('/s')} ({found.lag[index]:.2g})"
-        for index in joints
-    )
-    missed = ", ".join(f"{unexplained[index]:.3g} %" for index in joints)
-    text = (
-        "the simulated robot is far from the measured positions, beside how far these are from their "
-        f"reference (in brackets): {told}; model and controller do not track as the log does, and {price}; "
-        f"at the measured positions the controller as stated misses {missed} of the logged torque; check "
-        "its gains, velocity and filter, integral parts, feed-forward, and the side of the gear"
-    )
-    return (Notice(code="identify.tracking", text=text),)
-
-
-_OWN_START = "torque rows by wls"
-_REFERENCES = "instruments along the references"
-_PRICES = {
-    OUTPUT_ERROR: "the parameters bear the difference",
-    INSTRUMENTAL: "the instruments are worse for it, which the deviations bear",
-}
-"""What follows where the simulated robot does not do as the real one."""
-_KEPT = {OUTPUT_ERROR: (JOINT_AT_REST,), INSTRUMENTAL: (JOINT_AT_REST, "identify.automatic")}
-"""Codes of notices of the fit by wls that hold here too."""
+"""Part of the tracking error up to which simulated and measured positions may differ."""
 _SHOWN = 4
 _ROUNDING = 1e-16
-_BLURS = "identify.low-cutoff"
 
 
 def identify_closed_loop(
@@ -163,66 +56,145 @@ def identify_closed_loop(
     rule: RankRule | None = None,
     weights: Sequence[float] | None = None,
     echo: Mapping[str, object] | None = None,
-    tell: Callable[[str], None] = lambda _: None,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> Estimate:
     """Return the parameters that an estimator finds with the help of the simulated robot.
 
     Args:
-        estimator: one of `SIMULATING`. Output error: the simulated robot needs the torques that were
-            measured; the filter of the processing is not used. Instrumental: the equations of the measured
-            states, with instruments from the simulated robot.
+        estimator: one of `SIMULATING`. Output error: the simulated torques approach the measured ones; the
+            filter of the processing is not used. Instrumental: the equations of the measured states, with
+            instruments from the simulated robot.
         robot: rigid, with a controller; its processing is that of the rows.
         library: its functions.
         recordings: at least one, each with the reference of the controller.
         start: an estimate of the same model to begin with; None for a fit to the same recordings.
-        start_name: what the result calls it.
-        rule: when a parameter counts as not seen.
-        weights: what the squares of each recording's residuals count for; one if None.
+        start_name: its name in the result.
+        rule: when a parameter counts as not identifiable.
+        weights: of each recording's squared residuals; one if None.
         echo: further settings to keep with the result.
-        tell: called with a line about each iteration.
+        progress: called with a line about each iteration.
 
     Raises:
         UsageError: no controller or reference, elastic joints, friction that cannot be simulated.
-        SolverError: the simulated robot ran away, or the iteration does not settle.
+        SolverError: the simulated robot ran away, or the iteration did not converge.
         LogError, IdentifiabilityError: as `identify_parameters`.
     """
     controller = check_closed_loop(robot, recordings)
     limits = np.array([np.inf if axis.limits.torque is None else axis.limits.torque for axis in robot.axes])
-    loops = [build_closed_loop(recording, controller, limits) for recording in recordings]
     first = identify_parameters(
         library, recordings, robot.processing, estimator="wls", rule=rule, weights=weights, echo=echo
     )
-    processing = choose_filters(robot.processing, recordings).processing
-    begun, begun_with = _list_start(library, start or first), start_name or _OWN_START
-    own = None
-    if estimator == INSTRUMENTAL and start is None:
-        own = estimate_start(library, recordings, loops, processing)
-    if own is not None:
-        begun, begun_with = {**begun, **own}, _REFERENCES
+    problem = ClosedLoopProblem(
+        library=library,
+        recordings=recordings,
+        loops=[build_closed_loop(recording, controller, limits) for recording in recordings],
+        processing=choose_filters(robot.processing, recordings).processing,
+        weights=weights,
+    )
+    given = start or first
+    # What an estimate refuses is taken from the robot file, or is zero.
+    known = dict(given.unresolved) | {entry.name: entry.value for entry in given.parameters}
+    cards = (*library.card.beta, *library.card.friction)
+    begun = {card.name: known.get(card.name, card.value or 0.0) for card in cards}
+    begun_with, kept = start_name or "torque rows by wls", {JOINT_AT_REST}
+    if estimator == INSTRUMENTAL:
+        kept.add("identify.automatic")
+        own = estimate_start(problem) if start is None else None
+        if own is not None:
+            begun, begun_with = {**begun, **own}, "instruments along the references"
     fit = fit_instrumental if estimator == INSTRUMENTAL else fit_output_error
-    found = fit(library, recordings, loops, processing, begun, rule=rule, weights=weights, tell=tell)
-    told, doubts = _judge_instruments(found, processing, recordings)
-    unexplained = measure_controller_residual(loops, recordings, processing)
+    found = fit(problem, begun, rule=rule, progress=progress)
+    verdict, warnings = _assess_instruments(found, problem)
+    unexplained = _measure_controller_residual(problem)
     report = {
         "start": begun_with,
-        **describe_tracking(library, found),
-        **told,
-        "controller": describe_controller(controller, loops, recordings),
+        **_describe_tracking(library, found),
+        **verdict,
+        "controller": _describe_controller(controller, problem),
         "controller_residual_percent": unexplained,
     }
-    fitted = FittedRows(found.rows, found.seen, found.fit)
+    fitted = FittedRows(found.rows, found.identifiability, found.fit)
     estimate = build_estimate(library.card, fitted, estimator, recordings, {**first.settings, "fit": report})
     notices = (
-        *(notice for notice in first.notices if notice.code in _KEPT[estimator]),
+        *(notice for notice in first.notices if notice.code in kept),
         *found.rows.notices,
-        *found.seen.notices,
+        *found.identifiability.notices,
         *found.fit.notices,
-        *warn_of_correlated_residuals(found.solution.simulated, found.fit, found.seen),
-        *warn_of_tracking(found, unexplained, _PRICES[estimator]),
-        *doubts,
+        *warn_of_correlated_residuals(found.simulated, found.fit, found.identifiability),
+        *_warn_of_tracking(found, unexplained, estimator),
+        *warnings,
         *warn_of_poorly_identifiable(estimate.parameters),
     )
     return replace(estimate, notices=tuple(dict.fromkeys(notices)))
+
+
+def _describe_tracking(library: Library, found: ClosedLoopFit) -> dict[str, object]:
+    """Return the number of simulations, and distances of positions, joint by joint."""
+    joints = zip(library.card.joints, found.tracking.tolist(), found.lag.tolist(), strict=True)
+    return {
+        "iterations": found.iterations,
+        "changes": list(found.changes),
+        "tracking": [
+            {
+                "joint": joint.name,
+                "unit": joint.position_unit,
+                "simulated_from_measured": gap,
+                "reference_from_measured": lag,
+            }
+            for joint, gap, lag in joints
+        ],
+    }
+
+
+def _describe_controller(controller: Controller, problem: ClosedLoopProblem) -> dict[str, object]:
+    """Return the controller as stated, and what came from the logs; gains in SI units."""
+    stated = list_controller(controller)
+    logged = all(recording.reference_velocity is not None for recording in problem.recordings)
+    return {
+        **stated,
+        **{key: list(map(float, stated[key])) for key in ("stiffness", "damping")},
+        "velocity_filter": controller.velocity_filter,
+        "offset": [loop.offset.tolist() for loop in problem.loops],
+        "offset_from": "log" if controller.offset is None else "robot file",
+        "reference_velocity": (
+            "none" if controller.velocity == "measured" else "logged" if logged else "differentiated"
+        ),
+        "torque_limit": [entry if np.isfinite(entry) else None for entry in problem.loops[0].limit.tolist()],
+    }
+
+
+def _measure_controller_residual(problem: ClosedLoopProblem) -> list[float]:
+    """Return (n,) percent of the logged torque that the controller does not explain."""
+    missing: list[FloatArray] = []
+    whole: list[FloatArray] = []
+    for loop, recording in zip(problem.loops, problem.recordings, strict=True):
+        gap = recording.torque - compute_demand(loop, recording)
+        missing.append(decimate(gap, problem.processing.decimation))
+        whole.append(decimate(recording.torque, problem.processing.decimation))
+    size = np.linalg.norm(np.vstack(whole), axis=0)
+    share = 100.0 * np.linalg.norm(np.vstack(missing), axis=0) / np.where(size > 0.0, size, 1.0)
+    percents: list[float] = share.tolist()
+    return percents
+
+
+def _warn_of_tracking(
+    found: ClosedLoopFit, unexplained: Sequence[float], estimator: str
+) -> tuple[Notice, ...]:
+    """Return a notice where simulated and measured robot do not follow the reference alike."""
+    joints = np.flatnonzero(found.tracking > _FAR * found.lag).tolist()
+    if not joints:
+        return ()
+    listed = ", ".join(
+        f"{found.rows.group_names[index]!r} {found.tracking[index]:.2g} "
+        f"{found.rows.velocity_units[index].removesuffix('/s')} ({found.lag[index]:.2g})"
+        for index in joints
+    )
+    effect = (
+        "the standard deviations are larger" if estimator == INSTRUMENTAL else "the parameters are biased"
+    )
+    missed = ", ".join(f"{unexplained[index]:.3g} %" for index in joints)
+    limit = 100.0 * _FAR
+    return (build_warning("identify.tracking", joints=listed, limit=limit, effect=effect, missed=missed),)
 
 
 def check_closed_loop(robot: Robot, recordings: Sequence[Recording]) -> Controller:
@@ -232,78 +204,60 @@ def check_closed_loop(robot: Robot, recordings: Sequence[Recording]) -> Controll
         UsageError: the file states none, joints are elastic, or recordings have no reference.
     """
     problems = [notice for recording in recordings for notice in list_unusable(recording, robot.controller)]
+    texts = []
     if any(robot.elastic):
         names = ", ".join(joint.name for joint, gives in zip(robot.axes, robot.elastic, strict=True) if gives)
-        text = (
-            f"this estimator simulates rigid robots, and {robot.name!r} gives between motor and link "
-            f"({names}): take another one"
+        texts.append(
+            f"this estimator simulates rigid robots, and {robot.name!r} has elastic joints ({names}): use "
+            "another estimator"
         )
-        problems.append(Notice(code="usage.controlled-robot", text=text, file=robot.path))
     if robot.controller is None:
-        text = (
+        texts.append(
             f"this estimator simulates the controller, and the file of {robot.name!r} states none: add "
             "[controller] with stiffness = [...] (N m/rad) and damping = [...] (N m s/rad), on the joint "
             "side, or --set controller.stiffness=... --set controller.damping=..."
         )
-        problems.append(Notice(code="usage.controlled-robot", text=text, file=robot.path))
+    problems += [Notice(code="usage.controlled-robot", text=text, file=robot.path) for text in texts]
     if problems or robot.controller is None:
         raise UsageError(*problems)
     return robot.controller
 
 
-def _list_start(library: Library, estimate: Estimate) -> dict[str, float]:
-    """Return a value for each parameter: what the estimate refuses is the robot file's, or zero."""
-    cards = (*library.card.beta, *library.card.friction)
-    known = dict(estimate.unresolved) | {entry.name: entry.value for entry in estimate.parameters}
-    return {card.name: known.get(card.name, card.value or 0.0) for card in cards}
-
-
-def _judge_instruments(
-    found: ClosedLoopFit, processing: Processing, recordings: Sequence[Recording]
+def _assess_instruments(
+    found: ClosedLoopFit, problem: ClosedLoopProblem
 ) -> tuple[Mapping[str, object], tuple[Notice, ...]]:
-    """Return how good instruments are and what they say of least squares; nothing without any."""
-    solution = found.solution.instrumental
+    """Return the quality of instruments and the test of least squares, with warnings; nothing without any."""
+    solution, processing = found.instrumental, problem.processing
     if solution is None:
         return {}, ()
-    verdict = assess_exogeneity(found.rows, solution, processing.noise_freedom)
-    strong = solution.strength < float("inf")
-    told = {
+    test = assess_exogeneity(found.rows, solution, processing.noise_freedom)
+    chance = f"= {test.probability:.2g}" if test.probability > _ROUNDING else "< 1e-16"
+    verdict = "not biased by noise in the states"
+    if test.biased:
+        names = ", ".join(f"{name} {shift:+.2g}" for name, shift in test.biased[:_SHOWN])
+        verdict = f"biased by noise in the states, in its standard deviations: {names}"
+    elif test.significant:
+        verdict = "significantly different, by less than its standard deviations"
+    verdict = f"wls of these rows is {verdict} (p {chance})"
+    report = {
         "instruments": {
             "correlation": solution.correlation,
-            "strength": solution.strength if strong else None,
+            "strength": solution.strength if solution.strength < float("inf") else None,
         },
         "wls": {
-            "biased": bool(verdict.biased),
-            "statistic": verdict.statistic,
-            "freedom": list(verdict.freedom),
-            "probability": verdict.probability,
-            "shifts": dict(verdict.shifts),
-            "verdict": _say_verdict(verdict),
+            "biased": bool(test.biased),
+            "statistic": test.statistic,
+            "freedom": list(test.freedom),
+            "probability": test.probability,
+            "shifts": dict(test.shifts),
+            "verdict": verdict,
         },
     }
-    # Raw differences are what instruments are for; a filter that damps the motion is not.
-    blurs = (notice for notice in warn_of_processing(processing, recordings) if notice.code == _BLURS)
-    return told, (*_warn_of_bias(verdict), *blurs)
-
-
-def _say_verdict(verdict: Exogeneity) -> str:
-    chance = "chance below 1e-16"
-    if verdict.probability > _ROUNDING:
-        chance = f"chance {verdict.probability:.2g}"
-    if verdict.biased:
-        names = ", ".join(f"{name} {shift:+.2g}" for name, shift in verdict.biased[:_SHOWN])
-        return f"wls of these rows is biased by noise in the states, in its deviations: {names} ({chance})"
-    if verdict.told:
-        return f"wls of these rows differs, by less than its deviations but by more than chance ({chance})"
-    return f"wls of these rows is not biased by noise in the states, as far as can be told ({chance})"
-
-
-def _warn_of_bias(verdict: Exogeneity) -> tuple[Notice, ...]:
-    if not verdict.biased:
-        return ()
-    text = (
-        f"{_say_verdict(verdict)}: the filter leaves too much noise in the states, or blurs where joints "
-        "turn around (processing.filter_cutoff, decimation, processing.standstill); all fits of torque rows "
-        "of this log but this one bear it"
-    )
-    return (Notice(code="identify.biased-wls", text=text),)
+    # Instruments allow raw differences, but not a filter that damps the motion.
+    damping = [
+        notice
+        for notice in warn_of_processing(processing, problem.recordings)
+        if notice.code == "identify.low-cutoff"
+    ]
+    biased = [build_warning("identify.biased-wls", verdict=verdict)] if test.biased else []
+    return report, (*biased, *damping)

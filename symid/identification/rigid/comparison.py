@@ -6,8 +6,8 @@ Values with covariance, the matrix T from the ones to the others -> `ValueCompar
 
 with x, C ours and y, S the others': their errors are taken as independent of each other.
 
-Supported: deviations that are not known on one side (the other's alone count), or on both (no judgement);
-terms that groups may hold without naming them, tried one after the other.
+Supported: deviations that are unknown on one side (the other's alone count), or on both (no test); terms that
+groups may hold without naming them, tried one after the other.
 Not supported: errors that both sets share.
 """
 
@@ -21,7 +21,7 @@ import numpy as np
 from symid.arrays import FloatArray, FrozenArrays, freeze
 
 FAR = 3.0
-"""More deviations than chance explains one by one."""
+"""Deviations beyond which a single difference is significant."""
 
 _NORMAL_MEDIAN = 0.6744897501960817
 _SINGULAR = 1e-12
@@ -68,7 +68,7 @@ class ChiSquare:
 
     @property
     def stretch(self) -> float:
-        """Return what all deviations would have to be multiplied with for the value that is expected."""
+        """Return the factor on all deviations with which the value is the expected one."""
         return math.sqrt(self.value / self.freedom)
 
 
@@ -79,8 +79,7 @@ class ValueComparison:
     Args:
         ours, theirs: with difference = ours - theirs, and `deviations` z: (m,).
         chi_square: over all groups that have a deviation; None where V is singular, or there are none.
-        scale: what all deviations would have to be multiplied with for half of the |z| to be as small as
-            chance makes them, at least 1.
+        scale: factor on all deviations with which the median of |z| is that of chance, at least 1.
     """
 
     ours: StatedValues
@@ -121,11 +120,11 @@ class ReadingTrial:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TriedReading:
-    """What a term in a group does: z `before` and `after`, and by how much chi-square falls with it.
+    """The effect of a term in a group: z `before` and `after`, and by how much chi-square falls.
 
-    `log_ratio` is the logarithm of how many times likelier the data are with the term than without.
-    `decisive`: they are twenty times likelier, for each term tried; `rivals` counts other terms in the same
-    group with which they are not twenty times less likely.
+    `log_ratio` is the logarithm of the likelihood ratio with and without the term. `decisive`: the ratio is
+    at least twenty, times the number of terms tried; `rivals` counts other terms in the same group whose
+    ratio is less than twenty times smaller.
     """
 
     before: float
@@ -153,7 +152,9 @@ def build_stated_values(
     if len(covariance):
         matrix = np.array(covariance, dtype=np.float64).reshape(len(values), len(values))
     else:
-        spread = [float(entry or 0.0) if told else 0.0 for entry, told in zip(deviations, known, strict=True)]
+        spread = [
+            float(entry or 0.0) if there else 0.0 for entry, there in zip(deviations, known, strict=True)
+        ]
         matrix = np.diag(np.square(spread))
     known &= np.diag(matrix) < _HUGE**2
     matrix[~known, :] = np.nan
@@ -179,20 +180,20 @@ def compute_grouped_values(change: FloatArray, stated: StatedValues) -> StatedVa
 def compare_values(ours: StatedValues, theirs: StatedValues) -> ValueComparison:
     """Return the differences of two sets of values of the same groups, m each."""
     difference = ours.values - theirs.values
-    told = ~(np.isnan(np.diag(ours.covariance)) & np.isnan(np.diag(theirs.covariance)))
+    known = ~(np.isnan(np.diag(ours.covariance)) & np.isnan(np.diag(theirs.covariance)))
     covariance = np.nan_to_num(ours.covariance, nan=0.0) + np.nan_to_num(theirs.covariance, nan=0.0)
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    # A value that both sides know without any error is no statistics.
-    told &= spread > 0.0
+    # A value without any error on both sides has no statistics.
+    known &= spread > 0.0
     deviations = np.full(len(difference), np.nan)
-    deviations[told] = difference[told] / spread[told]
-    middle = float(np.median(np.abs(deviations[told]))) if told.any() else 0.0
+    deviations[known] = difference[known] / spread[known]
+    middle = float(np.median(np.abs(deviations[known]))) if known.any() else 0.0
     return ValueComparison(
         ours=ours,
         theirs=theirs,
         difference=freeze(difference),
         deviations=freeze(deviations),
-        chi_square=_compute_chi_square(deviations[told], covariance[np.ix_(told, told)]),
+        chi_square=_compute_chi_square(deviations[known], covariance[np.ix_(known, known)]),
         scale=max(1.0, middle / _NORMAL_MEDIAN),
     )
 
@@ -218,21 +219,15 @@ def _compute_chi_square(deviations: FloatArray, covariance: FloatArray) -> ChiSq
 def try_readings(
     change: FloatArray, ours: StatedValues, theirs: StatedValues, trials: Sequence[ReadingTrial]
 ) -> tuple[TriedReading, ...]:
-    """Return what each term that a group may hold does to the agreement, the most telling one first.
+    """Return the effect of each term that a group may hold on the agreement, the most likely one first.
 
-    Of those that bring their group within three deviations (times scale), the one with which the data are
-    likeliest is taken in, then the next of another group, as long as it is decisive: for d ~ N(0, scale^2 V)
+    Of those that bring their group within three deviations (times scale), the likeliest is taken in, then the
+    next of another group, as long as it is decisive: for d ~ N(0, scale^2 V)
 
         log_ratio = (chi^2 without - chi^2 with) / (2 scale^2) - ln(det V with / det V without) / 2 > ln(20 N)
 
-    for N trials. A term that is hardly known widens V, and so brings any group near: the second part counts
-    that against it. The others follow, each as it stands beside those.
-
-    Args:
-        change: T, (m, n), as the groups name themselves.
-        ours: n values.
-        theirs: m values.
-        trials: the terms to try.
+    for N trials; the second part counts against terms that widen V. The others follow, each as it stands
+    beside those. `change` is T, (m, n), as the groups name themselves, for n values of ours and m of theirs.
     """
     scale = compare_values(compute_grouped_values(change, ours), theirs).scale
     least = math.log(_LIKELIER * max(1, len(trials)))
@@ -283,7 +278,7 @@ def _try_reading(
     then = compare_values(compute_grouped_values(add_readings(change, [trial]), ours), theirs)
     gain = log_ratio = -math.inf
     first, second = now.chi_square, then.chi_square
-    # Chi-squares over different groups say nothing of each other.
+    # Chi-squares over different groups cannot be compared.
     if first is not None and second is not None and first.freedom == second.freedom:
         gain = first.value - second.value
         log_ratio = 0.5 * (gain / scale**2 + first.log_size - second.log_size)
@@ -292,11 +287,9 @@ def _try_reading(
 
 
 def list_shared_logs(first: Sequence[tuple[str, str]], second: Sequence[tuple[str, str]]) -> tuple[str, ...]:
-    """Return the logs of `first` that are also in `second`, by content, or by path where that is not known.
+    """Return the logs of `first` that are also in `second`, both as (path, digest), empty if not known.
 
-    Args:
-        first: path and digest of each log; an empty digest is not known.
-        second: likewise.
+    They are compared by content, or by path where that is not known.
     """
     return tuple(
         path

@@ -1,16 +1,12 @@
-"""Diagnosis: all that a fit and its logs say beyond the parameters.
+"""Diagnosis of a fit on its own logs: rank, correlations, essential parameters, bootstrap, drift, structure.
 
 Estimate, the library of its model, the recordings of the fit -> `Diagnosis`.
-
-    singular values, correlations, essential parameters, block bootstrap, drift between logs, structure of the
-    residual, prices of what was asked of the estimator and of decimation
 
 The equations are those of the fit: its processing, windows, weights of runs, rule for the noise. Where the
 estimator needs nothing else, the fit is repeated and compared with the estimate.
 
-The price of decimation: the logs are fitted to the rows that decimation keeps, and to every sample. Stated
-deviations of both suppose white noise; which fit is better, held-out data say: each fifth of the time is
-predicted by fits to the others, and what both leave of its decimated rows is compared.
+The price of decimation: fits to the rows that decimation keeps, and to every sample, predict held-out fifths
+of the time, and the residuals of both on the decimated rows are compared.
 
 Supported: estimates from torque and momentum rows, whatever the estimator; logs of any number and length.
 Not supported: energy and power rows, which mix the joints.
@@ -33,6 +29,7 @@ from symid.identification.diagnostics import (
     JointProfiles,
     ResidualFinding,
     analyse_structure,
+    build_warning,
     compute_bootstrap,
     compute_ellipse,
     compute_mean_weights,
@@ -71,13 +68,13 @@ from symid.logs import Recording
 from symid.robot import Decimation, Processing
 
 _FOLDS = 5
-_SEEN = 1e-10
-"""Singular value relative to the largest below which the other folds do not tell a direction."""
+_RANK = 1e-10
+"""Singular value relative to the largest below which the other folds do not identify a direction."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Price:
-    """What something costs: `what` in words, `percent` more of `of`."""
+    """The price of a choice: `what` in words, `percent` more of `of`."""
 
     what: str
     of: str
@@ -85,28 +82,23 @@ class Price:
 
 
 def measure_decimation_price(
-    maker: RowBuilder,
+    builder: RowBuilder,
     recordings: Sequence[Recording],
-    seen: Identifiability,
+    identifiability: Identifiability,
     groups: FloatArray,
     weights: Sequence[float] | None = None,
 ) -> tuple[Price, ...]:
-    """Return the prices of decimation against every sample; none without it, or with too few rows to tell.
+    """Return the prices of decimation against every sample; none without it, or with too few rows.
 
-    Args:
-        maker: of torque rows; its processing says how they are decimated.
-        recordings: of the fit.
-        seen: what they can tell.
-        groups: weights (g,) of the joints.
-        weights: what the squares of each recording's residuals count for; one if None.
+    `groups` are the weights (g,) of the joints, `weights` those of each recording's squared residuals.
     """
-    if maker.kind != "torque" or maker.processing.decimation.factor == 1:
+    if builder.kind != "torque" or builder.processing.decimation.factor == 1:
         return ()
-    every = maker._replace(processing=replace(maker.processing, decimation=Decimation()))
-    some, full = (condense_recordings(entry, recordings, weights) for entry in (maker, every))
+    every = builder._replace(processing=replace(builder.processing, decimation=Decimation()))
+    some, full = (condense_recordings(entry, recordings, weights) for entry in (builder, every))
     if some is None or full is None:
         return ()
-    freedom = maker.processing.noise_freedom
+    freedom = builder.processing.noise_freedom
     ours, theirs = (
         np.sqrt(np.maximum(np.diag(compute_long_covariance(entry, groups, freedom)), 0.0))
         for entry in (some, full)
@@ -114,40 +106,47 @@ def measure_decimation_price(
     both = (ours > 0.0) & (theirs > 0.0)
     if not both.any():
         return ()
-    what = f"one row in {maker.processing.decimation.factor} against every sample"
-    held_out = _compare_held_out(some, full, seen, groups)
+    what = f"decimation by {builder.processing.decimation.factor}"
+    held_out = _compare_held_out(some, full, identifiability, groups)
     wider = 100.0 * (float(np.median(ours[both] / theirs[both])) - 1.0)
     return (
-        Price(what=what, of="residual of held-out stretches of time", percent=held_out),
-        Price(what=what, of="stated deviations, median, which suppose white noise", percent=wider),
+        Price(what=what, of="held-out residual", percent=held_out),
+        Price(what=what, of="median stated standard deviation (for white noise)", percent=wider),
     )
 
 
-def _compare_held_out(some: LongRows, full: LongRows, seen: Identifiability, groups: FloatArray) -> float:
-    """Return by how much more the fit to some of the rows leaves of held-out ones of them, in percent."""
-    judged, number = _weigh(some, seen, groups)
-    others, place = _weigh(full, seen, groups)
+def _compare_held_out(
+    some: LongRows, full: LongRows, identifiability: Identifiability, groups: FloatArray
+) -> float:
+    """Return by how many percent held-out residuals grow with the fit to some of the rows."""
+    judged, number = _weigh(some, identifiability, groups)
+    others, place = _weigh(full, identifiability, groups)
     left = np.zeros(2)
     for fold in range(_FOLDS):
         held = judged[number == fold]
         for index, table in enumerate((judged[number != fold], others[place != fold])):
-            values = np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=_SEEN)[0]
+            values = np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=_RANK)[0]
             left[index] += float(np.sum((held[:, -1] - held[:, :-1] @ values) ** 2))
     return 100.0 * (float(np.sqrt(left[0] / left[1])) - 1.0) if left[1] else 0.0
 
 
-def _weigh(long: LongRows, seen: Identifiability, groups: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
+def _weigh(
+    long: LongRows, identifiability: Identifiability, groups: FloatArray
+) -> tuple[FloatArray, NDArray[np.intp]]:
     """Return weighted rows [A B, y] with the squares of all equations, and the fifth of time of each."""
     sketch, fold = long.sketch(), np.zeros(0, dtype=np.intp)
     for group in np.unique(sketch.group):
         count = int(np.sum(sketch.group == group))
         fold = np.concatenate([fold, np.arange(count) * _FOLDS // count])
-    table = np.column_stack([sketch.matrix @ seen.basis, sketch.values]) * groups[sketch.group][:, None]
+    table = (
+        np.column_stack([sketch.matrix @ identifiability.basis, sketch.values])
+        * groups[sketch.group][:, None]
+    )
     return table, fold
 
 
 _KINDS = ("torque", "momentum")
-_PRICELESS = 1e-6
+_FREE = 1e-6
 """Percent below which a price is rounding."""
 _ALONE = ("ols", "wls", "huber", "sequential")
 """Estimators that need nothing but rows."""
@@ -157,13 +156,13 @@ _CHANGED = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Diagnosis:
-    """What a fit and its logs tell beyond the parameters.
+    """All that follows from a fit and its logs beyond the parameters.
 
     Args:
-        singular: of the weighted matrix with columns of length one, in falling order; the rows see `rank`.
+        singular: of the weighted matrix with columns of length one, in falling order, and its `rank`.
         correlated: (name, name, correlation), the closest first; `ellipse` of the first pair.
         essential, bootstrap, drift: see there.
-        structure: what explains the residual of each joint; profiles: what it is drawn against.
+        structure: functions that explain the residual of each joint; profiles: the residual against states.
         prices: of the estimator against plain least squares of the same weights, and of decimation.
         refit: largest difference, in stated deviations, between the estimate and the fit made again; None
             where the estimator needs more than the logs.
@@ -192,14 +191,9 @@ def diagnose_estimate(
     *,
     seed: int = 0,
 ) -> Diagnosis:
-    """Return what the recordings tell of `estimate`, which was fitted to them.
+    """Return the diagnosis of `estimate` on the recordings that it was fitted to, as their runs are set.
 
-    Args:
-        estimate: the result of an identification.
-        library: the functions of the same model.
-        recordings: those of the fit, in its order, with the settings of their runs applied.
-        processing: that of the fit; what it leaves open is taken from the estimate.
-        seed: of the bootstrap's draws.
+    What `processing` leaves open is taken from the estimate; `seed` is that of the bootstrap's draws.
 
     Raises:
         EstimateError: the estimate belongs to another model, or its settings cannot be read.
@@ -207,52 +201,53 @@ def diagnose_estimate(
     """
     check_model(estimate, library.card)
     if estimate.rows not in _KINDS:
-        text = f"a diagnosis looks at joints one by one, and {estimate.rows} rows mix them; use torque rows"
+        text = f"{estimate.rows} rows mix the joints, which a diagnosis treats one by one; use torque rows"
         raise UsageError(Notice(code="usage.mixed-rows", text=text))
     settled = resolve_processing(estimate, processing, recordings[0])
     processing, weights = settled.processing, get_run_weights(estimate.settings, len(recordings))
     window, overlap = get_fit_window(estimate.settings), get_fit_overlap(estimate.settings)
-    maker = RowBuilder(estimate.rows, library, processing, window, overlap)
-    rows = stack_rows([maker.prepare(entry) for entry in recordings], weights)
-    seen = analyse_identifiability(rows)
-    fit = rebuild_fit(estimate, rows, seen, processing.noise_freedom)
+    builder = RowBuilder(estimate.rows, library, processing, window, overlap)
+    rows = stack_rows([builder.prepare(entry) for entry in recordings], weights)
+    identifiability = analyse_identifiability(rows)
+    fit = _rebuild_fit(estimate, rows, identifiability, processing.noise_freedom)
     covariance = np.array(estimate.covariance)
     names = tuple(entry.name for entry in estimate.parameters)
     values = estimate.assemble(rows.names)
-    correlated = list_correlated(covariance, names)
-    refit = _measure_refit(estimate, rows, seen, processing.noise_freedom)
+    correlated, ellipse = list_correlated(covariance, names), None
+    if correlated:
+        pair = [names.index(name) for name in correlated[0][:2]]
+        chosen = [estimate.parameters[k].value for k in pair]
+        ellipse = compute_ellipse(chosen, covariance[np.ix_(pair, pair)])
+    refit = _measure_refit(estimate, rows, identifiability, processing.noise_freedom)
+    changed = refit is not None and refit > _CHANGED
+    warnings = (build_warning("diagnosis.other-values", refit=refit),) if changed else ()
     return Diagnosis(
         singular=tuple(map(float, compute_spectrum(rows.matrix * fit.weights[:, None]).singular)),
-        rank=int(seen.basis.shape[1]),
+        rank=int(identifiability.basis.shape[1]),
         correlated=correlated,
-        ellipse=_compute_first_ellipse(estimate, covariance, correlated),
-        essential=select_essential(rows, fit, seen, freedom=processing.noise_freedom),
-        bootstrap=compute_bootstrap(rows, fit, seen, np.random.default_rng(seed)),
+        ellipse=ellipse,
+        essential=select_essential(rows, fit, identifiability, freedom=processing.noise_freedom),
+        bootstrap=compute_bootstrap(rows, fit, identifiability, np.random.default_rng(seed)),
         drift=measure_drift(rows, fit, processing.noise_freedom),
         structure=analyse_structure(values, library, recordings, processing, weights=weights),
         profiles=compute_profiles(values, library, recordings, processing),
         prices=(
-            *_price_estimator(estimate, rows, fit, seen),
-            *measure_decimation_price(maker, recordings, seen, compute_mean_weights(rows, fit), weights),
+            *_price_estimator(estimate, rows, fit, identifiability),
+            *measure_decimation_price(
+                builder, recordings, identifiability, compute_mean_weights(rows, fit), weights
+            ),
         ),
         refit=refit,
-        notices=(*settled.notices, *_warn_of_refit(refit)),
+        notices=(*settled.notices, *warnings),
     )
 
 
-def rebuild_fit(
-    estimate: Estimate, rows: Rows, seen: Identifiability, freedom: str = "band"
+def _rebuild_fit(
+    estimate: Estimate, rows: Rows, identifiability: Identifiability, freedom: str = "band"
 ) -> RegressionFit:
     """Return the fit behind `estimate`: its values and deviations, residuals and weights on its own rows.
 
-    Weights are those of ordinary least squares for `ols`, and inverse to the scatter of each joint for any
-    other estimator.
-
-    Args:
-        estimate: the result.
-        rows: the equations of the fit.
-        seen: what they can tell.
-        freedom: how the variance of the noise is estimated, see `Processing.noise_freedom`.
+    Weights are ones for `ols`, and inverse to the scatter of each joint for any other estimator.
     """
     values = estimate.assemble(rows.names)
     known = {entry.name: place for place, entry in enumerate(estimate.parameters)}
@@ -263,22 +258,26 @@ def rebuild_fit(
         covariance[np.ix_(ours, ours)] = np.array(estimate.covariance)[np.ix_(theirs, theirs)]
     groups = np.ones(len(rows.group_names))
     if estimate.estimator != "ols":
-        groups = estimate_group_weights(rows, seen, freedom)
+        groups = estimate_group_weights(rows, identifiability, freedom)
     return RegressionFit(
         values=values,
         covariance=covariance,
         residuals=rows.values - rows.matrix @ values,
-        spent=count_freedom(freedom, int(seen.basis.shape[1]), rows.independent)[0],
+        spent=count_freedom(freedom, int(identifiability.basis.shape[1]), rows.independent)[0],
         condition=estimate.condition,
         weights=groups[rows.group] * np.sqrt(rows.weight),
     )
 
 
-def _measure_refit(estimate: Estimate, rows: Rows, seen: Identifiability, freedom: str) -> float | None:
+def _measure_refit(
+    estimate: Estimate, rows: Rows, identifiability: Identifiability, freedom: str
+) -> float | None:
     """Return the largest difference between the estimate and the same fit made again, in its deviations."""
     if estimate.estimator not in _ALONE:
         return None
-    again = dict(zip(rows.names, fit_rows(estimate.estimator, rows, seen, freedom).values, strict=True))
+    again = dict(
+        zip(rows.names, fit_rows(estimate.estimator, rows, identifiability, freedom).values, strict=True)
+    )
     away = [
         abs(float(again[entry.name]) - entry.value) / max(entry.std, np.finfo(float).eps * abs(entry.value))
         for entry in estimate.parameters
@@ -287,35 +286,14 @@ def _measure_refit(estimate: Estimate, rows: Rows, seen: Identifiability, freedo
     return max(away, default=0.0)
 
 
-def _warn_of_refit(refit: float | None) -> tuple[Notice, ...]:
-    if refit is None or refit <= _CHANGED:
-        return ()
-    text = (
-        f"the logs of the fit, read again, give values that are up to {refit:.3g} standard deviations from "
-        "the estimate's: a log has changed since, or the estimate was made with other options or by another "
-        "version; identify again"
-    )
-    return (Notice(code="diagnosis.other-values", text=text),)
-
-
-def _compute_first_ellipse(
-    estimate: Estimate, covariance: FloatArray, correlated: tuple[tuple[str, str, float], ...]
-) -> Ellipse | None:
-    if not correlated:
-        return None
-    known = {entry.name: place for place, entry in enumerate(estimate.parameters)}
-    pair = [known[name] for name in correlated[0][:2]]
-    return compute_ellipse([estimate.parameters[k].value for k in pair], covariance[np.ix_(pair, pair)])
-
-
 def _price_estimator(
-    estimate: Estimate, rows: Rows, fit: RegressionFit, seen: Identifiability
+    estimate: Estimate, rows: Rows, fit: RegressionFit, identifiability: Identifiability
 ) -> tuple[Price, ...]:
-    """Return by how much plain least squares of the same weights would leave less."""
-    least = fit_weighted(rows, seen, compute_mean_weights(rows, fit))
+    """Return by how much the residual is larger than that of plain least squares of the same weights."""
+    least = fit_weighted(rows, identifiability, compute_mean_weights(rows, fit))
     own, best = (float(np.linalg.norm(entry.residuals * fit.weights)) for entry in (fit, least))
     percent = 100.0 * (own / best - 1.0) if best else 0.0
-    if percent < _PRICELESS:
+    if percent < _FREE:
         return ()
-    what = f"estimator {estimate.estimator} against least squares"
+    what = f"estimator {estimate.estimator} instead of least squares"
     return (Price(what=what, of="residual", percent=percent),)

@@ -4,18 +4,18 @@ Library, recordings, settings -> `Estimate`;  options of the call, robot -> `Est
 
     Recording -> Signals -> Rows -> Identifiability -> RegressionFit -> Estimate
 
-Logs that are too long for memory take two passes: in the first, matrices are condensed block by block,
-weights and parameters found; in the second, residuals from the torque that the parameters predict.
+Logs that are too long for memory take two passes: matrices are condensed block by block for weights and
+parameters, and the predicted torque gives the residuals.
 
 Supported: several recordings at once, of unequal weight; all kinds of rows with all estimators; `ols` and
-`wls` on torque and momentum rows that do not go into memory.
-Not supported: recordings with delays or zero offsets of their own; other estimators beyond memory.
+`wls` on torque and momentum rows that do not fit into memory.
+Not supported: recordings with delays or offsets of their own; other estimators beyond memory.
 """
 
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -70,37 +70,35 @@ from symid.identification.regression import (
 )
 from symid.identification.rigid.validation import describe_processing
 from symid.logs import Recording
-from symid.robot import Processing, Robot
-
-LONG_ESTIMATORS = ("ols", "wls")
+from symid.robot import Processing, Robot, suggest_names
 
 
 class FittedRows(NamedTuple):
-    """Equations, what they can tell, and their fit; notices on patterns of the residual and on drift."""
+    """Equations, what is identifiable from them, and their fit; notices on correlated residuals and drift."""
 
     rows: Rows
-    seen: Identifiability
+    identifiability: Identifiability
     fit: RegressionFit
     pattern: tuple[Notice, ...] = ()
     drift: tuple[Notice, ...] = ()
 
 
-def is_long(maker: RowBuilder, recordings: Sequence[Recording], estimator: str, largest: float) -> bool:
+def is_long(builder: RowBuilder, recordings: Sequence[Recording], estimator: str, largest: float) -> bool:
     """Return whether the equations take more than `largest` bytes, and can be fitted block by block."""
-    if maker.kind not in LONG_KINDS or estimator not in LONG_ESTIMATORS:
+    if builder.kind not in LONG_KINDS or estimator not in {"ols", "wls"}:
         return False
-    card = maker.library.card
+    card = builder.library.card
     width = 8.0 * card.size * (len(card.beta) + len(card.friction) + 1)
-    if maker.kind == "torque":
-        count = sum(len(entry.time) for entry in recordings) / maker.processing.decimation.factor
+    if builder.kind == "torque":
+        count = sum(len(entry.time) for entry in recordings) / builder.processing.decimation.factor
     else:
-        length = maker.window * (1.0 - maker.overlap)
+        length = builder.window * (1.0 - builder.overlap)
         count = sum(len(entry.time) * entry.period for entry in recordings) / length
     return count * width > largest
 
 
 def fit_long(
-    maker: RowBuilder,
+    builder: RowBuilder,
     recordings: Sequence[Recording],
     estimator: str,
     *,
@@ -109,98 +107,84 @@ def fit_long(
 ) -> FittedRows | None:
     """Return the fit of recordings whose matrix is never in memory; None where a joint has too few equations.
 
-    Args:
-        maker: of equations.
-        recordings: all of one robot.
-        estimator: one of `LONG_ESTIMATORS`.
-        rule: when a parameter counts as not seen.
-        weights: what the squares of each recording's residuals count for; one if None.
+    `weights` are those of each recording's squared residuals; one if None.
 
     Raises:
         LogError, UsageError: as for `prepare_rows`.
-        IdentifiabilityError: nothing can be learnt.
+        IdentifiabilityError: no parameter is identifiable.
     """
-    long = condense_recordings(maker, recordings, weights)
+    long = condense_recordings(builder, recordings, weights)
     if long is None:
         return None
-    rows, condensed, freedom = long.outline, long.condense(), maker.processing.noise_freedom
-    seen = analyse_condensed(condensed, rows.kind, rows.names, rule)
-    check_identifiable_share(seen, rows.names, rule.least, rows.notices)
+    rows, condensed, freedom = long.outline, long.condense(), builder.processing.noise_freedom
+    identifiability = analyse_condensed(condensed, rows.kind, rows.names, rule)
+    check_identifiable_share(identifiability, rows.names, rule.least, rows.notices)
     plain = None if estimator == "wls" else np.ones(len(condensed.counts))
-    found = fit_condensed(condensed, seen.basis, plain, freedom)
-    groups = found.weights
+    found = fit_condensed(condensed, identifiability.basis, plain, freedom)
     fit = RegressionFit(
         values=found.values,
         covariance=found.covariance,
-        residuals=rows.values - predict_rows(maker, recordings, rows, found.values),
+        residuals=rows.values - predict_rows(builder, recordings, rows, found.values),
         spent=found.spent,
         condition=found.condition,
-        weights=groups[rows.group] * np.sqrt(rows.weight),
+        weights=found.weights[rows.group] * np.sqrt(rows.weight),
     )
     sketch = long.sketch()
-    blocks = _fit_sketch(sketch, fit.values, groups, seen)
+    blocks = _fit_sketch(sketch, fit.values, found.weights, identifiability)
+    blocks = replace(blocks, covariance=fit.covariance)
     return FittedRows(
         rows=rows,
-        seen=seen,
+        identifiability=identifiability,
         fit=fit,
-        pattern=warn_of_correlated_residuals(sketch, replace(blocks, covariance=fit.covariance), seen),
+        pattern=warn_of_correlated_residuals(sketch, blocks, identifiability),
         drift=warn_of_drift(
             rows,
             fit,
             [entry.source for entry in recordings],
             freedom,
-            fit_log=lambda run, weights: fit_run(long, run, weights, freedom),
+            fit_log=lambda run, groups: fit_run(long, run, groups, freedom),
         ),
     )
 
 
 def compute_long_covariance(long: LongRows, groups: FloatArray, freedom: str) -> FloatArray:
-    """Return the covariance (p, p) of the weighted fit, as `fit_weighted` has it.
-
-    Args:
-        long: the equations of all runs.
-        groups: weights (g,) of the joints.
-        freedom: how the variance of the noise is estimated, see `Processing.noise_freedom`.
+    """Return the covariance (p, p) of the fit to all runs with weights (g,) of the joints, as `fit_weighted`.
 
     Raises:
-        IdentifiabilityError: nothing can be learnt.
+        IdentifiabilityError: no parameter is identifiable.
     """
     condensed = long.condense()
-    seen = analyse_condensed(condensed, long.outline.kind, long.outline.names)
-    return fit_condensed(condensed, seen.basis, groups, freedom).covariance
+    identifiability = analyse_condensed(condensed, long.outline.kind, long.outline.names)
+    return fit_condensed(condensed, identifiability.basis, groups, freedom).covariance
 
 
-def _fit_sketch(sketch: Rows, values: FloatArray, groups: FloatArray, seen: Identifiability) -> RegressionFit:
+def _fit_sketch(
+    sketch: Rows, values: FloatArray, groups: FloatArray, identifiability: Identifiability
+) -> RegressionFit:
     """Return a fit to a sketch that has the scores of all blocks."""
     return RegressionFit(
         values=values,
         covariance=np.zeros((len(values), len(values))),
         residuals=sketch.values - sketch.matrix @ values,
-        spent=int(seen.basis.shape[1]),
+        spent=int(identifiability.basis.shape[1]),
         condition=1.0,
         weights=groups[sketch.group],
     )
 
 
 def fit_run(long: LongRows, run: int, groups: FloatArray, freedom: str) -> SingleLogFit | None:
-    """Return what one run tells alone, as `drift` has it of rows in memory; None where that is nothing.
-
-    Args:
-        long: the equations of all runs.
-        run: number of the run.
-        groups: weights (g,) of the joints.
-        freedom: how the variance of the noise is estimated, see `Processing.noise_freedom`.
-    """
+    """Return the fit to one run alone with weights (g,) of the joints; None if nothing is identifiable."""
     condensed = long.condense(run)
     try:
-        seen = analyse_condensed(condensed, long.outline.kind, long.outline.names)
+        identifiability = analyse_condensed(condensed, long.outline.kind, long.outline.names)
     except IdentifiabilityError:
         return None
-    found = fit_condensed(condensed, seen.basis, groups, freedom)
+    found = fit_condensed(condensed, identifiability.basis, groups, freedom)
     stated = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
     sketch = long.sketch(run)
-    blocks = compute_block_deviations(sketch, _fit_sketch(sketch, found.values, groups, seen), seen)
-    return SingleLogFit(found.values, np.maximum(stated, blocks), seen)
+    fit = _fit_sketch(sketch, found.values, groups, identifiability)
+    deviations = np.maximum(stated, compute_block_deviations(sketch, fit, identifiability))
+    return SingleLogFit(found.values, deviations, identifiability)
 
 
 LARGEST = 2e8
@@ -230,63 +214,95 @@ def identify_parameters(
         processing: filter, cut ends and decimation.
         rows: one of `ROW_KINDS`.
         estimator: one of `ESTIMATORS`.
-        window: length of the windows of momentum, filtered and energy rows in s; None for what
-            `choose_window` chooses.
+        window: s, length of the windows of momentum, filtered and energy rows; None for the default.
         overlap: part of a window that the next one shares, of momentum and energy rows.
-        rule: when a parameter counts as not seen.
+        rule: when a parameter counts as not identifiable.
         options: of the estimator.
-        weights: what the squares of each recording's residuals count for; one if None.
+        weights: of each recording's squared residuals; one if None.
         echo: further settings to keep with the result, such as the log's columns.
         largest: bytes; torque and momentum rows that take more are fitted by `ols` and `wls` block by block.
 
     Raises:
         UsageError: there is no such kind of rows or estimator, or no recording.
         LogError: a recording does not fit the robot.
-        IdentifiabilityError: nothing can be learnt.
+        IdentifiabilityError: no parameter is identifiable.
     """
-    _check_call(recordings, rows, estimator)
+    notices = [*_list_unknown("rows", rows, ROW_KINDS), *_list_unknown("estimator", estimator, ESTIMATORS)]
+    if not recordings:
+        notices.append(Notice(code="usage.no-log", text="no log was given: name at least one"))
+    if notices:
+        raise UsageError(*notices)
     filters = choose_filters(processing, recordings)
+    used = filters.processing
     if window is None:
-        window = choose_window(rows, filters.processing, recordings[0].period)
-    maker = RowBuilder(rows, library, filters.processing, window, overlap)
-    found = _fit(maker, recordings, estimator, rule=rule, options=options, weights=weights, largest=largest)
+        window = choose_window(rows, used, recordings[0].period)
+    builder = RowBuilder(rows, library, used, window, overlap)
+    rule = rule or RankRule()
+    fitted = None
+    if is_long(builder, recordings, estimator, largest):
+        fitted = fit_long(builder, recordings, estimator, rule=rule, weights=weights)
+    if fitted is None:
+        fitted = _fit_in_memory(builder, recordings, estimator, rule, options=options, weights=weights)
+    windowed = rows not in {"torque", "power"}
     settings = {
         **(echo or {}),
-        **describe_processing(processing, filters.processing, recordings),
-        # What the estimator chose or paid.
-        **({"fit": dict(found.fit.report)} if found.fit.report else {}),
+        **describe_processing(processing, used, recordings),
+        **({"fit": dict(fitted.fit.report)} if fitted.fit.report else {}),
         **({} if weights is None else {"weights": list(weights)}),
-        **({} if rows in {"torque", "power"} else {"window": window}),
-        **({"overlap": overlap} if overlap and rows not in {"torque", "power"} else {}),
+        **({"window": window} if windowed else {}),
+        **({"overlap": overlap} if overlap and windowed else {}),
     }
-    estimate = build_estimate(library.card, found, estimator, recordings, settings)
-    doubts = _list_fit_warnings(maker, recordings, found, weights)
-    return replace(estimate, notices=(*filters.notices, *estimate.notices, *doubts))
+    estimate = build_estimate(library.card, fitted, estimator, recordings, settings)
+    values = fitted.fit.values
+    warnings = [*warn_of_processing(used, recordings), *warn_of_moving_ends(used, recordings)]
+    warnings += fitted.pattern
+    if fitted.pattern:
+        warnings += warn_of_structure(values, library, recordings, used, weights)
+    warnings += (*warn_of_stiction(fitted.rows, fitted.fit, library), *fitted.drift)
+    if not fitted.identifiability.refused:
+        warnings += warn_of_mass_matrix(library, values, recordings)
+    return replace(estimate, notices=(*filters.notices, *estimate.notices, *warnings))
+
+
+def _fit_in_memory(
+    builder: RowBuilder,
+    recordings: Sequence[Recording],
+    estimator: str,
+    rule: RankRule,
+    *,
+    options: EstimatorOptions | None,
+    weights: Sequence[float] | None,
+) -> FittedRows:
+    rows = stack_rows([builder.prepare(entry) for entry in recordings], weights)
+    identifiability, freedom = analyse_identifiability(rows, rule), builder.processing.noise_freedom
+    fit = fit_rows(estimator, rows, identifiability, freedom, options)
+    return FittedRows(
+        rows=rows,
+        identifiability=identifiability,
+        fit=fit,
+        pattern=warn_of_correlated_residuals(rows, fit, identifiability),
+        drift=warn_of_drift(rows, fit, [entry.source for entry in recordings], freedom),
+    )
 
 
 def build_estimate(
     card: ModelCard,
-    found: FittedRows,
+    fitted: FittedRows,
     estimator: str,
     recordings: Sequence[Recording],
     settings: Mapping[str, object],
 ) -> Estimate:
-    """Return the estimate of fitted equations, without what speaks against it.
+    """Return the estimate of fitted equations of the model of `card`, without warnings about the fit.
 
-    Args:
-        card: of the model.
-        found: equations and fit.
-        estimator: its name.
-        recordings: the logs.
-        settings: kept as JSON would give them back, so that a stored result equals its origin.
+    `settings` are kept as JSON would give them back, so that a stored result equals its origin.
     """
-    fit, seen, rows = found.fit, found.seen, found.rows
-    told = np.flatnonzero(seen.learnable)
-    # Refused parameters that act together with others have a value there, those without effect do not.
-    acting = np.flatnonzero(seen.basis.any(axis=1) & ~seen.learnable)
+    fit, identifiability, rows = fitted.fit, fitted.identifiability, fitted.rows
+    identifiable = np.flatnonzero(identifiability.identifiable)
+    # Refused parameters that act together with others have a value in the fit, those without effect do not.
+    acting = np.flatnonzero(identifiability.basis.any(axis=1) & ~identifiability.identifiable)
     cards = card.beta + card.friction
-    covariance = fit.covariance[np.ix_(told, told)]
-    parameters = list_parameters([cards[k] for k in told], fit.values[told], covariance)
+    covariance = fit.covariance[np.ix_(identifiable, identifiable)]
+    parameters = list_parameters([cards[k] for k in identifiable], fit.values[identifiable], covariance)
     return Estimate(
         robot=card.robot,
         signature=card.signature,
@@ -296,81 +312,34 @@ def build_estimate(
         parameters=parameters,
         residual=compute_residuals(rows, fit.residuals, fit.spent),
         condition=fit.condition,
-        outcome=Outcome.SOME_REFUSED if seen.refused else Outcome.SOLVED,
+        outcome=Outcome.SOME_REFUSED if identifiability.refused else Outcome.SOLVED,
         samples=len(rows.values),
         sources=tuple(recording.source for recording in recordings),
         settings=json.loads(json.dumps(settings)),
-        refused=seen.refused,
+        refused=identifiability.refused,
         unresolved=tuple((rows.names[k], float(fit.values[k])) for k in acting),
         covariance=tuple(map(tuple, covariance.tolist())),
-        notices=(*rows.notices, *seen.notices, *fit.notices, *warn_of_poorly_identifiable(parameters)),
+        notices=(
+            *rows.notices,
+            *identifiability.notices,
+            *fit.notices,
+            *warn_of_poorly_identifiable(parameters),
+        ),
     )
 
 
-def _fit(
-    maker: RowBuilder,
-    recordings: Sequence[Recording],
-    estimator: str,
-    *,
-    rule: RankRule | None,
-    options: EstimatorOptions | None,
-    weights: Sequence[float] | None,
-    largest: float,
-) -> FittedRows:
-    """Return equations and fit: block by block where the equations do not go into memory."""
-    if is_long(maker, recordings, estimator, largest):
-        found = fit_long(maker, recordings, estimator, rule=rule or RankRule(), weights=weights)
-        if found is not None:
-            return found
-    stacked = stack_rows([maker.prepare(entry) for entry in recordings], weights)
-    seen, freedom = analyse_identifiability(stacked, rule), maker.processing.noise_freedom
-    fit = fit_rows(estimator, stacked, seen, freedom, options)
-    return FittedRows(
-        rows=stacked,
-        seen=seen,
-        fit=fit,
-        pattern=warn_of_correlated_residuals(stacked, fit, seen),
-        drift=warn_of_drift(stacked, fit, [entry.source for entry in recordings], freedom),
-    )
-
-
-def _list_fit_warnings(
-    maker: RowBuilder, recordings: Sequence[Recording], found: FittedRows, weights: Sequence[float] | None
-) -> tuple[Notice, ...]:
-    """Return what speaks against the fit."""
-    library, values = maker.library, found.fit.values
-    structure: tuple[Notice, ...] = ()
-    if found.pattern:
-        structure = warn_of_structure(values, library, recordings, maker.processing, weights)
-    return (
-        *warn_of_processing(maker.processing, recordings),
-        *warn_of_moving_ends(maker.processing, recordings),
-        *found.pattern,
-        *structure,
-        *warn_of_stiction(found.rows, found.fit, library),
-        *found.drift,
-        *(() if found.seen.refused else warn_of_mass_matrix(library, values, recordings)),
-    )
-
-
-def _check_call(recordings: Sequence[Recording], rows: str, estimator: str) -> None:
-    problems = []
-    if rows not in ROW_KINDS:
-        text = f"rows {rows!r}: there is no such kind; allowed are {', '.join(ROW_KINDS)}"
-        problems.append(Notice(code="usage.unknown-rows", text=text))
-    if estimator not in ESTIMATORS:
-        text = f"estimator {estimator!r}: there is no such estimator; allowed are {', '.join(ESTIMATORS)}"
-        problems.append(Notice(code="usage.unknown-estimator", text=text))
-    if not recordings:
-        problems.append(Notice(code="usage.no-log", text="no log was given: name at least one"))
-    if problems:
-        raise UsageError(*problems)
+def _list_unknown(what: str, name: str, allowed: Sequence[str], more: str = "") -> list[Notice]:
+    """Return a notice where `name` is not allowed."""
+    if name in allowed:
+        return []
+    hint = suggest_names(name, allowed)
+    text = f"unknown {what} {name!r}: {f'{hint} ' if hint else ''}allowed are {', '.join(allowed)}{more}"
+    return [Notice(code=f"usage.unknown-{what}", text=text)]
 
 
 OUTPUT_ERROR, INSTRUMENTAL = "output-error", "instrumental"
 SIMULATING = (OUTPUT_ERROR, INSTRUMENTAL)
 """Estimators that simulate the robot, see `closed_loop_estimate`."""
-ESTIMATOR_NAMES = ("ols", "wls", "gls", "huber", "ridge", "consistent", "sequential", *SIMULATING)
 _WINDOWED = ("momentum", "filtered", "energy")
 _OVERLAPPING = ("momentum", "energy")
 _DEVIATION = 20.0
@@ -390,9 +359,9 @@ class RigidOptions:
         period: s, of the motion, once or once a log: noise is what differs between periods (gls).
         prior: an estimate, its file, or "robot" for the robot file's values (ridge).
         prior_deviation: percent of the robot file's values, or a factor on an estimate's deviations.
-        prior_weight: 1 to believe the deviations stated, 0 for no prior; None to choose by cross validation.
+        prior_weight: 1 to take the stated deviations, 0 for no prior; None to choose it by cross validation.
         start: an estimate, or its file, that a simulating estimator begins with.
-        partial: whether to fit what can be told where logs tell less than three quarters.
+        partial: whether to fit what is identifiable where that is less than three quarters.
     """
 
     rows: str | None = None
@@ -408,17 +377,8 @@ class RigidOptions:
 
     def list_given(self) -> tuple[str, ...]:
         """Return the options that were given, as the command line calls them, the windows' length apart."""
-        names = (
-            "rows",
-            "estimator",
-            "period",
-            "overlap",
-            "prior",
-            "prior_deviation",
-            "prior_weight",
-            "start",
-            "partial",
-        )
+        order = ("rows", "estimator", "period", "overlap")
+        names = dict.fromkeys((*order, *(entry.name for entry in fields(self) if entry.name != "window")))
         given = (name for name in names if getattr(self, name) not in (None, (), False))
         return tuple(f"--{name.replace('_', '-')}" for name in given)
 
@@ -429,53 +389,43 @@ def check_estimator(rows: str, estimator: str | None) -> None:
     Raises:
         UsageError: there is no such estimator; those of friction laws are others.
     """
-    if estimator not in {None, *ESTIMATOR_NAMES}:
-        text = (
-            f"estimator {estimator!r}: there is no such estimator of {rows} rows; allowed are "
-            f"{', '.join(ESTIMATOR_NAMES)}; those of friction laws go with --rows friction"
-        )
-        raise UsageError(Notice(code="usage.unknown-estimator", text=text))
+    more = f" with {rows} rows; those of friction laws go with --rows friction"
+    notices = (
+        [] if estimator is None else _list_unknown("estimator", estimator, (*ESTIMATORS, *SIMULATING), more)
+    )
+    if notices:
+        raise UsageError(*notices)
 
 
 def check_rigid_options(rows: str, estimator: str, options: RigidOptions) -> None:
-    """Refuse options that rows or estimator do not read.
-
-    Args:
-        rows: kind of rows.
-        estimator: its name.
-        options: those given.
+    """Refuse options that rows or estimator do not use.
 
     Raises:
         UsageError: an option belongs to other rows or to another estimator, or is out of range.
     """
+    ridge = (estimator == "ridge", "--estimator ridge")
     wanted = {
         "window": (rows in _WINDOWED, f"--rows {', '.join(_WINDOWED)}"),
         "overlap": (rows in _OVERLAPPING, f"--rows {' and '.join(_OVERLAPPING)}"),
         "period": (estimator == "gls", "--estimator gls and --rows friction"),
-        **dict.fromkeys(
-            ("prior", "prior_deviation", "prior_weight"), (estimator == "ridge", "--estimator ridge")
-        ),
+        **dict.fromkeys(("prior", "prior_deviation", "prior_weight"), ridge),
         "start": (estimator in SIMULATING, f"--estimator {' and '.join(SIMULATING)}"),
     }
-    notices = [
-        Notice(
-            code="usage.mixed-options",
-            text=f"--{name.replace('_', '-')} belongs to {owner}; leave it out, or choose these",
-        )
+    found = [
+        ("mixed-options", f"--{name.replace('_', '-')} belongs to {owner}; leave it out, or choose these")
         for name, (fits, owner) in wanted.items()
         if getattr(options, name) not in (None, ()) and not fits
     ]
-    if options.prior_deviation is not None and not 0.0 < options.prior_deviation < math.inf:
-        text = f"prior deviation {options.prior_deviation:g}: must be a positive number"
-        notices.append(Notice(code="usage.prior", text=text))
-    if options.prior_weight is not None and not 0.0 <= options.prior_weight < math.inf:
-        text = f"prior weight {options.prior_weight:g}: must be 0 or a positive number"
-        notices.append(Notice(code="usage.prior", text=text))
+    deviation, weight = options.prior_deviation, options.prior_weight
+    if deviation is not None and not 0.0 < deviation < math.inf:
+        found.append(("prior", f"prior deviation {deviation:g}: must be a positive number"))
+    if weight is not None and not 0.0 <= weight < math.inf:
+        found.append(("prior", f"prior weight {weight:g}: must be 0 or a positive number"))
     if estimator in SIMULATING and rows != "torque":
-        text = f"--estimator {estimator} is one of torques; leave --rows {rows} out"
-        notices.append(Notice(code="usage.mixed-options", text=text))
-    if notices:
-        raise UsageError(*notices)
+        text = f"--estimator {estimator} needs torque rows; leave --rows {rows} out"
+        found.append(("mixed-options", text))
+    if found:
+        raise UsageError(*(Notice(code=f"usage.{code}", text=text) for code, text in found))
 
 
 def build_estimator_options(
@@ -487,15 +437,7 @@ def build_estimator_options(
     *,
     prior: Estimate | None = None,
 ) -> EstimatorOptions:
-    """Return what the estimator needs.
-
-    Args:
-        robot: as it is identified.
-        library: its functions.
-        recordings: the logs.
-        estimator: its name.
-        options: those given.
-        prior: of the same model, None for the values of the robot file.
+    """Return the options of an estimator; `prior` is of the same model, None for values of the robot file.
 
     Raises:
         UsageError: there is no prior, or the motion does not repeat.

@@ -16,11 +16,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from decimal import Decimal
-from typing import Any, TypeGuard
+from typing import Any, NoReturn, TypeGuard
 
 import numpy as np
 
-from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import EstimateError, Notice
 from symid.identification.diagnostics import warn_of_fitted_log
@@ -37,7 +36,6 @@ from symid.identification.estimators import (
 from symid.identification.regression import (
     SAME_PERIOD,
     WINDOW,
-    Rows,
     choose_filters,
     count_pieces,
     prepare_rows,
@@ -45,8 +43,6 @@ from symid.identification.regression import (
 from symid.logs import Recording, is_log_of_fit
 from symid.robot import (
     Decimation,
-    InputReport,
-    Place,
     Places,
     Processing,
     Robot,
@@ -61,12 +57,9 @@ from symid.robot import (
 def resolve_processing(
     estimate: Estimate, processing: Processing, recording: Recording
 ) -> ResolvedProcessing:
-    """Return how `recording` is processed under `estimate`.
+    """Return how `recording` is processed under the settings of `estimate`.
 
-    Args:
-        estimate: its settings say how the fit processed its logs.
-        processing: as stated now; what it leaves open (`automatic`) is the fit's or chosen.
-        recording: the log.
+    `processing` is stated now; what it leaves open (`automatic`) is the fit's, or chosen from the log.
 
     Raises:
         EstimateError: the settings of the estimate cannot be read.
@@ -75,7 +68,8 @@ def resolve_processing(
     stated = dict.fromkeys(OPEN_SETTINGS, "stated")
     if not left:
         return ResolvedProcessing(processing=replace(processing, automatic=False), origin=stated)
-    if _has_same_period(estimate.settings, recording):
+    period = estimate.settings.get("sample_period")
+    if _is_positive(period) and math.isclose(period, recording.period, rel_tol=SAME_PERIOD):
         fitted = read_fit_processing(estimate.settings)
         settled = replace(processing, automatic=False)
         if "filter_cutoff" in left:
@@ -104,13 +98,7 @@ def _list_open(processing: Processing) -> tuple[str, ...]:
 def describe_processing(
     stated: Processing, used: Processing, recordings: Sequence[Recording]
 ) -> dict[str, object]:
-    """Return for the settings of an estimate what was used, what of it was chosen, and the sample period.
-
-    Args:
-        stated: before the choice.
-        used: after it.
-        recordings: of the fit.
-    """
+    """Return the processing that was used, and which entries of the stated one were chosen from the logs."""
     chosen = list(_list_open(stated))
     return {
         "processing": asdict(used),
@@ -131,39 +119,30 @@ def read_fit_processing(settings: Mapping[str, object]) -> Processing:
         decimation = Decimation(**table.get("decimation", {}))
         found = Processing(**{**table, "decimation": decimation})
     except TypeError:
-        problem = _describe_unusable("processing", "a table of the processing", stored)
-        raise EstimateError(problem) from None
+        _refuse("processing", "a table of the processing", stored)
     if found.filter_cutoff is not None and not _is_positive(found.filter_cutoff):
-        raise EstimateError(
-            _describe_unusable("filter_cutoff", "a positive number or null", found.filter_cutoff)
-        )
-    factor = decimation.factor
-    if not _is_positive(factor) or not isinstance(factor, int):
-        raise EstimateError(_describe_unusable("decimation.factor", "a positive whole number", factor))
+        _refuse("filter_cutoff", "a positive number or null", found.filter_cutoff)
+    if not _is_positive(decimation.factor) or not isinstance(decimation.factor, int):
+        _refuse("decimation.factor", "a positive whole number", decimation.factor)
     return found
 
 
-def _has_same_period(settings: Mapping[str, object], recording: Recording) -> bool:
-    period = settings.get("sample_period")
-    return _is_positive(period) and math.isclose(period, recording.period, rel_tol=SAME_PERIOD)
-
-
 def get_fit_window(settings: Mapping[str, object]) -> float:
-    """Return the length in s of the windows that momentum and energy rows had, the default if none is told.
+    """Return the length in s of the windows of momentum and energy rows in the fit.
 
     Raises:
         EstimateError: it is no positive number.
     """
     window = settings.get("window", WINDOW)
     if not _is_positive(window):
-        raise EstimateError(_describe_unusable("window", "a positive number", window))
+        _refuse("window", "a positive number", window)
     return float(window)
 
 
 def get_usable_window(
     settings: Mapping[str, object], recording: Recording
 ) -> tuple[float, tuple[Notice, ...]]:
-    """Return the windows of the fit in s; where `recording` is too coarse for them longer ones, and a notice.
+    """Return the windows of the fit in s, longer ones with a notice where `recording` is too coarse for them.
 
     Raises:
         EstimateError: windows or overlap in the settings cannot be used.
@@ -174,27 +153,27 @@ def get_usable_window(
         return window, ()
     longer = 2.0 * recording.period * pieces
     text = (
-        f"the windows of the fit, {window:g} s long, are too short for a log sampled every "
-        f"{recording.period:g} s: windows of {longer:g} s stand in their place, whose residual is not to be "
-        "compared with that of the fit"
+        f"the windows of the fit ({window:g} s) are too short for a sample period of {recording.period:g} s: "
+        f"windows of {longer:g} s are used, whose residual cannot be compared with that of the fit"
     )
-    return longer, (Notice(code="validate.longer-windows", text=text, file=recording.source),)
+    notice = Notice(code="validate.longer-windows", text=text, file=recording.source)
+    return longer, (notice,)
 
 
 def get_fit_overlap(settings: Mapping[str, object]) -> float:
-    """Return the part of a window that the next one shared, none if nothing is told.
+    """Return the part of a window that the next one shared in the fit.
 
     Raises:
-        EstimateError: it is no part.
+        EstimateError: it is not between 0 and 1.
     """
     overlap = settings.get("overlap", 0.0)
     if isinstance(overlap, bool) or not isinstance(overlap, int | float) or not 0.0 <= overlap < 1.0:
-        raise EstimateError(_describe_unusable("overlap", "a number from 0 to 1", overlap))
+        _refuse("overlap", "a number from 0 to 1", overlap)
     return float(overlap)
 
 
 def get_run_weights(settings: Mapping[str, object], count: int) -> tuple[float, ...] | None:
-    """Return what the squares of each of `count` logs' residuals counted for in the fit, None if all alike.
+    """Return the weights of the squared residuals of each of `count` logs in the fit, None if all alike.
 
     Raises:
         EstimateError: they are no positive numbers, one a log.
@@ -202,55 +181,41 @@ def get_run_weights(settings: Mapping[str, object], count: int) -> tuple[float, 
     weights = settings.get("weights")
     if weights is None:
         return None
-    usable = isinstance(weights, Sequence) and all(_is_positive(entry) for entry in weights)
-    if not isinstance(weights, Sequence) or not usable or len(weights) != count:
-        raise EstimateError(_describe_unusable("weights", f"{count} positive numbers", weights))
-    return tuple(map(float, weights))
+    entries = list(weights) if isinstance(weights, Sequence) else []
+    if len(entries) != count or not all(map(_is_positive, entries)):
+        _refuse("weights", f"{count} positive numbers", weights)
+    return tuple(map(float, entries))
 
 
 def _is_positive(value: object) -> TypeGuard[int | float]:
     return isinstance(value, int | float) and not isinstance(value, bool) and 0.0 < value < float("inf")
 
 
-def _describe_unusable(name: str, expected: str, found: object) -> Notice:
+def _refuse(name: str, expected: str, found: object) -> NoReturn:
     text = f"its settings have no usable {name!r}: expected {expected}, got {found!r}"
-    return Notice(code="estimate.settings", text=text)
+    raise EstimateError(Notice(code="estimate.settings", text=text))
 
 
 def restore_robot(robot: Robot, estimate: FitRecord, settings: Sequence[tuple[str, str]] = ()) -> Robot:
     """Return the robot as it was when identified: with the estimate's friction, log map and processing.
 
-    Settings of the call come last, and win. Where the estimate's differ from the robot file's,
-    a notice of the robot says so. What the fit chose from its logs is left open again: it holds for logs with
-    the sample period of the fit (`resolve_processing`).
-
-    Args:
-        robot: as its file says, or as it was overridden.
-        estimate: of any kind.
-        settings: keys and values.
+    Settings of the call, keys and values, come last, and win. Where the estimate's differ from the robot
+    file's, a notice says so. What the fit chose from its logs is left open again (`resolve_processing`).
 
     Raises:
         UsageError: a setting cannot be made here.
-        EstimateError: what the estimate says of its log or processing cannot be read.
+        EstimateError: the log map or the processing of the estimate cannot be read.
     """
-    # A result of friction does not say friction models; its signature does.
+    # A result of friction has no friction models; its signature has.
     kinds = tuple(dict.fromkeys(estimate.friction))
     # Joints with different models have them from the file: an option sets one for all.
     described = override_settings(robot, (), kinds[0] if len(kinds) == 1 else None)
     restored = _restore_settings(described, estimate.settings)
     notices = _compare_settings(described, restored, {key for key, _ in settings})
     restored = replace(restored, notices=(*restored.notices, *notices))
-    return _override_fitted(restored, estimate.settings, settings) if settings else restored
-
-
-def _override_fitted(
-    robot: Robot, fitted: Mapping[str, object], settings: Sequence[tuple[str, str]]
-) -> Robot:
-    """Return the robot of an estimate with settings of the call.
-
-    No filter and no decimation, where they are set, are no gaps to fill: then all is as in the fit.
-    """
-    changed = override_settings(robot, settings)
+    if not settings:
+        return restored
+    changed = override_settings(restored, settings)
     processing = changed.processing
     empty = {
         "processing.filter_cutoff": processing.filter_cutoff is None,
@@ -258,36 +223,33 @@ def _override_fitted(
     }
     if not processing.automatic or not any(empty.get(key, False) for key, _ in settings):
         return changed
-    return override_settings(_restore_settings(robot, {**fitted, "chosen": []}), settings)
+    # No filter and no decimation, where they are set, are no open entries: then all is as in the fit.
+    return override_settings(_restore_settings(restored, {**estimate.settings, "chosen": []}), settings)
 
 
 def _restore_settings(robot: Robot, settings: Mapping[str, object]) -> Robot:
     """Return `robot` with the log map and the processing of an estimate, checked like those of a file."""
-    if not isinstance(settings.get("processing"), Mapping):
+    processing, chosen = settings.get("processing"), settings.get("chosen", ())
+    if not isinstance(processing, Mapping):
         text = "its settings have no usable 'processing'; identify again"
         raise EstimateError(Notice(code="estimate.settings", text=text))
-    values = {key: _make_exact(settings[key]) for key in ("log", "processing") if key in settings}
-    values["processing"] = _leave_open(values["processing"], settings.get("chosen", ()))
-    report = InputReport(Places(keys={}, values={}, whole=Place("", 0, 0)))
-    root = Section(values=values, path=(), report=report)
+    if isinstance(chosen, Sequence) and chosen:
+        # What the fit chose from its logs is left open.
+        processing = {**processing, "automatic": True}
+        if "filter_cutoff" in chosen:
+            processing["filter_cutoff"] = "none"
+        if "decimation.factor" in chosen and isinstance(processing.get("decimation"), Mapping):
+            processing["decimation"] = {**processing["decimation"], "factor": 1}
+    values = {"processing": _make_exact(processing)}
+    if "log" in settings:
+        values["log"] = _make_exact(settings["log"])
+    root = Section(values=values, places=Places())
     log = read_log(root, robot.joints) if "log" in values else robot.log
     restored = replace(robot, log=log, processing=read_processing(root))
-    if report.errors:
-        texts = (f"its settings cannot be used: {notice.text}; identify again" for notice in report.errors)
+    if root.errors:
+        texts = (f"its settings cannot be used: {notice.text}; identify again" for notice in root.errors)
         raise EstimateError(*(Notice(code="estimate.settings", text=text) for text in texts))
     return restored
-
-
-def _leave_open(processing: object, chosen: object) -> object:
-    """Return the processing without what the fit chose from its logs."""
-    if not isinstance(processing, Mapping) or not isinstance(chosen, Sequence) or not chosen:
-        return processing
-    table = {**processing, "automatic": True}
-    if "filter_cutoff" in chosen:
-        table["filter_cutoff"] = "none"
-    if "decimation.factor" in chosen and isinstance(table.get("decimation"), Mapping):
-        table["decimation"] = {**table["decimation"], "factor": 1}
-    return table
 
 
 def _make_exact(value: object) -> object:
@@ -305,13 +267,13 @@ def _make_exact(value: object) -> object:
 
 
 def _compare_settings(described: Robot, restored: Robot, overridden: set[str]) -> tuple[Notice, ...]:
-    """Return what the estimate and the robot file say differently, but for what is set by hand anyway."""
+    """Return the settings that differ between the estimate and the robot file, but for overridden ones."""
     of_file, of_estimate = _flatten(describe_settings(described)), _flatten(describe_settings(restored))
     notices = []
     for key in sorted({*of_file, *of_estimate} - overridden):
         mine, other = of_estimate.get(key, "nothing"), of_file.get(key, "nothing")
         if mine != other:
-            text = f"{key}: the estimate has {mine}, the robot file {other}; the estimate was followed"
+            text = f"{key}: the estimate has {mine}, the robot file {other}; that of the estimate is used"
             notices.append(Notice(code="estimate.settings-differ", text=text))
     return tuple(notices)
 
@@ -354,36 +316,30 @@ def validate_estimate(
     settled = resolve_processing(estimate, processing, recording)
     built = prepare_rows(rows, library, recording, settled.processing, window=window, overlap=overlap)
     predicted = built.matrix @ estimate.assemble(built.names)
+    masks = [(index, built.group == index) for index in range(len(built.group_names))]
+    series = tuple(
+        Series(
+            joint=built.group_names[index],
+            unit=built.group_units[index],
+            velocity_unit=built.velocity_units[index],
+            time=built.time[mask],
+            velocity=built.velocity[mask],
+            measured=built.values[mask],
+            predicted=predicted[mask],
+        )
+        for index, mask in masks
+        if np.any(mask)
+    )
+    warnings = [warn_of_fitted_log(recording.source)] if fitted else []
     return Validation(
         robot=estimate.robot,
         signature=estimate.signature,
         source=recording.source,
         rows=rows,
         residual=compute_residuals(built, built.values - predicted, 0),
-        series=_split_series(built, predicted),
+        series=series,
         samples=len(built.values),
         fitted=fitted,
-        notices=(
-            *settled.notices,
-            *built.notices,
-            *([warn_of_fitted_log(recording.source)] if fitted else []),
-        ),
+        notices=(*settled.notices, *built.notices, *warnings),
         processing=settled,
-    )
-
-
-def _split_series(rows: Rows, predicted: FloatArray) -> tuple[Series, ...]:
-    masks = [(index, rows.group == index) for index in range(len(rows.group_names))]
-    return tuple(
-        Series(
-            joint=rows.group_names[index],
-            unit=rows.group_units[index],
-            velocity_unit=rows.velocity_units[index],
-            time=rows.time[mask],
-            velocity=rows.velocity[mask],
-            measured=rows.values[mask],
-            predicted=predicted[mask],
-        )
-        for index, mask in masks
-        if np.any(mask)
     )

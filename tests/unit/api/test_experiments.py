@@ -29,7 +29,7 @@ def test_python_and_the_command_line_write_the_same_bytes(robot, found, tmp_path
     assert (tmp_path / "own.csv").read_bytes() == motion.read_bytes()
     simulated = robot.simulate(duration=1, seed=5)
     assert simulated.save(tmp_path / "own.npz").read_bytes() == log.read_bytes()
-    assert found.tell() in printed
+    assert found.to_text() in printed
     assert simulated.summarise() in printed
 
 

@@ -41,8 +41,8 @@ def test_a_fit_is_what_identify_prints_and_gives(capsys, fit, logs):
     assert result == json.loads(json.dumps(fit.to_dict()))
     assert [entry["text"] for entry in answer["warnings"]] == [entry.text for entry in fit.notices]
     assert run([*map(str, arguments), "-q"]) == 0
-    assert capsys.readouterr().out == f"{fit.tell()}\n"
-    assert str(fit).startswith(fit.tell())
+    assert capsys.readouterr().out == f"{fit.to_text()}\n"
+    assert str(fit).startswith(fit.to_text())
     assert all(f"{entry}" in str(fit) for entry in fit.notices)
 
 
@@ -157,8 +157,8 @@ def test_a_report_of_a_fit_in_memory(fit, logs, tmp_path):
     page = fit.report(tmp_path / "report.html", validation=logs[1], diagnose=True)
     text = page.file.read_text(encoding="utf-8")
     assert str(logs[1]) in text
-    assert "Deviations by block bootstrap" in text
     assert page.diagnosis is not None
+    assert len(text) > 1.5 * len(fit.report(tmp_path / "short.html").file.read_text(encoding="utf-8"))
 
 
 def test_a_robot_that_is_not_known_by_name_is_asked_for(fit, tmp_path, logs):

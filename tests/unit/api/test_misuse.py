@@ -115,7 +115,7 @@ def test_options_without_a_meaning_are_refused(robot, fit, log, tmp_path):
             "usage.friction-smoothing",
         ),
         (lambda robot, _: robot.simulate(duration=-1.0), "usage.trajectory"),
-        (lambda robot, _: robot.find_base("power"), "usage.base-form"),
+        (lambda robot, _: robot.derive_base("power"), "usage.base-form"),
         (lambda robot, _: robot.export("two_link.h", precision="half"), "usage.export-precision"),
         (lambda _, __: ElasticOptions(stops=2.5), "usage.elastic-option"),
     ],

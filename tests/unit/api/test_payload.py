@@ -37,7 +37,8 @@ def test_two_fits_in_memory_give_the_payload(robot, tmp_path):
     inertia[2, 2] = INERTIA[5]
     np.testing.assert_allclose(found.inertia, inertia, atol=1e-9)
     assert found["Jzz"].std > 0
-    assert "the robot cannot show it" in found["cz"].reason
+    assert found["cz"].value is None
+    assert found["cz"].reason
     assert [notice.code for notice in found.notices] == ["payload.refused"]
     assert json.loads(found.save(tmp_path / "payload.json").read_text()) == json.loads(
         json.dumps(found.to_dict())
@@ -53,9 +54,10 @@ def test_a_known_mass_is_taken(robot):
 
 
 def test_logs_that_were_read_give_the_payload(robot):
-    heavy = dataclasses.replace(robot, description=carry(robot.description))
-    sides = [[model.simulate(duration=8, seed=seed).log for seed in (1, 2)] for model in (heavy, robot)]
+    heavy = dataclasses.replace(robot, description=carry(robot.description), backend="python")
+    sides = [[model.simulate(duration=4, seed=seed).log for seed in (1, 2)] for model in (heavy, robot)]
     found = robot.payload(*sides)
     assert abs(found.mass - MASS) < 4 * found["mass"].std < 0.1
-    with pytest.raises(UsageError, match="a fit is an estimate: give one alone, or logs alone"):
+    with pytest.raises(UsageError) as refused:
         robot.payload([*sides[0], build_estimate(robot.description)], sides[1])
+    assert refused.value.notices[0].code == "usage.payload-inputs"

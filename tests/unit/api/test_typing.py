@@ -1,5 +1,6 @@
 """Programs of users are checked with full types: what results are, and arguments that do not exist."""
 
+import os
 import subprocess
 import sys
 
@@ -62,28 +63,27 @@ BAD = {
 
 
 @pytest.fixture(scope="module")
-def check(project, tmp_path_factory):
+def found(tmp_path_factory):
+    """Return what mypy finds in a good and in a bad program, and nowhere else."""
     folder = tmp_path_factory.mktemp("user")
-
-    def run(code):
-        (folder / "program.py").write_text(HEAD + code, encoding="utf-8")
-        # The settings of this project would be those of a user otherwise.
-        command = ["-m", "mypy", "--strict", "--config-file=", "--cache-dir", str(folder / "cache")]
-        done = subprocess.run(
-            [sys.executable, *command, "program.py"], cwd=folder, capture_output=True, text=True, check=False
-        )
-        return done.stdout
-
-    return run
-
-
-def test_a_program_sees_full_types(check):
-    assert "Success" in check(GOOD)
+    (folder / "good.py").write_text(HEAD + GOOD, encoding="utf-8")
+    (folder / "bad.py").write_text(HEAD + "\n".join(BAD), encoding="utf-8")
+    # The settings of this project would be those of a user otherwise.
+    command = ["-m", "mypy", "--strict", "--config-file=", f"--cache-dir={os.devnull}", "good.py", "bad.py"]
+    done = subprocess.run(
+        [sys.executable, *command], cwd=folder, capture_output=True, text=True, check=False
+    )
+    *lines, last = done.stdout.splitlines()
+    assert last.endswith("(checked 2 source files)"), done.stdout + done.stderr
+    return lines
 
 
-def test_mistakes_are_found(check):
-    found = check("\n".join(BAD)).splitlines()
+def test_a_program_sees_full_types(found):
+    assert [line for line in found if not line.startswith("bad.py:")] == []
+
+
+def test_mistakes_are_found(found):
     first = HEAD.count("\n") + 1
     for line, (code, kind) in enumerate(BAD.items(), first):
-        said = [text for text in found if text.startswith(f"program.py:{line}:")]
+        said = [text for text in found if text.startswith(f"bad.py:{line}:")]
         assert any(f"[{kind}]" in text for text in said), (code, said)

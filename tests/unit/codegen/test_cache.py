@@ -44,6 +44,20 @@ def prepare(robot, folder, **options):
     return library, said
 
 
+@pytest.fixture(scope="module")
+def sound(robots_folder, tmp_path_factory, c_compiler):
+    """Return a sound entry of the cache; tests spoil copies of it."""
+    folder = tmp_path_factory.mktemp("sound")
+    prepare(read_robot(robots_folder / "emps.toml"), folder)
+    (entry,) = folder.iterdir()
+    return entry
+
+
+@pytest.fixture
+def entry(sound, tmp_path):
+    return Path(shutil.copytree(sound, tmp_path / sound.name))
+
+
 def test_the_second_call_makes_nothing(robot, tmp_path, c_compiler):
     first, said = prepare(robot, tmp_path)
     assert [text.split()[0] for text in said] == ["deriving", "writing", "compiling"]
@@ -54,9 +68,8 @@ def test_the_second_call_makes_nothing(robot, tmp_path, c_compiler):
 
 
 @pytest.mark.parametrize("victim", ["libsymid_emps.so", "manifest.json", "symid_emps.h", "seal.json"])
-def test_a_tampered_entry_is_made_again(robot, tmp_path, c_compiler, victim):
-    prepare(robot, tmp_path)
-    (entry,) = tmp_path.iterdir()
+def test_a_tampered_entry_is_made_again(robot, tmp_path, entry, victim):
+    assert prepare(robot, tmp_path)[1] == []
     # Another file under the same name: this process still has the old library mapped.
     (entry / victim).unlink()
     (entry / victim).write_bytes(b"{}")
@@ -67,9 +80,7 @@ def test_a_tampered_entry_is_made_again(robot, tmp_path, c_compiler, victim):
     assert prepare(robot, tmp_path)[0].notices == ()
 
 
-def test_an_entry_with_a_foreign_file_is_made_again(robot, tmp_path, c_compiler):
-    prepare(robot, tmp_path)
-    (entry,) = tmp_path.iterdir()
+def test_an_entry_with_a_foreign_file_is_made_again(robot, tmp_path, entry):
     (entry / "extra.so").write_bytes(b"x")
     assert "extra.so" in prepare(robot, tmp_path)[0].notices[0].text
 
@@ -145,16 +156,17 @@ def test_generated_code_that_does_not_compile_is_an_error_and_leaves_no_entry(
         return compile_sources(compiler, sources, output)
 
     monkeypatch.setattr(cache_module, "compile_sources", spoil)
-    with pytest.raises(GenerationError, match="the compiler failed"):
+    with pytest.raises(GenerationError):
         prepare_library(robot, cache=tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_folder_that_cannot_be_made_is_said(robot, tmp_path):
     (tmp_path / "file").write_text("x")
-    with pytest.raises(OutputError, match="cache folder cannot be written") as caught:
+    with pytest.raises(OutputError) as caught:
         prepare(robot, tmp_path / "file" / "cache")
     assert caught.value.notices[0].code == "output.cache"
+    assert caught.value.notices[0].file == str(tmp_path / "file" / "cache")
 
 
 def test_the_folder_follows_the_xdg_specification(monkeypatch, tmp_path):
@@ -210,7 +222,7 @@ def test_a_cache_that_cannot_be_written_is_replaced_by_a_temporary_one(robot, tm
     library, said = prepare(robot, None)
     assert said
     assert [notice.code for notice in library.notices][:1] == ["codegen.cache-temporary"]
-    assert "cache folder cannot be written" in library.notices[0].text
+    assert str(tmp_path / "file") in library.notices[0].text
     folder = tmp_path / f"symid-{os.getuid()}"
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
     assert prepare(robot, None)[1] == []
@@ -244,7 +256,7 @@ def test_no_place_at_all_is_said(robot, tmp_path, monkeypatch):
     (tmp_path / "file").write_text("x")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     monkeypatch.setattr(tempfile, "gettempdir", lambda: str(tmp_path / "file"))
-    with pytest.raises(OutputError, match="nor is there a place") as caught:
+    with pytest.raises(OutputError, match=f"{tmp_path / 'file'}") as caught:
         prepare(robot, None)
     assert caught.value.notices[0].code == "output.cache"
 
@@ -285,7 +297,8 @@ def test_byte_code_in_an_entry_is_not_run(robot, tmp_path):
 
 def test_a_compiler_asked_for_by_name_is_named(robot, tmp_path):
     library, _ = prepare(robot, tmp_path, compiler="clang-99")
-    assert "'clang-99' was not found" in library.notices[0].text
+    assert library.notices[0].code == "codegen.no-compiler"
+    assert "'clang-99'" in library.notices[0].text
 
 
 def test_a_compiler_that_compiles_nothing_is_said_and_numpy_is_used(tmp_path, monkeypatch, robots_folder):
@@ -308,11 +321,20 @@ def seal_again(entry):
     (entry / "seal.json").write_text(json.dumps({**seal, "files": cache_module._read_digests(entry)}))
 
 
-def test_processes_that_find_the_same_damage_all_get_a_library(robots_folder, tmp_path, project, c_compiler):
-    start(robots_folder, tmp_path, project).communicate(timeout=100)
-    (entry,) = tmp_path.iterdir()
+@pytest.fixture(scope="module")
+def sound_of_processes(robots_folder, project, tmp_path_factory, c_compiler):
+    folder = tmp_path_factory.mktemp("processes")
+    start(robots_folder, folder, project).communicate(timeout=100)
+    (entry,) = folder.iterdir()
+    return entry
+
+
+def test_processes_that_find_the_same_damage_all_get_a_library(
+    robots_folder, tmp_path, project, sound_of_processes
+):
+    entry = Path(shutil.copytree(sound_of_processes, tmp_path / sound_of_processes.name))
     (entry / "libsymid_emps.so").write_bytes(b"")
-    running = [start(robots_folder, tmp_path, project) for _ in range(4)]
+    running = [start(robots_folder, tmp_path, project) for _ in range(3)]
     said = []
     for process in running:
         out, err = process.communicate(timeout=100)
@@ -356,10 +378,11 @@ def replace_file(path, content):
 
 
 @pytest.mark.parametrize("sealed", [False, True])
-def test_a_library_that_does_not_load_is_made_again(robots_folder, tmp_path, project, c_compiler, sealed):
+def test_a_library_that_does_not_load_is_made_again(
+    robots_folder, tmp_path, project, sound_of_processes, sealed
+):
     """Cut off, as a full disk leaves it; or no library at all, and the seal edited to say so."""
-    start(robots_folder, tmp_path, project).communicate(timeout=100)
-    (entry,) = tmp_path.iterdir()
+    entry = Path(shutil.copytree(sound_of_processes, tmp_path / sound_of_processes.name))
     path = entry / "libsymid_emps.so"
     replace_file(path, b"no library" if sealed else path.read_bytes()[: path.stat().st_size // 2])
     if sealed:
@@ -369,9 +392,7 @@ def test_a_library_that_does_not_load_is_made_again(robots_folder, tmp_path, pro
         assert (out.splitlines()[:2], err) == (["3.0", notice], "")
 
 
-def test_an_entry_with_a_manifest_and_a_seal_of_somebody_else_is_made_again(robot, tmp_path, c_compiler):
-    prepare(robot, tmp_path)
-    (entry,) = tmp_path.iterdir()
+def test_an_entry_with_a_manifest_and_a_seal_of_somebody_else_is_made_again(robot, tmp_path, entry):
     (entry / "manifest.json").write_text('{"symid": "1", "files": {}}')
     seal_again(entry)
     library, _ = prepare(robot, tmp_path)
@@ -410,9 +431,7 @@ FOREIGN = {
 
 
 @pytest.mark.parametrize("foreign", sorted(FOREIGN))
-def test_what_others_may_have_written_is_not_loaded(robot, tmp_path, c_compiler, foreign):
-    prepare(robot, tmp_path)
-    (entry,) = tmp_path.iterdir()
+def test_what_others_may_have_written_is_not_loaded(robot, tmp_path, entry, foreign):
     change, text = FOREIGN[foreign]
     change(entry)
     library, said = prepare(robot, tmp_path)
@@ -425,14 +444,12 @@ def test_what_others_may_have_written_is_not_loaded(robot, tmp_path, c_compiler,
         assert (tmp_path / ".elsewhere").exists()
 
 
-def test_what_belongs_to_another_user_is_not_loaded(robot, tmp_path, c_compiler, monkeypatch):
-    prepare(robot, tmp_path)
-    (entry,) = tmp_path.iterdir()
+def test_what_belongs_to_another_user_is_not_loaded(robot, tmp_path, entry, monkeypatch):
     assert describe_entry_risk(entry) == ""
     user = os.getuid()
     monkeypatch.setattr(os, "getuid", lambda: user + 1)
     assert describe_entry_risk(entry) == "it belongs to another user"
-    with pytest.raises(OutputError, match="belongs to another user") as caught:
+    with pytest.raises(OutputError) as caught:
         prepare(robot, tmp_path)
     assert caught.value.notices[0].code == "output.cache"
     # As on a system without owners.
@@ -443,7 +460,7 @@ def test_what_belongs_to_another_user_is_not_loaded(robot, tmp_path, c_compiler,
 
 def test_a_folder_in_which_others_can_replace_entries_is_not_used(robot, tmp_path, c_compiler):
     tmp_path.chmod(0o777)
-    with pytest.raises(OutputError, match="may be written by others; make it yours alone") as caught:
+    with pytest.raises(OutputError) as caught:
         prepare(robot, tmp_path)
     assert caught.value.notices[0].code == "output.cache"
     assert list(tmp_path.iterdir()) == []

@@ -120,7 +120,7 @@ def test_an_error_of_casadi_is_one(library):
     library.evaluate("gravity", np.zeros((1, 2)), np.ones(len(library.card.beta)))
     room = library.engine.spare["gravity", 1][0]
     room._buffer = Buffer(room._buffer)
-    with pytest.raises(GenerationError, match="'gravity' returned the error code 3") as caught:
+    with pytest.raises(GenerationError, match=r"'gravity'.*\b3\b") as caught:
         library.evaluate("gravity", np.zeros((1, 2)), np.ones(len(library.card.beta)))
     assert caught.value.notices[0].code == "codegen.call-failed"
 
@@ -164,7 +164,7 @@ def test_without_a_compiler_the_virtual_machine_serves_and_says_so(robots_folder
     assert (found.backend, said) == ("casadi", ["deriving", "writing"])
     (notice,) = found.notices
     assert notice.code == "codegen.no-compiler"
-    assert "CasADi's virtual machine is used, which is slower" in notice.text
+    assert "'no-such-compiler'" in notice.text
 
 
 def test_a_compiler_that_cannot_be_used_is_told_of(robots_folder, tmp_path, c_compiler, monkeypatch):
@@ -176,20 +176,19 @@ def test_a_compiler_that_cannot_be_used_is_told_of(robots_folder, tmp_path, c_co
     robot = read(robots_folder, "two_link")
     found, _ = prepare(robot, tmp_path, backend="casadi")
     assert [notice.code for notice in found.notices] == ["codegen.compiler-unusable"]
-    with pytest.raises(GenerationError, match="give another backend than 'c'"):
+    with pytest.raises(GenerationError, match="'c'") as caught:
         prepare(robot, tmp_path, backend="c")
+    assert caught.value.notices[0].code == "codegen.compiler-unusable"
 
 
 def test_c_is_never_replaced_when_it_was_asked_for(robots_folder, tmp_path):
     robot = read(robots_folder, "two_link")
-    with pytest.raises(
-        GenerationError, match="'no-such-compiler' was not found; give another backend"
-    ) as caught:
+    with pytest.raises(GenerationError, match=r"'no-such-compiler'.*'c'") as caught:
         prepare(robot, tmp_path, backend="c", compiler="no-such-compiler")
     assert caught.value.notices[0].code == "codegen.no-compiler"
 
 
 def test_a_backend_that_is_none_is_refused(robots_folder, tmp_path):
-    with pytest.raises(UsageError, match="expected one of auto, c, python, casadi, got 'rust'") as caught:
+    with pytest.raises(UsageError, match=r"auto, c, python, casadi.*'rust'") as caught:
         prepare(read(robots_folder, "two_link"), tmp_path, backend="rust")
     assert caught.value.notices[0].code == "usage.backend"

@@ -187,7 +187,7 @@ def test_a_library_built_before_the_sources_is_refused_until_it_is_built_again(c
     assert load_library(copy).backend == "casadi"
     robot = read_robot(project / "robots" / "two_link_elastic.toml")
     write_sources(generate_casadi_target(build_functions(robot, names=("gravity", "mass_matrix"))), copy)
-    with pytest.raises(UsageError, match="built from other sources") as caught:
+    with pytest.raises(UsageError) as caught:
         load_library(copy)
     assert caught.value.notices[0].code == "usage.stale-library"
     subprocess.run(["make", "-s", f"CC={c_compiler}", "clean", "shared"], cwd=copy, check=True)
@@ -198,7 +198,7 @@ def test_a_file_that_casadi_cannot_read_is_named(folders, tmp_path):
     folder = shutil.copytree(folders / "panda", tmp_path / "code", ignore=shutil.ignore_patterns("*.so"))
     path = folder / "inverse_dynamics.casadi"
     path.write_text(path.read_text()[:1000])
-    with pytest.raises(GenerationError, match="generate it again with this version") as caught:
+    with pytest.raises(GenerationError, match=r"CasADi \d") as caught:
         load_library(folder)
     assert caught.value.notices[0].code == "codegen.cannot-load"
     assert caught.value.notices[0].file == str(path)
@@ -209,7 +209,7 @@ def test_a_folder_that_is_not_compiled_serves_and_says_so(folders, tmp_path):
     library = load_library(folder)
     (notice,) = library.notices
     assert (library.backend, notice.code) == ("casadi", "codegen.casadi-machine")
-    assert "CasADi's virtual machine is used, which is slower; run `make shared` there" in notice.text
+    assert "`make shared`" in notice.text
     q = np.array([0.1, -0.4, 0.3, -1.0, 0.2, 1.1, 0.5])
     rotations, _ = library.evaluate("forward_kinematics", q)
     # By rows: the axis of the first joint is the base's z axis, and every matrix is a rotation.

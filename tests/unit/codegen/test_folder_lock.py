@@ -19,7 +19,7 @@ def test_one_at_a_time_and_nothing_is_left(tmp_path):
 
     def run(number):
         for _ in range(5):
-            with lock_folder(tmp_path / "deep" / "er" / "out", lambda: None):
+            with lock_folder(tmp_path / "out", lambda: None):
                 inside.append(number)
                 most.append(len(inside))
                 time.sleep(0.0005)
@@ -54,11 +54,12 @@ def test_one_folder_by_two_names_is_one_folder(tmp_path):
     assert told == [True, "in"]
 
 
-def test_it_is_given_back_after_an_error(tmp_path):
-    with pytest.raises(ZeroDivisionError), lock_folder(tmp_path / "out", lambda: None):
+@pytest.mark.parametrize("name", ["out", "deep/er/out"])
+def test_it_is_given_back_after_an_error(tmp_path, name):
+    with pytest.raises(ZeroDivisionError), lock_folder(tmp_path / name, lambda: None):
         _ = 1 / 0
     assert list(tmp_path.iterdir()) == []
-    with lock_folder(tmp_path / "out", lambda: pytest.fail("waited")):
+    with lock_folder(tmp_path / name, lambda: pytest.fail("waited")):
         pass
     assert list(tmp_path.iterdir()) == []
 
@@ -122,7 +123,7 @@ def test_processes_with_their_own_temporary_folders_take_turns(tmp_path, tmp_pat
     assert list(place.iterdir()) == []
 
 
-def test_a_run_that_made_the_folders_above_is_waited_for(tmp_path):
+def test_a_run_that_makes_the_folders_above_is_waited_for(tmp_path):
     told = []
 
     def wait():
@@ -130,14 +131,13 @@ def test_a_run_that_made_the_folders_above_is_waited_for(tmp_path):
             told.append("in")
 
     with lock_folder(tmp_path / "deep" / "out", lambda: None):
-        (tmp_path / "deep").mkdir()
         thread = threading.Thread(target=wait)
         thread.start()
         thread.join(timeout=1.5)
         assert told == ["waits"]
     thread.join()
     assert told == ["waits", "in"]
-    assert list((tmp_path / "deep").iterdir()) == []
+    assert list(tmp_path.rglob("*")) in ([], [tmp_path / "deep"])
 
 
 def test_a_lock_on_a_file_that_was_removed_is_none(tmp_path):
@@ -164,7 +164,7 @@ def test_beside_a_folder_that_cannot_be_written_the_cache_folder_has_the_lock(tm
 
 def test_a_lock_that_cannot_be_written_is_said(tmp_path, monkeypatch):
     (tmp_path / ".out.symid-lock").mkdir()
-    with pytest.raises(OutputError, match="cannot be locked") as caught, lock_folder(tmp_path / "out", print):
+    with pytest.raises(OutputError) as caught, lock_folder(tmp_path / "out", print):
         pass
     assert caught.value.notices[0].code == "output.cannot-write"
     assert caught.value.notices[0].file == str(tmp_path / "out")

@@ -54,7 +54,7 @@ def c_folders(made, tmp_path_factory, c_compiler):
     root = tmp_path_factory.mktemp("c")
     for name, functions in made.items():
         write_sources(generate_c_library(functions), root / name)
-        command = ["make", "-s", f"CC={c_compiler}", "CFLAGS=-O1 -Werror", "all", "shared"]
+        command = ["make", "-s", f"CC={c_compiler}", f"CFLAGS={' '.join(STRICT)}", "all", "shared"]
         done = subprocess.run(command, cwd=root / name, capture_output=True, text=True, check=False)
         assert (done.returncode, done.stderr) == (0, "")
     return root
@@ -143,11 +143,11 @@ def test_the_example_reads_identified_parameters(c_folders, tmp_path):
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_all_sources_compile_under_the_strict_flags(c_folders, robot, c_compiler, tmp_path):
-    for source in sorted((c_folders / robot).glob("*.c")):
-        command = [c_compiler, *STRICT, "-c", str(source), "-o", str(tmp_path / "x.o")]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert (done.returncode, done.stderr) == (0, ""), source.name
+def test_all_sources_compile_under_the_strict_flags(c_folders, robot):
+    # The fixture compiles with them; nothing is left out.
+    folder = c_folders / robot
+    built = {path.stem for path in folder.iterdir() if path.suffix in {".o", ""}}
+    assert {path.stem for path in folder.glob("*.c")} <= built
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -221,27 +221,27 @@ def test_wrong_calls_are_refused(libraries):
     for backend in ("c", "python"):
         library = libraries["two_link", backend]
         beta = np.ones(len(library.card.beta))
-        with pytest.raises(UsageError, match="has no function 'mass'"):
-            library.evaluate("mass")
-        with pytest.raises(UsageError, match="has no function 'mass'"):
-            library.bind("mass")
-        with pytest.raises(UsageError, match="expected the inputs q, beta, got 1"):
+        for call in (library.evaluate, library.bind):
+            with pytest.raises(UsageError, match="'mass'") as caught:
+                call("mass")
+            assert caught.value.notices[0].code == "usage.unknown-function"
+        with pytest.raises(UsageError, match=r"q, beta.*\b1\b"):
             library.evaluate("gravity", np.ones(2))
-        with pytest.raises(UsageError, match=r"input 'q': expected the shape \(2,\) or \(N, 2,\)"):
+        with pytest.raises(UsageError, match=r"'q'.*\(2,\) or \(N, 2,\)"):
             library.evaluate("gravity", np.ones(3), beta)
-        with pytest.raises(UsageError, match="input 'dq'"):
+        with pytest.raises(UsageError, match="'dq'"):
             library.evaluate("bias", np.ones((4, 2)), np.ones((3, 2)), beta)
-        with pytest.raises(UsageError, match="input 'beta'") as caught:
+        with pytest.raises(UsageError, match="'beta'") as caught:
             library.evaluate("gravity", np.ones((4, 2)), beta[1:])
         assert caught.value.notices[0].code == "usage.shape"
 
 
 def test_a_folder_without_a_library_is_refused(made, tmp_path):
-    with pytest.raises(UsageError, match="holds no library") as caught:
+    with pytest.raises(UsageError) as caught:
         load_library(tmp_path)
     assert caught.value.notices[0].code == "usage.no-library"
     write_sources(generate_c_library(made["emps"]), tmp_path / "c")
-    with pytest.raises(UsageError, match="run `make shared`") as caught:
+    with pytest.raises(UsageError, match="`make shared`") as caught:
         load_library(tmp_path / "c")
     assert caught.value.notices[0].code == "usage.not-compiled"
 
@@ -249,13 +249,14 @@ def test_a_folder_without_a_library_is_refused(made, tmp_path):
 def test_a_library_that_does_not_load_is_refused(made, tmp_path):
     write_sources(generate_c_library(made["emps"]), tmp_path / "c")
     (tmp_path / "c" / "libsymid_emps.so").write_bytes(b"no library")
-    with pytest.raises(GenerationError, match="build it again on this machine") as caught:
+    with pytest.raises(GenerationError, match=r"libsymid_emps\.so") as caught:
         load_library(tmp_path / "c")
     assert caught.value.notices[0].code == "codegen.cannot-load"
     write_sources(generate_python_module(made["emps"]), tmp_path / "p")
     (tmp_path / "p" / "symid_emps.py").write_text("def (")
-    with pytest.raises(GenerationError, match="cannot be imported"):
+    with pytest.raises(GenerationError, match=r"symid_emps\.py") as caught:
         load_library(tmp_path / "p")
+    assert caught.value.notices[0].code == "codegen.cannot-load"
 
 
 @pytest.mark.parametrize(
@@ -263,7 +264,7 @@ def test_a_library_that_does_not_load_is_refused(made, tmp_path):
 )
 def test_a_broken_manifest_is_refused(tmp_path, text):
     (tmp_path / "manifest.json").write_text(text)
-    with pytest.raises(UsageError, match="generate the folder again") as caught:
+    with pytest.raises(UsageError) as caught:
         load_library(tmp_path)
     assert caught.value.notices[0].code == "usage.broken-manifest"
 
@@ -271,15 +272,15 @@ def test_a_broken_manifest_is_refused(tmp_path, text):
 def test_a_folder_whose_update_was_interrupted_is_refused(made, tmp_path):
     write_sources(generate_python_module(made["emps"]), tmp_path / "p")
     (tmp_path / "p" / ".symid-update-1").mkdir()
-    with pytest.raises(UsageError, match="is running or was interrupted") as caught:
+    with pytest.raises(UsageError) as caught:
         load_library(tmp_path / "p")
-    assert caught.value.notices[0].code == "usage.broken-manifest"
+    assert caught.value.notices[0].code == "usage.interrupted-update"
 
 
 def test_an_error_code_of_the_library_is_not_swallowed(libraries, monkeypatch):
     library = libraries["two_link", "c"]
     monkeypatch.setattr(type(library.engine), "_get_symbol", lambda *_: lambda *_: 1)
-    with pytest.raises(GenerationError, match="returned the error code 1") as caught:
+    with pytest.raises(GenerationError, match=r"'gravity'.*\b1\b") as caught:
         library.evaluate("gravity", np.ones(2), np.ones(len(library.card.beta)))
     assert caught.value.notices[0].code == "codegen.call-failed"
 
@@ -306,11 +307,21 @@ def test_cmake_builds_and_tests_the_library(made, tmp_path, cmake):
     assert "Name: symid_two_link" in (tmp_path / "b" / "symid_two_link.pc").read_text()
 
 
-def test_an_installed_library_can_be_moved(made, tmp_path, cmake, c_compiler):
-    write_sources(generate_c_library(made["emps"]), tmp_path / "c")
-    for arguments in (["-S", "c", "-B", "b"], ["--build", "b"], ["--install", "b", "--prefix", "first"]):
-        subprocess.run([cmake, *arguments], cwd=tmp_path, capture_output=True, check=True)
-    (tmp_path / "first").rename(tmp_path / "second")
+@pytest.fixture(scope="module")
+def installed(made, tmp_path_factory, cmake, c_compiler):
+    folder = tmp_path_factory.mktemp("installed")
+    write_sources(generate_c_library(made["emps"]), folder / "c")
+    for arguments in (
+        ["-S", "c", "-B", "b", "-DCMAKE_UNITY_BUILD=ON"],
+        ["--build", "b"],
+        ["--install", "b", "--prefix", folder / "installed"],
+    ):
+        subprocess.run([cmake, *arguments], cwd=folder, capture_output=True, check=True)
+    return folder / "installed"
+
+
+def test_an_installed_library_can_be_moved(installed, tmp_path):
+    shutil.copytree(installed, tmp_path / "second")
     (package,) = (tmp_path / "second").rglob("*.pc")
     lines = package.read_text().splitlines()
     prefix = lines[0].removeprefix("prefix=").replace("${pcfiledir}", str(package.parent))
@@ -329,19 +340,11 @@ target_link_libraries(user PRIVATE symid_emps)
 """
 
 
-def test_an_installed_library_is_found_by_cmake(made, tmp_path, cmake, c_compiler):
-    write_sources(generate_c_library(made["emps"]), tmp_path / "c")
+def test_an_installed_library_is_found_by_cmake(installed, tmp_path, cmake):
     (tmp_path / "CMakeLists.txt").write_text(USER)
     main = '#include "symid_emps.h"\nint main(void) { return symid_emps_version() == 0; }\n'
     (tmp_path / "main.c").write_text(main)
-    installed = tmp_path / "installed"
-    for arguments in (
-        ["-S", "c", "-B", "b", "-DCMAKE_UNITY_BUILD=ON"],
-        ["--build", "b"],
-        ["--install", "b", "--prefix", installed],
-        ["-S", ".", "-B", "user", f"-DCMAKE_PREFIX_PATH={installed}"],
-        ["--build", "user"],
-    ):
+    for arguments in (["-S", ".", "-B", "user", f"-DCMAKE_PREFIX_PATH={installed}"], ["--build", "user"]):
         subprocess.run([cmake, *arguments], cwd=tmp_path, capture_output=True, check=True)
     subprocess.run([tmp_path / "user" / "user"], check=True)
     assert sorted(path.name for path in (installed / "include").iterdir()) == ["symid_emps.h"]
@@ -364,7 +367,7 @@ def test_the_archive_keeps_no_function_of_before(made, tmp_path, c_compiler):
     make = ("make", "libsymid_two_link.a", f"CC={c_compiler}")
     subprocess.run(make, cwd=folder, capture_output=True, check=True)
     (folder / "Makefile").write_text(dict(sources.files)["Makefile"].replace(" symid_two_link_bias.o", ""))
-    subprocess.run(("touch", "symid_two_link.h"), cwd=folder, check=True)
+    subprocess.run(("touch", "symid_two_link_bias.c", "symid_two_link_info.c"), cwd=folder, check=True)
     subprocess.run(make, cwd=folder, capture_output=True, check=True)
     listed = subprocess.run(
         ("ar", "t", "libsymid_two_link.a"), cwd=folder, capture_output=True, text=True, check=True

@@ -1,9 +1,11 @@
 """Libraries: only what was built from the folder's sources, and only calls that make sense."""
 
+import shutil
 import subprocess
 import threading
 import tracemalloc
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,7 +30,7 @@ def made(project):
     return {name: build_functions(read_robot(robots / f"{name}.toml"), names=NAMES) for name in ("two_link",)}
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def build(c_compiler):
     def run(folder, *targets):
         subprocess.run(
@@ -38,30 +40,37 @@ def build(c_compiler):
     return run
 
 
+@pytest.fixture(scope="module")
+def built(made, tmp_path_factory, build):
+    """Return folders of both compiled targets; tests change copies of them."""
+    root = tmp_path_factory.mktemp("built")
+    for name, generate in (("c", generate_c_library), ("casadi", generate_casadi_target)):
+        write_sources(generate(made["two_link"]), root / name)
+        build(root / name, "shared")
+    return root
+
+
 @pytest.fixture
-def folder(made, tmp_path, build):
-    write_sources(generate_c_library(made["two_link"]), tmp_path / "c")
-    build(tmp_path / "c", "shared")
-    return tmp_path / "c"
+def folder(built, tmp_path):
+    return Path(shutil.copytree(built / "c", tmp_path / "c"))
 
 
 @pytest.fixture(params=["c", "python", "casadi", "casadi-machine"])
 def library(request, made, tmp_path):
-    if request.param == "c":
-        return load_library(request.getfixturevalue("folder"))
-    if request.param != "python":
-        write_sources(generate_casadi_target(made["two_link"]), tmp_path / "p")
-        if request.param == "casadi":
-            request.getfixturevalue("build")(tmp_path / "p", "shared")
+    if request.param == "python":
+        write_sources(generate_python_module(made["two_link"]), tmp_path / "p")
         return load_library(tmp_path / "p")
-    write_sources(generate_python_module(made["two_link"]), tmp_path / "p")
-    return load_library(tmp_path / "p")
+    built = request.getfixturevalue("built")
+    left = shutil.ignore_patterns("*.so") if request.param == "casadi-machine" else None
+    return load_library(
+        Path(shutil.copytree(built / request.param.split("-")[0], tmp_path / "p", ignore=left))
+    )
 
 
 def test_a_library_built_before_the_sources_is_refused_until_it_is_built_again(made, folder, build):
     load_library(folder)
     write_sources(generate_c_library(made["two_link"], GenerateOptions(precision="float")), folder)
-    with pytest.raises(UsageError, match="run `make clean shared`") as caught:
+    with pytest.raises(UsageError) as caught:
         load_library(folder)
     assert caught.value.notices[0].code == "usage.stale-library"
     build(folder, "clean", "shared")
@@ -73,16 +82,18 @@ def test_a_library_built_before_the_sources_is_refused_until_it_is_built_again(m
 def test_a_library_of_other_functions_is_refused(project, folder):
     robot = read_robot(project / "robots" / "two_link.toml")
     write_sources(generate_c_library(build_functions(robot, names=(*NAMES, "bias"))), folder)
-    with pytest.raises(UsageError, match="built from other sources"):
+    with pytest.raises(UsageError) as caught:
         load_library(folder)
+    assert caught.value.notices[0].code == "usage.stale-library"
 
 
 def test_a_library_that_lacks_a_function_is_refused(folder, monkeypatch):
     library = load_library(folder)
     monkeypatch.setattr(library.engine, "_prefix", "symid_other")
     for call in (library.bind, library.evaluate):
-        with pytest.raises(UsageError, match="run `make clean shared`"):
+        with pytest.raises(UsageError) as caught:
             call("gravity", *([] if call == library.bind else [np.ones(2), np.ones(len(library.card.beta))]))
+        assert caught.value.notices[0].code == "usage.stale-library"
 
 
 def test_byte_code_beside_a_module_is_not_run(made, tmp_path):
@@ -140,7 +151,7 @@ def test_a_bound_function_takes_lists_and_whole_numbers(library):
 def test_the_status_of_a_bound_function_is_looked_at(folder, monkeypatch):
     library = load_library(folder)
     monkeypatch.setattr(type(library.engine), "_get_symbol", lambda *_: lambda *_: 1)
-    with pytest.raises(GenerationError, match="returned the error code 1") as caught:
+    with pytest.raises(GenerationError, match=r"'\w+'.*\b1\b") as caught:
         library.bind("gravity")(np.ones(2), np.ones(len(library.card.beta)))
     assert caught.value.notices[0].code == "codegen.call-failed"
 
@@ -210,15 +221,15 @@ def make_read_only():
 
 
 UNFIT = {
-    "one array": (np.empty(2), "expected a tuple of arrays"),
-    "too many": ((np.empty(2), np.empty(2)), "got 2 of them"),
-    "no array": (([0.0, 0.0],), "got a list"),
+    "one array": (np.empty(2), "ndarray"),
+    "too many": ((np.empty(2), np.empty(2)), r"\b2\b"),
+    "no array": (([0.0, 0.0],), r"\blist\b"),
     "single precision": ((np.empty(2, dtype=np.float32),), "<f4"),
     "byte order": ((np.empty(2, dtype=">f8"),), ">f8"),
-    "shape": ((np.empty(3),), r"shape \(2,\), got the shape \(3,\)"),
-    "stride": ((np.empty(4)[::2],), "cannot be written in place"),
-    "read-only": ((make_read_only(),), "cannot be written in place"),
-    "unaligned": ((np.frombuffer(bytearray(17), dtype=np.float64, offset=1),), "cannot be written in place"),
+    "shape": ((np.empty(3),), r"\(2,\).*\(3,\)"),
+    "stride": ((np.empty(4)[::2],), r"'g'.*\(2,\)"),
+    "read-only": ((make_read_only(),), r"'g'.*\(2,\)"),
+    "unaligned": ((np.frombuffer(bytearray(17), dtype=np.float64, offset=1),), r"'g'.*\(2,\)"),
 }
 
 
@@ -240,7 +251,7 @@ def test_outputs_that_share_memory_are_refused(library):
     port = replace(card.functions[0].outputs[0], shape=(2,))
     spec = replace(card.functions[0], outputs=(port, replace(port, name="other")))
     block = np.empty(3)
-    with pytest.raises(UsageError, match="share memory") as caught:
+    with pytest.raises(UsageError, match=r"'M'.*'other'") as caught:
         check_outputs(card, spec, None, (block[:2], block[1:]))
     assert caught.value.notices[0].code == "usage.shape"
     apart = (np.empty(2), np.empty(2))
@@ -309,6 +320,6 @@ def test_an_update_that_began_while_the_library_was_read_is_seen(made, tmp_path,
         return found
 
     monkeypatch.setattr(library_module, "read_manifest", read_and_change)
-    with pytest.raises(UsageError, match="is running or was interrupted") as caught:
+    with pytest.raises(UsageError) as caught:
         load_library(tmp_path)
-    assert caught.value.notices[0].code == "usage.broken-manifest"
+    assert caught.value.notices[0].code == "usage.interrupted-update"

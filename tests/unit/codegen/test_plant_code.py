@@ -34,7 +34,7 @@ def test_a_damaged_file_is_made_again_and_said(tmp_path, c_compiler):
 
 def test_a_plant_that_does_not_load_is_an_error(tmp_path, c_compiler, monkeypatch):
     monkeypatch.setattr(plant_code, "compile_sources", lambda *arguments: arguments[-1].write_bytes(b"no"))
-    with pytest.raises(GenerationError, match="cannot be loaded") as caught:
+    with pytest.raises(GenerationError) as caught:
         load_plant_code(cache=tmp_path)
     assert caught.value.notices[0].code == "codegen.cannot-load"
 
@@ -102,7 +102,7 @@ def test_functions_without_addresses_are_refused(tmp_path, c_compiler):
         play=none,
     )
     assert (robot.size, order.ticks) == (1, 3)
-    with pytest.raises(GenerationError, match="no compiled functions") as caught:
+    with pytest.raises(GenerationError) as caught:
         load_plant_code(cache=tmp_path).run(Rigid(), robot, order)
     assert caught.value.notices[0].code == "codegen.no-address"
 

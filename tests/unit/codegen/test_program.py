@@ -85,7 +85,7 @@ def test_a_program_that_disagrees_with_casadi_is_refused():
     x = ca.SX.sym("x", 3)
     other = ca.Function("f", [x], [ca.vertcat(x[0] * x[1], x[1], -x[2])], ["x"], ["y"])
     card = ModelCard(robot="r", signature="", joints=(), beta=(), friction=(), functions=(program.spec,))
-    with pytest.raises(GenerationError, match="output 'y': the program and CasADi differ") as caught:
+    with pytest.raises(GenerationError, match=r"'f'.*'y'") as caught:
         build_references(card, [other], [program], GenerateOptions())
     assert caught.value.notices[0].code == "codegen.disagrees"
 

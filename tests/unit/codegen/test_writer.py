@@ -55,7 +55,7 @@ def test_stale_files_go_if_unchanged_and_a_users_files_stay(tmp_path):
 
 def test_a_foreign_folder_is_refused(tmp_path):
     (tmp_path / "thesis.tex").write_text("x")
-    with pytest.raises(OutputError, match="not empty") as caught:
+    with pytest.raises(OutputError) as caught:
         write_sources(sources(a="1"), tmp_path)
     assert code(caught) == ["output.foreign-folder"]
     assert names(tmp_path) == ["thesis.tex"]
@@ -67,7 +67,7 @@ def test_a_foreign_folder_is_refused(tmp_path):
 def test_a_foreign_file_in_the_way_is_never_overwritten(tmp_path, force):
     write_sources(sources(a="1"), tmp_path)
     (tmp_path / "b.c").write_text("mine")
-    with pytest.raises(OutputError, match="stands in the way") as caught:
+    with pytest.raises(OutputError) as caught:
         write_sources(sources(a="2", b="2"), tmp_path, force=force)
     assert code(caught) == ["output.foreign-file"]
     assert (tmp_path / "a.c").read_text() == "1"
@@ -76,15 +76,16 @@ def test_a_foreign_file_in_the_way_is_never_overwritten(tmp_path, force):
 
 def test_a_foreign_manifest_is_never_overwritten(tmp_path):
     (tmp_path / MANIFEST).write_text("{}")
-    with pytest.raises(OutputError, match="stands in the way"):
+    with pytest.raises(OutputError) as caught:
         write_sources(sources(a="1"), tmp_path, force=True)
+    assert code(caught) == ["output.foreign-file"]
     assert (tmp_path / MANIFEST).read_text() == "{}"
 
 
 def test_an_edited_file_wants_force(tmp_path):
     write_sources(sources(a="1"), tmp_path)
     (tmp_path / "a.c").write_text("edited")
-    with pytest.raises(OutputError, match="was edited") as caught:
+    with pytest.raises(OutputError) as caught:
         write_sources(sources(a="2"), tmp_path)
     assert code(caught) == ["output.edited-file"]
     write_sources(sources(a="2"), tmp_path, force=True)
@@ -93,7 +94,7 @@ def test_an_edited_file_wants_force(tmp_path):
 
 def test_a_file_instead_of_a_folder_is_refused(tmp_path):
     (tmp_path / "out").write_text("x")
-    with pytest.raises(OutputError, match="is a file") as caught:
+    with pytest.raises(OutputError) as caught:
         write_sources(sources(a="1"), tmp_path / "out")
     assert code(caught) == ["output.not-a-folder"]
 
@@ -177,7 +178,7 @@ def test_after_an_interrupted_update_an_edited_file_is_still_told(tmp_path, monk
         with pytest.raises(ZeroDivisionError):
             write_sources(sources(a="2", b="2"), tmp_path)
     (tmp_path / "b.c").write_text("edited")
-    with pytest.raises(OutputError, match="was edited") as caught:
+    with pytest.raises(OutputError) as caught:
         write_sources(sources(a="3", b="3"), tmp_path)
     assert code(caught) == ["output.edited-file"]
 

@@ -22,7 +22,7 @@ def test_counts_by_form(robot, counts):
 
 
 def test_other_forms_are_refused():
-    with pytest.raises(ValueError, match="there is no form 'power'; allowed are torque"):
+    with pytest.raises(ValueError, match="form 'power'; allowed are torque"):
         derive_base_parameters(TWO_LINK, form="power")
 
 
@@ -30,11 +30,11 @@ def test_a_form_without_motion_says_so():
     reasons = {
         entry.name: entry.reason for entry in derive_base_parameters(TWO_LINK, form="gravity").eliminated
     }
-    assert reasons["ZZ2"] == "no effect: link 2 turns about its z axis only, and no torque at rest shows it"
+    assert reasons["ZZ2"] == "no effect on torques at rest: link 2 turns about its z axis only"
     reasons = {
         entry.name: entry.reason for entry in derive_base_parameters(TWO_LINK, form="momentum").eliminated
     }
-    assert reasons["MX1"].endswith("and no momentum shows it")
+    assert reasons["MX1"].startswith("no effect on the momentum:")
 
 
 @pytest.mark.parametrize("robot", [TWO_LINK, PUMA560, PANDA], ids=lambda robot: robot.name)
@@ -62,9 +62,9 @@ def test_a_coupled_drive_has_parameters_of_its_own_name():
     robot = replace(build_chain([(0.0, 0, 0, "q"), (PI / 2, 0, 0, "q")], rotors=True), couplings=(coupling,))
     base = derive_base_parameters(robot)
     reasons = {parameter.name: parameter.reason for parameter in (*base.parameters, *base.friction)}
-    rotor = "rotor of drive m2, which turns with joints 1, 2; no other parameter has the same effect"
-    assert reasons["IAm2"] == rotor
-    assert reasons["Fvm2"] == "friction of drive m2, which turns with joints 1, 2, felt at all of them"
+    assert reasons["IAm2"].startswith("rotor of drive m2, ")
+    assert reasons["Fvm2"].startswith("friction of drive m2, ")
+    assert all(" joints 1, 2" in reasons[name] for name in ("IAm2", "Fvm2"))
 
 
 def test_the_friction_of_a_follower_adds_to_its_masters():
@@ -74,8 +74,8 @@ def test_the_friction_of_a_follower_adds_to_its_masters():
     # Fv acts through the ratio twice, Fc once, whatever its sign.
     assert [entry.expression for entry in base.friction] == ["Fv1 + 4*Fv2", "Fc1 + 2*Fc2"]
     reasons = {entry.name: entry.reason for entry in base.eliminated}
-    assert reasons["Fv2"].endswith("it acts on the same coordinate, in proportion to the same function")
-    assert "moves only together with the joint that it follows" in " ".join(reasons.values())
+    assert reasons["Fv2"].startswith("grouped into FvR1: ")
+    assert any("joint 2 moves only" in reason for reason in reasons.values())
 
 
 def test_springs_show_and_their_preload_joins_an_offset():
@@ -83,7 +83,7 @@ def test_springs_show_and_their_preload_joins_an_offset():
     sprung = replace(robot, joints=(replace(robot.joints[0], spring=Spring()),))
     base = derive_base_parameters(sprung)
     names = {parameter.name: parameter for parameter in base.parameters}
-    assert names["KS1"].reason == "spring of joint 1, felt at this joint alone"
+    assert names["KS1"].reason.startswith("spring of joint 1, ")
     assert names["KRR1"].expression == "KR1 + offset1"
 
 
@@ -93,7 +93,7 @@ def test_an_offset_shared_by_a_coupled_drive_is_explained():
     coupling = Coupling(name="m", terms=((0, Fraction(1)), (1, Fraction(1))), friction=friction)
     base = derive_base_parameters(replace(robot, couplings=(coupling,)))
     reasons = {entry.name: entry.reason for entry in base.eliminated}
-    assert reasons["offsetm"].startswith("grouped into offsetR1, offsetR2: it holds a constant torque")
+    assert reasons["offsetm"].startswith("grouped into offsetR1, offsetR2: it is a constant torque")
 
 
 def test_units_and_reasons_of_a_drive_that_turns_and_slides():
@@ -110,12 +110,12 @@ def test_reasons_without_a_contradiction():
     sprung = replace(robot, joints=(replace(robot.joints[0], spring=Spring()),))
     base = derive_base_parameters(sprung)
     (preload,) = [parameter for parameter in base.parameters if parameter.name == "KRR1"]
-    together = "it holds a constant torque at joint 1, as KR1 does"
-    assert preload.reason == f"spring of joint 1; felt only together with offset1: {together}"
+    assert preload.reason.startswith("spring of joint 1; ")
+    assert " with offset1: it is a constant torque at joint 1, like KR1" in preload.reason
     reasons = {
         entry.name: entry.reason for entry in derive_base_parameters(sprung, form="momentum").eliminated
     }
-    assert reasons["KS1"] == "no effect: spring of joint 1, and no momentum shows it"
+    assert reasons["KS1"] == "no effect on the momentum: spring of joint 1"
 
 
 def test_a_drive_whose_factors_cancel_stands_still():
@@ -124,7 +124,8 @@ def test_a_drive_whose_factors_cancel_stands_still():
     drive = Coupling(name="m", terms=((0, Fraction(1)), (1, Fraction(1))), has_rotor=True)
     base = derive_base_parameters(replace(robot, joints=joints, couplings=(drive,)))
     reasons = {entry.name: entry.reason for entry in base.eliminated}
-    assert reasons["IAm"].startswith("no effect: rotor of drive m, which stands still: its factors cancel")
+    assert reasons["IAm"].startswith("no effect on joint torques: rotor of drive m, ")
+    assert "cancel" in reasons["IAm"]
 
 
 def test_the_steps_of_a_follower_are_no_constants():
@@ -132,18 +133,15 @@ def test_the_steps_of_a_follower_are_no_constants():
     joints = (robot.joints[0], replace(robot.joints[1], mimic=Mimic(master=0, multiplier=Fraction(-1, 2))))
     base = derive_base_parameters(replace(robot, joints=joints))
     reasons = {entry.name: entry.reason for entry in base.eliminated}
-    assert reasons["Fcp2"] == (
-        "grouped into FcnR1: it acts on the same coordinate, in proportion to the same function"
-    )
+    assert reasons["Fcp2"].startswith("grouped into FcnR1: ")
+    assert "constant" not in reasons["Fcp2"]
 
 
 def test_what_would_not_end_is_refused():
     robot = build_chain([(PI / 6, 0, 0, "q"), (-PI / 2, 0.1, 0, "q"), (-PI / 2, "A2", 0, "q")])
     joints = [replace(joint, mimic=Mimic(master=1, multiplier=Fraction(-1))) for joint in robot.joints]
     shared = replace(robot, joints=(joints[0], robot.joints[1], joints[2]))
-    with pytest.raises(
-        RobotError, match=r"joint1, joint2, joint3 move with one coordinate.*\(A2\)"
-    ) as caught:
+    with pytest.raises(RobotError, match=r"\(A2\).* joint1, joint2, joint3:") as caught:
         derive_base_parameters(shared)
     assert caught.value.notices[0].code == "robot.too-symbolic"
     alone = replace(robot, joints=(robot.joints[0], robot.joints[1], joints[2]))

@@ -157,7 +157,8 @@ def test_an_inertia_that_noise_hides_is_refused(puma):
     refused = [entry for entry in found.quantities if entry.value is None]
     assert {entry.name for entry in refused} >= {"Jxx", "Jyy"}
     assert all(entry.std is None for entry in refused)
-    assert "larger than the inertia itself" in by_name["Jxx"].reason
+    assert "standard deviation" in by_name["Jxx"].reason
+    assert " kg m^2" in by_name["Jxx"].reason
 
 
 def test_a_centre_that_noise_hides_is_refused(puma):
@@ -174,7 +175,8 @@ def test_a_centre_that_noise_hides_is_refused(puma):
     by_name = {entry.name: entry for entry in found.quantities}
     assert by_name["mass"].std < 1e-5 * MASS
     assert by_name["cx"].value is None
-    assert "than a body of that mass usually is" in by_name["cx"].reason
+    assert "standard deviation" in by_name["cx"].reason
+    assert " m, " in by_name["cx"].reason
 
 
 def test_a_weighed_mass_makes_the_rest_surer(puma):
@@ -199,9 +201,8 @@ def test_a_planar_arm_tells_what_it_can():
     np.testing.assert_allclose(list(told.values()), wanted, rtol=1e-7)
     assert not explain_impossible_inertia(found.standard)
     assert found.moved == pytest.approx(0.0, abs=1e-6)
-    assert all(
-        "the robot cannot show it" in entry.reason for entry in found.quantities if entry.value is None
-    )
+    reasons = [entry.reason for entry in found.quantities if entry.value is None]
+    assert all("not identifiable" in reason and "missing" not in reason for reason in reasons)
 
 
 def test_a_payload_at_another_link_in_the_frame_of_the_file(robots_folder):
@@ -237,11 +238,11 @@ def test_parameters_that_are_missing_are_named_as_the_reason(puma):
     found = estimate_payload(robot, base, keep(loaded, names), empty)
     by_name = {entry.name: entry for entry in found.quantities}
     assert by_name["Jzz"].value == pytest.approx(INERTIA[5], rel=1e-6)
-    assert "not in both estimates" in by_name["Jxz"].reason
+    assert "missing" in by_name["Jxz"].reason
     with pytest.raises(IdentifiabilityError) as caught:
         estimate_payload(robot, base, keep(loaded, ["XY6", "XZ6"]), empty)
     assert caught.value.notices[0].code == "payload.mass-unseen"
-    assert "more base parameters" in caught.value.notices[0].text
+    assert "base parameters" in caught.value.notices[0].text
     with pytest.raises(EstimateError) as caught:
         estimate_payload(robot, base, keep(loaded, ["XY6"]), keep(empty, ["XZ6"]))
     assert caught.value.notices[0].code == "payload.nothing-shared"

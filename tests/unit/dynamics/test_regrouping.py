@@ -41,7 +41,7 @@ def test_our_own_groups_are_read_by_name(robot, base):
     for entry in (*base.parameters, *base.friction):
         assert read_group(entry.name, robot, base) == dict(entry.terms)
     assert read_group("2*ZZ1R - ZZR1", robot, base) == read_group("ZZR1", robot, base)
-    with pytest.raises(UsageError, match="'ZZR1' is no parameter"):
+    with pytest.raises(UsageError, match=r"unknown .*'ZZR1'"):
         read_group("ZZR1", robot)
 
 
@@ -54,22 +54,23 @@ def test_couplings_with_any_name_are_read(robot):
     "text", ["", "Izz9", "Izz1 +", "Izz1 Izz2", "two", "0.5*", "1/0*Izz1", "Izz1 + exp(2)"]
 )
 def test_what_is_no_sum_of_parameters_is_refused(robot, text):
-    with pytest.raises(UsageError, match="is no parameter of this robot") as caught:
+    with pytest.raises(UsageError, match=r"group .*unknown") as caught:
         read_group(text, robot)
     assert caught.value.notices[0].code == "usage.unreadable-group"
 
 
 @pytest.mark.parametrize("factor", ["9e999", "1e-13", "1" + "0" * 300])
 def test_factors_out_of_all_reason_are_refused(robot, factor):
-    with pytest.raises(UsageError, match="is not between 1e-12 and 1e12"):
+    with pytest.raises(UsageError, match=f"{factor} of fv2.* 1e12") as caught:
         read_group(f"fv1 - {factor}*fv2", robot)
+    assert caught.value.notices[0].code == "usage.unreadable-group"
 
 
 def test_our_own_groups_are_the_unit_matrix(base):
     ours = (*base.parameters, *base.friction)
     groups = [{label: Fraction(int(value.p), int(value.q)) for label, value in entry.terms} for entry in ours]
     found = derive_regrouping(base, groups)
-    assert found.is_complete
+    assert len(found.rows) + len(found.absent) == len(found.names)
     assert found.absent == ()
     assert all(
         value == (1 if k == column else 0)
@@ -88,13 +89,11 @@ def test_other_groups_of_the_same_space(base):
     found = derive_regrouping(base, [{label: 2 * value for label, value in first.items()}, both])
     assert [row[:2] for row in found.rows] == [(Rational(2), 0), (1, 1)]
     assert len(found.absent) == 59
-    assert found.is_complete
+    assert len(found.rows) + len(found.absent) == len(found.names)
 
 
 def test_a_group_that_nothing_shows_is_refused(base):
-    with pytest.raises(
-        UsageError, match="group 1 holds a combination of parameters that no motion"
-    ) as caught:
+    with pytest.raises(UsageError, match=r"group 1 .*: M1 is left") as caught:
         derive_regrouping(base, [{(0, "M"): Fraction(1)}])
     assert caught.value.notices[0].code == "usage.other-groups"
 
@@ -107,25 +106,24 @@ def test_a_group_that_nothing_shows_is_told_with_what_is_left(robot, base):
         found.append(caught.value.notices[0].text)
     express_group(base, read_group("fv1", robot, base), "fv1")
     first, second = found
-    assert first.startswith(
-        "'Izz1' holds a combination of parameters that no motion of tx40 shows: -IA1 - YY2"
-    )
+    assert first.startswith("'Izz1' ")
+    assert ": -IA1 - YY2" in first
     assert "when ZZR1 = ZZ1 + IA1 + YY2" in first
-    assert second.startswith("'Ixx2 - 1.0*Iyy2' holds")
+    assert second.startswith("'Ixx2 - 1.0*Iyy2' ")
     assert "0.050625*M3" in second
 
 
 def test_a_parameter_of_another_friction_model_is_left_over(base):
-    with pytest.raises(UsageError, match="Fvp1 is left over"):
+    with pytest.raises(UsageError, match="Fvp1 is left"):
         express_group(base, {(0, "Fvp"): Fraction(1)}, "Fvp1")
 
 
 def test_a_group_that_follows_from_others_says_from_which(robot, base):
     texts = ("ZZR1", "ZZR1 - fvm6", "fv1", "3*Fvm6")
     groups = [read_group(text, robot, base) for text in texts]
-    with pytest.raises(UsageError, match=r"'3\*Fvm6' follows from 'ZZR1', 'ZZR1 - fvm6'; leave one"):
+    with pytest.raises(UsageError, match=r"'3\*Fvm6' follows from 'ZZR1', 'ZZR1 - fvm6';"):
         derive_regrouping(base, groups, texts)
-    with pytest.raises(UsageError, match="follows from nothing"):
+    with pytest.raises(UsageError, match="from nothing;"):
         derive_regrouping(base, [{(5, "Fv"): Fraction(0)}])
 
 
@@ -158,5 +156,5 @@ def _add(first, second):
 
 def test_groups_that_repeat_each_other_are_refused(base):
     group = {(5, "Fv"): Fraction(1)}
-    with pytest.raises(UsageError, match="the 2 groups are not independent"):
+    with pytest.raises(UsageError, match=r"the 2 groups .* group 2 follows from group 1;"):
         derive_regrouping(base, [group, group])

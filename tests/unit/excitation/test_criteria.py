@@ -58,7 +58,7 @@ def test_slopes_are_those_of_finite_differences(name, weight):
     ahead = np.random.default_rng(6).normal(size=matrix.shape) * np.linalg.norm(matrix, axis=0)
     criterion = Criterion(name=name, power=6.0, weight=weight)
 
-    def find_value(share):
+    def compute_value(share):
         moved = matrix + share * ahead
         return compute_criterion(moved.T @ moved, criterion)[0]
 
@@ -66,7 +66,7 @@ def test_slopes_are_those_of_finite_differences(name, weight):
     np.testing.assert_allclose(slope, slope.T, atol=1e-12 * np.abs(slope).max())
     h = 1e-5
     found = float(np.sum(2.0 * (matrix @ slope) * ahead))
-    np.testing.assert_allclose(found, (find_value(h) - find_value(-h)) / (2 * h), rtol=1e-6)
+    np.testing.assert_allclose(found, (compute_value(h) - compute_value(-h)) / (2 * h), rtol=1e-6)
 
 
 def test_the_weight_adds_the_information():

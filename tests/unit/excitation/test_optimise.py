@@ -8,7 +8,6 @@ import pytest
 
 from symid.codegen.cache import prepare_library
 from symid.errors import IdentifiabilityError, SolverError, UsageError
-from symid.excitation.fourier import SeriesOptions
 from symid.excitation.limits import (
     LimitOptions,
     StateLimitOptions,
@@ -18,6 +17,7 @@ from symid.excitation.limits import (
 )
 from symid.excitation.optimise import ExcitationOptions, draw_candidates, optimise_excitation
 from symid.excitation.problem import Margin, ProblemOptions, build_problem, compute_margins
+from symid.excitation.trajectories import SeriesOptions
 from symid.robot.description import FrictionValues, Limits
 from symid.robot.toml_reader import read_robot
 
@@ -74,9 +74,9 @@ def test_candidates_keep_all_limits_and_come_sorted(weak):
     assert found.drawn >= 30
     used = []
     for unknowns, condition in zip(found.unknowns, found.conditions, strict=True):
-        assert problem.find_condition(unknowns) == condition
+        assert problem.compute_condition(unknowns) == condition
         assert np.all(np.abs(problem.rows @ unknowns + problem.constants) <= 1.0)
-        assert np.all(problem.find_state_excess(unknowns) <= 0.0)
+        assert np.all(problem.compute_state_excess(unknowns) <= 0.0)
         used.append(max(margin.share or 0.0 for margin in compute_margins(problem, NAMES, unknowns)))
     # As large as they can be: something is at its limit.
     assert np.median(used) > 0.9
@@ -193,14 +193,14 @@ def test_parameters_that_no_such_motion_tells_apart(robot):
     """Joints that can hardly move, slowly, and friction with four parameters of the sign alone."""
     limits = Limits(position=(-1e-9, 1e-9), velocity=1e-9, acceleration=1e-9)
     still = replace(robot, joints=tuple(replace(joint, limits=limits) for joint in robot.joints))
-    with pytest.raises(IdentifiabilityError, match="hang together: widen the limits") as caught:
+    with pytest.raises(IdentifiabilityError, match=r"5 harmonics.*: MX2, ") as caught:
         search(still)
     assert caught.value.notices[0].code == "excitation.rank"
 
 
 def test_a_space_that_no_pose_is_in(robot):
     region = replace(FLOOR.regions[0], extent=5.0)
-    with pytest.raises(SolverError, match="nearly none keeps all limits; most often broken: plane") as caught:
+    with pytest.raises(SolverError, match="plane of plane") as caught:
         search(robot, with_problem(loads=StateLimitOptions(workspace=WorkspaceLimits(regions=(region,)))))
     assert caught.value.notices[0].code == "excitation.narrow"
 
@@ -208,7 +208,7 @@ def test_a_space_that_no_pose_is_in(robot):
 def test_limits_that_cannot_be_kept_between_the_points(robot, monkeypatch):
     broken = Margin(kind="torque", name="elbow", value=2.0, limit=1.0, allowed=0.95)
     monkeypatch.setattr("symid.excitation.optimise.compute_margins", lambda *_: (broken,))
-    with pytest.raises(SolverError, match=r"not between them \(torque of elbow\)") as caught:
+    with pytest.raises(SolverError, match=r"\(torque of elbow\)") as caught:
         search(robot, replace(QUICK, candidates=5, starts=1, iterations=3))
     assert caught.value.notices[0].code == "excitation.between"
 
@@ -216,11 +216,11 @@ def test_limits_that_cannot_be_kept_between_the_points(robot, monkeypatch):
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (ExcitationOptions(criterion="a-optimal"), "criterion: expected condition or d-optimal"),
-        (ExcitationOptions(starts=0), "starts: at least one"),
-        (ExcitationOptions(candidates=3, starts=4), "4 starts need at least as many candidates"),
-        (ExcitationOptions(weight=-1.0), "weight: must be finite"),
-        (ExcitationOptions(problem=ProblemOptions(limits=LimitOptions(share=1.5))), "share: must be above 0"),
+        (ExcitationOptions(criterion="a-optimal"), "criterion: .*'a-optimal'"),
+        (ExcitationOptions(starts=0), "starts: .* got 0"),
+        (ExcitationOptions(candidates=3, starts=4), "4 starts .* got 3"),
+        (ExcitationOptions(weight=-1.0), "weight: .* got -1"),
+        (ExcitationOptions(problem=ProblemOptions(limits=LimitOptions(share=1.5))), "share: .* got 1.5"),
     ],
 )
 def test_options_out_of_range(robot, options, says):

@@ -76,7 +76,7 @@ def test_fourier_series_is_its_formula():
 
 
 def test_shapes_that_do_not_fit():
-    with pytest.raises(UsageError, match="do not belong together") as caught:
+    with pytest.raises(UsageError, match=r"sines \(2, 3\)") as caught:
         build_fourier(
             sines=np.zeros((2, 3)),
             cosines=np.zeros((2, 2)),
@@ -117,7 +117,7 @@ def test_tb_turns_where_the_table_says_and_moves_one_joint():
 
 
 def test_tb_of_a_joint_that_is_not_there():
-    with pytest.raises(UsageError, match="no joint 3; the robot has 2") as caught:
+    with pytest.raises(UsageError, match=r"joint 3; .* 2") as caught:
         build_tb(2)
     assert caught.value.notices[0].code == "usage.unknown-joint"
 
@@ -213,6 +213,6 @@ def test_scaled_trajectories_keep_their_centre():
 
 @pytest.mark.parametrize("scale", [0.0, -1.0, np.nan, np.inf])
 def test_scales_that_cannot_be(scale):
-    with pytest.raises(UsageError, match="scale of a trajectory must be positive") as caught:
+    with pytest.raises(UsageError, match=r"(0|-1|nan|inf)$") as caught:
         scale_trajectory(build_ta(), scale)
     assert caught.value.notices[0].code == "usage.trajectory-scale"

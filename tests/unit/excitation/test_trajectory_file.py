@@ -59,7 +59,7 @@ def test_periods_repeat_bit_by_bit(robot, tmp_path):
 
 
 def test_a_folder_that_is_not_there(robot, tmp_path):
-    with pytest.raises(OutputError, match="cannot be written") as caught:
+    with pytest.raises(OutputError) as caught:
         write_trajectory(build_tc(), tmp_path / "no" / "a.csv", robot, rate=10.0)
     assert caught.value.notices[0].code == "output.unwritable"
 
@@ -83,15 +83,15 @@ def test_positions_alone_are_enough_in_any_unit_and_order(robot, tmp_path):
     [
         (make_table("t,q1,x"), "column q2 is missing"),
         (make_table("x,q1,q2"), "column t is missing"),
-        (make_table("t,x,y"), "columns q1 to q2 are needed"),
-        (make_table("t,q1,q3"), "column q3: the robot has 2 joints"),
-        (make_table("t,q1,q2 [N m]"), "N m is no unit of angle"),
-        (make_table("t,q1,q2 [grad]"), "no such unit as 'grad'"),
-        (make_table("t,q1,q2", rows=5), "5 samples are no trajectory"),
-        (make_table("t,q1,q2").replace("0.05,", "0.03,", 1), "does not increase after sample 5"),
+        (make_table("t,x,y"), "columns q1 to q2"),
+        (make_table("t,q1,q3"), "column q3: .* 2 joints"),
+        (make_table("t,q1,q2 [N m]"), "column q2: N m .* angle"),
+        (make_table("t,q1,q2 [grad]"), "column q2: .*'grad'"),
+        (make_table("t,q1,q2", rows=5), "a.csv: 5 samples"),
+        (make_table("t,q1,q2").replace("0.05,", "0.03,", 1), "after sample 5"),
         (
             make_table("t,q1,q2").replace("0.05,", "0.05,nan#", 1).replace("nan#" + str(np.sin(0.05)), "nan"),
-            "column q1: sample 6 is missing",
+            "column q1: sample 6",
         ),
     ],
 )

@@ -52,29 +52,30 @@ def test_regions_are_what_the_file_says(tmp_path, robot):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "says"),
+    ("change", "code", "says"),
     [
-        ('"in"', '"inside"', r"3:8: sphere 1: keep: expected one of"),
-        ("radius = 0.9", "radius = 0", r"5:10: sphere 1: radius: must be greater than 0"),
-        ("radius = 0.5", "", r"sphere 2: radius: missing"),
-        ("centre = [1, 1, 1]", "", r"sphere 2: centre: missing"),
-        ("centre = [1, 1, 1]", "centre = [1, 1]", r"expected a list of 3 numbers"),
-        ('["elbow", "shoulder"]', '["wrist"]', r"there are shoulder, elbow"),
-        ('["elbow", "shoulder"]', "[]", r"expected a list of names"),
-        ("size = 0.05", "size = -1", r"must be at least 0"),
-        ("size = 0.05", "size = 2", r"does not fit within 0.9 m"),
-        ("[0.0, 0.1, 0.0]", '["a", 0, 0]', r"expected a number in m"),
-        ("[0, 3, 4]", "[0, 0, 0]", r"a normal of length zero"),
-        ("offset = -0.1", "", r"plane 1: offset: missing"),
-        ("[[plane]]", "[[cube]]", r"no such key here"),
-        ("[[plane]]", "[plane]", r"expected tables; write \[\[plane\]\]"),
-        ("[[plane]]", "[plane", r"not valid TOML"),
-        ("radius = 0.9", "radius = 0.9\ncolour = 1", r"colour: no such key"),
+        (('"in"', '"inside"'), "robot.bad-choice", "3:8: sphere 1: keep: "),
+        (("radius = 0.9", "radius = 0"), "robot.out-of-range", "5:10: sphere 1: radius: .* 0 m"),
+        (("radius = 0.5", ""), "robot.missing-key", "sphere 2: radius: "),
+        (("centre = [1, 1, 1]", ""), "robot.missing-key", "sphere 2: centre: "),
+        (("centre = [1, 1, 1]", "centre = [1, 1]"), "robot.wrong-type", r"11:10: sphere 2: centre: "),
+        (('["elbow", "shoulder"]', '["wrist"]'), "robot.bad-choice", "wrist.*shoulder, elbow"),
+        (('["elbow", "shoulder"]', "[]"), "robot.bad-choice", r"sphere 1: links: .*got \[\]"),
+        (("size = 0.05", "size = -1"), "robot.out-of-range", "sphere 1: size: .* 0 m"),
+        (("size = 0.05", "size = 2"), "robot.out-of-range", "sphere 1: size: .* 0.9 m"),
+        (("[0.0, 0.1, 0.0]", '["a", 0, 0]'), "robot.wrong-type", 'sphere 1: point: .* m, got "a"'),
+        (("[0, 3, 4]", "[0, 0, 0]"), "robot.out-of-range", "plane 1: normal: "),
+        (("offset = -0.1", ""), "robot.missing-key", "plane 1: offset: "),
+        (("[[plane]]", "[[cube]]"), "robot.unknown-key", "cube: "),
+        (("[[plane]]", "[plane]"), "robot.wrong-type", r"plane: .*\[\[plane\]\]"),
+        (("[[plane]]", "[plane"), "excitation.workspace", "TOML"),
+        (("radius = 0.9", "radius = 0.9\ncolour = 1"), "robot.unknown-key", "6:1: sphere 1: colour: "),
     ],
 )
-def test_mistakes_are_named_with_their_place(tmp_path, robot, old, new, says):
-    with pytest.raises(RobotError, match=says):
-        read(tmp_path, robot, GOOD.replace(old, new))
+def test_mistakes_are_named_with_their_place(tmp_path, robot, change, code, says):
+    with pytest.raises(RobotError, match=says) as caught:
+        read(tmp_path, robot, GOOD.replace(*change))
+    assert caught.value.notices[0].code == code
 
 
 def test_all_mistakes_are_told_at_once(tmp_path, robot):
@@ -84,6 +85,6 @@ def test_all_mistakes_are_told_at_once(tmp_path, robot):
 
 
 def test_an_empty_file_is_refused(tmp_path, robot):
-    with pytest.raises(RobotError, match="holds no") as caught:
+    with pytest.raises(RobotError, match=r"space.toml") as caught:
         read(tmp_path, robot, "# nothing\n")
     assert caught.value.notices[0].code == "excitation.workspace"

@@ -213,19 +213,24 @@ def test_passivity_of_lugre_is_known_where_viscous_friction_covers_the_fall():
 
 def test_values_out_of_bounds_are_refused_all_at_once():
     law = get_dynamic_law("lugre")
-    with pytest.raises(UsageError, match=r"sigma0 .* must be above 0, got -1") as caught:
+    with pytest.raises(UsageError, match=r"sigma0 .* above 0, got -1") as caught:
         check_dynamic_values(law, (-1.0, 0.0, 1.0, 1.0, 0.0, 5.0, float("nan")))
     assert [notice.code for notice in caught.value.notices] == ["joint.friction-values"] * 4
-    assert "at least 0.5 and at most 4, got 5" in str(caught.value)
-    with pytest.raises(UsageError, match=r"takes sigma0, fC: 3 values were given"):
+    texts = [notice.text for notice in caught.value.notices]
+    assert [name in text for name, text in zip(("sigma0", "vs", "gamma", "fV"), texts, strict=True)] == [
+        True
+    ] * 4
+    assert all(number in texts[2] for number in (" 0.5 ", " 4, ", "got 5"))
+    with pytest.raises(UsageError, match=r" 2 .*sigma0, fC.*got 3") as caught:
         check_dynamic_values(get_dynamic_law("dahl"), (1.0, 1.0, 1.0))
+    assert caught.value.notices[0].code == "joint.friction-values"
 
 
 def test_an_unknown_law_is_told_with_the_nearest():
-    with pytest.raises(UsageError, match=r"no dynamic friction 'lugree', did you mean 'lugre'\?") as caught:
+    with pytest.raises(UsageError, match=r"'lugree'.* 'lugre'\?") as caught:
         get_dynamic_law("lugree")
     assert caught.value.notices[0].code == "joint.no-dynamic-friction"
-    with pytest.raises(UsageError, match="'zzz'; known are dahl, lugre"):
+    with pytest.raises(UsageError, match=r"'zzz'.* dahl, lugre"):
         get_dynamic_law("zzz")
 
 
@@ -234,6 +239,6 @@ def test_an_unknown_law_is_told_with_the_nearest():
 )
 def test_a_path_that_is_none_is_refused(change):
     fields = {"held": [0.0, 1.0], "velocity": [0.0, 1.0], "period": [0.0, 1.0], "start": [1.0, 0.0]}
-    with pytest.raises(UsageError, match="as many velocities as periods") as caught:
+    with pytest.raises(UsageError, match="one length") as caught:
         FrictionPath(**{**fields, **change})
     assert caught.value.notices[0].code == "joint.friction-path"

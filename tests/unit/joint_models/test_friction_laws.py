@@ -297,33 +297,9 @@ def test_no_law_pushes_with_the_values_it_is_meant_for(law):
     quiet = [
         0.0 if n in {"offset", "fP", "dqs"} or n[0] in "AB" else v for n, v in zip(names, values, strict=True)
     ]
-    assert law.is_passive(*law.from_physical(quiet)) is True
-    pushing = [-abs(v) if n.startswith("f") else v for n, v in zip(names, quiet, strict=True)]
-    assert law.is_passive(*law.from_physical(pushing)) is False
     linear, shape = law.from_physical(quiet)
     power = inputs["velocity"] * compute_friction_torque(law, inputs, linear, shape)
     assert np.all(power >= 0.0)
-
-
-def test_passivity_that_is_open_or_lost():
-    stribeck = get_law("stribeck")
-    # A static level below zero pushes at the start; a dip that stays above zero does not.
-    assert stribeck.is_passive(*stribeck.from_physical([1.0, -0.1, 0.05, 2.0])) is False
-    assert stribeck.is_passive(*stribeck.from_physical([1.0, 0.1, 0.05, 2.0])) is True
-    assert stribeck.is_passive(*stribeck.from_physical([-0.1, 5.0, 0.05, 100.0])) is None
-    for reading in ("H1", "H2"):
-        law = build_improved(reading=reading)
-        assert law.is_passive(*law.from_physical([11.0, 23.0, 0.03, 28.0, 0.5, 0.01])) is False
-    h3 = build_improved(reading="H3")
-    assert h3.is_passive(*h3.from_physical([11.0, 23.0, 0.03, 28.0, 0.5])) is None
-    waves = get_law("position-dependent")
-    assert waves.is_passive(*waves.from_physical([3.0, 1.0, 0.5, 0.5, 1.0, 0.9])) is True
-    assert waves.is_passive(*waves.from_physical([1.0, 0.0, 2.0, 0.0, 0.0, 0.0])) is False
-    torque = get_law("position-torque")
-    assert torque.is_passive(*torque.from_physical([3.0, 1.0, 0.5, 0.0, 0.0, 0.0])) is None
-    law = get_law("coulomb-viscous+offset")
-    assert law.is_passive((2.0, 1.0, 0.0), ()) is True
-    assert law.is_passive((2.0, 1.0, 1.5), ()) is False
 
 
 def test_the_improved_law_is_continuous_and_meets_the_published_points():
@@ -415,26 +391,27 @@ def test_a_name_says_all_of_a_law(law, name):
 @pytest.mark.parametrize(
     ("name", "hint"),
     [
-        ("stribek", "did you mean stribeck"),
-        ("coulomb+viscous", "coulomb-viscous"),
-        ("stribeck-0", "There are"),
-        ("position-dependent-1,1", "There are"),
-        ("stribeck+offset+offset", "There are"),
-        ("", "There are"),
-        ("zzz", "called 'zzz'. There are"),
-        ("stribek", "stribeck-exponent\\? There are"),
-        ("stribeck-400", "exponent must be above 0 and at most 10"),
-        ("improved-stribeck-h2-150+offset", "exponent must be above 0 and at most 10"),
-        ("stribeck-1e400", "exponent must be above 0 and at most 10"),
-        ("position-dependent-1x1e999", "gear ratio must be above 0 and finite"),
-        ("polynomial-2,2", "each of its orders may stand once"),
-        ("LuGre", "one with a memory, which Python and C know"),
+        ("stribek", r"stribeck or .*\? "),
+        ("coulomb+viscous", "coulomb-viscous "),
+        ("stribeck-0", "exponent .* 10"),
+        ("position-dependent-1,1", "orders .* differ"),
+        ("stribeck+offset+offset", "offset already"),
+        ("", r"''\. "),
+        ("zzz", r"'zzz'\. "),
+        ("stribeck-400", "exponent .* 10"),
+        ("improved-stribeck-h2-150+offset", "exponent .* 10"),
+        ("stribeck-1e400", "exponent .* 10"),
+        ("position-dependent-1x1e999", "gear ratio .* finite"),
+        ("polynomial-2,2", "orders .* differ"),
+        ("LuGre", "get_dynamic_law"),
     ],
 )
 def test_a_law_that_does_not_exist_is_refused(name, hint):
-    with pytest.raises(UsageError, match=hint.replace("+", r"\+")) as caught:
+    with pytest.raises(UsageError, match=hint) as caught:
         get_law(name)
     assert caught.value.notices[0].code == "usage.unknown-friction-law"
+    assert repr(name.lower()) in str(caught.value).lower()
+    assert all(known in str(caught.value) for known in FRICTION_LAWS)
 
 
 def test_the_largest_exponent_of_robot_files_is_allowed_and_its_columns_are_finite():

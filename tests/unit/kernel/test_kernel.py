@@ -6,7 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 
 from symid.arrays import FloatArray, FrozenArrays, freeze
 from symid.environment import write_file
@@ -71,6 +71,7 @@ VALUES = st.recursive(
 )
 
 
+@settings(max_examples=50)
 @given(left=VALUES, right=VALUES)
 def test_signatures_differ_exactly_when_values_do(left, right):
     same = repr(left) == repr(right)

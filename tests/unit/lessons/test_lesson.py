@@ -1,5 +1,6 @@
 """The derivation for people: its statements, its checks, and what happens when a check fails."""
 
+import re
 from dataclasses import replace
 from fractions import Fraction
 
@@ -47,8 +48,8 @@ def test_groups_are_proper_latex():
 
 def test_only_inertial_parameters_are_counted():
     slide = build_chain([(0.0, 0, "q", 0.0)], rotors=True, friction=FrictionKind.VISCOUS_COULOMB_OFFSET)
-    sentences = [step.sentence for step in derive_lesson(slide)]
-    assert "Of 11 inertial parameters only 2 combinations can be seen in any motion." in sentences
+    sentence = next(step.sentence for step in derive_lesson(slide) if step.title == "Base parameters")
+    assert re.findall(r"\d+", sentence) == ["11", "2"]
 
 
 def test_long_sums_say_how_much_is_not_shown():
@@ -79,7 +80,7 @@ def test_followers_and_drives_are_introduced():
     drive = Coupling(name="m", terms=((0, Fraction(1)), (2, Fraction(-1, 2))), has_rotor=True)
     frames, _, energy, _, torques = derive_lesson(replace(robot, joints=tuple(joints), couplings=(drive,)))
     words = {formula.left: formula.text for formula in frames.formulas}
-    assert words["joint 2 (joint2)"].endswith("it follows joint 1: q2 = -63/100*q1")
+    assert words["joint 2 (joint2)"].endswith("joint 1: q2 = -63/100*q1")
     assert words["drive m"] == "dq1 - 1/2*dq3"
     assert not [formula for formula in energy.formulas if formula.text == "0"]
     assert "same polynomials" in torques.check
@@ -103,4 +104,4 @@ def test_left_sides_in_latex(left, latex):
 
 def test_a_torque_without_a_slope_at_a_point_in_an_extended_field():
     robot = build_chain([(PI / 4, 0, "q", 0.0), (0.0, 0.1, 0, "q"), (PI / 2, 0, 0, "q"), (0.0, 0.2, 0, "q")])
-    assert "exactly at a rational point" in derive_lesson(robot)[-1].check
+    assert "rational point" in derive_lesson(robot)[-1].check

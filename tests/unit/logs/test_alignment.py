@@ -122,7 +122,7 @@ def test_blocks_share_the_run_without_its_ends():
 def test_what_cannot_be_aligned_is_refused():
     recording, columns = record(0, 0.0, 0.0)
     one = Recording(time=recording.time, position=recording.position, torque=recording.torque)
-    with pytest.raises(LogError, match="one position a joint") as caught:
+    with pytest.raises(LogError, match="one position") as caught:
         estimate_alignment([one], [columns])
     assert caught.value.notices[0].code == "log.one-encoder"
     short = Recording(
@@ -165,8 +165,8 @@ def test_what_was_moved_is_said_with_its_direction(delay, side, end):
     assert found.late
     text = align(recording, found, run=0).notices[-1].text
     assert "moved by 3.1 ms" in text
-    assert f"{side} than the motor encoders" in text
-    assert f"at the {end} were cut off" in text
+    assert f"are {side} than" in text
+    assert f"at the {end} " in text
 
 
 def test_a_delay_of_no_significance_is_not_spoken_of():
@@ -176,7 +176,7 @@ def test_a_delay_of_no_significance_is_not_spoken_of():
     assert not kept.late
     assert " ms" not in moved.notices[-1].text
     assert "cut off" not in moved.notices[-1].text
-    assert "zero offsets of up to 0.004" in moved.notices[-1].text
+    assert "offsets of up to 0.004" in moved.notices[-1].text
     assert len(moved.time) == len(recording.time)
     # Exact signals give a delay of rounding size, sure by its own deviation: it moves nothing either.
     assert not replace(kept, delay=1e-9, delay_std=1e-12).late
@@ -185,7 +185,7 @@ def test_a_delay_of_no_significance_is_not_spoken_of():
 @pytest.mark.parametrize("delay", [0.11, 0.3, 1.0, -0.11, -0.5])
 def test_a_delay_beyond_the_search_is_refused(delay):
     recording, columns = record(3, delay, 0.0)
-    with pytest.raises(LogError, match="beyond the 100 ms") as caught:
+    with pytest.raises(LogError, match="exceeds 100 ms") as caught:
         estimate_alignment([recording], [columns])
     assert [notice.code for notice in caught.value.notices] == ["log.delay-beyond"]
 

@@ -41,17 +41,19 @@ def test_a_good_recording_gets_no_remark(check):
 
 
 def test_jitter(check):
-    assert "differ by up to 20 % from 0.001 s" in check(time=change(T, 100, T[100] + 2e-4))["log.jitter"]
+    assert "20 % from 0.001 s" in check(time=change(T, 100, T[100] + 2e-4))["log.jitter"]
 
 
 def test_a_joint_that_never_moves(check):
     found = check(position=change(GOOD.position, np.s_[:, 1], 0.3))
-    assert found == {"log.constant-position": "joint 'joint2' never moves in this log"}
+    assert list(found) == ["log.constant-position"]
+    assert "'joint2'" in found["log.constant-position"]
 
 
 def test_a_torque_that_never_changes(check):
     found = check(torque=change(GOOD.torque, np.s_[:, 0], 0.3))
-    assert found == {"log.constant-torque": "the torque of joint 'joint1' is 0.3 throughout"}
+    assert list(found) == ["log.constant-torque"]
+    assert "'joint1' is 0.3" in found["log.constant-torque"]
 
 
 def test_a_clipped_torque(check):
@@ -59,28 +61,30 @@ def test_a_clipped_torque(check):
     found = check(torque=clipped)
     assert list(found) == ["log.saturation"]
     assert "joint 'joint1'" in found["log.saturation"]
-    assert "same peak of 0.8" in found["log.saturation"]
+    assert "peak of 0.8" in found["log.saturation"]
 
 
 def test_standstill(check):
     held = np.where(T < 1.0, 0.0, np.where(T > 1.8, 1.0, (T - 1.0) / 0.8))
     found = check(position=np.column_stack([held, GOOD.position[:, 1]]))
-    assert "joint 'joint1' stands still during 7" in found["log.standstill"]
+    assert "'joint1' stands still during 7" in found["log.standstill"]
 
 
 def test_degrees(check):
-    assert "is the log in degrees" in check(position=np.degrees(GOOD.position))["log.looks-like-degrees"]
+    assert (
+        "'joint2' moves over 114.6 rad" in check(position=np.degrees(GOOD.position))["log.looks-like-degrees"]
+    )
 
 
 def test_repeated_samples(check):
     slow = GOOD.position[(np.arange(4000) // 4) * 4]
-    assert "75 % of its positions repeat" in check(position=slow)["log.repeated-samples"]
+    assert "75 %" in check(position=slow)["log.repeated-samples"]
 
 
 def test_limits(check):
     found = check(limits=Limits(position=(-0.5, 0.5), torque=0.9))
-    assert "beyond its limits -0.5 .. 0.5" in found["log.beyond-limits"]
-    assert "beyond its limit 0.9" in found["log.torque-beyond-limit"]
+    assert "-0.5 .. 0.5" in found["log.beyond-limits"]
+    assert "limit 0.9" in found["log.torque-beyond-limit"]
 
 
 RATE = np.column_stack([3.0 * np.cos(3 * T), -2.0 * np.sin(2 * T)])
@@ -89,7 +93,7 @@ RATE = np.column_stack([3.0 * np.cos(3 * T), -2.0 * np.sin(2 * T)])
 @pytest.mark.parametrize(
     ("factor", "text"),
     [
-        (-1.0, "is -1 times the rate of its position: one of them has the wrong sign"),
+        (-1.0, "is -1 times"),
         (180.0 / np.pi, "looks like degrees per second"),
         (np.pi / 180.0, "the position looks like degrees"),
         (30.0 / np.pi, "revolutions per minute"),
@@ -104,8 +108,9 @@ def test_a_velocity_in_other_units(check, factor, text):
 
 
 def test_the_velocity_of_another_joint(check):
-    found = check(velocity=RATE[:, ::-1])["log.velocity-differs"]
-    assert "is the order of the velocity columns that of the positions?" in found
+    found = check(velocity=RATE[:, ::-1])
+    assert list(found) == ["log.velocity-differs"]
+    assert "'joint2' is not that of" in found["log.velocity-differs"]
 
 
 def test_a_biased_and_noisy_velocity_is_no_mistake(check):

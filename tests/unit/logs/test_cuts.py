@@ -37,12 +37,13 @@ def test_ends_are_cut_and_it_is_said():
     np.testing.assert_array_equal(cut.time, whole.time[4:19])
     (notice,) = cut.notices
     assert notice.code == "log.cut"
-    assert "first 4 and the last 1 of 20 samples" in notice.text
+    assert "first 4" in notice.text
+    assert "last 1 of 20 samples" in notice.text
     assert notice.file == "run"
     assert len(cut_ends(whole, 10, 7).time) == 3
 
 
 def test_cutting_off_all_is_refused():
-    with pytest.raises(LogError, match="leaves 2, and 3 are needed") as caught:
+    with pytest.raises(LogError, match=r"of 20 samples leaves 2, .* 3 ") as caught:
         cut_ends(make_recording(), 10, 8)
     assert caught.value.notices[0].code == "log.too-short"

@@ -102,13 +102,13 @@ def test_two_second_encoders_in_a_log_are_refused(make, tmp_path):
     path = tmp_path / "run.npz"
     more = np.random.default_rng(4).normal(size=(200, 2))
     save(path, theta=more, link_position=more + 1.0)
-    with pytest.raises(LogError, match=r"must be one of the two") as caught:
+    with pytest.raises(LogError, match=r"\(theta\) .* \(link_position\) .* \(q\)") as caught:
         read_recording(path, make(ARM))
     assert [notice.code for notice in caught.value.notices] == ["log.two-encoders"]
 
 
 def test_two_second_encoders_in_a_robot_file_are_refused(make):
-    with pytest.raises(RobotError, match=r"position is one of the two already") as caught:
+    with pytest.raises(RobotError, match="position") as caught:
         make(ARM + LOG + 'motor_position = { columns = ["m"], unit = "rad" }\n')
     (notice,) = caught.value.notices
     assert notice.code == "robot.two-encoders"
@@ -122,20 +122,20 @@ def test_one_column_twice_is_refused(make, tmp_path):
     with pytest.raises(LogError) as caught:
         read_recording(path, robot)
     assert [notice.code for notice in caught.value.notices] == ["log.same-encoder"]
-    assert "the columns of the motors in [log.position]" in caught.value.notices[0].text
+    assert "(q)" in caught.value.notices[0].text
 
 
 @pytest.mark.parametrize(
-    ("side", "name", "said"),
+    ("name", "said"),
     [
-        ("links", "link_position", "none of the motors, with which friction and rotors"),
-        ("motors", "theta", "for what the motor side alone can tell"),
+        ("link_position", "link positions (link_position) but no motor"),
+        ("theta", "motor positions (theta) but no link"),
     ],
 )
-def test_a_log_of_one_side_alone_is_refused_with_what_it_is_good_for(make, tmp_path, side, name, said):
+def test_a_log_of_one_side_alone_is_refused_with_what_it_is_good_for(make, tmp_path, name, said):
     path = tmp_path / "run.npz"
     save(path, q=None, **{name: np.random.default_rng(5).normal(size=(200, 2))})
-    with pytest.raises(LogError, match=f"the positions of the {side} \\({name}\\)") as caught:
+    with pytest.raises(LogError, match=f"\\({name}\\)") as caught:
         read_recording(path, make(ARM))
     assert [notice.code for notice in caught.value.notices] == ["log.missing-column", "log.one-side"]
     assert said in caught.value.notices[1].text
@@ -146,7 +146,7 @@ def test_numbers_that_are_none_are_refused_in_the_second_encoder_too(make, tmp_p
     values = np.zeros((200, 2))
     values[7, 1] = np.nan
     save(path, theta=values)
-    with pytest.raises(LogError, match=r"'theta' holds 1 values that are no numbers"):
+    with pytest.raises(LogError, match=r"'theta' has 1 values .* sample 7, column 1"):
         read_recording(path, make(ARM))
 
 

@@ -160,20 +160,18 @@ def test_a_log_of_just_enough_samples_passes_and_one_less_does_not():
     least = compute_least_samples(processing)
     signals = prepare_signals(record(least), processing)
     decimate(signals.q, processing.decimation)
-    with pytest.raises(LogError, match=f"{least - 1} samples; .* need {least} at least"):
+    with pytest.raises(LogError, match=f"{least - 1} samples; .* {least}$"):
         prepare_signals(record(least - 1), processing)
 
 
 def test_a_gap_in_time_is_refused_and_said_where():
     t = np.where(TIMES[:1000] > 0.4, TIMES[:1000] + 0.5, TIMES[:1000])
     recording = Recording(time=t, position=np.sin(t)[:, None], torque=np.cos(t)[:, None], source="run.csv")
-    with pytest.raises(
-        LogError, match=r"run.csv: samples are missing, .*: 1 steps .* after sample 400"
-    ) as caught:
+    with pytest.raises(LogError, match=r"run.csv: .*: 1 steps .* after sample 400") as caught:
         prepare_signals(recording, Processing())
     (notice,) = caught.value.notices
     assert notice.code == "log.gap"
-    assert "from 0.4 s to 0.901 s; cut the log there and give the pieces as separate files" in notice.text
+    assert "from 0.4 s to 0.901 s" in notice.text
 
 
 @pytest.mark.parametrize(("share", "accepted"), [(0.1, True), (0.3, False)])
@@ -184,24 +182,24 @@ def test_strong_jitter_is_refused_and_weak_jitter_is_not(share, accepted):
         assert prepare_signals(recording, Processing()).period == pytest.approx(T, rel=1e-3)
         return
     uneven = np.cumsum(1.0 + share * (np.arange(1000) % 3 - 1.0)) * T
-    with pytest.raises(LogError, match="resample the log evenly") as caught:
+    with pytest.raises(LogError, match="limit 20 %") as caught:
         prepare_signals(
             Recording(time=uneven, position=recording.position, torque=recording.torque), Processing()
         )
     assert caught.value.notices[0].code == "log.jitter"
-    assert "666 steps are further off, the first after sample 1" in str(caught.value)
+    assert "; 666 steps " in str(caught.value)
 
 
 @pytest.mark.parametrize("cutoff", [500.0, 900.0])
 def test_a_cutoff_above_half_the_sample_rate_is_refused(cutoff):
-    with pytest.raises(LogError, match="between 0 and 500 Hz") as caught:
+    with pytest.raises(LogError, match=f"500 Hz.* got {cutoff:g} Hz") as caught:
         prepare_signals(record(), Processing(filter_cutoff=cutoff))
     assert caught.value.notices[0].code == "log.filter-cutoff"
     assert caught.value.notices[0].file == "run"
 
 
 def test_too_few_rows_to_decimate_are_refused():
-    with pytest.raises(LogError, match="order 8 needs more than 24"):
+    with pytest.raises(LogError, match=r"^24 samples .* order 8 "):
         decimate(np.zeros((24, 1)), Decimation(factor=2))
 
 

@@ -36,7 +36,7 @@ def test_what_is_written_is_read_again_to_the_last_bit(make_robot, tmp_path, suf
     assert (again.velocity is None) == (velocity is None)
     if velocity is not None:
         np.testing.assert_array_equal(again.velocity, velocity)
-    assert all("velocity was read but is not used" in notice.text for notice in again.notices)
+    assert all(notice.code == "log.unused-columns" for notice in again.notices)
     assert len(again.notices) == (velocity is not None)
 
 
@@ -61,7 +61,7 @@ def test_an_older_file_is_replaced(make_robot, tmp_path):
 
 
 def test_an_unknown_suffix(make_robot, tmp_path):
-    with pytest.raises(OutputError, match=r"written as \.npz or \.csv, got \.mat") as caught:
+    with pytest.raises(OutputError, match=r"\.npz or \.csv, got \.mat") as caught:
         write_recording(record(), tmp_path / "log.mat", make_robot())
     assert list(tmp_path.iterdir()) == []
     assert caught.value.notices[0].code == "output.unknown-suffix"
@@ -69,7 +69,7 @@ def test_an_unknown_suffix(make_robot, tmp_path):
 
 def test_a_place_that_cannot_be_written(make_robot, tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="cannot be written") as caught:
+    with pytest.raises(OutputError, match=r"log\.npz") as caught:
         write_recording(record(), tmp_path / "file" / "log.npz", make_robot())
     assert caught.value.notices[0].code == "output.unwritable"
 

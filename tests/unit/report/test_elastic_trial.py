@@ -171,7 +171,7 @@ def test_an_estimate_is_tried_with_its_own_filters(library):
 
 @pytest.mark.parametrize("settings", [{"rate": -1.0}, {"rate": "fast"}, {"cutoff": [1.0]}])
 def test_settings_that_cannot_be_used_are_refused(library, settings):
-    with pytest.raises(EstimateError, match="its settings cannot be used") as caught:
+    with pytest.raises(EstimateError) as caught:
         evaluate_elastic(build_estimate(settings=settings), library, build_log())
     assert caught.value.notices[0].code == "estimate.settings"
 

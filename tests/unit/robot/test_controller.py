@@ -60,7 +60,9 @@ def test_one_number_stands_for_all_joints_of_one_kind():
     text = HEAD.replace("prismatic", "revolute")
     robot = parse_robot(f"{text}\n[controller]\nstiffness = 400\ndamping = [25]\noffset = 'log'")
     assert robot.controller == Controller(stiffness=(400.0, 400.0), damping=(25.0, 25.0))
-    assert "joints that slide" in list_refused("stiffness = 400\ndamping = [1, 1]")["robot.column-count"]
+    assert (
+        "controller: stiffness: " in list_refused("stiffness = 400\ndamping = [1, 1]")["robot.column-count"]
+    )
 
 
 @pytest.mark.parametrize(
@@ -73,7 +75,7 @@ def test_one_number_stands_for_all_joints_of_one_kind():
         ("stiffness = [1, 1]\ndamping = [1, 1]\nvelocity = 'ref'", "robot.bad-choice", "error"),
         ("stiffness = [1, 1]\ndamping = [1, 1]\nvelocity_filter = 0", "robot.out-of-range", "Hz"),
         ("stiffness = [1, 1]\ndamping = [1, 1]\noffset = 'weight'", "robot.wrong-type", '"log"'),
-        ("stiffness = [1, 1]\ndamping = [1, 1]\nkp = 3", "robot.unknown-key", "no such key"),
+        ("stiffness = [1, 1]\ndamping = [1, 1]\nkp = 3", "robot.unknown-key", "kp: "),
     ],
 )
 def test_mistakes_are_told_in_words(text, code, said):

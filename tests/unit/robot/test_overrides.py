@@ -71,7 +71,7 @@ def test_a_factor_does_not_outlive_the_dimension_of_its_unit(emps):
     robot = override_robot(emps, [("log.torque.unit", "N")])
     assert robot.log.torque.factor == (1.0,)
     assert override_robot(emps, [("log.torque.unit", "mV")]).log.torque.factor == (35.15065188,)
-    with pytest.raises(RobotError, match="needs a factor"):
+    with pytest.raises(RobotError, match="log: torque: unit: "):
         override_robot(emps, [("log.torque.unit", "A")])
 
 
@@ -79,7 +79,7 @@ def test_a_factor_does_not_outlive_the_dimension_of_its_unit(emps):
     "key", ["gravity", "joint.0.a", "processing", "log.torque.columns.0", "log..unit", "lgo.torque"]
 )
 def test_a_key_that_cannot_be_set_is_refused(emps, key):
-    with pytest.raises(UsageError, match="cannot be set here") as caught:
+    with pytest.raises(UsageError, match="--set ") as caught:
         override_robot(emps, [(key, "1")])
     assert caught.value.notices[0].code == "usage.bad-setting"
 

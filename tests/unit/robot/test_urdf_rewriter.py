@@ -9,7 +9,7 @@ import pytest
 
 from symid.robot.description import FrictionKind, FrictionValues
 from symid.robot.urdf_reader import parse_urdf
-from symid.robot.urdf_writer import rewrite_urdf
+from symid.robot.xml_writers import rewrite_urdf
 from tests.chains import PANDA, build_pinocchio, draw_parameters
 from tests.urdfs import draw_urdf, find_torques, write_odd_urdf
 

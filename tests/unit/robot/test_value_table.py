@@ -53,23 +53,23 @@ def test_columns_are_guessed_where_there_is_no_other(tmp_path, heading, expected
 @pytest.mark.parametrize(
     ("heading", "message"),
     [
-        ("name,ols,wls", "--value could be any of ols, wls; name it by --value COLUMN"),
-        ("name,value,std,std_percent", "--deviation could be any of std, std_percent"),
+        ("name,ols,wls", "--value .* ols, wls; .*--value COLUMN"),
+        ("name,value,std,std_percent", "--deviation .* std, std_percent"),
         ("one,two,three", None),
-        ("name,value,relative_std", "is relative, and does not say of what; give --deviation-unit"),
+        ("name,value,relative_std", "column 'relative_std' .*--deviation-unit"),
     ],
 )
 def test_what_could_be_several_columns_is_asked_for(tmp_path, heading, message):
     line = ",".join(["a", "1.0", "2.0", "3.0"][: heading.count(",") + 1])
-    with pytest.raises(UsageError, match=message or "could be any of two, three") as caught:
+    with pytest.raises(UsageError, match=message or "--value .* two, three") as caught:
         read(tmp_path, f"{heading}\n{line}\n")
     assert caught.value.notices[0].code == "usage.table-column"
 
 
 def test_a_column_that_is_not_there_is_refused(tmp_path):
-    with pytest.raises(UsageError, match="--value wls: there is no such column; the table has name, ols"):
+    with pytest.raises(UsageError, match=r"--value wls: .* name, ols"):
         read(tmp_path, "name,ols\na,1\n", value="wls")
-    with pytest.raises(UsageError, match="--value is none of name, note"):
+    with pytest.raises(UsageError, match=r"--value .* name, note"):
         read(tmp_path, "name,note\na,b\n")
 
 
@@ -89,7 +89,7 @@ def test_all_mistakes_are_told_with_their_lines(tmp_path):
         (9, "table.repeated"),
     ]
     assert all(notice.file.endswith("table.csv") for notice in caught.value.notices)
-    assert str(caught.value.notices[4]).endswith("table.csv:6: column 'std': '-1' is negative")
+    assert "'std': '-1'" in caught.value.notices[4].text
 
 
 def test_lines_without_a_value_or_deviation(tmp_path):
@@ -119,10 +119,10 @@ def test_what_is_no_table(tmp_path, text, code):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("name;value;std\na;3,2;0.1\n", "'3,2' is not a number up to 1e100 (a decimal point is wanted)"),
+        ("name;value;std\na;3,2;0.1\n", "'3,2'"),
         (
             "name,value,std\na,3,1.1 %\n",
-            "'1.1 %' is not a number up to 1e100 (a decimal point is wanted, and",
+            "'1.1 %'",
         ),
     ],
 )
@@ -147,7 +147,7 @@ def test_the_minus_of_print_is_a_minus(tmp_path):
 
 
 def test_files_that_cannot_be_read(tmp_path):
-    with pytest.raises(EstimateError, match="cannot be read: No such file"):
+    with pytest.raises(EstimateError, match="No such file"):
         read_value_table(tmp_path / "none.csv", TableColumns(), read_name)
     (tmp_path / "bytes.csv").write_bytes(b"name,value\n\xff,1\n")
     with pytest.raises(EstimateError, match="not UTF-8 text") as caught:

@@ -60,11 +60,11 @@ def test_motors_whose_friction_drives_them_are_refused(elastic_robot, c_compiler
     friction = FrictionValues(kind=CurvedFriction.CUBIC, values=(0.6, 0.0, -0.7, 0.0))
     robot = change_joints(elastic_robot, friction=friction, limits=Limits())
     library = prepare_library(robot, names=FUNCTIONS)
-    with pytest.raises(UsageError, match=r"drives the joint from about 0\.8[5-9] rad/s on") as caught:
+    with pytest.raises(UsageError, match=r"shoulder.* 0\.8[5-9] rad/s") as caught:
         simulate(robot, library)
     assert {notice.code for notice in caught.value.notices} == {"usage.negative-friction"}
     slow = change_joints(robot, limits=Limits(velocity=0.5))
-    with pytest.raises(UsageError, match="keep the joint slower"):
+    with pytest.raises(UsageError, match=r"shoulder.* 0\.8[5-7] rad/s"):
         simulate(slow, library)
     assert simulate(slow, library, build_ta(duration=2.0)).dtheta.max() < 0.8
 
@@ -221,7 +221,7 @@ def test_references_of_ones_own(elastic_robot, elastic_library):
         reference=MotorReference(angle=angle, speed=speed, torque=zero + 0.1),
     )
     assert np.abs(pushed.theta - plain.theta).max() > 1e-5
-    with pytest.raises(UsageError, match="reference torque: expected the shape") as caught:
+    with pytest.raises(UsageError, match=r"reference torque: .*got \(5, 2\)") as caught:
         simulate(
             elastic_robot,
             elastic_library,
@@ -274,7 +274,7 @@ def test_a_spring_that_gives_way_is_an_error(elastic_robot, elastic_library):
     values = get_elastic_values(elastic_robot, elastic_library.card)
     soft = tuple(replace(spring, cubic=-1e5, knees=()) for spring in values.elasticity)
     robot = build_plant_robot(replace(values, elasticity=soft))
-    with pytest.raises(SolverError, match="springs of hip cannot carry the weight") as caught:
+    with pytest.raises(SolverError, match="springs of hip cannot") as caught:
         compute_rest(robot, np.array([500.0, 0.0]), ("hip", "knee"))
     assert caught.value.notices[0].code == "simulate.weak-spring"
 
@@ -282,7 +282,7 @@ def test_a_spring_that_gives_way_is_an_error(elastic_robot, elastic_library):
 def test_an_unstable_loop_is_an_error_with_a_remedy(elastic_robot, elastic_library):
     wild = replace(CLEAN, gains=MotorGains(stiffness=(4000.0, 1500.0), damping=(1e5, 1e5)))
     free = change_joints(elastic_robot, limits=Limits())
-    with pytest.raises(SolverError, match="lower the bandwidth") as caught:
+    with pytest.raises(SolverError, match="12 Hz") as caught:
         simulate(free, elastic_library, build_ta(duration=2.0), wild)
     assert caught.value.notices[0].code == "simulate.unstable"
 
@@ -290,7 +290,7 @@ def test_an_unstable_loop_is_an_error_with_a_remedy(elastic_robot, elastic_libra
 def test_a_robot_without_inertia_is_an_error(elastic_robot, elastic_library):
     values = get_elastic_values(elastic_robot, elastic_library.card)
     light = replace(values, beta=np.zeros_like(values.beta))
-    with pytest.raises(SolverError, match="without inertia") as caught:
+    with pytest.raises(SolverError) as caught:
         simulate(elastic_robot, elastic_library, values=light)
     assert caught.value.notices[0].code == "simulate.massless"
 
@@ -301,13 +301,13 @@ def test_a_robot_that_is_elastic_in_part_is_refused(elastic_robot, elastic_libra
         joints=(elastic_robot.joints[0], replace(elastic_robot.joints[1], elasticity=None)),
     )
     library = WithCard(elastic_library, elasticity=(elastic_robot.joints[0].elasticity, None))
-    with pytest.raises(UsageError, match=r"not elastic in every joint \(elbow do not give\)") as caught:
+    with pytest.raises(UsageError, match="elastic in part: elbow") as caught:
         simulate(part, library)
     assert caught.value.notices[0].code == "usage.not-elastic"
 
 
 def test_an_elastic_robot_is_none_of_the_rigid_simulation(elastic_robot, elastic_library):
-    with pytest.raises(UsageError, match="simulate it as an elastic robot") as caught:
+    with pytest.raises(UsageError, match="shoulder, elbow") as caught:
         simulate_experiment(
             elastic_robot, elastic_library, FAST, ExperimentOptions(), np.random.default_rng(0)
         )
@@ -358,7 +358,7 @@ def test_dry_friction_that_jumps_is_refused(elastic_robot, elastic_library):
     sharp = change_joints(
         elastic_robot, friction=FrictionValues(kind=FrictionKind.VISCOUS_COULOMB, values=(1.0, 1.5))
     )
-    with pytest.raises(UsageError, match="Fc1, Fc2 changes its sign at once") as caught:
+    with pytest.raises(UsageError, match="Fc1, Fc2") as caught:
         simulate(sharp, elastic_library)
     assert caught.value.notices[0].code == "usage.sharp-friction"
     assert "smoothing" in str(caught.value)
@@ -367,9 +367,9 @@ def test_dry_friction_that_jumps_is_refused(elastic_robot, elastic_library):
 @pytest.mark.parametrize(
     ("options", "code", "text"),
     [
-        (replace(CLEAN, period=0.0), "usage.experiment", "period must be positive"),
-        (replace(CLEAN, step=0.0), "usage.experiment", "step and the counts must be positive"),
-        (replace(CLEAN, parts=0), "usage.experiment", "one part at least"),
+        (replace(CLEAN, period=0.0), "usage.experiment", "period 0 s"),
+        (replace(CLEAN, step=0.0), "usage.experiment", "step 0 s"),
+        (replace(CLEAN, parts=0), "usage.experiment", "parts 0"),
         (replace(CLEAN, duration=np.nan), "usage.experiment", "duration nan"),
         (
             replace(CLEAN, gains=MotorGains(stiffness=(1.0,), damping=(1.0, 1.0))),
@@ -379,18 +379,18 @@ def test_dry_friction_that_jumps_is_refused(elastic_robot, elastic_library):
         (
             replace(CLEAN, sensors=ElasticSensors(link_counts=0.0)),
             "usage.sensor-counts",
-            "link_counts: must be positive",
+            "link_counts: .*got 0",
         ),
-        (replace(CLEAN, sensors=ElasticSensors(delay=np.inf)), "usage.sensor-delay", "must be finite"),
+        (replace(CLEAN, sensors=ElasticSensors(delay=np.inf)), "usage.sensor-delay", "got inf"),
         (
             replace(CLEAN, sensors=ElasticSensors(motor_offset=(0.0, 0.0, 0.0))),
             "usage.sensor-offset",
-            "one number for all or 2",
+            "motor_offset: .*2 numbers",
         ),
         (
             replace(CLEAN, sensors=ElasticSensors(relative_noise=(-0.1,))),
             "usage.sensor-noise",
-            "none negative",
+            r"relative_noise: .*got \(-0.1,",
         ),
     ],
 )

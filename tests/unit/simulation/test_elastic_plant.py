@@ -254,7 +254,7 @@ def test_spring_work_is_exact_on_any_path(numbers):
             start, end = rng.uniform(-0.03, 0.03, size=2)
             play = np.tile(start - rng.uniform(-1.0, 1.0, size=3) * RADIUS[joint], (2, 1))
             points = np.linspace(start, end, 20_001)
-            torque = np.array([springs.find_torque(joint, phi, play) for phi in points.tolist()])
+            torque = np.array([springs.compute_torque(joint, phi, play) for phi in points.tolist()])
             wanted = np.trapezoid(torque, points)
             found = springs.integrate(joint, float(start), float(end), play)
             assert found == pytest.approx(wanted, abs=2e-9)

@@ -9,7 +9,13 @@ from symid.errors import SolverError, UsageError
 from symid.excitation.trajectories import build_ta, build_tb
 from symid.robot.description import Limits
 from symid.simulation.experiment import ExperimentOptions, simulate_experiment
-from symid.simulation.sensors import SensorOptions, add_torque_noise, build_sensors, quantise
+from symid.simulation.sensors import (
+    SensorOptions,
+    add_torque_noise,
+    check_sensors,
+    get_encoder_turns,
+    quantise,
+)
 
 CLEAN = ExperimentOptions(duration=3.0, sensors=SensorOptions(counts_per_turn=None))
 
@@ -93,7 +99,7 @@ def test_own_gains_are_used(make_robot, arm):
 
 
 def test_an_unstable_loop_is_an_error_with_a_remedy(make_robot, arm):
-    with pytest.raises(SolverError, match="lower the bandwidth") as caught:
+    with pytest.raises(SolverError, match="400 Hz") as caught:
         simulate(make_robot(2), arm, replace(CLEAN, bandwidth=400.0))
     assert caught.value.notices[0].code == "simulate.unstable"
 
@@ -102,7 +108,7 @@ def test_leaving_ten_times_the_limits_is_running_away(make_robot, arm):
     robot = make_robot(2, limits=(Limits(position=(-0.5, 0.5)), Limits(position=(-0.5, 0.5))))
     # Carried where it hangs on, but pushed by its own speed: the arm leaves its pose and swings through.
     weak = replace(CLEAN, duration=4.0, stiffness=(1e-3, 1e-3), damping=(-6.0, -6.0))
-    with pytest.raises(SolverError, match="ran away") as caught:
+    with pytest.raises(SolverError) as caught:
         simulate(robot, arm, weak)
     assert caught.value.notices[0].code == "simulate.unstable"
 
@@ -110,21 +116,21 @@ def test_leaving_ten_times_the_limits_is_running_away(make_robot, arm):
 def test_a_robot_without_inertia_is_an_error_with_a_remedy(make_robot, make_library):
     kinds, friction = ("viscous_coulomb", "viscous_coulomb"), (0.1, 0.1, 0.1, 0.1)
     massless = make_library("arm", (1.0, 0.0, 0.0, 1.0, 0.0), kinds, friction)
-    with pytest.raises(SolverError, match="give every moved link a mass with an inertia") as caught:
+    with pytest.raises(SolverError, match=r"'robot'.*rotor_inertia") as caught:
         simulate(make_robot(2), massless)
     assert caught.value.notices[0].code == "simulate.massless"
 
 
 def test_a_balance_that_does_not_close_is_an_error_with_a_remedy(make_robot, arm):
     arm.energy = lambda q, dq, _beta: (dq @ dq, np.sin(q[0]))
-    with pytest.raises(SolverError, match=r"disagree by .* give links with mass an inertia") as caught:
+    with pytest.raises(SolverError, match=r"error of \d.*1e-06") as caught:
         simulate(make_robot(2), arm, replace(CLEAN, duration=0.5))
     assert caught.value.notices[0].code == "simulate.energy"
 
 
 def test_a_run_that_is_not_finite_is_an_error(make_robot, arm):
     arm.energy = lambda _q, _dq, _beta: (np.nan, 0.0)
-    with pytest.raises(SolverError, match="not finite") as caught:
+    with pytest.raises(SolverError) as caught:
         simulate(make_robot(2), arm, replace(CLEAN, duration=0.1))
     assert caught.value.notices[0].code == "simulate.not-finite"
 
@@ -141,20 +147,21 @@ def test_all_sizes_that_do_not_fit_are_said_at_once(make_robot, arm):
         simulate(make_robot(1), arm, options, trajectory=build_tb(0, size=3))
     assert {notice.code for notice in caught.value.notices} == {"usage.experiment"}
     text = str(caught.value)
-    assert "the robot has 1 joints, the trajectory 3, the library 2" in text
+    for part in ("robot has 1", "trajectory 3", "library 2"):
+        assert part in text
     assert "period 0 s" in text
 
 
 def test_encoders_round_to_whole_steps(make_robot):
-    sensors = build_sensors(make_robot(2), SensorOptions(counts_per_turn=4096.0))
+    step = get_encoder_turns(make_robot(2)) / 4096.0
     q = np.random.default_rng(3).normal(size=(200, 2))
-    counts = quantise(q, sensors.step) / (2 * np.pi / 4096)
+    counts = quantise(q, step) / (2 * np.pi / 4096)
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
-    assert np.abs(quantise(q, sensors.step) - q).max() <= np.pi / 4096 * (1 + 1e-12)
+    assert np.abs(quantise(q, step) - q).max() <= np.pi / 4096 * (1 + 1e-12)
 
 
-def test_torque_noise_has_its_standard_deviation(make_robot):
-    sensors = build_sensors(make_robot(2), SensorOptions(torque_noise=(0.5, 2.0)))
+def test_torque_noise_has_its_standard_deviation():
+    sensors = SensorOptions(torque_noise=(0.5, 2.0))
     noisy = add_torque_noise(np.zeros((20_000, 2)), sensors, np.random.default_rng(5))
     np.testing.assert_allclose(noisy.std(axis=0), [0.5, 2.0], rtol=0.03)
 
@@ -162,19 +169,19 @@ def test_torque_noise_has_its_standard_deviation(make_robot):
 @pytest.mark.parametrize(
     ("options", "code", "text"),
     [
-        (SensorOptions(counts_per_turn=0.0), "usage.sensor-counts", "counts per turn must be positive"),
+        (SensorOptions(counts_per_turn=0.0), "usage.sensor-counts", "got 0"),
         (
             SensorOptions(torque_noise=(1.0, 1.0, 1.0)),
             "usage.sensor-noise",
-            "one number for all or 2 numbers",
+            r"2 numbers, .* got \(1.0, 1.0, 1.0",
         ),
-        (SensorOptions(torque_noise=(-1.0,)), "usage.sensor-noise", "none negative"),
-        (SensorOptions(torque_noise=(np.inf,)), "usage.sensor-noise", "all finite"),
-        (SensorOptions(torque_noise=(np.nan, 0.0)), "usage.sensor-noise", "all finite"),
-        (SensorOptions(counts_per_turn=np.inf), "usage.sensor-counts", "positive and finite"),
+        (SensorOptions(torque_noise=(-1.0,)), "usage.sensor-noise", r"got \(-1.0,"),
+        (SensorOptions(torque_noise=(np.inf,)), "usage.sensor-noise", r"got \(inf,"),
+        (SensorOptions(torque_noise=(np.nan, 0.0)), "usage.sensor-noise", r"got \(nan, 0.0"),
+        (SensorOptions(counts_per_turn=np.inf), "usage.sensor-counts", "got inf"),
     ],
 )
-def test_sensors_that_cannot_be(make_robot, options, code, text):
+def test_sensors_that_cannot_be(options, code, text):
     with pytest.raises(UsageError, match=text) as caught:
-        build_sensors(make_robot(2), options)
-    assert caught.value.notices[0].code == code
+        check_sensors(options, 2)
+    assert [notice.code for notice in caught.value.notices] == [code]

@@ -153,7 +153,7 @@ def test_values_that_are_not_stated_are_named(make_library):
 
 
 def test_friction_that_pushes_is_refused(make_library):
-    with pytest.raises(UsageError, match="must oppose motion") as caught:
+    with pytest.raises(UsageError, match="joint1") as caught:
         RigidPlant(make_library("pendulum", (0.5, 0.0), ("viscous_coulomb",), (0.0, -1.0)))
     assert caught.value.notices[0].code == "usage.negative-friction"
 
@@ -171,7 +171,7 @@ def test_friction_that_depends_on_another_joint_is_refused(make_library, name):
     library.friction = couple
     shared = replace(library.card.friction[1], name=f"{name}m")
     library.card = replace(library.card, friction=(*library.card.friction, shared))
-    with pytest.raises(UsageError, match=rf"{name}m.*cannot make such joints stick") as caught:
+    with pytest.raises(UsageError, match=rf"{name}m") as caught:
         RigidPlant(library)
     assert caught.value.notices[0].code == "usage.shared-friction"
 
@@ -218,7 +218,7 @@ def test_two_drives_whose_shares_do_not_cancel_are_refused(make_library, rate, v
 
 def test_all_joints_with_friction_that_pushes_are_said(make_library):
     library = make_library("arm", ARM, ("viscous_coulomb", "asymmetric"), (-1.0, 0.0, 0.0, 0.0, 0.0, -2.0))
-    with pytest.raises(UsageError, match="must oppose motion") as caught:
+    with pytest.raises(UsageError, match="joint1") as caught:
         build_friction_lines(library)
     assert [notice.code for notice in caught.value.notices] == ["usage.negative-friction"] * 2
 
@@ -226,6 +226,6 @@ def test_all_joints_with_friction_that_pushes_are_said(make_library):
 def test_endless_stops_are_an_error_with_a_remedy(make_library, monkeypatch):
     monkeypatch.setattr("symid.simulation.rigid_plant._MOST_EVENTS", 0)
     plant = RigidPlant(make_library("pendulum", (0.5, 0.0), ("viscous_coulomb",), (0.0, 2.0)))
-    with pytest.raises(SolverError, match="came to rest more than 0 times") as caught:
+    with pytest.raises(SolverError, match=r"0 times within 0.001 s") as caught:
         run(plant, moving([0.0], [1e-3]), PULL * 10)
     assert caught.value.notices[0].code == "simulate.chatter"

@@ -8,7 +8,6 @@ from symid.study.friction_paper import SWEEPS, TABLE_1, Sweep
 from symid.study.friction_protocols import (
     AGREEMENT,
     NEARNESS,
-    AgreementDraw,
     build_sweep_scene,
     compare_estimators,
     fit_all_estimators,
@@ -33,7 +32,7 @@ PRINTED = ((0.094, 0.223, 0.0012, 0.254), (0.46, 0.12, 0.0010, 5.0), (0.057, 0.0
 @pytest.mark.parametrize(("sweep", "printed"), list(zip(SWEEPS, PRINTED, strict=True)))
 def test_the_cramer_rao_bound_of_each_motion(sweep, printed):
     scene = build_sweep_scene(sweep)
-    draw = AgreementDraw(seed=0, fits=tuple((name, scene.physical, 1.0) for name in ESTIMATORS))
+    draw = tuple((scene.physical, 1.0) for _ in ESTIMATORS)
     study = summarise_agreement(sweep, [draw])
     assert study.bound == pytest.approx(find_bound(scene), rel=1e-9)
     assert study.bound == pytest.approx(printed, rel=0.06)
@@ -43,10 +42,9 @@ def test_the_cramer_rao_bound_of_each_motion(sweep, printed):
 def test_excess_and_distance_are_the_worst_over_all_draws():
     bound = find_bound(build_sweep_scene(SWEEPS[0]))
     draws = []
-    for seed, (excess, distance) in enumerate([(0.0, 1.0), (1e-3, 3.5)]):
-        fits = [(name, tuple(TRUTH + distance * bound), 200.0 * (1.0 + excess)) for name in ESTIMATORS]
-        fits[0] = (ESTIMATORS[0], tuple(TRUTH), 200.0)
-        draws.append(AgreementDraw(seed=seed, fits=tuple(fits)))
+    for excess, distance in ((0.0, 1.0), (1e-3, 3.5)):
+        others = [(tuple(TRUTH + distance * bound), 200.0 * (1.0 + excess)) for _ in ESTIMATORS[1:]]
+        draws.append(((tuple(TRUTH), 200.0), *others))
     first, *others = summarise_agreement(SWEEPS[0], draws).rows
     assert (first.excess, first.error, first.outside, first.agreed) == (0.0, 0.0, 0, 2)
     for row in others:
@@ -60,8 +58,7 @@ def test_excess_and_distance_are_the_worst_over_all_draws():
 
 def test_all_estimators_reach_one_optimum():
     draw = fit_all_estimators((Sweep(peak=0.5, samples=200), 7))
-    objectives = {name: objective for name, _, objective in draw.fits}
-    assert tuple(objectives) == ESTIMATORS
+    objectives = dict(zip(ESTIMATORS, (objective for _, objective in draw), strict=True))
     least = min(objectives.values())
     for name, objective in objectives.items():
         assert objective <= least * (1.0 + (NEARNESS if name in STOCHASTIC else AGREEMENT))

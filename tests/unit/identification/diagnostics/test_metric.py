@@ -79,12 +79,12 @@ def test_a_joint_at_rest_with_friction_does_not_count():
 def test_too_short_a_log_is_refused():
     library = build_one_axis()
     recording = build_recording(library, ONE_AXIS_TRUTH, samples=900)
-    with pytest.raises(LogError, match="nothing is left to compare") as caught:
+    with pytest.raises(LogError, match=r"0\.9 s ") as caught:
         predict_torques(ONE_AXIS_TRUTH, library, recording, Processing(), band=10.0)
     assert caught.value.notices[0].code == "validate.short-log"
 
 
 def test_a_band_beyond_the_sample_rate_is_refused():
     recording = build_recording(build_library(), TWO_LINK_TRUTH)
-    with pytest.raises(LogError, match="must lie between 0 and 500 Hz"):
+    with pytest.raises(LogError, match=r"500 Hz, .* 600 Hz"):
         measure(recording, 600.0)

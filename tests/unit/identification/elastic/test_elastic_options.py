@@ -10,24 +10,26 @@ from symid.ipopt import Ending
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"method": "guess"}, "method 'guess': there is no such method; allowed are automatic"),
-        ({"scheme": "no-cost"}, "scheme 'no-cost': there is no such scheme"),
-        ({"window": 0.0}, "window 0: must be a positive number"),
-        ({"rate": float("inf")}, "rate inf: must be a positive number"),
-        ({"tolerance": -1.0}, "tolerance -1"),
-        ({"cutoff": -1.0}, "cutoff -1: must be a frequency in Hz"),
-        ({"stops": -1}, "stops -1: must be 0 or more"),
-        ({"iterations": 0}, "iterations 0: must be 1 or more"),
-        ({"thresholds": ((0.2, 0.1),)}, "thresholds .*must be positive and increase"),
-        ({"thresholds": ((0.0,),)}, "thresholds .*must be positive and increase"),
-        ({"knee_torques": ((0.0,),)}, "knee_torques .*must differ from 0"),
-        ({"knee_torques": ((3.0, -3.0),)}, "knee_torques .*increase"),
+        ({"method": "guess"}, "^method 'guess':.* automatic, two-step"),
+        ({"scheme": "no-cost"}, "^scheme 'no-cost':.* two-cost, same-cost"),
+        ({"window": 0.0}, r"^window 0:.*\(unit s\)"),
+        ({"rate": float("inf")}, r"^rate inf:.*\(unit rad/s\)"),
+        ({"tolerance": -1.0}, "^tolerance -1:"),
+        ({"cutoff": -1.0}, "^cutoff -1:.* Hz"),
+        ({"stops": -1}, "^stops -1:.* 0 "),
+        ({"stops": 2.5}, "^stops 2.5:"),
+        ({"iterations": 0}, "^iterations 0:.* 1 "),
+        ({"thresholds": ((0.2, 0.1),)}, r"^thresholds \(0.2, 0.1\):"),
+        ({"thresholds": ((0.0,),)}, r"^thresholds \(0.0,\):"),
+        ({"thresholds": ((0.1, 0.1),)}, r"^thresholds \(0.1, 0.1\):"),
+        ({"knee_torques": ((0.0,),)}, r"^knee_torques \(0.0,\):"),
+        ({"knee_torques": ((3.0, -3.0),)}, r"^knee_torques \(3.0, -3.0\):"),
     ],
 )
 def test_wrong_options_are_refused_with_what_is_allowed(options, message):
     with pytest.raises(UsageError, match=message) as caught:
         ElasticOptions(**options)
-    assert caught.value.notices[0].code == "usage.elastic-option"
+    assert [notice.code for notice in caught.value.notices] == ["usage.elastic-option"]
 
 
 def test_all_mistakes_are_told_at_once():
@@ -38,11 +40,12 @@ def test_all_mistakes_are_told_at_once():
 
 def test_grids_must_be_there_for_every_joint():
     check_grids(ElasticOptions(thresholds=((0.1,), ())), 2)
-    with pytest.raises(UsageError, match="knee_torques are given for 1 joints; the robot has 2"):
+    with pytest.raises(UsageError, match=r"^knee_torques .*1 .*2$") as caught:
         check_grids(ElasticOptions(knee_torques=((1.0,),)), 2)
+    assert [notice.code for notice in caught.value.notices] == ["usage.elastic-option"]
 
 
 def test_every_outcome_explains_itself_and_says_whether_it_can_be_used():
-    assert all(len(outcome.value) > 10 for outcome in Ending)
+    assert all(outcome.value != outcome.name for outcome in Ending)
     unusable = {outcome for outcome in Ending if not outcome.usable}
     assert unusable == {Ending.INFEASIBLE, Ending.DIVERGED, Ending.FAILED}

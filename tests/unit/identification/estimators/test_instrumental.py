@@ -94,7 +94,7 @@ def test_the_test_is_the_contrast_of_hausman():
     rows, instruments = make_pair(rng, states=0.05)
     found = fit_instruments(rows, instruments, freedom="parameters")
     groups = found.fit.weights[[0, COUNT]]
-    usual = fit_weighted(rows, found.seen, groups, "parameters")
+    usual = fit_weighted(rows, found.identifiability, groups, "parameters")
     weight = np.diag(found.fit.weights**2)
     y, z = rows.matrix, instruments.matrix
     crossed = np.linalg.inv(z.T @ weight @ y)
@@ -120,7 +120,7 @@ def test_noise_of_states_draws_wls_to_zero_and_not_this():
         assert usual.values[1] / TRUTH[1] == pytest.approx(1.0 / 1.09, rel=0.05)
         errors.append((found.fit.values - TRUTH) / np.sqrt(np.diag(found.fit.covariance)))
         verdict = assess_exogeneity(rows, found)
-        assert verdict.told
+        assert verdict.significant
         assert {name for name, _ in verdict.biased} & {"b"}
         sizes = [abs(size) for _, size in verdict.biased]
         assert sizes == sorted(sizes, reverse=True)
@@ -154,12 +154,12 @@ def test_what_either_side_cannot_tell_is_refused():
     blind = instruments.matrix.copy()
     blind[:, 2] = 0.0
     found = fit_instruments(rows, replace(instruments, matrix=blind))
-    assert dict(found.seen.refused) == {"c": "it does not act on any measured torque in this log"}
+    assert dict(found.identifiability.refused) == {"c": "it does not act on any measured torque in this log"}
     assert [notice.code for notice in found.fit.notices] == ["identify.blind-instruments"]
     still = rows.matrix.copy()
     still[:, 1] = 0.0
     found = fit_instruments(replace(rows, matrix=still), instruments)
-    assert dict(found.seen.refused) == {"b": "it does not act on any measured torque in this log"}
+    assert dict(found.identifiability.refused) == {"b": "it does not act on any measured torque in this log"}
     assert found.fit.values[1] == 0.0
     assert not found.fit.notices
     with pytest.raises(IdentifiabilityError) as caught:
@@ -175,12 +175,12 @@ def test_columns_in_proportion_are_refused_together_and_the_noise_of_one_is_no_n
     noisy = bound + 1e-3 * rng.normal(size=bound.shape)
     tau = bound @ TRUTH
     found = fit_instruments(replace(rows, matrix=noisy, values=tau), replace(instruments, matrix=bound))
-    assert [name for name, _ in found.seen.refused] == ["a", "c"]
+    assert [name for name, _ in found.identifiability.refused] == ["a", "c"]
     assert [notice.code for notice in found.fit.notices] == ["identify.blind-instruments"]
     assert found.fit.values[1] == pytest.approx(TRUTH[1], rel=1e-3)
     assert found.fit.values[0] + 2.0 * found.fit.values[2] == pytest.approx(3.0, rel=1e-3)
     both = fit_instruments(replace(rows, matrix=bound, values=tau), instruments)
-    assert [name for name, _ in both.seen.refused] == ["a", "c"]
+    assert [name for name, _ in both.identifiability.refused] == ["a", "c"]
     assert both.fit.values[1] == pytest.approx(TRUTH[1], rel=1e-9)
     assert not both.fit.notices
 

@@ -54,8 +54,8 @@ def test_a_linear_law_has_the_textbook_covariance():
 
 def test_a_known_shape_value_makes_the_others_surer():
     samples, law = draw_s1()
-    free = compute_cramer_rao(samples, law, TABLE_1, 1.0)
-    known = compute_cramer_rao(samples, law, TABLE_1, 1.0, ("vs",))
+    design = compute_sensitivities(samples, law, *law.from_physical(TABLE_1))
+    free, known = (compute_uncertainty(design, law, 1.0, [fixed]).physical for fixed in (False, True))
     assert known[2] == 0.0
     assert np.all(known[[0, 1, 3]] < free[[0, 1, 3]])
 

@@ -92,10 +92,10 @@ def test_a_sliding_axis_has_its_own_units():
 
 
 def test_an_unknown_estimator_is_refused():
-    with pytest.raises(UsageError, match="did you mean genetic") as refused:
+    with pytest.raises(UsageError, match=r"mean genetic\?") as refused:
         fit_friction(*draw_s1(), estimator="genetics")
     assert refused.value.notices[0].code == "usage.friction-estimator"
-    with pytest.raises(UsageError, match=r"is called 'zzz'; there are varpro, root-finding"):
+    with pytest.raises(UsageError, match=r"'zzz' .*varpro, root-finding"):
         fit_friction(*draw_s1(), estimator="zzz")
 
 
@@ -116,7 +116,7 @@ def test_what_cannot_be_fitted_is_refused(name, velocity, code, error):
 
 def test_bounds_of_a_parameter_that_is_none_are_refused():
     samples, law = draw_s1()
-    with pytest.raises(UsageError, match="shape values vs") as refused:
+    with pytest.raises(UsageError, match=r"gamma.* vs$") as refused:
         build_problem(samples, law, FrictionOptions(bounds=(("gamma", (1.0, 2.0)),)))
     assert refused.value.notices[0].code == "friction.bounds"
 

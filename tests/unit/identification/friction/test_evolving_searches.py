@@ -1,5 +1,7 @@
 """Genetic algorithm, annealing hybrid, differential evolution: optimum, counts, the same bits again."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,7 +15,6 @@ from symid.identification.friction.bounded_search import (
     search_by_population,
 )
 from symid.identification.friction.problem import (
-    AnnealingOptions,
     EvolutionOptions,
     FrictionOptions,
     GeneticOptions,
@@ -26,7 +27,7 @@ from tests.frictions import draw_s1, draw_s2
 OPTIONS = FrictionOptions()
 SEARCHES = {
     "genetic": lambda problem, rng: search_by_population(problem, GeneticOptions(), rng),
-    "annealing": lambda problem, rng: search_by_population(problem, AnnealingOptions(), rng),
+    "annealing": lambda problem, rng: search_by_population(problem, OPTIONS.annealing, rng),
     "evolution": lambda problem, rng: search_by_evolution(problem, EvolutionOptions(), rng),
 }
 each_search = pytest.mark.parametrize("name", sorted(SEARCHES))
@@ -41,7 +42,7 @@ def test_the_optimum_is_found(name, draw):
     assert best.objective <= search.objective * (1.0 + 1e-9)
     assert search.objective <= best.objective * (1.0 + 1e-5)
     assert search.outcome is Ending.STAGNATED
-    found = problem.find_objectives(search.linear[None, :], search.shape[None, :])
+    found = problem.compute_objectives(search.linear[None, :], search.shape[None, :])
     assert search.objective == pytest.approx(float(found[0]), rel=1e-12)
 
 
@@ -69,7 +70,7 @@ def test_too_few_generations_are_reported():
     rng = np.random.default_rng(0)
     ends = (
         search_by_population(problem, GeneticOptions(generations=3), rng),
-        search_by_population(problem, AnnealingOptions(generations=3), rng),
+        search_by_population(problem, replace(OPTIONS.annealing, generations=3), rng),
         search_by_evolution(problem, EvolutionOptions(generations=3), rng),
     )
     for end in ends:

@@ -44,7 +44,7 @@ def test_one_joint_alone_has_inertia_and_weight_fitted_along(processing):
     samples = found.samples
     assert samples.extra_names == ("J", "a", "b")
     assert samples.extra_units == ("kg m^2", "N m", "N m")
-    assert found.rigid == "the rigid part J ddq + a sin q + b cos q was fitted along"
+    assert "J ddq + a sin q + b cos q" in found.rigid
     solution, residual = fit(samples, plain_columns(samples))
     # The effective inertia of the arm at this pose, by its closed form; G = 9.81, L = 0.5.
     inertia = BETA[0] + BETA[3] + 2 * 0.5 * (BETA[4] * np.cos(0.4) - BETA[5] * np.sin(0.4))
@@ -58,7 +58,7 @@ def test_several_poses_take_the_columns_of_the_regressor():
     found = extract(*recordings)
     assert set(found.samples.extra_names) <= {"ZZR1", "MXR1", "MY1", "ZZ2", "MX2", "MY2"}
     assert len(found.samples.extra_names) > 3
-    assert "columns was fitted along" in found.rigid
+    assert f"{len(found.samples.extra_names)} columns" in found.rigid
     assert sorted(set(found.samples.run.tolist())) == [0.0, 1.0, 2.0]
 
 
@@ -155,8 +155,8 @@ def test_rows_keep_time_velocity_and_recording_behind_the_filter():
 def test_joints_that_rest_or_are_shaken_are_refused():
     recording = record(0.8)
     logs = prepare_joint_logs(LIBRARY, [recording], RAW)
-    assert (logs.resting, logs.find_moving(0), logs.find_alone(0)) == (((1,),), (0,), (0,))
-    with pytest.raises(IdentifiabilityError, match="moves in none") as caught:
+    assert (logs.resting, logs.list_moving(0), logs.list_alone(0)) == (((1,),), (0,), (0,))
+    with pytest.raises(IdentifiabilityError, match="joint2") as caught:
         extract_joint(LIBRARY, logs, 1)
     assert caught.value.notices[0].code == "friction.at-rest"
     position = recording.position.copy()
@@ -164,7 +164,7 @@ def test_joints_that_rest_or_are_shaken_are_refused():
     shaken = Recording(time=recording.time, position=position, torque=recording.torque)
     logs = prepare_joint_logs(LIBRARY, [shaken], RAW)
     assert logs.carried == ((1,),)
-    with pytest.raises(IdentifiabilityError, match="sticks and slips"):
+    with pytest.raises(IdentifiabilityError, match=r"joint2.* 5 %"):
         extract_joint(LIBRARY, logs, 1)
 
 

@@ -73,7 +73,7 @@ def test_slow_and_fast_cosines_together_tell_the_whole_law(options):
     assert (joint.selection is None) == ("model" in options)
     ((name, reason),) = found.refused
     assert name == LIBRARY.card.joints[1].name
-    assert "moves in none" in reason
+    assert repr(name) in reason
     assert "friction.joint-refused" in {notice.code for notice in found.notices}
     assert found.settings["rigid"] == ("known" if "beta" in options else "fitted along")
 
@@ -151,7 +151,7 @@ def test_every_log_may_have_its_own_period():
     with pytest.raises(LogError) as caught:
         identify(*recordings, **options, periods=(3.0,))
     assert caught.value.notices[0].code == "log.not-periodic"
-    with pytest.raises(UsageError, match="3 periods were given for 2 logs") as caught:
+    with pytest.raises(UsageError, match="3 periods for 2 logs") as caught:
         identify(*recordings, **options, periods=(3.0, 6.0, 6.0))
     assert caught.value.notices[0].code == "usage.friction-periods"
 
@@ -169,7 +169,7 @@ def test_a_law_of_the_load_needs_a_load():
     # The second joint has neither links' torque nor friction here; the first one has both.
     notices = refuse(build_weightless(), model="load-dependent")
     assert notices[0].code == "friction.nothing"
-    assert "move it against gravity" in notices[0].text
+    assert "load" in notices[0].text
 
 
 def test_a_joint_without_load_does_not_keep_others_from_a_law():
@@ -196,7 +196,7 @@ def find_notices(*recordings, **options):
 
 
 def test_a_smoothing_without_use_is_refused_or_told():
-    with pytest.raises(UsageError, match="no sign that jumps") as caught:
+    with pytest.raises(UsageError, match="'makkar'") as caught:
         identify(*SLOW_AND_FAST, model="makkar", smoothing=0.01)
     assert caught.value.notices[0].code == "usage.friction-smoothing"
     found = find_notices(*SLOW_AND_FAST, candidates=("makkar",), smoothing=0.01)
@@ -208,14 +208,14 @@ def test_a_smoothing_without_use_is_refused_or_told():
 def test_a_torque_of_the_wrong_sign_is_told():
     right = record(1.0, law="coulomb-viscous-offset")
     wrong = replace(right, torque=-right.torque)
-    assert "wrong sign" in find_notices(wrong, model="coulomb-viscous-offset")["friction.negative-inertia"]
+    assert "sign" in find_notices(wrong, model="coulomb-viscous-offset")["friction.negative-inertia"]
     assert "friction.negative-inertia" not in find_notices(right, model="coulomb-viscous-offset")
 
 
 def test_an_inertia_that_is_only_uncertain_is_not_blamed_on_the_log():
     estimate = SimpleNamespace(extra=(ParameterEstimate(name="J", value=-0.03, std=0.2, unit="kg m^2"),))
     (notice,) = warn_of_inertia(estimate)
-    assert "accelerates too little" in notice.text
+    assert "zero" in notice.text
 
 
 def test_a_torque_that_nothing_explains_is_told():
@@ -228,7 +228,7 @@ def test_a_torque_that_nothing_explains_is_told():
 
 def test_a_residual_with_a_pattern_is_told():
     found = find_notices(*SLOW_AND_FAST, model="coulomb-viscous-offset")
-    assert "times too small" in found["friction.pattern"]
+    assert "fC" in found["friction.pattern"]
     assert "friction.pattern" not in find_notices(*SLOW_AND_FAST, model="stribeck+offset")
 
 
@@ -256,6 +256,13 @@ def test_results_are_read_back_without_loss(tmp_path):
     assert again.notices == found.notices
 
 
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    """Return the text of a stored result."""
+    found = identify(record(1.0, law="coulomb-viscous-offset"), model="coulomb-viscous-offset")
+    return write_fit(found, tmp_path_factory.mktemp("stored") / "friction.json").read_text()
+
+
 @pytest.mark.parametrize(
     ("change", "told"),
     [
@@ -268,7 +275,7 @@ def test_results_are_read_back_without_loss(tmp_path):
         (lambda data: data["joints"][0]["estimate"].update(linear=[True]), "expected a number"),
         (lambda data: data.update(refused=[["a"]]), "expected 2 entries"),
         (lambda data: data.update(joints=[]), "joints is empty"),
-        (lambda data: data["joints"][0]["estimate"].update(law="zzz"), "no friction law is called 'zzz'"),
+        (lambda data: data["joints"][0]["estimate"].update(law="zzz"), "friction law 'zzz'"),
         (lambda data: data["joints"][0]["estimate"].update(linear=[1.0]), "linear has 1 entries, not 3"),
         (lambda data: data["joints"][0]["estimate"]["covariance"].pop(), "covariance has 5 entries, not 6"),
         (lambda data: data["joints"][0]["estimate"]["covariance"][0].pop(), "row 0 has 5 entries"),
@@ -280,10 +287,8 @@ def test_results_are_read_back_without_loss(tmp_path):
         (lambda data: data["joints"][0]["estimate"].update(linear=[None, 1, 1]), "are not numbers"),
     ],
 )
-def test_files_that_are_no_results_are_refused(tmp_path, change, told):
-    found = identify(record(1.0, law="coulomb-viscous-offset"), model="coulomb-viscous-offset")
-    path = write_fit(found, tmp_path / "friction.json")
-    data = json.loads(path.read_text())
+def test_files_that_are_no_results_are_refused(stored, tmp_path, change, told):
+    path, data = tmp_path / "friction.json", json.loads(stored)
     change(data)
     path.write_text(json.dumps(data))
     with pytest.raises(EstimateError, match=told) as caught:
@@ -324,7 +329,7 @@ def compare(recordings):
 def test_equal_friction_at_all_poses_is_told():
     found = compare(build_poses(1.8, 1.8, 1.8))
     assert not found.differs
-    assert "does not depend on the pose" in found.verdict
+    assert " not " in found.verdict
     assert found.change < 0.02
     assert [pose.others[0][1] for pose in found.poses] == pytest.approx([0.0, 0.5, 1.0])
     for entry in found.parameters:
@@ -335,7 +340,7 @@ def test_equal_friction_at_all_poses_is_told():
 def test_friction_that_depends_on_the_pose_is_told():
     found = compare(build_poses(1.8, 2.0, 1.8))
     assert found.differs
-    assert "depends on the pose: fC" in found.verdict
+    assert ": fC (" in found.verdict
     level = next(entry for entry in found.parameters if entry.name == "fC")
     assert level.values == pytest.approx((1.8, 2.0, 1.8), abs=0.02)
     assert level.chance < 1e-6
@@ -363,7 +368,7 @@ def test_a_pose_that_cannot_be_fitted_is_left_out_and_the_rest_stays():
     (joint,) = found.joints
     assert joint.estimate.get_value("fC") == pytest.approx(1.8, abs=0.05)
     assert joint.poses.parameters == ()
-    assert "1 of its poses only" in joint.poses.verdict
+    assert " 1 " in joint.poses.verdict
     assert not joint.poses.differs
     (text,) = [notice.text for notice in found.notices if notice.code == "friction.pose-skipped"]
     assert "peak 0.08" in text
@@ -378,7 +383,7 @@ def test_poses_that_tell_too_little_are_not_called_alike():
     found = compare([record(1.0, law="coulomb-viscous-offset"), short])
     assert not found.differs
     assert found.change is None or found.change > 0.0
-    assert "too uncertain to compare" in found.verdict
+    assert "uncertain" in found.verdict
 
 
 def test_what_a_pose_does_not_tell_makes_no_change_of_the_curve():
@@ -386,7 +391,7 @@ def test_what_a_pose_does_not_tell_makes_no_change_of_the_curve():
     found = compare_poses(LIBRARY, logs, 0, get_law("stribeck+offset"), beta=BETA)
     assert "vs" not in {entry.name for entry in found.parameters}
     assert found.change is None
-    assert "the others are not known at all poses" in found.verdict
+    assert "not identifiable" in found.verdict
 
 
 @pytest.mark.parametrize(("memory", "poses"), [(0.0, 2), (0.0, 5), (0.98, 2), (0.98, 5), (0.995, 2)])

@@ -46,15 +46,15 @@ def test_derivatives_are_exact(name, physical):
     cost = FrictionNlpCost(problem, 7.0)
     x = np.array(physical) * (1.0 + 0.01 * np.arange(len(physical)))
     linear, shape = problem.law.from_physical(list(x))
-    objective = float(problem.find_objectives(np.array([linear]), np.array([shape]))[0])
-    assert cost.find_value(x) == pytest.approx(objective / 7.0, rel=1e-12)
+    objective = float(problem.compute_objectives(np.array([linear]), np.array([shape]))[0])
+    assert cost.compute_value(x) == pytest.approx(objective / 7.0, rel=1e-12)
     for place in range(len(x)):
         step = 1e-6 * x[place] * np.eye(len(x))[place]
-        rise = (cost.find_value(x + step) - cost.find_value(x - step)) / (2e-6 * x[place])
-        assert cost.find_gradient(x)[place] == pytest.approx(rise, rel=1e-5, abs=1e-6)
-        turn = (cost.find_gradient(x + step) - cost.find_gradient(x - step)) / (2e-6 * x[place])
+        rise = (cost.compute_value(x + step) - cost.compute_value(x - step)) / (2e-6 * x[place])
+        assert cost.compute_gradient(x)[place] == pytest.approx(rise, rel=1e-5, abs=1e-6)
+        turn = (cost.compute_gradient(x + step) - cost.compute_gradient(x - step)) / (2e-6 * x[place])
         np.testing.assert_allclose(
-            cost.find_hessian(x)[place], turn, rtol=1e-4, atol=1e-6 * np.abs(cost.find_hessian(x)).max()
+            cost.compute_hessian(x)[place], turn, rtol=1e-4, atol=1e-6 * np.abs(cost.compute_hessian(x)).max()
         )
 
 

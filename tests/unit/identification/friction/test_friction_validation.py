@@ -112,7 +112,7 @@ def test_columns_that_stand_for_groups_are_told(library):
     assert not {"J", "a", "b"} & {entry.name for entry in joint.estimate.extra}
     validation = validate_friction(found, library, record(0.8, seed=4), RAW)
     (notice,) = (entry for entry in validation.notices if entry.code == "validate.friction-pose")
-    assert f"its rigid part of {len(joint.estimate.other)} columns" in notice.text
+    assert f"({len(joint.estimate.other)} columns)" in notice.text
 
 
 def move_both():
@@ -125,7 +125,7 @@ def move_both():
 
 
 def test_another_kind_of_motion_is_refused_where_its_rigid_part_is_not_known(library, found):
-    with pytest.raises(IdentifiabilityError, match="more of its rigid part") as caught:
+    with pytest.raises(IdentifiabilityError, match="rigid part") as caught:
         validate_friction(found, library, move_both(), RAW)
     assert {entry.code for entry in caught.value.notices} == {"validate.friction-joint"}
 
@@ -136,7 +136,7 @@ def test_a_joint_that_does_not_move_is_left_out(library, found):
     still = replace(
         recording, position=recording.position[:, ::-1].copy(), torque=recording.torque[:, ::-1].copy()
     )
-    with pytest.raises(IdentifiabilityError, match="does not move of its own"):
+    with pytest.raises(IdentifiabilityError, match=r"joint1.* not move"):
         validate_friction(found, library, still, RAW)
 
 
@@ -150,8 +150,8 @@ def test_refused_parameters_leave_the_speeds_that_were_fitted(library):
     assert np.min(np.abs(series.velocity)) >= 0.2
     assert validation.residual[0].std == pytest.approx(0.05, rel=0.1)
     (notice,) = (entry for entry in validation.notices if entry.code == "validate.friction-refused")
-    assert "fS, vs got no number" in notice.text
-    with pytest.raises(IdentifiabilityError, match="speeds that were not fitted"):
+    assert "fS, vs" in notice.text
+    with pytest.raises(IdentifiabilityError, match=r"processing\.standstill.* fitted"):
         validate_friction(found, library, record(0.15, seed=9), RAW)
 
 
@@ -177,16 +177,16 @@ def test_speeds_beyond_those_fitted_are_told(library, found):
 
 def test_another_model_is_refused(library, found):
     changed = replace(library.card, signature="0" * 64)
-    with pytest.raises(EstimateError, match="has changed since"):
+    with pytest.raises(EstimateError, match="changed"):
         check_model(found, changed, "friction.json")
-    with pytest.raises(EstimateError, match="identified for robot"):
+    with pytest.raises(EstimateError, match=r"'two_link'.*'other'"):
         check_model(found, replace(changed, robot="other"), "friction.json")
     (joint,) = found.joints
     unknown = replace(joint, estimate=replace(joint.estimate, joint="wheel"))
-    with pytest.raises(EstimateError, match=r"'wheel' must be joints of robot 'two_link'"):
+    with pytest.raises(EstimateError, match=r"'wheel' .*'two_link'"):
         check_model(replace(found, joints=(unknown,)), library.card)
     with pytest.raises(EstimateError, match=r"each once"):
         check_model(replace(found, joints=(joint, joint)), library.card)
     strange = replace(joint, estimate=replace(joint.estimate, other=(1.0,)))
-    with pytest.raises(EstimateError, match="beside friction"):
+    with pytest.raises(EstimateError, match=r"joint1.* 1 values"):
         validate_friction(replace(found, joints=(strange,)), library, record(0.6, seed=7), RAW)

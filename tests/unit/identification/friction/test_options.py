@@ -4,7 +4,6 @@ import pytest
 
 from symid.errors import UsageError
 from symid.identification.friction.problem import (
-    AnnealingOptions,
     EvolutionOptions,
     FrictionNlpOptions,
     FrictionOptions,
@@ -23,7 +22,7 @@ def test_all_mistakes_are_reported_together():
             root_finding=RootFindingOptions(points=2),
             nlp=FrictionNlpOptions(starts=0, iterations=0),
             genetic=GeneticOptions(population=1, width=0.0, generations=0),
-            annealing=AnnealingOptions(cooling=1.0, step=-1.0, tolerance=2.0),
+            annealing=GeneticOptions(cooling=1.0, step=-1.0, tolerance=2.0),
             evolution=EvolutionOptions(population=1, generations=0),
         )
     notices = refused.value.notices

@@ -66,6 +66,6 @@ def test_a_run_is_the_recording():
 
 @pytest.mark.parametrize("build", [build_axis_run, lambda entry: build_axis_samples(entry, PROCESSING)])
 def test_one_joint_is_wanted(build):
-    with pytest.raises(LogError, match="2 joints; one is wanted") as caught:
+    with pytest.raises(LogError, match=r"\b2 joints.* 1$") as caught:
         build(build_recording(0.0, joints=2))
     assert caught.value.notices[0].code == "log.joints"

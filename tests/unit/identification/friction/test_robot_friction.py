@@ -49,18 +49,19 @@ KINDS = {
     "power-law": CurvedFriction.POWER_LAW,
     "makkar": CurvedFriction.MAKKAR,
 }
+# What an answer must name: the law, its relative without an offset, what else it reads.
 WITHOUT_MODEL = {
-    "lorentzian": "no model of the law 'lorentzian'",
-    "asymmetric+offset": "they have 'asymmetric', without an offset",
-    "cubic+offset": "they have 'cubic', without an offset",
-    "stribeck+cubic+offset": "without an offset",
-    "power-law+offset": "without an offset",
-    "improved-stribeck-h2": "no model",
-    "improved-stribeck-h4": "no model",
-    "asymmetric-stribeck-both": "no model",
-    "polynomial-4": "no model",
-    "load-dependent": "it reads the load besides the velocity",
-    "position-dependent": "it reads the position besides the velocity",
+    "lorentzian": "'lorentzian'",
+    "asymmetric+offset": "'asymmetric', without",
+    "cubic+offset": "'cubic', without",
+    "stribeck+cubic+offset": "'stribeck+cubic', without",
+    "power-law+offset": "'power-law', without",
+    "improved-stribeck-h2": "'improved-stribeck-h2'",
+    "improved-stribeck-h4": "'improved-stribeck-h4'",
+    "asymmetric-stribeck-both": "'asymmetric-stribeck-both'",
+    "polynomial-4": "'polynomial-4'",
+    "load-dependent": "the load ",
+    "position-dependent": "the position ",
 }
 # Standstill is among them, and speeds from far below the zone to far above all shape values.
 SPEEDS = np.concatenate([[0.0], np.logspace(-6.0, 1.0, 200), -np.logspace(-6.0, 1.0, 200)])
@@ -143,6 +144,5 @@ def test_values_that_were_refused_or_that_files_refuse_stay_out(identified):
     beside = give(identified, "stribeck", refused=(("J", "the joint hardly accelerates"),))
     assert not describe_obstacle(beside)
     steep = give(identified, "stribeck-exponent", gamma=12.5)
-    assert (
-        describe_obstacle(steep) == "gamma = 12.5, and robot files take what is greater than 0 and at most 10"
-    )
+    assert describe_obstacle(steep).startswith("gamma = 12.5")
+    assert " 10" in describe_obstacle(steep)

@@ -23,7 +23,7 @@ def test_the_best_root_is_the_optimum(seed):
 
 
 def test_two_unknowns_and_two_directions_are_refused():
-    with pytest.raises(UsageError, match="one shape value") as refused:
+    with pytest.raises(UsageError, match="2 here") as refused:
         search_by_roots(build_problem(*draw_s2(), OPTIONS), RootFindingOptions())
     assert "both" in str(refused.value)
     assert {notice.code for notice in refused.value.notices} == {"usage.root-finding"}

@@ -45,9 +45,8 @@ def test_columns_pass_the_operator():
     [
         ({"velocity": np.ones(3)}, "shape"),
         ({"torque": np.array([0.0, np.nan, 0.0, 0.0])}, "not finite"),
-        ({"extra": np.zeros((4, 2))}, "extra has shape"),
+        ({"extra": np.zeros((4, 2))}, r"extra .*\(4, 2\)"),
         ({"extra": np.zeros((4, 1)), "extra_names": ("J",), "extra_units": ("a", "b")}, "extra_units"),
-        ({"noise": 0.0}, "noise"),
         ({"velocity": np.zeros(0)}, "no samples"),
     ],
 )

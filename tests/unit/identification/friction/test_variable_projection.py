@@ -45,7 +45,7 @@ def test_the_linear_part_is_the_least_squares_solution():
     samples, law = draw_s1()
     problem = build_problem(samples, law, OPTIONS)
     state = Projector(problem, 10).project(problem.encode([0.04]))
-    expected, rest, *_ = np.linalg.lstsq(problem.find_columns([0.04]), problem.target, rcond=None)
+    expected, rest, *_ = np.linalg.lstsq(problem.compute_columns([0.04]), problem.target, rcond=None)
     np.testing.assert_allclose(state.linear, expected, rtol=1e-10)
     assert state.objective == pytest.approx(float(rest[0]), rel=1e-12)
 
@@ -56,7 +56,7 @@ def test_kaufmans_gradient_is_exact(name):
     projector = Projector(problem, 10**6)
     z = problem.encode(problem.law.from_physical(TRUTHS[name])[1]) + 0.0123
     state = projector.project(z)
-    slope = 2.0 * projector.find_jacobian(state).T @ state.residual
+    slope = 2.0 * projector.compute_jacobian(state).T @ state.residual
     step = 1e-6
     for place in range(len(z)):
         move = step * np.eye(len(z))[place]
@@ -242,12 +242,12 @@ def test_the_gain_beside_a_kink_is_that_of_the_slope_there(name):
     for side in (-1.0, 1.0):
         near = projector.project(state.z + np.array([0.0, side * step]))
         slope = (near.objective - state.objective) / step
-        gain = projector.find_side_gain(state, 1, side)
+        gain = projector.compute_side_gain(state, 1, side)
         if slope >= 0.0:
             assert gain == 0.0
             continue
         slopes.append(slope)
-        rate = projector.find_jacobian(near)[:, 1]
+        rate = projector.compute_jacobian(near)[:, 1]
         assert gain == pytest.approx(slope**2 / (4.0 * float(rate @ rate)), rel=1e-2)
     assert slopes
 
@@ -257,4 +257,4 @@ def test_no_gain_is_promised_beyond_the_end_of_the_search():
     projector = Projector(problem, 10**6)
     for side, end in ((-1.0, problem.low), (1.0, problem.high)):
         state = projector.project(problem.encode([0.03, end[1]]))
-        assert projector.find_side_gain(state, 1, side) == 0.0
+        assert projector.compute_side_gain(state, 1, side) == 0.0

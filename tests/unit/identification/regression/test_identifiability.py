@@ -90,7 +90,8 @@ def test_a_column_of_zeros_is_refused_and_the_others_are_fitted():
     matrix[:, 2] = 0
     rows = build(matrix, values)
     seen = analyse_identifiability(rows)
-    assert seen.refused == (("c", "it does not act on any measured torque in this log"),)
+    ((name, reason),) = seen.refused
+    assert (name, "torque" in reason) == ("c", True)
     expected = np.linalg.lstsq(matrix[:, [0, 1, 3]], values, rcond=None)[0]
     fit = fit_ols(rows, seen)
     np.testing.assert_allclose(fit.values[[0, 1, 3]], expected, rtol=1e-9)
@@ -103,7 +104,7 @@ def test_columns_in_fixed_proportion_are_refused_together_without_harm_to_the_ot
     rows = build(matrix, values)
     seen = analyse_identifiability(rows)
     assert [name for name, _ in seen.refused] == ["a", "c"]
-    assert "only together with c, in a fixed proportion" in seen.refused[0][1]
+    assert "with c" in seen.refused[0][1]
     expected = np.linalg.lstsq(matrix[:, [0, 1, 3]], values, rcond=None)[0]
     fit = fit_ols(rows, seen)
     np.testing.assert_allclose(fit.values[[1, 3]], expected[1:], rtol=1e-9)
@@ -113,21 +114,16 @@ def test_columns_in_fixed_proportion_are_refused_together_without_harm_to_the_ot
 
 
 @pytest.mark.parametrize(
-    ("matrix", "values", "code", "message"),
+    ("matrix", "values", "code", "named"),
     [
-        (np.zeros((9, 2)), np.ones(9), "identify.nothing", "nothing can be learnt from this log: record"),
-        (
-            np.ones((9, 2)),
-            np.ones(9),
-            "identify.nothing",
-            r"nothing can be learnt from this log \(a: it acts only together with b",
-        ),
-        (np.eye(2), np.ones(2), "identify.too-few-rows", "2 torque rows cannot determine 2 parameters"),
-        (np.eye(3)[:, :2], np.zeros(3), "identify.no-torque", "measured torque is zero throughout"),
+        (np.zeros((9, 2)), np.ones(9), "identify.nothing", r"^[^()]*$"),
+        (np.ones((9, 2)), np.ones(9), "identify.nothing", r"\(a: .* b, .*; b: .* a, .*\)"),
+        (np.eye(2), np.ones(2), "identify.too-few-rows", r"2 torque rows .* 2 parameters"),
+        (np.eye(3)[:, :2], np.zeros(3), "identify.no-torque", "torque"),
     ],
 )
-def test_nothing_to_learn_is_an_error(matrix, values, code, message):
-    with pytest.raises(IdentifiabilityError, match=message) as caught:
+def test_rows_without_an_identifiable_parameter_are_an_error(matrix, values, code, named):
+    with pytest.raises(IdentifiabilityError, match=named) as caught:
         analyse_identifiability(build(matrix, values))
     assert caught.value.exit_code == 4
     assert caught.value.notices[0].code == code
@@ -140,7 +136,7 @@ def test_a_log_at_standstill_is_refused(kind):
     recording = Recording(
         time=1e-3 * np.arange(500), position=position, torque=rng.normal(size=(500, 1)), source="still.npz"
     )
-    with pytest.raises(IdentifiabilityError, match=r"still.npz: no joint moves in this log") as caught:
+    with pytest.raises(IdentifiabilityError, match=r"still\.npz") as caught:
         identify_parameters(build_one_axis(), [recording], PLAIN)
     assert caught.value.notices[0].code == "identify.standstill"
 
@@ -158,7 +154,7 @@ def test_a_resting_joint_loses_its_rows_and_its_friction():
     assert [entry.joint for entry in estimate.residual] == ["joint1"]
     codes = [notice.code for notice in estimate.notices]
     assert codes[0] == "identify.joint-at-rest"
-    assert "joint 'joint2' does not move" in estimate.notices[0].text
+    assert "joint 'joint2'" in estimate.notices[0].text
     assert codes.count("identify.refused") == len(refused)
 
 
@@ -189,18 +185,15 @@ def test_wrong_calls_name_what_is_allowed():
         "usage.unknown-estimator",
         "usage.no-log",
     ]
-    assert "allowed are torque, momentum, filtered, power, energy" in text
-    assert "allowed are ols, wls" in text
-    assert "no log was given" in text
-    with pytest.raises(UsageError, match="rows 'impulse'"):
+    assert "torque, momentum, filtered, power, energy" in text
+    assert "ols, wls" in text
+    with pytest.raises(UsageError, match="'impulse'"):
         build_rows("impulse", library, build_signals(library, ONE_AXIS_TRUTH), PLAIN)
 
 
 def test_a_log_of_another_robot_is_refused():
     recording = build_recording(build_two_link(), TWO_LINK_TRUTH, source="two.npz")
-    with pytest.raises(
-        LogError, match=r"two.npz: the log has 2 joints, the robot 'one_axis' has 1"
-    ) as caught:
+    with pytest.raises(LogError, match=r"two\.npz: .* 2 joints.* 'one_axis' .* 1\b") as caught:
         identify_parameters(build_one_axis(), [recording], PLAIN)
     assert caught.value.notices[0].code == "log.joints"
 
@@ -222,7 +215,7 @@ def test_logs_whose_rows_are_all_left_out_say_so():
     library = build_two_link()
     recording = build_recording(library, TWO_LINK_TRUTH, samples=501)
     processing = Processing(filter_cutoff=50.0, standstill=1e3)
-    with pytest.raises(IdentifiabilityError, match=r"no equation is left.*processing\.standstill") as caught:
+    with pytest.raises(IdentifiabilityError, match=r"processing\.standstill") as caught:
         identify_parameters(library, [recording], processing)
     assert caught.value.notices[0].code == "identify.no-rows"
     assert "identify.slow-rows" in {entry.code for entry in caught.value.notices}

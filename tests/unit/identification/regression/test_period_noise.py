@@ -35,7 +35,7 @@ def test_each_log_may_have_its_own_period_and_periods_no_whole_number_of_samples
 
 @pytest.mark.parametrize(
     ("periods", "message"),
-    [([15.0], "occurs 1 times"), ([2.0, 2.0], "2 periods for 1 logs"), ([1.31], "does not repeat")],
+    [([15.0], "15 s fit into the"), ([2.0, 2.0], "2 periods for 1 logs"), ([1.31], "does not repeat")],
 )
 def test_what_tells_no_noise_is_refused(periods, message):
     with pytest.raises(UsageError, match=message) as caught:

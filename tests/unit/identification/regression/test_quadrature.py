@@ -32,12 +32,13 @@ def test_samples_that_fill_no_window_are_left_over():
 
 @pytest.mark.parametrize("length", [0.0, -1.0, 0.005, 100.0])
 def test_windows_that_do_not_fit_are_refused(length):
-    with pytest.raises(UsageError, match=r"window of .* at least two sample periods \(0.02 s\)") as caught:
+    with pytest.raises(UsageError, match=r"0\.02 s.*1 s") as caught:
         choose_windows(101, 0.01, length)
     assert caught.value.notices[0].code == "usage.window"
 
 
 def test_windows_that_overlap_too_much_are_told_as_they_were_asked_for():
-    with pytest.raises(UsageError, match=r"window of 0.1 s, each begun 0.01 s after the last.*less overlap"):
+    with pytest.raises(UsageError, match=r"0\.1 s.*0\.01 s.*overlap") as caught:
         choose_windows(101, 0.01, 0.1, pieces=10)
+    assert caught.value.notices[0].code == "usage.window"
     assert choose_windows(101, 0.01, 0.4, pieces=10) == choose_windows(101, 0.01, 0.04)

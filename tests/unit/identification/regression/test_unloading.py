@@ -39,4 +39,4 @@ def test_a_payload_of_another_model_is_refused():
         subtract_payload_torque(build_two_link(), signals, recording)
     (notice,) = caught.value.notices
     assert (notice.code, notice.file) == ("log.payload-model", "log.npz")
-    assert "changes 2 base parameters, the model has 6" in notice.text
+    assert [word for word in notice.text.replace(":", "").split() if word.isdigit()] == ["2", "6"]

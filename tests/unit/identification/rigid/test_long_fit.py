@@ -15,7 +15,7 @@ from symid.identification.estimators.linear_estimators import fit_rows
 from symid.identification.regression.equations import stack_rows
 from symid.identification.regression.identifiability import RankRule, analyse_identifiability
 from symid.identification.regression.long_logs import RowBuilder, condense_recordings
-from symid.identification.regression.preparation import prepare_rows, prepare_states
+from symid.identification.regression.preparation import prepare_rows
 from symid.identification.rigid.fit import (
     compute_long_covariance,
     fit_long,
@@ -173,11 +173,12 @@ def test_blocks_are_decimated_as_the_whole(samples, factor):
 
 @pytest.mark.parametrize("overlap", [0.0, 0.5, 0.9])
 @pytest.mark.parametrize("kind", ["torque", "momentum"])
-def test_blocks_are_the_rows(recordings, kind, overlap):
+def test_blocks_are_the_rows(recordings, kind, overlap, monkeypatch):
     processing = replace(PROCESSING, standstill=0.0)
+    monkeypatch.setattr("symid.identification.regression.equations._SAMPLES", 10**9)
     rows = prepare_rows(kind, LIBRARY, recordings[0], processing, window=0.02, overlap=overlap)
-    signals = prepare_states(LIBRARY, recordings[0], processing)
-    blocks = list(RowBuilder(kind, LIBRARY, processing, 0.02, overlap).cut_signals(signals))
+    monkeypatch.setattr("symid.identification.regression.equations._SAMPLES", 500)
+    blocks = list(RowBuilder(kind, LIBRARY, processing, 0.02, overlap).cut(recordings[0]))
     assert [part.start for part, _ in blocks] == [0, *(part.stop for part, _ in blocks)][:-1]
     whole = np.concatenate([matrix for _, matrix in blocks]).swapaxes(0, 1).reshape(rows.matrix.shape)
     np.testing.assert_allclose(whole, rows.matrix, rtol=0, atol=1e-12 * np.abs(rows.matrix).max())

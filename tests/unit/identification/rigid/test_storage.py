@@ -48,9 +48,9 @@ def test_infinities_survive_as_null(tmp_path, estimate):
     ("text", "message"),
     [
         ("{", r"estimate.json:1:2: not JSON"),
-        ("[1]", "not an estimate written by symid"),
-        ('{"format": "symid fit", "version": 9}', "version 9 of the format; this symid reads 2"),
-        ('{"format": "symid estimate", "version": 9}', "version 9 of the format; this symid reads 1"),
+        ("[1]", r"estimate\.json: .* symid"),
+        ('{"format": "symid fit", "version": 9}', "version 9 .* 2$"),
+        ('{"format": "symid estimate", "version": 9}', "version 9 .* 1$"),
     ],
 )
 def test_other_files_are_refused(tmp_path, text, message):
@@ -81,14 +81,14 @@ def test_files_of_version_1_are_read(tmp_path, kind):
 
 
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(EstimateError, match=r"none\.json: cannot be read: No such file"):
+    with pytest.raises(EstimateError, match=r"none\.json: .*: No such file"):
         read_fit(tmp_path / "none.json")
 
 
 def test_bytes_are_no_text(tmp_path):
     path = tmp_path / "estimate.json"
     path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(EstimateError, match="not a text file"):
+    with pytest.raises(EstimateError, match=r"estimate\.json: .* text"):
         read_fit(path)
 
 
@@ -103,17 +103,12 @@ def test_all_that_is_wrong_is_said_at_once(tmp_path, estimate):
     with pytest.raises(EstimateError) as caught:
         read_fit(path)
     text = str(caught.value)
-    for part in (
-        "rows is missing",
-        "colour is unknown",
-        "expected a number, got 'much'",
-        "expected text, got 3",
-    ):
+    for part in ("rows ", "colour ", "got 'much'", "got 3"):
         assert part in text
 
 
 def test_a_folder_that_does_not_exist_is_not_made(tmp_path):
-    with pytest.raises(OutputError, match="cannot be written: No such file") as caught:
+    with pytest.raises(OutputError, match="No such file") as caught:
         write_file(tmp_path / "none" / "a.txt", "text")
     assert caught.value.notices[0].code == "output.write"
 
@@ -121,9 +116,9 @@ def test_a_folder_that_does_not_exist_is_not_made(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"robot": "panda"}, "identified for robot 'two_link', the robot given is 'panda'"),
-        ({"joints": "asymmetric"}, r"its friction is viscous_coulomb_offset.*asymmetric"),
-        ({}, "the model of robot 'two_link' has changed since"),
+        ({"robot": "panda"}, "'two_link', not for 'panda'"),
+        ({"joints": "asymmetric"}, r"viscous_coulomb_offset, .*asymmetric"),
+        ({}, r"robot 'two_link' .* another, .* two_link-sig;"),
     ],
 )
 def test_an_estimate_of_another_model_says_what_differs(tmp_path, estimate, library, change, message):
@@ -152,24 +147,24 @@ def test_validation_counts_what_the_true_parameters_leave(library, estimate):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda data: data.update(residual=[]), "residual: expected one entry for each joint"),
+        (lambda data: data.update(residual=[]), "residual: .* got none"),
         (
             lambda data: data["parameters"][0].update(value=None),
-            r"parameters\[0\]\.value: expected a number, got null",
+            r"parameters\[0\]\.value: .* got null",
         ),
         (
             lambda data: data["residual"][0].update(norm=None),
-            r"residual\[0\]\.norm: expected a number, got null",
+            r"residual\[0\]\.norm: .* got null",
         ),
-        (lambda data: data.update(samples=None), "samples: expected a whole number, got null"),
-        (lambda data: data.update(samples=-1), "samples: expected a count, got -1"),
-        (lambda data: data.update(kind="stiff"), "kind: expected one of rigid, elastic, friction"),
-        (lambda data: data.update(settings=[]), "settings: expected a table"),
-        (lambda data: data.update(notices=[{"code": 3}]), r"notices\[0\].code: expected text, got 3"),
-        (lambda data: data.update(friction=["sticky"]), "friction: expected one of none"),
-        (lambda data: data.update(rows="columns"), "rows: expected one of"),
+        (lambda data: data.update(samples=None), "samples: .* got null"),
+        (lambda data: data.update(samples=-1), "samples: .* got -1"),
+        (lambda data: data.update(kind="stiff"), "kind: .* rigid, elastic, friction"),
+        (lambda data: data.update(settings=[]), "settings: "),
+        (lambda data: data.update(notices=[{"code": 3}]), r"notices\[0\]\.code: .* got 3"),
+        (lambda data: data.update(friction=["sticky"]), "friction: .* 'sticky'"),
+        (lambda data: data.update(rows="columns"), "rows: .* 'columns'"),
         (lambda data: data.update(condition=10**400), "condition: "),
-        (lambda data: data["covariance"].pop(), "covariance: expected 12 rows of 12"),
+        (lambda data: data["covariance"].pop(), "covariance: .* 12 rows of 12"),
         (lambda data: data["parameters"][0].pop("std"), r"parameters\[0\]: std is missing"),
     ],
 )
@@ -218,12 +213,9 @@ def refuse(path, text):
         (lambda data: data["parameters"][0].update(std=-1.0), "parameters"),
         (lambda data: data.update(condition=-1.0), "condition"),
         (lambda data: data.update(sources=[]), "sources"),
-        (lambda data: data.update(version=2.0), "version 2.0 of the format; this symid reads 2"),
-        (lambda data: data.update(version=True), "version True of the format; this symid reads 2"),
-        (
-            lambda data: data.update(format=["symid fit"]),
-            "this is JSON, but not an estimate written by symid",
-        ),
+        (lambda data: data.update(version=2.0), "version 2.0 "),
+        (lambda data: data.update(version=True), "version True "),
+        (lambda data: data.update(format=["symid fit"]), "this is JSON"),
     ],
 )
 def test_a_broken_file_is_refused_at_its_place(tmp_path, estimate, change, place):
@@ -326,7 +318,10 @@ def test_json_that_no_one_writes_is_refused(tmp_path, text):
 def test_parameters_that_are_not_the_models_are_refused(tmp_path, estimate, library):
     first, *rest = estimate.parameters
     renamed = (replace(first, name="colour"), *rest)
-    for parameters, message in ((tuple(rest), "is missing"), (renamed, "'colour' is no parameter")):
+    for parameters, message in (
+        (tuple(rest), f"model 'two_link': '{first.name}' "),
+        (renamed, "model 'two_link': 'colour' "),
+    ):
         changed = replace(estimate, parameters=parameters, covariance=())
         path = write_fit(changed, tmp_path / "estimate.json")
         with pytest.raises(EstimateError, match=message) as caught:

@@ -1,0 +1,462 @@
+"""A robot as a URDF, new or with the robot's own file kept, or as an MJCF model, the format of MuJoCo.
+
+Each joint moves the link or body `<joint>_link`, whose frame is the link frame used here: the axis is z. In a
+URDF the base is the link `base`, a link of unknown values has no <inertial>, an unknown limit is 0. In MJCF
+a rotor is `armature` (on the joint's side), a coupled drive a fixed tendon, followers are held by equality
+constraints, and each joint with a coordinate has a motor: its control is a torque on the motor's side.
+
+Supported: placements, inertial values, limits, damping and dry friction (the mean of both directions),
+followers, gears and rotors; in MJCF also gravity, springs, couplings. Rewriting: URDFs read as a whole.
+Not supported, and written in a comment: symbols (their values are written), other friction, elastic joints;
+in URDF gravity other than (0, 0, -9.81), springs, coupled drives, and rotor inertia, which simulators do not
+read; in MJCF dry friction that pushes. Left out of MJCF: limits of velocity. MuJoCo needs masses.
+"""
+
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from xml.sax.saxutils import escape, quoteattr
+
+from symid.robot.description import FrictionKind, FrictionValues, Joint, JointKind, Robot
+from symid.robot.geometry import Placement, compute_quaternion, to_floats
+from symid.robot.inertia import move_by_placement, split_body
+from symid.robot.toml_drives import FRICTION_PARAMETERS, FRICTION_SHAPES, name_values
+from symid.robot.toml_values import BASE
+from symid.robot.urdf_parts import ROTORS
+from symid.robot.urdf_xml import XmlDocument, XmlElement, parse_document
+
+_UNFIT = re.compile(r"[\x00-\x1f\ufffe\uffff]")
+_GRAVITY = (0.0, 0.0, -9.81)
+_TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+
+
+def _write_quoted(name: str) -> str:
+    """Return a name as the value of an attribute, in quotes."""
+    return quoteattr(_UNFIT.sub(" ", name))
+
+
+def _write_comments(texts: Sequence[str]) -> list[str]:
+    """Return comments, one a text."""
+    return [f"  <!-- {escape(_UNFIT.sub(' ', text)).replace('--', '- -')} -->" for text in texts]
+
+
+def _write_decimal(value: float) -> str:
+    """Return a number with all digits of a double."""
+    return repr(float(value) + 0.0)
+
+
+def _write_decimals(values: Sequence[float]) -> str:
+    """Return numbers with blanks between them."""
+    return " ".join(_write_decimal(value) for value in values)
+
+
+def _write_head(robot: Robot, comments: Sequence[str], omissions: Iterator[str]) -> list[str]:
+    """Return comments for the head of a file: those given, values of symbols, and what is left out."""
+    symbols = (f"{name} = {_write_decimal(value)} m" for name, value in robot.symbols)
+    return _write_comments([*comments, *symbols, *omissions])
+
+
+def _get_plain_friction(friction: FrictionValues) -> tuple[float, float] | None:
+    """Return damping (N m s/rad or N s/m) and dry friction (N m or N) of a model; None where unknown or none.
+
+    Of a model that tells directions apart it is their mean.
+    """
+    if friction.kind is FrictionKind.NONE or friction.values is None:
+        return None
+    named = name_values(friction)
+    groups = (("Fv", "Fvp", "Fvn"), ("Fc", "Fcp", "Fcn"))
+    damping, dry = ([named[name] for name in names if name in named] or [0.0] for names in groups)
+    return sum(damping) / len(damping), sum(dry) / len(dry)
+
+
+def _list_friction_omissions(owner: str, friction: FrictionValues) -> Iterator[str]:
+    """Yield what a friction model has beyond damping and dry friction, with all its values."""
+    if friction.kind is not FrictionKind.NONE and friction.values is None:
+        yield f"{owner}: friction of unknown size ({friction.kind.value})"
+    elif friction.kind not in (FrictionKind.NONE, FrictionKind.VISCOUS_COULOMB):
+        names = [", ".join(FRICTION_PARAMETERS[friction.kind])]
+        values = _write_decimals(friction.values or ())
+        text = f"{owner}: friction model {friction.kind.value}, values {values}"
+        if friction.shape:
+            text += f", shape {_write_decimals(friction.shape)}"
+            names.append(", ".join(key.name for key in FRICTION_SHAPES[friction.kind]))
+        text += f" ({'; '.join(names)})"
+        yield f"{text}; only its damping and dry friction, alike in both directions, are written"
+    if friction.smoothing:
+        yield f"{owner}: dry friction changes its sign over {friction.smoothing}"
+
+
+def _list_elastic_omissions(joint: Joint) -> Iterator[str]:
+    """Yield the spring between motor and link of an elastic joint."""
+    spring = joint.elasticity
+    if spring is not None:
+        parts = [str(spring.stiffness)]
+        parts += [f"damping {spring.damping}"] if spring.damping else []
+        parts += [f"cubic {spring.cubic}"] if spring.cubic else []
+        parts += [f"stop of {stop.stiffness} to {stop.threshold}" for stop in spring.stops]
+        parts += [f"knee of {knee.slope} at {knee.threshold}" for knee in spring.knees]
+        yield f"joint {joint.name}: elastic, {', '.join(parts)}; it is written as rigid"
+
+
+def write_urdf(robot: Robot, *, comments: Sequence[str] = ()) -> str:
+    """Return the URDF of `robot`, with comments at its head."""
+    lines = ['<?xml version="1.0" encoding="utf-8"?>', f"<robot name={_write_quoted(robot.name)}>"]
+    lines += [*_write_head(robot, comments, list_urdf_omissions(robot)), f'  <link name="{BASE}"/>']
+    for joint in robot.joints:
+        lines += _write_joint(robot, joint)
+    for joint in robot.joints:
+        lines += _write_transmission(joint)
+    return "\n".join((*lines, "</robot>", ""))
+
+
+def list_urdf_omissions(robot: Robot) -> Iterator[str]:
+    """Yield what a URDF cannot hold, or simulators do not read; the file has it in comments."""
+    gravity = tuple(value.to_float(dict(robot.symbols)) for value in robot.gravity)
+    if gravity != _GRAVITY:
+        yield f"gravity of the model: {_write_decimals(gravity)} m/s^2 in the frame of the link {BASE}"
+    for joint in robot.joints:
+        yield from _list_friction_omissions(f"joint {joint.name}", joint.friction)
+        if joint.drive.rotor_inertia:
+            text = f"joint {joint.name}: rotor inertia {joint.drive.rotor_inertia} on the joint's side"
+            yield f"{text}, which simulators call armature; they do not read <motorInertia>"
+        if joint.spring is not None:
+            yield f"joint {joint.name}: a spring, {joint.spring.stiffness} at rest at {joint.spring.rest}"
+        yield from _list_elastic_omissions(joint)
+    for coupling in robot.couplings:
+        terms = [f"{float(factor):g} {robot.joints[index].name}" for index, factor in coupling.terms]
+        text = f"a drive coupled to several joints, {coupling.name}: {', '.join(terms)}"
+        if coupling.rotor_inertia is not None:
+            text += f", rotor inertia {coupling.rotor_inertia}"
+        if coupling.friction.values:
+            values = _write_decimals(coupling.friction.values)
+            text += f", friction {values} ({', '.join(FRICTION_PARAMETERS[coupling.friction.kind])})"
+        yield text
+
+
+def _link(name: str) -> str:
+    return _write_quoted(f"{name}_link")
+
+
+def _compute_rpy(placement: Placement) -> tuple[float, float, float]:
+    """Return roll, pitch, yaw with Rot(z, yaw) Rot(y, pitch) Rot(x, roll) = R; roll 0 where it is free."""
+    r = to_floats(placement)
+    across = math.hypot(r[0][0], r[1][0])
+    pitch = math.atan2(-r[2][0], across)
+    if not across:
+        return (0.0, pitch, math.atan2(-r[0][1], r[1][1]))
+    return (math.atan2(r[2][1], r[2][2]), pitch, math.atan2(r[1][0], r[0][0]))
+
+
+def _write_inertial(parameters: Sequence[float]) -> list[str]:
+    """Return the lines of <inertial> for ten standard parameters in the frame of the link."""
+    mass, com, central = split_body(parameters)
+    tensor = " ".join(f'{key}="{_write_decimal(value)}"' for key, value in zip(_TENSOR, central, strict=True))
+    return [
+        "<inertial>",
+        f'  <origin xyz="{_write_decimals(com)}" rpy="0 0 0"/>',
+        f'  <mass value="{_write_decimal(mass)}"/>',
+        f"  <inertia {tensor}/>",
+        "</inertial>",
+    ]
+
+
+def _write_dynamics(joint: Joint) -> list[str]:
+    friction = _get_plain_friction(joint.friction)
+    if friction is None:
+        return []
+    damping, dry = map(_write_decimal, friction)
+    return [f'<dynamics damping="{damping}" friction="{dry}"/>']
+
+
+def _write_joint(robot: Robot, joint: Joint) -> Iterator[str]:
+    symbols = dict(robot.symbols)
+    parent = _link(robot.joints[joint.parent].name) if joint.parent >= 0 else f'"{BASE}"'
+    xyz = [value.to_float(symbols) for value in joint.placement.translation]
+    inertial = () if joint.inertial is None else _write_inertial(joint.inertial)
+    yield f"  <link name={_link(joint.name)}{'' if inertial else '/'}>"
+    yield from (f"    {line}" for line in inertial)
+    yield from ("  </link>",) if inertial else ()
+    endless = joint.kind is JointKind.REVOLUTE and joint.limits.position is None
+    low, high = map(_write_decimal, joint.limits.position or (0.0, 0.0))
+    ends = "" if endless else f'lower="{low}" upper="{high}" '
+    effort, velocity = (
+        _write_decimal(value or 0.0) for value in (joint.limits.torque, joint.limits.velocity)
+    )
+    yield f'  <joint name={_write_quoted(joint.name)} type="{"continuous" if endless else joint.kind.value}">'
+    yield f'    <origin xyz="{_write_decimals(xyz)}" rpy="{_write_decimals(_compute_rpy(joint.placement))}"/>'
+    yield f"    <parent link={parent}/>"
+    yield f"    <child link={_link(joint.name)}/>"
+    yield '    <axis xyz="0 0 1"/>'
+    yield f'    <limit {ends}effort="{effort}" velocity="{velocity}"/>'
+    yield from (f"    {line}" for line in _write_dynamics(joint))
+    if joint.mimic is not None:
+        master = _write_quoted(robot.joints[joint.mimic.master].name)
+        factor = _write_decimal(float(joint.mimic.multiplier))
+        yield f'    <mimic joint={master} multiplier="{factor}" offset="0.0"/>'
+    yield "  </joint>"
+
+
+def _write_transmission(joint: Joint) -> Iterator[str]:
+    drive = joint.drive
+    if drive.gear == 1.0 and not drive.has_rotor:
+        return
+    yield f"  <transmission name={_write_quoted(f'{joint.name}_transmission')}>"
+    yield "    <type>transmission_interface/SimpleTransmission</type>"
+    yield f"    <joint name={_write_quoted(joint.name)}/>"
+    yield f"    <actuator name={_write_quoted(f'{joint.name}_motor')}>"
+    yield f"      <mechanicalReduction>{_write_decimal(drive.gear)}</mechanicalReduction>"
+    if drive.rotor_inertia is not None:
+        # On the motor side, as URDFs have it.
+        yield f"      <motorInertia>{_write_decimal(drive.rotor_inertia / drive.gear**2)}</motorInertia>"
+    yield "    </actuator>"
+    yield "  </transmission>"
+
+
+_QUOTED = re.compile(rb"[^>\"']|\"[^\"]*\"|'[^']*'")
+
+
+_Edit = tuple[int, int, str]
+"""The first byte that is replaced, the byte behind the last one, and what comes in their place."""
+
+
+def rewrite_urdf(text: str, robot: Robot, *, comments: Sequence[str] = ()) -> str:
+    """Return the URDF `text`, letter by letter, with new inertias, friction and rotors, those of `robot`.
+
+    The values of a moving link hold for it and the links fixed to it together; theirs are taken out.
+
+    Args:
+        text: the file that the robot was read from.
+        robot: the same robot, links with values.
+        comments: texts for the head of the file.
+
+    Raises:
+        RobotError: the text is no XML.
+    """
+    document = parse_document(text, robot.path)
+    result = document.source
+    head = "".join(f"\n{line}" for line in _write_comments([*comments, *list_urdf_omissions(robot)]))
+    start = _locate_tag_end(result, document.root.offset)
+    edits = [*_list_edits(document, robot), (start, start, head)]
+    for begin, end, inserted in sorted(edits, key=lambda edit: edit[0], reverse=True):
+        result = result[:begin] + inserted.encode() + result[end:]
+    return result.decode(errors="surrogatepass")
+
+
+def _list_edits(document: XmlDocument, robot: Robot) -> Iterator[_Edit]:
+    """Yield the edits of links, joints and transmissions."""
+    root = document.root
+    elements = {element.attributes.get("name", ""): element for element in root.find_all("joint")}
+    joints = {joint.name: joint for joint in robot.joints}
+    # The reader gives another name to a joint that is called as the base of robot files is.
+    strangers = [joint for joint in robot.joints if joint.name not in elements]
+    if strangers and BASE in elements:
+        joints[BASE] = strangers[0]
+    # The joint that moves each link, and the link before it.
+    parents = {
+        _get_link(element, "child"): (name, _get_link(element, "parent"))
+        for name, element in elements.items()
+    }
+    for link in root.find_all("link"):
+        name = link.attributes.get("name", "")
+        old = link.find("inertial")
+        joint = joints.get(parents[name][0]) if name in parents else None
+        if joint is not None and joint.inertial is not None:
+            # In the frame that the file gives to the link.
+            values = move_by_placement(joint.inertial, joint.frame, inverse=True)
+            yield _replace(document, link, old, _write_inertial(values))
+        elif joint is None and old is not None and _is_carried(name, parents, joints):
+            yield _remove(document, old)
+    for name, element in elements.items():
+        if name in joints and (lines := _write_dynamics(joints[name])):
+            yield _replace(document, element, element.find("dynamics"), lines)
+    for transmission in root.find_all("transmission"):
+        end, actuator = transmission.find("joint"), transmission.find("actuator")
+        joint = joints.get(end.attributes.get("name", "")) if end is not None else None
+        if joint is not None and actuator is not None and joint.drive.rotor_inertia is not None:
+            value = _write_decimal(joint.drive.rotor_inertia / joint.drive.gear**2)
+            for rotor in actuator.find_all(*ROTORS):
+                yield _replace(document, actuator, rotor, [f"<{rotor.tag}>{value}</{rotor.tag}>"])
+
+
+def _get_link(joint: XmlElement, tag: str) -> str:
+    end = joint.find(tag)
+    return end.attributes.get("link", "") if end is not None else ""
+
+
+def _is_carried(link: str, parents: Mapping[str, tuple[str, str]], joints: Mapping[str, Joint]) -> bool:
+    """Return whether a link hangs on one that a joint moves."""
+    while link in parents:
+        name, link = parents[link]
+        if name in joints:
+            return True
+    return False
+
+
+def _replace(document: XmlDocument, owner: XmlElement, old: XmlElement | None, lines: Sequence[str]) -> _Edit:
+    """Return what puts `lines` in the place of `old`, or in front of all else in `owner`."""
+    source = document.source
+    if old is not None:
+        text = f"\n{_read_indent(source, old)}".join(lines)
+        return old.offset, _locate_element_end(document, old), text
+    outer = _read_indent(source, owner)
+    text = "".join(f"\n{outer}  {line}" for line in lines)
+    start = _locate_tag_end(source, owner.offset)
+    if source[start - 2 : start] != b"/>":
+        return start, start, text
+    return start - 2, start, f">{text}\n{outer}</{owner.tag}>"
+
+
+def _remove(document: XmlDocument, element: XmlElement) -> _Edit:
+    """Return what takes an element out, with the line that it leaves empty."""
+    source, start, end = document.source, element.offset, _locate_element_end(document, element)
+    line = source.rfind(b"\n", 0, start)
+    rest = source.find(b"\n", end)
+    alone = line >= 0 and rest >= 0 and not (source[line:start] + source[end:rest]).strip()
+    return (line, rest, "") if alone else (start, end, "")
+
+
+def _read_indent(source: bytes, element: XmlElement) -> str:
+    """Return the blanks that stand before an element in its line."""
+    before = source[source.rfind(b"\n", 0, element.offset) + 1 : element.offset]
+    return before.decode() if not before.strip() else "    "
+
+
+def _locate_tag_end(source: bytes, offset: int) -> int:
+    """Return where the tag ends that begins at `offset`; values of attributes may hold what ends one."""
+    while match := _QUOTED.match(source, offset):
+        offset = match.end()
+    return offset + 1
+
+
+def _locate_element_end(document: XmlDocument, element: XmlElement) -> int:
+    """Return where an element ends, with all that is in it."""
+    end = _locate_tag_end(document.source, element.offset)
+    is_empty = document.source[end - 2 : end] == b"/>"
+    return end if is_empty else _locate_tag_end(document.source, document.ends[element.offset])
+
+
+_TYPES = {JointKind.REVOLUTE: "hinge", JointKind.PRISMATIC: "slide"}
+# The order of MuJoCo: xx yy zz xy xz yz.
+_ORDER = (0, 3, 5, 1, 2, 4)
+
+
+def write_mjcf(robot: Robot, *, comments: Sequence[str] = ()) -> str:
+    """Return the MJCF model of `robot`, with comments at its head."""
+    symbols = dict(robot.symbols)
+    gravity = _write_decimals([value.to_float(symbols) for value in robot.gravity])
+    lines = [
+        '<?xml version="1.0" encoding="utf-8"?>',
+        f"<mujoco model={_write_quoted(robot.name)}>",
+        *_write_head(robot, comments, list_mjcf_omissions(robot)),
+        '  <compiler angle="radian" autolimits="true"/>',
+        f'  <option gravity="{gravity}"/>',
+        "  <worldbody>",
+        *_write_bodies(robot),
+        "  </worldbody>",
+        *_write_couplings(robot),
+        *_write_followers(robot),
+        "  <actuator>",
+        *(
+            f"    <motor name={_write_quoted(f'{joint.name}_motor')} joint={_write_quoted(joint.name)} "
+            f'gear="{_write_decimal(joint.drive.gear)}"/>'
+            for joint in robot.axes
+        ),
+        "  </actuator>",
+        "</mujoco>",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def list_mjcf_omissions(robot: Robot) -> Iterator[str]:
+    """Yield what an MJCF model cannot hold; the file has it in comments."""
+    for joint in robot.joints:
+        owner = f"joint {joint.name}"
+        yield from _list_mjcf_friction_omissions(owner, joint.friction)
+        if joint.spring is not None and joint.spring.stiffness is None:
+            yield f"{owner}: a spring of unknown stiffness"
+        yield from _list_elastic_omissions(joint)
+    for coupling in robot.couplings:
+        yield from _list_mjcf_friction_omissions(f"coupled drive {coupling.name}", coupling.friction)
+
+
+def _list_mjcf_friction_omissions(owner: str, friction: FrictionValues) -> Iterator[str]:
+    yield from _list_friction_omissions(owner, friction)
+    plain = _get_plain_friction(friction)
+    if plain is not None and plain[1] < 0:
+        yield f"{owner}: dry friction {_write_decimal(plain[1])}, which drives instead of braking"
+
+
+def _write_bodies(robot: Robot) -> Iterator[str]:
+    """Yield the bodies, each with all that hangs on it."""
+    symbols = dict(robot.symbols)
+    children: dict[int, list[int]] = {}
+    for index, joint in enumerate(robot.joints):
+        children.setdefault(joint.parent, []).append(index)
+    # Chains can be longer than calls can be nested, so open bodies wait in a list; -1 closes one.
+    waiting = [(index, "    ") for index in reversed(children.get(-1, []))]
+    while waiting:
+        index, space = waiting.pop()
+        if index < 0:
+            yield f"{space}</body>"
+            continue
+        joint = robot.joints[index]
+        position = _write_decimals([value.to_float(symbols) for value in joint.placement.translation])
+        entries = [entry.to_float() for entry in compute_quaternion(joint.placement.rotation)]
+        turned = _write_decimals([entry / math.hypot(*entries) for entry in entries])
+        yield f'{space}<body name={_write_quoted(f"{joint.name}_link")} pos="{position}" quat="{turned}">'
+        if joint.inertial is not None and joint.inertial[9]:
+            mass, com, central = split_body(joint.inertial)
+            place = f'pos="{_write_decimals(com)}" mass="{_write_decimal(mass)}"'
+            tensor = _write_decimals([central[k] for k in _ORDER])
+            yield f'{space}  <inertial {place} fullinertia="{tensor}"/>'
+        yield f"{space}  <joint {' '.join(_list_attributes(joint))}/>"
+        waiting.append((-1, space))
+        waiting += [(child, f"{space}  ") for child in reversed(children.get(index, []))]
+
+
+def _list_attributes(joint: Joint) -> Iterator[str]:
+    yield f'name={_write_quoted(joint.name)} type="{_TYPES[joint.kind]}" axis="0 0 1"'
+    if joint.limits.position is not None:
+        yield f'range="{_write_decimals(joint.limits.position)}"'
+    if joint.limits.torque is not None:
+        yield f'actuatorfrcrange="{_write_decimals((-joint.limits.torque, joint.limits.torque))}"'
+    yield from _list_drive(joint.drive.rotor_inertia, joint.friction)
+    if joint.spring is not None and joint.spring.stiffness is not None:
+        yield f'stiffness="{_write_decimal(joint.spring.stiffness)}"'
+        yield f'springref="{_write_decimal(joint.spring.rest or 0.0)}"'
+
+
+def _list_drive(rotor: float | None, friction: FrictionValues) -> Iterator[str]:
+    """Yield the attributes that joints and tendons have in common."""
+    if rotor:
+        yield f'armature="{_write_decimal(rotor)}"'
+    if plain := _get_plain_friction(friction):
+        yield f'damping="{_write_decimal(plain[0])}"'
+        if plain[1] > 0:
+            yield f'frictionloss="{_write_decimal(plain[1])}"'
+
+
+def _write_couplings(robot: Robot) -> Iterator[str]:
+    if not robot.couplings:
+        return
+    yield "  <tendon>"
+    for coupling in robot.couplings:
+        attributes = _list_drive(coupling.rotor_inertia, coupling.friction)
+        yield f"    <fixed {' '.join((f'name={_write_quoted(coupling.name)}', *attributes))}>"
+        for index, factor in coupling.terms:
+            name = _write_quoted(robot.joints[index].name)
+            yield f'      <joint joint={name} coef="{_write_decimal(float(factor))}"/>'
+        yield "    </fixed>"
+    yield "  </tendon>"
+
+
+def _write_followers(robot: Robot) -> Iterator[str]:
+    followers = [(joint, joint.mimic) for joint in robot.joints if joint.mimic is not None]
+    if not followers:
+        return
+    yield "  <equality>"
+    for joint, mimic in followers:
+        pair = f"joint1={_write_quoted(joint.name)} joint2={_write_quoted(robot.joints[mimic.master].name)}"
+        yield f'    <joint {pair} polycoef="0 {_write_decimal(float(mimic.multiplier))} 0 0 0"/>'
+    yield "  </equality>"

@@ -1,0 +1,122 @@
+"""Work that several tests repeat with equal inputs is done once a process: filters, bases, rows of equations.
+
+`share_work` puts memories in front of functions that compute nothing but their result. Keys are the inputs
+themselves, arrays by a digest of their bytes. Arrays are given out as copies; all other results are frozen.
+"""
+
+import hashlib
+import sys
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Iterator
+from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
+from functools import wraps
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from symid.codegen.library import Library
+
+SHARED = (
+    ("symid.logs.signals", "_design_decimation"),
+    ("symid.logs.signals", "decimate"),
+    ("symid.dynamics.base_parameters", "derive_base_parameters"),
+    ("symid.identification.regression.equations", "build_rows"),
+    ("symid.identification.diagnostics.residual_structure", "_tabulate"),
+    ("symid.identification.diagnostics.residual_structure", "_compute_span"),
+)
+LARGEST = 200_000_000
+"""Bytes of arrays that are remembered."""
+
+
+class NotShared(Exception):
+    """Inputs that are no plain values."""
+
+
+def build_key(value: Any) -> Hashable:
+    """Return what is equal for equal inputs."""
+    match value:
+        case np.ndarray():
+            digest = hashlib.blake2b(np.ascontiguousarray(value), digest_size=16).digest()
+            return value.shape, value.dtype.str, digest
+        case Library():
+            return type(value), value.card.signature, value.backend
+        case tuple() | list():
+            return type(value), *map(build_key, value)
+        case None | str() | int() | float():
+            return type(value), value
+    if is_dataclass(value) and not isinstance(value, type):
+        return type(value), *(build_key(getattr(value, field.name)) for field in fields(value))
+    if isinstance(value, Hashable):
+        return value
+    raise NotShared
+
+
+class Memory:
+    """Results by function and inputs, up to a number of bytes: those not wanted for longest go first."""
+
+    def __init__(self) -> None:
+        self.results: OrderedDict[Hashable, object] = OrderedDict()
+        self.size = 0
+        self.active = 0
+
+    def remember(self, function: Callable[..., Any]) -> Callable[..., Any]:
+        """Return the function with this memory in front of it, while it is active."""
+
+        @wraps(function)
+        def call(*arguments: Any, **options: Any) -> Any:
+            if not self.active:
+                return function(*arguments, **options)
+            try:
+                key = (function, build_key(arguments), build_key(tuple(sorted(options.items()))))
+            except NotShared:
+                return function(*arguments, **options)
+            if key not in self.results:
+                self.results[key] = found = function(*arguments, **options)
+                self.size += measure(found)
+                while self.size > LARGEST:
+                    self.size -= measure(self.results.popitem(last=False)[1])
+            else:
+                self.results.move_to_end(key)
+                found = self.results[key]
+            return found.copy() if isinstance(found, np.ndarray) else found
+
+        return call
+
+
+def measure(result: object) -> int:
+    """Return the bytes of arrays in a result."""
+    if isinstance(result, np.ndarray):
+        return result.nbytes
+    names = [field.name for field in fields(result)] if is_dataclass(result) else []
+    return sum(getattr(getattr(result, name), "nbytes", 0) for name in names)
+
+
+def replace_everywhere(old: object, new: object, name: str) -> None:
+    """Put `new` where modules of symid have `old` under a name."""
+    for place, module in list(sys.modules.items()):
+        if place.startswith("symid") and vars(module).get(name) is old:
+            setattr(module, name, new)
+
+
+MEMORY = Memory()
+FUNCTIONS: dict[tuple[str, str], tuple[Callable[..., Any], Callable[..., Any]]] = {}
+
+
+@contextmanager
+def share_work() -> Iterator[None]:
+    """Let the functions of `SHARED` remember their results; what was found before is there again."""
+    for place, name in SHARED:
+        if (place, name) not in FUNCTIONS:
+            function = getattr(import_module(place), name)
+            FUNCTIONS[place, name] = function, MEMORY.remember(function)
+    for (_, name), (function, memory) in FUNCTIONS.items():
+        replace_everywhere(function, memory, name)
+    MEMORY.active += 1
+    try:
+        yield
+    finally:
+        MEMORY.active -= 1
+        for (_, name), (function, memory) in FUNCTIONS.items():
+            replace_everywhere(memory, function, name)

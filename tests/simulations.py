@@ -1,0 +1,46 @@
+"""Simulated logs and their fits, computed once a process where several examples make the same ones."""
+
+from collections.abc import Callable
+from functools import wraps
+
+import pytest
+
+from symid import Log, RobotModel
+
+NAMED = {"fourier", "ta", "tb", "tc"}
+_found: dict[object, object] = {}
+
+
+def share_simulations(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let robots return the log, the fit to one log, or the study that an equal call gave before."""
+    monkeypatch.setattr(RobotModel, "simulate", _remember(RobotModel.simulate, _is_named))
+    monkeypatch.setattr(RobotModel, "identify", _remember(RobotModel.identify, _is_log))
+    monkeypatch.setattr(RobotModel, "study_precision", _remember(RobotModel.study_precision, _is_alone))
+
+
+def _is_named(trajectory: object = "fourier", *_: object) -> bool:
+    # Files are read anew.
+    return isinstance(trajectory, str) and trajectory in NAMED
+
+
+def _is_log(log: object = None, *others: object) -> bool:
+    return isinstance(log, Log) and not others
+
+
+def _is_alone(*arguments: object) -> bool:
+    return not arguments
+
+
+def _remember(method: Callable, applies: Callable[..., bool]) -> Callable:
+    @wraps(method)
+    def call(self, *arguments, **options):
+        if not applies(*arguments):
+            return method(self, *arguments, **options)
+        # A log is known by its recording, which is kept and therefore keeps its number.
+        inputs = [id(entry.recording) if isinstance(entry, Log) else entry for entry in arguments]
+        key = (method, self.description, self.backend, *inputs, repr(sorted(options.items())))
+        if key not in _found:
+            _found[key] = (method(self, *arguments, **options), arguments)
+        return _found[key][0]
+
+    return call
