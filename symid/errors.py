@@ -43,7 +43,8 @@ class Notice:
         code: for programs, stable, as in "robot.unknown-key".
         text: for people.
         file: what it is about; empty where that is no file.
-        line, column: counted from one, zero where there is no such place.
+        line: counted from one, zero where there is no such place.
+        column: likewise.
 
     Example:
         >>> import symid

@@ -20,6 +20,7 @@ settings.register_profile("symid", derandomize=True, deadline=None, print_blob=T
 settings.load_profile("symid")
 
 
+OPTIMISING = "SYMID_TEST_OPTIMISING_COMPILER"
 # Compiled without optimisation, large functions compute the same in a fifth of the compiler's time.
 QUICK_COMPILER = """#!/bin/sh
 for argument; do
@@ -43,6 +44,7 @@ def pytest_configure(config: pytest.Config) -> None:
             config.add_cleanup(lambda: shutil.rmtree(quick, ignore_errors=True))
             (quick / "cc").write_text(QUICK_COMPILER.format(compiler=shlex.quote(compiler)), encoding="utf-8")
             (quick / "cc").chmod(0o755)
+            os.environ[OPTIMISING] = compiler
             os.environ["PATH"] = f"{quick}{os.pathsep}{os.environ['PATH']}"
 
 
@@ -75,3 +77,11 @@ def c_compiler() -> str:
         if found:
             return found
     pytest.skip("wants a C compiler (cc, gcc or clang)")
+
+
+@pytest.fixture(scope="session")
+def optimising_compiler() -> str:
+    """Return the path of the C compiler that optimises large functions too, as users have it, or skip."""
+    if OPTIMISING not in os.environ:
+        pytest.skip("wants a C compiler called cc")
+    return os.environ[OPTIMISING]

@@ -30,7 +30,7 @@ LARGEST = 200_000_000
 """Bytes of arrays that are remembered."""
 
 
-class NotShared(Exception):
+class NotSharedError(Exception):
     """Inputs that are no plain values."""
 
 
@@ -50,7 +50,7 @@ def build_key(value: Any) -> Hashable:
         return type(value), *(build_key(getattr(value, field.name)) for field in fields(value))
     if isinstance(value, Hashable):
         return value
-    raise NotShared
+    raise NotSharedError
 
 
 class Memory:
@@ -70,7 +70,7 @@ class Memory:
                 return function(*arguments, **options)
             try:
                 key = (function, build_key(arguments), build_key(tuple(sorted(options.items()))))
-            except NotShared:
+            except NotSharedError:
                 return function(*arguments, **options)
             if key not in self.results:
                 self.results[key] = found = function(*arguments, **options)

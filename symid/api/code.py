@@ -23,14 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from symid.arrays import FloatArray
-    from symid.codegen import (
-        Call,
-        FunctionSpec,
-        GeneratedFolder,
-        Library,
-        ModelCard,
-        ParameterCard,
-    )
+    from symid.codegen import Call, FunctionSpec, GeneratedFolder, Library, ModelCard, ParameterCard
     from symid.report import Block
     from symid.robot import Robot
 

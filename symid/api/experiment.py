@@ -17,11 +17,7 @@ from symid.errors import Notice
 
 if TYPE_CHECKING:
     from symid.arrays import FloatArray
-    from symid.excitation import (
-        Margin,
-        OptimisedExcitation,
-        Trajectory,
-    )
+    from symid.excitation import Margin, OptimisedExcitation, Trajectory
     from symid.logs import Recording
     from symid.report import Block
     from symid.robot import Robot
@@ -102,7 +98,7 @@ class ExcitedTrajectory(Result):
         return file
 
     def count_samples(self, *, rate: float = 1000.0, periods: int = 1) -> int:
-        """Return the number of samples that `save` writes."""
+        """Return the number of samples that `save` writes with this `rate` in Hz and these `periods`."""
         return round(self.trajectory.duration * rate) * periods + 1
 
     def summarise(self) -> str:

@@ -637,13 +637,8 @@ def load_fit(
     from symid.identification.friction import FrictionIdentification
 
     estimate = read_fit(file)
-    match estimate:
-        case FrictionIdentification():
-            kind: type[Fit] = FrictionFit
-        case ElasticEstimate():
-            kind = ElasticFit
-        case _:
-            kind = RigidFit
+    kinds: dict[type, type[Fit]] = {FrictionIdentification: FrictionFit, ElasticEstimate: ElasticFit}
+    kind = kinds.get(type(estimate), RigidFit)
     return kind(estimate=estimate, file=file, model=robot, progress=progress, notices=estimate.notices)
 
 

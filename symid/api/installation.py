@@ -6,7 +6,6 @@ import shutil
 import sys
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 
 from symid.errors import Notice, SymidError
 
@@ -36,21 +35,22 @@ class InstallationFinding:
 
 def check_installation() -> tuple[InstallationFinding, ...]:
     """Check Python, packages, compiler, calls, make, cache and shared files."""
+    from symid.codegen import choose_call_path
+
+    remedy = "" if sys.version_info >= _OLDEST else "install Python 3.11 or later"
+    python = f"{platform.python_version()}, {platform.machine()}"
+    calls, make = choose_call_path(), shutil.which("make")
+    build = "" if make else "install make, to build generated folders and run their self-test"
     return (
-        _check_python(),
+        InstallationFinding(name="python", found=python, remedy=remedy),
         *map(_check_package, _PACKAGES),
         _check_compiler(),
-        _check_calls(),
-        _check_make(),
+        InstallationFinding(
+            name="calls of compiled code", found=calls.name, remedy=calls.remedy, needed=False
+        ),
+        InstallationFinding(name="make", found=make or "none", remedy=build, needed=False),
         _check_cache(),
         *map(_check_resource, ("robots", "templates")),
-    )
-
-
-def _check_python() -> InstallationFinding:
-    remedy = "" if sys.version_info >= _OLDEST else "install Python 3.11 or later"
-    return InstallationFinding(
-        name="python", found=f"{platform.python_version()}, {platform.machine()}", remedy=remedy
     )
 
 
@@ -71,35 +71,16 @@ def _check_compiler() -> InstallationFinding:
     return InstallationFinding(name="C compiler", found=f"{compiler.path}: {compiler.version}")
 
 
-def _check_calls() -> InstallationFinding:
-    from symid.codegen import choose_call_path
-
-    path = choose_call_path()
-    return InstallationFinding(
-        name="calls of compiled code", found=path.name, remedy=path.remedy, needed=False
-    )
-
-
-def _check_make() -> InstallationFinding:
-    path = shutil.which("make")
-    remedy = "" if path else "install make, to build generated folders and run their self-test"
-    return InstallationFinding(name="make", found=path or "none", remedy=remedy, needed=False)
-
-
 def _check_cache() -> InstallationFinding:
     from symid.codegen import locate_cache_folder
 
     folder = locate_cache_folder()
     entries = [path for path in folder.iterdir() if path.is_dir()] if folder.is_dir() else []
     size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) if entries else 0
-    remedy = "" if _is_writable(folder) else "make it writable, or set XDG_CACHE_HOME"
+    existing = next((path for path in (folder, *folder.parents) if path.exists()), folder)
+    remedy = "" if os.access(existing, os.W_OK) else "make it writable, or set XDG_CACHE_HOME"
     found = f"{folder}: {len(entries)} libraries, {size / 1e6:.1f} MB"
     return InstallationFinding(name="cache", found=found, remedy=remedy)
-
-
-def _is_writable(folder: Path) -> bool:
-    existing = next((path for path in (folder, *folder.parents) if path.exists()), folder)
-    return os.access(existing, os.W_OK)
 
 
 def _check_resource(name: str) -> InstallationFinding:

@@ -11,16 +11,17 @@ Supported: robot files, URDF, tables of Denavit-Hartenberg rows. Nothing heavy i
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypeVar, final
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, final
 
 from symid import report
 from symid.api.dynamics import BaseForm, BaseSet, derive_base_set
 from symid.api.result import Progress, check_choice, check_count, check_positive, ignore
+from symid.api.studies import list_seeds
 from symid.codegen import BACKENDS
 from symid.errors import Notice, UsageError
 
@@ -39,9 +40,9 @@ if TYPE_CHECKING:
     from symid.excitation import SampledMotion, Trajectory
     from symid.identification import TaskContext
     from symid.identification.elastic import ElasticOptions
-    from symid.identification.estimators import Estimate
     from symid.identification.friction import FrictionOptions
     from symid.logs import Recording
+    from symid.report import Block
     from symid.robot import Joint, Robot
     from symid.study import CutoffStudy, ElasticStudy, ManyJointsResult, PrecisionStudy, TrackingStudy
 
@@ -174,12 +175,8 @@ class RobotModel:
 
         check_choice("backend", backend or self.backend, BACKENDS)
         changed = override_settings(self.description, list_pairs(settings), friction)
-        return replace(
-            self,
-            description=changed,
-            backend=backend or self.backend,
-            progress=progress or self.progress,
-        )
+        backend, progress = backend or self.backend, progress or self.progress
+        return replace(self, description=changed, backend=backend, progress=progress)
 
     # Base parameters.
 
@@ -285,11 +282,7 @@ class RobotModel:
         return build_casadi_function(self.description, name, standard=standard, constant=constant)
 
     def _check_function(self, name: str) -> None:
-        """Refuse a function that the catalogue does not have for this robot.
-
-        Raises:
-            UsageError: with the nearest names.
-        """
+        """Refuse a function that the catalogue does not have for this robot, with the nearest names."""
         from symid.codegen import list_robot_specs
         from symid.robot import suggest_names
 
@@ -508,7 +501,7 @@ class RobotModel:
             >>> abs(fit["ZZ2"].value - robot.base.values["ZZ2"]) < 4 * fit["ZZ2"].std
             True
         """
-        from symid.api.fit import ElasticFit, RigidFit
+        from symid.api.fit import ElasticFit, RigidFit, take_estimate
         from symid.identification import IdentifyTask, identify_robot
         from symid.identification.elastic import ElasticEstimate
         from symid.identification.rigid import RigidOptions
@@ -525,31 +518,21 @@ class RobotModel:
             estimator=estimator,
             overlap=_to_plain(overlap),
             period=_list_periods(period),
-            prior=_take_prior(prior),
+            prior="robot" if prior == "robot" else take_estimate(prior),
             prior_deviation=_to_plain(prior_deviation),
             prior_weight=_to_plain(prior_weight),
-            start=_take_known(start),
+            start=take_estimate(start),
             partial=partial,
         )
-        given = {
-            "tolerance": _to_plain(tolerance),
-            "thresholds": _to_plain(thresholds),
-            "knees": _to_plain(knees),
-            "window": _to_plain(window),
-            "rate": _to_plain(rate),
-        }
-        task = IdentifyTask(pairs=pairs, rigid=options, method=method, elastic=given, options=elastic)
+        given = {"tolerance": tolerance, "thresholds": thresholds, "knees": knees, "rate": rate}
+        plain = {name: _to_plain(value) for name, value in (*given.items(), ("window", window))}
+        task = IdentifyTask(pairs=pairs, rigid=options, method=method, elastic=plain, options=elastic)
         found = identify_robot(*self._gather(logs, pairs, friction), task, self.context)
-        extra = {"backend": found.backend}
+        extra, notices = {"backend": found.backend}, found.notices
         if isinstance(found.estimate, ElasticEstimate):
-            return ElasticFit(
-                estimate=found.estimate,
-                alignment=found.alignment,
-                model=self,
-                notices=found.notices,
-                extra=extra,
-            )
-        return RigidFit(estimate=found.estimate, model=self, notices=found.notices, extra=extra)
+            fit = ElasticFit(estimate=found.estimate, model=self, notices=notices, extra=extra)
+            return replace(fit, alignment=found.alignment)
+        return RigidFit(estimate=found.estimate, model=self, notices=notices, extra=extra)
 
     def _gather(
         self, logs: "Logs", pairs: tuple[tuple[str, str], ...], friction: str | None
@@ -614,7 +597,7 @@ class RobotModel:
             >>> sorted(fit.joints)
             ['elbow', 'shoulder']
         """
-        from symid.api.fit import FrictionFit
+        from symid.api.fit import FrictionFit, take_estimate
         from symid.identification import FrictionRequest, identify_robot_friction
         from symid.identification.friction import FrictionOptions
 
@@ -628,7 +611,7 @@ class RobotModel:
         request = FrictionRequest(
             model=model,
             estimator=estimator,
-            known=_take_known(known),
+            known=take_estimate(known),
             smoothing=_to_plain(smoothing),
             period=_list_periods(period),
             seed=_to_plain(seed),
@@ -813,12 +796,7 @@ class RobotModel:
 
         from symid.api.experiment import ExcitedTrajectory, Simulation
         from symid.excitation import build_motion
-        from symid.simulation import (
-            SensorSettings,
-            check_sensor_settings,
-            check_stated_values,
-            simulate_log,
-        )
+        from symid.simulation import SensorSettings, check_sensor_settings, check_stated_values, simulate_log
 
         robot = self.description
         sensors = SensorSettings(clean=clean, noise=noise, delay=delay, offset=offset)
@@ -948,22 +926,30 @@ class RobotModel:
             >>> [method.method for method in study.product.methods]
             ['wls', 'momentum', 'consistent']
         """
-        from symid.api.studies import Study, list_seeds, report_count
         from symid.study import study_precision
 
-        numbers = list_seeds(seeds, seed)
+        found = self._study(
+            study_precision, "precision of", report.show_precision, list_seeds(seeds, seed), jobs=jobs
+        )
+        return replace(found, notices=self.notices)
+
+    def _study(
+        self,
+        study: Callable[..., Any],
+        title: str,
+        show: "Callable[[Any], tuple[Block, ...]]",
+        numbers: range,
+        **options: object,
+    ) -> "Study[Any]":
+        """Return a study with the noise of every seed in `numbers`, in several processes."""
+        from symid.api.studies import Study, report_count
+
         # Made here, with its progress told, before processes look for it.
         _ = self.library
-        found = study_precision(
-            self.description, numbers, backend=self.backend, jobs=jobs, progress=report_count(self.progress)
-        )
-        return Study(
-            title=f"precision of {self.name}",
-            product=found,
-            tables=report.show_precision(found),
-            described=asdict(found),
-            notices=self.notices,
-        )
+        counted = report_count(self.progress)
+        found = study(self.description, numbers, backend=self.backend, progress=counted, **options)
+        title = f"{title} {self.name}"
+        return Study(title=title, product=found, tables=show(found), described=asdict(found))
 
     def study_cutoff(self, log: "LogLike") -> "Study[CutoffStudy]":
         """Show how the cut-off of the position filter changes the prediction error of a fit.
@@ -1022,25 +1008,12 @@ class RobotModel:
             >>> robot = symid.load("two_link_elastic")
             >>> study = robot.study_elastic(seeds=1)  # doctest: +SKIP
         """
-        from symid.api.studies import Study, list_seeds, report_count
         from symid.study import study_elastic
 
-        numbers = list_seeds(seeds, seed)
-        _ = self.library
-        found = study_elastic(
-            self.description,
-            numbers,
-            backend=self.backend,
-            jobs=jobs,
-            timed=timed,
-            progress=report_count(self.progress),
-        )
-        return Study(
-            title=f"methods for the elastic joints of {self.name}",
-            product=found,
-            tables=report.show_elastic_study(found),
-            described=report.describe_elastic_study(found, numbers),
-        )
+        numbers, title = list_seeds(seeds, seed), "methods for the elastic joints of"
+        show = report.show_elastic_study
+        found = self._study(study_elastic, title, show, numbers, jobs=jobs, timed=timed)
+        return replace(found, described=report.describe_elastic_study(found.product, numbers))
 
     def study_tracking(
         self, *, seeds: int = 20, seed: int = 1, jobs: int | None = None
@@ -1061,20 +1034,10 @@ class RobotModel:
             >>> robot = symid.load("two_link_elastic")
             >>> study = robot.study_tracking(seeds=1)  # doctest: +SKIP
         """
-        from symid.api.studies import Study, list_seeds, report_count
         from symid.study import study_tracking
 
         numbers = list_seeds(seeds, seed)
-        _ = self.library
-        found = study_tracking(
-            self.description, numbers, backend=self.backend, jobs=jobs, progress=report_count(self.progress)
-        )
-        return Study(
-            title=f"tracking of {self.name}",
-            product=found,
-            tables=report.show_tracking(found),
-            described=asdict(found),
-        )
+        return self._study(study_tracking, "tracking of", report.show_tracking, numbers, jobs=jobs)
 
     def study_six_joints(self, *, seeds: int = 1, seed: int = 1) -> "Study[tuple[ManyJointsResult, ...]]":
         """Validate the identified dynamics of an elastic arm with any number of joints on a held-out motion.
@@ -1091,7 +1054,7 @@ class RobotModel:
             >>> robot = symid.load("puma560_elastic")
             >>> study = robot.study_six_joints()  # doctest: +SKIP
         """
-        from symid.api.studies import Study, list_seeds
+        from symid.api.studies import Study
         from symid.study import SensorCondition, study_many_joints
 
         numbers, library = list_seeds(seeds, seed), self.library
@@ -1178,23 +1141,9 @@ def list_robots() -> tuple[str, ...]:
 
 
 def _write_gravity(gravity: Sequence[float]) -> tuple[str, str, str]:
-    """Return three numbers as a table's reader takes them.
-
-    Raises:
-        UsageError: they are not three finite numbers.
-    """
+    """Return three finite numbers as a table's reader takes them; refuse any others."""
     if len(gravity) != 3 or not all(math.isfinite(part) for part in gravity):
         text = f"gravity {gravity!r}: expected three finite numbers in m/s^2, such as (0, 0, -9.81)"
         raise UsageError(Notice(code="usage.gravity", text=text))
     x, y, z = (repr(float(part)) for part in gravity)
     return (x, y, z)
-
-
-def _take_prior(prior: "Fit | str | PathLike[str] | None") -> "Estimate | Path | str | None":
-    return prior if prior == "robot" else _take_known(prior)
-
-
-def _take_known(fit: "Fit | str | PathLike[str] | None") -> "Estimate | Path | None":
-    from symid.api.fit import take_estimate
-
-    return take_estimate(fit)

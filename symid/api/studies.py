@@ -15,9 +15,7 @@ from symid.errors import Notice
 
 if TYPE_CHECKING:
     from symid.report import Block
-    from symid.study import (
-        FrictionStudy,
-    )
+    from symid.study import FrictionStudy
 
 T_co = TypeVar("T_co", covariant=True)
 

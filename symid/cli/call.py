@@ -6,13 +6,10 @@ for people, or with --json as one object for programs:
     {"ok": true, "result": {...}, "warnings": [{"code", "file", "line", "column", "text"}]}
     {"ok": false, "errors": [{"code", "file", "line", "column", "text"}]}
 
-An answer that is not acceptable, such as a gate missed, has `ok` false, its errors and its result. Numbers
-that are not finite become null, which JSON has.
+An answer that is not acceptable, such as a gate missed, has `ok` false, its errors and its result.
 
 Exit codes: 0 ok, 1 result not acceptable, 2 usage, 3 input wrong, 4 nothing identifiable, 5 solver failed,
 70 a bug in symid, 74 the output could not be written, 130 interrupted.
-
-A verb's module is imported when the verb is called, and heavy packages inside the verb.
 """
 
 import contextlib
@@ -24,11 +21,13 @@ import time
 import traceback
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from symid import __version__
+from symid.environment import show_path
 from symid.errors import Notice, SymidError
 from symid.serialization import write_json
 
@@ -71,6 +70,12 @@ def make_answer(
     )
 
 
+def answer_saved(result: Any, output: Path | None, what: str) -> Answer:  # noqa: ANN401  all that can save
+    """Return the answer for a result of the API, which is saved if an `output` is given."""
+    lines = [] if output is None else [f"{what}: {show_path(result.save(output))}"]
+    return make_answer(result, *lines, file=output)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Console:
     """Progress messages on stderr."""
@@ -94,7 +99,12 @@ class Console:
 def print_answer(answer: Answer, *, as_json: bool, quiet: bool) -> None:
     """Print the answer on stdout, its warnings and errors on stderr or in the object."""
     if as_json:
-        click.echo(write_json(_make_envelope(answer)))
+        envelope: dict[str, object] = {"ok": not answer.errors}
+        if answer.errors:
+            envelope["errors"] = [asdict(notice) for notice in answer.errors]
+        envelope["result"] = answer.result
+        envelope["warnings"] = [asdict(notice) for notice in answer.warnings]
+        click.echo(write_json(envelope))
         return
     if answer.text:
         click.echo(answer.text)
@@ -111,25 +121,12 @@ def print_errors(notices: Sequence[Notice], *, as_json: bool) -> None:
         _print_notices(notices, "error", "red")
 
 
-def _make_envelope(answer: Answer) -> dict[str, object]:
-    envelope: dict[str, object] = {"ok": not answer.errors}
-    if answer.errors:
-        envelope["errors"] = [asdict(notice) for notice in answer.errors]
-    envelope["result"] = answer.result
-    envelope["warnings"] = [asdict(notice) for notice in answer.warnings]
-    return envelope
-
-
 def _print_notices(notices: Sequence[Notice], title: str, colour: str) -> None:
     for notice in notices:
         # https://no-color.org: any value, if it is not empty, means no colour.
-        note = notice.is_note
-        word = "note" if note else title
-        head = (
-            word
-            if os.environ.get("NO_COLOR")
-            else click.style(word, fg="cyan" if note else colour, bold=True)
-        )
+        head, shade = ("note", "cyan") if notice.is_note else (title, colour)
+        if not os.environ.get("NO_COLOR"):
+            head = click.style(head, fg=shade, bold=True)
         click.echo(f"{head}: {notice}", err=True)
 
 
@@ -181,9 +178,8 @@ class _Verbs(click.Group):
         if cmd_name not in VERBS:
             return None
         file = next(name for name, verbs in _FILES.items() if cmd_name in verbs)
-        module = importlib.import_module(f"symid.cli.{file}")
-        command: click.Command = getattr(module, f"{cmd_name}_command")
-        return command
+        found: click.Command = getattr(importlib.import_module(f"symid.cli.{file}"), f"{cmd_name}_command")
+        return found
 
 
 @click.group(cls=_Verbs, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})

@@ -1,7 +1,7 @@
 """The verbs on a robot's dynamics: `symid derive`, `symid base`, `symid generate`."""
 
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import click
 
@@ -12,7 +12,6 @@ from symid.cli.options import (
     OUTPUT,
     NamedRobot,
     Verb,
-    force_folder_option,
     friction_option,
     option,
     output_option,
@@ -80,12 +79,7 @@ def base_command(console: Console, *, robot: NamedRobot, friction: str | None, f
     type=click.Choice(("base", "standard")),
     default="base",
 )
-@option(
-    "--constant",
-    MODEL,
-    "Use the robot file's values as constants in the functions.",
-    is_flag=True,
-)
+@option("--constant", MODEL, "Use the robot file's values as constants in the functions.", is_flag=True)
 @option(
     "--trigonometry",
     OUTPUT,
@@ -99,22 +93,17 @@ def base_command(console: Console, *, robot: NamedRobot, friction: str | None, f
 @option("--friction-laws", OUTPUT, "Add all static friction laws to the C library.", is_flag=True)
 @friction_option
 @output_option("Folder of the sources.", required=True, folder=True)
-@force_folder_option
 @verb
 def generate_command(
     console: Console,
     *,
     robot: NamedRobot,
     target: Literal["c", "python", "casadi"],
-    precision: Literal["double", "float"],
-    parameters: Literal["base", "standard"],
-    constant: bool,
-    trigonometry: Literal["own", "library"],
     names: tuple[str, ...],
     friction_laws: bool,
     friction: str | None,
     output: Path,
-    force: bool,
+    **options: Any,  # noqa: ANN401  of the code, typed in `RobotModel.write`
 ) -> Answer:
     """Write the robot's functions as a C library, as a Python module, or for CasADi.
 
@@ -124,16 +113,7 @@ def generate_command(
     if friction_laws and target != "c":
         text = f"--friction-laws: only for C; leave out --target {target}"
         raise UsageError(Notice(code="usage.friction-laws", text=text))
+    model = robot.load(console, friction=friction)
     return make_answer(
-        robot.load(console, friction=friction).write(
-            target,
-            output,
-            functions=names or None,
-            precision=precision,
-            parameters=parameters,
-            constant=constant,
-            trigonometry=trigonometry,
-            friction_laws=friction_laws,
-            force=force,
-        )
+        model.write(target, output, functions=names or None, friction_laws=friction_laws, **options)
     )

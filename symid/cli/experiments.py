@@ -19,7 +19,6 @@ from symid.cli.options import (
     Verb,
     add_options,
     check_output,
-    force_option,
     friction_option,
     option,
     output_option,
@@ -106,14 +105,7 @@ excite_options = add_options(
         "--starts", METHOD, "Number of candidates that are optimised.", type=COUNT, default=10, metavar="N"
     ),
     option("--rate", OUTPUT, "Sample rate of the file.", type=POSITIVE, default=1000.0, metavar="HZ"),
-    option(
-        "--periods",
-        OUTPUT,
-        "Number of periods in the file.",
-        type=COUNT,
-        default=1,
-        metavar="N",
-    ),
+    option("--periods", OUTPUT, "Number of periods in the file.", type=COUNT, default=1, metavar="N"),
 )
 
 
@@ -126,7 +118,6 @@ _LISTS = ("start", "stiffness", "deviations")
 @friction_option
 @seed_option
 @output_option("Trajectory to write, .csv.")
-@force_option
 @verb
 def excite_command(
     console: Console,
@@ -160,11 +151,7 @@ def excite_command(
 
 
 def _split_numbers(name: str, text: str | None, joints: int) -> Sequence[float] | None:
-    """Return the numbers of a list such as 1,2,3.
-
-    Raises:
-        UsageError: the list does not have one number for each joint.
-    """
+    """Return the numbers of a list such as 1,2,3; refuse any but one for each joint."""
     if text is None:
         return None
     try:
@@ -189,20 +176,9 @@ def _split_numbers(name: str, text: str | None, joints: int) -> Sequence[float] 
     default="fourier",
 )
 @option(
-    "--scale",
-    METHOD,
-    "Factor on the trajectory's amplitudes.",
-    type=POSITIVE,
-    default=1.0,
-    metavar="FACTOR",
+    "--scale", METHOD, "Factor on the trajectory's amplitudes.", type=POSITIVE, default=1.0, metavar="FACTOR"
 )
-@option(
-    "--joint",
-    METHOD,
-    "Number of the joint that tb moves, without mimic joints.",
-    type=COUNT,
-    default=1,
-)
+@option("--joint", METHOD, "Number of the joint that tb moves, without mimic joints.", type=COUNT, default=1)
 @option(
     "--duration",
     METHOD,
@@ -240,24 +216,16 @@ def _split_numbers(name: str, text: str | None, joints: int) -> Sequence[float] 
 @friction_option
 @seed_option
 @output_option("Log to write, .npz or .csv.", required=True)
-@force_option
 @verb
 def simulate_command(
     console: Console,
     *,
     robot: NamedRobot,
     trajectory: str,
-    joint: int,
-    scale: float,
-    duration: float | None,
-    noise: float | None,
-    clean: bool,
-    delay: float,
-    offset: float,
     friction: str | None,
-    seed: int,
     output: Path,
     force: bool,
+    **settings: Any,  # noqa: ANN401  the options of the experiment, typed in `RobotModel.simulate`
 ) -> Answer:
     """Simulate the robot under PD control along a trajectory and write the measured log.
 
@@ -267,17 +235,7 @@ def simulate_command(
     model = robot.load(console, friction=friction)
     check_suffix(output, "a log", (".npz", ".csv"))
     check_output(output, force=force, inputs=(model.path, Path(trajectory)))
-    run = model.simulate(
-        trajectory,
-        joint=joint,
-        scale=scale,
-        duration=duration,
-        noise=noise,
-        clean=clean,
-        delay=delay,
-        offset=offset,
-        seed=seed,
-    )
+    run = model.simulate(trajectory, **settings)
     written = run.save(output)
     return Answer(
         text=f"{show_path(written)}: {run.summarise()}",

@@ -4,7 +4,7 @@ import shlex
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Any
 
 import click
 
@@ -21,7 +21,6 @@ from symid.cli.options import (
     Verb,
     backend_option,
     check_output,
-    force_folder_option,
     force_option,
     friction_option,
     option,
@@ -51,7 +50,6 @@ def doctor_command(console: Console) -> Answer:
 @backend_option
 @option("--seed", METHOD, "Random seed.", type=WHOLE, default=0, metavar="N")
 @output_option("Folder for code, logs, estimate and report.  [default: demo]", folder=True)
-@force_folder_option
 @verb
 def demo_command(console: Console, *, backend: str, seed: int, output: Path | None, force: bool) -> Answer:
     """Simulate an arm with elastic joints, identify dynamics and hysteresis, validate, report.
@@ -117,45 +115,33 @@ def new_command(
     *,
     file: Path,
     urdf: Path | None,
-    base: str | None,
-    tip: str | None,
     table: Path | None,
-    convention: Literal["modified", "standard"] | None,
-    gravity: str | None,
     name: str | None,
     log: Path | None,
     columns: tuple[str, ...],
     units: tuple[str, ...],
-    friction: str | None,
-    rotors: bool,
-    gear: str | None,
-    torque_constant: str | None,
     force: bool,
+    **options: Any,  # noqa: ANN401  typed in `symid.new_robot`
 ) -> Answer:
     """Write a commented robot file, to be completed by hand.
 
     Source is a URDF, a table of Denavit-Hartenberg rows, or an existing robot. With --log the columns
     of a log are assigned; assumptions are printed, and written to the file.
     """
-    _check_suffix(file)
+    if file.suffix.lower() != ".toml":
+        text = f"{file}: a robot file needs the suffix .toml, such as {file.stem}.toml"
+        raise UsageError(Notice(code="usage.suffix", text=text))
     check_output(file, force=force, inputs=[entry for entry in (urdf, table, log) if entry is not None])
     code, shape = "usage.quantity", "QUANTITY=..., such as"
     draft = symid.new_robot(
         urdf=urdf,
-        base=base,
-        tip=tip,
         table=table,
-        convention=convention,
-        gravity=gravity,
         robot=name,
         log=log,
         columns=split_pairs("--columns", columns, f"{shape} --columns position=NAME,NAME", code, once=True),
         units=split_pairs("--units", units, f"{shape} --units position=deg", code, once=True),
-        friction=friction,
-        rotors=rotors,
-        gear=gear,
-        torque_constant=torque_constant,
         progress=console.progress,
+        **options,
     )
     check_output(file, force=force, inputs=(draft.source,))
     draft.save(file)
@@ -164,28 +150,14 @@ def new_command(
     ]
     head = f"robot file: {show_path(file)} ({draft.summarise()})"
     shown = [str(block) for block in draft.blocks()[1:]]
+    following = f"complete it, then symid check {shlex.quote(str(show_path(file)))}"
+    if log is not None:
+        following = f"symid check {shlex.join((str(show_path(file)), str(log)))}"
     return Answer(
-        text="\n".join((head, *shown, f"next: {_suggest_next(file, log)}")),
+        text="\n".join((head, *shown, f"next: {following}")),
         result={"file": file, **draft.to_dict()},
         warnings=tuple(notices),
     )
-
-
-def _suggest_next(file: Path, log: Path | None) -> str:
-    if log is None:
-        return f"complete it, then symid check {shlex.quote(str(show_path(file)))}"
-    return f"symid check {shlex.join((str(show_path(file)), str(log)))}"
-
-
-def _check_suffix(file: Path) -> None:
-    """Check the suffix of a robot file.
-
-    Raises:
-        UsageError: the suffix is not .toml.
-    """
-    if file.suffix.lower() != ".toml":
-        text = f"{file}: a robot file needs the suffix .toml, such as {file.stem}.toml"
-        raise UsageError(Notice(code="usage.suffix", text=text))
 
 
 _TOO_LITTLE = 4

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from symid.api import METHODS, PayloadEstimator, PayloadRows
-from symid.cli.call import Answer, Console, make_answer
+from symid.api import METHODS
+from symid.cli.call import Answer, Console, answer_saved
 from symid.cli.options import (
     FILE,
     INPUT,
@@ -21,7 +21,6 @@ from symid.cli.options import (
     Verb,
     add_options,
     check_output,
-    force_option,
     friction_option,
     option,
     output_option,
@@ -31,7 +30,6 @@ from symid.cli.options import (
     split_settings,
     verb,
 )
-from symid.environment import show_path
 from symid.errors import Notice, UsageError
 
 if TYPE_CHECKING:
@@ -139,11 +137,7 @@ elastic_options = add_options(
         metavar="N",
     ),
     option(
-        "--knees",
-        MODEL,
-        "Elastic joints: number of knees on each side of a spring.",
-        type=WHOLE,
-        metavar="N",
+        "--knees", MODEL, "Elastic joints: number of knees on each side of a spring.", type=WHOLE, metavar="N"
     ),
 )
 friction_law_options = add_options(
@@ -194,7 +188,6 @@ _LAWS = "friction"
 @elastic_options
 @friction_law_options
 @output_option("Write the result as JSON, for `validate`, `report` and `export`.")
-@force_option
 @verb
 def identify_command(
     console: Console,
@@ -216,7 +209,7 @@ def identify_command(
     Parameters that are not identifiable are listed with the reason. With --rows friction a friction law
     and its parameters are identified for every joint that moves.
     """
-    rigid, elastic, law = (_select_options(further, names) for names in (RIGID, ELASTIC, FRICTION))
+    rigid, elastic, law = ({name: further[name] for name in names} for names in (RIGID, ELASTIC, FRICTION))
     _check_mixed(rows, {"method": method, **elastic, **rigid}, law)
     shared = {key: value for key, value in further.items() if key not in (*RIGID, *ELASTIC, *FRICTION)}
     shared["settings"] = split_settings(settings)
@@ -225,19 +218,14 @@ def identify_command(
     check_output(output, force=force, inputs=(model.path, *logs))
     if rows == _LAWS:
         laws = model.identify_friction(logs, estimator=estimator, period=period, **law, **shared)
-        return _answer_fit(laws, output, "result")
+        return answer_saved(laws, output, "result")
     if method == _STIFFNESS:
         rest = {"rows": rows, "estimator": estimator, "period": period, **rigid, **elastic}
         return _answer_stiffness(model, logs, _list_given(rest), shared, output)
     fit = model.identify(
         logs, rows=rows, estimator=estimator, method=method, period=period, **rigid, **elastic, **shared
     )
-    return _answer_fit(fit, output, "estimate")
-
-
-def _answer_fit(fit: Any, output: Path | None, what: str) -> Answer:  # noqa: ANN401  fits and stiffness alike
-    lines = [] if output is None else [f"{what}: {show_path(fit.save(output))}"]
-    return make_answer(fit, *lines, file=output)
+    return answer_saved(fit, output, "estimate")
 
 
 def _answer_stiffness(
@@ -263,28 +251,17 @@ def _answer_stiffness(
         drop_first=shared["drop_first"],
         drop_last=shared["drop_last"],
     )
-    return _answer_fit(found, output, "result")
-
-
-def _select_options(options: Mapping[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
-    return {name: options[name] for name in names}
+    return answer_saved(found, output, "result")
 
 
 def _list_given(options: Mapping[str, object]) -> list[str]:
     """Return the given options as on the command line."""
-    return [_write_option(name) for name, value in options.items() if value not in (None, (), False)]
-
-
-def _write_option(name: str) -> str:
-    return f"--{'lambda' if name == 'rate' else name.replace('_', '-')}"
+    names = [name for name, value in options.items() if value not in (None, (), False)]
+    return [f"--{'lambda' if name == 'rate' else name.replace('_', '-')}" for name in names]
 
 
 def _check_mixed(rows: str | None, others: Mapping[str, object], law: Mapping[str, object]) -> None:
-    """Refuse options for friction laws with other rows, and other options with friction laws.
-
-    Raises:
-        UsageError: some are given.
-    """
+    """Refuse options for friction laws with other rows, and other options with friction laws."""
     asked = rows == _LAWS
     given = _list_given(others if asked else law)
     if given:
@@ -329,7 +306,6 @@ def _check_mixed(rows: str | None, others: Mapping[str, object], law: Mapping[st
     default="wls",
 )
 @output_option("Write the result as JSON.")
-@force_option
 @verb
 def payload_command(
     console: Console,
@@ -337,12 +313,9 @@ def payload_command(
     robot: NamedRobot,
     loaded: tuple[Path, ...],
     empty: tuple[Path, ...],
-    joint: str | None,
-    mass: float | None,
-    rows: PayloadRows,
-    estimator: PayloadEstimator,
     output: Path | None,
     force: bool,
+    **options: Any,  # noqa: ANN401  typed in `RobotModel.payload`
 ) -> Answer:
     """Identify mass, centre of mass and inertia of a payload: in LOADED, but not in EMPTY.
 
@@ -352,7 +325,4 @@ def payload_command(
     check_output(output, force=force, inputs=(*loaded, *empty))
     model = robot.load(console)
     check_output(output, force=force, inputs=(model.path,))
-    found = model.payload(loaded, empty, joint=joint, mass=mass, rows=rows, estimator=estimator)
-    if output is None:
-        return make_answer(found, file=None)
-    return make_answer(found, f"payload: {show_path(found.save(output))}", file=output)
+    return answer_saved(model.payload(loaded, empty, **options), output, "payload")

@@ -4,7 +4,7 @@ import functools
 import math
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
@@ -33,16 +33,8 @@ class NamedRobot:
         self, console: Console, *, settings: dict[str, str] | None = None, friction: str | None = None
     ) -> "RobotModel":
         """Load the robot; the console prints its progress."""
-        return symid.load(
-            self.name,
-            settings=settings,
-            friction=friction,
-            base=self.base,
-            tip=self.tip,
-            snap=self.snap,
-            backend=self.backend,
-            progress=console.progress,
-        )
+        options = {**asdict(self), "settings": settings, "friction": friction}
+        return symid.load(options.pop("name"), progress=console.progress, **options)
 
 
 def split_settings(texts: Sequence[str]) -> dict[str, str]:
@@ -86,9 +78,8 @@ def check_output(path: Path | None, *, force: bool, inputs: Sequence[Path | str]
     """
     if path is None:
         return
-    if path.resolve() in {Path(entry).resolve() for entry in inputs} or any(
-        _is_same_file(path, entry) for entry in inputs
-    ):
+    same = (path.resolve() == Path(entry).resolve() or _is_same_file(path, entry) for entry in inputs)
+    if any(same):
         text = "is an input of this call and would be overwritten; give another name"
         raise OutputError(Notice(code="output.is-input", text=text, file=str(path)))
     if os.path.lexists(path) and not force:
@@ -190,11 +181,8 @@ def add_options(*options: Decorator) -> Decorator:
 
 
 force_option = option("--force", OUTPUT, "Overwrite an existing output file, whoever wrote it.", is_flag=True)
-force_folder_option = option(
-    "--force",
-    OUTPUT,
-    "Overwrite files that symid wrote; other files are still refused.",
-    is_flag=True,
+_force_folder_option = option(
+    "--force", OUTPUT, "Overwrite files that symid wrote; other files are still refused.", is_flag=True
 )
 seed_option = option("--seed", METHOD, "Random seed.", type=WHOLE, default=DEFAULT_SEED, metavar="N")
 friction_option = option(
@@ -211,28 +199,10 @@ set_option = option(
     metavar="KEY=VALUE",
 )
 processing_options = add_options(
-    option(
-        "--cutoff",
-        PROCESSING,
-        "Cut-off frequency of the low-pass filter.",
-        type=POSITIVE,
-        metavar="HZ",
-    ),
+    option("--cutoff", PROCESSING, "Cut-off frequency of the low-pass filter.", type=POSITIVE, metavar="HZ"),
     option("--decimate", PROCESSING, "Keep one sample in N.", type=COUNT, metavar="N"),
-    option(
-        "--drop-first",
-        PROCESSING,
-        "Number of samples cut off at the start.",
-        type=WHOLE,
-        metavar="N",
-    ),
-    option(
-        "--drop-last",
-        PROCESSING,
-        "Number of samples cut off at the end.",
-        type=WHOLE,
-        metavar="N",
-    ),
+    option("--drop-first", PROCESSING, "Number of samples cut off at the start.", type=WHOLE, metavar="N"),
+    option("--drop-last", PROCESSING, "Number of samples cut off at the end.", type=WHOLE, metavar="N"),
 )
 _CUTS = (
     option("--base base_link", INPUT, "URDF only: first link of the robot.", metavar="LINK"),
@@ -297,30 +267,25 @@ def _name_robot(function: Callable[..., R]) -> Callable[..., R]:
             named = NamedRobot(name=robot, base=base_link, tip=tip_link, snap=snap, backend=backend)
         else:
             chosen = None if backend == _AUTO else backend
-            _refuse_unnamed(base=base_link, tip=tip_link, snap=snap, backend=chosen)
+            asked = {"--base": base_link, "--tip": tip_link, "--snap": snap, "--backend": chosen}
+            given = [name for name, value in asked.items() if value is not None]
+            if given:
+                leave = f"leave {'them' if given[1:] else 'it'} out"
+                text = f"{', '.join(given)} cannot be used without --robot; name the robot, or {leave}"
+                raise UsageError(Notice(code="usage.no-robot", text=text))
         return function(*arguments, robot=named, **options)
 
     return call
 
 
-def _refuse_unnamed(**options: object) -> None:
-    """Refuse options for reading a robot without --robot.
-
-    Raises:
-        UsageError: some are given.
-    """
-    given = [f"--{name}" for name, value in options.items() if value is not None]
-    if given:
-        them = "them" if given[1:] else "it"
-        text = f"{', '.join(given)} cannot be used without --robot; name the robot, or leave {them} out"
-        raise UsageError(Notice(code="usage.no-robot", text=text))
-
-
-def output_option(meaning: str, *, required: bool = False, folder: bool = False) -> Decorator:
-    """Return the option -o for a file or folder."""
+def output_option(
+    meaning: str, *between: Decorator, required: bool = False, folder: bool = False
+) -> Decorator:
+    """Return the option -o for a file or folder, options that follow it, and --force to overwrite it."""
     kind = click.Path(path_type=Path, file_okay=not folder, dir_okay=folder)
     metavar = "FOLDER" if folder else "FILE"
-    return option("-o --output", OUTPUT, meaning, type=kind, required=required, metavar=metavar)
+    named = option("-o --output", OUTPUT, meaning, type=kind, required=required, metavar=metavar)
+    return add_options(named, *between, _force_folder_option if folder else force_option)
 
 
 def build_flags(group: str, *, exposed: bool = True) -> Decorator:

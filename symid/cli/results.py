@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Any
 
 import click
 
@@ -20,7 +20,6 @@ from symid.cli.options import (
     NamedRobot,
     Verb,
     check_output,
-    force_option,
     option,
     output_option,
     robot_argument,
@@ -59,11 +58,7 @@ from symid.errors import Notice, UsageError
     is_flag=True,
 )
 @option(
-    "--against",
-    METHOD,
-    "With --tracking: a second estimate to compare with.",
-    type=FILE,
-    metavar="ESTIMATE",
+    "--against", METHOD, "With --tracking: a second estimate to compare with.", type=FILE, metavar="ESTIMATE"
 )
 @option(
     "--seed",
@@ -166,12 +161,8 @@ def compare_command(
     robot: NamedRobot,
     estimate: Path,
     others: tuple[Path, ...],
-    name: str | None,
-    value: str | None,
-    deviation: str | None,
-    deviation_unit: Literal["absolute", "percent"] | None,
     read_as: tuple[str, ...],
-    gate: float | None,
+    **options: Any,  # noqa: ANN401  of tables and the gate, typed in `compare_fit`
 ) -> Answer:
     """Compare the values in ESTIMATE with those of every OTHER.
 
@@ -179,27 +170,14 @@ def compare_command(
     ours are regrouped exactly. Differences are in standard deviations of both sides. Exit code 1 if the
     gate is missed.
     """
-    found = compare_fit(
-        robot.load(console).description,
-        estimate,
-        others,
-        name=name,
-        value=value,
-        deviation=deviation,
-        deviation_unit=deviation_unit,
-        read_as=_split_readings(read_as),
-        gate=gate,
-        progress=console.progress,
+    model, readings = robot.load(console).description, _split_readings(read_as)
+    return make_answer(
+        compare_fit(model, estimate, others, read_as=readings, progress=console.progress, **options)
     )
-    return make_answer(found)
 
 
 def _split_readings(texts: Sequence[str]) -> dict[str, str]:
-    """Return the readings of groups by their text without blanks.
-
-    Raises:
-        UsageError: a text has no equals sign, or a group is given twice.
-    """
+    """Return the readings of groups by their text without blanks; refuse a group given twice."""
     readings: dict[str, str] = {}
     for text in texts:
         group, sign, other = text.partition("=")
@@ -234,7 +212,6 @@ def _split_readings(texts: Sequence[str]) -> dict[str, str]:
 @robot_option("Robot of the logs.  [default: the name in ESTIMATE]")
 @set_option
 @output_option("Page to write.", required=True)
-@force_option
 @verb
 def report_command(
     console: Console,
@@ -271,15 +248,17 @@ def report_command(
 @click.command("export", cls=Verb)
 @robot_argument()
 @click.argument("estimate", required=False, type=FILE)
-@output_option("File to write: .toml, .urdf, .xml or .mjcf (MuJoCo), .h (C), .json.", required=True)
-@option(
-    "--precision",
-    OUTPUT,
-    "Type of the numbers in a C header: that of the generated library.",
-    type=click.Choice(("double", "float")),
-    default="double",
+@output_option(
+    "File to write: .toml, .urdf, .xml or .mjcf (MuJoCo), .h (C), .json.",
+    option(
+        "--precision",
+        OUTPUT,
+        "Type of the numbers in a C header: that of the generated library.",
+        type=click.Choice(("double", "float")),
+        default="double",
+    ),
+    required=True,
 )
-@force_option
 @verb
 def export_command(
     console: Console,

@@ -1,11 +1,12 @@
 """`symid study NAME`: comparisons of methods on simulated robots."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
 import symid
-from symid.cli.call import Answer, Console, make_answer
+from symid.cli.call import Answer, Console, answer_saved, make_answer
 from symid.cli.options import (
     COUNT,
     DEFAULT_SEED,
@@ -19,14 +20,12 @@ from symid.cli.options import (
     add_options,
     build_flags,
     check_output,
-    force_option,
     option,
     output_option,
     robot_argument,
     robot_option,
     verb,
 )
-from symid.environment import show_path
 
 _FLAGS = frozenset({"--json", "--quiet", "--verbose"})
 _ELASTIC = "Robot with elastic joints and all values stated."
@@ -55,29 +54,14 @@ def _is_flag(text: str) -> bool:
 
 def _runs_options(seeds: int, seed: int = DEFAULT_SEED, *, jobs: bool = True) -> Decorator:
     """Return the options for the runs of a study."""
+    text = "Number of noise draws, starting with --seed."
+    cores = "Number of processes.  [default: one for each core]"
     options = (
-        option(
-            "--seeds",
-            METHOD,
-            "Number of noise draws, starting with --seed.",
-            type=COUNT,
-            default=seeds,
-            metavar="N",
-        ),
+        option("--seeds", METHOD, text, type=COUNT, default=seeds, metavar="N"),
         option("--seed", METHOD, "First random seed.", type=WHOLE, default=seed, metavar="N"),
+        option("--jobs", METHOD, cores, type=COUNT, metavar="N"),
     )
-    if not jobs:
-        return add_options(*options)
-    return add_options(
-        *options,
-        option(
-            "--jobs",
-            METHOD,
-            "Number of processes.  [default: one for each core]",
-            type=COUNT,
-            metavar="N",
-        ),
-    )
+    return add_options(*options if jobs else options[:2])
 
 
 _times_option = option(
@@ -99,12 +83,9 @@ def study_command() -> None:
 @_runs_options(100)
 @_times_option
 @verb
-def _elastic(
-    console: Console, *, robot: NamedRobot, seeds: int, seed: int, jobs: int | None, times: bool
-) -> Answer:
+def _elastic(console: Console, *, robot: NamedRobot, times: bool, **runs: Any) -> Answer:  # noqa: ANN401
     """Errors of every method for elastic joints on four sets of logs, clean and noisy."""
-    model = robot.load(console)
-    return make_answer(model.study_elastic(seeds=seeds, seed=seed, jobs=jobs, timed=times))
+    return make_answer(robot.load(console).study_elastic(timed=times, **runs))
 
 
 @study_command.command("tracking", cls=Verb)
@@ -129,27 +110,20 @@ def _six_joints(console: Console, *, robot: NamedRobot, seeds: int, seed: int) -
 @_runs_options(1000, 0)
 @_times_option
 @output_option("Page with all tables and figures to write, .html.")
-@force_option
 @verb
 def _friction_tables(
     console: Console,
     *,
-    seeds: int,
-    seed: int,
-    jobs: int | None,
     times: bool,
     output: Path | None,
     force: bool,
+    **runs: Any,  # noqa: ANN401
 ) -> Answer:
     """Tables of Zhang, Hu and Zou (2021) on joint friction, with our results beside theirs."""
     # Refuse an output that cannot be written before minutes of work.
     check_output(output, force=force)
-    found = symid.study_friction_tables(
-        seeds=seeds, seed=seed, jobs=jobs, timed=times, progress=console.progress
-    )
-    if output is None:
-        return make_answer(found, file=None)
-    return make_answer(found, f"report: {show_path(found.save(output))}", file=output)
+    found = symid.study_friction_tables(timed=times, progress=console.progress, **runs)
+    return answer_saved(found, output, "report")
 
 
 @study_command.command("precision", cls=Verb)

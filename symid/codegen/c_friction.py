@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 
 from symid.codegen.functions import FunctionSpec, Port
 from symid.codegen.material import BANNER, Fields
-from symid.codegen.printing import FunctionBody, print_c, write_c_helper, write_literal
+from symid.codegen.printing import print_c, write_c_helper, write_literal
 from symid.codegen.programs import ExpressionTable, Program, ValueAlgebra
 from symid.codegen.source_text import clean_text, write_template
 from symid.joint_models import DynamicLaw, FrictionLaw, compute_bristle_step
@@ -74,40 +74,32 @@ def _describe_law(law: FrictionLaw) -> Iterator[str]:
     yield "@return friction torque, N m or N, positive against positive velocity"
 
 
-def _describe_function(law: FrictionLaw, body: FunctionBody, prefix: str, real: str) -> Fields:
-    # The program's inputs and output are arrays, those of the function numbers.
-    lines = [re.sub(r"\b(velocity|load|position)\[0\]", r"\1", line) for line in body.statements]
-    inputs = "".join(f"{real} {name}, " for name in law.inputs)
-    name = f"{prefix}_friction_{_build_law_name(law)}"
-    return {
-        "name": name,
-        "lines": [f" {line}".rstrip() for line in _describe_law(law)],
-        "declaration": f"{real} {name}({inputs}const {real} p[{len(law.physical)}])",
-        "statements": (*lines[:-1], "return " + lines[-1].removeprefix("tau[0] = ")),
-    }
-
-
 def generate_friction_laws(
     laws: Sequence[FrictionLaw], *, prefix: str = "symid", precision: str = "double"
 ) -> tuple[tuple[str, str], ...]:
-    """Return path and text of the header and of the source of friction laws.
+    """Return path and text of the header and of the source of friction laws, which have different names.
 
-    Args:
-        laws: with different names.
-        prefix: of the files, which end in _friction_laws, and of the functions.
-        precision: "double" or "float".
+    The files are called `prefix`_friction_laws, and functions begin so; `precision` is "double" or "float".
     """
-    bodies = [print_c(build_law_program(law), precision) for law in laws]
-    helpers = sorted({name for body in bodies for name in body.helpers})
+    helpers: set[str] = set()
+    functions: list[Fields] = []
+    for law in laws:
+        body = print_c(build_law_program(law), precision)
+        helpers.update(body.helpers)
+        # The program's inputs and output are arrays, those of the function numbers.
+        lines = [re.sub(r"\b(velocity|load|position)\[0\]", r"\1", line) for line in body.statements]
+        inputs = "".join(f"{precision} {name}, " for name in law.inputs)
+        name = f"{prefix}_friction_{_build_law_name(law)}"
+        function: Fields = {
+            "name": name,
+            "lines": [f" {line}".rstrip() for line in _describe_law(law)],
+            "declaration": f"{precision} {name}({inputs}const {precision} p[{len(law.physical)}])",
+            "statements": (*lines[:-1], "return " + lines[-1].removeprefix("tau[0] = ")),
+        }
+        functions.append(function)
     file = f"{prefix}_friction_laws"
-    facts = {
-        "banner": BANNER,
-        "file": file,
-        "functions": [
-            _describe_function(law, body, prefix, precision) for law, body in zip(laws, bodies, strict=True)
-        ],
-    }
-    helper_texts = [write_c_helper(name, precision) for name in helpers]
+    facts = {"banner": BANNER, "file": file, "functions": functions}
+    helper_texts = [write_c_helper(name, precision) for name in sorted(helpers)]
     return (
         (f"{file}.h", write_template("c/friction.h.jinja", facts, macro=file.upper())),
         (f"{file}.c", write_template("c/friction.c.jinja", facts, helpers=helper_texts)),

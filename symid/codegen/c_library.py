@@ -4,13 +4,9 @@ A private header has numbers side by side (SIMD), and sine and cosine of several
 
     x -> n = round(2 x / pi), r = x - n pi/2;  sin r = r + r^3 S(r^2);  cos r = 1 - r^2/2 + r^4 C(r^2).
 
-S and C are minimax polynomials on |r| <= pi/4 (Remez 1934), found in 60 digits with the relative error of
-sin r and cos r as weight, and rounded one coefficient after another, the others fitted again each time. In
-exact arithmetic they err by less than 2^-57 (double) and 2^-27 (float).
-
-The self-test compares every function with its references, for one sample and for batches, and checks that
-nothing beside the outputs is written. The example is a control loop with the robot that it moves; its
-parameters are tables, or are read from a file.
+S and C are minimax polynomials on |r| <= pi/4 (Remez 1934) for the relative error of sin r and cos r, found
+in 60 digits, each coefficient rounded before the others were fitted again; in exact arithmetic they err by
+less than 2^-57 (double) and 2^-27 (float). The example is a control loop with the robot that it moves.
 
 Supported: double and float; one sample and batches; compilers with vector types of GCC, and C99 without;
 parameters as arguments or constants.
@@ -292,23 +288,6 @@ def _write_function(material: Material, program: Program) -> str:
     )
 
 
-def _write_state_test(material: Material) -> list[str]:
-    """Return the lines of the self-test that run the state along the torsions of the step's own test."""
-    if not material.stops:
-        return []
-    real = material.options.precision
-    names = [program.spec.name for program in material.programs]
-    index = names.index("hysteresis_step")
-    ports = [port.name for port in material.programs[index].spec.inputs]
-    inputs = dict(zip(ports, material.references[index].inputs, strict=True))
-    text = material.write(
-        "c/hysteresis_test.c.jinja",
-        path_lines=write_table_lines(list(chain(*inputs["phi"])), real),
-        spring_lines=write_table_lines(inputs["h"][0], real),
-    )
-    return text.splitlines()
-
-
 _TOLERANCES = {"double": "1e-12", "float": "2e-5"}
 """Sound code errs by a few units of the last place, 1e-16 or 6e-8, times the condition of what it solves, up
 to 100 here; a wrong sign or place, or a wrong digit in a constant, errs by much more."""
@@ -375,8 +354,18 @@ def _describe_test(program: Program, reference: Reference) -> Fields:
 
 def _write_self_test(material: Material, tolerance: str) -> str:
     """Return the self-test of all functions."""
-    state_lines = _write_state_test(material)
-    specs = [program.spec for program in material.programs]
+    real, specs = material.options.precision, [program.spec for program in material.programs]
+    state_lines = []
+    if material.stops:
+        # The state runs along the torsions of the step's own test.
+        index = [spec.name for spec in specs].index("hysteresis_step")
+        ports = [port.name for port in specs[index].inputs]
+        given = dict(zip(ports, material.references[index].inputs, strict=True))
+        state_lines = material.write(
+            "c/hysteresis_test.c.jinja",
+            path_lines=write_table_lines(list(chain(*given["phi"])), real),
+            spring_lines=write_table_lines(given["h"][0], real),
+        ).splitlines()
     inputs = max(sum(port.size for port in spec.inputs if not port.shared) for spec in specs)
     outputs = max(sum(port.size * _BATCH_SAMPLES + _FENCE for port in spec.outputs) for spec in specs)
     return material.write(
@@ -384,7 +373,7 @@ def _write_self_test(material: Material, tolerance: str) -> str:
         tolerance=tolerance,
         negligible=repr(NEGLIGIBLE),
         floor=repr(FLOOR),
-        untouched=write_literal(_UNTOUCHED, material.options.precision),
+        untouched=write_literal(_UNTOUCHED, real),
         samples=_BATCH_SAMPLES,
         fence=_FENCE,
         sum_count=len(WEIGHTS),
@@ -428,10 +417,7 @@ def _write_parameters(
     without = "the robot file's values are used" if known else "there are none: the robot file lacks values"
     file = f"FILE holds {names}, as numbers between blanks: identified values,"
     return {
-        "usage_lines": [
-            f"Usage: control_loop [FILE]    {file}",
-            f"for example. Without it {without}.",
-        ],
+        "usage_lines": [f"Usage: control_loop [FILE]    {file}", f"for example. Without it {without}."],
         "parameter_lines": [*defines, *text.rstrip("\n").split("\n"), ""],
         "reading_lines": [
             "if (count > 1 ? !read_parameters(arguments[1]) : !KNOWN) {",

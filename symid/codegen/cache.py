@@ -123,13 +123,9 @@ _PACKAGE = Path(__file__).resolve().parent.parent
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CacheEntry(Generic[T]):
-    """What a folder of the cache holds.
+    """What a folder of the cache holds: its name, and the signature `key` of all that it is made from.
 
-    Args:
-        name: of what is in it, for the folder's name.
-        key: signature of all that it is made from.
-        make: writes it into a folder that is not there yet.
-        load: reads it; SymidError where that cannot be.
+    `make` writes it into a folder that is not there yet, `load` reads it, or raises SymidError.
     """
 
     name: str
@@ -237,8 +233,7 @@ def obtain_entry(entry: CacheEntry[T], cache: Path | None) -> tuple[T, tuple[Not
 
     Args:
         entry: what is wanted.
-        cache: folder of the cache; None for the user's, and if that cannot be written, a temporary one, with
-            a notice.
+        cache: folder; None for the user's, and if that cannot be written, a temporary one, with a notice.
 
     Raises:
         OutputError: the folder `cache`, or the temporary one, cannot be written.
@@ -285,7 +280,7 @@ def compute_library_key(
     """Return the signature of all that a library is made from.
 
     Args:
-        robot: what its functions do not depend on, such as limits and logs, takes no part.
+        robot: what its functions do not depend on, such as limits, controller and logs, takes no part.
         names: of functions, None for all.
         compiler: None for none.
         calls: how Python calls the functions.
@@ -295,7 +290,7 @@ def compute_library_key(
         replace(joint, limits=Limits(), drive=replace(joint.drive, torque_constant=None))
         for joint in robot.joints
     ]
-    model = replace(robot, joints=tuple(plain), log=LogMap(), processing=Processing())
+    model = replace(robot, joints=tuple(plain), log=LogMap(), processing=Processing(), controller=None)
     model = replace(model, convention="", description="", source="", path="", notices=())
     tools = (__version__, *map(version, ("casadi", "sympy", "mpmath")))
     built_by = (compiler or f"python {sys.version_info.major}.{sys.version_info.minor}", calls, casadi)

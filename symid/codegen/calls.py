@@ -44,25 +44,25 @@ def get_spec(card: ModelCard, name: str) -> FunctionSpec:
     return specs[name]
 
 
-def _build_call_input_error(card: ModelCard, spec: FunctionSpec, text: str) -> UsageError:
-    notice = Notice(code="usage.shape", text=f"function {spec.name!r} of {card.robot!r}: {text}")
-    return UsageError(notice)
+def _build_error(card: ModelCard, spec: FunctionSpec, text: str) -> UsageError:
+    text = f"function {spec.name!r} of {card.robot!r}: {text}"
+    return UsageError(Notice(code="usage.shape", text=text))
 
 
 def _convert_inputs(card: ModelCard, spec: FunctionSpec, inputs: Sequence[object]) -> Arrays:
     if len(inputs) != len(spec.inputs):
         names = ", ".join(port.name for port in spec.inputs)
-        raise _build_call_input_error(card, spec, f"expected the inputs {names}, got {len(inputs)} arrays")
+        raise _build_error(card, spec, f"expected the inputs {names}, got {len(inputs)} arrays")
     arrays = []
     for port, value in zip(spec.inputs, inputs, strict=True):
         try:
             array = np.asarray(value)
         except (TypeError, ValueError, OverflowError) as error:
             text = f"input {port.name!r}: expected an array of numbers, got {error}"
-            raise _build_call_input_error(card, spec, text) from error
+            raise _build_error(card, spec, text) from error
         if array.dtype.kind not in _REAL_KINDS:
             text = f"input {port.name!r}: expected real numbers, got an array of {array.dtype}"
-            raise _build_call_input_error(card, spec, text)
+            raise _build_error(card, spec, text)
         arrays.append(np.ascontiguousarray(array, dtype=np.float64))
     return tuple(arrays)
 
@@ -82,7 +82,7 @@ def check_inputs(card: ModelCard, spec: FunctionSpec, inputs: Sequence[object]) 
         if array.shape != (*batch, *port.shape):
             allowed = f"{port.shape}" if port.shared else f"{port.shape} or (N, {str(port.shape)[1:]}"
             text = f"input {port.name!r}: expected the shape {allowed}, the same N for all, got {array.shape}"
-            raise _build_call_input_error(card, spec, text)
+            raise _build_error(card, spec, text)
     return samples, arrays
 
 
@@ -103,7 +103,7 @@ def check_sample(card: ModelCard, spec: FunctionSpec, inputs: Sequence[object]) 
     for port, array in zip(spec.inputs, arrays, strict=True):
         if array.shape != port.shape:
             text = f"input {port.name!r}: expected the shape {port.shape} of one sample, got {array.shape}"
-            raise _build_call_input_error(card, spec, text)
+            raise _build_error(card, spec, text)
     return arrays
 
 
@@ -130,19 +130,17 @@ def check_outputs(card: ModelCard, spec: FunctionSpec, samples: int | None, out:
     names = ", ".join(port.name for port in spec.outputs)
     if not isinstance(out, tuple | list) or len(out) != len(spec.outputs):
         got = f"{len(out)} of them" if isinstance(out, tuple | list) else f"a {type(out).__name__}"
-        raise _build_call_input_error(
-            card, spec, f"out: expected a tuple of arrays for the outputs {names}, got {got}"
-        )
+        raise _build_error(card, spec, f"out: expected a tuple of arrays for the outputs {names}, got {got}")
     pairs = list(zip(spec.outputs, out, strict=True))
     for port, array in pairs:
         shape = port.shape if samples is None else (samples, *port.shape)
         if refusal := _describe_refusal(array, shape):
             text = f"out, for {port.name!r}: expected an array of float64 of the shape {shape}, {refusal}"
-            raise _build_call_input_error(card, spec, text)
+            raise _build_error(card, spec, text)
     for (one, first), (other, second) in combinations(pairs, 2):
         if np.may_share_memory(first, second):
             text = f"out: the arrays for {one.name!r} and {other.name!r} share memory; give separate ones"
-            raise _build_call_input_error(card, spec, text)
+            raise _build_error(card, spec, text)
     return tuple(out)
 
 

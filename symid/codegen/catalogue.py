@@ -49,14 +49,10 @@ _SPRING_REASONS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ElasticSizes:
-    """Sizes of a robot all of whose joints are elastic.
+    """Sizes of a robot with elastic joints only: `stops` is the length of P and Q, `springs` that of h.
 
-    Args:
-        stops: number of all stops: length of P and Q.
-        springs: length of h.
-        invertible: whether the springs have an inverse: none has a cubic part.
-        feed: whether motor torques follow from the motion of the links: every motor has a rotor of its own,
-            no spring is damped, nothing is coupled.
+    `invertible`: the springs have an inverse, as none has a cubic part. `feed`: motor torques follow from the
+    motion of the links, as every motor has its own rotor, no spring is damped, nothing is coupled.
     """
 
     stops: int
@@ -268,15 +264,8 @@ def list_specs(
 ) -> tuple[FunctionSpec, ...]:
     """Return the catalogue for numbers of coordinates, of inertial and of friction parameters.
 
-    Functions and vectors that would be empty (no friction, no stops) are left out.
-
-    Args:
-        joints: joints with a coordinate of their own.
-        parameters: inertial parameters, drives included.
-        friction: friction parameters.
-        links: moving links; as many as joints by default.
-        vector: the name of the inertial parameters, beta or pi.
-        elastic: of a robot all of whose joints are elastic; None for others.
+    Functions and vectors that would be empty (no friction, no stops) are left out. `links` are the moving
+    ones, by default as many as joints; `vector` is the name of the inertial parameters, beta or pi.
     """
     sizes = {"n": joints, "l": joints if links is None else links, "b": parameters, "p": friction}
     sizes |= {"s": elastic.stops if elastic else 0, "h": elastic.springs if elastic else 0}
@@ -337,7 +326,7 @@ def list_robot_specs(
 
 
 def _write_fraction(value: Fraction) -> str:
-    """Return a number as a decimal where a short one is exact, else as a quotient."""
+    # A decimal where a short one is exact, else a quotient.
     text = f"{float(value):g}"
     return text if Fraction(text) == value else str(value)
 

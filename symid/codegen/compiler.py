@@ -102,13 +102,7 @@ def _read_stack_frames(path: Path) -> dict[str, int] | None:
 
 
 def measure_code_sizes(folder: Path, prefix: str, names: Sequence[str]) -> dict[str, CodeSize]:
-    """Return the sizes of the functions `names`, where they are known.
-
-    Args:
-        folder: of sources and object files.
-        prefix: of the library.
-        names: of functions without the prefix.
-    """
+    """Return the sizes of the functions `names` of a library, where the folder's object files have them."""
     sizes = {}
     for name in names:
         symbol = f"{prefix}_{name}"

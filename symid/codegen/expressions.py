@@ -58,12 +58,9 @@ def mark_algebraic(instructions: Sequence[Instruction]) -> list[bool]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExactProgram:
-    """A program over exact numbers, and what its inputs are called.
+    """A program over exact numbers, and per input port the expressions of its elements.
 
-    Args:
-        program: its constants are exact as doubles; other numbers are elements of the port `NUMBERS`.
-        numbers: those numbers.
-        inputs: per input port the expressions of its elements.
+    Its constants are exact as doubles; other `numbers` are elements of the port `NUMBERS`.
     """
 
     program: Program
@@ -149,7 +146,7 @@ def _replace_squares(value: PolyElement, squares: Sequence[KnownSquare]) -> Poly
 
 
 def _choose_useful_values(program: Program, sizes: Sequence[int]) -> frozenset[int]:
-    """Return the values whose polynomials are written, see `_choose_written_values`, or lead to others."""
+    """Return the values whose polynomials are written, see `write_values`, or lead to others."""
     algebraic = mark_algebraic(program.instructions)
     wanted = {abs(ref) for port in program.outputs for ref in port}
     for number in range(len(program.instructions), 0, -1):
@@ -178,15 +175,11 @@ def build_polynomials(source: ExactProgram, letters: PolynomialGenerators) -> li
             constant = Fraction(instruction.constant)
             return ring.ground_new(QQ(constant.numerator, constant.denominator))
         if op is Op.INPUT:
-            return (
-                letters.convert(source.numbers[args[1]])
-                if args[0] == NUMBERS
-                else ring.gens[letters.places[args]]
-            )
-        found = [values[abs(ref)] for ref in args]
-        known = [
-            value if ref > 0 else -value for ref, value in zip(args, found, strict=True) if value is not None
-        ]
+            if args[0] == NUMBERS:
+                return letters.convert(source.numbers[args[1]])
+            return ring.gens[letters.places[args]]
+        pairs = [(ref, values[abs(ref)]) for ref in args]
+        known = [value if ref > 0 else -value for ref, value in pairs if value is not None]
         if len(known) < len(args) or op not in _ALGEBRAIC:
             return None
         if op in _TRIGONOMETRIC:
@@ -332,17 +325,12 @@ def _join_angles(terms: Terms, text: _GeneratorText) -> tuple[Terms, _GeneratorT
                 continue
             angle = first[1] + sign * second[1]
             new = (sympy.sin(angle), sympy.cos(angle))
-            terms, text = (
-                found,
-                _GeneratorText(
-                    letters=(*text.letters[:end], *new, *text.letters[end:]),
-                    bounds=(text.bounds[0], end + 2),
-                    angles=(*text.angles, (end, angle)),
-                ),
-            )
-            waiting.extend(
-                ((end, angle), other) for other in text.angles[:-1] if other not in (first, second)
-            )
+            others = (other for other in text.angles if other not in (first, second))
+            waiting.extend([((end, angle), other) for other in others])
+            letters = (*text.letters[:end], *new, *text.letters[end:])
+            angles = (*text.angles, (end, angle))
+            text = _GeneratorText(letters=letters, bounds=(text.bounds[0], end + 2), angles=angles)
+            terms = found
     return terms, text
 
 
@@ -408,31 +396,24 @@ class _PolynomialWriter:
         return Mul(*_collect_factors(terms, text.letters, text.bounds))
 
 
-def _choose_written_values(source: ExactProgram, writer: _PolynomialWriter) -> dict[int, bool]:
-    """Return the values that are needed, in falling order, and which are written as polynomials.
+def write_values(source: ExactProgram) -> tuple[tuple[Expr, ...], ...]:
+    """Return the expressions of all outputs, by port.
 
-    These are outputs, and operands of a quotient, an absolute value and the like on the way there.
+    Polynomials are outputs, and operands of a quotient, an absolute value and the like on the way there.
     """
-    instructions = source.program.instructions
+    writer, instructions = _PolynomialWriter(source), source.program.instructions
     algebraic = mark_algebraic(instructions)
     roots = dict.fromkeys(abs(ref) for port in source.program.outputs for ref in port)
     inner: dict[int, None] = {}
-    found: dict[int, bool] = {}
+    # The values that are needed, in falling order, and whether they are written as polynomials.
+    needed: dict[int, bool] = {}
     for number in range(len(instructions), 0, -1):
-        if number not in roots and number not in inner:
-            continue
-        instruction = instructions[number - 1]
-        found[number] = instruction.op in SOURCE_OPS or (number in roots and writer.has(number))
-        if not found[number]:
-            chosen = inner if algebraic[number] else roots
-            chosen.update(dict.fromkeys(instruction.operands))
-    return found
-
-
-def write_values(source: ExactProgram) -> tuple[tuple[Expr, ...], ...]:
-    """Return the expressions of all outputs, by port."""
-    writer = _PolynomialWriter(source)
-    needed = _choose_written_values(source, writer)
+        if number in roots or number in inner:
+            instruction = instructions[number - 1]
+            needed[number] = instruction.op in SOURCE_OPS or (number in roots and writer.has(number))
+            if not needed[number]:
+                chosen = inner if algebraic[number] else roots
+                chosen.update(dict.fromkeys(instruction.operands))
     values: dict[int, Expr] = {}
 
     def read(ref: int) -> Expr:
@@ -442,7 +423,7 @@ def write_values(source: ExactProgram) -> tuple[tuple[Expr, ...], ...]:
 
     for number, written in reversed(needed.items()):
         if not written:
-            instruction = source.program.instructions[number - 1]
+            instruction = instructions[number - 1]
             values[number] = _SYMPY_RULES[instruction.op](*map(read, instruction.args))
     return tuple(tuple(map(read, port)) for port in source.program.outputs)
 

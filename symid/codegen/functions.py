@@ -137,9 +137,7 @@ def write_model_card(card: ModelCard) -> str:
 def compute_model_signature(robot: Robot, parameters: Sequence[tuple[str, str]]) -> str:
     """Return the signature of a model: parameter values of two models with the same one mean the same.
 
-    Args:
-        robot: its structure counts; the values of parameters and how logs are read do not.
-        parameters: name and expression of every base and friction parameter, in order.
+    The robot's structure counts, and name and expression of every base and friction parameter, in order.
     """
 
     def describe(joint: Joint) -> tuple[object, ...]:

@@ -1,10 +1,8 @@
 """A folder of generated code: written and tested where something has changed, else left as it is.
 
-Robot -> Functions -> SourceSet -> files -> self-test -> record.
-
-The sources and most of the manifest are the same on every machine. The entry "build" is not: which compiler
-passed the self-test, and how large every function became. It is written after the files and holds a digest
-of the manifest's other entries, which shows when these were edited.
+Robot -> Functions -> SourceSet -> files -> self-test -> record. The sources and most of the manifest are the
+same on every machine. The entry "build" is not: which compiler passed the self-test, and how large every
+function became. It is written after the files, with a digest of the other entries that shows edits of these.
 
 Supported: the targets of `TARGETS`; one run of a user at a time writes a folder, another waits.
 Not supported: files of others in the folder (they take no part in the test); waiting for other users or
@@ -241,16 +239,10 @@ def _run_command(folder: Path, copy: Path, command: list[str]) -> subprocess.Com
 
 
 def run_selftest(folder: Path, target: str, inputs: str, progress: Callable[[str], None]) -> BuildRecord:
-    """Run the folder's own test in a copy of it and return how it went.
+    """Run the test of a folder, as `write_sources` wrote it, in a copy of it and return how it went.
 
     The test counts as passed where the program itself ran, ended with zero and said so in its last line; what
     `make` says proves nothing, as variables of the environment can keep it from doing anything.
-
-    Args:
-        folder: as `write_sources` wrote it.
-        target: its language.
-        inputs: see `BuildRecord`.
-        progress: called with what begins.
 
     Raises:
         GenerationError: the test failed, or did not run to its end.
@@ -326,12 +318,9 @@ class CodeRequest:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GeneratedFolder:
-    """The files of a folder and the result of its self-test.
+    """The files of a folder, its manifest and the record of its self-test.
 
-    Attributes:
-        folder: with the files. manifest: in it. record: of its self-test.
-        unchanged: whether it was up to date, so that nothing was written.
-        notices: for example that the self-test could not be run.
+    `unchanged`: it was up to date, so that nothing was written. `notices`: as that the test was not run.
     """
 
     folder: Path

@@ -52,19 +52,11 @@ if TYPE_CHECKING:
 def compute_build_digest(card: ModelCard, *, prefix: str, precision: str, files: Mapping[str, str]) -> str:
     """Return the digest of all that fixes the interface of a library and its numbers.
 
-    Args:
-        card: the model.
-        prefix: of the names in the library.
-        precision: "double" or "float".
-        files: digest by path; headers and functions count. The file that holds this digest does not.
+    Of `files`, digests by path, headers and functions count; the file that holds this digest does not.
     """
-    info = f"{prefix}_info.c"
-    compiled = {
-        path: digest
-        for path, digest in files.items()
-        if path == f"{prefix}.h"
-        or (path.startswith(f"{prefix}_") and path.endswith((".c", ".h")) and path != info)
-    }
+    names = (path for path in files if path.startswith(f"{prefix}_") and path.endswith((".c", ".h")))
+    counted = {f"{prefix}.h", *names} - {f"{prefix}_info.c"}
+    compiled = {path: digest for path, digest in files.items() if path in counted}
     return compute_signature(prefix, precision, write_model_card(card), compiled)
 
 
@@ -103,13 +95,7 @@ def _open_copy(binary: Path, prefix: str, digest: str) -> Iterator[tuple[ctypes.
 
 @final
 class Library:
-    """The functions of a model card, however they are computed.
-
-    Attributes:
-        card: the model behind the functions.
-        engine: what computes them.
-        notices: what a user should know, for example that there was no compiler.
-    """
+    """The functions of a model card, computed by `engine`; `notices` say for example: no compiler."""
 
     def __init__(self, card: ModelCard, engine: "Engine", notices: tuple[Notice, ...] = ()) -> None:
         self.card = card
@@ -449,7 +435,8 @@ _UPDATE_PATIENCE = 1.0
 _UPDATE_LOOK = 0.05
 
 
-def _build_manifest_error(folder: Path, text: str) -> UsageError:
+def _build_manifest_error(folder: Path, what: str) -> UsageError:
+    text = f"the manifest {what}; generate the folder again"
     return UsageError(Notice(code="usage.broken-manifest", text=text, file=str(folder)))
 
 
@@ -479,16 +466,12 @@ def load_library(folder: Path, *, notices: tuple[Notice, ...] = ()) -> Library:
     try:
         card = read_record(ModelCard, manifest.get("card"))
     except InputError as error:
-        raise _build_manifest_error(
-            folder, f"the manifest holds no model card ({error}); generate the folder again"
-        ) from error
+        raise _build_manifest_error(folder, f"holds no model card ({error})") from error
     if list_interrupted_updates(folder):
         raise _build_mixed_error(folder)
     prefix, precision, target = (manifest.get(key) for key in ("prefix", "precision", "target"))
     if not isinstance(prefix, str) or not isinstance(precision, str):
-        raise _build_manifest_error(
-            folder, "the manifest has no prefix or precision; generate the folder again"
-        )
+        raise _build_manifest_error(folder, "has no prefix or precision")
     binary = folder / (f"lib{prefix}_casadi.so" if target == "casadi" else f"lib{prefix}.so")
     if target != "python" and binary.is_file():
         files = get_listed_digests(manifest)

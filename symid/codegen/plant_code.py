@@ -123,7 +123,7 @@ class PlantLog:
                 getattr(self, field.name).setflags(write=False)
 
 
-_PLANT_SOURCE, _PLANT_BINARY = "c/plant.c", "plant.so"
+_PLANT_BINARY = "plant.so"
 _SIZES = ("n", "m", "l")
 _TABLES = ("rotor", "stiffness", "cubic", "damping", "radius", "weight", "knee", "slope")
 _REFERENCES = ("angle", "speed", "torque", "stiffness", "damping", "limit", "step")
@@ -225,16 +225,16 @@ def load_plant_code(*, compiler: str | None = None, cache: Path | None = None) -
     found = locate_compiler(compiler)
     if found is None:
         return None
-    source = locate_resource_folder("templates") / _PLANT_SOURCE
+    source = locate_resource_folder("templates") / "c/plant.c"
     machine = (platform.system(), platform.machine())
 
     def make(folder: Path) -> None:
         folder.mkdir()
         compile_sources(found, [source], folder / _PLANT_BINARY)
 
-    def load(folder: Path) -> ctypes.CDLL:
-        return open_shared(folder / _PLANT_BINARY)
-
     key = compute_signature("plant", source.read_bytes(), found, machine)
-    shared, notices = obtain_entry(CacheEntry(name="plant", key=key, make=make, load=load), cache)
+    entry = CacheEntry(
+        name="plant", key=key, make=make, load=lambda folder: open_shared(folder / _PLANT_BINARY)
+    )
+    shared, notices = obtain_entry(entry, cache)
     return CompiledPlant(shared=shared, notices=notices)

@@ -179,16 +179,16 @@ class _CPrinter:
         self.write_constant, self.write_input = write_constant, write_input
         self.call: Callable[[Op], str] = lambda op: op.value
         self.names = [""] * (len(program.instructions) + 1)
-        self.due: dict[int, list[Callable[[], str]]] = {}
+        self.due: dict[int, list[tuple[Sequence[int], Callable[..., str]]]] = {}
 
     def read(self, ref: int) -> str:
         return self.names[ref] if ref > 0 else f"-{self.names[-ref]}"
 
-    def promise(self, refs: Sequence[int], write: Callable[[], str]) -> None:
-        """Have the text of `write` follow as soon as all `refs` have a value."""
+    def promise(self, refs: Sequence[int], write: Callable[..., str]) -> None:
+        """Have the text of `write`, called with those of `refs`, follow as soon as these have a value."""
         instructions = self.program.instructions
         waited = [abs(ref) for ref in refs if instructions[abs(ref) - 1].op not in _WITHOUT_STATEMENT]
-        self.due.setdefault(max(waited, default=len(instructions)), []).append(write)
+        self.due.setdefault(max(waited, default=len(instructions)), []).append((refs, write))
 
     def print(self) -> Iterator[str]:
         """Yield all statements."""
@@ -205,8 +205,7 @@ class _CPrinter:
         for number in range(1, len(self.program.instructions) + 1):
             if number not in before:
                 yield from self._print_instruction(number)
-            for write in self.due.get(number, ()):
-                yield write()
+            yield from (write(*map(self.read, refs)) for refs, write in self.due.get(number, ()))
 
     def _print_instruction(self, number: int) -> Iterator[str]:
         instruction = self.program.instructions[number - 1]
@@ -240,10 +239,7 @@ class _CPrinter:
 def print_c(program: Program, precision: str, *, together: bool = False) -> FunctionBody:
     """Return the body of a C function; inputs and outputs are arrays with the ports' names.
 
-    Args:
-        program: what the function computes.
-        precision: "double" or "float".
-        together: whether sines and cosines are computed together, with `find_sines` of the lanes' header.
+    `together`: sines and cosines are computed together, with `find_sines` of the lanes' header.
     """
     spec, suffix = program.spec, "f" if precision == "float" else ""
     printer = _CPrinter(
@@ -256,12 +252,8 @@ def print_c(program: Program, precision: str, *, together: bool = False) -> Func
     printer.call = lambda op: _C_FUNCTIONS[op] + suffix if op in _C_FUNCTIONS else op.value
     for port, refs in zip(spec.outputs, program.outputs, strict=True):
         for element, ref in enumerate(refs):
-            printer.promise([ref], partial(_write_element, printer, f"{port.name}[{element}]", ref))
+            printer.promise([ref], f"{port.name}[{element}] = {{}};".format)
     return _build_body(program, printer.print())
-
-
-def _write_element(printer: _CPrinter, target: str, ref: int) -> str:
-    return f"{target} = {printer.read(ref)};"
 
 
 def print_simd(program: Program, precision: str) -> tuple[str, ...]:
@@ -283,8 +275,7 @@ def print_simd(program: Program, precision: str) -> tuple[str, ...]:
     printer = _CPrinter(program, "lanes", angles, write_constant, write_input)
     for port, refs in zip(outputs, program.outputs, strict=True):
         for first in range(0, port.size, _GROUP_SIZE):
-            group = refs[first : first + _GROUP_SIZE]
-            printer.promise(group, partial(_write_store, printer, port, first, group))
+            printer.promise(refs[first : first + _GROUP_SIZE], partial(_write_store, port, first))
     read = (instruction.args for instruction in program.instructions if instruction.op is Op.INPUT)
     used = sorted({(number, element) for number, element in read if not inputs[number].shared})
     loads = (
@@ -298,8 +289,7 @@ def _write_place(port: Port, element: int) -> str:
     return f"{port.name} + {port.size} * k" + (f" + {element}" if element else "")
 
 
-def _write_store(printer: _CPrinter, port: Port, first: int, refs: tuple[int, ...]) -> str:
-    texts = [printer.read(ref) for ref in refs]
+def _write_store(port: Port, first: int, *texts: str) -> str:
     if len(texts) == _GROUP_SIZE:
         listed = ", ".join(texts)
         return f"store_eight({_write_place(port, first)}, {port.size}, (const lanes[]){{{listed}}});"

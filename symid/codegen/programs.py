@@ -337,12 +337,7 @@ class ExpressionTable:
         return _count([self._ops[number - 1] for number in self._find_needed(outputs)])
 
     def build_program(self, spec: FunctionSpec, outputs: Iterable[Iterable[int]]) -> Program:
-        """Return the instructions that `outputs` need, in order and numbered anew.
-
-        Args:
-            spec: what the program computes.
-            outputs: the references of each output port, row-major.
-        """
+        """Return the instructions that `outputs` (by port, row-major) need, in order and numbered anew."""
         wanted = [tuple(port) for port in outputs]
         for port, refs in zip(spec.outputs, wanted, strict=True):
             if len(refs) != port.size:

@@ -116,15 +116,11 @@ def generate_python_module(functions: Functions, options: GenerateOptions | None
 
 # Derivatives of the forward dynamics amplify rounding errors by the square of what the dynamics do.
 _JACOBIAN_TOLERANCE = "1e-10"
-_JACOBIANS = frozenset(
-    {
-        *("forward_kinematics", "jacobian", "mass_matrix", "gravity", "bias", "energy", "friction"),
-        *("inverse_dynamics", "forward_dynamics", "hysteresis_step", "hysteresis_inverse_step"),
-        "elastic_inverse_dynamics",
-    }
+_JACOBIANS = (
+    *("forward_kinematics", "jacobian", "mass_matrix", "gravity", "bias", "energy", "friction"),
+    *("inverse_dynamics", "forward_dynamics", "hysteresis_step", "hysteresis_inverse_step"),
+    "elastic_inverse_dynamics",
 )
-
-
 # What the compiled plant of elastic robots calls.
 _PLANT_FUNCTIONS = ("forward_dynamics", "friction")
 
@@ -169,10 +165,6 @@ def _write_c_files(material: Material, functions: Sequence[ca.Function]) -> list
     return [*files, (info, material.write("casadi/info.c.jinja", digest=digest, calls=calls))]
 
 
-def _describe_matrix_port(port: Port) -> str:
-    return repr((port.name, get_matrix_shape(port), port.unit, port.meaning))
-
-
 def generate_casadi_target(functions: Functions, options: GenerateOptions | None = None) -> SourceSet:
     """Return the files that users of CasADi take: functions, C, loader with self-test, README, manifest.
 
@@ -183,13 +175,14 @@ def generate_casadi_target(functions: Functions, options: GenerateOptions | None
     """
     material = prepare_material(functions, options or GenerateOptions())
     prefix = material.prefix
+
+    def describe(ports: Sequence[Port]) -> list[str]:
+        return [repr((port.name, get_matrix_shape(port), port.unit, port.meaning)) for port in ports]
+
     sources = _write_c_files(material, functions.functions)
     objects = " ".join(f"{path.removesuffix('.c')}.o" for path, _ in sources)
-    readme = material.write(
-        "casadi/README.md.jinja",
-        casadi=ca.CasadiMeta.version(),
-        example=material.card.functions[0].name,
-    )
+    version, example = ca.CasadiMeta.version(), material.card.functions[0].name
+    readme = material.write("casadi/README.md.jinja", casadi=version, example=example)
     loader = _write_module(
         material,
         "casadi/loader.py.jinja",
@@ -198,8 +191,8 @@ def generate_casadi_target(functions: Functions, options: GenerateOptions | None
             {
                 "name": spec.name,
                 "meaning": spec.meaning,
-                "inputs": list(map(_describe_matrix_port, spec.inputs)),
-                "outputs": list(map(_describe_matrix_port, spec.outputs)),
+                "inputs": describe(spec.inputs),
+                "outputs": describe(spec.outputs),
                 "jacobian": spec.name in _JACOBIANS,
             }
             for spec in material.card.functions

@@ -1,33 +1,22 @@
 """Reference values for self-tests, the same digits on every machine.
 
 Programs and the CasADi functions built from them -> `Reference`: random states, which all functions share,
-each output element at the first states, and weighted sums of the elements at all states, which keep a table
-small. Values come from the programs in 50-digit arithmetic (decimal, and mpmath for elementary functions);
-each must agree with what CasADi computes in doubles.
-
-With random base parameters, mass matrices come near to singular ones. M is linear in beta, so beta for which
-it is positive definite are found by alternating projections on convex sets, matrices with eigenvalues of at
-least one, and those of some beta:
+each output element at the first states, and weighted sums of the elements at all states. Values come from the
+programs in 50-digit arithmetic; each must agree with what CasADi computes in doubles. With random beta, mass
+matrices come near to singular ones: a multiple of beta with a positive definite M (alternating projections)
     M_k <- V max(L, 1) V^T of M(q_k, beta) = V L V^T,  beta <- argmin sum_k |M(q_k, beta) - M_k|^2
-A multiple of it is added to random numbers until M is well conditioned at every state.
+is added until M is well conditioned at every state.
 
 Supported: all operations of `Op`; base and standard parameters.
 Not supported: values that are not finite (refused); inputs that are matrices; physical consistency of beta.
 """
 
+import decimal
 import operator
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from decimal import (
-    Context,
-    Decimal,
-    DecimalException,
-    DivisionByZero,
-    InvalidOperation,
-    Overflow,
-    localcontext,
-)
+from decimal import Context, Decimal, DecimalException, localcontext
 from functools import lru_cache
 from typing import Any
 
@@ -44,7 +33,9 @@ from symid.errors import GenerationError, Notice
 
 DIGITS = 50
 _MORE_DIGITS = 60
-_DECIMAL_CONTEXT = Context(prec=DIGITS, traps=[DivisionByZero, InvalidOperation, Overflow])
+_DECIMAL_CONTEXT = Context(
+    prec=DIGITS, traps=[decimal.DivisionByZero, decimal.InvalidOperation, decimal.Overflow]
+)
 
 DecimalArray = npt.NDArray[np.object_]
 
@@ -94,12 +85,7 @@ def _build_no_value_error(program: Program, why: str) -> GenerationError:
 def compute_exact_outputs(
     program: Program, inputs: Sequence[DecimalArray], states: int
 ) -> tuple[DecimalArray, ...]:
-    """Return per output port the elements at every state, (states, size).
-
-    Args:
-        program: the function.
-        inputs: per input port the elements at every state, (states, size); (size,) of a shared one.
-        states: their number.
+    """Return per output port the elements at every state, (states, size), from those of the input ports.
 
     Raises:
         GenerationError: the function has no value at one of the states.
@@ -226,13 +212,9 @@ class SampleStates:
 def evaluate_casadi(
     function: ca.Function, program: Program, inputs: Sequence[FloatArray], count: int
 ) -> list[FloatArray]:
-    """Return what CasADi computes per output port, (count, size), row-major.
+    """Return what CasADi computes at `count` states per output port, (count, size), row-major.
 
-    Args:
-        function: the CasADi function of `program`.
-        program: of which the ports count.
-        inputs: (count, size) a port, or (size,) of a shared one.
-        count: number of states.
+    `inputs` are (count, size) a port, or (size,) of a shared one.
     """
     ports = zip(program.spec.inputs, inputs, strict=True)
     # CasADi takes and gives the samples side by side.
@@ -279,9 +261,8 @@ def _add_inertia(
 
     def strengthen(draw: FloatArray) -> FloatArray:
         for multiple in _MULTIPLES:
-            beta: FloatArray = (
-                np.floor((draw + multiple * inertia) * PER_UNIT + _ROUNDING_EDGE) / PER_UNIT + 0.0
-            )
+            thousandths = np.floor((draw + multiple * inertia) * PER_UNIT + _ROUNDING_EDGE)
+            beta: FloatArray = thousandths / PER_UNIT + 0.0
             if _compute_condition((columns @ beta).reshape(-1, size, size)) < _GOOD_CONDITION:
                 break
         return beta
@@ -294,11 +275,7 @@ def choose_parameters(
 ) -> list[tuple[float, ...]]:
     """Return values of beta to try: those of the robot file if they are good, then others.
 
-    Args:
-        card: the model.
-        functions: of CasADi.
-        programs: of the same functions; without `mass_matrix`, beta is random.
-        states: at which the mass matrix must be well conditioned.
+    The mass matrix must be well conditioned at `states`; without that function, beta is random.
     """
     stated = [parameter.value for parameter in card.beta]
     known = [np.array([value for value in stated if value is not None])]

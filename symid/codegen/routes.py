@@ -111,10 +111,6 @@ def _list_friction_columns(workspace: RouteWorkspace) -> list[list[int]]:
     return columns
 
 
-def _emit_friction_regressor(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-    return (flatten_coordinate_columns(workspace, _list_friction_columns(workspace)),)
-
-
 def _combine_columns(
     workspace: RouteWorkspace, columns: Sequence[Sequence[int]], parameters: Sequence[int], rows: int
 ) -> list[int]:
@@ -204,10 +200,6 @@ def _emit_torques_by_tensors(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     return (flatten_vector(workspace, compute_tensor_torques(workspace.recursion, workspace.parameters)),)
 
 
-def _emit_torques_by_vectors(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-    return (flatten_vector(workspace, compute_inverse_dynamics(workspace.recursion, workspace.parameters)),)
-
-
 def _emit_torques_by_regressor(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     parameters, meet = workspace.parameters, project_in_link(workspace.robot)
     found = compute_torque_columns(workspace.recursion, workspace.base.keys, meet=meet)
@@ -221,11 +213,11 @@ def _emit_coriolis_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     algebra = workspace.algebra
     weightless = replace(workspace.recursion, robot=replace(workspace.robot, gravity=(ZERO, ZERO, ZERO)))
     parameters = {key: value for key, value in workspace.parameters.items() if key[1] not in ("KS", "KR")}
-    coordinates = range(workspace.robot.freedom)
+    coordinates, zeros = range(workspace.robot.freedom), (algebra.zero,) * workspace.robot.size
     columns = []
     for k in coordinates:
         unit = workspace.spread([algebra.one if j == k else algebra.zero for j in coordinates])
-        torques = compute_tensor_torques(weightless, parameters, (unit, workspace.zeros))
+        torques = compute_tensor_torques(weightless, parameters, (unit, zeros))
         columns.append(flatten_vector(workspace, torques))
     return (flatten_coordinate_columns(workspace, columns),)
 
@@ -447,7 +439,7 @@ _MASS_ROUTES: Routes = {
     "composite bodies, shifted origins": lambda workspace: _emit_mass_matrix(workspace.shift()),
 }
 _RECURSION_ROUTES: Routes = {
-    "vector recursion": _emit_torques_by_vectors,
+    "vector recursion": lambda w: (flatten_vector(w, compute_inverse_dynamics(w.recursion, w.parameters)),),
     **_list_variants("tensor recursion", _emit_torques_by_tensors),
     "tensor recursion, shifted origins, last links held": (
         lambda workspace: _emit_torques_by_tensors(workspace.shift().hold())
@@ -503,7 +495,9 @@ ROUTES: Mapping[str, Routes] = {
     "torque_regressor": _list_regressor_routes("torque_regressor", _derive_torque),
     "slotine_li_regressor": _list_regressor_routes("slotine_li_regressor"),
     "friction": {"regressor times parameters": _emit_friction},
-    "friction_regressor": {"columns of the joint models": _emit_friction_regressor},
+    "friction_regressor": {
+        "columns of the joint models": lambda w: (flatten_coordinate_columns(w, _list_friction_columns(w)),)
+    },
     "hysteresis_step": {"plays": _emit_hysteresis_step},
     "hysteresis_inverse_step": {"plays of the inverse": _emit_hysteresis_inverse_step},
     "elastic_inverse_dynamics": {

@@ -64,17 +64,6 @@ def get_listed_digests(manifest: Mapping[str, object]) -> dict[str, str]:
     return {path.as_posix(): digest for path, digest in inside.items()}
 
 
-def _read_listed_digests(folder: Path) -> ListedDigests | None:
-    """Return the digests of what symid wrote into `folder`, None if it never did.
-
-    After an interrupted update, a file may be as the old manifest says or as that of the update does.
-    """
-    manifests = [read_manifest(place) for place in (folder, *list_interrupted_updates(folder))]
-    found = [get_listed_digests(manifest) for manifest in manifests if manifest is not None]
-    paths = sorted({path for files in found for path in files})
-    return {p: tuple(files[p] for files in found if p in files) for p in paths} if found else None
-
-
 def list_interrupted_updates(folder: Path) -> list[Path]:
     """Return what interrupted updates of `folder` left in it."""
     return sorted(folder.glob(f"{_UPDATE_PREFIX}*")) if folder.is_dir() else []
@@ -244,12 +233,16 @@ def write_sources(sources: SourceSet, folder: Path, *, force: bool = False) -> t
     Raises:
         OutputError: symid did not write the folder or a file in it, or they cannot be written.
     """
-    listed = _read_listed_digests(folder)
-    _check_folder(folder, sources, listed, force=force)
+    # After an interrupted update, a file may be as the old manifest says or as that of the update does.
+    manifests = [read_manifest(place) for place in (folder, *list_interrupted_updates(folder))]
+    found = [get_listed_digests(manifest) for manifest in manifests if manifest is not None]
+    paths = sorted({path for files in found for path in files})
+    listed = {path: tuple(files[path] for files in found if path in files) for path in paths}
+    _check_folder(folder, sources, listed if found else None, force=force)
     target = folder.resolve()
     try:
         if target.is_dir():
-            _update_folder(sources, target, listed or {})
+            _update_folder(sources, target, listed)
         else:
             _write_folder(sources, target)
     except OSError as error:

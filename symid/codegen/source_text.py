@@ -107,12 +107,9 @@ def _list_variables(name: str) -> frozenset[str]:
 
 
 def write_template(template: str, facts: Mapping[str, object], /, **values: object) -> str:
-    """Return a filled template.
+    """Return a template, such as "c/header.h.jinja", filled with `facts`, which any template may use.
 
-    Args:
-        template: its name, for example "c/header.h.jinja".
-        facts: what any template may use.
-        values: of this template's own variables; they go before facts of the same names.
+    `values` are those of its own variables; they go before facts of the same names.
 
     Raises:
         GenerationError: a variable of the template is missing, or one of `values` is not used.

@@ -149,9 +149,8 @@ class SymbolicFunction:
         for name, value in self.outputs.items():
             left = _OUTPUT_LATEX.get(name) or _LATEX.get(name, name)
             if isinstance(value, tuple):
-                yield from (
-                    f"{_write_index(left, str(k))} = {write(m)}" for k, m in enumerate(value, start=1)
-                )
+                for k, matrix in enumerate(value, start=1):
+                    yield f"{_write_index(left, str(k))} = {write(matrix)}"
             else:
                 yield f"{left} = {write(value)}"
 
@@ -178,8 +177,7 @@ def _write_name(name: str) -> str:
     if match and match["letter"] + match["place"] in _LATEX:
         return _write_index(_LATEX[match["letter"] + match["place"]], match["number"])
     if match and match["letter"] in _LATEX:
-        places = (match["place"],) if match["place"] else ()
-        return _write_index(_LATEX[match["letter"]], *places, match["number"])
+        return _write_index(_LATEX[match["letter"]], *filter(None, (match["place"],)), match["number"])
     return write_name_latex(name)
 
 

@@ -65,11 +65,6 @@ class RouteWorkspace:
         """Return the robot."""
         return self.recursion.robot
 
-    @property
-    def zeros(self) -> tuple[int, ...]:
-        """Return one zero per joint."""
-        return (self.recursion.algebra.zero,) * self.robot.size
-
     def spread(self, values: Sequence[int]) -> tuple[int, ...]:
         """Return the values of the joints from those of the coordinates."""
         return _spread(self.robot, self.algebra, values)

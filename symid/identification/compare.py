@@ -334,10 +334,7 @@ def compare_with_table(
 
 
 def _describe_table(
-    file: str,
-    columns: TableColumns,
-    empty: Sequence[tuple[int, str]],
-    deviations: Sequence[float | None],
+    file: str, columns: TableColumns, empty: Sequence[tuple[int, str]], deviations: Sequence[float | None]
 ) -> tuple[Notice, ...]:
     notices = []
     if empty:

@@ -47,11 +47,6 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
     described = restore_robot(robot, estimate)
     if isinstance(estimate, ElasticEstimate):
         return _build_elastic(described, estimate, source)
-    return _build_rigid(described, estimate, source)
-
-
-def _build_rigid(described: Robot, estimate: Estimate, source: Path) -> Identified:
-    """Return the values of an estimate of a rigid model; of an elastic robot that is its rigid variant."""
     found = build_rigid_estimate(estimate, described)
     robot = build_rigid_variant(described)
     base = derive_base_parameters(robot)

@@ -250,11 +250,7 @@ def _fit_rigid(
 
 
 def _identify_elastic(
-    robot: Robot,
-    recordings: Sequence[Recording],
-    method: str,
-    task: IdentifyTask,
-    context: TaskContext,
+    robot: Robot, recordings: Sequence[Recording], method: str, task: IdentifyTask, context: TaskContext
 ) -> Identification[ElasticEstimate]:
     """Return dynamics, friction and springs; delay and offsets of the link encoders are taken out first."""
     from symid.identification.elastic import identify_elastic, prepare_aligned
@@ -283,10 +279,7 @@ def _identify_elastic(
 
 
 def identify_stiffness(
-    robot: Robot,
-    recordings: Sequence[Recording],
-    pairs: Sequence[tuple[str, str]],
-    context: TaskContext,
+    robot: Robot, recordings: Sequence[Recording], pairs: Sequence[tuple[str, str]], context: TaskContext
 ) -> "tuple[StiffnessEstimate, tuple[Notice, ...]]":
     """Return the delay between the encoders, their offsets and the stiffness of every joint, with notices.
 

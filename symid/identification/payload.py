@@ -74,9 +74,7 @@ def identify_payload(robot: Robot, loaded: GivenSide, empty: GivenSide, task: Pa
         LogError: a log cannot be used.
         IdentifiabilityError: no parameter is identifiable from the logs, or no payload is significant.
     """
-    given = (*loaded, *empty)
-    files = [Path(entry) for entry in given if isinstance(entry, str | PathLike)]
-    check_distinct(files)
+    check_distinct([Path(entry) for entry in (*loaded, *empty) if isinstance(entry, str | PathLike)])
     first = _read_side("with the payload", robot, loaded, task)
     second = _read_side("without it", robot, empty, task)
     if first.robot.elastic != second.robot.elastic:

@@ -46,11 +46,7 @@ from symid.identification.estimators import (
     check_robot,
     compute_mean_relative,
 )
-from symid.identification.friction import (
-    FrictionIdentification,
-    set_identified_friction,
-    validate_friction,
-)
+from symid.identification.friction import FrictionIdentification, set_identified_friction, validate_friction
 from symid.identification.identify import TaskContext
 from symid.identification.rigid import (
     Diagnosis,

@@ -14,6 +14,7 @@ Not supported: online filtering, a logged velocity in place of the differentiate
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -92,6 +93,7 @@ def compute_noise_bandwidth(processing: Processing, period: float) -> float:
     return min(1.0, decimation.factor * float(np.mean(gain) / gain[0]))
 
 
+@cache
 def _design_decimation(decimation: Decimation, output: str = "sos") -> Any:  # noqa: ANN401  scipy has no types
     from scipy.signal import cheby1
 

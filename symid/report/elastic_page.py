@@ -1,10 +1,8 @@
 """The page of an elastic identification.
 
-`ElasticEstimate`, what it predicts of logs, motions with its feed-forward -> `Page` with verdict, hysteresis
-loops, springs, parameters, methods, convergence, tracking, residuals, settings.
+`ElasticEstimate`, what it predicts of logs, motions with its feed-forward -> `Page`; sections without data
+are left out.
 
-Supported: springs with stops and knees, cubic parts, damping; true values beside them where they are known.
-Sections without data are left out.
 Not supported: uncertainties of single stops: they are strongly correlated with their neighbours.
 """
 
@@ -128,7 +126,11 @@ def _show_trials(trials: Sequence[ElasticTrial]) -> Iterator[Block]:
             yield draw_loops(joint)
             yield draw_loops(joint, opened=True)
             if joint.final is not None:
-                yield _draw_spring_error(joint, joint.final)
+                label, linear = _get_linear_torque(joint)
+                first = (label, "initial", joint.motor - linear)
+                errors = list_lines(joint.time, first, ("identified", "final", joint.motor - joint.final))
+                caption = f"Measured joint torque of {joint.joint} less the torque of the spring."
+                yield build_line_figure(caption, ("time (s)", f"difference ({joint.unit})"), errors)
         yield from (show_residual(lines, text) for text, lines in trial.residuals)
 
 
@@ -163,19 +165,6 @@ def _get_linear_torque(entry: JointTrial) -> tuple[str, FloatArray]:
     if entry.initial is not None:
         return "linear start", entry.initial
     return "best linear spring", entry.straight * entry.torsion
-
-
-def _draw_spring_error(entry: JointTrial, final: FloatArray) -> Drawing:
-    label, linear = _get_linear_torque(entry)
-    return build_line_figure(
-        f"Measured joint torque of {entry.joint} less the torque of the spring.",
-        ("time (s)", f"difference ({entry.unit})"),
-        list_lines(
-            entry.time,
-            (label, "initial", entry.motor - linear),
-            ("identified", "final", entry.motor - final),
-        ),
-    )
 
 
 def show_spring(estimate: SpringEstimate) -> Iterator[Block]:

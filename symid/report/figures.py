@@ -6,7 +6,6 @@ light and dark backgrounds. The same input gives the same text.
 Lines have at most 2000 points: functions of one variable keep every peak, curves that turn back on
 themselves, such as hysteresis loops, keep their corners (Ramer 1972, Douglas and Peucker 1973).
 
-Supported: linear and logarithmic axes, names in place of a vertical axis; clouds of points and areas.
 Not supported: values that are not finite; gaps in a line. A logarithmic axis leaves out values that are not
 positive.
 """

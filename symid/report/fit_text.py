@@ -186,23 +186,20 @@ def describe_stiffness(found: "StiffnessEstimate") -> dict[str, object]:
 def show_stiffness(found: "StiffnessEstimate") -> tuple[Block, ...]:
     """Return how many joints have one, delay and offsets, the table of stiffnesses, and the reasons."""
     known = sum(entry.stiffness is not None for entry in found.joints)
-    rows = [
-        [
-            entry.joint,
-            entry.stiffness,
-            *(entry.interval or (None, None)),
-            entry.unit,
-            1e6 * entry.explained,
-            1e6 * entry.left,
-            entry.verdict.name.lower().replace("_", " "),
-        ]
-        for entry in found.joints
-    ]
-    header = ("joint", "stiffness", "from", "to (95 %)", "unit", "explained/1e-6", "left/1e-6", "verdict")
+    table = tabulate(
+        found.joints,
+        "joint; stiffness; from=low; to (95 %)=high; unit; explained/1e-6=part; left/1e-6=gap; verdict=word",
+        (0, 4, 7),
+        low=lambda entry: entry.interval and entry.interval[0],
+        high=lambda entry: entry.interval and entry.interval[1],
+        part=lambda entry: 1e6 * entry.explained,
+        gap=lambda entry: 1e6 * entry.left,
+        word=lambda entry: entry.verdict.name.lower().replace("_", " "),
+    )
     return (
         f"{found.robot}: the stiffness of {known} of {len(found.joints)} joints is identifiable",
         *show_alignment(found.alignment, [entry.joint for entry in found.joints]),
-        Table(header, rows, left=(0, 4, 7)),
+        table,
         "\n".join(f"{entry.joint}: {entry.reason}" for entry in found.joints),
     )
 

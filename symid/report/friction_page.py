@@ -1,14 +1,10 @@
 """The page of friction.
 
-`FrictionIdentification` -> `Page` with verdict; for each joint friction against velocity, its law and
-parameters, the choice of the law, the comparison of poses; settings.
-
-The figure of a joint has measured rows as a cloud, their means, the law and its 95 % band:
+`FrictionIdentification` -> `Page`; the figure of a joint has measured rows, their means, law and 95 % band:
 
     band: g' Cov g, g = [Phi(v), dPhi/ds c]
 
-The curve ends at the slowest row, in each direction: below it the law is extrapolated, and the band would be
-too narrow.
+The curve ends at the slowest row, in each direction: an extrapolated band would be too narrow.
 
 Supported: laws of the velocity alone; of others the curve at no load, at angle zero.
 Not supported: held-out logs besides the blocks of a choice; the scatter of single rows as a band.

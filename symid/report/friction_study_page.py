@@ -118,9 +118,8 @@ def _draw_stribeck() -> Drawing:
 
 
 def _draw_scatter(samples: FrictionSamples, what: str) -> Drawing:
-    lines = [_list_samples(samples.velocity, samples.torque)]
     caption = f"Joint 1, {what}: {samples.count} synthetic samples."
-    return _draw(caption, lines)
+    return _draw(caption, [_list_samples(samples.velocity, samples.torque)])
 
 
 def _build_band(found: FrictionEstimate, velocity: FloatArray) -> Line:
@@ -156,12 +155,11 @@ def _draw_one_fit(samples: FrictionSamples, study: FrictionStudy) -> Drawing:
 def _draw_convergence(contest: EstimatorComparison) -> Drawing:
     least = min(run.objective for run in contest.runs if not run.reason)
     names = {"genetic": ("genetic algorithm", "first"), "annealing": ("hybrid with annealing", "second")}
-    lines = []
-    for run in contest.runs:
-        if run.estimator in names:
-            label, style = names[run.estimator]
-            course = np.array(run.history) / least - 1.0
-            lines.append(Line(label, style, np.arange(float(len(course))), course))
+    lines = [
+        Line(*names[run.estimator], np.arange(float(len(run.history))), np.array(run.history) / least - 1.0)
+        for run in contest.runs
+        if run.estimator in names
+    ]
     caption = (
         f"{contest.title}: objective of the best candidate, relative to the optimum of variable projection. "
         "A generation of the hybrid costs two evaluations a candidate."
@@ -217,14 +215,12 @@ def build_friction_study_page(study: FrictionStudy) -> Page:
         "Claims and results. Reported: no requirement, or too few draws to judge.",
         outcome=write_check_outcome,
     )
-    judged = [check for check in study.checks if check.met is not None]
-    missed = [check for check in judged if not check.met]
     reported = [check for check in study.checks if check.met is None]
-    headline = (
-        f"{len(missed)} of {len(judged)} claims are missed."
-        if missed
-        else f"All {len(judged)} claims that can be judged are met."
-    )
+    missed = [check for check in study.checks if check.met is not None and not check.met]
+    judged = len(study.checks) - len(reported)
+    headline = f"All {judged} claims that can be judged are met."
+    if missed:
+        headline = f"{len(missed)} of {judged} claims are missed."
     return Page(
         robot="Zhang, Hu and Zou (2021)",
         subject="the tables of joint friction",

@@ -15,7 +15,7 @@ from symid.identification.diagnostics import JointProfiles
 from symid.identification.estimators import Estimate, Series, Validation
 from symid.identification.rigid import Diagnosis
 from symid.report.blocks import Block, Drawing, Table, tabulate
-from symid.report.figures import Line, build_curve_figure, build_histogram, build_line_figure, list_lines
+from symid.report.figures import Line, build_curve_figure, build_histogram, build_line_figure
 from symid.report.fit_text import show_residual
 from symid.report.pages import Page, build_fit_page, format_digits, show_refused, tabulate_parameters
 from symid.report.verdict import QUANTITIES, judge_identification
@@ -207,18 +207,16 @@ def _draw_profiles(entry: JointProfiles) -> Iterator[Drawing]:
         ("velocity", f"velocity ({unit}/s)", entry.velocity),
         ("load", f"predicted torque ({entry.unit})", entry.load),
     ):
-        mean, deviation = profile.mean, profile.deviation
-        edges = (
-            ("plus deviation", "second", mean + deviation),
-            ("minus deviation", "third", mean - deviation),
-        )
+        centre, mean, deviation = profile.centre, profile.mean, profile.deviation
+        lines = [
+            Line("mean", "first", centre, mean, markers=True),
+            Line("plus deviation", "second", centre, mean + deviation),
+            Line("minus deviation", "third", centre, mean - deviation),
+        ]
         yield build_line_figure(
             f"Mean residual of {entry.joint} against {against}, with one standard deviation either side.",
             (label, f"residual ({entry.unit})"),
-            [
-                Line("mean", "first", profile.centre, mean, markers=True),
-                *list_lines(profile.centre, *edges),
-            ],
+            lines,
         )
 
 
@@ -228,8 +226,7 @@ def _show_log(validation: Validation) -> Iterator[Block]:
     yield f"=== {validation.source} ==="
     yield show_residual(validation.residual, f"{caption} {mean}")
     for series in validation.series:
-        error = series.measured - series.predicted
-        joint, unit = series.joint, series.unit
+        error, joint, unit = series.measured - series.predicted, series.joint, series.unit
         yield f"=== {joint} ==="
         yield draw_prediction(series, validation.rows)
         yield build_line_figure(
@@ -246,15 +243,11 @@ def _show_log(validation: Validation) -> Iterator[Block]:
 
 def draw_prediction(series: Series, rows: str) -> Drawing:
     """Return the figure of what was measured and predicted of one joint."""
-    quantity = _name_quantity(series, rows)
+    quantity, values = _name_quantity(series, rows), (series.measured, series.predicted)
     return build_line_figure(
         f"Measured and predicted {quantity} of {series.joint}.",
         ("time (s)", f"{quantity} ({series.unit})"),
-        list_lines(
-            series.time,
-            ("measured", "measured", series.measured),
-            ("predicted", "predicted", series.predicted),
-        ),
+        [Line(name, name, series.time, y) for name, y in zip(("measured", "predicted"), values, strict=True)],
     )
 
 

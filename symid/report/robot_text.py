@@ -91,12 +91,7 @@ def write_base_latex(robot: "Robot", base: "BaseParameters") -> str:
 def _describe_parameters(
     robot: "Robot", base: "BaseParameters"
 ) -> tuple[list[dict[str, object]], list[dict[str, object]]]:
-    from symid.dynamics import (
-        compute_parameter_values,
-        derive_parameter_formulas,
-        get_label_unit,
-        get_owner,
-    )
+    from symid.dynamics import compute_parameter_values, derive_parameter_formulas, get_label_unit, get_owner
 
     values = compute_parameter_values(robot, base)
     forms = derive_parameter_formulas(robot, base)

@@ -157,12 +157,12 @@ def _list_second(study: Recovery) -> Table:
 
 def _list_sums(studies: Sequence[GainStudy]) -> Table:
     rows = [
-        (f"joint {study.joint}, {who}", *(f"{value:.{digits}f}" for value in values))
+        (f"joint {study.joint}, {who}", *(f"{value:.0f}" for value in values))
         for study in studies
-        for who, values, digits in (
-            ("paper", study.paper, 0),
-            ("ours, scaled", study.scaled, 0),
-            ("ours, mean", study.sums, 0),
+        for who, values in (
+            ("paper", study.paper),
+            ("ours, scaled", study.scaled),
+            ("ours, mean", study.sums),
         )
     ]
     note = (
@@ -204,10 +204,8 @@ def _list_gains(studies: Sequence[GainStudy]) -> Table:
 
 
 def _list_contest(contest: EstimatorComparison) -> Table:
-    columns = (
-        "estimator; sum of squares=objective:.6f; excess=excess:.1e; evaluations; linear problems=solves"
-    )
-    columns += "; iterations"
+    columns = "estimator; sum of squares=objective:.6f; excess=excess:.1e; evaluations; "
+    columns += "linear problems=solves; iterations"
     note = ["Excess: over the least sum of squares of all. Every estimator with its defaults."]
     if any(math.isfinite(run.seconds) for run in contest.runs):
         columns += f"; ms{_MARK}=time"

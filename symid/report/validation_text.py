@@ -7,12 +7,7 @@ from typing import TYPE_CHECKING
 
 from symid.environment import show_path
 from symid.errors import Notice
-from symid.identification import (
-    AnyValidation,
-    ElasticValidation,
-    FrictionValidation,
-    RigidValidation,
-)
+from symid.identification import AnyValidation, ElasticValidation, FrictionValidation, RigidValidation
 from symid.report.blocks import Block, Drawing, Table, select_fields, tabulate
 from symid.report.elastic_page import draw_loops
 from symid.report.fit_text import (
@@ -35,12 +30,23 @@ if TYPE_CHECKING:
 def show_trial(found: AnyValidation) -> tuple[Block, ...]:
     """Return a headline, and tables of residuals."""
     match found:
-        case RigidValidation():
-            return _show_rigid(found)
-        case FrictionValidation():
-            return _show_friction(found)
         case ElasticValidation():
             return _show_elastic(found)
+        case RigidValidation():
+            kind = " (joints taken as rigid)" if any(found.robot.elastic) else ""
+            within = "" if found.band is None else f" within {found.band.band:g} Hz"
+            table = show_residual(found.validation.residual) if found.band is None else show_band(found.band)
+            more = f"\n{found.settled.describe()}"
+        case FrictionValidation():
+            kind, within, more, laws = ", friction and rigid part", "", "", found.laws
+            columns = "joint; law; relative/%=relative_percent:.4f; RMS=std; unit; rows=samples"
+            residual = found.validation.residual
+            table = tabulate(residual, columns, (0, 1, 4), law=lambda entry: laws[entry.joint])
+    headline = (
+        f"{found.robot.name}{kind} on {found.validation.source}{within}: mean relative residual "
+        f"{found.mean_relative_percent:.4f} %"
+    )
+    return (f"{headline}{more}", table)
 
 
 def describe_trial(found: AnyValidation) -> dict[str, object]:
@@ -63,29 +69,6 @@ def draw_trial(found: AnyValidation) -> tuple[Drawing, ...]:
     if isinstance(found, ElasticValidation):
         return tuple(map(draw_loops, found.trial.joints))
     return tuple(draw_prediction(series, found.validation.rows) for series in found.validation.series)
-
-
-def _show_rigid(found: RigidValidation) -> tuple[Block, ...]:
-    kind = " (joints taken as rigid)" if any(found.robot.elastic) else ""
-    within = "" if found.band is None else f" within {found.band.band:g} Hz"
-    headline = (
-        f"{found.robot.name}{kind} on {found.validation.source}{within}: mean relative residual "
-        f"{found.mean_relative_percent:.4f} %"
-    )
-    table = show_residual(found.validation.residual) if found.band is None else show_band(found.band)
-    return (f"{headline}\n{found.settled.describe()}", table)
-
-
-def _show_friction(found: FrictionValidation) -> tuple[Block, ...]:
-    validation = found.validation
-    columns = "joint; law; relative/%=relative_percent:.4f; RMS=std; unit; rows=samples"
-    laws = found.laws
-    head = (
-        f"{found.robot.name}, friction and rigid part on {validation.source}: mean relative residual "
-        f"{validation.mean_relative_percent:.4f} %"
-    )
-    table = tabulate(validation.residual, columns, (0, 1, 4), law=lambda entry: laws[entry.joint])
-    return (head, table)
 
 
 def _show_elastic(found: ElasticValidation) -> tuple[Block, ...]:
@@ -205,12 +188,9 @@ def show_diagnosis(diagnosis: "Diagnosis") -> tuple[Block, ...]:
     drift = diagnosis.drift
     lines = [describe_rank(diagnosis), describe_essential(diagnosis)]
     if diagnosis.refit is not None:
+        moves = f"moves the estimate by {diagnosis.refit:.1g} standard deviations"
         same = diagnosis.refit < _SAME_FIT
-        lines.append(
-            "Refitting the logs reproduces the stored estimate."
-            if same
-            else f"Refitting the logs moves the estimate by {diagnosis.refit:.1g} standard deviations."
-        )
+        lines.append(f"Refitting the logs {'reproduces the stored estimate' if same else moves}.")
     if len(drift.runs) > 1:
         lines.append(f"{len(drift.changed)} of {drift.compared} parameters differ between the logs.")
     for entry in diagnosis.prices:

@@ -7,7 +7,6 @@ The level starts from the prediction: is the model as good on held-out logs as o
 what springs and dynamics leave unexplained there. A large residual, a missed true value, many uncertain
 parameters, a large condition number, or an iteration that did not converge then limit it.
 
-Supported: any number of held-out logs, none included; logs of the fit do not count as held out.
 Not supported: tests of the residual's whiteness; comparison between rows of different kinds.
 """
 
@@ -174,11 +173,7 @@ def _judge_parameters(
 
 
 def _list_missed(known: Sequence[ParameterEstimate], tolerance: float) -> list[str]:
-    """Return who lies further than 3 std from the truth, if that is no chance.
-
-    It is no chance when one lies beyond what the farthest of so many normal values reaches in all but 1 %
-    of cases, or when so many beyond 3 std are less likely than 1 %.
-    """
+    """Return who lies beyond 3 std of the truth, if one so far or so many are less likely than 1 %."""
 
     def is_close(entry: ParameterEstimate) -> bool:
         # A spring on a grid is a model, and what it lacks is no noise: hence the tolerance.
@@ -237,10 +232,8 @@ def _judge_springs(trials: Sequence[ElasticTrial]) -> tuple[str, str, str]:
     if len(shares) < len(joints):
         headline = f"On held-out motions the model leaves at most {whole} unexplained."
         return _rate(dynamics), headline, "A joint has no identified spring: its torque cannot be predicted."
-    spring, linear = (
-        max(shares),
-        max(_compute_share(joint, joint.straight * joint.torsion) for joint in joints),
-    )
+    spring = max(shares)
+    linear = max(_compute_share(joint, joint.straight * joint.torsion) for joint in joints)
     headline = (
         f"On held-out motions the springs leave at most {spring:.3g} % of a joint's torque unexplained, the "
         f"dynamics {whole}."

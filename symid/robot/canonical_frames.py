@@ -58,19 +58,13 @@ def rationalize_placement(
     Long exact numbers, which come together in many steps, become short ones some 1e-15 away, and quarter
     turns, right angles and zeros that rounding hid are restored: rotations of the modified form become two
     exact angles, any other rotation with long numbers a rational quaternion. Short numbers stay as they are.
-
-    Args:
-        placement: the placement, its rotation orthogonal.
-        symbols: values of symbolic lengths, m.
-        snap: rotations within this angle (rad) of quarter turns become these; zero turns that off.
+    Rotations within `snap` (rad) of quarter turns become these; zero turns that off.
     """
     rotation = _rationalize_rotation(placement, snap)
     before, after = to_floats(placement), to_floats(rotation)
     moved = max(abs(a - b) for a, b in zip(chain(*before), chain(*after), strict=True))
     x, y, z = _rationalize_translation(placement, rotation.rotation, symbols or {})
-    return SnappedPlacement(
-        placement=Placement(rotation=rotation.rotation, translation=(x, y, z)), moved_by=moved
-    )
+    return SnappedPlacement(placement=replace(rotation, translation=(x, y, z)), moved_by=moved)
 
 
 def has_long_denominator(value: Exact, longest: int) -> bool:
@@ -90,9 +84,7 @@ def _rationalize_rotation(placement: Placement, snap: float) -> Placement:
         alpha = build_exact_angle(atan2(-r[1][2], r[2][2]), snap=snap)
         theta = build_exact_angle(atan2(-r[0][1], r[0][0]), snap=snap)
         return compose_placements(rotate_x(alpha), rotate_z(theta))
-    if long:
-        return Placement(rotation=_approximate_rotation(r), translation=placement.translation)
-    return placement
+    return replace(placement, rotation=_approximate_rotation(r)) if long else placement
 
 
 def _approximate_rotation(r: tuple[tuple[float, ...], ...]) -> ExactMatrix:
@@ -118,10 +110,8 @@ def _rationalize_translation(
 ) -> ExactVector:
     """Return the translation in short numbers: a and d, where it has the modified form."""
     origin = placement.translation
-    if not any(
-        has_long_denominator(value, _LONGEST_LENGTH if value.is_rational else _LONGEST_SURD)
-        for value in origin
-    ):
+    longest = (_LONGEST_LENGTH if value.is_rational else _LONGEST_SURD for value in origin)
+    if not any(map(has_long_denominator, origin, longest)):
         x, y, z = (
             ZERO if value.is_number and abs(value.to_float()) < _SMALLEST_LENGTH else value
             for value in origin
@@ -178,11 +168,8 @@ def choose_canonical_frames(
     stands along the common normal of its own joint axis and that of the first joint after it. What the form
     leaves open is chosen so that theta and d are zero at q = 0.
 
-    Args:
-        joints: parents before children.
-        symbols: values of symbolic lengths, m.
-        snap: axes within this angle (rad) of being parallel, and turns within it of a multiple of pi/2, are
-            taken as such; zero turns that off.
+    Parents stand before children. Axes within `snap` (rad) of being parallel, and turns within it of a
+    multiple of pi/2, are taken as such; zero turns that off.
     """
     values = symbols or {}
     tolerance = max(snap, _SMALLEST_SNAP)

@@ -49,12 +49,9 @@ _KINDS = {"theta": "revolute", "d": "prismatic"}
 
 
 def read_dh_table(path: Path, convention: str, gravity: tuple[str, str, str] = ("0", "0", "-9.81")) -> Robot:
-    """Return the robot whose rows the file at `path` holds.
+    """Return the robot whose rows, "modified" or "standard", the text file at `path` holds.
 
-    Args:
-        path: a text file, see above.
-        convention: "modified" or "standard".
-        gravity: in the base frame, m/s^2, as decimals.
+    `gravity` is that in the base frame in m/s^2, as decimals.
 
     Raises:
         RobotError: with a notice for each mistake in the file, in the order of their places.
@@ -121,10 +118,8 @@ def _read_header(root: Section, cells: list[Place]) -> list[str]:
     keys = [_COLUMNS.get(name, ("", None))[0] for name in names]
     code = "robot.table-header"
     if not any(keys):
-        units = "alpha_deg is in degrees, a_mm in mm"
-        raise RobotError(
-            cells[0].notice(code, f"no header; the first line names the columns: {_HEADER} ({units})")
-        )
+        text = f"no header; the first line names the columns: {_HEADER} (alpha_deg is in degrees, a_mm in mm)"
+        raise RobotError(cells[0].notice(code, text))
     for index, (name, key, cell) in enumerate(zip(names, keys, cells, strict=True)):
         if not key:
             hint = f"{suggest_names(name, _COLUMNS)} allowed are {', '.join(_COLUMNS)}".strip()

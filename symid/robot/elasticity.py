@@ -101,10 +101,7 @@ def compute_catalogue_knees(stiffnesses: Sequence[float], torques: Sequence[floa
     """Return the knees that make a spring K1 one of K2 beyond T1 and K3 beyond T2, on both sides.
 
     The outer function's argument is K1 phi: the second knee stands where it is T1 + (T2 - T1) K1 / K2.
-
-    Args:
-        stiffnesses: K1, K2, K3 in N m/rad.
-        torques: T1, T2 in N m.
+    `stiffnesses` are K1, K2, K3 in N m/rad, `torques` T1 and T2 in N m.
 
     Raises:
         RobotError: a value is not positive, or the torques do not increase.

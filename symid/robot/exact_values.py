@@ -46,11 +46,8 @@ _TERM = re.compile(rf"\s*(?P<sign>[-+]?)\s*(?P<first>{_FACTOR})(?P<others>(?:\s*
 _NEXT = re.compile(rf"\s*(?P<operator>[*/])\s*(?P<factor>{_FACTOR})")
 _FRACTION = re.compile(r"\s*[-+]?\d{1,18}(?:\.\d{1,18})?(?:\s*/\s*\d{1,18})?\s*")
 _LONGEST = 2000
-_ROOTS = {
-    2: Exact.surd(Fraction(0), 1),
-    3: Exact.surd(Fraction(0), 0, 1),
-    6: Exact.surd(Fraction(0), 0, 0, 1),
-}
+_NO = Fraction(0)
+_ROOTS = {2: Exact.surd(_NO, 1), 3: Exact.surd(_NO, 0, 1), 6: Exact.surd(_NO, 0, 0, 1)}
 # What a symbol can be, by its unit: an example, in words, a typical value.
 _QUANTITIES = {
     "m": ("L1", "a length", "0.5"),
@@ -112,13 +109,8 @@ def read_linear_form(
 ) -> Exact | None:
     """Return the number or form at `key`, or at its element `inner`; None where it is absent or wrong.
 
-    Args:
-        section: the table, with the file's symbols; the first use of a symbol fixes its unit.
-        key: the name of the value.
-        unit: "m", "kg", "kg*m^2" or "m/s^2".
-        inner: the index of an element, where the value is a list.
-        allowed: what the number may be, with the symbols' values put in.
-        code: of the notice on a value that is neither number nor form.
+    The first use of a symbol fixes its `unit`, "m", "kg", "kg*m^2" or "m/s^2". `allowed` is what the number
+    may be, with the symbols' values put in; `code` that of the notice on what is neither number nor form.
     """
     value = section.get(key, *inner)
     if value is None:
@@ -126,10 +118,9 @@ def read_linear_form(
     form = _parse_value(value)
     example, noun, typical = _QUANTITIES[unit]
     if form is None:
-        got = f"{section.show(key, *inner)}{explain_number(value, unit)}"
-        section.refuse(
-            code, key, f'expected a number in {unit} or a symbol such as "{example}", got {got}', *inner
-        )
+        text = f'expected a number in {unit} or a symbol such as "{example}", got '
+        text += f"{section.show(key, *inner)}{explain_number(value, unit)}"
+        section.refuse(code, key, text, *inner)
         return None
     errors = len(section.errors)
     for name in form.symbols:
@@ -139,10 +130,9 @@ def read_linear_form(
             text += hint or f"write {name} = {typical} (its value in {unit}) there"
             section.refuse("robot.unknown-symbol", key, text, *inner)
         elif (before := section.used.setdefault(name, unit)) != unit:
-            text = (
-                f"{name} is used as {_QUANTITIES[before][1]} ({before}) before, and as {noun} ({unit}) here"
-            )
-            section.refuse("robot.symbol-unit", key, f"{text}; give each quantity its own symbol", *inner)
+            text = f"{name} is used as {_QUANTITIES[before][1]} ({before}) before, and as {noun} ({unit}) "
+            text += "here; give each quantity its own symbol"
+            section.refuse("robot.symbol-unit", key, text, *inner)
     if len(section.errors) > errors:
         return None
     if (size := form.to_float(section.symbols)) not in allowed:
@@ -409,9 +399,7 @@ def write_modified_row(placement: Placement) -> dict[str, str] | None:
 def write_standard_row(near: Placement, frame: Placement) -> dict[str, str] | None:
     """Return alpha, a, d, theta of a joint's frame and its link's; None where they are no such row.
 
-    Args:
-        near: the joint's frame seen from the link before, Rz(theta) Tz(d).
-        frame: the link's frame seen from the joint's, Tx(a) Rx(alpha).
+    These are `near` = Rz(theta) Tz(d) seen from the link before, `frame` = Tx(a) Rx(alpha) from the joint's.
     """
     theta = Angle.of(near.rotation[0][0], near.rotation[1][0])
     alpha = Angle.of(frame.rotation[1][1], frame.rotation[2][1])
@@ -427,9 +415,8 @@ def write_origin(placement: Placement) -> str:
     if any(placement.translation):
         parts.append(f"xyz = {write_list(placement.translation)}")
     if placement.rotation != IDENTITY.rotation:
-        angles = compute_rpy(placement.rotation)
-        if angles is not None:
-            parts.append(f"rpy = [{', '.join(write_angle(angle) for angle in angles)}]")
+        if angles := compute_rpy(placement.rotation):
+            parts.append(f"rpy = [{', '.join(map(write_angle, angles))}]")
         else:
             parts.append(f"quaternion = {write_list(compute_quaternion(placement.rotation))}")
     return f"{{ {', '.join(parts)} }}" if parts else "{}"

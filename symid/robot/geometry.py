@@ -16,7 +16,7 @@ import decimal
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from fractions import Fraction
 
@@ -192,10 +192,8 @@ def _cosine_of_twelfths(k: int) -> Exact:
 def build_exact_angle(radians: float, *, snap: float = 1e-5) -> Angle:
     """Return the angle with exact cosine and sine.
 
-    Args:
-        radians: the angle as written, in rad.
-        snap: distance in rad within which it is moved to a multiple of pi/2; zero turns
-            that off. Multiples of pi/12 written to 1e-9 or better are always met.
+    Within `snap` (rad) it is moved to a multiple of pi/2; zero turns that off. Multiples of pi/12 written to
+    1e-9 or better are always met.
     """
     twelfths = round(radians / (math.pi / 12))
     moved = twelfths * (math.pi / 12) - radians
@@ -427,11 +425,9 @@ def to_floats(placement: Placement) -> tuple[tuple[float, ...], ...]:
 
 
 def build_axis_frame(axis: tuple[Fraction, Fraction, Fraction], *, snap: float = 1e-5) -> SnappedPlacement:
-    """Return a rotation that takes z to the direction of `axis`.
+    """Return a rotation that takes z to the direction of `axis`, which is not zero.
 
-    Args:
-        axis: three numbers, not all zero; their length does not matter.
-        snap: an axis within this angle (rad) of a coordinate axis is taken as that axis.
+    An axis within `snap` (rad) of a coordinate axis is taken as that axis.
     """
     x, y, z = axis
     size = max(abs(x), abs(y), abs(z))
@@ -480,9 +476,5 @@ def snap_to_quarter_turns(placement: Placement, *, snap: float = 1e-5) -> Placem
     if moved > max(snap, _ROUNDED):
         return None
     r0, r1, r2 = ((Exact.of(round(x)), Exact.of(round(y)), Exact.of(round(z))) for x, y, z in rows)
-    rotation = (r0, r1, r2)
-    return (
-        None
-        if rotation == placement.rotation
-        else Placement(rotation=rotation, translation=placement.translation)
-    )
+    turned = replace(placement, rotation=(r0, r1, r2))
+    return None if turned == placement else turned

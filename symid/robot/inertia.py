@@ -59,11 +59,7 @@ def move_by_placement(
 ) -> tuple[float, ...]:
     """Return the ten parameters, given in the frame `placement`, seen from where `placement` is seen from.
 
-    Args:
-        parameters: (10,).
-        placement: the frame.
-        symbols: values of symbolic lengths, m.
-        inverse: whether the other way round: from the outer frame to the frame `placement`.
+    With `inverse` the other way round. `symbols` are values of symbolic lengths, m.
     """
     rotation = np.array(to_floats(placement))
     translation = np.array([entry.to_float(symbols) for entry in placement.translation])
@@ -85,12 +81,9 @@ def split_body(parameters: Sequence[float]) -> tuple[float, list[float], tuple[f
 def compute_standard_parameters(
     mass: float, com: Sequence[float], inertia: Sequence[float]
 ) -> tuple[float, ...]:
-    """Return the ten parameters of a link with the given centre of mass.
+    """Return the ten parameters of a link: mass (kg), centre of mass (3,) in m, and inertia about it.
 
-    Args:
-        mass: kg.
-        com: (3,) centre of mass in the link's frame, m.
-        inertia: (6,) xx xy xz yy yz zz about the centre of mass, along the frame's axes, kg m^2.
+    The latter (6,) is xx xy xz yy yz zz along the frame's axes, in kg m^2.
     """
     central = (*inertia, 0.0, 0.0, 0.0, mass)
     return move_parameters(central, np.eye(3), np.asarray(com, dtype=np.float64))
@@ -144,12 +137,7 @@ def lump_fixed_joints(
 
     A fixed link without inertial values is a mere frame. A moving link without values stays without (unknown
     plus known is unknown). What is fixed to the base is in `frames` only. A joint that follows a fixed joint
-    is fixed too.
-
-    Args:
-        joints: the whole tree, fixed joints included; parents and masters are indices into it.
-        fixed: indices of the joints that do not move.
-        symbols: values of symbolic lengths, m.
+    is fixed too. `joints` is the whole tree, `fixed` has indices into it; symbols have values in m.
     """
     still = set(fixed)
     still |= {index for index, joint in enumerate(joints) if joint.mimic and joint.mimic.master in still}

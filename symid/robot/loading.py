@@ -56,9 +56,8 @@ def is_urdf(path: Path) -> bool:
 
 def list_robots() -> tuple[str, ...]:
     """Return the names of all robots in ./robots and of those that come with symid, sorted."""
-    return tuple(
-        sorted({path.stem for folder in _list_robot_folders() for path in folder.glob(f"*{_SUFFIX}")})
-    )
+    stems = {path.stem for folder in _list_robot_folders() for path in folder.glob(f"*{_SUFFIX}")}
+    return tuple(sorted(stems))
 
 
 def locate_robot_file(name_or_path: str) -> Path:

@@ -59,13 +59,9 @@ _TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
 def build_json_values(
     robot: Robot, values: RobotValues, *, outcome: str, sources: Sequence[str] = ()
 ) -> dict[str, object]:
-    """Return the object.
+    """Return the object of a robot with values of links and drives, which `values` has as vectors.
 
-    Args:
-        robot: with values of links and drives.
-        values: the same as vectors.
-        outcome: how the values were estimated, in one word.
-        sources: the logs they come from.
+    `outcome` says in one word how they were estimated, `sources` are the logs they come from.
     """
     symbols = dict(robot.symbols)
     drives = [_describe_drive(joint, {"gear": joint.drive.gear}) for joint in robot.joints]
@@ -122,13 +118,7 @@ PRECISIONS = ("double", "float")
 
 
 def write_c_values(values: RobotValues, *, comments: Sequence[str] = (), precision: str = "double") -> str:
-    """Return the header.
-
-    Args:
-        values: the robot's.
-        comments: texts for the head of the file, fit for C comments.
-        precision: one of `PRECISIONS`.
-    """
+    """Return the header, with `comments` fit for C at its head; `precision` is one of `PRECISIONS`."""
     prefix, macro = values.prefix, values.prefix.upper()
     vectors = [vector for vector in values.vectors if vector.rows]
     lines = [

@@ -70,12 +70,9 @@ class PublishedTable(Generic[N]):
 
 
 def read_value_table(path: Path, columns: TableColumns, read_name: Callable[[str], N]) -> PublishedTable[N]:
-    """Return the table at `path`.
+    """Return the table at `path`, see above, from these columns.
 
-    Args:
-        path: a text file, see above.
-        columns: the columns to read.
-        read_name: returns the meaning of a name; its UsageError is reported with the name's line.
+    `read_name` returns the meaning of a name; its UsageError is reported with the name's line.
 
     Raises:
         UsageError: a column is not there, or several are possible.
@@ -133,9 +130,8 @@ def _read_lines(path: Path) -> tuple[_Line, list[_Line]]:
             found.append((number, next(csv.reader([line], delimiter=separator, skipinitialspace=True))))
         except csv.Error as error:
             text = f"this is no line of a table: {error}"
-            raise EstimateError(
-                Notice(code="table.unreadable", text=text, file=str(path), line=number)
-            ) from error
+            notice = Notice(code="table.unreadable", text=text, file=str(path), line=number)
+            raise EstimateError(notice) from error
     first, heading = (found[0][0], [cell.strip() for cell in found[0][1]]) if found else (1, [])
     twice = [name for name in dict.fromkeys(heading) if heading.count(name) > 1]
     problem = ""
@@ -204,9 +200,7 @@ def _choose_column(
 
 def _looks_like_number(text: str) -> bool:
     """Return whether a cell is a number, or was meant as one: a column of such cells is not skipped."""
-    return (
-        _to_number(text) is not None or _NUMBER_LIKE.fullmatch(text.replace(_MINUS, "-").strip()) is not None
-    )
+    return _to_number(text) is not None or bool(_NUMBER_LIKE.fullmatch(text.replace(_MINUS, "-").strip()))
 
 
 def _to_number(text: str) -> float | None:

@@ -30,15 +30,7 @@ from symid.robot.description import (
 )
 from symid.robot.elasticity import Elasticity, Knee, Stop, compute_catalogue_knees
 from symid.robot.exact_values import read_fraction
-from symid.robot.toml_values import (
-    ANY,
-    NOT_NEGATIVE,
-    POSITIVE,
-    Range,
-    Section,
-    suggest_names,
-    to_decimal,
-)
+from symid.robot.toml_values import ANY, NOT_NEGATIVE, POSITIVE, Range, Section, suggest_names, to_decimal
 
 Kind = FrictionKind | CurvedFriction
 
@@ -292,13 +284,7 @@ def read_table_array(root: Section, key: str) -> list[Section]:
 def read_couplings(
     root: Section, names: Sequence[str], kinds: Sequence[JointKind | None]
 ) -> tuple[Coupling, ...]:
-    """Return the drives of the file that turn with several joints.
-
-    Args:
-        root: the whole file.
-        names: of the file's joints; the indices in `terms` count these.
-        kinds: of the same joints, None for a fixed one.
-    """
+    """Return the drives that turn with several of the joints `names`; the kind of a fixed one is None."""
     couplings: list[Coupling] = []
     for section in read_table_array(root, "coupling"):
         section.refuse_unknown_keys(("name", "terms", "rotor_inertia", "friction"))
@@ -404,10 +390,9 @@ def _read_catalogue(table: Section) -> tuple[float | None, tuple[Knee, ...]]:
     if inner is None:
         return None, ()
     values = {}
+    remedy = f"catalogue = {{ {', '.join(f'{name} = ..' for name in _CATALOGUE)} }} has all five"
     for key in _CATALOGUE:
-        inner.require(
-            key, f"catalogue = {{ {', '.join(f'{name} = ..' for name in _CATALOGUE)} }} has all five"
-        )
+        inner.require(key, remedy)
         number = inner.read_float(key, _STIFFNESS if key[0] == "K" else "N*m", POSITIVE)
         if number is not None:
             values[key] = number

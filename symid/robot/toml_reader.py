@@ -112,11 +112,7 @@ def parse_robot(text: str, file: str = "robot.toml") -> Robot:
 
 
 def build_robot(root: Section, file: str) -> Robot:
-    """Return the robot that the values of a whole file describe.
-
-    Args:
-        root: the values, with the lists that collect mistakes and warnings.
-        file: the path or name of the file.
+    """Return the robot that the values of a whole file describe; messages call it `file`.
 
     Raises:
         RobotError: with a notice for each mistake, in the order of their places.
@@ -345,12 +341,7 @@ _KINDS = {
 
 
 def read_joints(root: Section, convention: str) -> tuple[tuple[Joint, ...], tuple[Coupling, ...]]:
-    """Return the joints of the file, and the drives that turn with several of them.
-
-    Args:
-        root: the whole file, with its symbols.
-        convention: "modified", "standard" or "origin".
-    """
+    """Return the joints of the file, and the drives that turn with several of them."""
     remedy = 'write [[joint]] and kind = "revolute" for each joint'
     root.require("joint", remedy)
     if root.get("joint") == []:
@@ -377,8 +368,9 @@ def read_joints(root: Section, convention: str) -> tuple[tuple[Joint, ...], tupl
         mimic, offset = followers.get(index, (None, IDENTITY))
         if mimic is not None:
             near = compose_placements(near, offset)
-        joint = _read_joint(section, kinds[index], frame)
-        joints.append(replace(joint, name=names[index], parent=parent, placement=near, mimic=mimic))
+        kind = kinds[index] or JointKind.REVOLUTE
+        joint = Joint(name=names[index], kind=kind, parent=parent, placement=near, mimic=mimic, frame=frame)
+        joints.append(_complete_joint(section, joint, fixed=kinds[index] is None))
     couplings = read_couplings(root, names, kinds)
     fixed = [index for index, kind in enumerate(kinds) if kind is None]
     if fixed and len(fixed) == len(joints) and not root.errors:
@@ -440,19 +432,11 @@ def _read_frames(section: Section, convention: str) -> tuple[Placement, Placemen
     return read_origin(section, "origin"), read_origin(section, "frame")
 
 
-def _read_joint(section: Section, kind: JointKind | None, frame: Placement) -> Joint:
-    """Return what a joint's table holds on the joint itself and its link."""
-    parameters, form = read_body(section, "link", frame)
-    joint = Joint(
-        name="",
-        kind=kind or JointKind.REVOLUTE,
-        parent=-1,
-        placement=IDENTITY,
-        frame=frame,
-        inertial=parameters,
-        form=form,
-    )
-    if kind is None:
+def _complete_joint(section: Section, joint: Joint, *, fixed: bool) -> Joint:
+    """Return the joint with what its table holds on itself and its link."""
+    parameters, form = read_body(section, "link", joint.frame)
+    joint = replace(joint, inertial=parameters, form=form)
+    if fixed:
         for key in _MOVING_KEYS:
             if key in section.values:
                 text = "a fixed joint has none; leave it out, or choose a kind that moves"

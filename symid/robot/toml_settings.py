@@ -139,20 +139,14 @@ def _read_quantity(
     if dimension == "current" and "factor" not in section.values:
         # Torque constants and gear ratios bring a current to the joint side, constants alone to the motor's.
         side = "motor" if coupled else "joint"
-    return LogQuantity(
-        columns=columns,
-        unit=unit or natural,
-        factor=factor or (1.0,),
-        side=side,
-        offset=read_offset(section, size) or (0.0,),
-    )
+    factor, offset = factor or (1.0,), read_offset(section, size) or (0.0,)
+    return LogQuantity(columns=columns, unit=unit or natural, factor=factor, side=side, offset=offset)
 
 
 def _get_natural_unit(name: str, joints: Sequence[Joint]) -> str:
     """Return the SI unit of a quantity, for messages; "SI" where joints differ."""
-    unit = next(
-        unit for alike, unit in _SI_UNITS.items() if JOINT_DIMENSIONS[alike] is JOINT_DIMENSIONS[name]
-    )
+    alike = next(key for key in _SI_UNITS if JOINT_DIMENSIONS[key] is JOINT_DIMENSIONS[name])
+    unit = _SI_UNITS[alike]
     found = {adapt_unit(unit, prismatic=joint.kind is JointKind.PRISMATIC) for joint in joints}
     return found.pop() if len(found) == 1 else "SI"
 
@@ -355,14 +349,10 @@ def list_log(log: LogMap) -> dict[str, Any]:
         if name == "time":
             table[name] = {"column": quantity.columns[0], "unit": quantity.unit}
             continue
-        table[name] = {
-            "columns": list(quantity.columns),
-            "unit": quantity.unit,
-            "factor": list(quantity.factor),
-            "side": quantity.side,
-        }
-        if any(quantity.offset):
-            table[name]["offset"] = list(quantity.offset)
+        listed = {key: list(x) if isinstance(x, tuple) else x for key, x in asdict(quantity).items()}
+        if not any(quantity.offset):
+            del listed["offset"]
+        table[name] = listed
     return table
 
 
@@ -396,13 +386,10 @@ def read_controller(root: Section, joints: Sequence[Joint]) -> Controller | None
 
 def list_controller(controller: Controller) -> dict[str, Any]:
     """Return the controller as a table that `read_controller` reads back."""
-    table = {
-        key: list(entry) if isinstance(entry, tuple) else entry for key, entry in asdict(controller).items()
-    }
-    return table | {
-        "velocity_filter": controller.velocity_filter or _NONE,
-        "offset": _LOG if controller.offset is None else table["offset"],
-    }
+    table = asdict(controller)
+    table |= {key: list(entry) for key, entry in table.items() if isinstance(entry, tuple)}
+    table["velocity_filter"] = controller.velocity_filter or _NONE
+    return table if controller.offset is not None else table | {"offset": _LOG}
 
 
 def _read_gains(

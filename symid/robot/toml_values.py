@@ -91,12 +91,7 @@ class Places:
 
 
 def locate_values(text: str, file: str = "") -> Places:
-    """Return the places of all keys and values in the TOML `text`.
-
-    Args:
-        text: valid TOML whose lines end in a line feed alone.
-        file: the name that the places carry.
-    """
+    """Return the places, in `file`, of all keys and values in valid TOML; lines end in a line feed alone."""
     scanner = _Scanner(text, file)
     scanner.scan_document()
     return Places(keys=scanner.keys, values=scanner.values, whole=Place(file, 1, 1))
@@ -451,12 +446,8 @@ def suggest_names(
 ) -> str:
     """Return a question with the names most like `name`; blanks around a name are pointed out.
 
-    Args:
-        name: unknown.
-        allowed: the known names.
-        likeness: the least, from 0 to 1.
-        before: the text before the question.
-        otherwise: the text before all known names, where no name is like it; empty for an empty answer.
+    `likeness` is the least, from 0 to 1; `before` goes before the question. Where no name is like it, all
+    known names follow `otherwise`; the answer is empty without that.
     """
     names = list(allowed)
     twin = next((other for other in names if other.strip() == name.strip()), None)

@@ -57,12 +57,9 @@ _DUST = 1e-30
 
 
 def write_robot(robot: Robot, *, comment: str = "", hints: bool = False) -> str:
-    """Return the text of the robot's file.
+    """Return the text of the robot's file, `comment` at its head.
 
-    Args:
-        robot: the robot.
-        comment: lines for the head of the file.
-        hints: whether each joint gets, in comments, the tables that it does not have, to be filled in.
+    With `hints` each joint gets, in comments, the tables that it does not have, to be filled in.
     """
     convention, placed = _choose_rows(robot)
     # A name that can name generated functions.
@@ -239,9 +236,7 @@ def _write_friction(owner: str, friction: FrictionValues) -> Iterator[str]:
 
 
 def _write_elasticity(elasticity: Elasticity, *, prismatic: bool) -> Iterator[str]:
-    damping, cubic = (
-        write_number(value) if value else "" for value in (elasticity.damping, elasticity.cubic)
-    )
+    damping, cubic = (write_number(x) if x else "" for x in (elasticity.damping, elasticity.cubic))
     yield from ("", "[joint.elasticity]")
     yield from _write_values(
         prismatic,
@@ -278,10 +273,8 @@ def _write_limits(limits: Limits, *, prismatic: bool) -> Iterator[str]:
 
 
 def _write_coupling(robot: Robot, coupling: Coupling) -> Iterator[str]:
-    terms = (
-        f"{write_key(robot.joints[index].name)} = {write_fraction(factor)}"
-        for index, factor in coupling.terms
-    )
+    joints = robot.joints
+    terms = (f"{write_key(joints[k].name)} = {write_fraction(factor)}" for k, factor in coupling.terms)
     yield from ("[[coupling]]", f"name = {write_value(coupling.name)}", f"terms = {{ {', '.join(terms)} }}")
     if coupling.has_rotor:
         yield f"rotor_inertia = {write_known(coupling.rotor_inertia)}"

@@ -15,7 +15,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from fractions import Fraction
 
@@ -305,9 +305,8 @@ def _read_inertial(link: UrdfPart) -> tuple[float, ...] | None:
     found = compute_standard_parameters(mass, com, turned[:6])
     if mass and (impossible := explain_impossible_inertia(found)):
         text = f"no physical body has this inertia; the values are kept: {impossible}"
-        inertial.enter(inertial.element.find("inertia") or inertial.element).warn(
-            "robot.impossible-inertia", text
-        )
+        place = inertial.element.find("inertia") or inertial.element
+        inertial.enter(place).warn("robot.impossible-inertia", text)
     elif not mass and any(found):
         text = "links {}: inertia without mass, which no physical body has; the values are kept"
         inertial.group("robot.inertia-without-mass", text)
@@ -371,11 +370,9 @@ class UrdfJoint:
 def read_joint_elements(reading: UrdfReading) -> None:
     """Add the joints of the file to `reading.joints`; those without two links are reported and left out."""
     for element in reading.document.root.find_all("joint"):
-        if opened := _open_part(reading, element, reading.joints):
-            name, part = opened
-            joint = _read_joint(name, part)
-            if joint is not None:
-                reading.joints[name] = joint
+        opened = _open_part(reading, element, reading.joints)
+        if opened and (joint := _read_joint(*opened)):
+            reading.joints[joint.name] = joint
 
 
 def _read_joint(name: str, part: UrdfPart) -> UrdfJoint | None:
@@ -393,27 +390,17 @@ def _read_joint(name: str, part: UrdfPart) -> UrdfJoint | None:
             part.refuse("robot.missing-key", f'missing <{tag} link="..."/>')
         ends.append(None if end is None else end.read_name("link", reading.links))
     origin = _read_origin(part)
-    moves = type_ in MOVING
-    if not moves:
+    turn, friction, limits = IDENTITY, FrictionValues(), Limits()
+    if type_ in MOVING:
+        turn, friction, limits = _read_axis(part), _read_dynamics(part), _read_limits(part, type_)
+    else:
         for unused in element.find_all("axis", "limit", "dynamics"):
             reading.skip(f"<{unused.tag}> of a {type_} joint", unused)
-    turn = _read_axis(part) if moves else IDENTITY
-    friction = _read_dynamics(part) if moves else FrictionValues()
-    limits = _read_limits(part, type_) if moves else Limits()
     parent, child = ends
     if parent is None or child is None:
         return None
-    return UrdfJoint(
-        name=name,
-        type=type_,
-        parent=parent,
-        child=child,
-        part=part,
-        origin=origin,
-        turn=turn,
-        friction=friction,
-        limits=limits,
-    )
+    joint = UrdfJoint(name=name, type=type_, parent=parent, child=child, part=part, origin=origin)
+    return replace(joint, turn=turn, friction=friction, limits=limits)
 
 
 def _read_origin(joint: UrdfPart) -> Placement:

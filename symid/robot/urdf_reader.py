@@ -119,9 +119,8 @@ def _locate_root(reading: UrdfReading, above: Mapping[str, UrdfJoint]) -> str | 
         if not robot.find("joint"):
             prefixed = next((child.tag for child in robot.children if child.tag.endswith(":joint")), "")
             hint = f"; <{prefixed}> is another tag: write <joint>" if prefixed else ""
-            reading.refuse(
-                "robot.no-joints", f"no <joint> in the file, and a robot needs one that moves{hint}"
-            )
+            text = f"no <joint> in the file, and a robot needs one that moves{hint}"
+            reading.refuse("robot.no-joints", text)
         return None
     roots = [name for name in reading.links if name not in above]
     if not roots:
@@ -201,10 +200,11 @@ def _read_mimics(
         master = part.read_name("joint", reading.joints)
         multiplier, offset = part.read_decimal("multiplier"), part.read_decimal("offset")
         if master is not None:
-            factor = Fraction(1 if multiplier is None else multiplier)
-            direct[joint.name] = MimicStep(
-                master=master, multiplier=factor, offset=Exact.surd(Fraction(offset or 0))
+            factor, shift = (
+                Fraction(1 if multiplier is None else multiplier),
+                Exact.surd(Fraction(offset or 0)),
             )
+            direct[joint.name] = MimicStep(master=master, multiplier=factor, offset=shift)
     found: dict[str, MimicStep] = {}
     for joint in (*before, *kept):
         if joint.name in direct:
@@ -470,9 +470,8 @@ def _compute_gravity(
         offset = _place_offset(joint, followers.get(joint.name), reading.snap)
         if offset != IDENTITY:
             outer = _compose_all(outer, joint.turn, offset, invert_placement(joint.turn))
-    down = Placement(rotation=IDENTITY.rotation, translation=_GRAVITY)
-    turned = Placement(rotation=outer.rotation, translation=IDENTITY.translation)
-    gravity = compose_placements(invert_placement(turned), down).translation
+    turned = replace(outer, translation=IDENTITY.translation)
+    gravity = compose_placements(invert_placement(turned), translate(*_GRAVITY)).translation
     words = list_words(f"{value.to_float():g}" for value in gravity)
     where = f"of link {tree.root}" if not tree.before else f"of link {tree.root}, the joints before it at 0"
     text = f"a URDF states no gravity; it was taken as ({words}) m/s^2 in the frame {where}"

@@ -116,9 +116,8 @@ def parse_document(text: str, file: str) -> XmlDocument:
     except expat.ExpatError as error:
         words = f"not well-formed XML: {expat.ErrorString(error.code)}"
         words += f" (inside <{opened[-1].tag}>)" if len(opened) > 1 else ""
-        column = error.offset + 1
-        raise RobotError(
-            Notice(code="robot.syntax", text=words, file=file, line=error.lineno, column=column)
-        ) from error
+        line, column = error.lineno, error.offset + 1
+        notice = Notice(code="robot.syntax", text=words, file=file, line=line, column=column)
+        raise RobotError(notice) from error
     lines = (0, *(match.end() for match in re.finditer(rb"\n", source)))
     return XmlDocument(root=opened[0].children[0], file=file, source=source, lines=lines, ends=ends)

@@ -88,8 +88,7 @@ def _list_friction_omissions(owner: str, friction: FrictionValues) -> Iterator[s
 
 def _list_elastic_omissions(joint: Joint) -> Iterator[str]:
     """Yield the spring between motor and link of an elastic joint."""
-    spring = joint.elasticity
-    if spring is not None:
+    if spring := joint.elasticity:
         parts = [str(spring.stiffness)]
         parts += [f"damping {spring.damping}"] if spring.damping else []
         parts += [f"cubic {spring.cubic}"] if spring.cubic else []
@@ -179,9 +178,7 @@ def _write_joint(robot: Robot, joint: Joint) -> Iterator[str]:
     endless = joint.kind is JointKind.REVOLUTE and joint.limits.position is None
     low, high = map(_write_decimal, joint.limits.position or (0.0, 0.0))
     ends = "" if endless else f'lower="{low}" upper="{high}" '
-    effort, velocity = (
-        _write_decimal(value or 0.0) for value in (joint.limits.torque, joint.limits.velocity)
-    )
+    effort, velocity = map(_write_decimal, (joint.limits.torque or 0.0, joint.limits.velocity or 0.0))
     yield f'  <joint name={_write_quoted(joint.name)} type="{"continuous" if endless else joint.kind.value}">'
     yield f'    <origin xyz="{_write_decimals(xyz)}" rpy="{_write_decimals(_compute_rpy(joint.placement))}"/>'
     yield f"    <parent link={parent}/>"
@@ -220,14 +217,10 @@ _Edit = tuple[int, int, str]
 
 
 def rewrite_urdf(text: str, robot: Robot, *, comments: Sequence[str] = ()) -> str:
-    """Return the URDF `text`, letter by letter, with new inertias, friction and rotors, those of `robot`.
+    """Return the URDF `text`, which `robot` was read from, with the robot's inertias, friction and rotors.
 
-    The values of a moving link hold for it and the links fixed to it together; theirs are taken out.
-
-    Args:
-        text: the file that the robot was read from.
-        robot: the same robot, links with values.
-        comments: texts for the head of the file.
+    All else stays, letter by letter; `comments` go to the head. The values of a moving link hold for it and
+    the links fixed to it together; theirs are taken out.
 
     Raises:
         RobotError: the text is no XML.
@@ -252,10 +245,8 @@ def _list_edits(document: XmlDocument, robot: Robot) -> Iterator[_Edit]:
     if strangers and BASE in elements:
         joints[BASE] = strangers[0]
     # The joint that moves each link, and the link before it.
-    parents = {
-        _get_link(element, "child"): (name, _get_link(element, "parent"))
-        for name, element in elements.items()
-    }
+    ends = ((name, _get_link(joint, "child"), _get_link(joint, "parent")) for name, joint in elements.items())
+    parents = {child: (name, parent) for name, child, parent in ends}
     for link in root.find_all("link"):
         name = link.attributes.get("name", "")
         old = link.find("inertial")

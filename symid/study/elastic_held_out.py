@@ -7,12 +7,10 @@ Robot, seeds -> `TrackingStudy`: how links follow TC in closed loop with feed-fo
     rigid        dynamics of Case 1, springs left out
 
 Robot, library, seed -> `ManyJointsResult`: the torque that elimination and momentum rows leave unexplained.
-Two random motions within the robot's limits are identified together, a third is held out. Energy rows add up
-what all joints do and separate the parameters of many joints badly: their condition number stands beside
-those of the other rows.
+Two random motions within the robot's limits are identified together, a third is held out. Energy rows
+separate the parameters of many joints badly: their condition number stands beside those of the other rows.
 
-Supported: tracking of robots with two joints whose file states the truth; torques of any number of joints.
-Not supported: noise in the loop; robots whose file lacks values.
+Not supported: noise in the loop; robots whose file lacks values; tracking of other than two joints.
 """
 
 from collections.abc import Callable, Sequence

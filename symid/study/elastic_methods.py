@@ -2,18 +2,13 @@
 
 Robot, datasets, seeds -> `ElasticStudy`: errors of every method on every dataset, against the known truth.
 
-    TA     the exciting trajectory of both joints, 20 s      TA10   the same ten times as large
-    TB1, TB2   the decaying trajectory of either joint, 50 s     TC     held out, 20 s
-
     parameters   largest |estimate - truth| / |truth| over the dynamic parameters whose truth is not zero
     hysteresis   joint by joint RMS(tau_J estimate - tau_J) / RMS(tau_J), on the true torsion of TC
 
 Clean: 5 kHz, perfect sensors. Noisy: 1 kHz, encoders with 2^20 steps a turn, torque noise of 2 % of each
-joint's RMS. The motion is the same for all seeds, the noise is on the measurement only, and all methods use
-the same recordings. Without noise one seed is enough.
+joint's RMS. The motion is the same for all seeds, and all methods use the same recordings.
 
-Supported: robots with two joints whose file states the truth.
-Not supported: noise in the control loop.
+Not supported: noise in the control loop; robots with other than two joints, or whose file lacks the truth.
 """
 
 import math
@@ -77,6 +72,7 @@ _TRAJECTORIES: Mapping[str, Callable[[], Trajectory]] = {
     "TB2": lambda: build_tb(1),
     "TC": build_tc,
 }
+"""TA excites both joints for 20 s, TB1 and TB2 one of them for 50 s; TC, 20 s, is held out."""
 
 
 def simulate_runs(
@@ -351,17 +347,16 @@ def study_elastic(
     results = iter(run_tasks(run_study_task, tasks, jobs=jobs, progress=progress))
     studies = []
     for name, condition in groups:
-        bound = spring_bound = math.nan
+        bounds = math.nan, math.nan
         if condition is SensorCondition.NOISY:
-            bound, spring_bound = _compute_bounds(scene, datasets[name])
-        cells = _summarise([next(results) for _ in numbers[condition]], timed=timed)
+            bounds = _compute_bounds(scene, datasets[name])
         study = DatasetStudy(
             dataset=name,
             condition=condition,
             seeds=len(numbers[condition]),
-            bound=bound,
-            spring_bound=spring_bound,
-            cells=cells,
+            bound=bounds[0],
+            spring_bound=bounds[1],
+            cells=_summarise([next(results) for _ in numbers[condition]], timed=timed),
         )
         studies.append(study)
     return ElasticStudy(robot=scene.library.card.robot, studies=tuple(studies))
@@ -390,22 +385,11 @@ def _count(words: Sequence[str]) -> tuple[tuple[str, int], ...]:
 
 def _compute_bounds(scene: ElasticScene, runs: Sequence[str]) -> tuple[float, float]:
     """Return the largest relative standard deviation, percent, at the bound without and with springs."""
-    signals, noise = [], []
-    for name in runs:
-        run = scene.runs[name]
-        signals.append(
-            ElasticSignals(
-                time=run.time,
-                q=run.q,
-                dq=run.dq,
-                theta=run.theta,
-                dtheta=run.dtheta,
-                tau=run.torque,
-                period=run.recording.period,
-                settled=0,
-                hold="zero",
-            )
-        )
+    states, signals, noise = ("time", "q", "dq", "theta", "dtheta"), [], []
+    for run in (scene.runs[name] for name in runs):
+        exact = {name: getattr(run, name) for name in states}
+        period = run.recording.period
+        signals.append(ElasticSignals(**exact, tau=run.torque, period=period, settled=0, hold="zero"))
         noise.append(0.02 * np.sqrt(np.mean(run.torque**2, axis=0)))
     known = scene.truth != 0.0
     without, springs = (

@@ -1,21 +1,15 @@
 """The three protocols of the friction study: agreement (S1), recovery (S2) and gains (S3).
 
-S1, one direction, one Stribeck curve, Table 1 of the paper: motion, seeds -> `AgreementStudy`, whether all
-estimators find the same optimum; `EstimatorComparison`: all estimators on one data set, and their cost.
-
-S2, improved Stribeck law, Table 3, and a second robot: scenes of known truth, seeds -> `Recovery`:
+S1, Table 1 of the paper: motion, seeds -> `AgreementStudy`; `EstimatorComparison` on one data set.
+S2, Table 3 and a second robot: scenes of known truth, seeds -> `Recovery`; S3, Table 4 -> `GainStudy`:
 
     ratio = deviation over the draws / bound,     bias = (mean - truth) / deviation over the draws
-
-S3, Table 4: joints of Table 3 in one slow cosine, seeds -> `GainStudy`:
-
     gain = 1 - J_improved / J_other,     in RMS 1 - sqrt(J_improved / J_other)
 
 The noise of each joint was set so that the gain over Coulomb + viscous comes out as printed: this column is
 no test. The gain over the original Stribeck law is a prediction; the peak of the cosine, common to all
 joints, was chosen between 0.03 and 1.5 rad/s for the least miss.
 
-Supported: every estimator in `ESTIMATORS` with its defaults; any law, by the default estimator.
 Not supported: tuned options; refusal of parameters (all values are kept as they come).
 """
 

@@ -1,23 +1,13 @@
 """Methods for rigid robots: precision against the Cramer-Rao bound, and the effect of the cut-off frequency.
 
-Robot, seeds -> `PrecisionStudy`; library, recording, processing -> `CutoffStudy`.
-
-Precision:
+Robot, seeds -> `PrecisionStudy`: x of random excitations with exact states and new noise for every seed,
 
     ratio_k = sqrt(mean over seeds of (x_k - truth_k)^2) / bound_k
     coverage = part of all |x_k - truth_k| <= 1.96 of the standard deviation stated
 
-The truth is what the robot file states, or bodies drawn once: clouds of points about the links, lighter
-towards the tip. The excitations are random Fourier series within the robot's limits; their states are exact.
-Noise of the torque is white, of one standard deviation a joint. Only the noise changes from seed to seed:
-rows are condensed once, and the values' column of every triangle is made anew.
+Library, recording, processing -> `CutoffStudy`: fits (WLS) to the first 60 % of a log, with every cut-off,
+predict the torque of the rest: mean over joints of |tau - tau_hat| / |tau|, both low-passed alike.
 
-Cut-off: for every cut-off frequency of the position filter the parameters are fitted (WLS) to the first 60 %
-of the log and predict the torque of the rest: mean over joints of |tau - tau_hat| / |tau|, both low-passed
-alike. The states of the predicted part pass the log's own filter throughout, so that only the fit differs.
-
-Supported: rigid robots; WLS on torque rows, decimated or not, and on momentum rows; the physically consistent
-fit; cut-offs below 0.45 of the sample rate.
 Not supported: noise of the states; a choice of the cut-off by the result.
 """
 
@@ -33,12 +23,7 @@ from symid.codegen import Library
 from symid.errors import IdentifiabilityError
 from symid.excitation import FourierOptions, build_random_fourier
 from symid.identification.diagnostics import compute_band_residual, predict_torques
-from symid.identification.estimators import (
-    Bodies,
-    build_bodies,
-    fit_condensed,
-    solve_consistent,
-)
+from symid.identification.estimators import Bodies, build_bodies, fit_condensed, solve_consistent
 from symid.identification.regression import (
     Condensed,
     Rows,
@@ -344,6 +329,8 @@ def study_cutoff(
     progress: Callable[[int, int], None] | None = None,
 ) -> CutoffStudy:
     """Return how well fits with every cut-off predict the rest of the log.
+
+    The states of the rest pass the log's own filter throughout, so that only the fit differs.
 
     Args:
         library: the robot's functions.

@@ -3,21 +3,28 @@
 import json
 import subprocess
 import sys
+from contextlib import redirect_stdout
+from io import StringIO
 
 import casadi as ca
 import pytest
 
+from symid.cli.main import run as run_cli
+
 
 def run(*arguments):
-    done = subprocess.run(
-        [sys.executable, "-m", "symid", *map(str, arguments), "--json"],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-    )
+    printed = StringIO()
+    with redirect_stdout(printed):
+        code = run_cli([*map(str, arguments), "--json", "-q"])
+    assert code == 0, printed.getvalue()
+    return json.loads(printed.getvalue())["result"]
+
+
+def test_python_runs_the_package():
+    command = [sys.executable, "-m", "symid", "base", "two_link", "--of", "torque", "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 0, done.stdout
-    return json.loads(done.stdout)["result"]
+    assert json.loads(done.stdout)["result"] == run("base", "two_link", "--of", "torque")
 
 
 def test_derive_tells_the_operations_of_all_routes():

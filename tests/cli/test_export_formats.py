@@ -24,6 +24,8 @@ from tests.estimates import STD, fill_robot, store_estimate
 from tests.mujocos import find_mujoco_torques
 from tests.urdfs import find_torques
 
+pytestmark = pytest.mark.usefixtures("shared_work")
+
 FLAGS = (
     "-std=c99",
     "-O1",
@@ -212,7 +214,8 @@ def arm(tmp_path, robots_folder):
 def test_the_c_header_drives_the_generated_library(capsys, c_compiler, arm, real, close):
     robot, estimate = arm
     folder = estimate.parent / "code"
-    assert run(["generate", "two_link", "--precision", real, "-o", str(folder), "-q"]) == 0
+    called = ("--function", "inverse_dynamics", "--function", "friction")
+    assert run(["generate", "two_link", *called, "--precision", real, "-o", str(folder), "-q"]) == 0
     capsys.readouterr()
     header = folder / "symid_two_link_values.h"
     code, answer = call(capsys, "export", "two_link", estimate, "--precision", real, "-o", header)

@@ -7,6 +7,8 @@ import pytest
 
 from symid.cli.main import run
 
+pytestmark = pytest.mark.usefixtures("shared_work")
+
 
 def call_json(capsys, *arguments):
     """Run a verb with --json; return its exit code and the object."""

@@ -11,6 +11,8 @@ from symid.robot.inertia import compute_standard_parameters
 from symid.robot.toml_reader import read_robot
 from symid.robot.toml_writer import write_robot
 
+pytestmark = pytest.mark.usefixtures("shared_work")
+
 MASS, CENTRE, INERTIA = 0.8, (0.1, 0.02, 0.0), (0.002, 0.0, 0.0, 0.002, 0.0, 0.003)
 DISC = (
     f'payload = {{ name = "disc", joint = "elbow", mass = {MASS}, com = [0.1, 0.02, 0], '
@@ -37,7 +39,8 @@ def folder(tmp_path_factory, robots_folder):
     )
     (root / "loaded.toml").write_text(write_robot(loaded), encoding="utf-8")
     for name, source, seed in (("empty", "two_link", 1), ("with", root / "loaded.toml", 2)):
-        assert run(["simulate", str(source), "--seed", str(seed), "-o", str(root / f"{name}.npz"), "-q"]) == 0
+        motion = ("--duration", "10", "--seed", str(seed))
+        assert run(["simulate", str(source), *motion, "-o", str(root / f"{name}.npz"), "-q"]) == 0
     runs = f'[[run]]\nfile = "empty.npz"\n{ENDS}[[run]]\nfile = "with.npz"\n{ENDS}'
     (root / "both.toml").write_text(runs + DISC, encoding="utf-8")
     (root / "alone.toml").write_text(f'[[run]]\nfile = "with.npz"\n{ENDS}{DISC}', encoding="utf-8")

@@ -7,6 +7,8 @@ import pytest
 
 from symid.cli.main import run
 
+pytestmark = pytest.mark.usefixtures("shared_work")
+
 CONTROLLER = """
 [controller]
 stiffness = [{stiffness}, 60]      # N m/rad

@@ -135,7 +135,7 @@ def test_the_table_of_words_is_that_of_the_reader(page):
             name = f"{word} 1" if meaning != "the time" else word
             raw = RawLog(columns={name: np.zeros(2)}, units={name: "rad"} if meaning.startswith("no") else {})
             (found,) = read_headings(raw, ())
-            assert found.wanted == meaning.startswith("not measured"), word
+            assert found.commanded == meaning.startswith("not measured"), word
             if meaning.startswith("no"):
                 assert (found.quantity, found.words) == ("position", ("1",)), word
             else:

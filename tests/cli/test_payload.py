@@ -22,6 +22,8 @@ from symid.robot.toml_writer import write_robot
 from tests.chains import PUMA560, regress
 from tests.estimates import build_estimate, fill_robot, make_plain, store_estimate
 
+pytestmark = pytest.mark.usefixtures("shared_work")
+
 MASS, CENTRE, INERTIA = 1.5, (0.03, -0.02, 0.09), (0.004, 0.0003, -0.0002, 0.005, 0.0001, 0.003)
 
 

@@ -12,6 +12,8 @@ from symid.excitation.trajectories import FourierOptions, build_random_fourier
 from symid.robot.loading import override_robot
 from symid.robot.toml_reader import read_robot
 
+pytestmark = pytest.mark.usefixtures("shared_work")
+
 FRICTION = "viscous_coulomb_offset"
 
 

@@ -274,7 +274,24 @@ def test_doctor_says_what_is_missing(capsys, monkeypatch):
 @pytest.mark.parametrize("rows", ["momentum", "energy"])
 def test_the_report_compares_rows_of_one_kind(capsys, log, tmp_path, rows):
     other, found, page = (tmp_path / name for name in ("other.npz", "estimate.json", "report.html"))
-    assert run(["simulate", "two_link", "-o", str(other), "--noise", "0.5", "--seed", "4", "--duration", "5", "-q"]) == 0
+    assert (
+        run(
+            [
+                "simulate",
+                "two_link",
+                "-o",
+                str(other),
+                "--noise",
+                "0.5",
+                "--seed",
+                "4",
+                "--duration",
+                "5",
+                "-q",
+            ]
+        )
+        == 0
+    )
     assert run(["identify", "two_link", str(log), "--rows", rows, "-o", str(found), "-q"]) == 0
     assert run(["report", str(found), "--validation", str(other), "-o", str(page), "-q"]) == 0
     capsys.readouterr()

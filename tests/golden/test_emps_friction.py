@@ -24,7 +24,6 @@ from symid.logs.reader import read_recording
 from symid.robot.toml_reader import read_robot
 
 
-
 @pytest.fixture(scope="module")
 def robot(robots_folder):
     return read_robot(robots_folder / "emps.toml")

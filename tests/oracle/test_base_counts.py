@@ -93,7 +93,7 @@ def find_sampled_rank(robot, seed):
     return int(np.sum(values > 1e-9 * values[0]))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(robot=trees(most=3, rotors=True, friction=True, angles=RIGHT_ANGLES))
 def test_drives_and_friction_count_right_on_random_trees(robot):
     base = derive_base_parameters(robot)
@@ -108,7 +108,7 @@ def test_friction_of_a_vertical_slide(kind, rotors):
     assert base.count + len(base.friction) == find_sampled_rank(slide, 2)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(robot=trees(most=3, rotors=True, symbols=True))
 def test_symbolic_lengths_count_like_generic_numbers(robot):
     def replace_symbol(value):

@@ -133,7 +133,7 @@ def call(robot, *names):
     return {function.name(): function for function in build_functions(robot, names=names).functions}
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(robot=TREES, seed=SEEDS)
 def test_regressor_newton_euler_and_pinocchio_give_the_same_torques(robot, seed):
     case = draw_case(robot, seed)
@@ -213,7 +213,7 @@ def test_mass_rate_less_twice_coriolis_is_skew(robot, seed):
     assert_close(coriolis @ case.dq, bias.ravel())
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(robot=TREES, seed=SEEDS)
 def test_power_of_the_torques_is_the_change_of_the_energy(robot, seed):
     case = draw_case(robot, seed)
@@ -241,7 +241,7 @@ def test_energy_of_the_functions_is_that_of_links_drives_and_springs(robot, seed
     assert_close(rows, [kinetic, potential])
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(robot=TREES, seed=SEEDS)
 def test_momentum_and_lagrange_regressors_make_the_torque(robot, seed):
     """dp/dt - dL/dq = tau, p = M dq."""
@@ -282,7 +282,7 @@ FRICTIONAL = trees(
 )
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(robot=FRICTIONAL, seed=SEEDS)
 def test_friction_and_inertial_functions_make_up_all_torques(robot, seed):
     """Offsets may stand in a group of weights: the sum of both is what must be right."""

@@ -193,7 +193,7 @@ def robots(draw):
     )
 
 
-@settings(max_examples=100)
+@settings(max_examples=40)
 @given(robots(), st.booleans())
 def test_a_written_robot_is_read_as_the_same(robot, hints):
     text = write_robot(robot, comment="Made by hand.\nOr not.", hints=hints)

@@ -28,7 +28,7 @@ PROCESSING = Processing(filter_cutoff=60.0, drop_first=250, drop_last=10, decima
 LATE = replace(PROCESSING, standstill=0.05)
 """Without the rows where the sign of the velocity is noise."""
 FREE = np.full(2, np.inf)
-SEEDS = 20
+SEEDS = 12
 ENCODER, TORQUE = 1e-4, 0.05
 """Standard deviations of the noise, rad and N m."""
 
@@ -134,7 +134,7 @@ def test_noise_of_encoders_biases_wls_and_not_this(trials, library):
     far = np.abs(usual.mean(axis=0))
     inertia = [k for k, name in enumerate(list_truth(library)) if name.startswith("ZZ")]
     assert np.all(far[inertia] > 4.0)
-    # The mean of twenty, in standard deviations of that mean as the estimates scatter.
+    # The mean of twelve, in standard deviations of that mean as the estimates scatter.
     mean, scatter = found.mean(axis=0), found.std(axis=0, ddof=1)
     assert np.all(np.abs(mean) < 3.0 * scatter / np.sqrt(SEEDS))
     assert np.all(np.abs(mean) < 0.15)

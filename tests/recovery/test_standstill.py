@@ -29,7 +29,7 @@ def recordings(robot):
     runs = []
     for seed in SEEDS:
         rng = np.random.default_rng(seed)
-        trajectory = build_random_fourier(robot, rng, FourierOptions())
+        trajectory = build_random_fourier(robot, rng, FourierOptions(duration=6.0, base_frequency=1.0 / 6.0))
         runs.append(simulate_experiment(robot, library, trajectory, options, rng).recording)
     return library, runs
 

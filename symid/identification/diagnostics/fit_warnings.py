@@ -151,13 +151,8 @@ def sum_block_scores(
     """Return sum_b F_b' e_b e_b' F_b (p, p) over blocks b of consecutive rows, and how many there are.
 
     Between (F'F)^-1 on either side it is the clustered covariance, for noise that is correlated within
-    blocks (Liang and Zeger 1986).
-
-    Args:
-        design: F (m, p).
-        errors: e (m,).
-        groups: (m,) number of the group of each row: no block has rows of two groups.
-        blocks: into which a group is cut at most.
+    blocks (Liang and Zeger 1986). `design` is F (m, p), `errors` e (m,), `groups` (m,) the number of the
+    group of each row: each is cut into `blocks` at most, and no block has rows of two groups.
     """
     total, count = np.zeros((design.shape[1], design.shape[1])), 0
     for group in np.unique(groups):

@@ -160,15 +160,6 @@ def _choose_blocks(count: int) -> list[slice]:
     return [slice(low, min(high, low + _BLOCK)) for low, high in pairwise(bounds)]
 
 
-def shift_torque(fit: QuickFit, delay: float) -> FloatArray:
-    """Return the torques (N, n) of the fit's samples with the torque channel moved ahead by `delay` s."""
-    recording = fit.recording
-    moved = shift_channel(recording.time, recording.torque, delay)
-    signals = prepare_signals(replace(recording, torque=moved), fit.processing)
-    thin = _thin_out(signals.tau, fit.processing)
-    return np.vstack([thin[block] for block in _choose_blocks(len(thin))])
-
-
 _CLEAR = 0.02
 """Of the torque: a share beyond this, and beyond its own deviations, is significant."""
 _SIGN_SURE = 3.0
@@ -378,10 +369,8 @@ def _measure_residual(
     return float(np.mean(np.sqrt(squares)[size > 0.0])) if size.any() else 0.0
 
 
-def describe_exchanges(exchanges: tuple[Exchange, ...], robot: Robot, file: str) -> tuple[Notice, ...]:
-    """Return a notice that names the exchanges, if there are any."""
-    if not exchanges:
-        return ()
+def describe_exchanges(exchanges: tuple[Exchange, ...], robot: Robot, file: str) -> Notice:
+    """Return a notice that names the exchanges."""
     names = [repr(joint.name) for joint in robot.axes]
     listed = ", then ".join(
         f"{entry.what} of {names[entry.first]} and {names[entry.second]}" for entry in exchanges
@@ -391,7 +380,7 @@ def describe_exchanges(exchanges: tuple[Exchange, ...], robot: Robot, file: str)
         f"columns of joints look exchanged: {listed}; exchanging them lowers the residual of a quick fit "
         f"from {before:.3g} % to {after:.3g} %. Check the order of the columns in the log and under [log]"
     )
-    return (Notice(code="log.swapped-joints", text=text, file=file),)
+    return Notice(code="log.swapped-joints", text=text, file=file)
 
 
 _ROUNDS = 6
@@ -439,7 +428,10 @@ def estimate_torque_delay(fit: QuickFit) -> TorqueDelay:
         delay += step
         if abs(step) < _CONVERGED * fit.recording.period or abs(delay) > _LARGEST:
             break
-        tau = shift_torque(fit, delay)
+        moved = shift_channel(fit.recording.time, fit.recording.torque, delay)
+        signals = prepare_signals(replace(fit.recording, torque=moved), fit.processing)
+        thin = _thin_out(signals.tau, fit.processing)
+        tau = np.vstack([thin[block] for block in _choose_blocks(len(thin))])
     # Where joints disagree by more than their own deviations, these are too small (Birge 1932).
     excess = float(np.sum(((values - step) / np.maximum(stds, 1e-9)) ** 2)) / max(1, len(values) - 1)
     common = float(np.sqrt(_compute_variances(replicates @ shares[:, None])[0]))
@@ -497,14 +489,12 @@ def _compute_variances(replicates: FloatArray) -> FloatArray:
     return variances
 
 
-def describe_delay(found: TorqueDelay, file: str) -> tuple[Notice, ...]:
-    """Return a notice where torque and motion are not simultaneous."""
-    if not found.late:
-        return ()
+def describe_delay(found: TorqueDelay, file: str) -> Notice:
+    """Return a notice that torque and motion are not simultaneous."""
     side = "after" if found.delay > 0.0 else "before"
     text = (
         f"the torque is logged {1e3 * abs(found.delay):.3g} ms {side} the motion (standard deviation "
         f"{1e3 * found.std:.2g} ms, {abs(found.delay) / found.period:.3g} samples), which biases friction "
         "and inertia; shift one of the channels, or filter far below the inverse of the delay"
     )
-    return (Notice(code="log.torque-delay", text=text, file=file),)
+    return Notice(code="log.torque-delay", text=text, file=file)

@@ -34,12 +34,7 @@ from symid.identification.diagnostics.log_channels import (
     estimate_signs,
     estimate_torque_delay,
 )
-from symid.identification.regression import (
-    WHOLE_MODEL,
-    RankRule,
-    compute_spectrum,
-    solve_scaled,
-)
+from symid.identification.regression import WHOLE_MODEL, RankRule, compute_spectrum, solve_scaled
 from symid.logs import (
     JointSummary,
     LogTiming,
@@ -215,10 +210,11 @@ def _check_log(fit: QuickFit, library: Library, robot: Robot) -> LogCheck:
     if not notices:
         # With a wrong sign neither order nor delay means anything.
         exchanges = detect_exchanges(fit, library)
-        notices = (*describe_exchanges(exchanges, robot, file), *describe_sizes(signs, robot, file))
+        swapped = [describe_exchanges(exchanges, robot, file)] if exchanges else []
+        notices = (*swapped, *describe_sizes(signs, robot, file))
     if not notices:
         delay = estimate_torque_delay(fit)
-        notices = describe_delay(delay, file)
+        notices = (describe_delay(delay, file),) if delay.late else ()
     return LogCheck(source=file, signs=signs, exchanges=exchanges, delay=delay, notices=notices)
 
 
@@ -285,9 +281,16 @@ def check_robot_logs(
         notices += (*even.notices[len(recording.notices) :], *check_recording(even, robot))
         timing, joints = measure_timing(recording.time), summarise_joints(even, robot)
         found.append(CheckedLog(recording=even, timing=timing, joints=joints))
-    copy = None if output is None else _write_even(logs[0], robot, output)
-    if copy is not None:
-        notices.append(copy[1])
+    copy = None
+    if output is not None:
+        log = logs[0]
+        source = log if isinstance(log, Path) else Path(log.source)
+        if isinstance(log, Recording) and not os.path.isfile(source):  # noqa: PTH113  any text may stand there
+            text = "an evenly sampled copy is made of a log's file, and this log has none; save it first"
+            raise UsageError(Notice(code="usage.no-file", text=text, file=log.source))
+        raw, note = resample_log(read_raw(source), robot, str(source))
+        copy = write_raw_log(raw, output), note
+        notices.append(note)
     checked = LogsCheck(logs=tuple(found), copy=copy, notices=tuple(notices))
     if any(robot.elastic):
         text = (
@@ -299,16 +302,6 @@ def check_robot_logs(
     library = prepare()
     progress("analysing the motion")
     return _add_dynamics(checked, library, robot)
-
-
-def _write_even(log: Path | Recording, robot: Robot, output: Path) -> tuple[Path, Notice]:
-    """Write an evenly sampled copy of a log with its own columns, and say what was done."""
-    source = log if isinstance(log, Path) else Path(log.source)
-    if isinstance(log, Recording) and not os.path.isfile(source):  # noqa: PTH113  any text may stand there
-        text = "an evenly sampled copy is made of a log's file, and this log has none; save it first"
-        raise UsageError(Notice(code="usage.no-file", text=text, file=log.source))
-    copy, notice = resample_log(read_raw(source), robot, str(source))
-    return write_raw_log(copy, output), notice
 
 
 def _add_dynamics(checked: LogsCheck, library: Library, robot: Robot) -> LogsCheck:

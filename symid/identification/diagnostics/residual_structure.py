@@ -62,9 +62,8 @@ class Family(NamedTuple):
 
 
 def _build_bumps(motion: JointMotion) -> list[FloatArray]:
-    speed = np.abs(motion.dq)
-    top = float(speed.max()) or 1.0
-    return [np.sign(motion.dq) * np.exp(-((speed / (part * top)) ** 2)) for part in (0.02, 0.08)]
+    top = float(np.abs(motion.dq).max()) or 1.0
+    return [np.sign(motion.dq) * np.exp(-((motion.dq / (part * top)) ** 2)) for part in (0.02, 0.08)]
 
 
 OTHER_VALUES = "other values"
@@ -303,30 +302,25 @@ def analyse_structure(
 ) -> tuple[ResidualFinding, ...]:
     """Return the families that explain at least 5 % of a joint's squared residual, joint by joint.
 
-    Args:
-        values: (p,) base parameters and friction, in the order of the library's card.
-        library: the functions of the robot.
-        recordings: logs, of the fit or held out.
-        processing: filter and decimation.
-        weights: of each log's squared residuals; one if None.
-        largest: bytes of a joint's equations; of longer logs, one row in some is used.
+    `values` (p,) are base parameters and friction, in the order of the library's card; `weights` those of
+    each log's squared residuals, one if None. Where a joint's equations take more than `largest` bytes, one
+    row in some is used.
     """
-    found = []
-    for card, residual in compute_joint_residuals(
+    residuals = compute_joint_residuals(
         values, library, recordings, processing, weights=weights, largest=largest
-    ):
-        found += [
-            ResidualFinding(
-                joint=card.name,
-                family=name,
-                share_percent=100.0 * share,
-                rms=float(np.sqrt(gain / len(residual.error))),
-                unit=card.torque_unit,
-            )
-            for name, share, gain in _try_families(residual)
-            if 100.0 * share >= _LEAST_PERCENT
-        ]
-    return tuple(found)
+    )
+    return tuple(
+        ResidualFinding(
+            joint=card.name,
+            family=name,
+            share_percent=100.0 * share,
+            rms=float(np.sqrt(gain / len(residual.error))),
+            unit=card.torque_unit,
+        )
+        for card, residual in residuals
+        for name, share, gain in _try_families(residual)
+        if 100.0 * share >= _LEAST_PERCENT
+    )
 
 
 def compute_profiles(

@@ -85,16 +85,11 @@ def predict_torques(
     band: float,
     ends: float = ENDS,
 ) -> TorquePrediction:
-    """Return measured and predicted torques of `recording`, both low-passed at `band`.
+    """Return measured and predicted torques of `recording`, both low-passed at `band` Hz.
 
-    Args:
-        values: (p,) base parameters and friction, in the order of the library's card.
-        library: the functions of the robot.
-        recording: the log.
-        processing: filter of the positions, chosen from the log if left open, and samples cut at either end;
-            decimation and the low-pass of the torque are not used.
-        band: in Hz.
-        ends: s that do not count, at either end of what is left.
+    `values` (p,) are base parameters and friction, in the order of the library's card. Of `processing` the
+    filter of the positions is used, chosen from the log if left open, and the samples cut at either end;
+    `ends` s of what is left do not count, at either end.
 
     Raises:
         LogError: the band does not fit the sample rate, or too little is left of the log.

@@ -22,6 +22,7 @@ than a block; grouping parameters anew, constraints; changes within a log.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -348,9 +349,15 @@ def measure_drift(
     one log alone, where `rows` have no matrix.
     """
     runs = tuple(int(run) for run in np.unique(rows.run))
-    residual = tuple(entry for run in runs for entry in _compute_means(rows, fit, run))
+    residual: list[tuple[int, str, float, float]] = []
+    for run, (group, name) in product(runs, enumerate(rows.group_names)):
+        members = np.flatnonzero((rows.group == group) & (rows.run == run))
+        if len(members) >= 2 * _BLOCKS:
+            means = np.array([fit.residuals[block].mean() for block in np.array_split(members, _BLOCKS)])
+            deviation = float(means.std(ddof=1) / np.sqrt(_BLOCKS))
+            residual.append((run, name, float(means.mean()), deviation))
     if len(runs) < 2:
-        return Drift(runs=runs, changed=(), compared=0, residual=residual)
+        return Drift(runs=runs, changed=(), compared=0, residual=tuple(residual))
     weights = compute_mean_weights(rows, fit)
     fit_log = fit_log or partial(_fit_alone, rows, freedom)
     alone = {run: found for run in runs if (found := fit_log(run, weights)) is not None}
@@ -371,7 +378,7 @@ def measure_drift(
         )
     limit = _CHANCE / max(len(changes), 1)
     changed = sorted((entry for entry in changes if entry.chance < limit), key=lambda entry: entry.chance)
-    return Drift(runs=tuple(alone), changed=tuple(changed), compared=len(changes), residual=residual)
+    return Drift(runs=tuple(alone), changed=tuple(changed), compared=len(changes), residual=tuple(residual))
 
 
 def compute_mean_weights(rows: Rows, fit: RegressionFit) -> FloatArray:
@@ -411,17 +418,6 @@ def _compute_chance(values: FloatArray, deviations: FloatArray) -> float:
     freedom = len(values) - 1
     square = float(np.sum(((values - mean) / safe) ** 2))
     return float(fdtrc(freedom, _BLOCKS - 1, square / freedom))
-
-
-def _compute_means(rows: Rows, fit: RegressionFit, run: int) -> list[tuple[int, str, float, float]]:
-    found = []
-    for group, name in enumerate(rows.group_names):
-        members = np.flatnonzero((rows.group == group) & (rows.run == run))
-        if len(members) < 2 * _BLOCKS:
-            continue
-        means = np.array([fit.residuals[block].mean() for block in np.array_split(members, _BLOCKS)])
-        found.append((run, name, float(means.mean()), float(means.std(ddof=1) / np.sqrt(_BLOCKS))))
-    return found
 
 
 def warn_of_drift(

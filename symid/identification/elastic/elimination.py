@@ -82,10 +82,7 @@ class BandFit:
     scatter: FloatArray
 
 
-_WEIGHT_ROUNDS = 3
-
-
-def fit_band(card: ModelCard, rows: BandRows, rounds: int = _WEIGHT_ROUNDS) -> BandFit:
+def fit_band(card: ModelCard, rows: BandRows, rounds: int = 3) -> BandFit:
     """Return the weighted least-squares fit, weights 1 / scatter of each group, found in a few rounds."""
     design, torque, group = rows.design, rows.torque, rows.group
     floor = 1e-9 * max(float(np.sqrt(np.mean(torque**2))), 1e-300)
@@ -99,9 +96,6 @@ def fit_band(card: ModelCard, rows: BandRows, rounds: int = _WEIGHT_ROUNDS) -> B
     return BandFit(chi=chi, covariance=compute_covariance(design * weights[:, None]), scatter=scatter)
 
 
-_MOMENTUM_ROUNDS = 2
-
-
 def fit_momentum(problem: ElasticProblem) -> MethodFit:
     """Return dynamics from momenta, and the springs that the motor equation then shows.
 
@@ -110,15 +104,14 @@ def fit_momentum(problem: ElasticProblem) -> MethodFit:
     """
     length = problem.options.window
     parts = [_integrate_equations(problem.library, signals, length) for signals in problem.signals]
-    design = np.concatenate([part[0] for part in parts])
-    impulse = np.concatenate([part[1] for part in parts])
+    design, impulse = (np.concatenate(part) for part in zip(*parts, strict=True))
     rows = BandRows(
         design=design.reshape(-1, design.shape[2]),
         torque=impulse.reshape(-1),
         group=np.tile(np.arange(impulse.shape[1]), len(impulse)),
         time=np.zeros(impulse.size),
     )
-    chi = fit_band(problem.library.card, rows, _MOMENTUM_ROUNDS).chi
+    chi = fit_band(problem.library.card, rows, rounds=2).chi
     springs = fit_springs(problem, problem.find_motor_side(chi))
     return build_method_fit("momentum", chi, problem.sizes, springs)
 
@@ -170,17 +163,14 @@ def build_band_rows(library: Library, signals: Sequence[ElasticSignals]) -> Band
     independent.
     """
     parts = [_filter_equations(library, part) for part in signals]
+    design, torque, time = (np.concatenate(part) for part in zip(*parts, strict=True))
     joints = library.card.size
+    owner = np.repeat(np.arange(len(parts)), [len(part[2]) for part in parts])
     return BandRows(
-        design=np.vstack([design.reshape(-1, design.shape[2]) for design, _, _ in parts]),
-        torque=np.concatenate([torque.reshape(-1) for _, torque, _ in parts]),
-        group=np.concatenate(
-            [
-                np.tile(np.arange(joints), len(time)) + joints * number
-                for number, (_, _, time) in enumerate(parts)
-            ]
-        ),
-        time=np.concatenate([np.repeat(time, joints) for _, _, time in parts]),
+        design=design.reshape(-1, design.shape[2]),
+        torque=torque.reshape(-1),
+        group=(owner[:, None] * joints + np.arange(joints)).reshape(-1),
+        time=np.repeat(time, joints),
     )
 
 
@@ -236,10 +226,10 @@ def fit_independent(problem: ElasticProblem, *, encoder: bool = False) -> Method
         number: problem.signals[number].phi if encoder else estimate_virtual_torsion(problem, number, chi)
         for number in apart
     }
-    speeds = {number: np.sqrt(np.mean(problem.signals[number].dtheta ** 2, axis=0)) for number in apart}
+    speeds = [np.sqrt(np.mean(part.dtheta**2, axis=0)) for part in problem.signals]
     springs = []
     for joint in range(problem.sizes[1]):
-        most = max(speed[joint] for speed in speeds.values())
+        most = max(speeds[number][joint] for number in apart)
         used = [number for number in apart if speeds[number][joint] >= _DRIVEN * most]
         signals, rows = [problem.signals[i] for i in used], [problem.filtered[i] for i in used]
         parts = [np.ascontiguousarray(torsions[number][:, joint]) for number in used]
@@ -273,7 +263,13 @@ def estimate_virtual_torsion(problem: ElasticProblem, number: int, chi: FloatArr
     phi = np.zeros_like(theta)
     for prior in (False, True):
         if prior:
-            phi = _estimate_linear_torsion(phi, torque, gradient)
+            for joint in range(phi.shape[1]):
+                # The linear spring that fits best where gravity's gradient is large.
+                slope = np.abs(gradient[:, joint, joint])
+                steep = slope >= _STEEP * slope.max()
+                moved = float(torque[steep, joint] @ torque[steep, joint])
+                compliance = max(0.0, float(phi[steep, joint] @ torque[steep, joint]) / max(moved, 1e-300))
+                phi[:, joint] = compliance * torque[:, joint]
         for _ in range(_TORSION_ROUNDS):
             q = theta - phi
             dq = differentiate(q, period)
@@ -288,26 +284,11 @@ def estimate_virtual_torsion(problem: ElasticProblem, number: int, chi: FloatArr
     return np.column_stack([np.interp(full, grid, torsion) for torsion in phi.T])
 
 
-def _estimate_linear_torsion(phi: FloatArray, torque: FloatArray, gradient: FloatArray) -> FloatArray:
-    """Return the torsion of the linear springs that fit `phi` best where gravity's gradient is large."""
-    result = np.empty_like(phi)
-    for joint in range(phi.shape[1]):
-        slope = np.abs(gradient[:, joint, joint])
-        steep = slope >= _STEEP * slope.max()
-        moved = float(torque[steep, joint] @ torque[steep, joint])
-        compliance = max(0.0, float(phi[steep, joint] @ torque[steep, joint]) / max(moved, 1e-300))
-        result[:, joint] = compliance * torque[:, joint]
-    return result
-
-
 def _compute_gravity_gradient(library: Library, q: FloatArray, beta: FloatArray) -> FloatArray:
     """Return d g / dq (N, n, n) by central differences of the torque at rest."""
-    turn = 1e-4
-    columns = []
+    turn, rest, columns = 1e-4, np.zeros_like(q), []
     for shift in turn * np.eye(q.shape[1]):
-        ahead, behind = (
-            library.evaluate("lagrange_regressor", moved, np.zeros_like(q))[0] @ beta
-            for moved in (q + shift, q - shift)
-        )
-        columns.append((behind - ahead) / (2.0 * turn))
+        (ahead,) = library.evaluate("lagrange_regressor", q + shift, rest)
+        (behind,) = library.evaluate("lagrange_regressor", q - shift, rest)
+        columns.append((behind @ beta - ahead @ beta) / (2.0 * turn))
     return np.stack(columns, axis=2)

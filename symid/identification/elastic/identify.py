@@ -37,11 +37,7 @@ from symid.identification.elastic.methods import (
     fit_method,
 )
 from symid.identification.elastic.options import ElasticOptions, NlpOptions
-from symid.identification.elastic.regression import (
-    compute_window_work,
-    get_encoder_positions,
-    locate_settled,
-)
+from symid.identification.elastic.regression import get_encoder_positions, locate_settled
 from symid.identification.elastic.uncertainty import measure_identifiability
 from symid.identification.estimators import Residual, list_parameters
 from symid.identification.regression import check_joints, warn_of_energy
@@ -54,27 +50,22 @@ _NOTHING = 0.9
 
 
 def _compute_joint_torques(work: ElasticEquations, fit: MethodFit) -> tuple[FloatArray, FloatArray]:
-    """Return F[tau_J] (M, n) by the motor equation, and by the springs."""
+    """Return F[tau_J] (M, n) by the motor equation, and what the springs leave of it."""
     problem = work.problem
     spring = [compute_spring_torque(problem, fit, number) for number in range(len(problem.signals))]
-    return problem.find_motor_side(fit.chi), np.concatenate(spring)
+    target = problem.find_motor_side(fit.chi)
+    return target, target - np.concatenate(spring)
 
 
 def _compute_residuals(work: ElasticEquations, fit: MethodFit) -> tuple[tuple[Residual, ...], Residual]:
     """Return F[tau] less what motor and spring explain, joint by joint; the same of the energy, J."""
     problem = work.problem
-    target, spring = _compute_joint_torques(work, fit)
-    columns = zip(
-        problem.library.card.joints, (target - spring).T, problem.stack_filtered()[1].T, strict=True
-    )
+    left, torques = _compute_joint_torques(work, fit)[1], problem.stack_filtered()[1]
+    columns = zip(problem.library.card.joints, left.T, torques.T, strict=True)
     joints = tuple(
         Residual.measure(card.name, error, torque, card.torque_unit) for card, error, torque in columns
     )
-    taken = [
-        compute_window_work(fit.elasticity, signals, rows)
-        for signals, rows in zip(problem.signals, problem.energy, strict=True)
-    ]
-    errors = problem.supplied - np.concatenate(taken) - problem.design @ fit.chi
+    errors = problem.supplied - problem.compute_work(fit.elasticity) - problem.design @ fit.chi
     return joints, Residual.measure("all joints", errors, problem.supplied, "J")
 
 
@@ -86,8 +77,7 @@ def _refuse_springs(
     `hidden` are the joints whose torsion cannot be used. Where all are refused, IdentifiabilityError is
     raised with them and the `warnings`, which may be the cause.
     """
-    target, spring = _compute_joint_torques(work, fit)
-    left, whole = np.std(target - spring, axis=0), np.std(target, axis=0)
+    whole, left = (np.std(torque, axis=0) for torque in _compute_joint_torques(work, fit))
     refused = dict(hidden)
     for joint, card in enumerate(work.problem.library.card.joints):
         stiff = fit.elasticity[joint].initial_stiffness
@@ -210,35 +200,29 @@ def warn_of_fit(
     work: ElasticEquations, fit: MethodFit, condition: float, refused: Collection[int] = ()
 ) -> tuple[Notice, ...]:
     """Return warnings about the result; nothing of springs that are `refused`, by joint."""
-    notices = []
+    library = work.problem.library
+    notices: list[Notice] = []
     if fit.outcome not in {Ending.SOLVED, Ending.CONVERGED}:
         notices.append(build_warning("elastic.outcome", method=fit.method, outcome=fit.outcome.value))
+    # Infinite deviations are refused by name.
+    unknown = list_unknown_parameters(work, fit)
+    if unknown:
+        notices.append(build_warning("elastic.not-told", names=", ".join(unknown)))
+    percents = 100.0 * compute_relative_deviations(work, fit)
+    poor = [
+        card.name
+        for card, percent in zip(list_parameter_cards(library.card), percents, strict=True)
+        if _POOR_PERCENT < percent < np.inf and card.name not in unknown
+    ]
+    if poor:
+        notices.append(build_warning("elastic.vague", percent=_POOR_PERCENT, names=", ".join(poor)))
     poses = [Recording(time=part.time, position=part.q, torque=part.tau) for part in work.problem.signals]
     return (
         *notices,
-        *_warn_of_deviations(work, fit),
         *_warn_of_condition(work, fit, condition),
         *_warn_of_springs(work, fit, refused),
-        *warn_of_mass_matrix(work.problem.library, fit.beta, poses),
+        *warn_of_mass_matrix(library, fit.beta, poses),
     )
-
-
-def _warn_of_deviations(work: ElasticEquations, fit: MethodFit) -> Iterator[Notice]:
-    """Yield what is poorly identifiable, and what is not at all; infinite deviations are refused by name."""
-    if fit.covariance is None:
-        return
-    unknown = list_unknown_parameters(work, fit)
-    if unknown:
-        yield build_warning("elastic.not-told", names=", ".join(unknown))
-    cards = list_parameter_cards(work.problem.library.card)
-    deviations = zip(cards, compute_relative_deviations(work, fit), strict=True)
-    poor = [
-        card.name
-        for card, ratio in deviations
-        if _POOR_PERCENT < 100.0 * ratio < np.inf and card.name not in unknown
-    ]
-    if poor:
-        yield build_warning("elastic.vague", percent=_POOR_PERCENT, names=", ".join(poor))
 
 
 def list_parameter_cards(card: ModelCard) -> tuple[ParameterCard, ...]:
@@ -265,12 +249,10 @@ def list_unknown_parameters(work: ElasticEquations, fit: MethodFit) -> dict[str,
     deviations = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     torque = np.sqrt(np.mean(np.concatenate([part.tau for part in signals]) ** 2, axis=0))
     loads = {joint.name: float(load) for joint, load in zip(card.joints, torque, strict=True)}
+    rates = [(part.dtheta, differentiate(part.dtheta, part.period)) for part in signals]
     speed, pull = (
-        max(float(np.sqrt(np.mean(rates**2, axis=0)).max()) for rates in side)
-        for side in (
-            [part.dtheta for part in signals],
-            [differentiate(part.dtheta, part.period) for part in signals],
-        )
+        max(float(np.sqrt(np.mean(part**2, axis=0)).max()) for part in side)
+        for side in zip(*rates, strict=True)
     )
     # What a parameter of each unit is multiplied by in the torque, RMS, at the fastest joint.
     motions = {
@@ -281,9 +263,8 @@ def list_unknown_parameters(work: ElasticEquations, fit: MethodFit) -> dict[str,
         "N s/m": speed,
     }
     unknown = {}
-    for entry, value, deviation in zip(
-        list_parameter_cards(card), fit.chi.tolist(), deviations.tolist(), strict=True
-    ):
+    cards = list_parameter_cards(card)
+    for entry, value, deviation in zip(cards, fit.chi.tolist(), deviations.tolist(), strict=True):
         little = _LITTLE * loads[entry.joint] / motions.get(entry.unit, 1.0)
         if max(abs(value), little) < deviation < np.inf:
             unknown[entry.name] = (
@@ -308,9 +289,8 @@ def _warn_of_condition(work: ElasticEquations, fit: MethodFit, condition: float)
 
 def _warn_of_springs(work: ElasticEquations, fit: MethodFit, refused: Collection[int]) -> Iterator[Notice]:
     """Yield springs without stiffness, and stops whose state was not known when the rows of a log began."""
-    for joint, (card, spring) in enumerate(
-        zip(work.problem.library.card.joints, fit.elasticity, strict=False)
-    ):
+    cards = work.problem.library.card.joints
+    for joint, (card, spring) in enumerate(zip(cards, fit.elasticity, strict=False)):
         if joint in refused:
             continue
         if not spring.stiffness:
@@ -370,14 +350,14 @@ def identify_elastic(
     work = build_elastic_equations(library, tuple(recordings), options)
     automatic = options.method == "automatic"
     fits = [fit_method(work, method) for method in (AUTOMATIC_METHODS if automatic else (options.method,))]
-    choice = MethodSelection(fit=fits[0], reason="the method was given")
-    if automatic:
-        choice = choose_fit(work, fits)
+    given = MethodSelection(fit=fits[0], reason="the method was given")
+    choice = choose_fit(work, fits) if automatic else given
     fit = choice.fit
-    cards = list_parameter_cards(library.card)
+    cards, joints = list_parameter_cards(library.card), library.card.joints
     identifiable, condition = measure_identifiability(build_linear_rows(work, fit).design)
     springs = _refuse_springs(work, fit, hidden, _warn_of_condition(work, fit, condition))
     residual, energy = _compute_residuals(work, fit)
+    warnings = warn_of_fit(work, fit, condition, springs)
     refused = list_unknown_parameters(work, fit) | {
         card.name: _INSEPARABLE for card, known in zip(cards, identifiable, strict=True) if not known
     }
@@ -407,18 +387,10 @@ def identify_elastic(
         settings=_write_settings(work, options, echo or {}),
         refused=(
             *((card.name, refused[card.name]) for card in cards if card.name in refused),
-            *(
-                (f"spring of {library.card.joints[joint].name}", entry.text)
-                for joint, entry in springs.items()
-            ),
+            *((f"spring of {joints[joint].name}", entry.text) for joint, entry in springs.items()),
         ),
         covariance=() if fit.covariance is None else tuple(map(tuple, fit.covariance.tolist())),
-        notices=(
-            *springs.values(),
-            *choice.notices,
-            *fit.notices,
-            *warn_of_fit(work, fit, condition, springs),
-        ),
+        notices=(*springs.values(), *choice.notices, *fit.notices, *warnings),
     )
 
 

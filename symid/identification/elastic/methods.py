@@ -3,11 +3,10 @@
     score = mean of ((tau - Y chi) / sigma)^2 over all rows, each predicted by a fit without it
     (chi_nlp - chi_w)' C_w^-1 (chi_nlp - chi_w) <= chi^2_0.999(parameters),   C_w the covariance of chi_w
 
-All methods are compared on the sum of motor and link equations in a band, in units of its noise. Every fold
-leaves blocks of time out; the dynamics are fitted to the rest, springs held as they are. Of the methods whose
-score is not clearly above the least one (two standard errors), the one with the smallest standard deviations
-is taken. The one-shot problem is right only where its springs are: it must first agree with the weighted
-elimination, which needs none (Hausman 1978).
+Rows are the sum of motor and link equations in a band. Every fold leaves blocks of time out, springs held as
+they are. Of the methods whose score is within two standard errors of the least one, the one with the smallest
+standard deviations is taken. The one-shot problem must first agree with the weighted elimination, which needs
+no springs (Hausman 1978).
 
 Supported: all names of `METHODS`.
 Not supported: a choice of springs apart from dynamics; those of the chosen method are taken.
@@ -41,12 +40,7 @@ from symid.identification.elastic.problem import (
     build_elastic_problem,
     fit_springs,
 )
-from symid.identification.elastic.regression import (
-    compute_window_work,
-    filter_smooth,
-    prepare_elastic_signals,
-    solve_with_signs,
-)
+from symid.identification.elastic.regression import filter_smooth, prepare_elastic_signals, solve_with_signs
 from symid.identification.elastic.two_step import (
     build_stop_work,
     fit_alternation,
@@ -167,16 +161,15 @@ def fit_method(work: ElasticEquations, method: str) -> MethodFit:
 
     What the rows do not identify has an infinite variance.
     """
-    two_step = fit_alternation if work.problem.options.scheme == "same-cost" else fit_two_step
-    makers: dict[str, Callable[[], MethodFit]] = {
-        "linear-spring": lambda: fit_linear_spring(work.problem),
-        "two-step": lambda: two_step(work.problem),
-        "elimination": lambda: fit_elimination(work.problem),
-        "weighted": lambda: _fit_weighted(work),
-        "independent": lambda: fit_independent(work.problem),
-        "nlp": lambda: _fit_nlp(work),
+    makers: dict[str, Callable[[ElasticProblem], MethodFit]] = {
+        "linear-spring": fit_linear_spring,
+        "two-step": fit_alternation if work.problem.options.scheme == "same-cost" else fit_two_step,
+        "elimination": fit_elimination,
+        "weighted": lambda _: _fit_weighted(work),
+        "independent": fit_independent,
+        "nlp": lambda _: _fit_nlp(work),
     }
-    fit = makers[method]()
+    fit = makers[method](work.problem)
     rows = build_linear_rows(work, fit)
     if fit.covariance is None:
         return replace(fit, covariance=compute_covariance(rows.design, rows.right - rows.design @ fit.chi))
@@ -215,9 +208,10 @@ def build_linear_rows(work: ElasticEquations, fit: MethodFit) -> _LinearRows:
         weights = 1.0 / work.band.scatter[band.group]
         return _LinearRows(band.design * weights[:, None], band.torque * weights, band.time)
     pairs = list(zip(problem.signals, problem.energy, strict=True))
-    taken = [compute_window_work(fit.elasticity, signals, rows) for signals, rows in pairs]
     times = [np.arange(len(signals.time))[rows.ends][:-1] / len(signals.time) for signals, rows in pairs]
-    return _LinearRows(problem.design, problem.supplied - np.concatenate(taken), np.concatenate(times))
+    return _LinearRows(
+        problem.design, problem.supplied - problem.compute_work(fit.elasticity), np.concatenate(times)
+    )
 
 
 def build_candidate(work: ElasticEquations, fit: MethodFit) -> MethodCandidate:
@@ -287,9 +281,8 @@ def compute_relative_deviations(work: ElasticEquations, fit: MethodFit) -> Float
     for joint in range(size):
         own = work.rows.group % size == joint
         lengths = np.linalg.norm(work.rows.design[own], axis=0)
-        excited = lengths > 0.0
-        limit = _MATTER * np.linalg.norm(work.rows.torque[own]) / lengths[excited]
-        matter[excited] = np.minimum(matter[excited], limit)
+        lengths[lengths == 0.0] = np.nan
+        matter = np.fmin(matter, _MATTER * np.linalg.norm(work.rows.torque[own]) / lengths)
     matter[~np.isfinite(matter)] = 0.0
     deviations = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     relative: FloatArray = deviations / np.maximum(np.maximum(np.abs(fit.chi), matter), 1e-300)

@@ -7,9 +7,8 @@
                  H = sum J'J / sigma^2, g = sum J'r / sigma^2
     certificate  kkt = max_i |z_i - min(u_i, max(l_i, z_i - df/dz_i))|
 
-Unknowns are scaled by the lengths of their columns at the start, x = d z. All constraints are bounds, so
-that kkt is zero exactly at points that satisfy the Karush-Kuhn-Tucker conditions. Stops and knees that are
-given, or on a grid, stay where they are; knees of a grid follow the torque that the springs reach.
+Unknowns are scaled by the lengths of their columns at the start, x = d z; all constraints are bounds. Stops
+and knees that are given, or on a grid, stay; knees of a grid follow the torque that the springs reach.
 
 Supported: energy, filtered and momentum rows; Stribeck friction; odd springs; exact and Gauss-Newton
 Hessians.
@@ -128,16 +127,10 @@ def optimise_nlp(cost: ElasticNlpCost, start: FloatArray, scales: FloatArray, op
     certificate = compute_certificate(cost, x, scales)
     if outcome is Ending.CONVERGED and certificate.kkt > _KKT:
         outcome = Ending.STALLED
-        reason = (
-            f"Ipopt reports success, but the residual of the optimality conditions is {certificate.kkt:.1e}"
-        )
-    return NlpRun(
-        x=x,
-        objective=cost.find_value(cost.find_state(x)),
-        outcome=outcome,
-        reason=reason,
-        certificate=certificate,
-    )
+        residual = f"the residual of the optimality conditions is {certificate.kkt:.1e}"
+        reason = f"Ipopt reports success, but {residual}"
+    value = cost.find_value(cost.find_state(x))
+    return NlpRun(x=x, objective=value, outcome=outcome, reason=reason, certificate=certificate)
 
 
 def compute_certificate(cost: ElasticNlpCost, x: FloatArray, scales: FloatArray) -> Certificate:
@@ -231,14 +224,8 @@ class NlpSetting:
                 count, odd = self.problem.options.knees, self.options.odd
                 grid = build_knee_grid([basis @ weights for basis in bases], count, odd=odd)
                 knees = tuple(sorted(map(float, grid)))
-            grids.append(
-                SpringGrid(
-                    thresholds=thresholds,
-                    knees=knees,
-                    stiffness=float(self.stiffness[joint]),
-                    reach=max(float(np.abs(basis[:, 0]).max()) for basis in bases),
-                )
-            )
+            stiffness, reach = float(self.stiffness[joint]), max(float(np.abs(b[:, 0]).max()) for b in bases)
+            grids.append(SpringGrid(thresholds=thresholds, knees=knees, stiffness=stiffness, reach=reach))
         return build_layout(self.problem.library.card, grids, self.options)
 
     def shift(self, places: Sequence[NlpPlace], steps: FloatArray) -> "NlpSetting":
@@ -267,13 +254,11 @@ def prepare_setting(problem: ElasticProblem, options: NlpOptions, begin: MethodF
         thresholds = tuple(freeze([stop.threshold for stop in spring.stops]) for spring in springs)
         knees = tuple(tuple(knee.threshold for knee in spring.knees) for spring in springs)
     whole = np.array([spring.initial_stiffness or 0.0 for spring in springs])
+    numbers = range(len(problem.signals))
     return NlpSetting(
         problem=problem,
         options=options,
-        recordings=tuple(
-            build_nlp_recording(problem, number, thresholds, options.rows)
-            for number in range(len(problem.signals))
-        ),
+        recordings=tuple(build_nlp_recording(problem, i, thresholds, options.rows) for i in numbers),
         thresholds=thresholds,
         knees=knees,
         stiffness=np.maximum(whole, 1e-6 * max(float(whole.max()), 1e-6)),
@@ -326,25 +311,6 @@ def _move_places(setting: NlpSetting, cost: ElasticNlpCost, x: FloatArray) -> tu
     inverse, scores = invert_normal_equations(cost, x, compute_place_slopes(setting, cost, x, places))
     step = -inverse @ scores.sum(axis=0)
     value = cost.find_value(cost.find_state(x))
-    limits = _compute_place_limits(setting, cost, x)
-    lower, upper = np.array([limits[place] for place in places]).T
-    for fraction in _FRACTIONS:
-        moved = setting.shift(places, np.clip(fraction * step[len(x) :], lower, upper))
-        trial = _rebuild(cost, moved)
-        start = np.clip(x + fraction * step[: len(x)], trial.layout.lower, trial.layout.upper)
-        if trial.find_value(trial.find_state(start)) < value:
-            return moved, start
-    return setting, x
-
-
-def _rebuild(cost: ElasticNlpCost, setting: NlpSetting) -> ElasticNlpCost:
-    return replace(cost, recordings=setting.recordings, layout=setting.lay_out(()))
-
-
-def _compute_place_limits(
-    setting: NlpSetting, cost: ElasticNlpCost, x: FloatArray
-) -> dict[NlpPlace, tuple[float, float]]:
-    """Return how far each place may move down and up."""
     limits: dict[NlpPlace, tuple[float, float]] = {}
     for joint, spring in enumerate(cost.layout.springs):
         knees = np.array(spring.knees)
@@ -357,10 +323,21 @@ def _compute_place_limits(
             slopes=np.ones(len(knees)),
         )
         ends = compute_place_limits([part.bases[joint] for part in setting.recordings], weights)
-        stops = [NlpPlace(joint=joint, knee=False, index=index) for index in range(len(spring.thresholds))]
-        places = [*stops, *(NlpPlace(joint=joint, knee=True, index=index) for index in order.tolist())]
-        limits |= dict(zip(places, zip(*(part.tolist() for part in ends), strict=True), strict=True))
-    return limits
+        known = [NlpPlace(joint=joint, knee=False, index=index) for index in range(len(spring.thresholds))]
+        known += [NlpPlace(joint=joint, knee=True, index=index) for index in order.tolist()]
+        limits |= dict(zip(known, zip(*(part.tolist() for part in ends), strict=True), strict=True))
+    lower, upper = np.array([limits[place] for place in places]).T
+    for fraction in _FRACTIONS:
+        moved = setting.shift(places, np.clip(fraction * step[len(x) :], lower, upper))
+        trial = _rebuild(cost, moved)
+        start = np.clip(x + fraction * step[: len(x)], trial.layout.lower, trial.layout.upper)
+        if trial.find_value(trial.find_state(start)) < value:
+            return moved, start
+    return setting, x
+
+
+def _rebuild(cost: ElasticNlpCost, setting: NlpSetting) -> ElasticNlpCost:
+    return replace(cost, recordings=setting.recordings, layout=setting.lay_out(()))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -401,9 +378,8 @@ def fit_nlp(
     sigmas = estimate_sigmas(blocks, linear, begin.chi)
     history: list[HistoryEntry] = []
     for number in range(options.rounds + 1):
-        cost = ElasticNlpCost(
-            recordings=setting.recordings, layout=layout, sigmas=sigmas, smoothing=options.smoothing
-        )
+        recordings, smoothing = setting.recordings, options.smoothing
+        cost = ElasticNlpCost(recordings=recordings, layout=layout, sigmas=sigmas, smoothing=smoothing)
         run = optimise_nlp(cost, x, compute_scales(cost, x), options)
         residuals = cost.find_state(run.x).residuals
         moved, end = run.x[layout.dynamics] - x[layout.dynamics], np.abs(run.x[layout.dynamics])
@@ -425,7 +401,7 @@ def fit_nlp(
         history=tuple(history),
         outcome=run.outcome,
         covariance=compute_nlp_covariance(cost, run.x, slopes),
-        notices=(*_list_notices(run), *_describe_stribeck(problem.library.card, layout, run.x)),
+        notices=tuple(_list_notices(run, problem.library.card, layout)),
     )
     return NlpFit(fit=fit, run=run, cost=cost)
 
@@ -454,7 +430,7 @@ def _read_springs(layout: NlpLayout, x: FloatArray, stiffness: FloatArray) -> tu
     return tuple(build_spring(spring, x, _REST_WEIGHT * whole) for spring, whole in pairs)
 
 
-def _list_notices(run: NlpRun) -> Iterator[Notice]:
+def _list_notices(run: NlpRun, card: ModelCard, layout: NlpLayout) -> Iterator[Notice]:
     if not run.converged:
         text = f"nlp did not converge: {run.reason}; parameters and springs are those of its last point"
         yield Notice(code="elastic.nlp-not-converged", text=text)
@@ -470,17 +446,11 @@ def _list_notices(run: NlpRun) -> Iterator[Notice]:
         if value != 0.0:
             text = f"{name} is at its limit of {value:g}: the logs do not determine it"
             yield Notice(code="elastic.nlp-limit", text=text)
-
-
-def _describe_stribeck(card: ModelCard, layout: NlpLayout, x: FloatArray) -> Iterator[Notice]:
-    """Yield the Stribeck friction that was identified besides: no parameter of the model states it."""
-    for joint, excess, speed in zip(card.joints, x[layout.excess], x[layout.speed], strict=False):
+    # No parameter of the model states Stribeck friction.
+    for joint, excess, speed in zip(card.joints, run.x[layout.excess], run.x[layout.speed], strict=False):
+        found = (
+            f"Fs = {excess:.4g} {joint.torque_unit}, vs = {speed:.4g} {joint.position_unit}/s; "
+            "predictions by the result leave it out"
+        )
         text = f"joint {joint.name!r}: Stribeck friction on top of the model's: "
-        if excess > 0.0:
-            text += (
-                f"Fs = {excess:.4g} {joint.torque_unit}, vs = {speed:.4g} {joint.position_unit}/s; "
-                "predictions by the result leave it out"
-            )
-        else:
-            text += "none"
-        yield Notice(code="elastic.stribeck", text=text)
+        yield Notice(code="elastic.stribeck", text=text + (found if excess > 0.0 else "none"))

@@ -6,9 +6,8 @@
     covariance  H^-1 (sum_b g_b g_b') H^-1,  H = sum J'J / sigma^2,  g_b = sum of J'r / sigma^2 over stretch b
 
 The slope of the outer function is one at v = 0, which fixes the scale of the weights, and c_j beyond its
-j-th knee on each side, so that knee j adds c_j - c_j-1: rising and passive means c_j > 0 and k_i >= 0.
-The first term of H alone is the Gauss-Newton Hessian. Rows of all kinds within a stretch of time share the
-same noise (Liang and Zeger 1986); optimised places of stops and knees count as unknown.
+j-th knee on each side: rising and passive means c_j > 0 and k_i >= 0. The first term of H alone is the
+Gauss-Newton Hessian. Rows within a stretch of time share the same noise (Liang and Zeger 1986).
 
 Supported: knees with slopes of their own on both sides, or odd springs whose sides share them; unknowns
 at bounds or without effect, which count as known in the covariance.
@@ -18,6 +17,7 @@ knees.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,8 +92,8 @@ class NlpLayout:
 class SpringGrid:
     """What is fixed of one joint's spring: thresholds (m,) rad or m, signed knee torques N m or N.
 
-    Weights are bounded by a multiple of `stiffness`, that of a linear spring; those of stops beyond `reach`,
-    the largest torsion, are fixed at zero, as they are one with k0.
+    Multiples of `stiffness`, of a linear spring, bound the weights; those of stops beyond `reach`, the
+    largest torsion, are zero, as they are one with k0.
     """
 
     thresholds: FloatArray
@@ -193,8 +193,7 @@ Places = NDArray[np.intp]
 _NUMPY = build_numpy_carrier()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CostState:
+class CostState(NamedTuple):
     """What the cost is made of at one x.
 
     Args:
@@ -234,32 +233,19 @@ class ElasticNlpCost:
         blocks, knees, friction = [], [], []
         for part in self.recordings:
             steps = tuple(
-                build_knee_steps(
-                    basis, x[spring.weights], tuple(zip(spring.knees, spring.slots, strict=True))
-                )
+                build_knee_steps(basis, x[spring.weights], list(zip(spring.knees, spring.slots, strict=True)))
                 for spring, basis in zip(self.layout.springs, part.bases, strict=True)
             )
             # Step means (N - 1, 3) of g, g' and g'' of every joint with Stribeck friction.
-            means = tuple(
-                average_steps(
-                    np.column_stack(
-                        compute_stribeck_derivatives(_NUMPY, part.speed[:, joint], speed, self.smoothing)
-                    )
-                )
-                for joint, speed in enumerate(x[self.layout.speed])
-            )
+            pairs = zip(part.speed.T, x[self.layout.speed], strict=False)
+            rates = (compute_stribeck_derivatives(_NUMPY, *pair, self.smoothing) for pair in pairs)
+            means = tuple(average_steps(np.column_stack(derivatives)) for derivatives in rates)
             shared = _SharedRows(self.layout, x, steps, means)
             blocks += [shared.find_block(block) for block in part.blocks]
             knees.append(steps)
             friction.append(means)
         residuals, places, jacobians = zip(*blocks, strict=True)
-        return CostState(
-            residuals=residuals,
-            places=places,
-            jacobians=jacobians,
-            knees=tuple(knees),
-            friction=tuple(friction),
-        )
+        return CostState(residuals, places, jacobians, tuple(knees), tuple(friction))
 
     def find_value(self, state: CostState) -> float:
         """Return f."""
@@ -389,12 +375,10 @@ def build_start(layout: NlpLayout, chi: FloatArray, springs: Sequence[Elasticity
         for slot, torque in zip(place.slots, place.knees, strict=True):
             # The slope of the outer function just beyond this knee.
             side = np.sign(torque)
-            passed = (
-                knee.slope
-                for knee in spring.knees
-                if 0.0 < knee.threshold * side <= torque * side * (1.0 + 1e-12)
+            end = torque * side * (1.0 + 1e-12)
+            slopes[slot] = 1.0 + sum(
+                knee.slope for knee in spring.knees if 0.0 < knee.threshold * side <= end
             )
-            slopes[slot] = 1.0 + sum(passed)
         x[place.slopes] = slopes
     return np.clip(x, layout.lower, layout.upper)
 

@@ -311,8 +311,9 @@ def _build_filtered_blocks(
     def build(_: FloatArray, basis: FloatArray) -> FloatArray:
         return filter_smooth(basis, rate, period)[keep]
 
-    springs = _list_columns(bases, build, sums)
-    return _join_blocks("filtered", rows.design[::skip], torque, springs, problem.sizes[0])
+    return _join_blocks(
+        "filtered", rows.design[::skip], torque, bases, build=build, sums=sums, count=problem.sizes[0]
+    )
 
 
 def _build_momentum_blocks(
@@ -325,38 +326,46 @@ def _build_momentum_blocks(
         return sums.add(average_steps(values))
 
     design = build_equations(problem.library, signals, lambda values: np.diff(values[ends], axis=0), add)
-    springs = _list_columns(bases, lambda _, basis: add(basis), sums)
-    return _join_blocks("momentum", design, sums.add(signals.step_torque), springs, problem.sizes[0])
-
-
-def _list_columns(
-    bases: Sequence[FloatArray], build: Callable[[FloatArray, FloatArray], FloatArray], sums: StepSums
-) -> list[SpringColumns]:
-    return [
-        SpringColumns(joint=joint, build=build, columns=build(np.zeros(0), basis), sums=sums)
-        for joint, basis in enumerate(bases)
-    ]
+    torque = sums.add(signals.step_torque)
+    return _join_blocks(
+        "momentum",
+        design,
+        torque,
+        bases,
+        build=lambda _, basis: add(basis),
+        sums=sums,
+        count=problem.sizes[0],
+    )
 
 
 def _join_blocks(
-    kind: str, design: FloatArray, torque: FloatArray, springs: Sequence[SpringColumns], bases: int
+    kind: str,
+    design: FloatArray,
+    torque: FloatArray,
+    bases: Sequence[FloatArray],
+    *,
+    build: Callable[[FloatArray, FloatArray], FloatArray],
+    sums: StepSums,
+    count: int,
 ) -> list[RowBlock]:
-    """Return the blocks of motor and link equations, joint by joint, of their sum (M, n, p + n + pf)."""
+    """Return the blocks of motor and link equations of their sum (M, n, p + n + pf), `count` is p."""
     blocks = []
-    for spring in springs:
-        joint = spring.joint
+    for joint, basis in enumerate(bases):
+        columns = build(np.zeros(0), basis)
+        springs = (SpringColumns(joint=joint, build=build, columns=columns, sums=sums),)
         motor, link = design[:, joint].copy(), design[:, joint].copy()
-        motor[:, :bases], link[:, bases:] = 0.0, 0.0
-        for side, sign, matrix in (("motor", 1.0, motor), ("link", -1.0, link)):
-            block = RowBlock(
-                name=f"{kind} {side} {joint + 1}",
-                matrix=matrix,
-                values=torque[:, joint] if side == "motor" else np.zeros(len(torque)),
-                sign=sign,
-                springs=(spring,),
-                friction=((joint, spring.sums),) if side == "motor" else (),
-            )
-            blocks.append(block)
+        motor[:, :count], link[:, count:] = 0.0, 0.0
+        drive = RowBlock(
+            name=f"{kind} motor {joint + 1}",
+            matrix=motor,
+            values=torque[:, joint],
+            sign=1.0,
+            springs=springs,
+            friction=((joint, sums),),
+        )
+        name, zeros = f"{kind} link {joint + 1}", np.zeros(len(torque))
+        load = RowBlock(name=name, matrix=link, values=zeros, sign=-1.0, springs=springs)
+        blocks += [drive, load]
     return blocks
 
 

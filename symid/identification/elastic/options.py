@@ -57,15 +57,13 @@ class NlpOptions:
         )
         # A text in place of a tuple of texts is refused by its letters.
         if not self.rows or not set(self.rows) <= set(NLP_ROWS) or len(set(self.rows)) < len(self.rows):
-            mistakes.append(
-                f"rows {self.rows!r}: must be a tuple of some of {', '.join(NLP_ROWS)}, each once"
-            )
+            allowed = ", ".join(NLP_ROWS)
+            mistakes.append(f"rows {self.rows!r}: must be a tuple of some of {allowed}, each once")
         if not 0.0 < self.speeds[0] < self.speeds[1] < math.inf:
             mistakes.append(f"speeds {self.speeds}: must be positive, the least first")
         if not 0.0 < self.slopes[0] < 1.0 < self.slopes[1] < math.inf:
-            mistakes.append(
-                f"slopes {self.slopes}: must be positive; 1, the slope at zero torque, lies between"
-            )
+            text = "must be positive; 1, the slope at zero torque, lies between"
+            mistakes.append(f"slopes {self.slopes}: {text}")
         if not 0.0 <= self.smoothing < math.inf:
             mistakes.append(f"smoothing {self.smoothing:g}: must be a speed in rad/s or m/s, or 0")
         _refuse("usage.nlp-option", mistakes)
@@ -153,22 +151,15 @@ def _list_mistakes(
     counts: Mapping[str, int],
 ) -> list[str]:
     """Return what is wrong with fields: allowed words, units of positive numbers, least whole numbers."""
-    values = {name: getattr(options, name) for name in (*choices, *positive, *counts)}
-    return [
-        *(
-            f"{name} {values[name]!r}: allowed are {', '.join(allowed)}"
-            for name, allowed in choices.items()
-            if values[name] not in allowed
-        ),
-        *(
-            f"{name} {values[name]:g}: must be a positive number (unit {unit})"
-            for name, unit in positive.items()
-            if not 0.0 < values[name] < math.inf
-        ),
-        *(
-            f"{name} {values[name]}: must be a whole number, {least} or more"
-            for name, least in counts.items()
-            # The remainder of what is not a number is not zero either.
-            if values[name] < least or values[name] % 1
-        ),
-    ]
+    mistakes = []
+    for name, allowed in choices.items():
+        if (value := getattr(options, name)) not in allowed:
+            mistakes.append(f"{name} {value!r}: allowed are {', '.join(allowed)}")
+    for name, unit in positive.items():
+        if not 0.0 < (value := getattr(options, name)) < math.inf:
+            mistakes.append(f"{name} {value:g}: must be a positive number (unit {unit})")
+    for name, least in counts.items():
+        # The remainder of what is not a number is not zero either.
+        if (value := getattr(options, name)) < least or value % 1:
+            mistakes.append(f"{name} {value}: must be a whole number, {least} or more")
+    return mistakes

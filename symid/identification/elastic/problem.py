@@ -19,6 +19,7 @@ from symid.identification.elastic.regression import (
     FilteredRows,
     build_energy_windows,
     build_filtered_rows,
+    compute_window_work,
 )
 from symid.identification.elastic.spring_fit import (
     SpringData,
@@ -70,6 +71,11 @@ class ElasticProblem:
     def find_motor_side(self, chi: FloatArray) -> FloatArray:
         """Return F[tau_J] (M, n) by the motor equation with the dynamic parameters chi (p + n + pf,)."""
         return np.concatenate([part.find_motor_side(chi) for part in self.filtered])
+
+    def compute_work(self, springs: Sequence[Elasticity]) -> FloatArray:
+        """Return the work of all springs in the windows of the energy rows (m,), J."""
+        pairs = zip(self.signals, self.energy, strict=True)
+        return np.concatenate([compute_window_work(springs, part, rows) for part, rows in pairs])
 
 
 def build_elastic_problem(

@@ -334,10 +334,7 @@ def build_energy_windows(library: Library, signals: ElasticSignals, length: floa
 
     turn = np.diff(signals.theta, axis=0)
     kinetic, potential = library.evaluate("energy_regressor", signals.q[ends], signals.dq[ends])
-    columns = [
-        np.diff(kinetic + potential, axis=0),
-        np.diff(signals.dtheta[ends] ** 2, axis=0) / 2.0,
-    ]
+    columns = [np.diff(kinetic + potential, axis=0), np.diff(signals.dtheta[ends] ** 2, axis=0) / 2.0]
     if library.card.friction:
         (friction,) = library.evaluate("friction_regressor", signals.dtheta)
         columns.append(add(np.einsum("ij,ijk->ik", turn, average_steps(friction))))

@@ -42,11 +42,8 @@ def check_settings(settings: Sequence[tuple[str, str]], kind: str) -> None:
 def list_unused_settings(robot: Robot, kind: str) -> tuple[Notice, ...]:
     """Return a notice on the settings of the robot file that `kind`, as above, does not use."""
     stated, standard = robot.processing, replace(Processing(), automatic=robot.processing.automatic)
-    unused = [
-        name
-        for name in _OTHERS
-        if name not in _USED[kind] and getattr(stated, name) != getattr(standard, name)
-    ]
+    changed = [name for name in _OTHERS if getattr(stated, name) != getattr(standard, name)]
+    unused = [name for name in changed if name not in _USED[kind]]
     if not unused:
         return ()
     text = f"[processing] {', '.join(unused)}: not used here: {_WHY}. Used are {', '.join(_USED[kind])}"
@@ -109,9 +106,8 @@ def build_rigid_estimate(estimate: Estimate, robot: Robot) -> Estimate:
 def build_motor_recording(recording: Recording, robot: Robot) -> Recording:
     """Return a recording as the motor side alone has it, for the rigid variant of an elastic robot.
 
-    Friction and rotors turn with the motors, gravity with the links: the position of the motors is right for
-    the former, and wrong by the torsion for the latter. That of the links would be wrong by the speed of the
-    torsion wherever friction changes its sign.
+    The position of the motors is right for friction and rotors, and wrong by the torsion for gravity; that of
+    the links would be wrong by the speed of the torsion wherever friction changes its sign.
     """
     if not any(robot.elastic) or recording.motor_position is None:
         return recording
@@ -181,23 +177,16 @@ def list_unidentifiable(robot: Robot, *, both: bool = False) -> tuple[tuple[str,
 
 def refuse_elasticity(estimate: Estimate, robot: Robot, *, both: bool = False) -> Estimate:
     """Return the estimate of the rigid variant, with what is not identifiable of `robot`."""
-    why = (
-        "some joints are rigid" if both else "the logs have one position a joint, taken as that of its motor"
-    )
+    one = "the logs have one position a joint, taken as that of its motor"
+    why = "some joints are rigid" if both else one
     text = (
         f"{why}: the rigid model was identified, with rotor inertias merged into the base parameters; "
         "stiffness and hysteresis are not identifiable"
     )
-    return replace(
-        estimate,
-        refused=(*estimate.refused, *list_unidentifiable(robot, both=both)),
-        outcome=Outcome.SOME_REFUSED,
-        notices=(
-            Notice(code="elastic.motor-side", text=text),
-            *warn_of_rotors(estimate.parameters),
-            *estimate.notices,
-        ),
-    )
+    refused = (*estimate.refused, *list_unidentifiable(robot, both=both))
+    notices = (Notice(code="elastic.motor-side", text=text), *warn_of_rotors(estimate.parameters))
+    notices += estimate.notices
+    return replace(estimate, refused=refused, outcome=Outcome.SOME_REFUSED, notices=notices)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

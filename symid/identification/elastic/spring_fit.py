@@ -5,16 +5,15 @@
     d tau_J / d r_i = -S'(v) k_i D_i,  D_i = d P_i / d r_i = -1, +1 since the play touched phi - r, phi + r
     d tau_J / d R_j = (c_j-1 - c_j) where v is beyond R_j
 
-ramp_j is the part of v between two knees and c_j the slope there. On a grid, stops are fitted by non-negative
-least squares, knees by Gauss-Newton; then all together, places included, by projected Levenberg-Marquardt;
-then stops and knees are left out one by one (Bayesian information criterion).
+ramp_j is the part of v between two knees and c_j the slope there. Non-negative least squares and Gauss-Newton
+on a grid, then projected Levenberg-Marquardt with places, then fewer by the Bayesian information criterion.
 
 Supported: several recordings; a plain Prandtl-Ishlinskii spring (no knees), which is a convex problem.
 Not supported: cubic springs, damping, an offset of the torsion; adding stops or knees to those of the
 start.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -68,10 +67,7 @@ def prepare_spring_data(
     rate: float,
     periods: Sequence[float],
 ) -> SpringData:
-    """Return the stop basis of one joint over all recordings, also filtered.
-
-    Arguments as the fields of `SpringData`; the torsions are not filtered by F.
-    """
+    """Return the stop basis of one joint over all recordings; arguments as the fields of `SpringData`."""
     data = SpringData(
         torsions=tuple(torsions),
         keeps=tuple(keeps),
@@ -114,12 +110,8 @@ def filter_parts(data: SpringData, parts: Sequence[FloatArray]) -> FloatArray:
 
 def fit_stops(data: SpringData, target: FloatArray) -> SpringWeights:
     """Return non-negative stiffnesses of spring and stops (no knees) for `target` = F[tau_J] (M,)."""
-    return SpringWeights(
-        thresholds=data.thresholds,
-        stiffness=solve_non_negative(data.filtered, target),
-        knees=np.zeros(0),
-        slopes=np.zeros(0),
-    )
+    stiffness, none = solve_non_negative(data.filtered, target), np.zeros(0)
+    return SpringWeights(thresholds=data.thresholds, stiffness=stiffness, knees=none, slopes=none)
 
 
 _HALVINGS = 6
@@ -135,8 +127,7 @@ def fit_spring(
 ) -> SpringWeights:
     """Return stiffnesses and slopes by a projected Gauss-Newton method from `start`; places stay.
 
-    Each step is a non-negative least-squares problem in all parameters; it is halved while the cost rises.
-    The iteration ends where the cost falls by less than `tolerance`, relative.
+    A step is halved while the cost rises; the last one makes it fall by less than `tolerance`, relative.
     """
     if not len(start.knees) and start.thresholds is data.thresholds:
         return fit_stops(data, target)
@@ -244,9 +235,8 @@ def optimise_spring(
         lengths = np.linalg.norm(jacobian, axis=0)
         idle = lengths <= 1e-9 * np.linalg.norm(value)
         low, high, lengths = np.where(idle, 0.0, low), np.where(idle, 0.0, high), np.where(idle, 1.0, lengths)
-        scaled: FloatArray = np.asarray(
-            np.linalg.qr(np.column_stack([jacobian / lengths, target - value]), mode="r")
-        )
+        columns = np.column_stack([jacobian / lengths, target - value])
+        scaled: FloatArray = np.asarray(np.linalg.qr(columns, mode="r"))
         fall = 0.0
         for _ in range(_TRIES):
             move = _solve_damped(scaled, low * lengths, high * lengths, damping) / lengths
@@ -342,14 +332,19 @@ def refine_spring(data: SpringData, target: FloatArray, start: SpringWeights) ->
     """
     grid_cost = _compute_cost(data, target, start)
     thinned, coarse = _thin_data(data, target, _ROW_RATE)
-    dense = _start_dense(thinned, coarse, start)
+    dense = start
+    if len(start.thresholds):
+        # Stops on a geometric grid, as many small as large.
+        grid = max(float(np.abs(phi).max()) for phi in thinned.torsions) * _RATIO ** np.arange(
+            _DENSE, 0, -1.0
+        )
+        spread = replace(start, thresholds=grid, stiffness=np.append(start.stiffness[:1], np.zeros(_DENSE)))
+        dense = fit_spring(rebuild_spring_data(thinned, spread), coarse, spread, iterations=4)
     # Without stops of no stiffness and knees that change nothing.
     busy = dense.stiffness[1:] > _NEAR * np.sum(dense.stiffness)
-    lean = replace(
-        dense.keep_knees(np.abs(dense.slopes - dense.before) > _NEAR),
-        thresholds=dense.thresholds[busy],
-        stiffness=dense.stiffness[np.concatenate([[True], busy])],
-    )
+    kept = dense.keep_knees(np.abs(dense.slopes - dense.before) > _NEAR)
+    stiffness = dense.stiffness[np.concatenate([[True], busy])]
+    lean = replace(kept, thresholds=dense.thresholds[busy], stiffness=stiffness)
     best, cost = optimise_spring(thinned, coarse, lean)
     # Independent rows: the filter passes noise up to rate / 2.
     span = len(target) * float(np.mean([p * k.step for p, k in zip(data.periods, data.keeps, strict=True)]))
@@ -377,10 +372,7 @@ def refine_spring(data: SpringData, target: FloatArray, start: SpringWeights) ->
 def follow_spring(
     data: SpringData, target: FloatArray, start: SpringWeights, *, tolerance: float = 1e-4
 ) -> SpringWeights:
-    """Return the best spring near `start`, with as many stops and knees, places included.
-
-    The iteration ends where the cost falls by less than `tolerance`, relative.
-    """
+    """Return the best spring near `start`, with as many stops and knees, places included."""
     return optimise_spring(*_thin_data(data, target, _FINE_RATE), start, tolerance)[0]
 
 
@@ -401,19 +393,8 @@ def _thin_data(data: SpringData, target: FloatArray, rate: float) -> tuple[Sprin
     return thinned, np.concatenate(parts)
 
 
-def _start_dense(data: SpringData, target: FloatArray, start: SpringWeights) -> SpringWeights:
-    """Return a spring with stops on a geometric grid, as many small as large; none if the start has none."""
-    if not len(start.thresholds):
-        return start
-    reach = max(float(np.abs(phi).max()) for phi in data.torsions)
-    grid = reach * _RATIO ** np.arange(_DENSE, 0, -1.0)
-    stiffness = np.concatenate([start.stiffness[:1], np.zeros(_DENSE)])
-    spread = replace(start, thresholds=grid, stiffness=stiffness)
-    return fit_spring(rebuild_spring_data(data, spread), target, spread, iterations=4)
-
-
-def _list_simpler(data: SpringData, weights: SpringWeights) -> Iterator[SpringWeights]:
-    """Yield springs with one stop or knee less, the least effective first."""
+def _list_simpler(data: SpringData, weights: SpringWeights) -> list[SpringWeights]:
+    """Return springs with one stop or knee less, the least effective first."""
     options: list[tuple[float, SpringWeights]] = []
     reach = max(float(np.abs(phi).max()) for phi in data.torsions)
     for place, threshold in enumerate(weights.thresholds):
@@ -433,27 +414,16 @@ def _list_simpler(data: SpringData, weights: SpringWeights) -> Iterator[SpringWe
     for place, torque in enumerate(weights.knees):
         loss = changes[place] * abs(torque) * 0.1
         options.append((loss, weights.keep_knees(np.arange(len(changes)) != place)))
-    options += _list_rescaled(data, weights)
-    options.sort(key=lambda option: option[0])
-    for _, simpler in options[:3]:
-        yield simpler
-
-
-def _list_rescaled(data: SpringData, weights: SpringWeights) -> Iterator[tuple[float, SpringWeights]]:
-    """Yield the spring without its innermost knees, one on each side, where both lie near zero torque.
-
-    The slope beyond them is then the one at zero, and scales all weights; left out one by one, the other knee
-    would stand in the way.
-    """
     knees, above = weights.knees, weights.below
-    if above in {0, len(knees)}:
-        return
-    _, lowest, highest = measure_reach(data.find_basis(weights), weights)
-    if -knees[0] > _CLOSE * lowest or knees[above] > _CLOSE * highest:
-        return
-    slope = float(weights.slopes[0] + weights.slopes[above]) / 2.0
-    rest = weights.keep_knees(~np.isin(np.arange(len(knees)), (0, above)))
-    scaled = replace(
-        rest, stiffness=weights.stiffness * slope, knees=rest.knees * slope, slopes=rest.slopes / slope
-    )
-    yield abs(slope - 1.0) * max(-knees[0], knees[above]) * 0.1, scaled
+    if above not in {0, len(knees)}:
+        # Without the innermost knees of both sides, where they lie near zero torque: the slope beyond them is
+        # then the one at zero, and scales all weights. Left out one by one, the other would stand in the way.
+        _, lowest, highest = measure_reach(data.find_basis(weights), weights)
+        if -knees[0] <= _CLOSE * lowest and knees[above] <= _CLOSE * highest:
+            slope = float(weights.slopes[0] + weights.slopes[above]) / 2.0
+            rest = weights.keep_knees(~np.isin(np.arange(len(knees)), (0, above)))
+            stiffness, further = weights.stiffness * slope, rest.slopes / slope
+            scaled = replace(rest, stiffness=stiffness, knees=rest.knees * slope, slopes=further)
+            options.append((abs(slope - 1.0) * max(-knees[0], knees[above]) * 0.1, scaled))
+    options.sort(key=lambda option: option[0])
+    return [simpler for _, simpler in options[:3]]

@@ -4,10 +4,9 @@
     gravity = Y(q, 0, 0) beta,             motion = Y(q, dq, ddq) beta - gravity
     theta - q = c gravity + b motion + a ddtheta + s tanh(dtheta / v) + d dtheta + offset,    k = 1 / c
 
-Only gravity gives the torque of a spring an absolute scale: torques of acceleration are those of rotor
-and link in unknown shares, and friction takes its part before the spring. Standard deviations are those of a
-jackknife over blocks of a second, the rigid robot fitted anew without each; runs are averaged with the
-inverse of their variances, and deviations enlarged by the Birge ratio. The interval is that of 95 %.
+Only gravity gives the torque of a spring an absolute scale. Standard deviations are those of a jackknife over
+blocks of a second, the rigid robot fitted anew without each; runs are averaged with the inverse of their
+variances, and deviations enlarged by the Birge ratio. The interval is that of 95 %.
 
 Supported: rigid and elastic robots, any number of runs; joints without a link encoder are refused by
 name; joints that gravity does not load have a compliance of zero.
@@ -15,7 +14,7 @@ Not supported: hysteresis and damping; parameters one by one; weights of samples
 regressors, which is of second order: positions are those of the motors.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 
@@ -291,10 +290,8 @@ def fit_compliances(runs: Sequence[RigidRows]) -> ComplianceFits:
         nuisances = (np.ones_like(gap), rows.speed, np.tanh(rows.speed / widths), rows.acceleration)
         parts = [np.stack(nuisances, axis=2), rows.whole - rows.still, rows.still, gap[:, :, None]]
         torsion_grams.append(rows.compute_grams(np.concatenate(parts, axis=2)))
-    rigid, torsion = (
-        np.concatenate([rows.compute_torque_grams() for rows in runs]),
-        np.concatenate(torsion_grams),
-    )
+    rigid = np.concatenate([rows.compute_torque_grams() for rows in runs])
+    torsion = np.concatenate(torsion_grams)
     owner = np.repeat(np.arange(len(runs)), [len(rows.blocks) for rows in runs])
     whole, norms = fit_rigid(rigid.sum(axis=0))
     sums = np.array([grams.sum(axis=0) for grams in torsion_grams])
@@ -430,7 +427,7 @@ def estimate_stiffness(library: Library, recordings: Sequence[Recording]) -> Sti
 
 def _judge(fits: ComplianceFits, index: int, card: JointCard, *, present: bool) -> JointStiffness:
     """Return the spring of one joint; `present` says whether it has a link encoder."""
-    explained, left = float(fits.explained[index]), float(fits.left[index])
+    explained, left, unit = float(fits.explained[index]), float(fits.left[index]), card.position_unit
     runs = run_stds = np.full(fits.compliances.shape[1], np.nan)
     mean = std = low = high = float("nan")
     against: tuple[tuple[StiffnessVerdict, str], ...]
@@ -445,24 +442,35 @@ def _judge(fits: ComplianceFits, index: int, card: JointCard, *, present: bool) 
             load = "the torque of gravity on this joint does not change"
         text = (
             f"{load}, and torques of acceleration are shared by rotor and link in unknown parts; {left:.3g} "
-            f"{card.position_unit} of its torsion are left (root mean square)"
+            f"{unit} of its torsion are left (root mean square)"
         )
         against = ((StiffnessVerdict.NO_GRAVITY, text),)
     else:
-        from scipy.stats import t
-
         runs = fits.compliances[0, :, index]
-        mean, std, run_stds, chance = _average(fits.compliances[:, :, index])
-        half = float(t.ppf(0.5 + 0.5 * _LEVEL, max(1, len(fits.compliances) - 2))) * std
+        mean, std, half, run_stds, chance = _average(fits.compliances[:, :, index])
         low, high = mean - half, mean + half
-        against = tuple(_list_objections((explained, left), chance, (low, high), card))
+        small = (
+            f"the torsion that gravity explains, {explained:.3g} {unit}, is smaller than what it leaves, "
+            f"{left:.3g} {unit} (root mean square)"
+        )
+        apart = f"the runs contradict each other: equal springs differ so much with probability {chance:.2g}"
+        wide = (
+            f"the 95 % interval of the compliance, {low:.3g} to {high:.3g} {unit}/({card.torque_unit}), "
+            "includes a rigid joint"
+        )
+        checks = (
+            (explained <= left, StiffnessVerdict.BELOW_NOISE, small),
+            (chance < _UNLIKELY, StiffnessVerdict.INCONSISTENT, apart),
+            (low <= 0.0, StiffnessVerdict.VAGUE, wide),
+        )
+        against = tuple((verdict, text) for is_broken, verdict, text in checks if is_broken)
     reason = "; ".join(text for _, text in against) or (
-        f"gravity explains {explained:.3g} {card.position_unit} of the torsion and leaves {left:.3g} "
-        f"{card.position_unit}; the 95 % interval is that of the jackknife over blocks of time"
+        f"gravity explains {explained:.3g} {unit} of the torsion and leaves {left:.3g} {unit}; the 95 % "
+        "interval is that of the jackknife over blocks of time"
     )
     return JointStiffness(
         joint=card.name,
-        unit=f"{card.torque_unit}/{card.position_unit}",
+        unit=f"{card.torque_unit}/{unit}",
         verdict=against[0][0] if against else StiffnessVerdict.IDENTIFIED,
         reason=reason,
         stiffness=None if against else 1.0 / mean,
@@ -476,31 +484,9 @@ def _judge(fits: ComplianceFits, index: int, card: JointCard, *, present: bool) 
     )
 
 
-def _list_objections(
-    torsion: tuple[float, float], chance: float, interval: tuple[float, float], card: JointCard
-) -> Iterator[tuple[StiffnessVerdict, str]]:
-    """Yield what speaks against a stiffness: torsion explained and left, its runs, its interval."""
-    (explained, left), (low, high), unit = torsion, interval, card.position_unit
-    if explained <= left:
-        text = (
-            f"the torsion that gravity explains, {explained:.3g} {unit}, is smaller than what it leaves, "
-            f"{left:.3g} {unit} (root mean square)"
-        )
-        yield StiffnessVerdict.BELOW_NOISE, text
-    if chance < _UNLIKELY:
-        text = f"the runs contradict each other: equal springs differ so much with probability {chance:.2g}"
-        yield StiffnessVerdict.INCONSISTENT, text
-    if low <= 0.0:
-        text = (
-            f"the 95 % interval of the compliance, {low:.3g} to {high:.3g} {unit}/({card.torque_unit}), "
-            "includes a rigid joint"
-        )
-        yield StiffnessVerdict.VAGUE, text
-
-
-def _average(replicates: FloatArray) -> tuple[float, float, FloatArray, float]:
-    """Return mean, deviation, deviations of the runs and the chance that runs that agree differ so much."""
-    from scipy.stats import chi2
+def _average(replicates: FloatArray) -> tuple[float, float, float, FloatArray, float]:
+    """Return mean, deviation, half interval, deviations of runs, chance that equal ones differ so much."""
+    from scipy.stats import chi2, t
 
     values, others = replicates[0], replicates[1:]
     n = len(others)
@@ -511,8 +497,9 @@ def _average(replicates: FloatArray) -> tuple[float, float, FloatArray, float]:
     weights /= weights.sum()
     mean = float(weights @ values)
     std = float(np.sqrt(weights @ covariance @ weights))
-    freedom = len(values) - 1
-    if freedom == 0:
-        return mean, std, stds, 1.0
-    excess = float(np.sum(((values - mean) / np.maximum(stds, 1e-300)) ** 2))
-    return mean, std * max(1.0, excess / freedom) ** 0.5, stds, float(chi2.sf(excess, freedom))
+    freedom, chance = len(values) - 1, 1.0
+    if freedom:
+        excess = float(np.sum(((values - mean) / np.maximum(stds, 1e-300)) ** 2))
+        std, chance = std * max(1.0, excess / freedom) ** 0.5, float(chi2.sf(excess, freedom))
+    half = float(t.ppf(0.5 + 0.5 * _LEVEL, max(1, n - 1))) * std
+    return mean, std, half, stds, chance

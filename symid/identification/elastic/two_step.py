@@ -5,9 +5,9 @@
     X-step           chi <- min |y - W_e(springs) - Yd chi|, signs constrained
     same cost        min |y - Yd chi - Ae k|^2 over k and chi in turn; no bounds
 
-The two steps minimise different costs: a step whose merit rises by more than `_RISE` is halved, and without
-convergence the iterate of least merit is kept. With the same cost it is block coordinate descent, whose error
-falls by cos^2 of the smallest principal angle between the column spaces of Yd and Ae (von Neumann).
+A step whose merit rises by more than `_RISE` is halved; without convergence the iterate of least merit is
+kept. With the same cost it is block coordinate descent, whose error falls by cos^2 of the smallest principal
+angle between the column spaces of Yd and Ae (von Neumann).
 
 Supported: springs with and without knees (same cost: without).
 Not supported: proof of convergence with two costs; the outcome says how the iteration ended. Energy rows
@@ -22,11 +22,7 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.identification.elastic.estimate import HistoryEntry, MethodFit, build_method_fit
 from symid.identification.elastic.problem import ElasticProblem, build_start_spring
-from symid.identification.elastic.regression import (
-    compute_window_columns,
-    compute_window_work,
-    solve_with_signs,
-)
+from symid.identification.elastic.regression import compute_window_columns, solve_with_signs
 from symid.identification.elastic.spring_fit import (
     SpringData,
     compute_filtered_torque,
@@ -94,8 +90,7 @@ def step_two_step(problem: ElasticProblem, state: TwoStepState) -> TwoStepState:
     """Return the next iterate."""
     data, springs = _fit_springs(problem, state)
     elasticity = tuple(map(build_elasticity, springs))
-    parts = zip(problem.signals, problem.energy, strict=True)
-    work = np.concatenate([compute_window_work(elasticity, part, rows) for part, rows in parts])
+    work = problem.compute_work(elasticity)
     goal = solve_with_signs(problem.library.card, problem.design, problem.supplied - work)
     spring_torques = list(map(compute_filtered_torque, data, springs))
     fraction = 1.0
@@ -161,9 +156,8 @@ def _fit_springs(
     count = len(state.history) if problem.options.moves_stops else -1
     settled, springs = [], []
     for joint, (data, aim) in enumerate(zip(state.data, target.T, strict=True)):
-        start = (
-            state.springs[joint] if state.springs else build_start_spring(problem.options, data, joint, aim)
-        )
+        first = not state.springs
+        start = build_start_spring(problem.options, data, joint, aim) if first else state.springs[joint]
         if count == _GRID_STEPS:
             start = refine_spring(data, aim, start)
         elif count == _GRID_STEPS + 1:

@@ -3,10 +3,9 @@
     motor   IA ddtheta + F(dtheta) f + S w = tau + noise
     link    Y beta - S w = 0                                     exact, as the states are
 
-Without any knowledge of the springs only the sum of both equations is of use. If their form is known, S are
-the derivatives of the springs' torque by all their numbers w. The link equations have no noise, so the bound
-is N (N' I N)^-1 N' with their null space N and the information I of the motor equations (Gorman and Hero
-1990).
+S are the derivatives of the springs' torque by all their numbers w. The link equations have no noise, so the
+bound is N (N' I N)^-1 N' with their null space N and the information I of the motor equations (Gorman and
+Hero 1990).
 
 Supported: residuals correlated over less than a hundredth of the rows (Liang and Zeger 1986); rows that
 do not identify all parameters, whose variance is then infinite; springs of stops and knees; several
@@ -81,12 +80,9 @@ def compute_elimination_bound(
         noise: (n,) standard deviation of the torque noise of every recording, N m or N.
     """
     count = len(library.card.beta) + library.card.size + len(library.card.friction)
-    rows = np.concatenate(
-        [
-            (_build_exact_equations(library, part) / sigma[:, None]).reshape(-1, count)
-            for part, sigma in zip(signals, noise, strict=True)
-        ]
-    )
+    pairs = zip(signals, noise, strict=True)
+    weighted = [_build_exact_equations(library, part) / sigma[:, None] for part, sigma in pairs]
+    rows = np.concatenate(weighted).reshape(-1, count)
     information = rows.T @ rows
     scales = np.sqrt(np.maximum(np.diag(information), 1e-300))
     bound: FloatArray = np.linalg.inv(information / np.outer(scales, scales)) / np.outer(scales, scales)
@@ -95,9 +91,7 @@ def compute_elimination_bound(
 
 def _build_exact_equations(library: Library, part: ElasticSignals) -> FloatArray:
     """Return the columns (N, n, p + n + pf) at all samples of noise-free states."""
-    return build_equations(
-        library, part, lambda values: differentiate(values, part.period), lambda values: values
-    )
+    return build_equations(library, part, lambda states: differentiate(states, part.period), lambda x: x)
 
 
 _WINDOW = 0.02
@@ -128,7 +122,12 @@ def compute_spring_bound(
     motors, links = (
         np.concatenate([rows.reshape(-1, rows.shape[2]) for rows in side]) for side in (motor, link)
     )
-    null_space = _compute_null_space(links)
+    # Directions of the null space, with columns scaled to one length.
+    lengths = np.linalg.norm(links, axis=0)
+    lengths = np.where(lengths > 1e-12 * float(lengths.max()), lengths, np.inf)
+    _, singular, directions = np.linalg.svd(np.asarray(np.linalg.qr(links / lengths, mode="r")))
+    hidden = directions[singular <= _EXACT * singular[0]].T
+    null_space = hidden / np.where(np.isfinite(lengths), lengths, 1.0)[:, None]
     # Columns: beta and springs as the link equations leave them, then rotors and friction.
     driven = count - beta
     ways = np.zeros((count + len(null_space) - beta, null_space.shape[1] + driven))
@@ -165,14 +164,3 @@ def _build_link_rows(library: Library, part: ElasticSignals, torques: FloatArray
 
     columns = build_equations(library, part, lambda values: np.diff(values[ends], axis=0), add)
     return np.concatenate([columns[:, :, : len(library.card.beta)], -add(torques)], axis=2)
-
-
-def _compute_null_space(rows: FloatArray) -> FloatArray:
-    """Return directions (columns, k) of the null space of rows (m, columns), columns scaled to one length."""
-    lengths = np.linalg.norm(rows, axis=0)
-    lengths = np.where(lengths > 1e-12 * float(lengths.max()), lengths, np.inf)
-    triangle = np.asarray(np.linalg.qr(rows / lengths, mode="r"))
-    _, singular, directions = np.linalg.svd(triangle)
-    hidden = directions[singular <= _EXACT * singular[0]].T
-    ways: FloatArray = hidden / np.where(np.isfinite(lengths), lengths, 1.0)[:, None]
-    return ways

@@ -7,9 +7,8 @@
                           tau = IA ddtheta + F(dtheta) + tau_J
     rigid feed-forward    theta = q, tau = inverse dynamics of the links + IA ddq + F(dq)
 
-The three torques, and the torsion that they are drawn over, pass the same filter F, so that no loop comes
-from it. The closed loop is simulated with the truth, which the controller does not know; runs differ by
-the feed-forward alone: the generated function `elastic_inverse_dynamics`, called tick by tick.
+Torques and torsion pass the same filter F, so that no loop comes from it. The closed loop is simulated with
+the truth; runs differ by the feed-forward alone, the generated function `elastic_inverse_dynamics`.
 
 Supported: springs with memory, which begins empty with the log; fits without a spring; several models at
 once.
@@ -168,10 +167,8 @@ def predict_elastic(
         torque = compute_hysteresis_torque(spring, phi[:, joint], rate[:, joint])
         return filter_smooth(torque, options.rate, signals.period)[rows.keep]
 
-    springs = final.elasticity
-    known: Sequence[Elasticity | None] = springs
-    if identifiable:
-        known = [spring if identifiable[joint] else None for joint, spring in enumerate(springs)]
+    told = identifiable or [True] * len(final.elasticity)
+    known = [spring if is_known else None for spring, is_known in zip(final.elasticity, told, strict=True)]
     joints = tuple(
         JointTrial(
             joint=card.name,
@@ -198,12 +195,8 @@ def _list_residuals(
         return Residual.measure(entry.joint, errors, measured, entry.unit, float(np.std(errors)))
 
     pairs = list(zip(joints, torques.T, strict=True))
-    tables = [
-        (
-            "Torque of the motors by the dynamics of motors and links together, without springs.",
-            tuple(measure(entry, torque, entry.motor - entry.link) for entry, torque in pairs),
-        )
-    ]
+    both = tuple(measure(entry, torque, entry.motor - entry.link) for entry, torque in pairs)
+    tables = [("Torque of the motors by the dynamics of motors and links together, without springs.", both)]
     known = [(entry, torque, entry.final) for entry, torque in pairs if entry.final is not None]
     if known:
         motors = (measure(entry, torque, entry.motor - final) for entry, torque, final in known)
@@ -331,9 +324,7 @@ def simulate_tracking(
     first = rigid or next(iter(models.values()))
     references = {RIGID: _compute_rigid_reference(library, first, trajectory, time)}
     if models:
-        counts = [
-            _count(springs) for springs in zip(*(fit.elasticity for fit in models.values()), strict=True)
-        ]
+        counts = list(map(_count, zip(*(fit.elasticity for fit in models.values()), strict=True)))
         # The numbers of the springs are arguments of the function.
         plain = widen_springs([Elasticity(stiffness=1.0)] * len(counts), counts)
         joints = list(robot.joints)
@@ -355,36 +346,28 @@ def simulate_tracking(
 
 def _count(springs: Sequence[Elasticity]) -> SpringCounts:
     """Return the largest numbers that occur in any of the springs, counted up."""
-    numbers = [
-        (
-            len(spring.stops),
-            sum(knee.threshold < 0.0 for knee in spring.knees),
-            sum(knee.threshold > 0.0 for knee in spring.knees),
-        )
-        for spring in springs
-    ]
-    return SpringCounts(*(-(-max(column) // _MULTIPLE) * _MULTIPLE for column in zip(*numbers, strict=True)))
+    stops = max(len(spring.stops) for spring in springs)
+    knees = [[knee.threshold < 0.0 for knee in spring.knees] for spring in springs]
+    numbers = (stops, max(map(sum, knees)), max(len(side) - sum(side) for side in knees))
+    return SpringCounts(*(-(-number // _MULTIPLE) * _MULTIPLE for number in numbers))
 
 
 def widen_springs(elasticity: Sequence[Elasticity], counts: Sequence[SpringCounts]) -> tuple[Elasticity, ...]:
     """Return springs of the same torque with more stops and knees, which have no effect."""
-    return tuple(_widen(spring, count) for spring, count in zip(elasticity, counts, strict=True))
 
-
-def _widen(spring: Elasticity, count: SpringCounts) -> Elasticity:
     def extend(places: list[float], least: int, first: float) -> list[float]:
         whole = list(places)
         while len(whole) < least:
             whole.append(_FURTHER * whole[-1] if whole else first)
         return whole[len(places) :]
 
-    stops = extend([stop.threshold for stop in spring.stops], count.stops, _FURTHER)
-    places = sorted(knee.threshold for knee in spring.knees)
-    below = extend([place for place in places[::-1] if place < 0.0], count.below, -1.0)
-    above = extend([place for place in places if place > 0.0], count.above, 1.0)
-    knees = [Knee(threshold=place, slope=0.0) for place in (*below, *above)]
-    return replace(
-        spring,
-        stops=(*spring.stops, *(Stop(threshold=place, stiffness=0.0) for place in stops)),
-        knees=tuple(sorted([*spring.knees, *knees])),
-    )
+    wide = []
+    for spring, count in zip(elasticity, counts, strict=True):
+        radii = extend([stop.threshold for stop in spring.stops], count.stops, _FURTHER)
+        places = sorted(knee.threshold for knee in spring.knees)
+        below = extend([place for place in places[::-1] if place < 0.0], count.below, -1.0)
+        above = extend([place for place in places if place > 0.0], count.above, 1.0)
+        stops = (*spring.stops, *(Stop(threshold=place, stiffness=0.0) for place in radii))
+        knees = [*spring.knees, *(Knee(threshold=place, slope=0.0) for place in (*below, *above))]
+        wide.append(replace(spring, stops=stops, knees=tuple(sorted(knees))))
+    return tuple(wide)

@@ -130,14 +130,10 @@ class ConsistentCost:
 
 
 def build_cost(triangle: FloatArray, centre: FloatArray, bodies: Bodies, weight: float) -> ConsistentCost:
-    """Return the cost of rows condensed to `triangle` F (k, p + 1) for these bodies.
+    """Return the cost, for these bodies, of weighted rows over their noise: F (k, p + 1) is `triangle`.
 
-    Args:
-        triangle: of the weighted rows over the standard deviation of their noise.
-        centre: (p,) the parameters without bounds, at which |F [x; -1]| is least; bodies of unknown mass get
-            the one that suits them.
-        bodies: what links the parameters to bodies.
-        weight: of the distance to the bodies expected.
+    `centre` (p,) are the parameters without bounds, at which |F [x; -1]| is least; bodies of unknown mass get
+    the one that suits them. `weight` is that of the distance to the bodies expected.
     """
     expected = build_pseudo_inertias(bodies.stated * _estimate_mass(centre, bodies))
     roots = np.asarray(np.linalg.cholesky(expected), dtype=np.float64)
@@ -154,12 +150,16 @@ def build_cost(triangle: FloatArray, centre: FloatArray, bodies: Bodies, weight:
     middle = np.linalg.lstsq(loose, centre, rcond=None)[0] * lengths if loose.size else np.zeros(0)
     dissipating = int(np.count_nonzero(observable[: bodies.bounded.shape[1]]))
     middle[:dissipating] = np.maximum(middle[:dissipating], 0.0)
+    # What no parameters explain is left out: the cost begins at zero, and the last digits count.
+    sizes = np.linalg.norm(matrix, axis=0)
+    left, singular, _ = np.linalg.svd(matrix / np.where(sizes > 0.0, sizes, 1.0), full_matrices=False)
+    basis = left[:, singular > _RANK * singular.max(initial=0.0)]
+    explained = basis @ (basis.T @ (triangle[:, -1] - matrix @ centre))
     problem = BodyProblem(
         blocks=np.tensordot(matrix, forms, axes=1),
         positive=matrix @ (bodies.positive * rotors),
         others=matrix @ (loose / lengths),
-        # What no parameters explain is left out: the cost begins at zero, and the last digits count.
-        target=matrix @ centre + _compute_explained(matrix, triangle[:, -1], centre),
+        target=matrix @ centre + explained,
         shares=np.ones(len(roots) + len(rotors)),
         weight=weight,
         middle=middle,
@@ -167,15 +167,6 @@ def build_cost(triangle: FloatArray, centre: FloatArray, bodies: Bodies, weight:
         bounded=dissipating,
     )
     return ConsistentCost(problem=problem, roots=roots, rotors=rotors, loose=loose / lengths)
-
-
-def _compute_explained(matrix: FloatArray, target: FloatArray, centre: FloatArray) -> FloatArray:
-    """Return what parameters, refused ones among them, could explain of the errors (k,) at `centre`."""
-    lengths = np.linalg.norm(matrix, axis=0)
-    left, singular, _ = np.linalg.svd(matrix / np.where(lengths > 0.0, lengths, 1.0), full_matrices=False)
-    basis = left[:, singular > _RANK * singular.max(initial=0.0)]
-    explained: FloatArray = basis @ (basis.T @ (target - matrix @ centre))
-    return explained
 
 
 def _estimate_mass(centre: FloatArray, bodies: Bodies) -> float:

@@ -83,11 +83,8 @@ def fit_instruments(
 ) -> InstrumentalSolution:
     """Return the parameters by instrumental variables.
 
-    Args:
-        rows: measured, Y (m, p) and tau (m,), in the rows' units.
-        instruments: Z (m, p) of the same rows, in the same order.
-        rule: when a parameter counts as not identifiable.
-        freedom: how the variance of the noise is estimated, see `Processing.noise_freedom`.
+    `rows` have the measured Y (m, p) and tau (m,), `instruments` Z (m, p) in the same order; `freedom` says
+    how the variance of the noise is estimated, see `Processing.noise_freedom`.
 
     Raises:
         IdentifiabilityError: no parameter is identifiable from rows and instruments together.
@@ -106,7 +103,13 @@ def fit_instruments(
     residuals = rows.values - rows.matrix @ values
     weighted = residuals * stage.factors
     variance = float(weighted @ weighted) / (independent * len(weighted) - used)
-    correlation, strength = _measure_strength(rows, stage, basis)
+    # The least canonical correlation of instruments and columns, and F of the first stage.
+    frame, _ = np.linalg.qr((rows.matrix @ basis) * stage.factors[:, None])
+    count = int(basis.shape[1])
+    correlation = min(1.0, float(np.linalg.svd(stage.frame.T @ frame, compute_uv=False)[count - 1]))
+    left, strength = 1.0 - correlation**2, float("inf")
+    if left >= _WHOLE:
+        strength = correlation**2 / left * (rows.independent * len(rows.values) - count) / count
     spectrum = compute_spectrum(stage.matrix)
     fit = RegressionFit(
         values=values,
@@ -167,18 +170,6 @@ def _solve_second_stage(stage: _FirstStage, basis: FloatArray) -> tuple[FloatArr
         raise IdentifiabilityError(Notice(code=_BLIND, text=text))
     root = basis @ (right.T / singular)
     return root @ (left.T @ stage.values), root
-
-
-def _measure_strength(rows: Rows, stage: _FirstStage, basis: FloatArray) -> tuple[float, float]:
-    """Return the least canonical correlation of instruments and columns, and F of the first stage."""
-    columns, _ = np.linalg.qr((rows.matrix @ basis) * stage.factors[:, None])
-    count = basis.shape[1]
-    correlation = min(1.0, float(np.linalg.svd(stage.frame.T @ columns, compute_uv=False)[count - 1]))
-    left = 1.0 - correlation**2
-    if left < _WHOLE:
-        return correlation, float("inf")
-    worth = rows.independent * len(rows.values)
-    return correlation, correlation**2 / left * (worth - count) / count
 
 
 def _list_warnings(

@@ -72,12 +72,8 @@ def iterate_weights(condensed: Condensed, solve: Callable[[FloatArray], FloatArr
     """Return the inverse scatter (g,) of every group's residuals in the fit that has these weights.
 
     From the ordinary fit on, until it converges: in the ordinary fit a quiet joint has the errors that the
-    noise of loud ones makes, and its weight is too small.
-
-    Args:
-        condensed: the equations.
-        solve: from weights (g,) to parameters (p,).
-        used: parameters that the scatter of a group is corrected for, where it has more rows than that.
+    noise of loud ones makes, and its weight is too small. `solve` leads from weights (g,) to parameters (p,);
+    the scatter of a group is corrected for `used` parameters, where it has more rows than that.
     """
     counts = condensed.counts
     divisor = np.where(counts > used, counts - used, np.maximum(counts, 1))
@@ -99,13 +95,10 @@ def _estimate_weights(condensed: Condensed, basis: FloatArray, used: int) -> Flo
 def fit_condensed(
     condensed: Condensed, basis: FloatArray, weights: FloatArray | None = None, freedom: str = "band"
 ) -> CondensedFit:
-    """Return the fit of condensed rows.
+    """Return the fit of condensed rows in the observable directions `basis` (p, r).
 
-    Args:
-        condensed: the equations.
-        basis: (p, r) observable directions.
-        weights: (g,) of the groups' residuals; None for the inverse of their scatter.
-        freedom: how the variance of the noise is estimated, see `Processing.noise_freedom`.
+    `weights` (g,) are those of the groups' residuals, None for the inverse of their scatter; `freedom` says
+    how the variance of the noise is estimated, see `Processing.noise_freedom`.
     """
     used, independent = count_freedom(freedom, int(basis.shape[1]), condensed.independent)
     if weights is None:
@@ -122,20 +115,6 @@ def fit_condensed(
         variance=variance,
         condition=found.condition,
     )
-
-
-def _compute_robust_covariance(basis: FloatArray, design: FloatArray, errors: FloatArray) -> FloatArray:
-    """Return the covariance (p, p) of x = B z where every row has a variance of its own (HC3).
-
-    B (F'F)^-1 F' diag(e_i^2 / (1 - h_i)^2) F (F'F)^-1 B', h_i the leverage of row i, F = A B (m, r).
-    """
-    root = compute_inverse_root(design)
-    orthonormal = design @ root
-    leverage = np.minimum(np.sum(orthonormal**2, axis=1), 1.0 - 1e-9)
-    weighted = orthonormal * (errors / (1.0 - leverage))[:, None]
-    left = basis @ root
-    covariance: FloatArray = left @ (weighted.T @ weighted) @ left.T
-    return covariance
 
 
 def compute_inverse_root(design: FloatArray) -> FloatArray:
@@ -225,8 +204,14 @@ def fit_weighted(
     weighted = residuals * factors
     used, independent = count_freedom(freedom, int(basis.shape[1]), rows.independent)
     if rows.kind in SCALAR_KINDS:
+        # B (F'F)^-1 F' diag(e_i^2 / (1 - h_i)^2) F (F'F)^-1 B' (HC3), h_i the leverage of row i, F = A B.
         design = (rows.matrix * factors[:, None]) @ basis
-        covariance = _compute_robust_covariance(basis, design, weighted) / independent
+        root = compute_inverse_root(design)
+        orthonormal = design @ root
+        leverage = np.minimum(np.sum(orthonormal**2, axis=1), 1.0 - 1e-9)
+        scores = orthonormal * (weighted / (1.0 - leverage))[:, None]
+        left = basis @ root
+        covariance = left @ (scores.T @ scores) @ left.T / independent
     else:
         variance = float(weighted @ weighted) / (independent * len(weighted) - used)
         covariance = variance * (found.root @ found.root.T)
@@ -333,10 +318,7 @@ def estimate_period_noise(
 ) -> FloatArray:
     """Return the covariance (n, n) of the torque's noise, N m or N each, from what differs between periods.
 
-    Args:
-        recordings: at least one.
-        processing: its cut ends are left out.
-        periods: in s, one for all recordings or one for each.
+    `periods` are in s, one for all recordings or one for each; the cut ends of `processing` are left out.
 
     Raises:
         UsageError: a log holds less than two periods, the number of periods does not fit that of the logs, or

@@ -221,7 +221,12 @@ def fit_huber(rows: Rows, identifiability: Identifiability, freedom: str = "band
         values, steps = found.values, steps + 1
         residuals = rows.values - rows.matrix @ values
     plain = solve_condensed(condense_rows(rows), basis, 1.0 / scale)
-    ratios = residuals / scale[rows.group]
+    ratios, count = residuals / scale[rows.group], len(residuals)
+    _, independent = count_freedom(freedom, spent, rows.independent)
+    inner = float(np.mean(np.abs(ratios) <= _BEND))
+    stretch = 1.0 + spent * (1.0 - inner) / (independent * count * inner)
+    square = float(np.clip(ratios, -_BEND, _BEND) ** 2 @ rows.weight)
+    variance = stretch**2 * square / (independent * count - spent) / inner**2
     text = (
         f"the robust fit did not converge: after {_LIMIT} iterations it still changes by {change:.2g} "
         "standard deviations; a residual with two levels is not one with outliers, look at the residual plots"
@@ -229,7 +234,7 @@ def fit_huber(rows: Rows, identifiability: Identifiability, freedom: str = "band
     return replace(
         first,
         values=values,
-        covariance=_compute_huber_variance(rows, ratios, spent, freedom) * (plain.root @ plain.root.T),
+        covariance=variance * (plain.root @ plain.root.T),
         residuals=residuals,
         condition=plain.condition,
         weights=np.sqrt(_BEND / np.maximum(np.abs(ratios), _BEND) * rows.weight) / scale[rows.group],
@@ -246,15 +251,6 @@ def _estimate_scale(rows: Rows, residuals: FloatArray) -> FloatArray:
         middle = float(np.median(np.abs(residuals[rows.group == index])))
         scale[index] = max(_NORMAL * middle, floor)
     return scale
-
-
-def _compute_huber_variance(rows: Rows, ratios: FloatArray, spent: int, freedom: str) -> float:
-    count = len(ratios)
-    _, independent = count_freedom(freedom, spent, rows.independent)
-    psi = np.clip(ratios, -_BEND, _BEND)
-    inner = float(np.mean(np.abs(ratios) <= _BEND))
-    stretch = 1.0 + spent * (1.0 - inner) / (independent * count * inner)
-    return stretch**2 * float(psi**2 @ rows.weight) / (independent * count - spent) / inner**2
 
 
 _WELL_DETERMINED = 1e-3

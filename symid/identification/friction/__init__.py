@@ -7,7 +7,6 @@ if TYPE_CHECKING:
         FrictionEstimate as FrictionEstimate,
         compute_cramer_rao as compute_cramer_rao,
         compute_law_sensitivities as compute_law_sensitivities,
-        compute_sensitivities as compute_sensitivities,
     )
     from symid.identification.friction.estimators import (
         ESTIMATORS as ESTIMATORS,

@@ -6,23 +6,17 @@ FrictionProblem -> FrictionSearch.
                f(x) = |y - Q R t(x)|^2 / scale, t(x) = sum_k c_k(x) Phi_k(v; s(x)), (c, s) = mixing^-1 x
                with exact first and second derivatives by CasADi; starts fill the box of the shape evenly
                (Roberts' generalised golden ratio), linear parameters by least squares
-    genetic    tournament of two -> crossover of all parents -> the best of parents and children survive; the
-               crossover mixes the deviations of the whole population, so that children follow a valley.
-               Our own design: Zhang, Hu and Zou (2021) do not say how theirs works
+    genetic    tournament of two -> crossover of all parents -> the best of parents and children survive
+               (our own design: Zhang, Hu and Zou (2021) do not say how theirs works)
     annealing  crossover and survival as above, then each candidate x moves to a neighbour x' if dJ < 0 or
                u < exp(-dJ / T), T_0 = J_max - J_min of the first generation, T_g+1 = cooling T_g; the best
                one never moves uphill (Metropolis et al., J. Chem. Phys. 21 (1953) 1087; Kirkpatrick, Gelatt
                and Vecchi, Science 220 (1983) 671-680)
     evolution  differential evolution of SciPy (Storn and Price, J. Global Optim. 11 (1997) 341-359)
 
-A candidate of the last three is (linear, shape) mapped onto the unit box, positive shape values by their
-logarithm.
-
 Supported: every static law; fixed shape values; the same state of the generator gives the same result.
 Not supported: optima in a kink to full precision, proof of the optimum.
 """
-
-from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -38,18 +32,29 @@ from symid.identification.friction.problem import (
     Projector,
 )
 from symid.ipopt import Ending, IpoptOptions, SmoothProblem, keep_last, minimise
-from symid.joint_models import FrictionLaw, build_casadi_carrier
+from symid.joint_models import build_casadi_carrier
 
 
 class FrictionNlpCost:
     """f, its gradient and Hessian, and how many points were evaluated."""
 
     def __init__(self, problem: FrictionProblem, scale: float) -> None:
+        import casadi
+
         self.problem, self.scale, self.evaluations = problem, scale, 0
-        self.function = _build_function(problem.law)
-        self.inputs = np.vstack([problem.samples.inputs[name] for name in problem.law.inputs])
-        self.size = len(problem.law.physical)
-        self.upper = np.triu_indices(self.size)
+        law, size, count = problem.law, len(problem.law.physical), len(problem.law.linear)
+        x, inputs = casadi.SX.sym("x", size), casadi.SX.sym("inputs", len(law.inputs))
+        values = casadi.mtimes(casadi.DM(np.array(law.unmixing, dtype=np.float64)), x)
+        named = {name: inputs[place] for place, name in enumerate(law.inputs)}
+        shape = [values[count + place] for place in range(len(law.shape))]
+        columns = law.columns(build_casadi_carrier(), named, shape)
+        torque = casadi.dot(values[:count], casadi.vertcat(*columns))
+        hessian, gradient = casadi.hessian(torque, x)
+        bends = casadi.vertcat(*(hessian[i, j] for i in range(size) for j in range(i, size)))
+        # x (n), inputs (i, N) -> torque (1, N), gradient (n, N), upper triangle of the Hessian.
+        self.function = casadi.Function("torque", [x, inputs], [torque, gradient, bends])
+        self.inputs = np.vstack([problem.samples.inputs[name] for name in law.inputs])
+        self.size, self.upper = size, np.triu_indices(size)
         self.compute_state = keep_last(self._compute_state)
 
     def compute_value(self, x: FloatArray) -> float:
@@ -79,24 +84,6 @@ class FrictionNlpCost:
         errors = self.problem.eliminate(passed[:, 0] - self.problem.target)
         slopes = self.problem.eliminate(passed[:, 1 : 1 + self.size])
         return errors, slopes, passed[:, 1 + self.size :].T @ errors
-
-
-def _build_function(law: FrictionLaw) -> Any:  # noqa: ANN401  # a function of casadi
-    """Return (x (n), inputs (i, N)) -> torque (1, N), gradient (n, N), upper triangle of the Hessian."""
-    import casadi
-
-    x = casadi.SX.sym("x", len(law.physical))
-    inputs = casadi.SX.sym("inputs", len(law.inputs))
-    values = casadi.mtimes(casadi.DM(np.array(law.unmixing, dtype=np.float64)), x)
-    count = len(law.linear)
-    named = {name: inputs[place] for place, name in enumerate(law.inputs)}
-    shape = [values[count + place] for place in range(len(law.shape))]
-    columns = law.columns(build_casadi_carrier(), named, shape)
-    torque = casadi.dot(values[:count], casadi.vertcat(*columns))
-    hessian, gradient = casadi.hessian(torque, x)
-    size = len(law.physical)
-    places = [hessian[i, j] for i in range(size) for j in range(i, size)]
-    return casadi.Function("torque", [x, inputs], [torque, gradient, casadi.vertcat(*places)])
 
 
 def search_by_nlp(problem: FrictionProblem, options: FrictionNlpOptions) -> FrictionSearch:
@@ -149,7 +136,7 @@ def search_by_nlp(problem: FrictionProblem, options: FrictionNlpOptions) -> Fric
 
 def _list_starts(problem: FrictionProblem, count: int) -> list[FloatArray]:
     """Return coordinates of shapes that fill the box evenly, (s,) each; one where nothing is free."""
-    low, high = problem.encode(problem.low), problem.encode(problem.high)
+    low, high = problem.box
     free = int(np.sum(problem.is_free))
     if not free:
         return [low]
@@ -170,11 +157,10 @@ class UnitBoxProblem:
     """Candidates of a problem, mapped onto the unit box of dimension `size`, and their objective, counted."""
 
     def __init__(self, problem: FrictionProblem) -> None:
-        self.problem, self.evaluations = problem, 0
+        self.problem, self.evaluations, self.history = problem, 0, list[float]()
         self.free = np.flatnonzero(problem.is_free)
-        low, high = problem.encode(problem.low), problem.encode(problem.high)
-        self.fixed = low
-        self.low = np.concatenate([problem.lower, low[self.free]])
+        self.fixed, high = problem.box
+        self.low = np.concatenate([problem.lower, self.fixed[self.free]])
         self.high = np.concatenate([problem.upper, high[self.free]])
         self.size = len(self.low)
 
@@ -194,13 +180,12 @@ class UnitBoxProblem:
     def build_search(
         self,
         options: GeneticOptions | EvolutionOptions,
-        history: list[float],
         genes: FloatArray,
         objective: float,
         *,
         iterations: int,
         converged: bool,
-        settings: tuple[tuple[str, float | int | str], ...],
+        **settings: float | str,
     ) -> FrictionSearch:
         """Return the end of a search with the best candidate, genes (d,)."""
         linear, shape = self.express(genes[None, :])
@@ -212,10 +197,10 @@ class UnitBoxProblem:
             evaluations=self.evaluations,
             solves=0,
             iterations=iterations,
-            history=tuple(history),
+            history=tuple(self.history),
             outcome=Ending.STAGNATED if converged else Ending.LIMIT,
             ended=spread if converged else f"{options.generations} generations passed",
-            settings=settings,
+            settings=tuple(settings.items()),
         )
 
 
@@ -234,15 +219,13 @@ def draw_children(genes: FloatArray, parents: FloatArray, width: float, generato
     count = len(genes)
     weights = generator.standard_normal((len(parents), count)) * (width / np.sqrt(count))
     children = np.abs(parents + weights @ (genes - np.mean(genes, axis=0)))
-    mirrored: FloatArray = 1.0 - np.abs(1.0 - np.clip(children, 0.0, 2.0))
-    return mirrored
+    return np.asarray(1.0 - np.abs(1.0 - np.clip(children, 0.0, 2.0)))
 
 
 def draw_winners(objectives: FloatArray, generator: Generator) -> NDArray[np.int64]:
     """Return the better one of two drawn at random, P times: indices (P,)."""
     first, second = generator.integers(len(objectives), size=(2, len(objectives)))
-    winners: NDArray[np.int64] = np.where(objectives[first] <= objectives[second], first, second)
-    return winners
+    return np.asarray(np.where(objectives[first] <= objectives[second], first, second))
 
 
 def choose_survivors(
@@ -261,10 +244,9 @@ def search_by_population(
     box = UnitBoxProblem(problem)
     genes = generator.random((options.population * box.size, box.size))
     objectives = box.compute_objectives(genes)
-    history = [float(np.min(objectives))]
-    temperature = float(np.max(objectives)) - history[0]
-    converged = False
-    while not converged and len(history) <= options.generations:
+    box.history.append(float(np.min(objectives)))
+    temperature, converged = float(np.max(objectives)) - box.history[0], False
+    while not converged and len(box.history) <= options.generations:
         parents = genes[draw_winners(objectives, generator)]
         children = draw_children(genes, parents, options.width, generator)
         genes, objectives = choose_survivors(genes, objectives, children, box.compute_objectives(children))
@@ -279,18 +261,18 @@ def search_by_population(
             genes = np.where(accepted[:, None], neighbours, genes)
             objectives = np.where(accepted, reached, objectives)
             temperature *= options.cooling
-        history.append(float(np.min(objectives)))
+        box.history.append(float(np.min(objectives)))
         converged = compute_spread(objectives) <= options.tolerance
     best = int(np.argmin(objectives))
-    cooling = (("cooling", options.cooling),) if options.step > 0.0 else ()
     return box.build_search(
         options,
-        history,
         genes[best],
         float(objectives[best]),
-        iterations=len(history) - 1,
+        iterations=len(box.history) - 1,
         converged=converged,
-        settings=(("population", len(genes)), ("width", options.width), *cooling),
+        population=len(genes),
+        width=options.width,
+        **({"cooling": options.cooling} if options.step > 0.0 else {}),
     )
 
 
@@ -301,12 +283,10 @@ def search_by_evolution(
     from scipy.optimize import differential_evolution
 
     box = UnitBoxProblem(problem)
-    history: list[float] = []
 
     def compute_objectives(genes: FloatArray) -> FloatArray:
         objectives = box.compute_objectives(np.atleast_2d(genes.T))
-        least = float(np.min(objectives))
-        history.append(min(history[-1], least) if history else least)
+        box.history.append(min(*box.history[-1:], float(np.min(objectives)), np.inf))
         return objectives
 
     answer = differential_evolution(
@@ -324,10 +304,10 @@ def search_by_evolution(
     )
     return box.build_search(
         options,
-        history,
         answer.x,
         float(answer.fun),
         iterations=int(answer.nit),
         converged=bool(answer.success),
-        settings=(("population", options.population * box.size), ("strategy", options.strategy)),
+        population=options.population * box.size,
+        strategy=options.strategy,
     )

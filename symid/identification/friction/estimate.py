@@ -10,8 +10,7 @@ rows, k that of the unknowns with the variance of the noise as one of them; a co
 
 Supported: one joint, one law; fixed shape values, dependent columns (a parameter with a part in the null
 space of F has no deviation).
-Not supported: noise that is correlated behind R (see `poses`); time spent, so that equal fits are equal
-files.
+Not supported: noise that is correlated behind R (see `poses`); time spent (equal fits are equal files).
 """
 
 import math
@@ -26,6 +25,8 @@ from symid.identification.estimators import ParameterEstimate
 from symid.identification.friction.samples import FrictionSamples
 from symid.ipopt import Ending
 from symid.joint_models import FrictionLaw, compute_column_derivatives, compute_columns
+
+Values = Sequence[float] | FloatArray
 
 
 class NamedParameters:
@@ -144,10 +145,7 @@ class Uncertainty(FrozenArrays):
 
 
 def compute_sensitivities(
-    samples: FrictionSamples,
-    law: FrictionLaw,
-    linear: Sequence[float] | FloatArray,
-    shape: Sequence[float] | FloatArray,
+    samples: FrictionSamples, law: FrictionLaw, linear: Values, shape: Values
 ) -> FloatArray:
     """Return F behind R: (M, p + s + k)."""
     own = compute_law_sensitivities(law, samples.inputs, linear, shape)
@@ -155,10 +153,7 @@ def compute_sensitivities(
 
 
 def compute_law_sensitivities(
-    law: FrictionLaw,
-    inputs: Mapping[str, FloatArray],
-    linear: Sequence[float] | FloatArray,
-    shape: Sequence[float] | FloatArray,
+    law: FrictionLaw, inputs: Mapping[str, FloatArray], linear: Values, shape: Values
 ) -> FloatArray:
     """Return the derivatives of a law's torque by (linear, shape): (N, p + s)."""
     values = [float(value) for value in shape]
@@ -208,11 +203,8 @@ def compute_cramer_rao(
 ) -> FloatArray:
     """Return the least standard deviations (p + s,) that any unbiased estimator can have.
 
-    Args:
-        samples: their motion; their torque is not read.
-        law: the true law.
-        physical: its true parameters, in its order.
-        noise: standard deviation of the torque behind R, N m or N.
+    The torque of `samples` is not read. `physical` are the true parameters in the order of the law, `noise`
+    is the standard deviation of the torque behind R, N m or N.
     """
     linear, shape = law.from_physical(physical)
     design = compute_sensitivities(samples, law, linear, shape)

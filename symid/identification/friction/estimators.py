@@ -5,8 +5,7 @@ FrictionSamples, FrictionLaw -> problem (one for all) -> search (the estimator) 
 A parameter is refused where the columns of the law are dependent on these samples (also where noise alone
 makes them independent: one speed, one direction); where the law without the term explains the samples as
 well (chi-square, 0.01 %); where no row is slower than the Stribeck velocity; where the deviation of a shape
-value exceeds half of it; where only refused terms depend on it. Speeds are those of rows
-that are fitted, behind filters and decimation.
+value exceeds half of it; where only refused terms depend on it.
 
 Supported: the estimators in `ESTIMATORS`; "varpro" is the default for its exact optimum and its few solves.
 Not supported: several joints at once; naming a law that fits better (`selection`).
@@ -50,10 +49,6 @@ _FEW = 20
 _EDGE = 1e-6
 _NEAR = 0.01
 """Deviations from a bound up to which a value is at it."""
-_PULL = 0.02
-"""Deviations of the optimum beyond a bound from which the bound is active."""
-_BUMPS = frozenset({"Fs", "Fsp", "Fsn", "Fls"})
-"""Static friction less Coulomb friction."""
 
 
 def list_refusals(
@@ -149,11 +144,8 @@ def _refuse_shapes(problem: FrictionProblem, search: FrictionSearch) -> dict[str
 def _list_dependents(law: FrictionLaw, terms: list[int], places: list[int]) -> list[str]:
     """Return names of physical parameters that hold one of the shape values or of the linear terms."""
     lost = {*terms, *(len(law.linear) + place for place in places)}
-    return [
-        entry.name
-        for entry, row in zip(law.physical, law.mixing, strict=True)
-        if any(row[index] for index in lost)
-    ]
+    entries = zip(law.physical, law.mixing, strict=True)
+    return [entry.name for entry, row in entries if any(row[index] for index in lost)]
 
 
 def _is_as_good(
@@ -196,8 +188,8 @@ def list_fit_notices(
     problem: FrictionProblem, search: FrictionSearch, refused: dict[str, str], held: dict[str, str]
 ) -> tuple[Notice, ...]:
     """Return the warnings of a fit; `held` is what `list_active_bounds` found."""
-    law, found = problem.law, []
-    found += [("refused", f"{name} is not identifiable: {reason}") for name, reason in refused.items()]
+    law = problem.law
+    found = [("refused", f"{name} is not identifiable: {reason}") for name, reason in refused.items()]
     rows = build_friction_rows(problem.samples).velocity
     if is_one_sided(rows):
         text = "the joint moves in one direction only: friction in the other direction is not identifiable"
@@ -211,7 +203,9 @@ def list_fit_notices(
             )
             found.append(("few-slow", text))
     found += [("at-bound", f"{name} is {text}") for name, text in held.items() if name not in refused]
-    bumps = [value for entry, value in zip(law.linear, search.linear, strict=True) if entry.name in _BUMPS]
+    # Static friction less Coulomb friction.
+    named = zip(law.linear, search.linear, strict=True)
+    bumps = [value for entry, value in named if entry.name in {"Fs", "Fsp", "Fsn", "Fls"}]
     if min(bumps, default=0.0) < 0.0 and not any(name.startswith(("fS", "fE")) for name in refused):
         text = (
             "static friction is estimated below Coulomb friction. This joint may have no break-away "
@@ -248,7 +242,7 @@ def list_active_bounds(
         std = float(uncertainty.physical[k])
         if entry.name in places:
             side = locate_edge(problem, search, places[entry.name])
-        elif not np.isfinite(std) or abs(slopes[k]) * std <= _PULL * variance:
+        elif not np.isfinite(std) or abs(slopes[k]) * std <= 0.02 * variance:
             continue
         elif slopes[k] > 0.0:
             side = "lower" if values[k] - least[k] <= _NEAR * std else ""
@@ -285,12 +279,8 @@ def fit_friction(
 ) -> FrictionEstimate:
     """Return the law's parameters and their uncertainty.
 
-    Args:
-        samples: of one joint.
-        law: what is fitted.
-        estimator: one of `ESTIMATORS`.
-        options: bounds, effort, tolerances; None for the defaults.
-        generator: of a stochastic search; None for a new one from `options.seed`.
+    `estimator` is one of `ESTIMATORS`; `generator` that of a stochastic search, by default a new one from
+    `options.seed`.
 
     Raises:
         UsageError: no such estimator, or one that cannot fit this law to these samples.

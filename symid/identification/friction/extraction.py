@@ -59,10 +59,7 @@ def fold_recording(recording: Recording, period: float, *, margin: int | None = 
     margin = samples if margin is None else margin
     places = np.arange(-margin, samples + margin)
     text = f"{periods} periods of {period:g} s were averaged (--period)"
-    notices = (
-        Notice(code="log.folded", text=text, file=recording.source),
-        *_warn_of_drift(position, recording),
-    )
+    folded = Notice(code="log.folded", text=text, file=recording.source)
     return replace(
         recording,
         time=recording.time[0] + np.arange(len(places)) * period / samples,
@@ -72,7 +69,7 @@ def fold_recording(recording: Recording, period: float, *, margin: int | None = 
         motor_position=None,
         link_position=None,
         extras={},
-        notices=(*recording.notices, *notices),
+        notices=(*recording.notices, folded, *_warn_of_drift(position, recording)),
     )
 
 
@@ -111,12 +108,6 @@ def _warn_of_drift(position: FloatArray, recording: Recording) -> tuple[Notice, 
     if float(np.max(apart)) > 0.1 * float(np.max(spread)):
         raise LogError(notice)
     return (notice,)
-
-
-_MANY = 6
-"""Columns of the rigid part, fitted along, from which more bias friction."""
-_LOADED = 0.5
-"""Part of the squared torque beside friction that a rigid part leaves at most, to count as a load."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -196,8 +187,7 @@ def list_physical_columns(
 def list_independent(columns: FloatArray) -> list[int]:
     """Return which columns of (N, p) are linearly independent of those before them."""
     lengths = np.linalg.norm(columns, axis=0)
-    basis: list[FloatArray] = []
-    kept = []
+    basis, kept = list[FloatArray](), []
     least = 1e-10 * max(float(lengths.max(initial=0.0)), float(np.finfo(float).tiny))
     for k, length in enumerate(lengths):
         if length <= least:
@@ -222,7 +212,7 @@ def _estimate_load(rigid: FloatArray, velocity: FloatArray, torque: FloatArray) 
     solution = np.linalg.lstsq(columns, torque, rcond=None)[0]
     alone = np.linalg.lstsq(friction, torque, rcond=None)[0]
     left, without = torque - columns @ solution, torque - friction @ alone
-    if float(np.sum(left**2)) > _LOADED * float(np.sum(without**2)):
+    if float(np.sum(left**2)) > 0.5 * float(np.sum(without**2)):
         return None
     return freeze(rigid @ solution[: rigid.shape[1]])
 
@@ -246,19 +236,14 @@ class JointLogs:
 
     def list_moving(self, joint: int) -> tuple[int, ...]:
         """Return which recordings move a joint."""
-        return tuple(
-            k
-            for k, (resting, carried) in enumerate(zip(self.resting, self.carried, strict=True))
-            if joint not in (*resting, *carried)
-        )
+        held = enumerate(zip(self.resting, self.carried, strict=True))
+        return tuple(k for k, (resting, carried) in held if joint not in (*resting, *carried))
 
     def list_alone(self, joint: int) -> tuple[int, ...]:
         """Return which recordings move this joint and no other."""
-        return tuple(
-            k
-            for k in self.list_moving(joint)
-            if len((*self.resting[k], *self.carried[k])) == self.signals[k].q.shape[1] - 1
-        )
+        others = self.signals[0].q.shape[1] - 1
+        moving = self.list_moving(joint)
+        return tuple(k for k in moving if len((*self.resting[k], *self.carried[k])) == others)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -286,10 +271,8 @@ def prepare_joint_logs(
             "both ways, slowly and fast"
         )
         raise IdentifiabilityError(Notice(code="identify.standstill", text=text))
-    signals = tuple(
-        hold_resting_joints(prepare_signals(recording, processing), still)
-        for recording, still in zip(recordings, resting, strict=True)
-    )
+    pairs = zip(recordings, resting, strict=True)
+    signals = tuple(hold_resting_joints(prepare_signals(one, processing), still) for one, still in pairs)
     kinds = np.array([joint.kind == "prismatic" for joint in library.card.joints])
     carried = []
     for entry in signals:
@@ -350,7 +333,7 @@ def extract_joint(
             load=_estimate_load(rigid.columns, plain.velocity, plain.torque),
         )
     samples, notices = _leave_out_slow(samples, logs.processing.standstill)
-    if beta is None and len(rigid.names) > _MANY:
+    if beta is None and len(rigid.names) > 6:
         text = (
             f"joint {card.name!r}: {len(rigid.names)} columns of the rigid part were fitted along, which "
             "can bias friction. Move one joint at a time, or give the base parameters of all joints with "

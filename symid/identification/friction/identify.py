@@ -33,7 +33,7 @@ from symid.identification.friction.poses import compare_poses, warn_of_friction_
 from symid.identification.friction.problem import FrictionOptions
 from symid.identification.friction.results import FrictionIdentification, JointFriction
 from symid.identification.friction.samples import FrictionSamples, build_friction_rows, compute_velocity_map
-from symid.identification.friction.selection import CANDIDATE_LAWS, LawSelection, predict_rows, select_law
+from symid.identification.friction.selection import CANDIDATE_LAWS, predict_rows, select_law
 from symid.joint_models import FrictionLaw, compute_columns, get_law
 from symid.logs import Recording, cut_ends
 from symid.robot import Processing
@@ -77,12 +77,7 @@ def identify_friction(
 ) -> FrictionIdentification:
     """Return the friction of every joint that the recordings move.
 
-    Args:
-        library: the robot's functions.
-        recordings: at least one, all of the same robot.
-        processing: filter, cut ends and decimation, the same for all of them.
-        task: the law, estimator and options.
-        echo: further settings to keep with the result.
+    `recordings` are at least one, all of the same robot; `echo` are further settings to keep with the result.
 
     Raises:
         UsageError: no such law or estimator, or no recording; a smoothing that the law has no use for.
@@ -105,11 +100,9 @@ def identify_friction(
             refused.append((card.name, "; ".join(entry.text for entry in error.notices)))
             continue
         joints.append(found)
-        skipped = found.poses.skipped if found.poses else ()
-        notices += tuple(
-            Notice(code="friction.pose-skipped", text=f"{held}: not in the comparison of poses: {reason}")
-            for held, reason in skipped
-        )
+        for held, reason in found.poses.skipped if found.poses else ():
+            text = f"{held}: not in the comparison of poses: {reason}"
+            notices += (Notice(code="friction.pose-skipped", text=text),)
         notices += extracted.notices
         notices += tuple(
             replace(entry, text=f"joint {card.name!r}: {entry.text}") for entry in found.estimate.notices
@@ -170,10 +163,9 @@ def _fold(
     """Return mean periods, repeated on both sides, and the processing that cuts these ends off."""
     cut = [cut_ends(entry, processing.drop_first, processing.drop_last) for entry in recordings]
     each = periods if len(periods) == len(cut) else [periods[0]] * len(cut)
-    margin = max(round(period / entry.period) for entry, period in zip(cut, each, strict=True))
-    folded = tuple(
-        fold_recording(entry, period, margin=margin) for entry, period in zip(cut, each, strict=True)
-    )
+    pairs = list(zip(cut, each, strict=True))
+    margin = max(round(period / entry.period) for entry, period in pairs)
+    folded = tuple(fold_recording(entry, period, margin=margin) for entry, period in pairs)
     codes = {"log.folded", _NOT_PERIODIC}
     notices = tuple(notice for entry in folded for notice in entry.notices if notice.code in codes)
     return folded, replace(processing, drop_first=margin, drop_last=margin), notices
@@ -183,8 +175,7 @@ def _identify_joint(
     library: Library, logs: JointLogs, joint: int, extracted: ExtractedJoint, task: FrictionTask
 ) -> JointFriction:
     samples, card = extracted.samples, library.card.joints[joint]
-    selection: LawSelection | None = None
-    name = task.model
+    selection, name = None, task.model
     if name == AUTO:
         # Bounds by name hold for one law.
         options = replace(task.options, bounds=())

@@ -4,15 +4,11 @@
     min over values of  sum over windows, sum over k > 20 of (x(k; values) - x_measured(k))^2
 
 Each step is the exact solution of the equation linearised at its start, and ends where the velocity changes
-its sign: x and v follow from (exp(z) - 1) / z and its integral, the moment of rest from a logarithm.
-Friction that is linear in the velocity by direction is exact to rounding; other laws to the third power of
-the step. At rest the axis stays as long as the force lies between the friction on its two sides. A window
-is simulated without feedback from a parabola through its first 20 samples. The error of a long run has many
-local minima, one for every moment of rest: values fitted in short windows are the start for long ones.
-
-Models are compared on blocks of the run, each held out of a fit to the whole run. Of all models within one
-standard error of the best, the one with the fewest values is taken (Breiman, Friedman, Olshen and Stone
-1984).
+its sign: exact to rounding for friction that is linear in the velocity by direction, to the third power of
+the step for other laws. At rest the axis stays while the force lies between the friction on its two sides.
+A window starts from a parabola through its first 20 samples. The error of a long run has many local minima:
+values fitted in short windows are the start for long ones. Models are compared on held-out blocks of the
+run, by the one-standard-error rule (Breiman, Friedman, Olshen and Stone 1984).
 
 Supported: every static law, with the terms of `AXIS_TERMS`; exact derivatives of the steps; one run, cut
 into windows of any length.
@@ -65,12 +61,8 @@ class AxisModel:
     terms: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        taken = {parameter.name for parameter in self.law.linear}
-        wrong = [
-            name
-            for k, name in enumerate(self.terms)
-            if name not in AXIS_TERMS or name in taken or name in self.terms[:k]
-        ]
+        free = AXIS_TERMS.keys() - {parameter.name for parameter in self.law.linear}
+        wrong = [name for k, name in enumerate(self.terms) if name not in free or name in self.terms[:k]]
         if wrong:
             text = (
                 f"terms {', '.join(wrong)}: unknown, given twice, or already in law {self.law.name!r}; "
@@ -128,14 +120,9 @@ def simulate_axis(
 ) -> FloatArray:
     """Return positions and velocities at the samples of a force, and their derivatives: (2, N) or more.
 
-    Args:
-        model: of the axis.
-        values: (p,) in the order of its `parameters`.
-        force: (N,) N m or N; held from its sample to the next.
-        period: of the samples in s.
-        start: position, velocity and time at the first sample.
-        substeps: of each period; one is exact for laws that are linear by direction.
-        rates: whether exact derivatives by the values are added: p rows of dx/dvalues, p of dv/dvalues.
+    `values` (p,) are the model's `parameters`; `force` (N,) N m or N is held over each `period` (s); `start`:
+    position, velocity and time at the first sample. One of `substeps` a period is exact for laws that are
+    linear by direction. `rates` adds exact derivatives: p rows of dx/dvalues, p of dv/dvalues.
     """
     state = np.zeros(2 * (1 + len(values)) if rates else 2)
     state[:2] = start[:2]
@@ -257,11 +244,8 @@ def _compute_time_to_rest(speed: Any, pull: Any, rate: Any, stops: Any) -> Any: 
 GIVEN = 20
 """Samples that a simulation may look at."""
 _FEWEST = 2 * GIVEN
-_TOLERANCE = 1e-7
 _WORST = 1e3
 """Error in m or rad of a simulation that diverged."""
-
-
 AxisStates = tuple[FloatArray, FloatArray, FloatArray]
 """Position, velocity and acceleration (N,) at the samples of a run."""
 
@@ -282,9 +266,9 @@ class AxisRun:
     def __post_init__(self) -> None:
         """Copy the arrays, make them read-only, check them."""
         freeze_fields(self)
-        sizes, text = (self.position.shape, self.force.shape), ""
-        if sizes[0] != sizes[1] or len(sizes[0]) != 1 or sizes[0][0] < _FEWEST:
-            text = f"position {sizes[0]} and force {sizes[1]} must be alike, {_FEWEST} samples or more each"
+        size, other, text = self.position.shape, self.force.shape, ""
+        if size != other or len(size) != 1 or size[0] < _FEWEST:
+            text = f"position {size} and force {other} must be alike, {_FEWEST} samples or more each"
         elif not (np.all(np.isfinite(self.position)) and np.all(np.isfinite(self.force))):
             text = "position and force must be finite numbers throughout"
         if text:
@@ -347,16 +331,14 @@ def compute_output_error(
     parts = []
     for window in windows:
         samples = np.arange(window.first + GIVEN, window.last)
-        counted = np.ones(len(samples), dtype=np.bool_)
-        if left_out is not None:
-            counted = (samples < left_out.first) | (samples >= left_out.last)
+        skipped = left_out or Window(0, 0)
+        counted = (samples < skipped.first) | (samples >= skipped.last)
         force = run.force[window.first + GIVEN - 1 : window.last]
         start = estimate_axis_start(run, window.first)
         states = simulate_axis(model, values, force, run.period, start, rates=rates)[:, 1:]
         part = states[2 : 2 + len(values)].T if rates else states[0] - run.position[samples]
         parts.append(part[counted])
-    errors: FloatArray = np.clip(np.nan_to_num(np.concatenate(parts), nan=_WORST), -_WORST, _WORST)
-    return errors
+    return np.asarray(np.clip(np.nan_to_num(np.concatenate(parts), nan=_WORST), -_WORST, _WORST))
 
 
 def compute_window_rmse(
@@ -373,12 +355,8 @@ def fit_force(
     """Return the values with the least error of force on the samples in `windows`, for a law's shape."""
     rows = np.concatenate([np.arange(window.first, window.last) for window in windows])
     position, velocity, acceleration = (values[rows] for values in states)
-    inputs = {
-        "velocity": velocity,
-        "position": position,
-        "load": run.force[rows],
-        "time": run.begin + run.period * rows,
-    }
+    inputs = {"velocity": velocity, "position": position, "load": run.force[rows]}
+    inputs["time"] = run.begin + run.period * rows
     columns = np.column_stack([acceleration, compute_force_columns(model, inputs, shape)])
     return np.concatenate([solve_scaled(columns, run.force[rows]), np.asarray(shape, dtype=np.float64)])
 
@@ -417,8 +395,8 @@ def fit_output_error(
                 jac=lambda values: compute_output_error(model, values, run, windows, left_out, rates=True),
                 bounds=(lower, upper),
                 x_scale="jac",
-                xtol=_TOLERANCE,
-                ftol=_TOLERANCE,
+                xtol=1e-7,
+                ftol=1e-7,
                 gtol=None,
                 max_nfev=40,
             )
@@ -479,18 +457,12 @@ def fit_whole_run(
 ) -> OutputErrorFit:
     """Return the fit to a run simulated as one window, started from a fit of forces, then of shorter windows.
 
-    Args:
-        model: of the axis.
-        run: its recording.
-        plan: of the search.
-        left_out: samples that no fit uses.
-        generator: of the restarts.
+    No fit uses the samples `left_out`; `generator` draws the restarts.
     """
     whole = Window(0, len(run.force))
-    parts = [whole]
-    if left_out is not None:
-        sides = Window(0, left_out.first), Window(left_out.last, whole.last)
-        parts = [side for side in sides if side.last > side.first]
+    skipped = left_out or Window(0, 0)
+    sides = Window(0, skipped.first), Window(skipped.last, whole.last)
+    parts = [side for side in sides if side.last > side.first]
     position = low_pass(run.position, period=run.period, cutoff=plan.cutoff, order=4)
     velocity = differentiate(position, run.period)
     states = position, velocity, differentiate(velocity, run.period)
@@ -532,15 +504,9 @@ def choose_axis_trial(trials: Sequence[AxisTrial]) -> AxisTrial:
 def build_axis_samples(
     recording: Recording, processing: Processing, *, terms: Sequence[str] = ()
 ) -> FrictionSamples:
-    """Return the samples of a prismatic axis, with its mass as unknown.
+    """Return the samples of a prismatic axis, with its mass as unknown and `terms` of `AXIS_TERMS` beside it.
 
-    Args:
-        recording: of a robot with one joint.
-        processing: filter, ends cut, decimation.
-        terms: of `AXIS_TERMS`.
-
-    Raises:
-        LogError: the recording has another number of joints, or cannot be filtered.
+    Raises LogError where the recording has not one joint, or cannot be filtered.
     """
     _check_single(recording)
     signals = prepare_signals(recording, processing)
@@ -561,11 +527,7 @@ def build_axis_samples(
 
 
 def build_axis_run(recording: Recording) -> AxisRun:
-    """Return position and force of an axis as recorded, for simulations.
-
-    Raises:
-        LogError: the recording has another number of joints.
-    """
+    """Return position and force of an axis as recorded; raise LogError for another number of joints."""
     _check_single(recording)
     return AxisRun(
         position=recording.position[:, 0],

@@ -7,11 +7,10 @@ Samples, law, fit -> PatternCovariance, a warning; recordings at several poses -
     mean weighted by w_p,   h = sum_p (1 - w_p / sum w)^2 / f_p
     T ~ F(poses - 1, (poses^2 - 1) / (3 h))                                   (Welch 1951)
 
-Omega is estimated in three ways, and the largest variance holds: white noise; products of the residual over
-blocks of consecutive rows (Liang and Zeger 1986); an autoregression of the residual of each recording, its
-order by AIC, J' Omega J as an integral of its spectrum, its gain at rest corrected for the bias of short
-records (towards one, by (1 + k + 2 order) / rows). A variance f times that of white noise has 1/f of the
-rows as degrees of freedom f_p.
+Omega is the worst of three: white noise; products of the residual over blocks of consecutive rows (Liang
+and Zeger 1986); the spectrum of an autoregression of each recording's residual, its order by AIC, its gain
+at rest corrected for the bias of short records by (1 + k + 2 order) / rows. A variance f times that of white
+noise has 1/f of the rows as degrees of freedom f_p.
 
 Supported: several recordings, each with noise of its own; several recordings of one pose, fitted together.
 Not supported: noise whose size changes with velocity, other than over blocks; poses that differ in load or
@@ -61,10 +60,8 @@ class PatternCovariance(FrozenArrays):
         )
         most = np.maximum(np.maximum(white, blocks), memory)
         share = np.where(most > 0.0, white / np.where(most > 0.0, most, 1.0), 1.0)
-        freedom = self.freedom * share
-        freedom = np.where(
-            (blocks >= most) & (most > white), np.minimum(freedom, self.block_freedom), freedom
-        )
+        freedom, by_blocks = self.freedom * share, (blocks >= most) & (most > white)
+        freedom = np.where(by_blocks, np.minimum(freedom, self.block_freedom), freedom)
         return np.sqrt(most), np.maximum(freedom, 1.0)
 
 
@@ -87,7 +84,6 @@ def estimate_pattern_covariance(
         members = np.flatnonzero(rows.run == run)
         memory += _integrate_spectrum(error[members], scaled[members], unknowns) * len(error) / freedom
     blocks *= count / max(count - 1, 1)
-
     spread = scales[:, None] * inverse
     return PatternCovariance(
         white=np.array(estimate.covariance, dtype=np.float64),
@@ -113,8 +109,7 @@ def _integrate_spectrum(error: FloatArray, design: FloatArray, unknowns: int) ->
     weight = variance / np.abs(1.0 - powers @ factors) ** 2
     weight[1:-1] *= 2.0
     passed = np.fft.rfft(design, size, axis=0)
-    found: FloatArray = ((passed.conj() * weight[:, None]).T @ passed).real / size
-    return found
+    return np.asarray(((passed.conj() * weight[:, None]).T @ passed).real / size)
 
 
 def _fit_autoregression(error: FloatArray) -> tuple[FloatArray, float]:
@@ -137,24 +132,19 @@ def _fit_autoregression(error: FloatArray) -> tuple[FloatArray, float]:
 
 
 def compute_robust_deviations(
-    samples: FrictionSamples, law: FrictionLaw, estimate: FrictionEstimate
+    samples: FrictionSamples,
+    law: FrictionLaw,
+    estimate: FrictionEstimate,
+    covariance: PatternCovariance | None = None,
 ) -> dict[str, tuple[float, float]]:
     """Return (deviation, degrees of freedom) of the law's identifiable parameters."""
-    return _list_deviations(law, estimate, estimate_pattern_covariance(samples, law, estimate))
-
-
-def _list_deviations(
-    law: FrictionLaw, estimate: FrictionEstimate, covariance: PatternCovariance
-) -> dict[str, tuple[float, float]]:
+    covariance = covariance or estimate_pattern_covariance(samples, law, estimate)
     mixing = np.zeros((len(law.physical), len(covariance.white)))
     mixing[:, : len(law.linear) + len(law.shape)] = np.array(law.mixing, dtype=np.float64)
     found = np.array(covariance.compute_deviations(mixing)).T.tolist()
     known = {entry.name for entry in estimate.parameters}
-    return {
-        entry.name: (deviation, freedom)
-        for entry, (deviation, freedom) in zip(law.physical, found, strict=True)
-        if entry.name in known
-    }
+    pairs = zip(law.physical, found, strict=True)
+    return {entry.name: (std, freedom) for entry, (std, freedom) in pairs if entry.name in known}
 
 
 def warn_of_friction_pattern(
@@ -176,8 +166,6 @@ def warn_of_friction_pattern(
 CONFIDENCE = 1.959963984540054
 """Standard deviations on either side of a 95 % interval."""
 _SIGNIFICANT = 0.01
-_SAME_POSE = 0.02
-"""Difference of the others' positions, rad or m, up to which poses count as one."""
 _COARSE = 0.2
 """Change of the friction curve by chance, over the largest friction, up to which poses can be compared."""
 
@@ -213,10 +201,8 @@ class PoseParameter:
             from scipy.stats import t
 
             half = [float(t.ppf(0.975, freedom)) for freedom in self.freedom]
-        return tuple(
-            (value - factor * std, value + factor * std)
-            for value, std, factor in zip(self.values, self.stds, half, strict=True)
-        )
+        triples = zip(self.values, self.stds, half, strict=True)
+        return tuple((value - factor * std, value + factor * std) for value, std, factor in triples)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -260,7 +246,8 @@ def list_poses(library: Library, logs: JointLogs, joint: int) -> tuple[HeldPose,
     groups: list[tuple[FloatArray, list[int]]] = []
     for run in logs.list_alone(joint):
         place = logs.signals[run].q[:, others].mean(axis=0)
-        near = [entry for entry in groups if np.all(np.abs(entry[0] - place) <= _SAME_POSE)]
+        # Up to 0.02 rad or m apart, poses count as one.
+        near = [entry for entry in groups if np.all(np.abs(entry[0] - place) <= 0.02)]
         if near:
             near[0][1].append(run)
         else:
@@ -285,9 +272,7 @@ def compare_poses(
     poses = list_poses(library, logs, joint)
     if len(poses) < 2:
         return None
-    fits: list[_PoseFit] = []
-    fitted: list[HeldPose] = []
-    skipped: list[tuple[str, str]] = []
+    fits, fitted, skipped = list[_PoseFit](), list[HeldPose](), list[tuple[str, str]]()
     for pose in poses:
         try:
             samples = extract_joint(library, logs, joint, runs=pose.runs, beta=beta).samples
@@ -298,7 +283,7 @@ def compare_poses(
         covariance = estimate_pattern_covariance(samples, law, estimate)
         speeds = np.abs(build_friction_rows(samples).velocity)
         slow, fast = float(np.quantile(speeds, 0.02)), float(speeds.max())
-        deviations = _list_deviations(law, estimate, covariance)
+        deviations = compute_robust_deviations(samples, law, estimate, covariance)
         fits.append(_PoseFit(estimate, deviations, covariance, slow, fast))
         fitted.append(pose)
     parameters = _compare_parameters(law, fits) if len(fits) > 1 else ()
@@ -390,7 +375,12 @@ def _write_verdict(
     limit = _SIGNIFICANT / len(parameters)
     apart = [entry for entry in parameters if entry.chance < limit]
     size = "" if change is None else f"; between poses the friction curve changes by {100 * change[0]:.2g} %"
-    coarse = change is None and all(map(_is_coarse, parameters))
+    # The widest interval exceeds the value at the pose with the smallest deviation.
+    coarse = change is None and all(
+        max(0.5 * (high - low) for low, high in entry.intervals)
+        > abs(entry.values[int(np.argmin(entry.stds))])
+        for entry in parameters
+    )
     shown = ", ".join(
         f"{entry.name} ({min(entry.values):.4g} to {max(entry.values):.4g} {entry.unit}".rstrip() + ")"
         for entry in apart or parameters
@@ -410,9 +400,3 @@ def _write_verdict(
         rest = "the other parameters are not identifiable at all poses"
         return f"{head} shows no significant difference between these {poses} poses in {names}; {rest}"
     return f"{head} does not depend on the pose: no significant difference between these {poses} poses{size}"
-
-
-def _is_coarse(entry: PoseParameter) -> bool:
-    """Return whether the widest interval exceeds the value at the pose with the smallest deviation."""
-    surest = abs(entry.values[int(np.argmin(entry.stds))])
-    return max(0.5 * (high - low) for low, high in entry.intervals) > surest

@@ -36,9 +36,6 @@ from symid.joint_models import (
 
 LINEAR_PARAMETERS = ("sigma1", "fV")
 """Parameters that the torque is linear in; they may be zero, the others not."""
-_STIFFNESSES = 16
-"""Points of the grid over sigma0 / fC; the best `_STARTS` of the whole grid are refined."""
-_STARTS = 2
 _LARGEST_STD = 0.5
 """Relative standard deviation beyond which a parameter is refused."""
 _REACH = float(np.log(1e5))
@@ -150,7 +147,7 @@ def _build_grid(problem: PreslidingProblem) -> list[list[float]]:
     moved = np.abs(path.held) * path.period
     shortest = float(np.quantile(moved[moved > 0], 0.05))
     longest = float(np.ptp(problem.samples.position)) if problem.samples.position is not None else 1.0
-    slopes = np.geomspace(0.5 / longest, 1.0 / max(shortest, 1e-6 * longest), _STIFFNESSES)
+    slopes = np.geomspace(0.5 / longest, 1.0 / max(shortest, 1e-6 * longest), 16)
     stribeck = "vs" in names
     speeds = np.quantile(np.abs(path.held)[moved > 0], (0.2, 0.6)) if stribeck else np.ones(1)
     given = {"fC": 1.0, "sigma1": 0.0, "fV": 0.0, "gamma": 2.0}
@@ -193,10 +190,7 @@ def fit_presliding(
 ) -> PreslidingEstimate:
     """Return the parameters of a law with a state, all from the same samples.
 
-    Args:
-        samples: with positions.
-        law: what is fitted.
-        fixed: parameters that are not fitted; those that the law lacks are ignored.
+    `samples` have positions; `fixed` parameters are not fitted, those that the law lacks are ignored.
 
     Raises:
         IdentifiabilityError: no positions, nothing moves, or there are fewer rows than unknowns.
@@ -211,9 +205,8 @@ def fit_presliding(
     beside = samples.extra.shape[1]
     unknowns = sum(name not in fixed for name in law.names) + beside
     if target.size <= unknowns:
-        text = (
-            f"joint {samples.joint!r}: {target.size} rows are too few for {unknowns} unknowns of {law.name!r}"
-        )
+        few = f"{target.size} rows are too few for {unknowns} unknowns of {law.name!r}"
+        text = f"joint {samples.joint!r}: {few}"
         raise IdentifiabilityError(Notice(code="friction.few-rows", text=text))
     problem = PreslidingProblem(
         samples=samples,
@@ -237,7 +230,7 @@ def fit_presliding(
             ftol=1e-10,
             gtol=1e-10,
         )
-        for _, start in grid[:_STARTS]
+        for _, start in grid[:2]
     ]
     best = min(searches, key=lambda search: search.cost)
     evaluations = 2 * len(grid) + sum(int(search.nfev) for search in searches)
@@ -258,17 +251,6 @@ def _list_bounds(problem: PreslidingProblem, start: FloatArray) -> tuple[FloatAr
     return lower, upper
 
 
-def _is_flat(problem: PreslidingProblem, values: list[float], covariance: FloatArray) -> bool:
-    """Return whether static and Coulomb friction differ by less than three standard deviations."""
-    names = [problem.law.names[k] for k in problem.free]
-    if "fS" not in names or "fC" not in names:
-        return False
-    difference = np.zeros(len(covariance))
-    difference[names.index("fS")], difference[names.index("fC")] = 1.0, -1.0
-    gap = float(difference[: len(names)] @ np.array(values)[problem.free])
-    return gap**2 < 9.0 * float(difference @ covariance @ difference)
-
-
 def _sort_entries(
     problem: PreslidingProblem, values: list[float], other: FloatArray, covariance: FloatArray, damping: float
 ) -> tuple[list[ParameterEstimate], list[tuple[str, str]]]:
@@ -279,7 +261,12 @@ def _sort_entries(
     names = [*(entry.name for entry in fitted), *samples.extra_names]
     units = (*(entry.unit_prismatic if samples.prismatic else entry.unit for entry in fitted), *units)
     found = [*(values[k] for k in problem.free), *other.tolist()]
-    flat = _is_flat(problem, values, covariance)
+    flat, difference = False, np.zeros(len(covariance))
+    if "fS" in names and "fC" in names:
+        # Static and Coulomb friction differ by less than three standard deviations.
+        difference[names.index("fS")], difference[names.index("fC")] = 1.0, -1.0
+        gap = float(difference[: len(fitted)] @ np.array(values)[problem.free])
+        flat = gap**2 < 9.0 * float(difference @ covariance @ difference)
     identified, refused = [], []
     stds = np.sqrt(np.diag(covariance)).tolist()
     for name, unit, value, std in zip(names, units, found, stds, strict=True):
@@ -298,8 +285,7 @@ def _sort_entries(
             ends = [end for entry in fitted if entry.name == name for end in (entry.lower, entry.upper)]
             held = any(abs(value - end) <= 1e-4 * abs(end) for end in ends if end)
             reason = "at its bound, zero" if at_zero else f"at its bound, {value:.3g}" if held else ""
-            entry = ParameterEstimate(name=name, value=value, std=std, unit=unit, reason=reason)
-            identified.append(entry)
+            identified.append(ParameterEstimate(name=name, value=value, std=std, unit=unit, reason=reason))
     return identified, refused
 
 

@@ -211,6 +211,11 @@ class FrictionProblem(FrozenArrays):
         values[..., self.is_logarithmic] = np.log(values[..., self.is_logarithmic])
         return values
 
+    @property
+    def box(self) -> tuple[FloatArray, FloatArray]:
+        """Return the bounds (s,) of the coordinates."""
+        return self.encode(self.low), self.encode(self.high)
+
     def decode(self, z: FloatArray) -> FloatArray:
         """Return shape values of coordinates z (..., s), between the bounds."""
         values = np.array(z, dtype=np.float64)
@@ -233,27 +238,23 @@ class FrictionProblem(FrozenArrays):
 
     def compute_objectives(self, linear: FloatArray, shape: FloatArray) -> FloatArray:
         """Return J of many candidates, linear (P, p) and shape (P, s): (P,)."""
-        chunk = max(1, _BATCH // self.samples.count)
-        parts = [
-            self._compute_chunk(linear[begin : begin + chunk], shape[begin : begin + chunk])
-            for begin in range(0, len(linear), chunk)
-        ]
-        return np.concatenate(parts)
-
-    def _compute_chunk(self, linear: FloatArray, shape: FloatArray) -> FloatArray:
+        chunk, totals = max(1, _BATCH // self.samples.count), []
         inputs = {name: values[None, :] for name, values in self.samples.inputs.items()}
-        lifted = [shape[:, place, None] for place in range(shape.shape[1])]
-        torque = np.zeros((len(linear), self.samples.count))
-        for place, column in enumerate(self.law.columns(build_numpy_carrier(), inputs, lifted)):
-            torque += linear[:, place, None] * column
-        if self.samples.reduce is not None:
-            torque = self.samples.pass_columns(np.ascontiguousarray(torque.T)).T
-        errors = torque - self.target
-        total: FloatArray = np.einsum("pm,pm->p", errors, errors)
-        if self.basis.shape[1]:
-            # |(1 - B B') e|^2 = |e|^2 - |B' e|^2, for y has no part in B.
-            total = total - np.sum((errors @ self.basis) ** 2, axis=1)
-        return np.maximum(total, 0.0)
+        for begin in range(0, len(linear), chunk):
+            factors, values = linear[begin : begin + chunk], shape[begin : begin + chunk]
+            lifted = [values[:, place, None] for place in range(values.shape[1])]
+            torque = np.zeros((len(factors), self.samples.count))
+            for place, column in enumerate(self.law.columns(build_numpy_carrier(), inputs, lifted)):
+                torque += factors[:, place, None] * column
+            if self.samples.reduce is not None:
+                torque = self.samples.pass_columns(np.ascontiguousarray(torque.T)).T
+            errors = torque - self.target
+            total: FloatArray = np.einsum("pm,pm->p", errors, errors)
+            if self.basis.shape[1]:
+                # |(1 - B B') e|^2 = |e|^2 - |B' e|^2, for y has no part in B.
+                total = total - np.sum((errors @ self.basis) ** 2, axis=1)
+            totals.append(np.maximum(total, 0.0))
+        return np.concatenate(totals)
 
 
 def build_problem(samples: FrictionSamples, law: FrictionLaw, options: FrictionOptions) -> FrictionProblem:
@@ -384,19 +385,14 @@ class Projector:
         """Return Kaufman's Jacobian by the coordinates z: (M, s)."""
         rates = self.problem.compute_rates(state.shape, state.linear)
         rates = rates * np.where(self.problem.is_logarithmic, state.shape, 1.0)
-        jacobian: FloatArray = state.basis @ (state.basis.T @ rates) - rates
-        return jacobian
+        return np.asarray(state.basis @ (state.basis.T @ rates) - rates)
 
     def record(self, *states: Projection) -> None:
         """Append the least objective so far to the history."""
         self.history.append(min(*self.history[-1:], *(state.objective for state in states), np.inf))
 
     def build_search(
-        self,
-        state: Projection,
-        outcome: Ending,
-        ended: str,
-        settings: tuple[tuple[str, float | int | str], ...] = (),
+        self, state: Projection, outcome: Ending, ended: str, **settings: float
     ) -> FrictionSearch:
         """Return the end of a search at `state`."""
         return FrictionSearch(
@@ -409,7 +405,7 @@ class Projector:
             history=tuple(self.history),
             outcome=outcome,
             ended=ended,
-            settings=settings,
+            settings=tuple(settings.items()),
         )
 
     def compute_side_gain(self, state: Projection, place: int, side: float) -> float:
@@ -417,10 +413,9 @@ class Projector:
 
         A kink of J has two slopes. Zero where J does not fall to that side, or the search ends there.
         """
-        z = np.array(state.z)
+        z, (low, high) = np.array(state.z), self.problem.box
         z[place] += side * 1e-10
-        ends = self.problem.encode(self.problem.low)[place], self.problem.encode(self.problem.high)[place]
-        if not ends[0] <= z[place] <= ends[1]:
+        if not low[place] <= z[place] <= high[place]:
             return 0.0
         shape = self.problem.decode(z)
         rate = self.problem.compute_rates(shape, state.linear)[:, place]

@@ -140,7 +140,7 @@ def _list_mistakes(joint: JointFriction) -> list[str]:
 
 
 _EXPONENT = r"(?:-(?P<gamma>exponent|[\d.e-]+))?"
-_NAMES = {"Fs": "Fe", "Fv2": "Fvq", "Fv3": "Fvc"}
+_NAMES, _NAMES_H3 = {"Fs": "Fe", "Fv2": "Fvq", "Fv3": "Fvc"}, {"Fs": "Fe", "Fp": "offset"}
 
 
 class _Family(NamedTuple):
@@ -160,11 +160,7 @@ _FAMILIES = (
     _Family(r"asymmetric", FrictionKind.ASYMMETRIC),
     _Family(r"tustin", CurvedFriction.STRIBECK, CurvedFriction.STRIBECK_OFFSET, gamma="1"),
     _Family(rf"stribeck{_EXPONENT}", CurvedFriction.STRIBECK, CurvedFriction.STRIBECK_OFFSET),
-    _Family(
-        rf"improved-stribeck-h3{_EXPONENT}",
-        CurvedFriction.STRIBECK_OFFSET,
-        names={"Fs": "Fe", "Fp": "offset"},
-    ),
+    _Family(rf"improved-stribeck-h3{_EXPONENT}", CurvedFriction.STRIBECK_OFFSET, names=_NAMES_H3),
     _Family(rf"improved-stribeck{_EXPONENT}", CurvedFriction.IMPROVED_STRIBECK, has_sign=False),
     _Family(rf"asymmetric-stribeck{_EXPONENT}", CurvedFriction.ASYMMETRIC_STRIBECK),
     _Family(r"cubic|polynomial-(?:2|3|2,3|3,2)", CurvedFriction.CUBIC),
@@ -210,10 +206,8 @@ def build_robot_friction(joint: JointFriction) -> FrictionValues:
     if found is None or describe_obstacle(joint):
         raise ValueError(describe_obstacle(joint))
     family, kind, gamma = found
-    values = {
-        family.names.get(entry.name, entry.name): value
-        for entry, value in zip(law.linear, joint.estimate.linear, strict=True)
-    }
+    linear = zip(law.linear, joint.estimate.linear, strict=True)
+    values = {family.names.get(entry.name, entry.name): value for entry, value in linear}
     shape = _name_shape(law, joint.estimate.shape, gamma)
     keys: Sequence[ShapeKey] = FRICTION_SHAPES.get(kind, ())
     return FrictionValues(

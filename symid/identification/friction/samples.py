@@ -28,8 +28,6 @@ from symid.robot import Decimation
 
 Reduction = Callable[[FloatArray], FloatArray]
 """A linear operator on columns: (N, c) -> (M, c)."""
-
-
 _VECTORS = ("time", "velocity", "torque", "load", "position", "run")
 
 
@@ -38,7 +36,6 @@ class FrictionSamples:
     """Samples of one joint.
 
     Args:
-        joint: its name.
         time: (N,) s.
         velocity: (N,) rad/s or m/s.
         torque: (N,) N m or N; positive where it drives towards positive velocity.
@@ -73,9 +70,8 @@ class FrictionSamples:
         run = np.array(np.zeros(len(self.time)) if self.run is None else self.run, dtype=np.int64)
         run.setflags(write=False)
         object.__setattr__(self, "run", run)
-        joint, count, mistakes = f"joint {self.joint!r}", len(self.velocity), []
-        if count == 0:
-            mistakes.append(f"{joint}: there are no samples")
+        joint, count = f"joint {self.joint!r}", len(self.velocity)
+        mistakes = [] if count else [f"{joint}: there are no samples"]
         for name in _VECTORS:
             values = getattr(self, name)
             if values is not None and values.shape != (count,):
@@ -110,8 +106,7 @@ class FrictionSamples:
     def take(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> "FrictionSamples":
         """Return some of the samples, without R, which is of all of them."""
         arrays = {name: getattr(self, name) for name in (*_VECTORS, "extra")}
-        given = {name: values for name, values in arrays.items() if values is not None}
-        chosen: dict[str, Any] = {name: values[index] for name, values in given.items()}
+        chosen: dict[str, Any] = {k: values[index] for k, values in arrays.items() if values is not None}
         return replace(self, **chosen, reduce=None)
 
 
@@ -139,8 +134,7 @@ def _decimate_parts(columns: FloatArray, ends: tuple[int, ...], decimation: Deci
 
 
 def _pass_some(columns: FloatArray, whole: Reduction, kept: NDArray[np.intp]) -> FloatArray:
-    chosen: FloatArray = whole(columns)[kept]
-    return chosen
+    return np.asarray(whole(columns)[kept])
 
 
 def build_friction_rows(samples: FrictionSamples) -> FrictionRows:

@@ -53,8 +53,6 @@ CANDIDATE_LAWS = (
 
 BLOCKS = 5
 """Of each recording."""
-_GUARD = 2
-"""Rows on either side of a held-out block that are not fitted either."""
 _LEAST_ROWS = 10
 """Of a block."""
 _NARROW = 4.0
@@ -148,8 +146,7 @@ def predict_rows(samples: FrictionSamples, law: FrictionLaw, estimate: FrictionE
     """Return the torques (M,) in N m or N that an estimate predicts of the rows of `samples`."""
     columns = np.hstack([compute_columns(law, samples.inputs, estimate.shape), samples.extra])
     values = np.array([*estimate.linear, *estimate.other])
-    found: FloatArray = samples.pass_columns(columns) @ values
-    return found
+    return np.asarray(samples.pass_columns(columns) @ values)
 
 
 def compute_relative_residual(
@@ -177,8 +174,7 @@ def select_law(
     options = options or FrictionOptions()
     rows = build_friction_rows(samples)
     number = assign_blocks(rows, blocks)
-    scores: list[_Score] = []
-    failed: list[LawTrial] = []
+    scores, failed = list[_Score](), list[LawTrial]()
     for law in [get_law(name, smoothing=smoothing) for name in names]:
         try:
             scores.append(_try_law(samples, law, rows, number, options))
@@ -190,9 +186,8 @@ def select_law(
         text = f"joint {samples.joint!r}: no law can be fitted to this log: {reasons}"
         raise IdentifiabilityError(Notice(code="friction.no-law", text=text))
     scores, best, chosen = _choose(samples, scores, options)
-    baseline = next(
-        (score for score in scores if score.law.name == "coulomb-viscous-offset" and score.total), None
-    )
+    plain = (score for score in scores if score.law.name == "coulomb-viscous-offset" and score.total)
+    baseline = next(plain, None)
     whole, held = (float(np.linalg.norm(rows.torque[mask])) for mask in (number >= -1, number >= 0))
     count = int(np.sum(number >= 0))
     behind = measure_behind(np.stack([score.errors for score in scores]), scores.index(best))
@@ -228,8 +223,7 @@ def _choose(
 
     A law is taken only where its parameters are identifiable in a fit of full effort, too.
     """
-    tried = list(scores)
-    checked: set[str] = set()
+    tried, checked = list(scores), set[str]()
     while True:
         whole = [score for score in tried if not score.refused]
         # Where no law is identifiable, the plainest one leaves least open.
@@ -244,8 +238,7 @@ def _choose(
         checked |= unchecked
         for place, score in enumerate(tried):
             if score.law.name in unchecked:
-                full = fit_friction(samples, score.law, options=options)
-                tried[place] = replace(score, estimate=full)
+                tried[place] = replace(score, estimate=fit_friction(samples, score.law, options=options))
 
 
 def _try_law(
@@ -269,7 +262,8 @@ def _try_law(
     for block in range(int(number.max()) + 1):
         held = number == block
         free = ~held
-        for shift in range(1, _GUARD + 1):
+        # Nor are two rows on either side of the block fitted.
+        for shift in (1, 2):
             same = rows.run[shift:] == rows.run[:-shift]
             free[shift:] &= ~(held[:-shift] & same)
             free[:-shift] &= ~(held[shift:] & same)
@@ -289,9 +283,8 @@ def _write_verdict(
 
     if chosen.refused:
         return f"No law is identifiable from these logs; {chosen.law.name}, the simplest, is given in part."
-    text = (
-        f"{'Of the identifiable laws, ' if among else ''}{best.law.name} predicts held-out data best, with "
-    )
+    head = "Of the identifiable laws, " if among else ""
+    text = f"{head}{best.law.name} predicts held-out data best, with "
     if chosen is best:
         text += f"{rms(chosen):.3g} {unit} RMS error"
     else:

@@ -15,7 +15,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library, ModelCard
@@ -35,15 +34,10 @@ from symid.identification.friction.results import FrictionIdentification, JointF
 from symid.identification.friction.samples import FrictionSamples, build_friction_rows, select_friction_rows
 from symid.identification.friction.selection import predict_rows
 from symid.joint_models import FrictionLaw, get_law
-from symid.logs import Recording, Signals, is_log_of_fit
+from symid.logs import Recording, is_log_of_fit
 from symid.robot import Processing
 
 _PHYSICAL = ("J", "a", "b")
-_BEYOND = 1.05
-"""Speed relative to the fastest that was fitted from which a law is extrapolated."""
-
-
-_Trial = tuple[Residual, Series, tuple[Notice, ...]]
 
 
 def validate_friction(
@@ -51,11 +45,7 @@ def validate_friction(
 ) -> Validation:
     """Return residuals and series of `recording` under identified friction, joint by joint.
 
-    Args:
-        found: of the same model as the library.
-        library: the robot's functions.
-        recording: of the robot.
-        processing: that of the fit.
+    `processing` is that of the fit.
 
     Raises:
         EstimateError: the friction belongs to another model.
@@ -65,8 +55,7 @@ def validate_friction(
     check_model(found, library.card)
     beta = read_known_parameters(found, library.card)
     logs = prepare_joint_logs(library, (recording,), processing)
-    trials: list[_Trial] = []
-    lost: list[Notice] = []
+    trials, lost = list[tuple[Residual, Series, tuple[Notice, ...]]](), list[Notice]()
     for entry in found.joints:
         try:
             trials.append(_validate_joint(entry, library, logs, beta))
@@ -95,8 +84,7 @@ def read_known_parameters(found: FrictionIdentification, card: ModelCard) -> Flo
     """Return the base parameters (p,) that were subtracted; None where the rigid part was fitted along."""
     if found.settings.get("rigid") != "known":
         return None
-    values = found.settings.get("known_values")
-    names = [entry.name for entry in card.beta]
+    values, names = found.settings.get("known_values"), [entry.name for entry in card.beta]
     numbers = [values.get(name) for name in names] if isinstance(values, Mapping) else [None]
     plain = [float(value) for value in numbers if isinstance(value, int | float)]
     if len(plain) != len(names):
@@ -107,7 +95,7 @@ def read_known_parameters(found: FrictionIdentification, card: ModelCard) -> Flo
 
 def _validate_joint(
     entry: JointFriction, library: Library, logs: JointLogs, beta: FloatArray | None
-) -> _Trial:
+) -> tuple[Residual, Series, tuple[Notice, ...]]:
     """Return residual, series and notices of a joint; raise IdentifiabilityError where there are none."""
     law = get_law(entry.estimate.law, smoothing=entry.smoothing)
     joint = [card.name for card in library.card.joints].index(entry.joint)
@@ -116,7 +104,14 @@ def _validate_joint(
     (signals,) = logs.signals
     rigid = build_rigid_columns(library, (signals,), joint)
     names = _list_columns(entry, library.card)
-    fitted = _build_columns(names, rigid, library, signals, joint)
+    card, others = library.card.joints[joint], [one.name for one in library.card.friction]
+    physical = list_physical_columns(signals.q[:, joint], signals.ddq[:, joint], card)
+    known = {name: column for name, column, _ in physical}
+    known |= dict(zip(rigid.names, rigid.columns.T, strict=True))
+    if set(names) & set(others):
+        (rows,) = library.evaluate("friction_regressor", signals.dq)
+        known |= dict(zip(others, rows[:, joint].T, strict=True))
+    fitted = np.column_stack([np.empty((len(signals.time), 0)), *(known[name] for name in names)])
     columns = RigidColumns.build(fitted, ((name, "") for name in names))
     samples = build_joint_samples(library, logs, joint, (0,), columns)
     own = [k for k, name in enumerate(names) if name in {*_PHYSICAL, *rigid.names}]
@@ -128,16 +123,16 @@ def _validate_joint(
         samples = replace(samples, load=fitted[:, own] @ np.array(entry.estimate.other)[own])
         notices = _check_rigid(entry, library, rigid, fitted[:, own], [names[k] for k in own])
     samples, found = _choose_rows(samples, entry, law, logs.processing.standstill)
-    rows = build_friction_rows(samples)
+    left = build_friction_rows(samples)
     predicted = predict_rows(samples, law, entry.estimate)
-    residual = Residual.measure(entry.joint, rows.torque - predicted, rows.torque, entry.unit)
+    residual = Residual.measure(entry.joint, left.torque - predicted, left.torque, entry.unit)
     series = Series(
         joint=entry.joint,
         unit=entry.unit,
         velocity_unit=entry.velocity_unit,
-        time=rows.time,
-        velocity=rows.velocity,
-        measured=rows.torque,
+        time=left.time,
+        velocity=left.velocity,
+        measured=left.torque,
         predicted=predicted,
     )
     return residual, series, (*notices, *found)
@@ -158,20 +153,6 @@ def _list_columns(entry: JointFriction, card: ModelCard) -> tuple[str, ...]:
         )
         raise EstimateError(Notice(code="estimate.parameters", text=text))
     return names
-
-
-def _build_columns(
-    names: Sequence[str], rigid: RigidColumns, library: Library, signals: Signals, joint: int
-) -> FloatArray:
-    card = library.card.joints[joint]
-    physical = list_physical_columns(signals.q[:, joint], signals.ddq[:, joint], card)
-    columns = {name: column for name, column, _ in physical}
-    columns |= dict(zip(rigid.names, rigid.columns.T, strict=True))
-    others = [entry.name for entry in library.card.friction]
-    if set(names) & set(others):
-        (rows,) = library.evaluate("friction_regressor", signals.dq)
-        columns |= dict(zip(others, rows[:, joint].T, strict=True))
-    return np.column_stack([np.empty((len(signals.time), 0)), *(columns[name] for name in names)])
 
 
 def _check_rigid(
@@ -210,7 +191,14 @@ def _choose_rows(
     rows = build_friction_rows(samples)
     own = {parameter.name for parameter in law.physical}
     refused = [name for name, _ in entry.estimate.refused if name in own]
-    inside, far = _compare_speeds(rows.velocity, entry)
+    known = np.concatenate([entry.velocity_map.velocity, entry.velocity_map.cloud_velocity])
+    inside, far = np.zeros((2, len(rows.velocity)), dtype=np.bool_)
+    for direction in (-1.0, 1.0):
+        fitted, speed = direction * known[direction * known > 0.0], direction * rows.velocity
+        fastest = np.max(fitted, initial=0.0)
+        inside |= (speed >= np.min(fitted, initial=np.inf)) & (speed <= fastest)
+        # Five percent faster, a law is extrapolated.
+        far |= speed > 1.05 * fastest
     moving = np.abs(rows.velocity) >= standstill
     kept = moving & inside if refused else moving
     joint = f"joint {entry.joint!r}"
@@ -232,20 +220,6 @@ def _choose_rows(
         )
         notices.append(Notice(code="validate.friction-range", text=text))
     return (samples if kept.all() else select_friction_rows(samples, kept)), tuple(notices)
-
-
-def _compare_speeds(
-    velocity: FloatArray, entry: JointFriction
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which rows (M,) move within the speeds that were fitted in their direction, and which faster."""
-    known = np.concatenate([entry.velocity_map.velocity, entry.velocity_map.cloud_velocity])
-    inside, far = np.zeros((2, len(velocity)), dtype=np.bool_)
-    for direction in (-1.0, 1.0):
-        fitted, speed = direction * known[direction * known > 0.0], direction * velocity
-        fastest = np.max(fitted, initial=0.0)
-        inside |= (speed >= np.min(fitted, initial=np.inf)) & (speed <= fastest)
-        far |= speed > _BEYOND * fastest
-    return inside, far
 
 
 def _leave_out(joint: str, reason: str) -> IdentifiabilityError:

@@ -7,11 +7,10 @@ FrictionProblem -> FrictionSearch.
 
 Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432; Kaufman, BIT 15 (1975) 49-57; Levenberg, Quart.
 Appl. Math. 2 (1944) 164-168; Marquardt, J. SIAM 11 (1963) 431-441. Damped Gauss-Newton steps in the
-logarithms start from a grid of shapes; lambda follows the curvature of the last step. A linear zone gives J
-a kink wherever the edge of the zone passes a sample: the edge is set onto the kinks next to it, and beyond
-them. Where friction changes its sign at a velocity that is searched, J jumps: the intervals between jumps
-are tried, ever closer around the best. Root finding (first row of Table 2 of Zhang, Hu and Zou (2021))
-scans h at values spaced by equal factors and finds each root by Brent's method.
+logarithms start from a grid of shapes. A linear zone gives J a kink wherever its edge passes a sample: the
+edge is set onto the kinks next to it, and beyond them. Where friction changes its sign at a velocity that is
+searched, J jumps: the intervals between jumps are tried. Root finding (first row of Table 2 of Zhang, Hu and
+Zou (2021)) scans h at values spaced by equal factors and finds each root by Brent's method.
 
 Supported: up to three shape values, fixed ones too, dependent columns; root finding: one free shape value,
 motions in one direction.
@@ -39,10 +38,6 @@ from symid.ipopt import Ending
 
 IntArray = NDArray[np.int64]
 _MOST_WANTED = 10.0
-_MOST_FAILED = 100.0
-"""Damping at most after a failed step, unless it was greater before."""
-_RESOLVED = 1e-15
-"""Relative decrease of J that a step must promise: less is rounding."""
 _POOR = 0.25
 """Part of the promised gain above which a step in several directions counts as short enough."""
 
@@ -62,7 +57,7 @@ def descend(
     `patience` is how many steps in a row may fail, `box` where z may go, if not all of the search's.
     """
     problem = projector.problem
-    low, high = box or (problem.encode(problem.low), problem.encode(problem.high))
+    low, high = box or problem.box
     damping, failed = 1e-3, 0
     jacobian, fresh = projector.compute_jacobian(state), False
     for _ in range(steps):
@@ -83,7 +78,8 @@ def descend(
         step = trial_z - state.z
         bend = jacobian @ step
         promised = -float((2.0 * state.residual + bend) @ bend)
-        negligible = damping <= _MOST_WANTED and promised <= _RESOLVED * state.objective
+        # A smaller relative decrease of J is rounding.
+        negligible = damping <= _MOST_WANTED and promised <= 1e-15 * state.objective
         if negligible or float(np.max(np.abs(step), initial=0.0)) <= tolerance:
             return state, True
         trial = projector.project(trial_z)
@@ -93,7 +89,7 @@ def descend(
             state, fresh, failed = trial, True, 0
             projector.record(state)
         else:
-            damping = max(damping * (10.0 if damping > 1e-6 else 1e3), min(wanted, _MOST_FAILED))
+            damping = max(damping * (10.0 if damping > 1e-6 else 1e3), min(wanted, 100.0))
             failed += 1
     return state, False
 
@@ -120,20 +116,11 @@ _KINKED = frozenset({"dq0"})
 """Shape values with a kink in J at every speed sampled: the edge of the linear zone."""
 _JUMPING = frozenset({"dqs"})
 """Shape values at which J jumps whenever they pass a velocity sampled: where friction changes its sign."""
-_EXCHANGED = (("g2", "g3"),)
-"""Shape values that may be exchanged: the first is the greater one."""
 _PATIENCE = 3
 """Steps in a row that may fail near a kink."""
-_INSIDE = 1e-8
-"""Distance to the ends of an interval between jumps, by its width."""
 _ONE_JUMP = 1e-6
-_ACROSS = 3e-8
-"""Step from there over the jump, by the same width."""
 _CANDIDATES = 8
-_RESERVE = 12
-"""Solves kept for the smooth rest once the kinks were visited."""
 _LINEAR = "the law is linear in what is free"
-_SMALL_STEP = "the next step in the shape, or what it promises, fell below the tolerance"
 
 
 def search_by_projection(problem: FrictionProblem, options: VariableProjectionOptions) -> FrictionSearch:
@@ -145,9 +132,8 @@ def search_by_projection(problem: FrictionProblem, options: VariableProjectionOp
     if not len(free):
         return projector.build_search(states[0], Ending.CONVERGED, _LINEAR)
     # The distance of the grid's points in each coordinate.
-    spacing = np.ones(len(problem.low))
-    width = problem.encode(problem.high) - problem.encode(problem.low)
-    spacing[free] = width[free] / np.array(options.grid[len(free) - 1])
+    spacing, (low, high) = np.ones(len(problem.low)), problem.box
+    spacing[free] = (high - low)[free] / np.array(options.grid[len(free) - 1])
     if any(problem.law.shape[place].name in _JUMPING for place in free):
         least = min(states, key=lambda state: state.objective)
         states = [_visit_jumps(projector, least, free, spacing)]
@@ -159,33 +145,26 @@ def search_by_projection(problem: FrictionProblem, options: VariableProjectionOp
             starts.append(state)
     ends = [descend(projector, start, free, tolerance=1e-2, steps=6) for start in starts]
     best = min((end for end, _ in ends), key=lambda state: state.objective)
-    best, done = _finish(projector, best, free, options.tolerance)
+    names, tolerance = {problem.law.shape[place].name for place in free}, options.tolerance
+    if not names & (_KINKED | _JUMPING):
+        best, done = descend(projector, best, free, tolerance=tolerance, steps=60)
+    else:
+        patience = _PATIENCE if names & _KINKED else 2 * _PATIENCE
+        best, _ = descend(projector, best, free, tolerance=tolerance, steps=10, patience=patience)
+        search = _visit_kinks if names & _KINKED else _cross_jumps
+        best, done = search(projector, best, free, tolerance)
     outcome, ended = Ending.STALLED, "no step made the objective less"
     if done:
-        outcome, ended = Ending.CONVERGED, _SMALL_STEP if len(projector.history) > 1 else _LINEAR
+        small = "the next step in the shape, or what it promises, fell below the tolerance"
+        outcome, ended = Ending.CONVERGED, small if len(projector.history) > 1 else _LINEAR
     elif projector.exhausted:
         outcome, ended = Ending.LIMIT, f"{projector.limit} linear problems were solved"
     return projector.build_search(best, outcome, ended)
 
 
-def _finish(
-    projector: Projector, best: Projection, free: IntArray, tolerance: float
-) -> tuple[Projection, bool]:
-    """Return the optimum next to `best`, and whether it is one; J may have kinks or jump."""
-    problem = projector.problem
-    names = {problem.law.shape[place].name for place in free}
-    if not names & (_KINKED | _JUMPING):
-        return descend(projector, best, free, tolerance=tolerance, steps=60)
-    patience = _PATIENCE if names & _KINKED else 2 * _PATIENCE
-    best, _ = descend(projector, best, free, tolerance=tolerance, steps=10, patience=patience)
-    if names & _KINKED:
-        return _visit_kinks(projector, best, free, tolerance)
-    return _cross_jumps(projector, best, free, tolerance)
-
-
 def build_shape_grid(problem: FrictionProblem, options: VariableProjectionOptions) -> list[FloatArray]:
     """Return coordinates (s,) of the grid's shapes, in order; one alone where nothing is free."""
-    low, high = problem.encode(problem.low), problem.encode(problem.high)
+    low, high = problem.box
     free = np.flatnonzero(problem.is_free)
     if not len(free):
         return [low]
@@ -196,10 +175,11 @@ def build_shape_grid(problem: FrictionProblem, options: VariableProjectionOption
         steps = (np.arange(count) + 0.5) / count
         axes[place] = [float(value) for value in low[place] + steps * (high[place] - low[place])]
     names = [entry.name for entry in problem.law.shape]
-    pairs = [(names.index(a), names.index(b)) for a, b in _EXCHANGED if a in names and b in names]
     points = [np.array(point) for point in itertools.product(*axes)]
-    # Bounds around an earlier fit may hold one order alone, and not this one.
-    return [point for point in points if all(point[a] > point[b] for a, b in pairs)] or points
+    if not {"g2", "g3"} <= set(names):
+        return points
+    # These may be exchanged; bounds around an earlier fit may hold the other order alone.
+    return [point for point in points if point[names.index("g2")] > point[names.index("g3")]] or points
 
 
 def _visit_jumps(projector: Projector, best: Projection, free: IntArray, spacing: FloatArray) -> Projection:
@@ -209,16 +189,14 @@ def _visit_jumps(projector: Projector, best: Projection, free: IntArray, spacing
     others = free[free != place]
     speeds = np.exp(_list_jumps(problem, int(place)))
     middles = np.log(0.5 * (speeds[1:] + speeds[:-1]))
-    low, high = problem.encode(problem.low), problem.encode(problem.high)
+    low, high = problem.box
     reach = float(spacing[place])
     for _ in range(5):
         near = np.flatnonzero(np.abs(middles - best.z[place]) <= reach)
-        chosen = (
-            near[np.unique(np.linspace(0, len(near) - 1, _CANDIDATES).astype(int))] if len(near) else near
-        )
-        if not len(chosen) or projector.solves + 2 * _CANDIDATES > projector.limit:
+        if not len(near) or projector.solves + 2 * _CANDIDATES > projector.limit:
             break
-        for middle in middles[chosen]:
+        chosen = np.unique(np.linspace(0, len(near) - 1, _CANDIDATES).astype(int))
+        for middle in middles[near[chosen]]:
             z = np.array(best.z)
             z[place] = np.clip(middle, low[place], high[place])
             best = min(best, projector.project(z), key=lambda state: state.objective)
@@ -236,7 +214,7 @@ def _list_jumps(problem: FrictionProblem, place: int) -> FloatArray:
 
 def _compute_box(problem: FrictionProblem, state: Projection) -> tuple[FloatArray, FloatArray]:
     """Return where z may go, (s,) each: between two jumps of J, where there are any."""
-    low, high = problem.encode(problem.low), problem.encode(problem.high)
+    low, high = problem.box
     for place in np.flatnonzero(problem.is_free):
         if problem.law.shape[place].name not in _JUMPING:
             continue
@@ -244,7 +222,7 @@ def _compute_box(problem: FrictionProblem, state: Projection) -> tuple[FloatArra
         jumps = np.concatenate([jumps[jumps < high[place]], [high[place]]])
         jumps = np.concatenate([[low[place]], jumps[jumps > low[place] + _ONE_JUMP]])
         above = min(max(int(np.searchsorted(jumps, state.z[place], side="right")), 1), len(jumps) - 1)
-        inside = _INSIDE * (jumps[above] - jumps[above - 1])
+        inside = 1e-8 * (jumps[above] - jumps[above - 1])
         low[place], high[place] = jumps[above - 1] + inside, jumps[above] - inside
     return low, high
 
@@ -254,17 +232,16 @@ def _cross_jumps(
 ) -> tuple[Projection, bool]:
     """Return the optimum of an interval between jumps that no neighbour reached by its end undercuts."""
     problem = projector.problem
-    low, high = problem.encode(problem.low), problem.encode(problem.high)
+    low, high = problem.box
     while True:
         box = _compute_box(problem, best)
         if not np.array_equal(z := np.clip(best.z, *box), best.z):
             best = min(best, projector.project(z), key=lambda state: state.objective)
         best, done = descend(projector, best, free, tolerance=tolerance, steps=60, box=box)
-        width = _ACROSS * (box[1] - box[0])
-        across = np.where(
-            best.z <= box[0], best.z - width, np.where(best.z >= box[1], best.z + width, best.z)
-        )
-        across = np.clip(across, low, high)
+        # Boxes end 1e-8 of their width before the jump.
+        width = 3e-8 * (box[1] - box[0])
+        across = np.where(best.z >= box[1], best.z + width, best.z)
+        across = np.clip(np.where(best.z <= box[0], best.z - width, across), low, high)
         if not done or projector.exhausted or np.array_equal(across, best.z):
             return best, done
         beyond = projector.project(across)
@@ -280,7 +257,8 @@ def _visit_kinks(
     problem = projector.problem
     edge = next(k for k in free if problem.law.shape[k].name in _KINKED)
     others = free[free != edge]
-    projector.reserve = _RESERVE
+    # Solves kept for the smooth rest once the kinks were visited.
+    projector.reserve = 12
     for _ in range(2):
         if projector.solves + 2 * _CANDIDATES + projector.reserve > projector.limit:
             break
@@ -318,7 +296,7 @@ def _list_kinks(projector: Projector, state: Projection, edge: int, others: IntA
         slide[others] = -np.linalg.lstsq(normal[np.ix_(others, others)], normal[others, edge], rcond=None)[0]
         left = left + normal[edge, others] @ slide[others]
     spread = np.sqrt(state.objective / len(state.residual) / max(float(left), 1e-300))
-    low, high = problem.encode(problem.low), problem.encode(problem.high)
+    low, high = problem.box
     speeds = np.unique(np.abs(problem.samples.velocity))
     kinks = np.log(speeds[speeds > problem.low[edge]])
     near = np.flatnonzero(np.abs(kinks - state.z[edge]) <= 4.0 * spread)
@@ -350,7 +328,7 @@ def search_by_roots(problem: FrictionProblem, options: RootFindingOptions) -> Fr
         raise UsageError(*(Notice(code="usage.root-finding", text=text) for text in texts))
     place = int(free[0])
     projector = Projector(problem, np.iinfo(np.int64).max)
-    ends = [problem.encode(values) for values in (problem.low, problem.high)]
+    ends = problem.box
     kept: dict[float, tuple[float, Projection]] = {}
 
     def compute_slope(coordinate: float) -> float:
@@ -374,5 +352,5 @@ def search_by_roots(problem: FrictionProblem, options: RootFindingOptions) -> Fr
             projector.record(kept[root][1])
     best = min((state for _, state in kept.values()), key=lambda state: state.objective)
     ended = f"{roots} roots were found, the best is kept" if roots else "the slope never changes its sign"
-    settings = (("points", options.points), ("roots", roots))
-    return projector.build_search(best, Ending.CONVERGED if roots else Ending.STALLED, ended, settings)
+    outcome = Ending.CONVERGED if roots else Ending.STALLED
+    return projector.build_search(best, outcome, ended, points=options.points, roots=roots)

@@ -3,11 +3,10 @@
     tau_J = v + sum_j (c_j - 1) ramp_j(v),   v = k0 phi + sum_i k_i E_i[phi]     stops E_i, knees in v
     e = v(phi) - S'(tau),   S'(tau) = tau + sum_j w'_j S_rj(tau)                 error model of the fit
 
-S' is the inverse of the outer function tau = S(v), with knees at given torques; e is linear in all
-weights. The slope of S' at zero torque is one, which fixes the scale. In slopes c'_j beyond the knees and in
-sums of plays, v = sum_i W_i (P_i - P_i+1), the inequalities W_i >= least and c'_j >= least are bounds, and
-the fit is least squares with bounds; for a passive spring k0 >= least, k_i >= 0 (Kuhnen, European Journal of
-Control 9 (2003) 407-418).
+S' is the inverse of the outer function tau = S(v), with knees at given torques and a slope of one at zero
+torque, which fixes the scale. In slopes c'_j beyond the knees and sums of plays, v = sum_i W_i (P_i - P_i+1),
+the inequalities W_i >= least, c'_j >= least, for a passive spring k0 >= least, k_i >= 0, are bounds of a
+linear least-squares problem (Kuhnen, European Journal of Control 9 (2003) 407-418).
 
 Supported: stops and knees; weights of both signs, or passive springs; any signed knees.
 Not supported: cubic springs, damping; large noise in the torque, which enters the columns of S' and
@@ -162,17 +161,14 @@ def build_stops(thresholds: FloatArray, stiffness: FloatArray, least: float) -> 
 def build_elasticity(weights: SpringWeights) -> Elasticity:
     """Return the spring as a record, without stops of no stiffness and knees that change no slope."""
     whole = float(np.sum(weights.stiffness))
-    knees = [
-        Knee(threshold=float(torque), slope=float(change))
-        for torque, change in zip(weights.knees, weights.slopes - weights.before, strict=True)
-        # Without any stiffness there is no torque, and knees have no effect.
-        if whole and abs(change) > _NEAR
-    ]
+    changes = zip(weights.knees.tolist(), (weights.slopes - weights.before).tolist(), strict=True)
+    # Without any stiffness there is no torque, and knees have no effect.
+    kept = sorted(pair for pair in changes if whole and abs(pair[1]) > _NEAR)
     return Elasticity(
         # A spring that does not rise once all stops slip has no inverse.
         stiffness=max(float(weights.stiffness[0]), _RISE * whole),
         stops=build_stops(weights.thresholds, weights.stiffness[1:], _NEAR * whole),
-        knees=tuple(sorted(knees)),
+        knees=tuple(Knee(threshold=torque, slope=change) for torque, change in kept),
     )
 
 
@@ -223,12 +219,8 @@ def fit_kuhnen(
         change = np.vstack([np.eye(stiff)[-1:], -np.diff(np.eye(stiff), axis=0)])
         names = ["slope at reversal", *(f"slope past the stop at {radius:.6g}" for radius in radii)]
     below, above = outer[outer < 0.0][::-1], outer[outer > 0.0]
-    spring = SpringWeights(
-        thresholds=radii,
-        stiffness=np.zeros(stiff),
-        knees=np.concatenate([below, above]),
-        slopes=np.ones(len(outer)),
-    )
+    signed, slopes = np.concatenate([below, above]), np.ones(len(outer))
+    spring = SpringWeights(thresholds=radii, stiffness=np.zeros(stiff), knees=signed, slopes=slopes)
     names += [f"slope beyond {knee:.6g}" for knee in spring.knees]
     middle = np.clip(torque, max(below, default=-np.inf), min(above, default=np.inf))
     matrix = np.hstack([compute_stop_basis(torsion, radii) @ change, -compute_ramps(torque, spring)])
@@ -241,12 +233,9 @@ def fit_kuhnen(
     inverse = replace(spring, slopes=solution[stiff:])
     sides = (slice(inverse.below), slice(inverse.below, None))
     rises = [inverse.before[side] * np.diff(inverse.knees[side], prepend=0.0) for side in sides]
-    found = replace(
-        spring,
-        stiffness=change @ solution[:stiff],
-        slopes=1.0 / solution[stiff:],
-        knees=np.concatenate([np.cumsum(rise) for rise in rises]),
-    )
+    places = np.concatenate([np.cumsum(rise) for rise in rises])
+    stiffness, slopes = change @ solution[:stiff], 1.0 / solution[stiff:]
+    found = replace(spring, stiffness=stiffness, slopes=slopes, knees=places)
     return KuhnenFit(
         elasticity=build_elasticity(found),
         residual=float(np.sqrt(np.mean((matrix @ solution - middle) ** 2))),

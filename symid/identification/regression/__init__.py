@@ -8,7 +8,6 @@ if TYPE_CHECKING:
         SCALAR_KINDS as SCALAR_KINDS,
         WINDOW as WINDOW,
         Rows as Rows,
-        Windows as Windows,
         build_rows as build_rows,
         choose_windows as choose_windows,
         count_pieces as count_pieces,

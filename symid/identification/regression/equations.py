@@ -11,8 +11,7 @@ Library, Signals -> Rows (observation matrix A, right side y).
 Momentum is the Lagrangian form d(dT/ddq)/dt - dL/dq = tau integrated once; filtered is that of Slotine and
 Li (1987), energy the theorem of Gautier and Khalil (1988), h = hT + hV, power its rate (Gautier 1997). Only
 torque rows need accelerations: F(dYp/dt) = l [Yp(b) - exp(-l W) Yp(a)] - l int l exp(-l (b - s)) Yp ds over
-a window of W by parts, and earlier windows decay by exp(-l W). Integrals are taken by Simpson's rule, with
-the kernel in it for `filtered`, the same on both sides.
+a window of W by parts, and earlier windows decay by exp(-l W). Integrals are taken by Simpson's rule.
 
 Supported: rigid robots, friction that is linear in its parameters; windows of an even number of intervals
 that share their ends, or overlap by equal parts.
@@ -81,8 +80,7 @@ def _weigh_windows(values: FloatArray, windows: Windows, weights: FloatArray) ->
     w, count = windows.intervals, windows.count
     inner = values[: count * w].reshape(count, w, *values.shape[1:])
     total: FloatArray = np.tensordot(inner, weights[:-1], axes=(1, 0))
-    whole: FloatArray = total + weights[-1] * values[windows.ends][1:]
-    return whole
+    return np.asarray(total + weights[-1] * values[windows.ends][1:])
 
 
 def _cut_windows(windows: Windows, pieces: int = 1) -> Iterator[tuple[slice, Windows, slice]]:
@@ -167,13 +165,11 @@ def evaluate_columns(library: Library, q: FloatArray, dq: FloatArray, ddq: Float
 
 def evaluate_torques(library: Library, signals: Signals, values: FloatArray) -> FloatArray:
     """Return the torques (N, n) in N m or N that parameters (p,) predict at every sample."""
-    parts = (slice(start, start + _SAMPLES) for start in range(0, len(signals.time), _SAMPLES))
-    return np.concatenate(
-        [
-            evaluate_columns(library, signals.q[part], signals.dq[part], signals.ddq[part]) @ values
-            for part in parts
-        ]
-    )
+    torques = []
+    for start in range(0, len(signals.time), _SAMPLES):
+        q, dq, ddq = (part[start : start + _SAMPLES] for part in (signals.q, signals.dq, signals.ddq))
+        torques.append(evaluate_columns(library, q, dq, ddq) @ values)
+    return np.concatenate(torques)
 
 
 def _list_kept_times(time: FloatArray, kept: int, factor: int) -> FloatArray:
@@ -212,8 +208,7 @@ def _build_power_part(library: Library, signals: Signals, processing: Processing
     """Return power equations at every sample, averaged over the two periods around it and decimated."""
 
     def average(values: FloatArray) -> FloatArray:
-        mean: FloatArray = (values[:-2] + 4.0 * values[1:-1] + values[2:]) / 6.0
-        return mean
+        return np.asarray((values[:-2] + 4.0 * values[1:-1] + values[2:]) / 6.0)
 
     def evaluate(inner: slice) -> FloatArray:
         part = slice(inner.start, inner.stop + 2)
@@ -371,14 +366,9 @@ def build_rows(
 ) -> Rows:
     """Return the equations of one recording.
 
-    Args:
-        kind: one of `ROW_KINDS`.
-        library: the functions of the robot.
-        signals: filtered states and torques at full rate.
-        processing: its decimation is applied to every column and the torque of torque and power rows.
-        window: length of the windows in s, for momentum, filtered and energy.
-        overlap: part of a window that the next one shares, of momentum and energy; the nearest of
-            0, 1/2, 2/3, 3/4 and so on is taken.
+    `kind` is one of `ROW_KINDS`; `signals` are at full rate: torque and power rows are decimated. Windows of
+    momentum, filtered and energy rows have the length `window` in s; those of momentum and energy share the
+    part `overlap`, of which the nearest of 0, 1/2, 2/3, 3/4 and so on is taken.
 
     Raises:
         UsageError: there is no such kind, the windows do not fit into the log, or the overlap is no part.
@@ -414,14 +404,10 @@ def count_pieces(overlap: float) -> int:
 def assemble_rows(kind: str, card: ModelCard, part: EquationPart) -> Rows:
     """Return equations of a kind joint by joint, with the names and units of their model."""
     parameters, groups = card.beta + card.friction, part.values.shape[1]
-    labels: tuple[tuple[str, str, str], ...] = (
-        (("all joints", SCALAR_KINDS[kind], ""),)
-        if kind in SCALAR_KINDS
-        else tuple(
-            (joint.name, joint.torque_unit + " s" * (kind == "momentum"), f"{joint.position_unit}/s")
-            for joint in card.joints
-        )
-    )
+    extra = " s" if kind == "momentum" else ""
+    labels = [(one.name, one.torque_unit + extra, f"{one.position_unit}/s") for one in card.joints]
+    if kind in SCALAR_KINDS:
+        labels = [("all joints", SCALAR_KINDS[kind], "")]
     return Rows(
         kind=kind,
         matrix=np.swapaxes(part.matrix, 0, 1).reshape(-1, part.matrix.shape[2]),
@@ -456,9 +442,7 @@ def stack_rows(parts: Sequence[Rows], weights: Sequence[float] | None = None) ->
     `weights` are what the squares of each recording's residuals count for; one if None.
     """
     sizes = [len(part.values) for part in parts]
-    arrays: dict[str, Any] = {
-        name: np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS
-    }
+    arrays: dict[str, Any] = {k: np.concatenate([getattr(part, k) for part in parts]) for k in _ARRAYS}
     whole = replace(
         parts[0],
         **arrays,

@@ -124,8 +124,7 @@ def count_freedom(freedom: str, parameters: int, independent: float) -> tuple[in
 def compute_square_sums(condensed: Condensed, values: FloatArray) -> FloatArray:
     """Return |A_g x - y_g|^2 of every group for parameters x (p,): (g,), in the rows' units."""
     errors = condensed.factors @ np.append(values, -1.0)
-    sums: FloatArray = np.sum(errors**2, axis=1)
-    return sums
+    return np.asarray(np.sum(errors**2, axis=1))
 
 
 def solve_condensed(condensed: Condensed, basis: FloatArray, weights: FloatArray) -> CondensedSolution:
@@ -254,15 +253,9 @@ def solve_scaled(
 ) -> FloatArray:
     """Return argmin |A x - b|^2 + damping |D x|^2, low <= x <= high, D the lengths of A's columns: (p,).
 
-    Columns are scaled to length one; of many solutions the one of least norm in these units is taken.
-
-    Args:
-        matrix: A (m, p).
-        right: b (m,).
-        rcond: singular value of the scaled matrix, relative to the largest, below which it counts as zero.
-        low: (p,) or one number; with bounds, `rcond` has no part in it.
-        high: (p,) or one number.
-        damping: relative to the squares of the columns.
+    A (m, p) and b (m,) are `matrix` and `right`, bounds (p,) or one number. Columns are scaled to length one;
+    of many solutions the one of least norm in these units is taken. Without bounds, singular values below
+    `rcond` times the largest count as zero.
     """
     lengths = np.linalg.norm(matrix, axis=0)
     lengths[lengths == 0.0] = 1.0
@@ -319,13 +312,10 @@ def check_identifiable_share(
     shared: dict[str, list[str]] = {}
     for name, reason in found.refused:
         shared.setdefault(reason, []).append(name)
+    texts = [text, *(f"not identifiable: {', '.join(some)}: {reason}" for reason, some in shared.items())]
     raise IdentifiabilityError(
         *(notice for notice in notices if notice.code == JOINT_AT_REST),
-        Notice(code="identify.poor-log", text=text),
-        *(
-            Notice(code="identify.poor-log", text=f"not identifiable: {', '.join(some)}: {reason}")
-            for reason, some in shared.items()
-        ),
+        *(Notice(code="identify.poor-log", text=text) for text in texts),
     )
 
 
@@ -333,8 +323,19 @@ def analyse_condensed(
     condensed: Condensed, kind: str, names: tuple[str, ...], rule: RankRule | None = None
 ) -> Identifiability:
     """Return which parameters are identifiable from condensed rows; see `analyse_identifiability`."""
-    rule = rule or RankRule()
-    _check_rows(condensed, kind)
+    rule, count = rule or RankRule(), int(condensed.counts.sum())
+    parameters = condensed.factors.shape[2] - 1
+    if not np.any(condensed.factors[:, :, :-1]):
+        raise _refuse_all()
+    if count <= parameters:
+        text = (
+            f"{count} {kind} rows are too few for {parameters} parameters and their uncertainty: use a "
+            "longer log, a shorter window, less decimation, or torque rows"
+        )
+        raise IdentifiabilityError(Notice(code="identify.too-few-rows", text=text))
+    if not np.any(condensed.factors[:, :, -1]):
+        text = "the measured torque is zero throughout: check the torque column of the log and its factor"
+        raise IdentifiabilityError(Notice(code="identify.no-torque", text=text))
     # The triangles have the singular values of all rows.
     spectrum = compute_spectrum(condensed.factors[:, :, :-1].reshape(-1, len(names)), rule.zero)
     found, identifiable = spectrum.mask_directions(rule), spectrum.mask_identifiable(rule)
@@ -348,32 +349,15 @@ def analyse_condensed(
         refused.append((names[index], reason))
     if not identifiable.any():
         raise _refuse_all("; ".join(f"{name}: {reason}" for name, reason in refused))
+    texts = [f"parameter {name} was left out: {reason}" for name, reason in refused]
     basis = np.where(spectrum.lengths > 0.0, spectrum.scales, 0.0)[:, None] * spectrum.directions[found].T
     return Identifiability(
         basis=freeze(basis),
         identifiable=identifiable,
         refused=tuple(refused),
         condition=float(spectrum.singular[0] / spectrum.singular[found][-1]),
-        notices=tuple(
-            Notice(code="identify.refused", text=f"parameter {name} was left out: {reason}")
-            for name, reason in refused
-        ),
+        notices=tuple(Notice(code="identify.refused", text=text) for text in texts),
     )
-
-
-def _check_rows(condensed: Condensed, kind: str) -> None:
-    count, parameters = int(condensed.counts.sum()), condensed.factors.shape[2] - 1
-    if not np.any(condensed.factors[:, :, :-1]):
-        raise _refuse_all()
-    if count <= parameters:
-        text = (
-            f"{count} {kind} rows are too few for {parameters} parameters and their uncertainty: use a "
-            "longer log, a shorter window, less decimation, or torque rows"
-        )
-        raise IdentifiabilityError(Notice(code="identify.too-few-rows", text=text))
-    if not np.any(condensed.factors[:, :, -1]):
-        text = "the measured torque is zero throughout: check the torque column of the log and its factor"
-        raise IdentifiabilityError(Notice(code="identify.no-torque", text=text))
 
 
 def _refuse_all(reasons: str = "") -> IdentifiabilityError:
@@ -395,7 +379,7 @@ def list_resting_joints(recording: Recording) -> tuple[int, ...]:
     # Below this, a range is rounding of the position itself.
     rounding = 16.0 * np.finfo(float).eps * np.max(np.abs(position), axis=0)
     resting = spread <= np.maximum(20.0 * noise, rounding)
-    return tuple(int(joint) for joint in np.flatnonzero(resting))
+    return tuple(np.flatnonzero(resting).tolist())
 
 
 def hold_resting_joints(signals: Signals, resting: tuple[int, ...]) -> Signals:

@@ -139,16 +139,21 @@ def condense_recordings(
     `weights` as for `stack_rows`; errors as for `prepare_rows`.
     """
     outline = stack_rows([maker.outline(entry) for entry in recordings], weights)
-    starts = _locate_segments(outline)
-    if starts is None:
-        return None
+    # Where segments begin, and the end.
+    begins = {len(outline.values)}
+    for group in np.unique(outline.group):
+        whole = outline.group == group
+        parts = (whole & (outline.run == run) for run in range(int(outline.run.max(initial=0)) + 1))
+        for members in (np.flatnonzero(mask) for mask in (whole, *parts) if mask.any()):
+            if len(members) < _BLOCKS:
+                return None
+            begins |= {int(block[0]) for block in np.array_split(members, _BLOCKS)}
+    starts = np.array(sorted(begins), dtype=np.intp)
     size = len(outline.names) + 1
     triangles = np.zeros((len(starts) - 1, size, size))
     for run, recording in enumerate(recordings):
-        own = [
-            np.flatnonzero((outline.run == run) & (outline.group == joint))
-            for joint in range(maker.library.card.size)
-        ]
+        mine, joints = outline.run == run, range(maker.library.card.size)
+        own = [np.flatnonzero(mine & (outline.group == joint)) for joint in joints]
         times = [outline.matrix[places, 0].astype(np.intp) for places in own]
         for part, matrix in maker.cut(recording):
             for joint, (places, time) in enumerate(zip(own, times, strict=True)):
@@ -158,20 +163,6 @@ def condense_recordings(
                     columns = matrix[time[low:high] - part.start, joint]
                     _extend(triangles, starts, chosen, np.column_stack([columns, outline.values[chosen]]))
     return LongRows(outline=outline, triangles=triangles, starts=starts)
-
-
-def _locate_segments(outline: Rows) -> NDArray[np.intp] | None:
-    """Return where segments begin, and the end; None where a joint has too few equations in a run."""
-    starts: set[int] = {len(outline.values)}
-    runs = int(outline.run.max(initial=0)) + 1
-    for group in np.unique(outline.group):
-        whole = outline.group == group
-        own = [whole & (outline.run == run) for run in range(runs)]
-        for members in (np.flatnonzero(mask) for mask in (whole, *own) if mask.any()):
-            if len(members) < _BLOCKS:
-                return None
-            starts |= {int(block[0]) for block in np.array_split(members, _BLOCKS)}
-    return np.array(sorted(starts), dtype=np.intp)
 
 
 def _extend(

@@ -10,9 +10,8 @@ What the processing leaves open is chosen from the logs:
     windows  of momentum rows as long as rows are apart, so that they keep the same band
 
 The clean band of a joint ends where the noise of its encoder, differentiated twice, has a hundredth of the
-power of its acceleration: such noise enters the columns and biases parameters towards zero. The noise floor
-is the median of the power spectral density of the position (Welch) over the upper half of all frequencies,
-and
+power of its acceleration: more of it biases parameters towards zero. The noise floor is the median of the
+power spectral density of the position (Welch) over the upper half of all frequencies, and
 
     noise   floor (2 pi)^4 b^5 / 5,     motion   integral to b of (density - floor) (2 pi f)^4 df
 
@@ -77,19 +76,12 @@ def measure_bands(recording: Recording) -> tuple[JointBand, ...]:
     for column in density[1:].T:
         floor = float(np.median(column[frequency > 0.25 * rate]))
         motion = np.cumsum(np.maximum(column - floor, 0.0) * steep)
-        clean = np.flatnonzero(np.cumsum(floor * steep) <= NOISE_SHARE * motion)
-        bands.append(
-            JointBand(
-                floor=float(np.sqrt(floor)),
-                clean=float(frequency[clean[-1]]) if len(clean) else 0.0,
-                noise=float(np.sqrt(floor * rate / 2.0)),
-            )
-        )
+        below = np.flatnonzero(np.cumsum(floor * steep) <= NOISE_SHARE * motion)
+        clean, noise = float(frequency[below[-1]]) if len(below) else 0.0, float(np.sqrt(floor * rate / 2.0))
+        bands.append(JointBand(floor=float(np.sqrt(floor)), clean=clean, noise=noise))
     return tuple(bands)
 
 
-_LEAST_BAND = 5.0
-"""Hz that are always kept: robots move there."""
 SAME_PERIOD = 0.01
 """Relative difference up to which sample periods count as the same: clocks drift."""
 
@@ -112,7 +104,14 @@ def choose_filters(processing: Processing, recordings: Sequence[Recording]) -> F
     usual = choose_processing(processing, recordings[0].period)
     if usual == processing:
         return FilterChoice(processing=processing)
-    _check_periods(recordings)
+    periods = [entry.period for entry in recordings]
+    if max(periods) > (1.0 + SAME_PERIOD) * min(periods):
+        listed = ", ".join(f"{one.source or 'a log'} every {1e3 * one.period:.4g} ms" for one in recordings)
+        text = (
+            f"the logs have different sample periods ({listed}), so no common cut-off and decimation can be "
+            "chosen: state filter_cutoff and decimation under [processing], or resample the logs to one rate"
+        )
+        raise LogError(Notice(code="identify.mixed-periods", text=text))
     rate = 1.0 / recordings[0].period
     clean = [0.0] * recordings[0].position.shape[1]
     for recording in recordings:
@@ -122,7 +121,8 @@ def choose_filters(processing: Processing, recordings: Sequence[Recording]) -> F
                 clean[joint] = max(clean[joint], entry.clean)
     decimation = usual.decimation
     kept = 0.5 * decimation.band * rate / decimation.factor
-    band = max(_LEAST_BAND, min([kept, *(limit for limit in clean if limit > 0.0)]))
+    # Robots move up to 5 Hz: these are always kept.
+    band = max(5.0, min([kept, *(limit for limit in clean if limit > 0.0)]))
     if processing.decimation.factor == 1:
         factor = max(decimation.factor, math.floor(0.5 * decimation.band * rate / band))
         decimation = replace(decimation, factor=factor)
@@ -141,18 +141,6 @@ def choose_filters(processing: Processing, recordings: Sequence[Recording]) -> F
         clean=tuple(clean),
         notices=(Notice(code="identify.automatic", text=text),),
     )
-
-
-def _check_periods(recordings: Sequence[Recording]) -> None:
-    periods = [entry.period for entry in recordings]
-    if max(periods) <= (1.0 + SAME_PERIOD) * min(periods):
-        return
-    listed = ", ".join(f"{entry.source or 'a log'} every {1e3 * entry.period:.4g} ms" for entry in recordings)
-    text = (
-        f"the logs have different sample periods ({listed}), so no common cut-off and decimation can be "
-        "chosen: state filter_cutoff and decimation under [processing], or resample the logs to one rate"
-    )
-    raise LogError(Notice(code="identify.mixed-periods", text=text))
 
 
 def choose_window(kind: str, processing: Processing, period: float) -> float:

@@ -58,21 +58,13 @@ def identify_closed_loop(
     echo: Mapping[str, object] | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Estimate:
-    """Return the parameters that an estimator finds with the help of the simulated robot.
+    """Return the parameters that an estimator, one of `SIMULATING`, finds with the simulated robot.
 
-    Args:
-        estimator: one of `SIMULATING`. Output error: the simulated torques approach the measured ones; the
-            filter of the processing is not used. Instrumental: the equations of the measured states, with
-            instruments from the simulated robot.
-        robot: rigid, with a controller; its processing is that of the rows.
-        library: its functions.
-        recordings: at least one, each with the reference of the controller.
-        start: an estimate of the same model to begin with; None for a fit to the same recordings.
-        start_name: its name in the result.
-        rule: when a parameter counts as not identifiable.
-        weights: of each recording's squared residuals; one if None.
-        echo: further settings to keep with the result.
-        progress: called with a line about each iteration.
+    Output error: the simulated torques approach the measured ones; the filter of the processing is not used.
+    Instrumental: the equations of the measured states, with instruments from the simulated robot. `start` is
+    an estimate of the same model to begin with, None for a fit to the same recordings, and `start_name` its
+    name in the result; `progress` is called with a line about each iteration, the others are as for
+    `identify_parameters`.
 
     Raises:
         UsageError: no controller or reference, elastic joints, friction that cannot be simulated.

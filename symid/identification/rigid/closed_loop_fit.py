@@ -227,11 +227,7 @@ def fit_output_error(
 ) -> ClosedLoopFit:
     """Return the parameters whose simulated torque is nearest to the measured one; positions pass no filter.
 
-    Args:
-        problem: robot, recordings, controllers.
-        start: all initial parameters, such as those of an estimate.
-        rule: when a parameter counts as not identifiable.
-        progress: called with a line about each iteration.
+    `start` has all initial parameters, by name; `progress` is called with a line about each iteration.
 
     Raises:
         UsageError: the friction cannot be simulated.
@@ -342,13 +338,9 @@ def _cut_start(problem: ClosedLoopProblem, recording: Recording, loop: ClosedLoo
 
 def _build_measured(problem: ClosedLoopProblem) -> list[Rows]:
     """Return the rows of each recording, after the initial state of the simulation has no effect."""
-    pairs = zip(problem.recordings, problem.loops, strict=True)
-    return [
-        prepare_rows(
-            "torque", problem.library, recording, _cut_start(problem, recording, loop), window=WINDOW
-        )
-        for recording, loop in pairs
-    ]
+    cut = [_cut_start(problem, *pair) for pair in zip(problem.recordings, problem.loops, strict=True)]
+    pairs = zip(problem.recordings, cut, strict=True)
+    return [prepare_rows("torque", problem.library, log, rule, window=WINDOW) for log, rule in pairs]
 
 
 def _build_beside(

@@ -137,16 +137,11 @@ class TriedReading:
 
 
 def build_stated_values(
-    values: Sequence[float],
-    deviations: Sequence[float | None],
-    covariance: Sequence[Sequence[float]] = (),
+    values: Sequence[float], deviations: Sequence[float | None], covariance: Sequence[Sequence[float]] = ()
 ) -> StatedValues:
-    """Return values with a covariance: the one given, else that of independent errors.
+    """Return values (m,) in SI units with the covariance (m, m) given, else that of independent errors.
 
-    Args:
-        values: (m,) in SI units.
-        deviations: (m,); None, infinite or beyond 1e100 where one is not known.
-        covariance: (m, m), or empty.
+    `deviations` (m,) are None, infinite or beyond 1e100 where one is not known.
     """
     known = np.array([entry is not None and entry < _HUGE for entry in deviations], dtype=bool)
     if len(covariance):
@@ -163,11 +158,9 @@ def build_stated_values(
 
 
 def compute_grouped_values(change: FloatArray, stated: StatedValues) -> StatedValues:
-    """Return T x with covariance T C T'.
+    """Return T x with covariance T C T', T (m, n) `change` and x the n values of `stated`.
 
-    Args:
-        change: T, (m, n).
-        stated: x, n values; a group that holds one without a deviation has none.
+    A group that holds a value without a deviation has none.
     """
     unknown = np.isnan(np.diag(stated.covariance))
     covariance = change @ np.where(np.isnan(stated.covariance), 0.0, stated.covariance) @ change.T
@@ -236,9 +229,19 @@ def try_readings(
     found: list[TriedReading] = []
     while waiting:
         now = compare_values(compute_grouped_values(change, ours), theirs)
-        tried = [_try_reading(change, ours, theirs, trials[number], now, scale=scale) for number in waiting]
+        tried = []
+        for entry in [trials[number] for number in waiting]:
+            then = compare_values(compute_grouped_values(add_readings(change, [entry]), ours), theirs)
+            gain = log_ratio = -math.inf
+            first, second = now.chi_square, then.chi_square
+            # Chi-squares over different groups cannot be compared.
+            if first is not None and second is not None and first.freedom == second.freedom:
+                gain = first.value - second.value
+                log_ratio = 0.5 * (gain / scale**2 + first.log_size - second.log_size)
+            before, after = (float(side.deviations[entry.group]) for side in (now, then))
+            tried.append(TriedReading(before=before, after=after, gain=gain, log_ratio=log_ratio))
         order = sorted(range(len(tried)), key=lambda k: -tried[k].log_ratio)
-        given = {trials[entry.trial].group for entry in found}
+        given = {trials[reading.trial].group for reading in found}
         explaining = [
             k for k in order if abs(tried[k].after) <= FAR * scale and trials[waiting[k]].group not in given
         ]
@@ -264,26 +267,6 @@ def add_readings(change: FloatArray, trials: Sequence[ReadingTrial]) -> FloatArr
     for trial in trials:
         changed[trial.group, trial.column] += trial.factor
     return changed
-
-
-def _try_reading(
-    change: FloatArray,
-    ours: StatedValues,
-    theirs: StatedValues,
-    trial: ReadingTrial,
-    now: ValueComparison,
-    *,
-    scale: float,
-) -> TriedReading:
-    then = compare_values(compute_grouped_values(add_readings(change, [trial]), ours), theirs)
-    gain = log_ratio = -math.inf
-    first, second = now.chi_square, then.chi_square
-    # Chi-squares over different groups cannot be compared.
-    if first is not None and second is not None and first.freedom == second.freedom:
-        gain = first.value - second.value
-        log_ratio = 0.5 * (gain / scale**2 + first.log_size - second.log_size)
-    before, after = (float(entry.deviations[trial.group]) for entry in (now, then))
-    return TriedReading(before=before, after=after, gain=gain, log_ratio=log_ratio)
 
 
 def list_shared_logs(first: Sequence[tuple[str, str]], second: Sequence[tuple[str, str]]) -> tuple[str, ...]:

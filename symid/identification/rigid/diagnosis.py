@@ -106,19 +106,6 @@ def measure_decimation_price(
     both = (ours > 0.0) & (theirs > 0.0)
     if not both.any():
         return ()
-    what = f"decimation by {builder.processing.decimation.factor}"
-    held_out = _compare_held_out(some, full, identifiability, groups)
-    wider = 100.0 * (float(np.median(ours[both] / theirs[both])) - 1.0)
-    return (
-        Price(what=what, of="held-out residual", percent=held_out),
-        Price(what=what, of="median stated standard deviation (for white noise)", percent=wider),
-    )
-
-
-def _compare_held_out(
-    some: LongRows, full: LongRows, identifiability: Identifiability, groups: FloatArray
-) -> float:
-    """Return by how many percent held-out residuals grow with the fit to some of the rows."""
     judged, number = _weigh(some, identifiability, groups)
     others, place = _weigh(full, identifiability, groups)
     left = np.zeros(2)
@@ -127,7 +114,13 @@ def _compare_held_out(
         for index, table in enumerate((judged[number != fold], others[place != fold])):
             values = np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=_RANK)[0]
             left[index] += float(np.sum((held[:, -1] - held[:, :-1] @ values) ** 2))
-    return 100.0 * (float(np.sqrt(left[0] / left[1])) - 1.0) if left[1] else 0.0
+    held_out = 100.0 * (float(np.sqrt(left[0] / left[1])) - 1.0) if left[1] else 0.0
+    what = f"decimation by {builder.processing.decimation.factor}"
+    wider = 100.0 * (float(np.median(ours[both] / theirs[both])) - 1.0)
+    return (
+        Price(what=what, of="held-out residual", percent=held_out),
+        Price(what=what, of="median stated standard deviation (for white noise)", percent=wider),
+    )
 
 
 def _weigh(

@@ -242,7 +242,12 @@ def identify_parameters(
     if is_long(builder, recordings, estimator, largest):
         fitted = fit_long(builder, recordings, estimator, rule=rule, weights=weights)
     if fitted is None:
-        fitted = _fit_in_memory(builder, recordings, estimator, rule, options=options, weights=weights)
+        built = stack_rows([builder.prepare(entry) for entry in recordings], weights)
+        identifiability = analyse_identifiability(built, rule)
+        fit = fit_rows(estimator, built, identifiability, used.noise_freedom, options)
+        pattern = warn_of_correlated_residuals(built, fit, identifiability)
+        drift = warn_of_drift(built, fit, [entry.source for entry in recordings], used.noise_freedom)
+        fitted = FittedRows(built, identifiability, fit, pattern, drift)
     windowed = rows not in {"torque", "power"}
     settings = {
         **(echo or {}),
@@ -262,27 +267,6 @@ def identify_parameters(
     if not fitted.identifiability.refused:
         warnings += warn_of_mass_matrix(library, values, recordings)
     return replace(estimate, notices=(*filters.notices, *estimate.notices, *warnings))
-
-
-def _fit_in_memory(
-    builder: RowBuilder,
-    recordings: Sequence[Recording],
-    estimator: str,
-    rule: RankRule,
-    *,
-    options: EstimatorOptions | None,
-    weights: Sequence[float] | None,
-) -> FittedRows:
-    rows = stack_rows([builder.prepare(entry) for entry in recordings], weights)
-    identifiability, freedom = analyse_identifiability(rows, rule), builder.processing.noise_freedom
-    fit = fit_rows(estimator, rows, identifiability, freedom, options)
-    return FittedRows(
-        rows=rows,
-        identifiability=identifiability,
-        fit=fit,
-        pattern=warn_of_correlated_residuals(rows, fit, identifiability),
-        drift=warn_of_drift(rows, fit, [entry.source for entry in recordings], freedom),
-    )
 
 
 def build_estimate(
@@ -389,10 +373,10 @@ def check_estimator(rows: str, estimator: str | None) -> None:
     Raises:
         UsageError: there is no such estimator; those of friction laws are others.
     """
+    if estimator is None:
+        return
     more = f" with {rows} rows; those of friction laws go with --rows friction"
-    notices = (
-        [] if estimator is None else _list_unknown("estimator", estimator, (*ESTIMATORS, *SIMULATING), more)
-    )
+    notices = _list_unknown("estimator", estimator, (*ESTIMATORS, *SIMULATING), more)
     if notices:
         raise UsageError(*notices)
 

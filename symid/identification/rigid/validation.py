@@ -33,13 +33,7 @@ from symid.identification.estimators import (
     check_model,
     compute_residuals,
 )
-from symid.identification.regression import (
-    SAME_PERIOD,
-    WINDOW,
-    choose_filters,
-    count_pieces,
-    prepare_rows,
-)
+from symid.identification.regression import SAME_PERIOD, WINDOW, choose_filters, count_pieces, prepare_rows
 from symid.logs import Recording, is_log_of_fit
 from symid.robot import (
     Decimation,
@@ -297,14 +291,8 @@ def validate_estimate(
 ) -> Validation:
     """Return residuals and series of `recording` under the estimate; nothing is fitted.
 
-    Args:
-        estimate: the parameters.
-        library: the functions of the same model.
-        recording: the log.
-        processing: as stated; what it leaves open is as in the fit, see `resolve_processing`.
-        rows: one of `ROW_KINDS`.
-        window: length of windows in s.
-        overlap: part of a window that the next one shares.
+    What `processing` leaves open is as in the fit, see `resolve_processing`. `rows` is one of `ROW_KINDS`,
+    `window` the length of windows in s, `overlap` the part of one that the next one shares.
 
     Raises:
         EstimateError: the estimate belongs to another model than the library.

@@ -70,9 +70,7 @@ def found(tmp_path_factory):
     (folder / "bad.py").write_text(HEAD + "\n".join(BAD), encoding="utf-8")
     # The settings of this project would be those of a user otherwise.
     command = ["-m", "mypy", "--strict", "--config-file=", f"--cache-dir={os.devnull}", "good.py", "bad.py"]
-    done = subprocess.run(
-        [sys.executable, *command], cwd=folder, capture_output=True, text=True, check=False
-    )
+    done = subprocess.run([sys.executable, *command], cwd=folder, capture_output=True, text=True, check=False)
     *lines, last = done.stdout.splitlines()
     assert last.endswith("(checked 2 source files)"), done.stdout + done.stderr
     return lines

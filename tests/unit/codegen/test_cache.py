@@ -26,7 +26,7 @@ from symid.codegen.cache import (
 )
 from symid.codegen.compiler import Compiler, compile_sources, locate_compiler, read_processor
 from symid.errors import GenerationError, OutputError
-from symid.robot.description import Limits, Processing
+from symid.robot.description import Controller, Limits, Processing
 from symid.robot.elasticity import Elasticity
 from symid.robot.toml_reader import read_robot
 
@@ -199,6 +199,8 @@ def test_the_key_sees_of_the_robot_what_its_functions_depend_on(robot):
     assert find_key(limits=Limits(velocity=3.5)) == key
     assert find_key(drive=replace(joint.drive, torque_constant=7.0)) == key
     assert compute_library_key(replace(robot, source="a paper", notices=()), None, compiler) == key
+    controller = Controller(stiffness=(5.0,), damping=(1.0,))
+    assert compute_library_key(replace(robot, controller=controller), None, compiler) == key
     assert find_key(name="another") != key
     assert find_key(drive=replace(joint.drive, has_rotor=not joint.drive.has_rotor)) != key
 

@@ -165,15 +165,10 @@ def test_relaxed_arithmetic_costs_some_digits_and_no_more(tmp_path, precision, a
     np.testing.assert_allclose(cosines, np.cos(exact), rtol=0, atol=allowed)
 
 
-# All functions of a small robot; of six angles at once a few.
-SIX = ("forward_kinematics", "mass_matrix", "inverse_dynamics", "torque_regressor")
-BLOCKS = {"rrp_twisted": None, "puma560": SIX}
-
-
-@pytest.fixture(scope="module", params=sorted(BLOCKS))
-def blocks(request):
-    robot = read_robot(locate_resource_folder("robots") / f"{request.param}.toml")
-    return generate_c_library(build_functions(robot, names=BLOCKS[request.param]))
+@pytest.fixture(scope="module")
+def blocks():
+    robot = read_robot(locate_resource_folder("robots") / "puma560.toml")
+    return generate_c_library(build_functions(robot))
 
 
 @needs_compiler

@@ -54,6 +54,15 @@ def check_caught(folder, compiler, name):
     assert failed == [name], done.stdout + done.stderr
 
 
+def test_large_functions_pass_it_when_they_are_optimised(project, optimising_compiler, tmp_path):
+    """With the flags of the folder's own Makefile and every warning; other tests compile them quickly."""
+    robot = read_robot(project / "robots" / "puma560.toml")
+    write_sources(generate_c_library(build_functions(robot)), tmp_path)
+    command = ["make", "-s", f"CC={optimising_compiler}", "CFLAGS=-O2 -Werror", "check"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
 def test_it_says_what_it_compares(folder):
     text = (folder / "selftest.c").read_text()
     for words in ("100 random states", "50-digit", "the first 2 states", "divided by the largest element"):

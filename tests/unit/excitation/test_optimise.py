@@ -23,7 +23,7 @@ from symid.robot.toml_reader import read_robot
 
 ROBOTS = Path(__file__).resolve().parents[3] / "robots"
 NAMES = ("shoulder", "elbow")
-QUICK = ExcitationOptions(candidates=40, starts=2, refined=1, iterations=60)
+QUICK = ExcitationOptions(candidates=30, starts=2, refined=1, iterations=30)
 # Above the floor, 0.75 m under the shoulder; the arm is about 1 m long.
 FLOOR = WorkspaceLimits(
     regions=(
@@ -183,8 +183,9 @@ def test_the_weight_trades_condition_for_information(robot, plain):
     assert more.information > plain.information
 
 
-def test_the_same_seed_gives_the_same_trajectory(robot, plain):
-    first, second, other = plain, search(robot), search(robot, seed=1)
+def test_the_same_seed_gives_the_same_trajectory(robot):
+    short = replace(QUICK, candidates=10, starts=1, iterations=10)
+    first, second, other = (search(robot, short, seed) for seed in (0, 0, 1))
     assert first.coefficients.tobytes() == second.coefficients.tobytes()
     assert first.coefficients.tobytes() != other.coefficients.tobytes()
 

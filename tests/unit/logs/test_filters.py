@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 
 from symid.errors import LogError
 from symid.logs.recording import Recording
@@ -67,6 +67,7 @@ def test_the_low_pass_keeps_level_and_amplitude_at_any_order_and_cutoff(order, c
     np.testing.assert_allclose(smooth[middle], wave[middle] / (1 + ratio ** (2 * order)), atol=1e-3)
 
 
+@settings(max_examples=40)
 @given(
     order=st.integers(1, 16),
     factor=st.integers(2, 1000),

@@ -45,11 +45,19 @@ g2 = 90
 g3 = 20
 g5 = 100
 """
+# The functions that a plant calls; other functions need no compiler here.
+CALLED = ("friction", "friction_regressor", "forward_dynamics", "mass_matrix", "bias")
+
+
+def prepare(friction, *, mass=2.0, backend="auto"):
+    """Return the library of a slide with what its plant calls."""
+    text = FILE.replace("mass = 2.0", f"mass = {mass}").format(friction=friction)
+    return prepare_library(parse_robot(text), names=CALLED, backend=backend)
 
 
 @pytest.fixture(scope="module")
-def stribeck(tmp_path_factory):
-    return prepare_library(parse_robot(FILE.format(friction=STRIBECK)))
+def stribeck():
+    return prepare(STRIBECK)
 
 
 def fall(v):
@@ -97,8 +105,7 @@ def test_it_comes_to_rest_and_stays(stribeck):
 
 
 def test_friction_that_is_continuous_never_sticks():
-    library = prepare_library(parse_robot(FILE.format(friction=MAKKAR)))
-    plant = RigidPlant(library)
+    plant = RigidPlant(prepare(MAKKAR))
     state = plant.advance(build_rest_state(np.zeros(1)), np.array([0.5]), 0.5, 1000)
 
     # It creeps at the speed whose friction is the force.
@@ -109,9 +116,9 @@ def test_friction_that_is_continuous_never_sticks():
 
 
 def test_curved_friction_that_pushes_is_refused():
-    text = FILE.format(friction=STRIBECK.replace("Fe = 2.0", "Fe = -5.0"))
+    pushing = prepare(STRIBECK.replace("Fe = 2.0", "Fe = -5.0"), backend="python")
     with pytest.raises(UsageError, match="joint 'x'") as caught:
-        build_friction_lines(prepare_library(parse_robot(text)))
+        build_friction_lines(pushing)
     assert caught.value.notices[0].code == "usage.negative-friction"
 
 
@@ -127,7 +134,7 @@ def test_curved_friction_that_pushes_is_refused():
     ],
 )
 def test_a_curve_that_pushes_at_some_speed_is_refused(friction, said):
-    library = prepare_library(parse_robot(FILE.format(friction=friction)))
+    library = prepare(friction, backend="python")
     with pytest.raises(UsageError, match=said) as caught:
         RigidPlant(library)
     assert caught.value.notices[0].code == "usage.negative-friction"
@@ -135,7 +142,7 @@ def test_a_curve_that_pushes_at_some_speed_is_refused(friction, said):
 
 def test_a_curve_that_pushes_only_beyond_the_velocity_limit_is_refused_when_it_gets_there():
     friction = 'model = "cubic"\nFv = 0.6\nFc = 0.2\nFvq = -1\nFvc = 0'
-    library = prepare_library(parse_robot(FILE.format(friction=friction)))
+    library = prepare(friction, backend="python")
     plant = RigidPlant(library, speeds=np.array([0.8]))
     check_friction_at_speeds(plant.friction, library.card.joints, np.array([[0.0], [0.8], [-0.8]]))
     with pytest.raises(UsageError, match=r"0.8\d m/s") as caught:
@@ -145,7 +152,7 @@ def test_a_curve_that_pushes_only_beyond_the_velocity_limit_is_refused_when_it_g
 
 def test_bias_is_no_push():
     friction = 'model = "improved_stribeck"\nFv = 1\nFc = 1\nFe = 1\nFp = 9\nvs = 0.1\ndq0 = 0.02'
-    assert RigidPlant(prepare_library(parse_robot(FILE.format(friction=friction)))).size == 1
+    assert RigidPlant(prepare(friction, backend="python")).size == 1
 
 
 def find_improved(v, edge):
@@ -168,9 +175,8 @@ def test_a_steep_zone_is_followed_as_an_implicit_solver_does(edge, allowed):
     """A light joint, so that friction stops it at 2e4 and 2e5 / s, against steps of a millisecond."""
     values = "Fv = 8.9\nFc = 3.99\nFe = 3.33\nFp = -0.33\nvs = 0.01292"
     friction = f'model = "improved_stribeck"\n{values}\ndq0 = {edge}'
-    text = FILE.replace("mass = 2.0", "mass = 0.08").format(friction=friction)
     period, count = 1e-3, 440
-    torque, speeds, state = drive(RigidPlant(prepare_library(parse_robot(text))), period, count)
+    torque, speeds, state = drive(RigidPlant(prepare(friction, mass=0.08)), period, count)
     exact = [0.0]
     for value in torque:
         done = solve_ivp(
@@ -191,10 +197,7 @@ def test_a_steep_zone_is_followed_as_an_implicit_solver_does(edge, allowed):
 
 @pytest.mark.parametrize("friction", ['model = "power_law"\nFc = 1\nFd = 2\ndelta = 0.3', STRIBECK])
 def test_work_and_loss_agree_over_reversals(friction):
-    plant = RigidPlant(
-        prepare_library(parse_robot(FILE.replace("mass = 2.0", "mass = 0.08").format(friction=friction)))
-    )
-    _, speeds, state = drive(plant, 1e-3, 600)
+    _, speeds, state = drive(RigidPlant(prepare(friction, mass=0.08)), 1e-3, 600)
     assert speeds.max() > 0.1
     assert speeds.min() < -0.1
     assert state.work == pytest.approx(0.04 * state.dq[0] ** 2 + state.dissipation, rel=1e-7)
@@ -202,7 +205,7 @@ def test_work_and_loss_agree_over_reversals(friction):
 
 def test_a_zone_too_steep_to_follow_is_refused_by_name():
     friction = 'model = "improved_stribeck"\nFv = 1\nFc = 4\nFe = 1\nFp = 0\nvs = 0.1\ndq0 = 1e-9'
-    plant = RigidPlant(prepare_library(parse_robot(FILE.format(friction=friction))))
+    plant = RigidPlant(prepare(friction, backend="python"))
     with pytest.raises(SolverError, match=r"'x'.* 500 steps") as caught:
         drive(plant, 1e-3, 100)
     assert caught.value.notices[0].code == "simulate.steep-friction"
@@ -223,5 +226,5 @@ com = [0, 0, 0]
     text += '[[coupling]]\nname = "m"\nterms = { x = 1, y = 1 }\n[coupling.friction]\nmodel = "stribeck"\n'
     text += "Fv = 0\nFc = 0\nFe = 1\nvs = 0.01\n"
     with pytest.raises(UsageError, match="Fem") as caught:
-        build_friction_lines(prepare_library(parse_robot(text)))
+        build_friction_lines(prepare_library(parse_robot(text), names=CALLED, backend="python"))
     assert caught.value.notices[0].code == "usage.shared-friction"
