@@ -19,7 +19,6 @@ import numpy as np
 from symid.codegen.library import Library
 
 SHARED = (
-    ("symid.logs.signals", "_design_decimation"),
     ("symid.logs.signals", "decimate"),
     ("symid.dynamics.base_parameters", "derive_base_parameters"),
     ("symid.identification.regression.equations", "build_rows"),
