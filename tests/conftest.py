@@ -4,6 +4,7 @@ A test that wants something a machine may not have asks for it through a fixture
 fixture skips with the reason.
 """
 
+import gc
 import os
 import shlex
 import shutil
@@ -21,14 +22,28 @@ settings.load_profile("symid")
 
 
 OPTIMISING = "SYMID_TEST_OPTIMISING_COMPILER"
-# Compiled without optimisation, large functions compute the same in a fifth of the compiler's time.
+# What a run has compiled before is copied; without optimisation, large functions compute the same in a fifth
+# of the compiler's time.
 QUICK_COMPILER = """#!/bin/sh
+source= target= options= before=
 for argument; do
-    case "$argument" in
-        *.c) test "$(wc -c < "$argument")" -gt 20000 && exec {compiler} "$@" -O0 ;;
-    esac
+    case "$before" in -o) target=$argument argument= ;; esac
+    case "$argument" in *.c) source=$argument argument=${{argument##*/}} ;; esac
+    options="$options $argument" before=$argument
 done
-exec {compiler} "$@"
+test -f "$source" || exec {compiler} "$@"
+test "$(wc -c < "$source")" -gt 20000 && set -- "$@" -O0
+case "$options " in *" -c "*) ;; *) exec {compiler} "$@" ;; esac
+folder=.
+case "$source" in */*) folder=${{source%/*}} ;; esac
+kept={folder}/$({{ echo "$options"; cat "$source" "$folder"/*.h 2>/dev/null; }} | sha256sum | cut -c1-64)
+test -f "$kept" && exec cp "$kept" "$target"
+{compiler} "$@" 2>"$kept.$$.said"
+code=$?
+cat "$kept.$$.said" >&2
+test $code -eq 0 && test ! -s "$kept.$$.said" && cp "$target" "$kept.$$" && mv "$kept.$$" "$kept"
+rm -f "$kept.$$.said"
+exit $code
 """
 
 
@@ -42,10 +57,18 @@ def pytest_configure(config: pytest.Config) -> None:
         if compiler is not None:
             quick = Path(tempfile.mkdtemp(prefix="symid-test-compiler-"))
             config.add_cleanup(lambda: shutil.rmtree(quick, ignore_errors=True))
-            (quick / "cc").write_text(QUICK_COMPILER.format(compiler=shlex.quote(compiler)), encoding="utf-8")
+            text = QUICK_COMPILER.format(compiler=shlex.quote(compiler), folder=shlex.quote(str(quick)))
+            (quick / "cc").write_text(text, encoding="utf-8")
             (quick / "cc").chmod(0o755)
             os.environ[OPTIMISING] = compiler
             os.environ["PATH"] = f"{quick}{os.pathsep}{os.environ['PATH']}"
+
+
+def pytest_collection_finish() -> None:
+    """Leave out of garbage collection what stays for the whole run, and collect less often."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(100_000, 50, 100)
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,4 @@
-"""Work that several tests repeat with equal inputs is done once a process: filters, bases, rows of equations.
+"""Work that several tests repeat with equal inputs is done once a process: filters and rows of equations.
 
 `share_work` puts memories in front of functions that compute nothing but their result. Keys are the inputs
 themselves, arrays by a digest of their bytes. Arrays are given out as copies; all other results are frozen.
@@ -20,7 +20,6 @@ from symid.codegen.library import Library
 
 SHARED = (
     ("symid.logs.signals", "decimate"),
-    ("symid.dynamics.base_parameters", "derive_base_parameters"),
     ("symid.identification.regression.equations", "build_rows"),
     ("symid.identification.diagnostics.residual_structure", "_tabulate"),
     ("symid.identification.diagnostics.residual_structure", "_compute_span"),

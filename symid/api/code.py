@@ -38,7 +38,7 @@ class WrittenCode(Result):
 
     Attributes:
         robot: the robot.
-        product: the folder, its manifest, and the result of its self-test.
+        product: the folder, its manifest, the result of its self-test, and a notice if that was not run.
 
     Example:
         >>> import symid
@@ -76,11 +76,6 @@ class WrittenCode(Result):
     def operations(self) -> Mapping[str, Mapping[str, int]]:
         """Return products (mul), sums (add), sines and cosines (trig) by function."""
         return self.product.operations
-
-    @property
-    def notices(self) -> tuple[Notice, ...]:
-        """Return warnings and notes on the robot, and on a self-test that was not run."""
-        return (*self.robot.notices, *self.product.notices)
 
     def summarise(self) -> str:
         """Return the folder, what was written, and the result of its self-test."""
@@ -209,13 +204,7 @@ class TupleFunction(_Function):
     def __call__(self, *inputs: "ArrayLike", out: "Sequence[FloatArray] | None" = None) -> Outputs:
         """Return the outputs for one sample, or for a batch, in order and by name.
 
-        Args:
-            inputs: in the order of `spec.inputs`: (n,) each, or (N, n) for N samples; vectors of parameters
-                are shared by all samples. SI units, angles in rad.
-            out: float64 arrays for the outputs; None for new ones.
-
-        Raises:
-            UsageError: an input has a wrong shape or is not real, or `out` does not fit the outputs.
+        `inputs` and errors are those of `RobotFunction`; `out` has a float64 array for each output.
         """
         names = [port.name for port in self.spec.outputs]
         return Outputs.build(names, self._evaluate(inputs, out))
@@ -336,7 +325,7 @@ class CompiledModel:
                 raise AttributeError(name)
             from symid.robot import suggest_names
 
-            hint = suggest_names(name, self.functions) or f"there are {', '.join(self.functions)}"
+            hint = suggest_names(name, self.functions, otherwise="there are")
             message = f"{self.card.robot!r} has no function {name!r}: {hint}"
             raise AttributeError(message)
 

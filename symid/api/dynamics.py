@@ -68,11 +68,6 @@ class BaseSet(Result):
 
         return compute_parameter_values(self.robot, self.product)
 
-    @property
-    def notices(self) -> tuple[Notice, ...]:
-        """Return warnings and notes on the robot."""
-        return self.robot.notices
-
     def __len__(self) -> int:
         """Return the number of inertial base parameters."""
         return self.count
@@ -92,16 +87,9 @@ class BaseSet(Result):
             from symid.robot import suggest_names
 
             gone = {entry.name: entry.reason for entry in self.product.eliminated}
-            groups = {
-                plain: f"it is the first of the group {entry.name}"
-                for plain, entry in self._list_heads().items()
-            }
-            hint = (
-                gone.get(name)
-                or groups.get(name)
-                or suggest_names(name, entries)
-                or f"there are {', '.join(entries)}"
-            )
+            head = self._list_heads().get(name)
+            group = f"it is the first of the group {head.name}" if head else ""
+            hint = gone.get(name) or group or suggest_names(name, entries, otherwise="there are")
             text = f"{name!r} is not a base parameter of {self.robot.name}: {hint}"
             raise UsageError(Notice(code="usage.unknown-parameter", text=text))
         return entries[name]
@@ -184,11 +172,6 @@ class Derivation(Result):
     steps: "tuple[Step, ...]"
     operations: "tuple[RouteCount, ...]"
     latex: bool = False
-
-    @property
-    def notices(self) -> tuple[Notice, ...]:
-        """Return warnings and notes on the robot."""
-        return self.robot.notices
 
     def summarise(self) -> str:
         """Return robot and steps."""

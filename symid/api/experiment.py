@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, final
 
 from symid import report
-from symid.api.log import Log
+from symid.api.log import Log, Measurements
 from symid.api.result import Result
 from symid.errors import Notice
 
 if TYPE_CHECKING:
     from symid.arrays import FloatArray
     from symid.excitation import Margin, OptimisedExcitation, Trajectory
-    from symid.logs import Recording
     from symid.report import Block
     from symid.robot import Robot
 
@@ -32,15 +31,16 @@ class ExcitedTrajectory(Result):
 
     Attributes:
         robot: the robot.
-        product: the trajectory, its properties, and the result of the search from every start.
+        product: the trajectory, its properties, the result of the search from every start, and notices, such
+            as limits that the robot file does not state.
         seed: of the random series at the start of the search.
 
     Example:
         >>> import symid
         >>> robot = symid.load("two_link")
         >>> found = robot.excite(harmonics=2, period=2.0, candidates=20, starts=1)
-        >>> found.coefficients.shape
-        (2, 5)
+        >>> found.coefficients.shape, found.condition < found.product.random_condition
+        ((2, 5), True)
         >>> robot.simulate(found.save("motion.csv", rate=100)).duration
         2.0
     """
@@ -73,11 +73,6 @@ class ExcitedTrajectory(Result):
     def margins(self) -> "tuple[Margin, ...]":
         """Return the used part of every limit, and clearances in m."""
         return self.product.margins
-
-    @property
-    def notices(self) -> tuple[Notice, ...]:
-        """Return warnings and notes, such as limits that the robot file does not state."""
-        return (*self.robot.notices, *self.product.notices)
 
     def save(self, path: str | PathLike[str], *, rate: float = 1000.0, periods: int = 1) -> Path:
         """Write t, q, dq, ddq as a .csv that `RobotModel.simulate` follows; return its path.
@@ -116,7 +111,7 @@ class ExcitedTrajectory(Result):
 
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Simulation(Result):
+class Simulation(Measurements):
     """The measured log of a simulated robot.
 
     Attributes:
@@ -137,8 +132,6 @@ class Simulation(Result):
         ((501, 2), 'run.npz')
     """
 
-    robot: "Robot"
-    recording: "Recording"
     trajectory: str
     duration: float
     seed: int
@@ -153,21 +146,6 @@ class Simulation(Result):
         return Log(recording=self.recording, robot=self.robot)
 
     @property
-    def time(self) -> "FloatArray":
-        """Return the times (N,), s."""
-        return self.recording.time
-
-    @property
-    def q(self) -> "FloatArray":
-        """Return the measured positions (N, n), rad or m; for an elastic robot those of the links."""
-        return self.recording.position
-
-    @property
-    def tau(self) -> "FloatArray":
-        """Return the measured torques (N, n), N m or N; for an elastic robot those of the motors."""
-        return self.recording.torque
-
-    @property
     def theta(self) -> "FloatArray | None":
         """Return the motor positions (N, n) on the joint side, rad or m; None for a rigid robot."""
         return self.recording.motor_position
@@ -176,16 +154,6 @@ class Simulation(Result):
     def notices(self) -> tuple[Notice, ...]:
         """Return warnings and notes on the robot, its compiled functions and the log."""
         return (*self.robot.notices, *self.library_notices, *self.recording.notices)
-
-    def save(self, path: str | PathLike[str]) -> Path:
-        """Write the log to `path`, .npz or .csv, and return the path; an existing file is overwritten.
-
-        Raises:
-            OutputError: the suffix is another one, or the file cannot be written.
-        """
-        from symid.logs import write_recording
-
-        return write_recording(self.recording, Path(path), self.robot)
 
     def summarise(self) -> str:
         """Return the number of samples, the trajectory, and the error of the energy balance."""

@@ -88,7 +88,7 @@ def doctor() -> Doctor:
     """
     from symid.api.installation import check_installation
 
-    return Doctor(findings=check_installation())
+    return Doctor(findings=tuple(check_installation()))
 
 
 _ROBOT = "two_link_elastic"
@@ -169,31 +169,25 @@ class DemoResult(Result):
 
         best = self.fit.estimate
         logs = ", ".join(_LOGS[name] for name in _TRAINING)
+        chosen = f"{_AUTOMATIC}: {best.method}"
+        errors = [[chosen if name == _AUTOMATIC else name, *pair] for name, pair in self.deviations.items()]
+        header = ["feed-forward", *(f"{joint.name}/mrad" for joint in self.robot.joints)]
+        rows = [[run.name, *(1e3 * run.rms).tolist()] for run in self.tracking]
         return (
             f"{self.robot.name}: dynamics, friction and hysteresis identified from {logs}\n{best.reason}",
             report.show_elastic_parameters(best),
             report.show_springs(best),
-            *self._show_deviations(),
-            *self._show_tracking(),
+            (
+                "errors in percent: largest error of a dynamic parameter; hysteresis of the worse joint on "
+                f"the held-out motion {_LOGS[_HELD_OUT]}"
+            ),
+            report.Table(["method", "parameters", "hysteresis"], errors),
+            f"RMS tracking errors of the links in closed loop, motion of {_LOGS[_HELD_OUT]}",
+            report.Table(header, rows),
             f"{len(self.files)} files of C in {show_path(self.folder / 'code')}, {self.built}",
             f"robot file with the identified values: {show_path(self.folder / 'identified.toml')}",
             f"report: {self.report.resolve()}",
         )
-
-    def _show_deviations(self) -> "tuple[Block, ...]":
-        chosen = f"{_AUTOMATIC}: {self.fit.estimate.method}"
-        rows = [[chosen if name == _AUTOMATIC else name, *pair] for name, pair in self.deviations.items()]
-        title = (
-            "errors in percent: largest error of a dynamic parameter; hysteresis of the worse joint on the "
-            f"held-out motion {_LOGS[_HELD_OUT]}"
-        )
-        return (title, report.Table(["method", "parameters", "hysteresis"], rows))
-
-    def _show_tracking(self) -> "tuple[Block, ...]":
-        header = ["feed-forward", *(f"{joint.name}/mrad" for joint in self.robot.joints)]
-        rows = [[run.name, *(1e3 * run.rms).tolist()] for run in self.tracking]
-        title = f"RMS tracking errors of the links in closed loop, motion of {_LOGS[_HELD_OUT]}"
-        return (title, report.Table(header, rows))
 
     def to_dict(self) -> dict[str, object]:
         """Return the estimate, errors, tracking and files in plain types."""
@@ -238,6 +232,8 @@ def demo(
         >>> result.accepted  # doctest: +SKIP
         True
     """
+    from symid.identification.elastic import evaluate_elastic
+
     place = Path(folder)
     _prepare_folder(place, force=force)
     robot = load(_ROBOT, backend=backend, progress=progress)
@@ -253,7 +249,19 @@ def demo(
     estimate = fits[_AUTOMATIC].save(place / "estimate.json")
     export_fit(robot.description, estimate, place / "identified.toml", progress=progress)
     tracking = _simulate_tracking(robot, fits)
-    _write_report(robot, fits, logs, tracking, place / "report.html")
+    progress("writing the report")
+    library, best = robot.library, fits[_AUTOMATIC].estimate
+    initial = [spring.elasticity for spring in fits["linear-spring"].estimate.springs]
+    held_out = [logs[name].recording for name in (_HELD_OUT, "TA")]
+    page = report.build_elastic_page(
+        best,
+        tuple(evaluate_elastic(best, library, log, initial=initial) for log in held_out),
+        (*robot.notices, *library.notices),
+        report.describe_origin(robot.description, library, [log.recording for log in logs.values()]),
+        iterated=fits["two-step"].estimate,
+        tracking=tracking,
+    )
+    report.write_page(place / "report.html", page)
     return DemoResult(
         robot=robot,
         fits=fits,
@@ -307,7 +315,7 @@ def _compute_errors(robot: RobotModel, fit: ElasticFit, held_out: "ElasticRun") 
 
     card = robot.library.card
     found = fit.estimate.build_fit(len(card.beta))
-    hysteresis = compute_hysteresis_errors(found, held_out)
+    hysteresis = compute_hysteresis_errors(found, held_out.phi, held_out.joint_torque)
     return compute_parameter_error(found, get_true_parameters(card)), float(hysteresis.max())
 
 
@@ -326,30 +334,6 @@ def _simulate_tracking(robot: RobotModel, fits: Mapping[str, ElasticFit]) -> "tu
     return simulate_tracking(
         robot.description, robot.library, models, build_tc(), build_noisy_options(), progress=robot.progress
     )
-
-
-def _write_report(
-    robot: RobotModel,
-    fits: Mapping[str, ElasticFit],
-    logs: Mapping[str, Log],
-    tracking: "tuple[TrackingRun, ...]",
-    path: Path,
-) -> None:
-    from symid.identification.elastic import evaluate_elastic
-
-    robot.progress("writing the report")
-    library, best = robot.library, fits[_AUTOMATIC].estimate
-    initial = [spring.elasticity for spring in fits["linear-spring"].estimate.springs]
-    held_out = [logs[name].recording for name in (_HELD_OUT, "TA")]
-    page = report.build_elastic_page(
-        best,
-        tuple(evaluate_elastic(best, library, log, initial=initial) for log in held_out),
-        (*robot.notices, *library.notices),
-        report.describe_origin(robot.description, library, [log.recording for log in logs.values()]),
-        iterated=fits["two-step"].estimate,
-        tracking=tracking,
-    )
-    report.write_page(path, page)
 
 
 def judge_demo(deviations: DemoErrors, tracking: "Sequence[TrackingRun]") -> tuple[Notice, ...]:

@@ -86,7 +86,20 @@ class Fit(Result):
         Raises:
             UsageError: there is no robot of this name.
         """
-        return self.model if self.model is not None else _load_named(self.product.robot, self.progress)
+        if self.model is not None:
+            return self.model
+        name = self.product.robot
+        try:
+            return load(name, progress=self.progress)
+        except UsageError as error:
+            first = error.notices[0]
+            if first.code != "usage.unknown-robot":
+                raise
+            text = (
+                f"the estimate was made with robot '{name}', which is not among the known robots; name its "
+                "file with --robot FILE.toml, or symid.load_fit(file, symid.load(robot_file))"
+            )
+            raise UsageError(replace(first, text=text)) from error
 
     @property
     def settings(self) -> Mapping[str, object]:
@@ -148,7 +161,7 @@ class Fit(Result):
         else:
             from symid.robot import suggest_names
 
-            hint = suggest_names(name, entries) or f"there are {', '.join(entries)}"
+            hint = suggest_names(name, entries, otherwise="there are")
             text = f"{name!r} is not a parameter of this fit: {hint}"
         raise UsageError(Notice(code="usage.unknown-parameter", text=text))
 
@@ -157,13 +170,6 @@ class Fit(Result):
 
         Raises:
             OutputError: the file cannot be written.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
-            >>> fit.save("fit.json").name
-            'fit.json'
         """
         from symid.identification import write_fit
 
@@ -183,13 +189,6 @@ class Fit(Result):
             EstimateError: the fit belongs to another model.
             LogError: the log does not fit the robot.
             IdentifiabilityError: no joint moves in the log.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
-            >>> fit.validate(robot.simulate("tc", duration=5.0, seed=2).log, gate=5.0).accepted
-            True
         """
         pairs = list_pairs(settings)
         return LogValidation(product=self._try(take_one_log(log, pairs), pairs), gate=gate)
@@ -229,8 +228,7 @@ class Fit(Result):
 
         Args:
             others: fits of the same robot, their files, or tables (CSV) of published values in other
-                groupings;
-                ours are regrouped exactly.
+                groupings; ours are regrouped exactly.
             name: for a table: column of names or groups.
             value: for a table: column of values.
             deviation: for a table: column of standard deviations.
@@ -241,13 +239,6 @@ class Fit(Result):
         Raises:
             UsageError: a column is missing, or a reading is not a sum of our parameters.
             EstimateError: another fit cannot be read, belongs to another robot, or has nothing in common.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
-            >>> fit.compare(fit).largest
-            0.0
         """
         from symid.api.validation import compare_fit
 
@@ -312,13 +303,6 @@ class Fit(Result):
             UsageError: this kind of fit has no validation or diagnosis.
             LogError: a log does not fit the robot.
             OutputError: the page cannot be written.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
-            >>> fit.report("report.html", validation=robot.simulate("tc", duration=5.0).log).file.name
-            'report.html'
         """
         pairs = list_pairs(settings)
         logs = list_logs(validation, pairs)
@@ -422,12 +406,6 @@ class RigidFit(_DynamicsFit):
         Raises:
             LogError: a log no longer exists.
             UsageError: the rows of the fit mix the joints.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
-            >>> fit.diagnose()  # doctest: +SKIP
         """
         from symid.identification import diagnose_fit
 
@@ -444,16 +422,8 @@ class RigidFit(_DynamicsFit):
     ) -> LogValidation:
         """Return the prediction error of the fit on a held-out log; nothing is fitted.
 
-        Args:
-            log: a file, or a log that was read.
-            gate: percent, limit of the mean relative residual of the joints.
-            settings: replace those of the fit, by dotted key.
-            band: Hz; compare torques at the full sample rate, both with the same low-pass filter.
-
-        Raises:
-            EstimateError: the fit belongs to another model.
-            LogError: the log does not fit the robot.
-            IdentifiabilityError: no joint moves in the log.
+        `log`, `gate`, `settings` and the errors are those of `Fit.validate`. With `band` (Hz) torques are
+        compared at the full sample rate, both with the same low-pass filter.
 
         Example:
             >>> import symid
@@ -657,20 +627,6 @@ def take_estimate(fit: "Fit | str | PathLike[str] | None") -> "Estimate | Path |
             text = "expected base parameters of a rigid robot, as `robot.identify` returns them"
             raise EstimateError(Notice(code="estimate.kind", text=text, file=_name_file(fit.file)))
     return Path(fspath(fit))
-
-
-def _load_named(name: str, progress: Progress) -> RobotModel:
-    try:
-        return load(name, progress=progress)
-    except UsageError as error:
-        first = error.notices[0]
-        if first.code != "usage.unknown-robot":
-            raise
-        text = (
-            f"the estimate was made with robot '{name}', which is not among the known robots; "
-            "name its file with --robot FILE.toml, or symid.load_fit(file, symid.load(robot_file))"
-        )
-        raise UsageError(replace(first, text=text)) from error
 
 
 def _name_file(file: Path | None) -> str:

@@ -4,6 +4,7 @@ import os
 import platform
 import shutil
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
@@ -13,7 +14,7 @@ _PACKAGES = ("casadi", "click", "filelock", "jinja2", "numpy", "scipy", "sympy")
 _OLDEST = (3, 11)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class InstallationFinding:
     """One check.
 
@@ -33,61 +34,36 @@ class InstallationFinding:
         return Notice(code="doctor.missing", text=f"{self.name}: {self.found}; {self.remedy}")
 
 
-def check_installation() -> tuple[InstallationFinding, ...]:
-    """Check Python, packages, compiler, calls, make, cache and shared files."""
-    from symid.codegen import choose_call_path
+def check_installation() -> Iterator[InstallationFinding]:
+    """Yield the checks of Python, packages, compiler, calls, make, cache and shared files."""
+    from symid.codegen import choose_call_path, locate_cache_folder, locate_compiler
+    from symid.environment import locate_resource_folder
 
     remedy = "" if sys.version_info >= _OLDEST else "install Python 3.11 or later"
-    python = f"{platform.python_version()}, {platform.machine()}"
-    calls, make = choose_call_path(), shutil.which("make")
-    build = "" if make else "install make, to build generated folders and run their self-test"
-    return (
-        InstallationFinding(name="python", found=python, remedy=remedy),
-        *map(_check_package, _PACKAGES),
-        _check_compiler(),
-        InstallationFinding(
-            name="calls of compiled code", found=calls.name, remedy=calls.remedy, needed=False
-        ),
-        InstallationFinding(name="make", found=make or "none", remedy=build, needed=False),
-        _check_cache(),
-        *map(_check_resource, ("robots", "templates")),
-    )
-
-
-def _check_package(name: str) -> InstallationFinding:
-    try:
-        return InstallationFinding(name=name, found=version(name))
-    except PackageNotFoundError:
-        return InstallationFinding(name=name, found="not installed", remedy=f"pip install {name}")
-
-
-def _check_compiler() -> InstallationFinding:
-    from symid.codegen import locate_compiler
-
+    yield InstallationFinding("python", f"{platform.python_version()}, {platform.machine()}", remedy)
+    for name in _PACKAGES:
+        try:
+            found, remedy = version(name), ""
+        except PackageNotFoundError:
+            found, remedy = "not installed", f"pip install {name}"
+        yield InstallationFinding(name, found, remedy)
     compiler = locate_compiler()
-    if compiler is None:
-        remedy = "install gcc or clang; until then the slower NumPy code is used"
-        return InstallationFinding(name="C compiler", found="none", remedy=remedy, needed=False)
-    return InstallationFinding(name="C compiler", found=f"{compiler.path}: {compiler.version}")
-
-
-def _check_cache() -> InstallationFinding:
-    from symid.codegen import locate_cache_folder
-
+    found = "none" if compiler is None else f"{compiler.path}: {compiler.version}"
+    remedy = "" if compiler else "install gcc or clang; until then the slower NumPy code is used"
+    yield InstallationFinding("C compiler", found, remedy, needed=compiler is not None)
+    calls, make = choose_call_path(), shutil.which("make")
+    yield InstallationFinding("calls of compiled code", calls.name, calls.remedy, needed=False)
+    remedy = "" if make else "install make, to build generated folders and run their self-test"
+    yield InstallationFinding("make", make or "none", remedy, needed=False)
     folder = locate_cache_folder()
     entries = [path for path in folder.iterdir() if path.is_dir()] if folder.is_dir() else []
     size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) if entries else 0
     existing = next((path for path in (folder, *folder.parents) if path.exists()), folder)
     remedy = "" if os.access(existing, os.W_OK) else "make it writable, or set XDG_CACHE_HOME"
-    found = f"{folder}: {len(entries)} libraries, {size / 1e6:.1f} MB"
-    return InstallationFinding(name="cache", found=found, remedy=remedy)
-
-
-def _check_resource(name: str) -> InstallationFinding:
-    from symid.environment import locate_resource_folder
-
-    try:
-        folder = locate_resource_folder(name)
-    except SymidError:
-        return InstallationFinding(name=name, found="missing", remedy="install symid again")
-    return InstallationFinding(name=name, found=str(folder))
+    yield InstallationFinding("cache", f"{folder}: {len(entries)} libraries, {size / 1e6:.1f} MB", remedy)
+    for name in ("robots", "templates"):
+        try:
+            found, remedy = str(locate_resource_folder(name)), ""
+        except SymidError:
+            found, remedy = "missing", "install symid again"
+        yield InstallationFinding(name, found, remedy)

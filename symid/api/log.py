@@ -27,9 +27,49 @@ if TYPE_CHECKING:
     from symid.robot import Robot
 
 
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Measurements(Result):
+    """What was measured of a robot, in SI units on the joint side."""
+
+    recording: "Recording"
+    robot: "Robot"
+
+    @property
+    def time(self) -> "FloatArray":
+        """Return the time stamps in s: (N,)."""
+        return self.recording.time
+
+    @property
+    def q(self) -> "FloatArray":
+        """Return the joint positions in rad or m: (N, n); beside motor positions those of the links."""
+        return self.recording.position
+
+    @property
+    def tau(self) -> "FloatArray":
+        """Return the joint torques in N m, or forces in N: (N, n); of elastic joints those of the motors."""
+        return self.recording.torque
+
+    def save(self, path: str | PathLike[str]) -> Path:
+        """Write the log to `path`, .npz or .csv, in SI units, and return the path; a file is overwritten.
+
+        Raises:
+            OutputError: the suffix is another one, or the file cannot be written.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> log = robot.simulate(duration=1.0, seed=1).log
+            >>> len(symid.read_log(log.save("run.csv"), robot)) == len(log)
+            True
+        """
+        from symid.logs import write_recording
+
+        return write_recording(self.recording, Path(fspath(path)), self.robot)
+
+
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Log(Result):
+class Log(Measurements):
     """A log as it was read.
 
     Attributes:
@@ -43,33 +83,15 @@ class Log(Result):
         (2001, (2001, 2), 0.001)
     """
 
-    recording: "Recording"
-    robot: "Robot"
-
     @property
     def source(self) -> str:
         """Return the file, or the name of another source."""
         return self.recording.source
 
     @property
-    def time(self) -> "FloatArray":
-        """Return the time stamps in s: (N,)."""
-        return self.recording.time
-
-    @property
-    def q(self) -> "FloatArray":
-        """Return the joint positions in rad or m: (N, n)."""
-        return self.recording.position
-
-    @property
     def dq(self) -> "FloatArray | None":
         """Return the joint velocities in rad/s or m/s: (N, n); None if the log has none."""
         return self.recording.velocity
-
-    @property
-    def tau(self) -> "FloatArray":
-        """Return the joint torques in N m, or forces in N: (N, n)."""
-        return self.recording.torque
 
     @property
     def period(self) -> float:
@@ -86,23 +108,6 @@ class Log(Result):
     def __len__(self) -> int:
         """Return the number of samples."""
         return len(self.recording.time)
-
-    def save(self, path: str | PathLike[str]) -> Path:
-        """Write the log to `path`, .npz or .csv, in SI units, and return the path.
-
-        Raises:
-            OutputError: the suffix is another one, or the file cannot be written.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> log = robot.simulate(duration=1.0, seed=1).log
-            >>> len(symid.read_log(log.save("run.csv"), robot)) == len(log)
-            True
-        """
-        from symid.logs import write_recording
-
-        return write_recording(self.recording, Path(fspath(path)), self.robot)
 
     def summarise(self) -> str:
         """Return source, samples and period."""
@@ -343,11 +348,6 @@ class RobotCheck(Result):
     def excitation(self) -> "LogExcitation | None":
         """Return identifiability of every parameter, singular values, rank, condition; for rigid robots."""
         return self.product.excitation
-
-    @property
-    def notices(self) -> tuple[Notice, ...]:
-        """Return warnings on the robot file and the logs, with remedies."""
-        return (*self.robot.notices, *self.product.notices)
 
     @property
     def errors(self) -> tuple[Notice, ...]:

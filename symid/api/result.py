@@ -45,9 +45,10 @@ class Result(ABC):
     """
 
     @property
-    @abstractmethod
     def notices(self) -> tuple[Notice, ...]:
-        """Return warnings and notes on it."""
+        """Return warnings and notes: those of its robot, then those of its product."""
+        parts = (getattr(self, "robot", None), getattr(self, "product", None))
+        return tuple(notice for part in parts for notice in getattr(part, "notices", ()))
 
     @property
     def errors(self) -> tuple[Notice, ...]:

@@ -51,16 +51,16 @@ Settings = Mapping[str, object]
 """Replace settings of the robot file, such as {"processing.filter_cutoff": 50}; see docs/robot_file.md."""
 
 
-def list_pairs(settings: Settings | None, **named: object) -> tuple[tuple[str, str], ...]:
+def list_pairs(settings: Settings | None, *processing: object) -> tuple[tuple[str, str], ...]:
     """Return pairs of key and text from settings, and from arguments that are settings by another name.
 
     Args:
         settings: by dotted key; a list may be given as one.
-        named: values by their key below `processing`, two underscores for a dot; None where not given.
+        processing: cutoff, decimate, drop_first, drop_last; None where not given.
     """
-    given = [
-        (f"processing.{key.replace('__', '.')}", value) for key, value in named.items() if value is not None
-    ]
+    keys = ("filter_cutoff", "decimation.factor", "drop_first", "drop_last")
+    named = zip(keys, processing, strict=False)
+    given = [(f"processing.{key}", value) for key, value in named if value is not None]
     return tuple((key.strip(), _write_value(value)) for key, value in ((*(settings or {}).items(), *given)))
 
 
@@ -214,12 +214,6 @@ class RobotModel:
 
         Raises:
             RobotError: a symbolic length has no value.
-
-        Example:
-            >>> import symid
-            >>> lesson = symid.load("emps").derivation()
-            >>> lesson.steps[0].title
-            'Frames'
         """
         from symid.api.dynamics import Derivation
 
@@ -288,7 +282,7 @@ class RobotModel:
 
         names = [spec.name for spec in list_robot_specs(self.description, self.base.product)]
         if name not in names:
-            hint = suggest_names(name, names) or f"there are {', '.join(names)}"
+            hint = suggest_names(name, names, otherwise="there are")
             text = f"function {name!r} is not in the catalogue of {self.name}: {hint}"
             raise UsageError(Notice(code="usage.unknown-function", text=text))
 
@@ -298,12 +292,6 @@ class RobotModel:
         Raises:
             RobotError: a symbolic length has no value.
             GenerationError: there is no compiler and the backend is "c", or it fails.
-
-        Example:
-            >>> import symid
-            >>> lib = symid.load("two_link").compile()
-            >>> lib.mass_matrix([0.1, 0.2], lib.beta).shape
-            (2, 2)
         """
         from symid.api.code import CompiledModel
 
@@ -345,11 +333,6 @@ class RobotModel:
                 is to be constant.
             OutputError: the folder cannot be written, or belongs to something else.
             GenerationError: the code fails its self-test.
-
-        Example:
-            >>> import symid
-            >>> symid.load("two_link").write("python", "code", functions=["gravity"]).selftest
-            'passed'
         """
         from symid.api.code import WrittenCode
         from symid.codegen import CodeRequest, GenerateOptions, generate_folder
@@ -378,8 +361,7 @@ class RobotModel:
         """Return a summary of the robot file, and which parameters are identifiable from logs.
 
         Checks time stamps, units, steps and limits; with the dynamics also signs, exchanged joints, delays,
-        and
-        which parameters are identifiable from all logs together.
+        and which parameters are identifiable from all logs together.
 
         Args:
             logs: files, files that list runs, or logs that were read; none to check the robot file alone.
@@ -389,12 +371,6 @@ class RobotModel:
             UsageError: `resample` is given with several logs.
             LogError: a log cannot be used; the message lists all mistakes.
             OutputError: the copy cannot be written.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> robot.check(robot.simulate(duration=4).log).accepted
-            True
         """
         from symid.api.log import RobotCheck, list_logs
         from symid.identification.diagnostics import LogsCheck, check_robot_logs
@@ -506,13 +482,7 @@ class RobotModel:
         from symid.identification.elastic import ElasticEstimate
         from symid.identification.rigid import RigidOptions
 
-        pairs = list_pairs(
-            settings,
-            filter_cutoff=cutoff,
-            decimation__factor=decimate,
-            drop_first=drop_first,
-            drop_last=drop_last,
-        )
+        pairs = list_pairs(settings, cutoff, decimate, drop_first, drop_last)
         options = RigidOptions(
             rows=rows,
             estimator=estimator,
@@ -601,13 +571,7 @@ class RobotModel:
         from symid.identification import FrictionRequest, identify_robot_friction
         from symid.identification.friction import FrictionOptions
 
-        pairs = list_pairs(
-            settings,
-            filter_cutoff=cutoff,
-            decimation__factor=decimate,
-            drop_first=drop_first,
-            drop_last=drop_last,
-        )
+        pairs = list_pairs(settings, cutoff, decimate, drop_first, drop_last)
         request = FrictionRequest(
             model=model,
             estimator=estimator,
@@ -633,28 +597,17 @@ class RobotModel:
     ) -> "Stiffness":
         """Identify delay and offsets of the encoders, and the stiffness of every joint, with intervals.
 
-        Args:
-            logs: with the positions of motors and links; of any robot.
-            friction: the friction model of all joints, in place of the robot file's.
-            settings: replace those of the robot file, by dotted key.
-            drop_first: number of samples cut off at the start.
-            drop_last: number of samples cut off at the end.
+        The `logs` have the positions of motors and links, of any robot. `friction`, `settings`, `drop_first`
+        and `drop_last` are those of `identify`.
 
         Raises:
             UsageError: a setting has no meaning for a stiffness.
             LogError: a log lacks an encoder, or is too short.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link_elastic")
-            >>> found = robot.identify_stiffness(robot.simulate(duration=6.0, seed=1).log)
-            >>> sorted(found.joints)
-            ['elbow', 'shoulder']
         """
         from symid.api.identification import Stiffness
         from symid.identification import identify_stiffness
 
-        pairs = list_pairs(settings, drop_first=drop_first, drop_last=drop_last)
+        pairs = list_pairs(settings, None, None, drop_first, drop_last)
         described, recordings = self._gather(logs, pairs, friction)
         found, notices = identify_stiffness(described, recordings, pairs, self.context)
         return Stiffness(estimate=found, notices=notices)
@@ -708,12 +661,6 @@ class RobotModel:
         Raises:
             UsageError: an option is out of range or does not fit the robot.
             IdentifiabilityError: no such trajectory makes all parameters identifiable.
-
-        Example:
-            >>> import symid
-            >>> found = symid.load("two_link").excite(harmonics=2, period=2, candidates=20, starts=1)
-            >>> found.condition < found.product.random_condition
-            True
         """
         check_count("seed", seed)
         import numpy as np
@@ -724,8 +671,6 @@ class RobotModel:
             LimitOptions,
             ProblemOptions,
             SeriesOptions,
-            StateLimitOptions,
-            WorkspaceLimits,
             optimise_excitation,
             read_workspace,
         )
@@ -734,14 +679,19 @@ class RobotModel:
             return None if values is None else tuple(map(float, values))
 
         series = SeriesOptions(harmonics=harmonics, period=period, rest=not moving, start=list_numbers(start))
-        limits = LimitOptions(share=share, sweep=sweep, speed=velocity, acceleration=acceleration, jerk=jerk)
         robot = self.description
-        space = WorkspaceLimits() if workspace is None else read_workspace(Path(workspace), robot)
-        loads = StateLimitOptions(workspace=space, torsion=torsion, stiffness=list_numbers(stiffness))
+        limits = LimitOptions(
+            share=share,
+            sweep=sweep,
+            speed=velocity,
+            acceleration=acceleration,
+            jerk=jerk,
+            workspace=() if workspace is None else read_workspace(Path(workspace), robot),
+            torsion=torsion,
+            stiffness=list_numbers(stiffness),
+        )
         options = ExcitationOptions(
-            problem=ProblemOptions(
-                series=series, limits=limits, loads=loads, deviations=list_numbers(deviations)
-            ),
+            problem=ProblemOptions(series=series, limits=limits, deviations=list_numbers(deviations)),
             criterion=criterion,
             weight=weight,
             candidates=candidates,
@@ -768,8 +718,7 @@ class RobotModel:
 
         Args:
             trajectory: "fourier" (a random series), "ta" or "tb" (published), "tc" (for validation), a file,
-                a
-                result of `excite`, or a motion.
+                a result of `excite`, or a motion.
             scale: factor on the trajectory's amplitudes.
             joint: that "tb" moves, counted from one.
             duration: s; that of the trajectory where left out.
@@ -853,18 +802,6 @@ class RobotModel:
             EstimateError: an estimate is of another model.
             LogError: a log cannot be used.
             IdentifiabilityError: no quantity of the payload is identifiable.
-
-        Example:
-            >>> import symid
-            >>> from pathlib import Path
-            >>> robot = symid.load("two_link")
-            >>> heavy = robot.path.read_text().replace("mass = 1.9", "mass = 2.9")
-            >>> Path("heavy.toml").write_text(heavy) == len(heavy)
-            True
-            >>> carrying = symid.load("heavy.toml").simulate(duration=4, seed=2).log
-            >>> found = robot.payload(carrying, robot.simulate(duration=4).log)
-            >>> round(found.mass, 1)
-            1.0
         """
         from symid.api.identification import PayloadResult, list_payload_side
         from symid.identification import PayloadTask, identify_payload
@@ -894,11 +831,6 @@ class RobotModel:
             UsageError: the format is unknown, or has no precision.
             RobotError: the robot file does not state all values.
             OutputError: the file cannot be written.
-
-        Example:
-            >>> import symid
-            >>> symid.load("two_link").export("two_link.urdf").format
-            'URDF'
         """
         from symid.api.robot_files import ExportedFile
 
@@ -919,12 +851,6 @@ class RobotModel:
             seed: the first one.
             jobs: number of processes; one for each core by default. A script starts them below `if __name__
                 == "__main__":`.
-
-        Example:
-            >>> import symid
-            >>> study = symid.load("two_link").study_precision(seeds=2, jobs=1)
-            >>> [method.method for method in study.product.methods]
-            ['wls', 'momentum', 'consistent']
         """
         from symid.study import study_precision
 
@@ -993,20 +919,11 @@ class RobotModel:
     ) -> "Study[ElasticStudy]":
         """Compare the methods for elastic joints on four sets of simulated logs, clean and noisy.
 
-        Args:
-            seeds: draws of the noise; a seed takes half a minute.
-            seed: the first one.
-            jobs: number of processes; one for each core by default. A script starts them below `if __name__
-                == "__main__":`.
-            timed: measure the time of each method, which differs from run to run.
+        Each of `seeds` draws of the noise takes half a minute; with `timed` the time of each method is
+        measured, which differs from run to run. `seed` and `jobs` are those of `study_precision`.
 
         Raises:
             UsageError: the robot has not two joints, or its file states no truth.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link_elastic")
-            >>> study = robot.study_elastic(seeds=1)  # doctest: +SKIP
         """
         from symid.study import study_elastic
 
@@ -1020,19 +937,11 @@ class RobotModel:
     ) -> "Study[TrackingStudy]":
         """Compare tracking errors of links with feed-forward of the identified model, another one, or none.
 
-        Args:
-            seeds: draws of the noise of the logs that models are identified from.
-            seed: the first one.
-            jobs: number of processes; one for each core by default. A script starts them below `if __name__
-                == "__main__":`.
+        `seeds` are draws of the noise of the logs that models are identified from; `seed` and `jobs` are
+        those of `study_precision`.
 
         Raises:
             UsageError: the robot has not two joints, or its file states no truth.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link_elastic")
-            >>> study = robot.study_tracking(seeds=1)  # doctest: +SKIP
         """
         from symid.study import study_tracking
 
@@ -1048,11 +957,6 @@ class RobotModel:
 
         Raises:
             UsageError: the robot file states no truth.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("puma560_elastic")
-            >>> study = robot.study_six_joints()  # doctest: +SKIP
         """
         from symid.api.studies import Study
         from symid.study import SensorCondition, study_many_joints
@@ -1114,6 +1018,13 @@ def load(
     from symid.robot import load_robot
 
     check_choice("backend", backend, BACKENDS)
+    written = None
+    if gravity is not None:
+        if len(gravity) != 3 or not all(map(math.isfinite, gravity)):
+            text = f"gravity {gravity!r}: expected three finite numbers in m/s^2, such as (0, 0, -9.81)"
+            raise UsageError(Notice(code="usage.gravity", text=text))
+        x, y, z = (repr(float(part)) for part in gravity)
+        written = (x, y, z)
     described = load_robot(
         fspath(robot),
         list_pairs(settings),
@@ -1122,7 +1033,7 @@ def load(
         tip=tip,
         snap=snap,
         convention=convention,
-        gravity=None if gravity is None else _write_gravity(gravity),
+        gravity=written,
     )
     return RobotModel(description=described, backend=backend, progress=progress)
 
@@ -1138,12 +1049,3 @@ def list_robots() -> tuple[str, ...]:
     from symid.robot import list_robots as list_names
 
     return list_names()
-
-
-def _write_gravity(gravity: Sequence[float]) -> tuple[str, str, str]:
-    """Return three finite numbers as a table's reader takes them; refuse any others."""
-    if len(gravity) != 3 or not all(math.isfinite(part) for part in gravity):
-        text = f"gravity {gravity!r}: expected three finite numbers in m/s^2, such as (0, 0, -9.81)"
-        raise UsageError(Notice(code="usage.gravity", text=text))
-    x, y, z = (repr(float(part)) for part in gravity)
-    return (x, y, z)

@@ -197,11 +197,6 @@ class ExportedFile(Result):
         """Return the parameters without an identified value; robot file or nearest bodies give one."""
         return self.product.missing
 
-    @property
-    def notices(self) -> tuple[Notice, ...]:
-        """Return warnings and notes on the file."""
-        return self.product.notices
-
     def summarise(self) -> str:
         """Return the format and the path."""
         return f"{self.format}: {self.file}"

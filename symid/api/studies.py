@@ -90,11 +90,6 @@ class FrictionTables(Result):
 
     product: "FrictionStudy"
 
-    @property
-    def notices(self) -> tuple[Notice, ...]:
-        """Return no notices."""
-        return ()
-
     def save(self, path: str | PathLike[str]) -> Path:
         """Write one page with all tables and figures to `path`, and return the path.
 

@@ -28,7 +28,7 @@ class LogValidation(Result):
     """Prediction error of a fit on a held-out log.
 
     Attributes:
-        product: the full result.
+        product: the full result, with notices, for example that the log belongs to the fit.
         gate: percent, limit of the mean relative residual; None for no limit.
 
     Example:
@@ -67,11 +67,6 @@ class LogValidation(Result):
         return self.product.mean_relative_percent
 
     @property
-    def notices(self) -> tuple[Notice, ...]:
-        """Return warnings and notes, for example that the log belongs to the fit."""
-        return self.product.notices
-
-    @property
     def errors(self) -> tuple[Notice, ...]:
         """Return the reason if the gate is missed."""
         return self.product.find_missed(self.gate)
@@ -105,7 +100,7 @@ class FitDiagnosis(Result):
 
     Attributes:
         robot: its name.
-        product: the full result.
+        product: the full result, with notices, for example that a log has changed since the fit.
 
     Example:
         >>> import symid
@@ -118,11 +113,6 @@ class FitDiagnosis(Result):
 
     robot: str
     product: "Diagnosis"
-
-    @property
-    def notices(self) -> tuple[Notice, ...]:
-        """Return warnings and notes, for example that a log has changed since the fit."""
-        return self.product.notices
 
     def summarise(self) -> str:
         """Return the robot and the number of essential parameters."""
@@ -149,7 +139,7 @@ class FitPage(Result):
         >>> import symid
         >>> robot = symid.load("two_link")
         >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
-        >>> fit.report("report.html").file.name
+        >>> fit.report("report.html", validation=robot.simulate("tc", duration=5.0).log).file.name
         'report.html'
     """
 

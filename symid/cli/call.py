@@ -130,40 +130,28 @@ def _print_notices(notices: Sequence[Notice], title: str, colour: str) -> None:
         click.echo(f"{head}: {notice}", err=True)
 
 
-VERBS = (
-    "new",
-    "check",
-    "derive",
-    "base",
-    "generate",
-    "excite",
-    "simulate",
-    "identify",
-    "validate",
-    "compare",
-    "export",
-    "payload",
-    "report",
-    "study",
-    "doctor",
-    "demo",
-)
+_FILES = {
+    verb: file
+    for file, verbs in (
+        ("first_steps", "new check"),
+        ("dynamics", "derive base generate"),
+        ("experiments", "excite simulate"),
+        ("identification", "identify"),
+        ("results", "validate compare export"),
+        ("identification", "payload"),
+        ("results", "report"),
+        ("studies", "study"),
+        ("first_steps", "doctor demo"),
+    )
+    for verb in verbs.split()
+}
+"""File of each verb, in the order in which verbs are used; it is imported when one of them is called."""
+VERBS = tuple(_FILES)
 EXIT_USAGE = 2
 EXIT_BUG = 70
 EXIT_STREAM = 74
 EXIT_INTERRUPTED = 130
 _STREAM_ERRORS = frozenset({errno.EPIPE, errno.ENOSPC, errno.EIO, errno.EBADF, errno.EDQUOT})
-
-
-_FILES = {
-    "first_steps": ("new", "check", "doctor", "demo"),
-    "dynamics": ("derive", "base", "generate"),
-    "experiments": ("excite", "simulate"),
-    "identification": ("identify", "payload"),
-    "results": ("validate", "compare", "export", "report"),
-    "studies": ("study",),
-}
-"""Verbs by file; a file is imported when one of its verbs is called."""
 
 
 class _Verbs(click.Group):
@@ -175,10 +163,10 @@ class _Verbs(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
         """Return the verb, or None."""
-        if cmd_name not in VERBS:
+        if cmd_name not in _FILES:
             return None
-        file = next(name for name, verbs in _FILES.items() if cmd_name in verbs)
-        found: click.Command = getattr(importlib.import_module(f"symid.cli.{file}"), f"{cmd_name}_command")
+        file = importlib.import_module(f"symid.cli.{_FILES[cmd_name]}")
+        found: click.Command = getattr(file, f"{cmd_name}_command")
         return found
 
 

@@ -6,25 +6,16 @@ from typing import Any, Literal
 import click
 
 from symid.api import BaseForm
+from symid.cli.arguments import NamedRobot
 from symid.cli.call import Answer, Console, make_answer
-from symid.cli.options import (
-    MODEL,
-    OUTPUT,
-    NamedRobot,
-    Verb,
-    friction_option,
-    option,
-    output_option,
-    robot_argument,
-    verb,
-)
+from symid.cli.options import friction_option, output_option, robot_argument
+from symid.cli.verbs import MODEL, OUTPUT, verb
 from symid.errors import Notice, UsageError
 
 
-@click.command("derive", cls=Verb)
+@verb("derive")
 @robot_argument()
-@option("--latex", OUTPUT, "Print formulas in LaTeX.", is_flag=True)
-@verb
+@OUTPUT.option("--latex", "Print formulas in LaTeX.", is_flag=True)
 def derive_command(console: Console, *, robot: NamedRobot, latex: bool) -> Answer:
     """Derive the dynamics step by step, from the frames to the torques, with operation counts.
 
@@ -34,17 +25,15 @@ def derive_command(console: Console, *, robot: NamedRobot, latex: bool) -> Answe
     return make_answer(robot.load(console).derivation(latex=latex))
 
 
-@click.command("base", cls=Verb)
+@verb("base")
 @robot_argument()
 @friction_option
-@option(
+@MODEL.option(
     "--of form",
-    MODEL,
     "Base parameters of all torques, the energies, the momentum, or torques at rest (gravity).",
-    type=click.Choice(("torque", "energy", "momentum", "gravity")),
+    click.Choice(("torque", "energy", "momentum", "gravity")),
     default="torque",
 )
-@verb
 def base_command(console: Console, *, robot: NamedRobot, friction: str | None, form: BaseForm) -> Answer:
     """List the base parameters, the smallest set that describes all motions and torques.
 
@@ -56,44 +45,36 @@ def base_command(console: Console, *, robot: NamedRobot, friction: str | None, f
     return make_answer(model.derive_base(form))
 
 
-@click.command("generate", cls=Verb)
+@verb("generate")
 @robot_argument()
-@option(
+@OUTPUT.option(
     "--target",
-    OUTPUT,
     "What to write: a C library, a NumPy module, or CasADi functions with their C and a loader.",
-    type=click.Choice(("c", "python", "casadi")),
+    click.Choice(("c", "python", "casadi")),
     default="c",
 )
-@option(
-    "--precision",
-    OUTPUT,
-    "Type of all numbers in C.",
-    type=click.Choice(("double", "float")),
-    default="double",
+@OUTPUT.option(
+    "--precision", "Type of all numbers in C.", click.Choice(("double", "float")), default="double"
 )
-@option(
+@MODEL.option(
     "--parameters",
-    MODEL,
     "Arguments of the functions: base parameters beta, or all standard parameters pi.",
-    type=click.Choice(("base", "standard")),
+    click.Choice(("base", "standard")),
     default="base",
 )
-@option("--constant", MODEL, "Use the robot file's values as constants in the functions.", is_flag=True)
-@option(
+@MODEL.option("--constant", "Use the robot file's values as constants in the functions.", is_flag=True)
+@OUTPUT.option(
     "--trigonometry",
-    OUTPUT,
     "Sines in C: own code for all angles at once, or calls of the C library.",
-    type=click.Choice(("own", "library")),
+    click.Choice(("own", "library")),
     default="own",
 )
-@option(
-    "--function names", OUTPUT, "Write only this function; may be repeated.", multiple=True, metavar="NAME"
+@OUTPUT.option(
+    "--function names", "Write only this function; may be repeated.", multiple=True, metavar="NAME"
 )
-@option("--friction-laws", OUTPUT, "Add all static friction laws to the C library.", is_flag=True)
+@OUTPUT.option("--friction-laws", "Add all static friction laws to the C library.", is_flag=True)
 @friction_option
 @output_option("Folder of the sources.", required=True, folder=True)
-@verb
 def generate_command(
     console: Console,
     *,

@@ -6,119 +6,80 @@ from typing import Any
 
 import click
 
+from symid.cli.arguments import NamedRobot, check_output
 from symid.cli.call import Answer, Console, make_answer
-from symid.cli.options import (
-    COUNT,
-    INPUT,
-    METHOD,
-    MODEL,
-    OUTPUT,
-    POSITIVE,
-    FiniteRange,
-    NamedRobot,
-    Verb,
-    add_options,
-    check_output,
-    friction_option,
-    option,
-    output_option,
-    robot_argument,
-    seed_option,
-    verb,
-)
+from symid.cli.options import friction_option, output_option, robot_argument
+from symid.cli.verbs import COUNT, INPUT, METHOD, MODEL, OUTPUT, POSITIVE, WHOLE, Finite, verb
 from symid.environment import check_suffix, show_path
 from symid.errors import Notice, UsageError
 
+_seed_option = METHOD.option("--seed", "Random seed.", WHOLE, "N", default=1)
 _UNSTATED = "where the robot file states none"
-
-excite_options = add_options(
-    option("--harmonics", METHOD, "Number of harmonics of each joint.", type=COUNT, default=5, metavar="N"),
-    option("--period", METHOD, "Length of the trajectory, s.", type=POSITIVE, default=10.0, metavar="S"),
-    option(
-        "--criterion",
-        METHOD,
-        "Minimise the condition number of the column-scaled regressor, or maximise the information.",
-        type=click.Choice(("condition", "d-optimal")),
-        default="condition",
-    ),
-    option(
-        "--weight",
-        METHOD,
-        "Weight of the information; the condition number alone favours tiny motions.",
-        type=FiniteRange(min=0.0),
-        default=0.1,
-    ),
-    option("--moving", METHOD, "Let it start and end in motion instead of at rest.", is_flag=True),
-    option("--start", METHOD, "Pose at the start and at the end, rad or m.", metavar="Q1,Q2,..."),
-    option(
-        "--share",
-        MODEL,
-        "Part of every limit that may be used.",
-        type=FiniteRange(min=0.0, max=1.0, min_open=True),
-        default=0.95,
-    ),
-    option(
-        "--sweep",
-        MODEL,
-        f"Position limit on either side of zero {_UNSTATED}, rad or m.",
-        type=POSITIVE,
-        default=1.0,
-    ),
-    option("--velocity", MODEL, f"Velocity limit {_UNSTATED}, rad/s or m/s.", type=POSITIVE, default=2.0),
-    option(
-        "--acceleration",
-        MODEL,
-        f"Acceleration limit {_UNSTATED}, rad/s^2 or m/s^2.",
-        type=POSITIVE,
-        default=10.0,
-    ),
-    option("--jerk", MODEL, f"Jerk limit {_UNSTATED}, rad/s^3 or m/s^3.  [default: none]", type=POSITIVE),
-    option(
-        "--workspace",
-        INPUT,
-        "File (.toml) of spheres and planes that bound the links.",
-        type=click.Path(path_type=Path, exists=True, dir_okay=False),
-        metavar="FILE",
-    ),
-    option("--torsion", MODEL, "Largest torsion of elastic joints, rad or m.", type=POSITIVE, metavar="RAD"),
-    option(
-        "--stiffness",
-        MODEL,
-        "Stiffness of all joints for --torsion; replaces that of the robot file, N m/rad or N/m.",
-        metavar="K1,K2,...",
-    ),
-    option(
-        "--deviations",
-        METHOD,
-        "Standard deviations of the torque noise, one a joint, N m or N.  [default: all equal]",
-        metavar="S1,S2,...",
-    ),
-    option(
-        "--candidates",
-        METHOD,
-        "Number of random feasible trajectories to start from and to compare with.",
-        type=COUNT,
-        default=1000,
-        metavar="N",
-    ),
-    option(
-        "--starts", METHOD, "Number of candidates that are optimised.", type=COUNT, default=10, metavar="N"
-    ),
-    option("--rate", OUTPUT, "Sample rate of the file.", type=POSITIVE, default=1000.0, metavar="HZ"),
-    option("--periods", OUTPUT, "Number of periods in the file.", type=COUNT, default=1, metavar="N"),
-)
 
 
 _LISTS = ("start", "stiffness", "deviations")
 
 
-@click.command("excite", cls=Verb)
+@verb("excite")
 @robot_argument()
-@excite_options
+@METHOD.option("--harmonics", "Number of harmonics of each joint.", COUNT, "N", default=5)
+@METHOD.option("--period", "Length of the trajectory, s.", POSITIVE, "S", default=10.0)
+@METHOD.option(
+    "--criterion",
+    "Minimise the condition number of the column-scaled regressor, or maximise the information.",
+    click.Choice(("condition", "d-optimal")),
+    default="condition",
+)
+@METHOD.option(
+    "--weight",
+    "Weight of the information; the condition number alone favours tiny motions.",
+    Finite(min=0.0),
+    default=0.1,
+)
+@METHOD.option("--moving", "Let it start and end in motion instead of at rest.", is_flag=True)
+@METHOD.option("--start", "Pose at the start and at the end, rad or m.", metavar="Q1,Q2,...")
+@MODEL.option(
+    "--share",
+    "Part of every limit that may be used.",
+    Finite(min=0.0, max=1.0, min_open=True),
+    default=0.95,
+)
+@MODEL.option(
+    "--sweep", f"Position limit on either side of zero {_UNSTATED}, rad or m.", POSITIVE, default=1.0
+)
+@MODEL.option("--velocity", f"Velocity limit {_UNSTATED}, rad/s or m/s.", POSITIVE, default=2.0)
+@MODEL.option("--acceleration", f"Acceleration limit {_UNSTATED}, rad/s^2 or m/s^2.", POSITIVE, default=10.0)
+@MODEL.option("--jerk", f"Jerk limit {_UNSTATED}, rad/s^3 or m/s^3.  [default: none]", POSITIVE)
+@INPUT.option(
+    "--workspace",
+    "File (.toml) of spheres and planes that bound the links.",
+    click.Path(path_type=Path, exists=True, dir_okay=False),
+    "FILE",
+)
+@MODEL.option("--torsion", "Largest torsion of elastic joints, rad or m.", POSITIVE, "RAD")
+@MODEL.option(
+    "--stiffness",
+    "Stiffness of all joints for --torsion; replaces that of the robot file, N m/rad or N/m.",
+    metavar="K1,K2,...",
+)
+@METHOD.option(
+    "--deviations",
+    "Standard deviations of the torque noise, one a joint, N m or N.  [default: all equal]",
+    metavar="S1,S2,...",
+)
+@METHOD.option(
+    "--candidates",
+    "Number of random feasible trajectories to start from and to compare with.",
+    COUNT,
+    "N",
+    default=1000,
+)
+@METHOD.option("--starts", "Number of candidates that are optimised.", COUNT, "N", default=10)
+@OUTPUT.option("--rate", "Sample rate of the file.", POSITIVE, "HZ", default=1000.0)
+@OUTPUT.option("--periods", "Number of periods in the file.", COUNT, "N", default=1)
 @friction_option
-@seed_option
+@_seed_option
 @output_option("Trajectory to write, .csv.")
-@verb
 def excite_command(
     console: Console,
     *,
@@ -165,58 +126,45 @@ def _split_numbers(name: str, text: str | None, joints: int) -> Sequence[float] 
     return numbers
 
 
-@click.command("simulate", cls=Verb)
+@verb("simulate")
 @robot_argument(computes=True)
-@option(
+@METHOD.option(
     "--trajectory",
-    METHOD,
     "fourier (a random Fourier series), ta or tb (published), tc (for validation), or a file (.csv) "
     "of symid excite.",
     metavar="NAME|FILE",
     default="fourier",
 )
-@option(
-    "--scale", METHOD, "Factor on the trajectory's amplitudes.", type=POSITIVE, default=1.0, metavar="FACTOR"
-)
-@option("--joint", METHOD, "Number of the joint that tb moves, without mimic joints.", type=COUNT, default=1)
-@option(
-    "--duration",
-    METHOD,
-    "Length of the experiment, s.  [default: that of the trajectory]",
-    type=POSITIVE,
-    metavar="S",
-)
-@option(
+@METHOD.option("--scale", "Factor on the trajectory's amplitudes.", POSITIVE, "FACTOR", default=1.0)
+@METHOD.option("--joint", "Number of the joint that tb moves, without mimic joints.", COUNT, default=1)
+@METHOD.option("--duration", "Length of the experiment, s.  [default: that of the trajectory]", POSITIVE, "S")
+@MODEL.option(
     "--noise",
-    MODEL,
     "Standard deviation of the torque sensors, N m or N.  [default: 0.05; of an elastic robot 2 % "
     "of each joint's RMS torque]",
-    type=FiniteRange(min=0.0),
-    metavar="N",
+    Finite(min=0.0),
+    "N",
 )
-@option("--clean", MODEL, "Simulate perfect sensors: no noise, no encoder steps.", is_flag=True)
-@option(
+@MODEL.option("--clean", "Simulate perfect sensors: no noise, no encoder steps.", is_flag=True)
+@MODEL.option(
     "--delay",
-    MODEL,
     "Elastic robots only: delay of the link encoders relative to the motor encoders, s.",
-    type=FiniteRange(),
+    Finite(),
+    "S",
     default=0.0,
-    metavar="S",
     show_default=False,
 )
-@option(
+@MODEL.option(
     "--offset",
-    MODEL,
     "Elastic robots only: reading of the link encoders at zero, rad or m.",
-    type=FiniteRange(),
+    Finite(),
+    "RAD",
     default=0.0,
-    metavar="RAD",
     show_default=False,
 )
 @friction_option
-@seed_option
+@_seed_option
 @output_option("Log to write, .npz or .csv.", required=True)
-@verb
 def simulate_command(
     console: Console,
     *,

@@ -9,34 +9,22 @@ from typing import Any
 import click
 
 import symid
+from symid.cli.arguments import NamedRobot, check_output, split_pairs, split_settings
 from symid.cli.call import Answer, Console, make_answer
 from symid.cli.options import (
-    FILE,
-    INPUT,
-    METHOD,
-    MODEL,
-    OUTPUT,
-    WHOLE,
-    NamedRobot,
-    Verb,
     backend_option,
-    check_output,
     force_option,
     friction_option,
-    option,
     output_option,
     robot_argument,
     set_option,
-    split_pairs,
-    split_settings,
-    verb,
 )
+from symid.cli.verbs import FILE, INPUT, METHOD, MODEL, OUTPUT, WHOLE, verb
 from symid.environment import show_path
 from symid.errors import Notice, UsageError
 
 
-@click.command("doctor", cls=Verb)
-@verb
+@verb("doctor")
 def doctor_command(console: Console) -> Answer:
     """Check the installation: Python, packages, compiler, cache and shared files.
 
@@ -46,11 +34,10 @@ def doctor_command(console: Console) -> Answer:
     return make_answer(symid.doctor())
 
 
-@click.command("demo", cls=Verb)
+@verb("demo")
 @backend_option
-@option("--seed", METHOD, "Random seed.", type=WHOLE, default=0, metavar="N")
+@METHOD.option("--seed", "Random seed.", WHOLE, "N", default=0)
 @output_option("Folder for code, logs, estimate and report.  [default: demo]", folder=True)
-@verb
 def demo_command(console: Console, *, backend: str, seed: int, output: Path | None, force: bool) -> Answer:
     """Simulate an arm with elastic joints, identify dynamics and hysteresis, validate, report.
 
@@ -61,55 +48,40 @@ def demo_command(console: Console, *, backend: str, seed: int, output: Path | No
     return make_answer(symid.demo(folder, seed=seed, backend=backend, force=force, progress=console.progress))
 
 
-@click.command("new", cls=Verb)
+@verb("new")
 @click.argument("file", metavar="ROBOT.toml", type=FILE)
-@option("--from-urdf urdf", INPUT, "Convert a URDF.", metavar="FILE", type=FILE)
-@option(
-    "--base", INPUT, "URDF only: the link at which the robot starts.  [default: its root]", metavar="LINK"
+@INPUT.option("--from-urdf urdf", "Convert a URDF.", FILE, "FILE")
+@INPUT.option("--base", "URDF only: the link at which the robot starts.  [default: its root]", metavar="LINK")
+@INPUT.option("--tip", "URDF only: the link at which it ends; branches are cut off.", metavar="LINK")
+@INPUT.option("--from-dh table", "Read a CSV table of Denavit-Hartenberg rows.", FILE, "FILE")
+@INPUT.option("--convention", "DH convention of the table.", click.Choice(("modified", "standard")))
+@INPUT.option(
+    "--gravity", "Gravity in the base frame of the table, m/s^2.  [default: 0,0,-9.81]", metavar="X,Y,Z"
 )
-@option("--tip", INPUT, "URDF only: the link at which it ends; branches are cut off.", metavar="LINK")
-@option("--from-dh table", INPUT, "Read a CSV table of Denavit-Hartenberg rows.", metavar="FILE", type=FILE)
-@option("--convention", INPUT, "DH convention of the table.", type=click.Choice(("modified", "standard")))
-@option(
-    "--gravity",
-    INPUT,
-    "Gravity in the base frame of the table, m/s^2.  [default: 0,0,-9.81]",
-    metavar="X,Y,Z",
-)
-@option("--from name", INPUT, "Copy the file of an existing robot, or convert its URDF.", metavar="ROBOT")
-@option(
-    "--log",
-    INPUT,
-    "Log of the robot: its columns and their units become the [log] table.",
-    type=FILE,
-    metavar="LOG",
-)
-@option(
+@INPUT.option("--from name", "Copy the file of an existing robot, or convert its URDF.", metavar="ROBOT")
+@INPUT.option("--log", "Log of the robot: its columns and their units become the [log] table.", FILE, "LOG")
+@INPUT.option(
     "--columns",
-    INPUT,
     "Columns of a quantity (time, position, torque, velocity), one for each joint.  [default: "
     "recognised by name]",
     multiple=True,
     metavar="QUANTITY=NAME,...",
 )
-@option(
+@INPUT.option(
     "--units",
-    INPUT,
     "Unit of the columns, one for each or one for all, if the log states none or a wrong one.",
     multiple=True,
     metavar="QUANTITY=UNIT,...",
 )
 @friction_option
-@option("--rotors", MODEL, "Give every drive a rotor with unknown inertia.", is_flag=True)
-@option("--gear", MODEL, "Motor turns per joint turn, one for each joint or one for all.", metavar="N,...")
-@option(
+@MODEL.option("--rotors", "Give every drive a rotor with unknown inertia.", is_flag=True)
+@MODEL.option("--gear", "Motor turns per joint turn, one for each joint or one for all.", metavar="N,...")
+@MODEL.option(
     "--torque-constant",
-    MODEL,
     "Torque constant at the motor, N m/A, one for each joint or one for all.",
     metavar="K,...",
 )
 @force_option
-@verb
 def new_command(
     console: Console,
     *,
@@ -163,20 +135,15 @@ def new_command(
 _TOO_LITTLE = 4
 
 
-@click.command("check", cls=Verb)
+@verb("check")
 @robot_argument(computes=True)
 @click.argument("logs", nargs=-1, metavar="[LOG]...", type=FILE)
 @friction_option
 @set_option
-@option(
-    "--resample",
-    OUTPUT,
-    "Write an evenly sampled copy of the log (.npz or .csv) with all its columns.",
-    type=FILE,
-    metavar="FILE",
+@OUTPUT.option(
+    "--resample", "Write an evenly sampled copy of the log (.npz or .csv) with all its columns.", FILE, "FILE"
 )
 @force_option
-@verb
 def check_command(
     console: Console,
     *,

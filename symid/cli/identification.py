@@ -2,193 +2,121 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from symid.api import METHODS
+from symid.cli.arguments import NamedRobot, check_output, split_settings
 from symid.cli.call import Answer, Console, answer_saved
-from symid.cli.options import (
-    FILE,
-    INPUT,
-    METHOD,
-    MODEL,
-    POSITIVE,
-    PROCESSING,
-    WHOLE,
-    FiniteRange,
-    NamedRobot,
-    Verb,
-    add_options,
-    check_output,
-    friction_option,
-    option,
-    output_option,
-    processing_options,
-    robot_argument,
-    set_option,
-    split_settings,
-    verb,
-)
+from symid.cli.options import friction_option, output_option, robot_argument, set_option
+from symid.cli.verbs import COUNT, FILE, INPUT, METHOD, MODEL, POSITIVE, PROCESSING, WHOLE, Finite, verb
 from symid.errors import Notice, UsageError
-
-if TYPE_CHECKING:
-    from symid import RobotModel
 
 RIGID = ("overlap", "prior", "prior_deviation", "prior_weight", "start", "partial")
 ELASTIC = ("tolerance", "thresholds", "knees", "window", "rate")
 FRICTION = ("model", "known", "smoothing", "seed")
 """Names of the options of each kind."""
 
-rows_options = add_options(
-    option(
-        "--rows",
-        METHOD,
-        "Equations built from measurements; friction: a friction law for every joint that moves.  "
-        "[default: torque]",
-        type=click.Choice(("torque", "momentum", "filtered", "power", "energy", "friction")),
-    ),
-    option(
-        "--estimator",
-        METHOD,
-        "Estimator of the parameters: ols, wls, gls, huber, ridge, consistent, sequential, "
-        "output-error or instrumental; with --rows friction varpro, root-finding, nlp, genetic, "
-        "annealing or differential-evolution.  [default: ols, varpro]",
-        metavar="NAME",
-    ),
-)
-rigid_options = add_options(
-    option(
-        "--partial",
-        METHOD,
-        "Fit the identifiable parameters, even if they are less than three quarters of all.",
-        is_flag=True,
-    ),
-    option(
-        "--overlap",
-        METHOD,
-        "Momentum and energy rows: part of a window shared with the next one.  [default: 0]",
-        type=FiniteRange(min=0.0, max=0.95),
-        metavar="PART",
-    ),
-    option(
-        "--prior",
-        METHOD,
-        "Ridge: an earlier estimate as prior, or robot for the robot file's values.  [default: robot]",
-        metavar="ESTIMATE",
-    ),
-    option(
-        "--prior-deviation",
-        METHOD,
-        "Ridge: standard deviation of the prior, in percent of the robot file's values, or as a factor "
-        "on an estimate's deviations.  [default: 20 %; 1]",
-        type=POSITIVE,
-        metavar="X",
-    ),
-    option(
-        "--prior-weight",
-        METHOD,
-        "Ridge: 1 to use the prior's deviations as stated, 0 for no prior.  [default: cross-validated]",
-        type=FiniteRange(min=0.0),
-        metavar="W",
-    ),
-    option(
-        "--start",
-        METHOD,
-        "Output error and instrumental: an estimate of the same model as initial values.  [default: a "
-        "fit of the same logs]",
-        metavar="ESTIMATE",
-    ),
-    option(
-        "--period",
-        PROCESSING,
-        "Period of a repeated motion (s), one for all logs or one for each: average over the periods "
-        "(--rows friction), or use their differences as noise (--estimator gls).",
-        type=POSITIVE,
-        multiple=True,
-        metavar="S",
-    ),
-)
-elastic_options = add_options(
-    option(
-        "--method",
-        METHOD,
-        "Elastic joints: the method; stiffness works for any robot.  [default: automatic]",
-        type=click.Choice((*METHODS, "stiffness")),
-    ),
-    option(
-        "--window", METHOD, "Length of a momentum, filtered or energy row (s).", type=POSITIVE, metavar="S"
-    ),
-    option(
-        "--tolerance", METHOD, "Elastic joints: relative change at which an iteration stops.", type=POSITIVE
-    ),
-    option(
-        "--lambda rate",
-        METHOD,
-        "Elastic joints: corner frequency of the first-order filter.",
-        type=POSITIVE,
-        metavar="RAD/S",
-    ),
-    option(
-        "--thresholds",
-        MODEL,
-        "Elastic joints: number of stops of each joint's hysteresis.",
-        type=WHOLE,
-        metavar="N",
-    ),
-    option(
-        "--knees", MODEL, "Elastic joints: number of knees on each side of a spring.", type=WHOLE, metavar="N"
-    ),
-)
-friction_law_options = add_options(
-    option(
-        "--model",
-        MODEL,
-        "With --rows friction: a law, such as stribeck+offset, or auto, chosen on held-out data.  "
-        "[default: auto]",
-        metavar="NAME",
-    ),
-    option(
-        "--known",
-        MODEL,
-        "With --rows friction: an estimate with base parameters to subtract.  [default: the rigid part "
-        "is fitted too]",
-        type=FILE,
-        metavar="ESTIMATE",
-    ),
-    option(
-        "--smoothing",
-        MODEL,
-        "With --rows friction: speed over which dry friction changes its sign.  [default: 0]",
-        type=FiniteRange(min=0.0),
-        metavar="V",
-    ),
-    option(
-        "--seed",
-        METHOD,
-        "With --rows friction: random seed of a stochastic estimator.",
-        type=WHOLE,
-        metavar="N",
-    ),
-)
 
-
-_STIFFNESS = "stiffness"
-_LAWS = "friction"
-
-
-@click.command("identify", cls=Verb)
+@verb("identify")
 @robot_argument(computes=True)
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=FILE)
-@processing_options
+@PROCESSING.option("--cutoff", "Cut-off frequency of the low-pass filter.", POSITIVE, "HZ")
+@PROCESSING.option("--decimate", "Keep one sample in N.", COUNT, "N")
+@PROCESSING.option("--drop-first", "Number of samples cut off at the start.", WHOLE, "N")
+@PROCESSING.option("--drop-last", "Number of samples cut off at the end.", WHOLE, "N")
 @set_option
 @friction_option
-@rows_options
-@rigid_options
-@elastic_options
-@friction_law_options
+@METHOD.option(
+    "--rows",
+    "Equations built from measurements; friction: a friction law for every joint that moves.  "
+    "[default: torque]",
+    click.Choice(("torque", "momentum", "filtered", "power", "energy", "friction")),
+)
+@METHOD.option(
+    "--estimator",
+    "Estimator of the parameters: ols, wls, gls, huber, ridge, consistent, sequential, "
+    "output-error or instrumental; with --rows friction varpro, root-finding, nlp, genetic, "
+    "annealing or differential-evolution.  [default: ols, varpro]",
+    metavar="NAME",
+)
+@METHOD.option(
+    "--partial",
+    "Fit the identifiable parameters, even if they are less than three quarters of all.",
+    is_flag=True,
+)
+@METHOD.option(
+    "--overlap",
+    "Momentum and energy rows: part of a window shared with the next one.  [default: 0]",
+    Finite(min=0.0, max=0.95),
+    "PART",
+)
+@METHOD.option(
+    "--prior",
+    "Ridge: an earlier estimate as prior, or robot for the robot file's values.  [default: robot]",
+    metavar="ESTIMATE",
+)
+@METHOD.option(
+    "--prior-deviation",
+    "Ridge: standard deviation of the prior, in percent of the robot file's values, or as a factor "
+    "on an estimate's deviations.  [default: 20 %; 1]",
+    POSITIVE,
+    "X",
+)
+@METHOD.option(
+    "--prior-weight",
+    "Ridge: 1 to use the prior's deviations as stated, 0 for no prior.  [default: cross-validated]",
+    Finite(min=0.0),
+    "W",
+)
+@METHOD.option(
+    "--start",
+    "Output error and instrumental: an estimate of the same model as initial values.  [default: a "
+    "fit of the same logs]",
+    metavar="ESTIMATE",
+)
+@PROCESSING.option(
+    "--period",
+    "Period of a repeated motion (s), one for all logs or one for each: average over the periods "
+    "(--rows friction), or use their differences as noise (--estimator gls).",
+    POSITIVE,
+    "S",
+    multiple=True,
+)
+@METHOD.option(
+    "--method",
+    "Elastic joints: the method; stiffness works for any robot.  [default: automatic]",
+    click.Choice((*METHODS, "stiffness")),
+)
+@METHOD.option("--window", "Length of a momentum, filtered or energy row (s).", POSITIVE, "S")
+@METHOD.option("--tolerance", "Elastic joints: relative change at which an iteration stops.", POSITIVE)
+@METHOD.option(
+    "--lambda rate", "Elastic joints: corner frequency of the first-order filter.", POSITIVE, "RAD/S"
+)
+@MODEL.option("--thresholds", "Elastic joints: number of stops of each joint's hysteresis.", WHOLE, "N")
+@MODEL.option("--knees", "Elastic joints: number of knees on each side of a spring.", WHOLE, "N")
+@MODEL.option(
+    "--model",
+    "With --rows friction: a law, such as stribeck+offset, or auto, chosen on held-out data.  "
+    "[default: auto]",
+    metavar="NAME",
+)
+@MODEL.option(
+    "--known",
+    "With --rows friction: an estimate with base parameters to subtract.  [default: the rigid part "
+    "is fitted too]",
+    FILE,
+    "ESTIMATE",
+)
+@MODEL.option(
+    "--smoothing",
+    "With --rows friction: speed over which dry friction changes its sign.  [default: 0]",
+    Finite(min=0.0),
+    "V",
+)
+@METHOD.option("--seed", "With --rows friction: random seed of a stochastic estimator.", WHOLE, "N")
 @output_option("Write the result as JSON, for `validate`, `report` and `export`.")
-@verb
 def identify_command(
     console: Console,
     *,
@@ -216,42 +144,24 @@ def identify_command(
     # Wrong settings are refused before anything else.
     model = robot.load(console, settings=shared["settings"], friction=shared["friction"])
     check_output(output, force=force, inputs=(model.path, *logs))
-    if rows == _LAWS:
+    if rows == "friction":
         laws = model.identify_friction(logs, estimator=estimator, period=period, **law, **shared)
         return answer_saved(laws, output, "result")
-    if method == _STIFFNESS:
-        rest = {"rows": rows, "estimator": estimator, "period": period, **rigid, **elastic}
-        return _answer_stiffness(model, logs, _list_given(rest), shared, output)
+    if method == "stiffness":
+        rest = _list_given({"rows": rows, "estimator": estimator, "period": period, **rigid, **elastic})
+        if rest:
+            them = "them" if rest[1:] else "it"
+            text = f"{', '.join(rest)} cannot be used with --method stiffness; leave {them} out"
+            raise UsageError(Notice(code="usage.mixed-options", text=text))
+        for key, name in (("cutoff", "filter_cutoff"), ("decimate", "decimation.factor")):
+            value = shared.pop(key)
+            if value is not None:
+                shared["settings"][f"processing.{name}"] = value
+        return answer_saved(model.identify_stiffness(logs, **shared), output, "result")
     fit = model.identify(
         logs, rows=rows, estimator=estimator, method=method, period=period, **rigid, **elastic, **shared
     )
     return answer_saved(fit, output, "estimate")
-
-
-def _answer_stiffness(
-    model: "RobotModel",
-    logs: tuple[Path, ...],
-    given: list[str],
-    shared: Mapping[str, Any],
-    output: Path | None,
-) -> Answer:
-    """Return the stiffness of all joints; options of rows and estimators are refused."""
-    if given:
-        them = "them" if given[1:] else "it"
-        text = f"{', '.join(given)} cannot be used with --method stiffness; leave {them} out"
-        raise UsageError(Notice(code="usage.mixed-options", text=text))
-    settings = dict(shared["settings"])
-    for key, name in (("cutoff", "filter_cutoff"), ("decimate", "decimation.factor")):
-        if shared[key] is not None:
-            settings[f"processing.{name}"] = shared[key]
-    found = model.identify_stiffness(
-        logs,
-        friction=shared["friction"],
-        settings=settings,
-        drop_first=shared["drop_first"],
-        drop_last=shared["drop_last"],
-    )
-    return answer_saved(found, output, "result")
 
 
 def _list_given(options: Mapping[str, object]) -> list[str]:
@@ -262,7 +172,7 @@ def _list_given(options: Mapping[str, object]) -> list[str]:
 
 def _check_mixed(rows: str | None, others: Mapping[str, object], law: Mapping[str, object]) -> None:
     """Refuse options for friction laws with other rows, and other options with friction laws."""
-    asked = rows == _LAWS
+    asked = rows == "friction"
     given = _list_given(others if asked else law)
     if given:
         kind = rows or "torque"
@@ -271,42 +181,34 @@ def _check_mixed(rows: str | None, others: Mapping[str, object], law: Mapping[st
         raise UsageError(Notice(code="usage.mixed-options", text=text))
 
 
-@click.command("payload", cls=Verb)
+@verb("payload")
 @robot_argument(computes=True)
 @click.argument("loaded", nargs=-1, required=True, metavar="LOADED...", type=FILE)
-@option(
+@INPUT.option(
     "--empty",
-    INPUT,
     "Estimate or log without the payload; repeat the option for several logs.",
+    FILE,
+    "EMPTY",
     multiple=True,
     required=True,
-    metavar="EMPTY",
-    type=FILE,
 )
-@option("--joint", MODEL, "Joint of the link with the payload.  [default: the last joint]", metavar="NAME")
-@option(
-    "--mass",
-    MODEL,
-    "Known mass, for example from a balance; it reduces the other uncertainties.",
-    type=POSITIVE,
-    metavar="KG",
+@MODEL.option("--joint", "Joint of the link with the payload.  [default: the last joint]", metavar="NAME")
+@MODEL.option(
+    "--mass", "Known mass, for example from a balance; it reduces the other uncertainties.", POSITIVE, "KG"
 )
-@option(
+@METHOD.option(
     "--rows",
-    METHOD,
     "Equations built from logs: torques, or momentum over windows.",
-    type=click.Choice(("torque", "momentum")),
+    click.Choice(("torque", "momentum")),
     default="torque",
 )
-@option(
+@METHOD.option(
     "--estimator",
-    METHOD,
     "Least squares for logs: ordinary, or weighted by the noise of each joint.",
-    type=click.Choice(("ols", "wls")),
+    click.Choice(("ols", "wls")),
     default="wls",
 )
 @output_option("Write the result as JSON.")
-@verb
 def payload_command(
     console: Console,
     *,

@@ -7,68 +7,45 @@ from typing import Any
 import click
 
 import symid
-from symid.api import ElasticFit, Fit, LogValidation, Precision, RigidFit, compare_fit, export_fit
+from symid.api import ElasticFit, Precision, RigidFit, compare_fit, export_fit
+from symid.cli.arguments import NamedRobot, check_output, split_settings
 from symid.cli.call import Answer, Console, make_answer
-from symid.cli.options import (
-    FILE,
-    INPUT,
-    METHOD,
-    OUTPUT,
-    POSITIVE,
-    PROCESSING,
-    WHOLE,
-    NamedRobot,
-    Verb,
-    check_output,
-    option,
-    output_option,
-    robot_argument,
-    robot_option,
-    set_option,
-    split_settings,
-    verb,
-)
+from symid.cli.options import output_option, robot_argument, robot_option, set_option
+from symid.cli.verbs import FILE, INPUT, METHOD, OUTPUT, POSITIVE, PROCESSING, WHOLE, verb
 from symid.errors import Notice, UsageError
 
 
-@click.command("validate", cls=Verb)
+@verb("validate")
 @robot_argument(computes=True)
 @click.argument("estimate", type=FILE)
 @click.argument("log", type=FILE)
-@option(
+@OUTPUT.option(
     "--gate",
-    OUTPUT,
     "Limit of the mean relative residual of the joints; for elastic joints, of each table.",
-    type=POSITIVE,
-    metavar="PERCENT",
+    POSITIVE,
+    "PERCENT",
 )
-@option(
+@PROCESSING.option(
     "--band",
-    PROCESSING,
     "Compare torques at the full sample rate, both with the same low-pass filter, without half a "
     "second at either end; --gate applies to this value.",
-    type=POSITIVE,
-    metavar="HZ",
+    POSITIVE,
+    "HZ",
 )
-@option(
+@METHOD.option(
     "--tracking",
-    METHOD,
     "Elastic joints: simulate the tracking of another motion with feed-forward of ESTIMATE; the "
     "robot file must state the true values.",
     is_flag=True,
 )
-@option(
-    "--against", METHOD, "With --tracking: a second estimate to compare with.", type=FILE, metavar="ESTIMATE"
-)
-@option(
+@METHOD.option("--against", "With --tracking: a second estimate to compare with.", FILE, "ESTIMATE")
+@METHOD.option(
     "--seed",
-    METHOD,
     "With --tracking: follow a random motion of this seed.  [default: tc for two joints, else 1]",
-    type=WHOLE,
-    metavar="N",
+    WHOLE,
+    "N",
 )
 @set_option
-@verb
 def validate_command(
     console: Console,
     *,
@@ -93,68 +70,44 @@ def validate_command(
         text = f"{', '.join(given)} needs --tracking; give it too, or leave the option out"
         raise UsageError(Notice(code="usage.no-tracking", text=text))
     fit = symid.load_fit(estimate, robot.load(console))
-    if isinstance(fit, ElasticFit) and tracking:
-        _refuse_band(fit, band)
-        others = [] if against is None else [_load_elastic(against)]
-        return make_answer(fit.track(log, against=others, seed=seed, gate=gate, settings=pairs))
-    if tracking:
+    if tracking and not isinstance(fit, ElasticFit):
         text = "--tracking needs an estimate of elastic joints with their springs; leave it out"
         raise UsageError(Notice(code="usage.rigid-tracking", text=text, file=str(estimate)))
-    return make_answer(_validate(fit, log, gate=gate, band=band, settings=pairs))
-
-
-def _validate(
-    fit: Fit, log: Path, *, gate: float | None, band: float | None, settings: dict[str, str]
-) -> LogValidation:
-    if isinstance(fit, RigidFit):
-        return fit.validate(log, gate=gate, band=band, settings=settings)
-    _refuse_band(fit, band)
-    return fit.validate(log, gate=gate, settings=settings)
-
-
-def _refuse_band(fit: Fit, band: float | None) -> None:
-    if band is not None:
+    if band is not None and not isinstance(fit, RigidFit):
         kind = "elastic joints" if isinstance(fit, ElasticFit) else "a law of friction"
         text = f"--band needs an estimate of base parameters, and this one is of {kind}; leave it out"
         raise UsageError(Notice(code="usage.no-band", text=text, file=str(fit.file)))
-
-
-def _load_elastic(path: Path) -> ElasticFit:
-    fit = symid.load_fit(path)
-    if not isinstance(fit, ElasticFit):
+    if isinstance(fit, RigidFit):
+        return make_answer(fit.validate(log, gate=gate, band=band, settings=pairs))
+    if not isinstance(fit, ElasticFit) or not tracking:
+        return make_answer(fit.validate(log, gate=gate, settings=pairs))
+    other = None if against is None else symid.load_fit(against)
+    if other is not None and not isinstance(other, ElasticFit):
         text = "--against: expected an estimate of elastic joints"
-        raise UsageError(Notice(code="usage.rigid-tracking", text=text, file=str(path)))
-    return fit
+        raise UsageError(Notice(code="usage.rigid-tracking", text=text, file=str(against)))
+    others = [] if other is None else [other]
+    return make_answer(fit.track(log, against=others, seed=seed, gate=gate, settings=pairs))
 
 
-@click.command("compare", cls=Verb)
+@verb("compare")
 @robot_argument()
 @click.argument("estimate", type=FILE)
 @click.argument("others", nargs=-1, required=True, metavar="OTHER...", type=FILE)
-@option("--name", INPUT, "Table column of names or groups.", metavar="COLUMN")
-@option("--value", INPUT, "Table column of values.", metavar="COLUMN")
-@option("--deviation", INPUT, "Table column of standard deviations.", metavar="COLUMN")
-@option(
+@INPUT.option("--name", "Table column of names or groups.", metavar="COLUMN")
+@INPUT.option("--value", "Table column of values.", metavar="COLUMN")
+@INPUT.option("--deviation", "Table column of standard deviations.", metavar="COLUMN")
+@INPUT.option(
     "--deviation-unit",
-    INPUT,
     "Unit of the table's standard deviations.  [default: by the name of their column]",
-    type=click.Choice(("absolute", "percent")),
+    click.Choice(("absolute", "percent")),
 )
-@option(
+@INPUT.option(
     "--read-as",
-    INPUT,
     'Read a group of a table as another sum, such as "fv5 = fv5 + fvm6".',
     multiple=True,
     metavar="GROUP=SUM",
 )
-@option(
-    "--gate",
-    METHOD,
-    "Limit of the largest difference, in standard deviations.",
-    type=POSITIVE,
-    metavar="SIGMA",
-)
-@verb
+@METHOD.option("--gate", "Limit of the largest difference, in standard deviations.", POSITIVE, "SIGMA")
 def compare_command(
     console: Console,
     *,
@@ -192,19 +145,11 @@ def _split_readings(texts: Sequence[str]) -> dict[str, str]:
     return readings
 
 
-@click.command("report", cls=Verb)
+@verb("report")
 @click.argument("estimate", type=FILE)
-@option(
-    "--validation logs",
-    INPUT,
-    "Held-out log to predict; may be repeated.",
-    multiple=True,
-    metavar="LOG",
-    type=FILE,
-)
-@option(
+@INPUT.option("--validation logs", "Held-out log to predict; may be repeated.", FILE, "LOG", multiple=True)
+@METHOD.option(
     "--diagnose",
-    METHOD,
     "Read the logs of the fit again: identifiability, essential parameters, bootstrap, drift, and "
     "which term the residual misses.",
     is_flag=True,
@@ -212,7 +157,6 @@ def _split_readings(texts: Sequence[str]) -> dict[str, str]:
 @robot_option("Robot of the logs.  [default: the name in ESTIMATE]")
 @set_option
 @output_option("Page to write.", required=True)
-@verb
 def report_command(
     console: Console,
     *,
@@ -245,21 +189,19 @@ def report_command(
     return make_answer(fit.report(output, validation=logs, settings=pairs, diagnose=diagnose))
 
 
-@click.command("export", cls=Verb)
+@verb("export")
 @robot_argument()
 @click.argument("estimate", required=False, type=FILE)
 @output_option(
     "File to write: .toml, .urdf, .xml or .mjcf (MuJoCo), .h (C), .json.",
-    option(
+    OUTPUT.option(
         "--precision",
-        OUTPUT,
         "Type of the numbers in a C header: that of the generated library.",
-        type=click.Choice(("double", "float")),
+        click.Choice(("double", "float")),
         default="double",
     ),
     required=True,
 )
-@verb
 def export_command(
     console: Console,
     *,

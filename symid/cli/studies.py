@@ -6,26 +6,10 @@ from typing import Any
 import click
 
 import symid
+from symid.cli.arguments import NamedRobot, check_output
 from symid.cli.call import Answer, Console, answer_saved, make_answer
-from symid.cli.options import (
-    COUNT,
-    DEFAULT_SEED,
-    FILE,
-    METHOD,
-    OUTPUT,
-    WHOLE,
-    Decorator,
-    NamedRobot,
-    Verb,
-    add_options,
-    build_flags,
-    check_output,
-    option,
-    output_option,
-    robot_argument,
-    robot_option,
-    verb,
-)
+from symid.cli.options import output_option, robot_argument, robot_option
+from symid.cli.verbs import COUNT, FILE, METHOD, OUTPUT, WHOLE, Decorator, Group, Verb, add_options
 
 _FLAGS = frozenset({"--json", "--quiet", "--verbose"})
 _ELASTIC = "Robot with elastic joints and all values stated."
@@ -33,6 +17,9 @@ _ELASTIC = "Robot with elastic joints and all values stated."
 
 class _Studies(Verb, click.Group):
     """A verb with several parts; common flags may stand before or after a part."""
+
+    command_class = Verb
+    flags = Group("")
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options, then the parts."""
@@ -52,65 +39,60 @@ def _is_flag(text: str) -> bool:
     return text in _FLAGS or (text[:1] == "-" and len(text) > 1 and set(text[1:]) <= {"q", "v"})
 
 
-def _runs_options(seeds: int, seed: int = DEFAULT_SEED, *, jobs: bool = True) -> Decorator:
+def _runs_options(seeds: int, seed: int = 1, *, jobs: bool = True) -> Decorator:
     """Return the options for the runs of a study."""
     text = "Number of noise draws, starting with --seed."
     cores = "Number of processes.  [default: one for each core]"
     options = (
-        option("--seeds", METHOD, text, type=COUNT, default=seeds, metavar="N"),
-        option("--seed", METHOD, "First random seed.", type=WHOLE, default=seed, metavar="N"),
-        option("--jobs", METHOD, cores, type=COUNT, metavar="N"),
+        METHOD.option("--seeds", text, COUNT, "N", default=seeds),
+        METHOD.option("--seed", "First random seed.", WHOLE, "N", default=seed),
+        METHOD.option("--jobs", cores, COUNT, "N"),
     )
     return add_options(*options if jobs else options[:2])
 
 
-_times_option = option(
-    "--times", OUTPUT, "Show how long each method took, which differs from run to run.", is_flag=True
+_times_option = OUTPUT.option(
+    "--times", "Show how long each method took, which differs from run to run.", is_flag=True
 )
 
 
 @click.group("study", cls=_Studies, subcommand_metavar="NAME [ARGS]...")
-@build_flags("", exposed=False)
-def study_command() -> None:
+def study_command(**_: object) -> None:
     """Compare methods on simulated robots with known parameters.
 
     Each study repeats identification with many noise draws, and prints tables.
     """
 
 
-@study_command.command("elastic", cls=Verb)
+@study_command.command("elastic")
 @robot_option(_ELASTIC, "two_link_elastic")
 @_runs_options(100)
 @_times_option
-@verb
 def _elastic(console: Console, *, robot: NamedRobot, times: bool, **runs: Any) -> Answer:  # noqa: ANN401
     """Errors of every method for elastic joints on four sets of logs, clean and noisy."""
     return make_answer(robot.load(console).study_elastic(timed=times, **runs))
 
 
-@study_command.command("tracking", cls=Verb)
+@study_command.command("tracking")
 @robot_option(_ELASTIC, "two_link_elastic")
 @_runs_options(20)
-@verb
 def _tracking(console: Console, *, robot: NamedRobot, seeds: int, seed: int, jobs: int | None) -> Answer:
     """Tracking errors of links with feed-forward of the identified model, another one, or none."""
     return make_answer(robot.load(console).study_tracking(seeds=seeds, seed=seed, jobs=jobs))
 
 
-@study_command.command("six-joints", cls=Verb)
+@study_command.command("six-joints")
 @robot_option(_ELASTIC, "puma560_elastic")
 @_runs_options(1, jobs=False)
-@verb
 def _six_joints(console: Console, *, robot: NamedRobot, seeds: int, seed: int) -> Answer:
     """Dynamics of an elastic six-axis arm, validated on a held-out motion."""
     return make_answer(robot.load(console).study_six_joints(seeds=seeds, seed=seed))
 
 
-@study_command.command("friction-tables", cls=Verb)
+@study_command.command("friction-tables")
 @_runs_options(1000, 0)
 @_times_option
 @output_option("Page with all tables and figures to write, .html.")
-@verb
 def _friction_tables(
     console: Console,
     *,
@@ -126,19 +108,17 @@ def _friction_tables(
     return answer_saved(found, output, "report")
 
 
-@study_command.command("precision", cls=Verb)
+@study_command.command("precision")
 @robot_argument(computes=True)
 @_runs_options(400)
-@verb
 def _precision(console: Console, *, robot: NamedRobot, seeds: int, seed: int, jobs: int | None) -> Answer:
     """Errors of identification against the Cramer-Rao bound, on five random excitations."""
     return make_answer(robot.load(console).study_precision(seeds=seeds, seed=seed, jobs=jobs))
 
 
-@study_command.command("cutoff", cls=Verb)
+@study_command.command("cutoff")
 @robot_argument(computes=True)
 @click.argument("log", type=FILE)
-@verb
 def _cutoff(console: Console, *, robot: NamedRobot, log: Path) -> Answer:
     """Prediction error of a fit for several cut-offs of the position filter."""
     return make_answer(robot.load(console).study_cutoff(log))

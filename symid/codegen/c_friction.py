@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 
 from symid.codegen.functions import FunctionSpec, Port
 from symid.codegen.material import BANNER, Fields
-from symid.codegen.printing import print_c, write_c_helper, write_literal
+from symid.codegen.printing import print_c, write_literal
 from symid.codegen.programs import ExpressionTable, Program, ValueAlgebra
 from symid.codegen.source_text import clean_text, write_template
 from symid.joint_models import DynamicLaw, FrictionLaw, compute_bristle_step
@@ -31,15 +31,11 @@ def build_law_program(law: FrictionLaw) -> Program:
     values = [table.input(len(law.inputs), k) for k in range(len(law.physical))]
     own = []
     for row in law.unmixing:
-        total = algebra.zero
-        for factor, value in zip(row, values, strict=True):
-            if factor:
-                total = algebra.add(total, algebra.scale(float(factor), value))
-        own.append(total)
+        shares = (pair for pair in zip(row, values, strict=True) if pair[0])
+        own.append(algebra.sum_values(algebra.scale(float(factor), value) for factor, value in shares))
     count = len(law.linear)
-    torque = algebra.zero
-    for factor, column in zip(own[:count], law.columns(algebra, inputs, own[count:]), strict=True):
-        torque = algebra.add(torque, algebra.mul(factor, column))
+    pairs = zip(own[:count], law.columns(algebra, inputs, own[count:]), strict=True)
+    torque = algebra.sum_values(algebra.mul(factor, column) for factor, column in pairs)
     spec = FunctionSpec(
         name=_build_law_name(law),
         inputs=(
@@ -99,10 +95,9 @@ def generate_friction_laws(
         functions.append(function)
     file = f"{prefix}_friction_laws"
     facts = {"banner": BANNER, "file": file, "functions": functions}
-    helper_texts = [write_c_helper(name, precision) for name in sorted(helpers)]
     return (
         (f"{file}.h", write_template("c/friction.h.jinja", facts, macro=file.upper())),
-        (f"{file}.c", write_template("c/friction.c.jinja", facts, helpers=helper_texts)),
+        (f"{file}.c", write_template("c/friction.c.jinja", facts, helpers=sorted(helpers))),
     )
 
 
@@ -161,7 +156,7 @@ def generate_friction_state(law: DynamicLaw, *, precision: str = "double") -> tu
         largest=largest,
         parameter_count=len(law.parameters),
         parameters=", ".join(f"state->parameters.{name}" for name in law.names),
-        helpers=[write_c_helper(name, precision) for name in body.helpers],
+        helpers=body.helpers,
         checks=checks,
         statements=body.statements,
     )

@@ -15,60 +15,28 @@ compilers without C99 arrays of stated size (use clang-cl in place of Microsoft'
 ctypes (see `calls`), for float.
 """
 
+import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import chain
 
 from symid import __version__
 from symid.codegen.c_friction import generate_friction_laws
 from symid.codegen.casadi_functions import Functions
 from symid.codegen.functions import FunctionSpec, ModelCard, ParameterCard, Port
-from symid.codegen.library import compute_build_digest
-from symid.codegen.material import (
-    BANNER,
-    Fields,
-    Material,
-    prepare_material,
-    write_manifest,
-    write_operations,
-)
-from symid.codegen.printing import (
-    join_lines,
-    print_c,
-    print_simd,
-    write_c_helper,
-    write_literal,
-    write_table_lines,
-)
-from symid.codegen.programs import Operations, Program
-from symid.codegen.references import FLOOR, NEGLIGIBLE, PER_UNIT, WEIGHTS, Reference, ReferenceRows
-from symid.codegen.source_folder import SourceSet, compute_digest
+from symid.codegen.material import BANNER, Fields, Material, prepare_material, write_operations
+from symid.codegen.printing import print_c, print_simd, write_literal, write_table_lines
+from symid.codegen.programs import Program
+from symid.codegen.references import ANGLE_LIMITS, FLOOR, NEGLIGIBLE, PER_UNIT, WEIGHTS, ReferenceRows
+from symid.codegen.source_folder import SourceSet
 from symid.codegen.source_text import GenerateOptions, write_template
 from symid.joint_models import FRICTION_LAWS
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _NumberKind:
-    """Numbers of one precision. `parts` sum up to pi/2; products of all but the last with n are exact."""
-
-    bits: int
-    limit: float
-    shifter: float
-    two_over_pi: float
-    parts: tuple[float, ...]
-    sine: tuple[float, ...]
-    cosine: tuple[float, ...]
-
-
-_NUMBER_KINDS = {
-    "double": _NumberKind(
-        bits=64,
-        limit=1e6,
-        shifter=1.5 * 2.0**52,
-        two_over_pi=0.6366197723675814,
-        parts=(1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21),
-        sine=(
+# Parts that sum up to pi/2, of which all but the last have exact products with n; coefficients of S and of C.
+_TRIGONOMETRY = {
+    "double": (
+        (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21),
+        (
             -0.1666666666666663,
             0.00833333333332184,
             -0.00019841269829358528,
@@ -76,7 +44,7 @@ _NUMBER_KINDS = {
             -2.5050734389257543e-08,
             1.5895433289345187e-10,
         ),
-        cosine=(
+        (
             0.041666666666666595,
             -0.0013888888888873338,
             2.480158728899748e-05,
@@ -85,14 +53,10 @@ _NUMBER_KINDS = {
             -1.135873277660174e-11,
         ),
     ),
-    "float": _NumberKind(
-        bits=32,
-        limit=1e4,
-        shifter=1.5 * 2.0**23,
-        two_over_pi=0.6366197723675814,
-        parts=(1.5703125, 0.0004837512969970703, 7.549533620476723e-08, 2.5633440682570896e-12),
-        sine=(-0.16666655242443085, 0.008332189172506332, -0.0001951828453456983),
-        cosine=(0.04166664555668831, -0.0013887309469282627, 2.4432327336398885e-05),
+    "float": (
+        (1.5703125, 0.0004837512969970703, 7.549533620476723e-08, 2.5633440682570896e-12),
+        (-0.16666655242443085, 0.008332189172506332, -0.0001951828453456983),
+        (0.04166664555668831, -0.0013887309469282627, 2.4432327336398885e-05),
     ),
 }
 
@@ -134,14 +98,15 @@ def _write_transposition(width: int, first: int) -> list[str]:
 
 def write_simd_header(macro: str, precision: str) -> str:
     """Return the header for a library whose macros begin with `macro`."""
-    kind = _NUMBER_KINDS[precision]
-    double = precision == "double"
+    parts, sine, cosine = _TRIGONOMETRY[precision]
+    double, limit = precision == "double", ANGLE_LIMITS[precision]
+    bits = 64 if double else 32
 
     def write_all(*values: float) -> list[str]:
         return [f"ALL({write_literal(value, precision)})" for value in values]
 
     reduced = "x"
-    for part in write_all(*kind.parts):
+    for part in write_all(*parts):
         reduced = f"({reduced} - n * {part})"
     one, half = write_all(1.0, 0.5)
     blocks = {
@@ -153,91 +118,83 @@ def write_simd_header(macro: str, precision: str) -> str:
         {"banner": BANNER},
         macro=macro,
         real=precision,
-        bits=f"uint{kind.bits}_t",
+        bits=f"uint{bits}_t",
         suffix="" if double else "f",
-        limit=f"{kind.limit:g}",
-        limit_literal=write_literal(kind.limit, precision),
-        avx_lanes=4 if double else 8,
-        sse_lanes=2 if double else 4,
-        two_over_pi=write_literal(kind.two_over_pi, precision),
-        shifter=write_literal(kind.shifter, precision),
+        limit=f"{limit:g}",
+        limit_literal=write_literal(limit, precision),
+        avx_lanes=256 // bits,
+        sse_lanes=128 // bits,
+        two_over_pi=write_literal(2.0 / math.pi, precision),
+        shifter=write_literal(1.5 * 2.0 ** (52 if double else 23), precision),
         exponent="0x4330000000000000" if double else "0x4b000000",
         reduced=reduced[1:-1],
         polynomial_lines=(
             "const lanes w = z * z;",
-            f"const lanes a = r + (r * z) * {_write_polynomial(write_all(*kind.sine))};",
-            f"const lanes b = ({one} - {half} * z) + w * {_write_polynomial(write_all(*kind.cosine))};",
+            f"const lanes a = r + (r * z) * {_write_polynomial(write_all(*sine))};",
+            f"const lanes b = ({one} - {half} * z) + w * {_write_polynomial(write_all(*cosine))};",
         ),
-        sign_shift=kind.bits - 2,
+        sign_shift=bits - 2,
         magnitude="0x7fffffffffffffff" if double else "0x7fffffff",
         **blocks,
     )
 
 
-def _describe_call(spec: FunctionSpec) -> Fields:
-    """Return the arguments of a call as elements of an array of pointers, and their shapes."""
-    ports = (*spec.inputs, *spec.outputs)
-    shapes = [(port, ", ".join(map(str, port.shape)) or 0) for port in ports]
-    return {
-        "name": spec.name,
-        "arguments": ", ".join(f"pointers[{k}]" for k in range(len(ports))),
-        "inputs": len(spec.inputs),
-        "outputs": len(spec.outputs),
-        "ports": ", ".join(f"{{{len(port.shape)}, {{{shape}}}, {port.size}}}" for port, shape in shapes),
-    }
-
-
 def write_python_call(card: ModelCard, prefix: str) -> str:
     """Return the C source of the calls from Python of all functions of the card."""
-    ports = [(*spec.inputs, *spec.outputs) for spec in card.functions]
-    return write_template(
-        "c/python_call.c.jinja",
-        {"banner": BANNER, "prefix": prefix},
-        most_ports=max(map(len, ports)),
-        most_axes=max(1, *(len(port.shape) for several in ports for port in several)),
-        functions=list(map(_describe_call, card.functions)),
-    )
+    functions, most_ports, most_axes = [], 0, 1
+    for spec in card.functions:
+        ports = (*spec.inputs, *spec.outputs)
+        most_ports, most_axes = max(most_ports, len(ports)), max(most_axes, *(len(p.shape) for p in ports))
+        shapes = [(port, ", ".join(map(str, port.shape)) or 0) for port in ports]
+        functions.append(
+            {
+                "name": spec.name,
+                "arguments": ", ".join(f"pointers[{k}]" for k in range(len(ports))),
+                "inputs": len(spec.inputs),
+                "outputs": len(spec.outputs),
+                "ports": ", ".join(f"{{{len(p.shape)}, {{{shape}}}, {p.size}}}" for p, shape in shapes),
+            }
+        )
+    facts = {"banner": BANNER, "prefix": prefix, "most_ports": most_ports, "most_axes": most_axes}
+    return write_template("c/python_call.c.jinja", facts, functions=functions)
 
 
 _SIMD_HEADER = "_lanes.h"
 """End of the name of the header that is not installed."""
 
 
-def _declare(spec: FunctionSpec, real: str, *, restrict: bool, batch: bool) -> str:
-    """Return the parameters of a function in C, of one sample or of a batch."""
-    mark = "restrict " if restrict else ""
-
-    def declare(port: Port) -> str:
-        if batch and not port.shared:
-            return f"{real} *{mark}{port.name}"
-        return f"{real} {port.name}[{mark}{max(port.size, 1)}]"
-
-    inputs = [f"const {declare(port)}" for port in spec.inputs]
-    return ", ".join([*(["size_t n"] if batch else []), *inputs, *map(declare, spec.outputs)])
-
-
-def _describe_port(port: Port, direction: str) -> str:
-    shape = " x ".join(map(str, port.shape))
-    note = "; one vector for all samples" if port.shared else ""
-    return f"[{direction}] {port.name} {port.meaning}: {shape}, {port.unit}{note}"
-
-
-def _describe_function(program: Program, count: Operations, real: str) -> Fields:
-    spec = program.spec
-    described = [_describe_port(port, "in") for port in spec.inputs]
-    return {
-        "name": spec.name,
-        "meaning": spec.meaning,
-        "parameters": described + [_describe_port(port, "out") for port in spec.outputs],
-        "operations": write_operations(count),
-        "declaration": _declare(spec, real, restrict=False, batch=False),
-        "batch_declaration": _declare(spec, real, restrict=False, batch=True),
-    }
+def _declare(spec: FunctionSpec, real: str, mark: str = "") -> tuple[str, str]:
+    """Return the parameters of a function in C, of one sample and of a batch; `mark` may be "restrict "."""
+    one, batch = [], ["size_t n"]
+    for place, port in enumerate((*spec.inputs, *spec.outputs)):
+        kind = f"const {real}" if place < len(spec.inputs) else real
+        one.append(f"{kind} {port.name}[{mark}{max(port.size, 1)}]")
+        batch.append(one[-1] if port.shared else f"{kind} *{mark}{port.name}")
+    return ", ".join(one), ", ".join(batch)
 
 
 def _write_header(material: Material) -> str:
-    card, real = material.card, material.options.precision
-    described = zip(material.programs, material.operations, strict=True)
+    card = material.card
+
+    def describe(port: Port, direction: str) -> str:
+        shape = " x ".join(map(str, port.shape))
+        note = "; one vector for all samples" if port.shared else ""
+        return f"[{direction}] {port.name} {port.meaning}: {shape}, {port.unit}{note}"
+
+    functions = []
+    for spec, count in zip(card.functions, material.operations, strict=True):
+        declaration, batch_declaration = _declare(spec, material.options.precision)
+        ports = [describe(port, "in") for port in spec.inputs]
+        functions.append(
+            {
+                "name": spec.name,
+                "meaning": spec.meaning,
+                "parameters": ports + [describe(port, "out") for port in spec.outputs],
+                "operations": write_operations(count),
+                "declaration": declaration,
+                "batch_declaration": batch_declaration,
+            }
+        )
     return material.write(
         "c/header.h.jinja",
         link_count=card.links,
@@ -245,13 +202,13 @@ def _write_header(material: Material) -> str:
         beta_macro=card.vector.upper(),
         friction_count=len(card.friction),
         elastic_lines=[f" {line}".rstrip() for line in material.elastic_lines],
-        functions=[_describe_function(program, count, real) for program, count in described],
+        functions=functions,
         state_lines=material.write("c/hysteresis.h.jinja").splitlines() if material.stops else [],
     )
 
 
 def _write_function(material: Material, program: Program) -> str:
-    real, spec, macro = material.options.precision, program.spec, material.prefix.upper()
+    real, spec = material.options.precision, program.spec
     own = material.options.trigonometry == "own"
     body = print_c(program, real, together=own)
     lanes = print_simd(program, real) if own else ()
@@ -261,29 +218,17 @@ def _write_function(material: Material, program: Program) -> str:
         includes.append(f'#include "{material.prefix}{_SIMD_HEADER}"')
     if re.search(r"\b(sin|cos|tan|sqrt|exp|tanh|pow|fabs)f?\(", text):
         includes += ["", "#include <math.h>"]
-    # Where some samples are left over, the last block begins before them.
-    loop = (
-        f"#if {macro}_LANES > 1",
-        f"    if (n >= {macro}_LANES) {{",
-        f"        for (size_t first = 0; first < n; first += {macro}_LANES) {{",
-        f"            const size_t k = first <= n - {macro}_LANES ? first : n - {macro}_LANES;",
-        *(f"            {line}" for line in lanes),
-        "        }",
-        f"        return {macro}_OK;",
-        "    }",
-        "#endif",
-    )
-    ports = (*spec.inputs, *spec.outputs)
+    ports, (definition, batch_definition) = (*spec.inputs, *spec.outputs), _declare(spec, real, "restrict ")
     return material.write(
         "c/function.c.jinja",
         name=spec.name,
         includes=includes,
-        helpers=[write_c_helper(name, real) for name in body.helpers],
-        definition=_declare(spec, real, restrict=True, batch=False),
-        batch_definition=_declare(spec, real, restrict=True, batch=True),
+        helpers=body.helpers,
+        definition=definition,
+        batch_definition=batch_definition,
         null_test=" || ".join(f"{port.name} == NULL" for port in ports),
         statements=body.statements,
-        lane_lines=loop if lanes else (),
+        lane_bodies=[lanes] if lanes else [],
         call=", ".join(port.name if port.shared else f"{port.name} + {port.size} * k" for port in ports),
     )
 
@@ -296,65 +241,47 @@ to 100 here; a wrong sign or place, or a wrong digit in a constant, errs by much
 _BATCH_SAMPLES = 13
 _FENCE = 8
 _UNTOUCHED = 12345.5
-_INTEGERS_PER_LINE = 16
 
 
-def _name_array(port: Port, table: str) -> str:
-    return f"{'shared' if port.shared else 'state'}_{table}"
-
-
-def _describe_array(kind: str, name: str, rows: ReferenceRows) -> Fields:
-    """Return a table of numbers: whole ones are thousandths."""
-    values = list(chain(*rows))
-    if kind == "int32_t":
-        whole = [str(round(value * PER_UNIT)) for value in values] or ["0"]
-        lines = join_lines(whole, _INTEGERS_PER_LINE)
-    else:
-        lines = write_table_lines(values, kind)
-    return {"kind": kind, "name": name, "size": max(len(values), 1), "lines": lines}
-
-
-def _list_arrays(material: Material) -> list[Fields]:
+def _list_tests(material: Material) -> tuple[list[Fields], list[Fields]]:
+    """Return the tables of numbers, each once, and what the functions are given and must return."""
     real = material.options.precision
     arrays: dict[str, Fields] = {}
+    tests: list[Fields] = []
+
+    def add_array(kind: str, name: str, rows: ReferenceRows) -> str:
+        if name not in arrays:
+            # Whole numbers are thousandths.
+            values = [value * PER_UNIT if kind == "int32_t" else value for value in chain(*rows)]
+            lines = write_table_lines(values, kind)
+            arrays[name] = {"kind": kind, "name": name, "size": max(len(values), 1), "lines": lines}
+        return name
+
     for program, reference in zip(material.programs, material.references, strict=True):
-        spec = program.spec
+        spec, inputs, outputs = program.spec, [], []
         for port, table, rows in zip(spec.inputs, reference.tables, reference.inputs, strict=True):
-            name = _name_array(port, table)
-            if name not in arrays:
-                arrays[name] = _describe_array(real if port.shared else "int32_t", name, rows)
-        for port, whole, sums in zip(spec.outputs, reference.whole, reference.sums, strict=True):
-            for kind, rows in (("whole", whole), ("sums", sums)):
-                name = f"{kind}_{spec.name}_{port.name}"
-                arrays[name] = _describe_array("double", name, rows)
-    return list(arrays.values())
-
-
-def _describe_test(program: Program, reference: Reference) -> Fields:
-    spec = program.spec
-
-    def describe(port: Port, table: str) -> str:
-        name = _name_array(port, table)
-        places = f"NULL, {name}" if port.shared else f"{name}, NULL"
-        return f"{{ {places}, {port.size} }}"
-
-    given = [f"in[{k}]" for k in range(len(spec.inputs))] + [f"out[{k}]" for k in range(len(spec.outputs))]
-    return {
-        "name": spec.name,
-        "call": ", ".join(given),
-        "inputs": list(map(describe, spec.inputs, reference.tables)),
-        "outputs": [
-            f"{{ whole_{spec.name}_{port.name}, sums_{spec.name}_{port.name}, {scale!r}, {port.size} }}"
-            for port, scale in zip(spec.outputs, reference.scales, strict=True)
-        ],
-        "input_count": len(spec.inputs),
-        "output_count": len(spec.outputs),
-    }
+            if port.shared:
+                places = f"NULL, {add_array(real, f'shared_{table}', rows)}"
+            else:
+                places = f"{add_array('int32_t', f'state_{table}', rows)}, NULL"
+            inputs.append(f"{{ {places}, {port.size} }}")
+        found = zip(spec.outputs, reference.whole, reference.sums, reference.scales, strict=True)
+        for port, whole, sums, scale in found:
+            tables = (("whole", whole), ("sums", sums))
+            names = [add_array("double", f"{kind}_{spec.name}_{port.name}", rows) for kind, rows in tables]
+            outputs.append(f"{{ {', '.join(names)}, {scale!r}, {port.size} }}")
+        call = [f"in[{k}]" for k in range(len(inputs))] + [f"out[{k}]" for k in range(len(outputs))]
+        counts = {"input_count": len(inputs), "output_count": len(outputs)}
+        tests.append(
+            {"name": spec.name, "call": ", ".join(call), "inputs": inputs, "outputs": outputs, **counts}
+        )
+    return list(arrays.values()), tests
 
 
 def _write_self_test(material: Material, tolerance: str) -> str:
     """Return the self-test of all functions."""
     real, specs = material.options.precision, [program.spec for program in material.programs]
+    arrays, tests = _list_tests(material)
     state_lines = []
     if material.stops:
         # The state runs along the torsions of the step's own test.
@@ -384,21 +311,19 @@ def _write_self_test(material: Material, tolerance: str) -> str:
         input_room=max(inputs * _BATCH_SAMPLES, 1),
         output_room=outputs,
         test_count=len(material.programs) + bool(state_lines),
-        arrays=_list_arrays(material),
-        tests=list(map(_describe_test, material.programs, material.references)),
+        arrays=arrays,
+        tests=tests,
         state_lines=state_lines,
         state_tests=["hysteresis"] if state_lines else [],
     )
 
 
-def _write_parameters(
-    material: Material, vectors: Mapping[str, Sequence[ParameterCard]]
-) -> dict[str, str | list[str]]:
+def _write_parameters(material: Material, vectors: Mapping[str, Sequence[ParameterCard]]) -> Fields:
     """Return what an example does with vectors, by their names in the program, in the order of a file."""
-    real = material.options.precision
     if not vectors:
-        text = "Usage: control_loop    All parameters are part of the functions."
-        return {"usage_lines": [text], "parameter_lines": [], "reading_lines": [], "arguments": "void"}
+        usage = ["Usage: control_loop    All parameters are part of the functions."]
+        return {"usage_lines": usage, "parameter_lines": [], "file_names": [], "arguments": "void"}
+    real = material.options.precision
     values = [entry.value for entries in vectors.values() for entry in entries]
     known = all(value is not None for value in values)
     names = ", then ".join("IA" if name == "rotor" else name for name in vectors)
@@ -408,30 +333,31 @@ def _write_parameters(
         start += len(entries)
     text = material.write(
         "c/parameters.c.jinja",
+        parameter_count=max(len(values), 1),
+        known=int(known),
         scan="%f" if real == "float" else "%lf",
         names=names,
         value_lines=write_table_lines([value or 0.0 for value in values] if known else [0.0], real),
         pointer_lines=pointers,
     )
-    defines = [f"#define PARAMETERS {max(len(values), 1)}", f"#define KNOWN {int(known)}", ""]
     without = "the robot file's values are used" if known else "there are none: the robot file lacks values"
     file = f"FILE holds {names}, as numbers between blanks: identified values,"
     return {
         "usage_lines": [f"Usage: control_loop [FILE]    {file}", f"for example. Without it {without}."],
-        "parameter_lines": [*defines, *text.rstrip("\n").split("\n"), ""],
-        "reading_lines": [
-            "if (count > 1 ? !read_parameters(arguments[1]) : !KNOWN) {",
-            f'    fprintf(stderr, "usage: control_loop FILE    FILE: %d numbers, {names}\\n", PARAMETERS);',
-            "    return 2;",
-            "}",
-        ],
+        "parameter_lines": text.splitlines(),
+        "file_names": [names],
         "arguments": "int count, char **arguments",
     }
 
 
+_RIGID_NUMBERS = {"kp": 400.0, "kd": 40.0, "period": 0.001, "amplitude": 0.2, "frequency": 3.0, "one": 1.0}
+_ELASTIC_NUMBERS = {"kp": 2500.0, "kd": 70.0, "period": 0.001, "substep": 0.000025, "amplitude": 0.1}
+_ELASTIC_NUMBERS |= {"frequency": 2.0, "one": 1.0, "two": 2.0, "four": 4.0}
+
+
 def _write_control_loop(material: Material) -> str | None:
     """Return the text of the example, None if the library lacks a function that it calls."""
-    card = material.card
+    card, real = material.card, material.options.precision
     torques = "elastic_inverse_dynamics" if card.springs else "inverse_dynamics"
     wanted = {torques, "forward_dynamics", *(["friction"] if card.friction else [])}
     if not wanted <= {spec.name for spec in card.functions} or (card.springs and not material.stops):
@@ -442,72 +368,25 @@ def _write_control_loop(material: Material) -> str | None:
     vectors |= {"rotor": card.rotors} if "IA" in taken and card.springs else {}
     vectors |= {"f": card.friction} if "f" in taken else {}
     vectors |= {"h": card.springs} if "h" in taken and card.springs else {}
-    return (_write_elastic_loop if card.springs else _write_rigid_loop)(material, vectors)
-
-
-_Vectors = Mapping[str, tuple[ParameterCard, ...]]
-
-
-def _write_rigid_loop(material: Material, vectors: _Vectors) -> str:
-    real = material.options.precision
+    template, numbers, own = "c/control_loop.c.jinja", _RIGID_NUMBERS, {}
+    if card.springs:
+        template, numbers = "c/elastic_loop.c.jinja", _ELASTIC_NUMBERS
+        rotors = ", ".join(write_literal(rotor.value or 0.0, real) for rotor in card.rotors)
+        own = {
+            "constants": "".join(f"{name}, " for name in vectors if name != "h"),
+            "rotor_values": [] if "rotor" in vectors else [f"{{{rotors}}}"],
+        }
     suffix = "f" if real == "float" else ""
-    arrays = ("q", "dq", "qd", "dqd", "ddqd")
-
-    def apply_friction(velocity: str, target: str) -> tuple[str, ...]:
-        if not material.card.friction:
-            return ()
-        call = f"{material.prefix}_friction({velocity}, {'f, ' if 'f' in vectors else ''}friction)"
-        loop = "for (size_t j = 0; j < JOINTS; ++j) {"
-        start = (f"{real} friction[JOINTS];", f"if ({call} != 0) {{", "    return 1;", "}")
-        return (*start, loop, f"    {target};", "}")
-
     return material.write(
-        "c/control_loop.c.jinja",
-        **_write_parameters(material, vectors),
+        template,
         beta="beta, " if "beta" in vectors else "",
-        kp=f"400.0{suffix}",
-        kd=f"40.0{suffix}",
-        period=f"0.001{suffix}",
-        amplitude=f"0.2{suffix}",
-        frequency=f"3.0{suffix}",
-        zero=f"{{0.0{suffix}}}",
-        one=f"1.0{suffix}",
-        sine=f"sin{suffix}",
-        cosine=f"cos{suffix}",
-        control_declaration=", ".join(
-            [*(f"const {real} {name}[JOINTS]" for name in arrays), f"{real} tau[JOINTS]"]
-        ),
-        feed_forward=apply_friction("dqd", "tau[j] += friction[j]"),
-        plant_friction=apply_friction("dq", "rigid[j] -= friction[j]"),
-    )
-
-
-def _write_elastic_loop(material: Material, vectors: _Vectors) -> str:
-    card, real = material.card, material.options.precision
-    numbers = {"kp": 2500.0, "kd": 70.0, "period": 0.001, "substep": 0.000025, "amplitude": 0.1}
-    numbers |= {"frequency": 2.0, "one": 1.0, "two": 2.0, "four": 4.0}
-    parameters = _write_parameters(material, vectors)
-    if "rotor" not in vectors:
-        values = ", ".join(write_literal(rotor.value or 0.0, real) for rotor in card.rotors)
-        parameters["parameter_lines"] = [
-            *parameters["parameter_lines"],
-            "/* Rotor inertias: the motors' controllers want them too. */",
-            f"static const {real} rotor[JOINTS] = {{{values}}};",
-            "",
-        ]
-    suffix = "f" if real == "float" else ""
-    given = "f, " if "f" in vectors else ""
-    friction = f"status += {material.prefix}_friction(robot->dtheta, {given}friction);"
-    return material.write(
-        "c/elastic_loop.c.jinja",
-        **parameters,
-        beta="beta, " if "beta" in vectors else "",
-        constants="".join(f"{name}, " for name in vectors if name != "h"),
-        plant_friction=[friction] if card.friction else [],
+        friction_arguments=["f, " if "f" in vectors else ""] if card.friction else [],
         zero=f"{{{write_literal(0.0, real)}}}",
         sine=f"sin{suffix}",
         cosine=f"cos{suffix}",
         **{name: write_literal(value, real) for name, value in numbers.items()},
+        **_write_parameters(material, vectors),
+        **own,
     )
 
 
@@ -525,37 +404,9 @@ def _write_sources(material: Material) -> list[tuple[str, str]]:
         functions.append(source)
     if any(f'"{prefix}{_SIMD_HEADER}"' in text for _, text in functions):
         headers.append((f"{prefix}{_SIMD_HEADER}", write_simd_header(prefix.upper(), real)))
-    digest = compute_build_digest(
-        material.card,
-        prefix=prefix,
-        precision=real,
-        files={path: compute_digest(text.encode()) for path, text in (*headers, *functions)},
-    )
+    digest = material.compute_digest("c", (*headers, *functions))
     # In this order an update moves them in: a folder with a new function has the new digest.
     return [*headers, (f"{prefix}_info.c", material.write("c/info.c.jinja", digest=digest)), *functions]
-
-
-def _write_build_files(
-    material: Material, written: tuple[str, ...], programs: tuple[str, ...]
-) -> list[tuple[str, str]]:
-    prefix = material.prefix
-    sources = tuple(path for path in written if path.endswith(".c"))
-    headers = [path for path in written if path.endswith(".h")]
-    public = " ".join(path for path in headers if path != f"{prefix}{_SIMD_HEADER}")
-    # CMake knows numbers alone: 1.2.3.dev4 is 1.2.3.
-    numbers = re.match(r"\d+(\.\d+)*", __version__)
-    version = numbers.group() if numbers else "0"
-    make = material.write(
-        "c/Makefile.jinja",
-        objects=" ".join(source.removesuffix(".c") + ".o" for source in sources),
-        headers=" ".join(headers),
-        example_target="".join(f" {program}" for program in programs[1:]),
-    )
-    cmake = material.write(
-        "c/CMakeLists.txt.jinja", cmake_version=version, headers=public, sources=sources, programs=programs
-    )
-    package = material.write("c/package.pc.in.jinja", cmake_version=version)
-    return [("Makefile", make), ("CMakeLists.txt", cmake), (f"{prefix}.pc.in", package)]
 
 
 def generate_c_library(functions: Functions, options: GenerateOptions | None = None) -> SourceSet:
@@ -565,22 +416,33 @@ def generate_c_library(functions: Functions, options: GenerateOptions | None = N
         GenerationError: a function holds an operation without a C form, or disagrees with itself.
     """
     material = prepare_material(functions, options or GenerateOptions())
-    tolerance = _TOLERANCES[material.options.precision]
-    sources = _write_sources(material)
-    programs = [("selftest", _write_self_test(material, tolerance))]
+    prefix, tolerance = material.prefix, _TOLERANCES[material.options.precision]
+    files = _write_sources(material)
+    paths = [path for path, _ in files]
+    sources, headers = ([path for path in paths if path.endswith(end)] for end in (".c", ".h"))
     example = _write_control_loop(material)
-    if example is not None:
-        programs.append(("control_loop", example))
+    texts = {"selftest": _write_self_test(material, tolerance)}
+    texts |= {"control_loop": example} if example is not None else {}
+    programs = tuple(texts)
+    make = material.write(
+        "c/Makefile.jinja",
+        objects=" ".join(source.removesuffix(".c") + ".o" for source in sources),
+        headers=" ".join(headers),
+        example_target="".join(f" {program}" for program in programs[1:]),
+    )
+    # CMake knows numbers alone: 1.2.3.dev4 is 1.2.3.
+    numbers = re.match(r"\d+(\.\d+)*", __version__)
+    version = numbers.group() if numbers else "0"
+    public = " ".join(path for path in headers if path != f"{prefix}{_SIMD_HEADER}")
+    cmake = material.write(
+        "c/CMakeLists.txt.jinja", cmake_version=version, headers=public, sources=sources, programs=programs
+    )
     rows = [
         f"{program.spec.name} | {count.mul} | {count.add} | {count.trig}"
         for program, count in zip(material.programs, material.operations, strict=True)
     ]
-    names = tuple(path for path, _ in sources)
-    files = [
-        *sources,
-        *((f"{name}.c", text) for name, text in programs),
-        *_write_build_files(material, names, tuple(name for name, _ in programs)),
-        ("README.md", material.write("c/README.md.jinja", tolerance=tolerance, rows=rows)),
-    ]
-    manifest = write_manifest(material, "c", files)
-    return SourceSet(name=material.prefix, files=tuple(files), manifest=manifest)
+    files += [(f"{name}.c", text) for name, text in texts.items()]
+    files += [("Makefile", make), ("CMakeLists.txt", cmake)]
+    files += [(f"{prefix}.pc.in", material.write("c/package.pc.in.jinja", cmake_version=version))]
+    files += [("README.md", material.write("c/README.md.jinja", tolerance=tolerance, rows=rows))]
+    return material.collect("c", files)

@@ -231,9 +231,7 @@ def _obtain_from(entry: CacheEntry[T], folder: Path) -> tuple[T, tuple[Notice, .
 def obtain_entry(entry: CacheEntry[T], cache: Path | None) -> tuple[T, tuple[Notice, ...]]:
     """Return what is loaded from an entry, found or made now, and notices.
 
-    Args:
-        entry: what is wanted.
-        cache: folder; None for the user's, and if that cannot be written, a temporary one, with a notice.
+    `cache` is a folder; None for the user's, and if that cannot be written, a temporary one, with a notice.
 
     Raises:
         OutputError: the folder `cache`, or the temporary one, cannot be written.
@@ -279,12 +277,8 @@ def compute_library_key(
 ) -> str:
     """Return the signature of all that a library is made from.
 
-    Args:
-        robot: what its functions do not depend on, such as limits, controller and logs, takes no part.
-        names: of functions, None for all.
-        compiler: None for none.
-        calls: how Python calls the functions.
-        casadi: whether CasADi computes the functions.
+    What the functions do not depend on, such as limits, controller and logs, takes no part. `names` are those
+    of functions, None for all; `calls` says how Python calls them, `casadi` whether CasADi computes them.
     """
     plain = [
         replace(joint, limits=Limits(), drive=replace(joint.drive, torque_constant=None))

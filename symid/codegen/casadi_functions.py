@@ -10,24 +10,22 @@ Not supported: symbolic lengths without a value (RobotError).
 """
 
 import itertools
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
 
-from symid.codegen.catalogue import build_model_card, drop_constants, get_constants, list_robot_specs
+from symid.codegen.catalogue import build_model_card, get_constants, list_robot_specs
 from symid.codegen.functions import ModelCard, Port
-from symid.codegen.programs import Op, Program
+from symid.codegen.programs import ARITHMETIC, Op, Program
 from symid.codegen.routes import choose_route
 from symid.codegen.workspace import check_symbols
 from symid.dynamics import build_standard_parameters, derive_base_parameters
 from symid.robot import Robot
 
 _SX_RULES: Mapping[Op, Callable[..., ca.SX]] = {
-    Op.ADD: lambda a, b: a + b,
-    Op.SUB: lambda a, b: a - b,
-    Op.MUL: lambda a, b: a * b,
-    Op.DIV: lambda a, b: a / b,
+    **ARITHMETIC,
     Op.SIN: ca.sin,
     Op.COS: ca.cos,
     Op.TAN: ca.tan,
@@ -37,8 +35,8 @@ _SX_RULES: Mapping[Op, Callable[..., ca.SX]] = {
     Op.POWER: ca.power,
     Op.ABS: ca.fabs,
     Op.SIGN: ca.sign,
-    Op.LESS: lambda a, b: a < b,
-    Op.LESS_EQUAL: lambda a, b: a <= b,
+    Op.LESS: operator.lt,
+    Op.LESS_EQUAL: operator.le,
     Op.IS_ZERO: ca.logic_not,
     Op.SELECT: lambda a, b: ca.if_else(a, b, ca.SX(0)),
     Op.MAXIMUM: ca.fmax,
@@ -86,35 +84,27 @@ class _ValuePool:
         return values
 
 
-def _start_pool(program: Program, inputs: Sequence[ca.SX]) -> _ValuePool:
-    """Return the pool with the inputs and constants that the program reads."""
-    pool = _ValuePool(len(program.instructions))
-    rows = [ca.vec(value.T) for value in inputs]
-    starts = [0, *itertools.accumulate(value.numel() for value in rows)]
-    read = {k: i for k, i in enumerate(program.instructions, start=1) if i.op is Op.INPUT}
-    if read:
-        elements = [starts[i.args[0]] + i.args[1] for i in read.values()]
-        pool.append(list(read), ca.vertcat(*rows)[elements])
-    known = {k: i.constant for k, i in enumerate(program.instructions, start=1) if i.op is Op.CONSTANT}
-    if known:
-        pool.append(list(known), ca.SX(ca.DM(list(known.values()))))
-    return pool
-
-
 def build_sx_function(program: Program) -> ca.Function:
     """Return the SX function of `program`; a port of shape (n, k, m) is a matrix of n rows, k m columns."""
     spec = program.spec
     inputs = [ca.SX.sym(port.name, *get_matrix_shape(port)) for port in spec.inputs]
-    pool = _start_pool(program, inputs)
+    pool = _ValuePool(len(program.instructions))
+    numbered = list(enumerate(program.instructions, start=1))
+    if read := {k: one for k, one in numbered if one.op is Op.INPUT}:
+        rows = [ca.vec(value.T) for value in inputs]
+        starts = [0, *itertools.accumulate(value.numel() for value in rows)]
+        elements = [starts[one.args[0]] + one.args[1] for one in read.values()]
+        pool.append(list(read), ca.vertcat(*rows)[elements])
+    if known := {k: one.constant for k, one in numbered if one.op is Op.CONSTANT}:
+        pool.append(list(known), ca.SX(ca.DM(list(known.values()))))
     for op, numbers in _group_instructions(program):
         instructions = [program.instructions[number - 1] for number in numbers]
         columns = zip(*(instruction.args for instruction in instructions), strict=True)
         pool.append(numbers, _SX_RULES[op](*(pool.read(refs) for refs in columns)))
     outputs = []
     for port, refs in zip(spec.outputs, program.outputs, strict=True):
-        rows, columns_out = get_matrix_shape(port)
         values = pool.read(refs) if refs else ca.SX(0, 1)
-        outputs.append(ca.densify(ca.reshape(values, columns_out, rows).T))
+        outputs.append(ca.densify(ca.reshape(values, *reversed(get_matrix_shape(port))).T))
     names = ([port.name for port in spec.inputs], [port.name for port in spec.outputs])
     return ca.Function(spec.name, inputs, outputs, *names)
 
@@ -137,11 +127,8 @@ def build_functions(
 ) -> Functions:
     """Return the functions of the catalogue, or those called `names`, in the catalogue's order.
 
-    Args:
-        robot: the robot.
-        names: of the functions wanted, None for all.
-        standard: whether functions take the standard parameters pi in place of beta.
-        constant: whether the parameter values of the robot file are constants of the functions.
+    `standard`: they take the standard parameters pi in place of beta. `constant`: the parameter values of the
+    robot file are constants of the functions.
 
     Raises:
         RobotError: a symbolic length has no value.
@@ -152,7 +139,10 @@ def build_functions(
     specs = list_robot_specs(robot, base, names)
     card = build_model_card(robot, base, specs)
     constants = get_constants(card) if constant else {}
-    specs = tuple(drop_constants(spec, constants) for spec in specs)
+    specs = tuple(
+        replace(spec, inputs=tuple(port for port in spec.inputs if port.name not in constants))
+        for spec in specs
+    )
     programs = tuple(choose_route(robot, base, spec, constants).program for spec in specs)
     return Functions(
         card=replace(card, functions=specs),

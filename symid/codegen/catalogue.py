@@ -11,9 +11,9 @@ Not supported: springs as constants; functions of hysteresis take h.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,14 +28,11 @@ from symid.codegen.functions import (
     compute_model_signature,
 )
 from symid.errors import Notice, UsageError
-from symid.joint_models import SpringTerms
 from symid.notation import get_unit
 from symid.robot import Elasticity, FrictionKind, JointKind, Robot
 
 if TYPE_CHECKING:
     from symid.dynamics import BaseParameters
-
-V = TypeVar("V")
 
 _SPRING_REASONS = {
     "k0": "stiffness when all stops slip",
@@ -115,9 +112,7 @@ def list_spring_parameters(robot: Robot) -> Iterator[ParameterCard]:
 def build_spring_vector(elasticities: Sequence[Elasticity], card: ModelCard | None = None) -> FloatArray:
     """Return h of springs whose numbers are all known, one a coordinate.
 
-    Args:
-        elasticities: one a coordinate.
-        card: of the library that shall take h; None to leave out the check that its springs are built alike.
+    `card` is that of the library that shall take h, whose springs must be built alike; None: not checked.
 
     Raises:
         UsageError: a number is unknown, or the springs have other parts than those of `card`.
@@ -146,29 +141,6 @@ def build_spring_vector(elasticities: Sequence[Elasticity], card: ModelCard | No
     return np.array(values)
 
 
-def build_spring_terms(elasticities: Sequence[Elasticity], values: Sequence[V]) -> list[SpringTerms[V]]:
-    """Return the springs, one a coordinate, whose numbers are the entries of h."""
-    rest = iter(values)
-    springs = []
-    for elasticity in elasticities:
-        stiffness = next(rest)
-        cubic = next(rest) if elasticity.cubic else None
-        pairs = [(next(rest), next(rest)) for _ in elasticity.stops]
-        knees = [(next(rest), next(rest)) for _ in elasticity.knees]
-        turned = tuple((threshold, slope) for slope, threshold in knees)
-        count = sum(knee.threshold < 0 for knee in elasticity.knees)
-        springs.append(
-            SpringTerms(
-                stiffness=stiffness,
-                cubic=cubic,
-                stops=tuple((threshold, weight) for weight, threshold in pairs),
-                above=turned[count:],
-                below=turned[:count][::-1],
-            )
-        )
-    return springs
-
-
 # Name: shape in letters (n coordinates, l links, b inertial and p friction parameters,
 # s stops, h parameters of springs), unit, meaning.
 _INPUTS = {
@@ -192,6 +164,7 @@ _INPUTS = {
 }
 _SHARED = ("beta", "pi", "f", "IA", "h")
 _OUTPUTS = {
+    **_INPUTS,
     "R": ("l33", "1", "rotation matrices, one a link"),
     "P": ("l3", "m", "origins, one a link"),
     "J": ("6n", "m, 1", "Jacobian"),
@@ -199,8 +172,6 @@ _OUTPUTS = {
     "C": ("nn", "kg m^2/s", "Coriolis matrix"),
     "g": ("n", "N m", "gravity torque"),
     "c": ("n", "N m", "bias torque"),
-    "tau": ("n", "N m", "joint torques without friction"),
-    "ddq": ("n", "rad/s^2", "joint accelerations"),
     "dtau_dq": ("nn", "N m/rad", "by position"),
     "dtau_ddq": ("nn", "N m s/rad", "by velocity"),
     "dtau_dddq": ("nn", "kg m^2", "by acceleration: the mass matrix"),
@@ -216,7 +187,6 @@ _OUTPUTS = {
     "Yf": ("np", "mixed", "friction regressor"),
     "tau_J": ("n", "N m", "torques of the springs without damping"),
     "P_next": ("s", "rad", "plays of the torsions after the step"),
-    "phi": ("n", "rad", "torsions theta - q"),
     "Q_next": ("s", "N m", "plays of the inverse after the step"),
     "tau_m": ("n", "N m", "torques of the motors, joint side"),
     "theta": ("n", "rad", "motor coordinates on the joint side"),
@@ -299,12 +269,9 @@ def list_specs(
 def list_robot_specs(
     robot: Robot, base: "BaseParameters", names: Collection[str] | None = None
 ) -> tuple[FunctionSpec, ...]:
-    """Return the catalogue for a robot and the parameters that its functions take.
+    """Return the catalogue for a robot and the base or standard parameters that its functions take.
 
-    Args:
-        robot: the robot.
-        base: its base or standard parameters.
-        names: of the functions wanted, None for all; the order is that of the catalogue.
+    `names` are those of the functions wanted, None for all; the order is that of the catalogue.
 
     Raises:
         UsageError: a name is not in the catalogue.
@@ -410,8 +377,3 @@ def get_constants(card: ModelCard) -> Constants:
         )
         raise UsageError(Notice(code="usage.unknown-constants", text=text))
     return {name: tuple(entry.value or 0.0 for entry in entries) for name, entries in vectors.items()}
-
-
-def drop_constants(spec: FunctionSpec, constants: Constants) -> FunctionSpec:
-    """Return the function without the inputs that are constants."""
-    return replace(spec, inputs=tuple(port for port in spec.inputs if port.name not in constants))

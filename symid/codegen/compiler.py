@@ -190,11 +190,9 @@ def read_processor() -> str:
 
 
 def locate_compiler(command: str | None = None, *, native: bool = False) -> Compiler | None:
-    """Return the first compiler that answers, or None.
+    """Return the compiler called `command`, by default the first of cc, gcc, clang that answers, or None.
 
-    Args:
-        command: of the compiler to look for; None for the first of cc, gcc, clang.
-        native: make code for this machine's processor, where that is known.
+    `native`: it shall make code for this machine's processor, where that is known.
     """
     for name in (command,) if command else CANDIDATES:
         path = shutil.which(name)

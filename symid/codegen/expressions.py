@@ -21,7 +21,7 @@ import sympy
 from sympy import QQ, Add, Expr, Integer, Mul, Rational, Symbol
 from sympy.polys.rings import PolyElement, PolyRing
 
-from symid.codegen.programs import NUMBERS, Instruction, Op, Program
+from symid.codegen.programs import ARITHMETIC, NUMBERS, Instruction, Op, Program
 from symid.robot import Exact
 
 Terms = dict[tuple[int, ...], Any]
@@ -210,17 +210,14 @@ def _write_truth(condition: Expr) -> Expr:
 
 
 _SYMPY_RULES: Mapping[Op, Callable[..., Expr]] = {
-    Op.ADD: lambda a, b: a + b,
-    Op.SUB: lambda a, b: a - b,
-    Op.MUL: lambda a, b: a * b,
-    Op.DIV: lambda a, b: a / b,
+    **ARITHMETIC,
     Op.SIN: sympy.sin,
     Op.COS: sympy.cos,
     Op.TAN: sympy.tan,
     Op.SQRT: sympy.sqrt,
     Op.EXP: sympy.exp,
     Op.TANH: sympy.tanh,
-    Op.POWER: lambda a, b: a**b,
+    Op.POWER: operator.pow,
     Op.ABS: sympy.Abs,
     Op.SIGN: sympy.sign,
     Op.LESS: lambda a, b: _write_truth(sympy.Lt(a, b)),

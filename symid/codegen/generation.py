@@ -88,11 +88,9 @@ def lock_folder(folder: Path, progress: Callable[[], None]) -> Iterator[None]:
     """Wait until no other process of this user has `folder`, and keep it from others in the context.
 
     The lock is one of the system's on a file beside the folder or, where none can be written there, in the
-    user's cache folder. The file is removed; the file of a process that died does not lock.
-
-    Args:
-        folder: it need not be there yet. Missing folders above it are made, and removed if they stay empty.
-        progress: called once where the wait takes longer than a second.
+    user's cache folder. The file is removed; the file of a process that died does not lock. The folder need
+    not be there yet: missing folders above it are made, and removed if they stay empty. `progress` is called
+    once where the wait takes longer than a second.
 
     Raises:
         OutputError: no file for the lock can be written.
@@ -345,12 +343,8 @@ def generate_folder(
 ) -> GeneratedFolder:
     """Write the code of `robot` to `folder` and test it; nothing is done where nothing has changed.
 
-    Args:
-        robot: the robot.
-        order: what is wanted.
-        folder: new, or one that symid wrote; files of others in it stay as they are.
-        progress: called with what begins.
-        force: whether to write in any case, over edited files too.
+    The folder is new, or one that symid wrote; files of others in it stay as they are. `progress` is called
+    with what begins; `force`: write in any case, over edited files too.
 
     Raises:
         RobotError: a symbolic length has no value.
@@ -364,7 +358,17 @@ def generate_folder(
     with lock_folder(folder, lambda: progress(f"{folder}: waiting for another run that writes it")):
         found = None if force else read_unchanged(folder, inputs)
         if found is None:
-            sources = _derive_sources(robot, order, progress)
+            # Imported here: where nothing has changed, neither CasADi nor SymPy is needed.
+            from symid.codegen.c_library import generate_c_library
+            from symid.codegen.casadi_functions import build_functions
+            from symid.codegen.python_targets import generate_casadi_target, generate_python_module
+
+            progress(f"deriving the functions of {robot.name}")
+            standard = order.parameters == "standard"
+            functions = build_functions(robot, names=order.names, standard=standard, constant=order.constant)
+            progress(f"writing {order.target} code")
+            generate = {"python": generate_python_module, "casadi": generate_casadi_target}
+            sources = generate.get(order.target, generate_c_library)(functions, order.options)
             write_sources(sources, folder, force=force)
             record = run_selftest(folder, order.target, inputs, progress)
             manifest = write_build_record(folder, record, sources)
@@ -379,18 +383,3 @@ def generate_folder(
         unchanged=found is not None,
         notices=() if record.selftest == "passed" else (warning,),
     )
-
-
-def _derive_sources(robot: Robot, order: CodeRequest, progress: Callable[[str], None]) -> SourceSet:
-    # Imported here: where nothing has changed, neither CasADi nor SymPy is needed.
-    from symid.codegen.c_library import generate_c_library
-    from symid.codegen.casadi_functions import build_functions
-    from symid.codegen.python_targets import generate_casadi_target, generate_python_module
-
-    progress(f"deriving the functions of {robot.name}")
-    functions = build_functions(
-        robot, names=order.names, standard=order.parameters == "standard", constant=order.constant
-    )
-    progress(f"writing {order.target} code")
-    generate = {"c": generate_c_library, "python": generate_python_module, "casadi": generate_casadi_target}
-    return generate[order.target](functions, order.options)

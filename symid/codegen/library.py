@@ -219,24 +219,22 @@ class _CompiledEngine:
         call = self._get_symbol(spec.name)
         # Room of calls that are over. A call has its own: ctypes lets other threads run, which may call too.
         spare: list[tuple[Arrays, Arrays, tuple[ctypes.c_void_p, ...]]] = []
-
-        def allocate() -> tuple[Arrays, Arrays, tuple[ctypes.c_void_p, ...]]:
-            ports = (spec.inputs, spec.outputs)
-            inputs, outputs = (tuple(allocate_output(p, None, self._dtype) for p in side) for side in ports)
-            return inputs, outputs, tuple(ctypes.c_void_p(a.ctypes.data) for a in (*inputs, *outputs))
+        ports = (spec.inputs, spec.outputs)
 
         def evaluate_one(*values: FloatArray) -> Arrays:
             given = check_sample(card, spec, values)
             try:
-                room = spare.pop()
+                inputs, outputs, pointers = spare.pop()
             except IndexError:
-                room = allocate()
-            inputs, outputs, pointers = room
+                inputs, outputs = (
+                    tuple(allocate_output(p, None, self._dtype) for p in side) for side in ports
+                )
+                pointers = tuple(ctypes.c_void_p(array.ctypes.data) for array in (*inputs, *outputs))
             for buffer, value in zip(inputs, given, strict=True):
                 buffer[...] = value
             _check_status(spec.name, call(*pointers))
             found = tuple(output.astype(np.float64) for output in outputs)
-            spare.append(room)
+            spare.append((inputs, outputs, pointers))
             return found
 
         return evaluate_one
@@ -299,12 +297,6 @@ def import_generated_module(path: Path) -> ModuleType:
 _CASADI_CHUNK = 256
 
 
-def _allocate_columns(port: Port, samples: int) -> tuple[FloatArray, FloatArray]:
-    """Return memory in which CasADi has a port's matrices, column by column, and a view of it by samples."""
-    memory = np.zeros((samples, *port.shape[1:], *port.shape[:1]))
-    return memory, np.moveaxis(memory, -1, 1)
-
-
 @final
 class _MappedFunction:
     """A function for a number of samples, with memory for inputs and outputs; for one caller at a time."""
@@ -315,16 +307,16 @@ class _MappedFunction:
         # Any: the types that CasADi states are those of C++, with sizes that Python does not give.
         self._buffer: Any
         self._buffer, self._run = mapped.buffer()
-        inputs = [_allocate_columns(port, samples) for port in spec.inputs]
-        outputs = [_allocate_columns(port, samples) for port in spec.outputs]
-        # CasADi looks at this memory at each run: it must live as long.
-        self._memory = (*(memory for memory, _ in inputs), *(memory for memory, _ in outputs))
-        self.inputs = tuple(view for _, view in inputs)
-        self.outputs = tuple(view for _, view in outputs)
-        for place, (memory, _) in enumerate(inputs):
-            self._buffer.set_arg(place, memory.data)
-        for place, (memory, _) in enumerate(outputs):
-            self._buffer.set_res(place, memory.data)
+
+        def allocate(place: int, port: Port, give: Callable[[int, memoryview], None]) -> FloatArray:
+            # CasADi has matrices column by column; callers a view of them by samples, which keeps the memory.
+            memory = np.zeros((samples, *port.shape[1:], *port.shape[:1]))
+            give(place, memory.data)
+            return np.moveaxis(memory, -1, 1)
+
+        ports = (enumerate(spec.inputs), enumerate(spec.outputs))
+        self.inputs = tuple(allocate(k, port, self._buffer.set_arg) for k, port in ports[0])
+        self.outputs = tuple(allocate(k, port, self._buffer.set_res) for k, port in ports[1])
 
     def run(self) -> None:
         """Compute the outputs from the inputs."""
@@ -348,18 +340,11 @@ class _CasadiEngine:
         self.spare: dict[tuple[str, int], list[_MappedFunction]] = {}
 
     def run(self, spec: FunctionSpec, samples: int | None, given: Arrays, kept: Arrays | None) -> Arrays:
-        outputs = kept or tuple(allocate_output(port, samples, np.float64) for port in spec.outputs)
+        found = kept or tuple(allocate_output(port, samples, np.float64) for port in spec.outputs)
+        outputs = found if samples is not None else tuple(output[None] for output in found)
         if samples is None:
-            batch = [a if port.shared else a[None] for port, a in zip(spec.inputs, given, strict=True)]
-            self._fill(spec, 1, batch, [output[None] for output in outputs])
-        else:
-            self._fill(spec, samples, given, outputs)
-        return outputs
-
-    def _fill(
-        self, spec: FunctionSpec, samples: int, given: Sequence[FloatArray], outputs: Sequence[FloatArray]
-    ) -> None:
-        """Write the outputs of a batch, piece by piece."""
+            given = tuple(a if port.shared else a[None] for port, a in zip(spec.inputs, given, strict=True))
+            samples = 1
         # A power of two at least as large: few sizes of rooms, whatever the sizes of batches.
         size = min(_CASADI_CHUNK, 1 << max(0, samples - 1).bit_length())
         spare = self.spare.setdefault((spec.name, size), [])
@@ -382,6 +367,7 @@ class _CasadiEngine:
             for output, values in zip(outputs, room.outputs, strict=True):
                 output[piece] = values[:count]
         spare.append(room)
+        return found
 
     def bind(self, card: ModelCard, spec: FunctionSpec, kept: Arrays | None) -> Call:
         room = _MappedFunction(self._functions[spec.name], spec, 1)
@@ -420,17 +406,6 @@ def _load_serialized(folder: Path, card: ModelCard) -> "dict[str, ca.Function]":
     return functions
 
 
-def _load_compiled(binary: Path, card: ModelCard, prefix: str, digest: str) -> _CasadiEngine:
-    import casadi as ca
-
-    with _open_copy(binary, prefix, digest) as (shared, copy):
-        try:
-            functions = {spec.name: ca.external(spec.name, str(copy)) for spec in card.functions}
-        except RuntimeError as error:
-            raise build_load_error(binary, f"CasADi: {error}; build it again on this machine") from error
-    return _CasadiEngine(functions, shared)
-
-
 _UPDATE_PATIENCE = 1.0
 _UPDATE_LOOK = 0.05
 
@@ -445,7 +420,7 @@ def _build_mixed_error(folder: Path) -> UsageError:
     return UsageError(Notice(code="usage.interrupted-update", text=text, file=str(folder)))
 
 
-def load_library(folder: Path, *, notices: tuple[Notice, ...] = ()) -> Library:
+def load_library(folder: Path) -> Library:
     """Return the library in a folder that symid generated; C needs `make shared` first.
 
     A folder for CasADi works as it is; after `make shared` its compiled C is used, which is faster.
@@ -476,16 +451,23 @@ def load_library(folder: Path, *, notices: tuple[Notice, ...] = ()) -> Library:
     if target != "python" and binary.is_file():
         files = get_listed_digests(manifest)
         digest = compute_build_digest(card, prefix=prefix, precision=precision, files=files)
-        if target == "casadi":
-            return Library(card, _load_compiled(binary, card, prefix, digest), notices)
-        engine = _CompiledEngine(binary, prefix=prefix, precision=precision, digest=digest)
-        return Library(card, engine, notices)
+        if target != "casadi":
+            engine = _CompiledEngine(binary, prefix=prefix, precision=precision, digest=digest)
+            return Library(card, engine)
+        import casadi as ca
+
+        with _open_copy(binary, prefix, digest) as (shared, copy):
+            try:
+                functions = {spec.name: ca.external(spec.name, str(copy)) for spec in card.functions}
+            except RuntimeError as error:
+                raise build_load_error(binary, f"CasADi: {error}; build it again on this machine") from error
+        return Library(card, _CasadiEngine(functions, shared))
     if target == "python":
-        library = Library(card, _PythonEngine(import_generated_module(folder / f"{prefix}.py")), notices)
+        library = Library(card, _PythonEngine(import_generated_module(folder / f"{prefix}.py")))
     elif target == "casadi":
         text = f"no {binary.name}: CasADi's virtual machine is used, which is slower; run `make shared` there"
         notice = Notice(code="codegen.casadi-machine", text=text, file=str(folder))
-        library = Library(card, _CasadiEngine(_load_serialized(folder, card)), (*notices, notice))
+        library = Library(card, _CasadiEngine(_load_serialized(folder, card)), (notice,))
     else:
         text = f"has no {binary.name}; run `make shared` in it"
         raise UsageError(Notice(code="usage.not-compiled", text=text, file=str(folder)))

@@ -9,8 +9,8 @@ Not supported: blocks of samples for programs with other than sums, products, qu
 """
 
 import heapq
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -26,7 +26,7 @@ _NUMPY_OPS = (Op.MAXIMUM, Op.MINIMUM)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FunctionBody:
-    """The statements of one function and the names of the helpers that it calls, sorted."""
+    """The statements of a C function, and the definitions of the helpers that it calls, sorted."""
 
     statements: tuple[str, ...]
     helpers: tuple[str, ...]
@@ -39,12 +39,6 @@ def write_literal(value: float, precision: str = "double") -> str:
         short = repr(float(text))
         return f"{short}f" if np.float32(short) == np.float32(value) else f"{text}f"
     return repr(float(value))
-
-
-def _build_body(program: Program, statements: Iterable[str]) -> FunctionBody:
-    used = {instruction.op for instruction in program.instructions}
-    helpers = tuple(sorted(op.value for op in _HELPER_OPS if op in used))
-    return FunctionBody(statements=tuple(statements), helpers=helpers)
 
 
 def _write_instruction(
@@ -65,8 +59,8 @@ def _write_element_index(port: Port, element: int) -> str:
     return ", ".join(["...", *reversed(places)])
 
 
-def print_python(program: Program) -> FunctionBody:
-    """Return the body of a NumPy function; elements are the last axes, samples the axes before."""
+def print_python(program: Program) -> list[str]:
+    """Return the statements of a NumPy function; elements are the last axes, samples the axes before."""
     last = {k: number for number, one in enumerate(program.instructions, start=1) for k in one.operands}
     last |= {abs(ref): len(program.instructions) + 1 for refs in program.outputs for ref in refs}
     names = [""]
@@ -108,21 +102,13 @@ def print_python(program: Program) -> FunctionBody:
             for i, ref in enumerate(refs)
             if names[abs(ref)] != "0.0"
         ]
-    return _build_body(program, statements)
+    return statements
 
 
 _TRIGONOMETRY = (Op.SIN, Op.COS)
 _SIMD_OPS = frozenset({Op.INPUT, Op.CONSTANT, *_INFIX, *_TRIGONOMETRY})
-_C_FUNCTIONS = {
-    Op.SIN: "sin",
-    Op.COS: "cos",
-    Op.TAN: "tan",
-    Op.SQRT: "sqrt",
-    Op.EXP: "exp",
-    Op.TANH: "tanh",
-    Op.POWER: "pow",
-    Op.ABS: "fabs",
-}
+# Where they are not those of the operation.
+_C_NAMES = {Op.POWER: "pow", Op.ABS: "fabs"}
 _WITHOUT_STATEMENT = (Op.CONSTANT, Op.INPUT)
 _GROUP_SIZE = 8
 """A multiple of every SIMD width."""
@@ -164,22 +150,18 @@ def group_angles(program: Program) -> GroupedAngles:
     return GroupedAngles(places=places, before=tuple(before))
 
 
+@dataclass(slots=True)
 class _CPrinter:
-    """Statements of one function; values are of type `kind`."""
+    """Statements of one function; values are of type `kind`, `call` names functions and helpers."""
 
-    def __init__(
-        self,
-        program: Program,
-        kind: str,
-        angles: GroupedAngles,
-        write_constant: Callable[[float], str],
-        write_input: Callable[[int, int], str],
-    ) -> None:
-        self.program, self.kind, self.angles = program, kind, angles
-        self.write_constant, self.write_input = write_constant, write_input
-        self.call: Callable[[Op], str] = lambda op: op.value
-        self.names = [""] * (len(program.instructions) + 1)
-        self.due: dict[int, list[tuple[Sequence[int], Callable[..., str]]]] = {}
+    program: Program
+    kind: str
+    angles: GroupedAngles
+    write_constant: Callable[[float], str]
+    write_input: Callable[[int, int], str]
+    call: Callable[[Op], str]
+    names: dict[int, str] = field(default_factory=dict)
+    due: dict[int, list[tuple[Sequence[int], Callable[..., str]]]] = field(default_factory=dict)
 
     def read(self, ref: int) -> str:
         return self.names[ref] if ref > 0 else f"-{self.names[-ref]}"
@@ -248,12 +230,18 @@ def print_c(program: Program, precision: str, *, together: bool = False) -> Func
         group_angles(program) if together else GroupedAngles(places={}, before=()),
         lambda value: write_literal(value, precision),
         lambda port, element: f"{spec.inputs[port].name}[{element}]",
+        lambda op: op.value if op in _HELPER_OPS else _C_NAMES.get(op, op.value) + suffix,
     )
-    printer.call = lambda op: _C_FUNCTIONS[op] + suffix if op in _C_FUNCTIONS else op.value
     for port, refs in zip(spec.outputs, program.outputs, strict=True):
         for element, ref in enumerate(refs):
             printer.promise([ref], f"{port.name}[{element}] = {{}};".format)
-    return _build_body(program, printer.print())
+    helpers = []
+    for name in sorted({one.op.value for one in program.instructions} & _C_HELPERS.keys()):
+        names, value = _C_HELPERS[name]
+        arguments = ", ".join(f"{precision} {argument}" for argument in names.split())
+        value = value.format(zero=f"0.0{suffix}", one=f"1.0{suffix}")
+        helpers.append(f"static {precision} {name}({arguments})\n{{\n    return {value};\n}}")
+    return FunctionBody(statements=tuple(printer.print()), helpers=tuple(helpers))
 
 
 def print_simd(program: Program, precision: str) -> tuple[str, ...]:
@@ -272,29 +260,27 @@ def print_simd(program: Program, precision: str) -> tuple[str, ...]:
     def write_constant(value: float) -> str:
         return f"ALL({write_literal(value, precision)})"
 
-    printer = _CPrinter(program, "lanes", angles, write_constant, write_input)
+    def write_place(port: Port, element: int) -> str:
+        return f"{port.name} + {port.size} * k" + (f" + {element}" if element else "")
+
+    def write_store(port: Port, first: int, *texts: str) -> str:
+        if len(texts) == _GROUP_SIZE:
+            listed = ", ".join(texts)
+            return f"store_eight({write_place(port, first)}, {port.size}, (const lanes[]){{{listed}}});"
+        places = (write_place(port, first + k) for k in range(len(texts)))
+        return " ".join(f"store_one({at}, {port.size}, {x});" for at, x in zip(places, texts, strict=True))
+
+    printer = _CPrinter(program, "lanes", angles, write_constant, write_input, lambda op: op.value)
     for port, refs in zip(outputs, program.outputs, strict=True):
         for first in range(0, port.size, _GROUP_SIZE):
-            printer.promise(refs[first : first + _GROUP_SIZE], partial(_write_store, port, first))
+            printer.promise(refs[first : first + _GROUP_SIZE], partial(write_store, port, first))
     read = (instruction.args for instruction in program.instructions if instruction.op is Op.INPUT)
     used = sorted({(number, element) for number, element in read if not inputs[number].shared})
     loads = (
-        f"const lanes {port.name}{element} = GATHER({_write_place(port, element)}, {port.size});"
+        f"const lanes {port.name}{element} = GATHER({write_place(port, element)}, {port.size});"
         for port, element in ((inputs[number], element) for number, element in used)
     )
     return (*loads, *printer.print())
-
-
-def _write_place(port: Port, element: int) -> str:
-    return f"{port.name} + {port.size} * k" + (f" + {element}" if element else "")
-
-
-def _write_store(port: Port, first: int, *texts: str) -> str:
-    if len(texts) == _GROUP_SIZE:
-        listed = ", ".join(texts)
-        return f"store_eight({_write_place(port, first)}, {port.size}, (const lanes[]){{{listed}}});"
-    stores = (f"store_one({_write_place(port, first + k)}, {port.size}, {x});" for k, x in enumerate(texts))
-    return " ".join(stores)
 
 
 # Arguments and value. Comparisons with NaN are false: each helper lets a NaN through by its last branch.
@@ -309,20 +295,12 @@ _C_HELPERS = {
 }
 
 
-def write_c_helper(name: str, real: str) -> str:
-    """Return the definition of the helper `name` for numbers of type `real`."""
-    suffix = "f" if real == "float" else ""
-    names, value = _C_HELPERS[name]
-    arguments = ", ".join(f"{real} {argument}" for argument in names.split())
-    value = value.format(zero=f"0.0{suffix}", one=f"1.0{suffix}")
-    return f"static {real} {name}({arguments})\n{{\n    return {value};\n}}"
+def write_table_lines(values: Sequence[float], kind: str) -> list[str]:
+    """Return an initialiser's lines; without values it holds a zero, as an empty one is no C.
 
-
-def join_lines(texts: Sequence[str], count: int) -> list[str]:
-    """Return the lines of an initialiser, `count` texts in each."""
+    `kind` is "double", "float", or "int32_t" for the nearest whole numbers.
+    """
+    whole = kind == "int32_t"
+    texts = [str(round(value)) if whole else write_literal(value, kind) for value in values or [0.0]]
+    count = 16 if whole else 5
     return [", ".join(texts[k : k + count]) + "," for k in range(0, len(texts), count)]
-
-
-def write_table_lines(values: Sequence[float], real: str) -> list[str]:
-    """Return an initialiser's lines; without values it holds a zero, as an empty one is no C."""
-    return join_lines([write_literal(value, real) for value in values] or [write_literal(0.0, real)], 5)

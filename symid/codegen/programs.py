@@ -12,12 +12,15 @@ and cosine (TypeError).
 
 import itertools
 import math
+import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from fractions import Fraction
+from typing import Any
 
 from symid.codegen.functions import FunctionSpec
+from symid.dynamics import Algebra
 from symid.robot import Exact
 
 
@@ -47,6 +50,13 @@ class Op(Enum):
     MINIMUM = "minimum"
 
 
+ARITHMETIC: Mapping[Op, Callable[..., Any]] = {
+    Op.ADD: operator.add,
+    Op.SUB: operator.sub,
+    Op.MUL: operator.mul,
+    Op.DIV: operator.truediv,
+}
+"""What the four operators are in Python, for numbers and expressions alike."""
 _PRODUCTS = (Op.MUL, Op.DIV)
 _SUMS = (Op.ADD, Op.SUB)
 _ELEMENTARY = (Op.SIN, Op.COS, Op.TAN, Op.SQRT, Op.EXP, Op.TANH, Op.POWER)
@@ -124,21 +134,26 @@ def build_depth_first(program: Program) -> Program:
                 waiting.extend(sorted(missing, key=needs.__getitem__))
             else:
                 order[waiting.pop()] = None
-    renumbered = {old: new for new, old in enumerate(order, start=1)}
+    instructions = {number: program.instructions[number - 1] for number in order}
+    return _renumber(program.spec, instructions, program.outputs)
+
+
+def _renumber(
+    spec: FunctionSpec, instructions: Mapping[int, Instruction], outputs: Iterable[Iterable[int]]
+) -> Program:
+    """Return the program of `instructions`, by their numbers so far, in the order of the mapping."""
+    renumbered = {old: new for new, old in enumerate(instructions, start=1)}
 
     def move(ref: int) -> int:
         return renumbered[ref] if ref > 0 else -renumbered[-ref]
 
-    def rewrite(number: int) -> Instruction:
-        instruction = program.instructions[number - 1]
-        if instruction.op is Op.INPUT:
-            return instruction
-        return Instruction(instruction.op, tuple(map(move, instruction.args)), instruction.constant)
-
     return Program(
-        spec=program.spec,
-        instructions=tuple(map(rewrite, order)),
-        outputs=tuple(tuple(map(move, refs)) for refs in program.outputs),
+        spec=spec,
+        instructions=tuple(
+            one if one.op is Op.INPUT else Instruction(one.op, tuple(map(move, one.args)), one.constant)
+            for one in instructions.values()
+        ),
+        outputs=tuple(tuple(map(move, refs)) for refs in outputs),
     )
 
 
@@ -338,29 +353,22 @@ class ExpressionTable:
 
     def build_program(self, spec: FunctionSpec, outputs: Iterable[Iterable[int]]) -> Program:
         """Return the instructions that `outputs` (by port, row-major) need, in order and numbered anew."""
-        wanted = [tuple(port) for port in outputs]
+
+        def clean(refs: Iterable[int]) -> tuple[int, ...]:
+            # What a route negated itself may be zero.
+            return tuple(_ZERO if ref == -_ZERO else ref for ref in refs)
+
+        wanted = [clean(port) for port in outputs]
         for port, refs in zip(spec.outputs, wanted, strict=True):
             if len(refs) != port.size:
                 message = f"{spec.name}, {port.name}: expected {port.size} values, got {len(refs)}"
                 raise ValueError(message)
-        kept = self._find_needed(ref for port in wanted for ref in port)
-        renumbered = {old: new for new, old in enumerate(kept, start=1)}
-
-        def move(ref: int) -> int:
-            # What a route negated itself may be zero.
-            return renumbered[ref] if ref > 0 else -renumbered[-ref] if ref != -_ZERO else renumbered[_ZERO]
-
-        def rewrite(number: int) -> Instruction:
-            op, args = self._ops[number - 1], self._args[number - 1]
-            if op is Op.CONSTANT:
-                return Instruction(op, (), self._constants[number])
-            return Instruction(op, args if op is Op.INPUT else tuple(map(move, args)))
-
-        return Program(
-            spec=spec,
-            instructions=tuple(map(rewrite, kept)),
-            outputs=tuple(tuple(map(move, port)) for port in wanted),
-        )
+        steps = self.walk(itertools.chain(*wanted))
+        instructions = {
+            k: Instruction(op, args if op is Op.INPUT else clean(args), self._constants.get(k, 0.0))
+            for k, op, args in steps
+        }
+        return _renumber(spec, instructions, wanted)
 
 
 NUMBERS = -2
@@ -377,7 +385,7 @@ def _apply(op: Op) -> Callable[..., int]:
 
 
 @dataclass(frozen=True, slots=True)
-class ValueAlgebra:
+class ValueAlgebra(Algebra[int]):
     """References to `table`; `symbols` holds the values of symbolic lengths in m.
 
     `numbers` collects the exact numbers that doubles would round, symbolic lengths among them, as elements of

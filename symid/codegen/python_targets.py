@@ -13,59 +13,43 @@ from collections.abc import Sequence
 import casadi as ca
 
 from symid.codegen.casadi_functions import Functions, get_matrix_shape
-from symid.codegen.functions import FunctionSpec, Port
-from symid.codegen.library import compute_build_digest
-from symid.codegen.material import (
-    BANNER,
-    Fields,
-    Material,
-    prepare_material,
-    write_manifest,
-    write_operations,
-)
+from symid.codegen.functions import Port
+from symid.codegen.material import BANNER, Fields, Material, prepare_material, write_operations
 from symid.codegen.printing import print_python
 from symid.codegen.programs import Operations, Program
-from symid.codegen.references import PER_UNIT, WEIGHTS, Reference, ReferenceRows
-from symid.codegen.source_folder import SourceSet, compute_digest
+from symid.codegen.references import PER_UNIT, WEIGHTS, ReferenceRows
+from symid.codegen.source_folder import SourceSet
 from symid.codegen.source_text import GenerateOptions
 
 _TOLERANCE = "1e-12"
 
 
-def _describe_states(material: Material) -> list[Fields]:
-    """Return every input that a function is given, once; functions use it by its name and size."""
-    found: dict[str, Fields] = {}
+def _write_module(material: Material, template: str, **values: object) -> str:
+    """Return a template of a Python module, with the tables of its self-test."""
+
+    def write(rows: ReferenceRows) -> str:
+        return f"np.array({[list(row) for row in rows]!r})"
+
+    # Every input that a function is given, once; functions use it by its name and size.
+    states: dict[str, Fields] = {}
+    tests = []
     for program, reference in zip(material.programs, material.references, strict=True):
         for port, name, rows in zip(program.spec.inputs, reference.tables, reference.inputs, strict=True):
             lines = [repr(list(rows[0]))]
             if not port.shared:
                 whole = ([round(value * PER_UNIT) for value in row] for row in rows)
                 lines = ["[", *(f"    {row!r}," for row in whole), "]"]
-            found.setdefault(name, {"name": name, "shared": port.shared, "lines": lines})
-    return list(found.values())
-
-
-def _describe_test(program: Program, reference: Reference) -> Fields:
-    def write(rows: ReferenceRows) -> str:
-        return f"np.array({[list(row) for row in rows]!r})"
-
-    tables = zip(reference.whole, reference.sums, reference.scales, strict=True)
-    return {
-        "name": program.spec.name,
-        "inputs": repr(reference.tables),
-        "outputs": [f"({write(whole)}, {write(sums)}, {scale!r})" for whole, sums, scale in tables],
-    }
-
-
-def _write_module(material: Material, template: str, **values: object) -> str:
-    """Return a template of a Python module, with the tables of its self-test."""
+            states.setdefault(name, {"name": name, "shared": port.shared, "lines": lines})
+        tables = zip(reference.whole, reference.sums, reference.scales, strict=True)
+        outputs = [f"({write(first)}, {write(sums)}, {scale!r})" for first, sums, scale in tables]
+        tests.append({"name": program.spec.name, "inputs": repr(reference.tables), "outputs": outputs})
     return material.write(
         template,
         tolerance=_TOLERANCE,
         weights=repr(WEIGHTS),
         elastic_lines=[line.replace("  ", "    ", 1) for line in material.elastic_lines],
-        states=_describe_states(material),
-        tests=list(map(_describe_test, material.programs, material.references)),
+        states=list(states.values()),
+        tests=tests,
         **values,
     )
 
@@ -91,7 +75,7 @@ def _describe_function(program: Program, count: Operations) -> Fields:
         "inputs": list(map(_describe_array_port, spec.inputs)),
         "outputs": list(map(_describe_array_port, spec.outputs)),
         "operations": write_operations(count),
-        "statements": [*prepared, shapes, *allocated, *print_python(program).statements],
+        "statements": [*prepared, shapes, *allocated, *print_python(program)],
         "returns": ", ".join(port.name for port in spec.outputs),
     }
 
@@ -110,8 +94,7 @@ def generate_python_module(functions: Functions, options: GenerateOptions | None
         functions=list(map(_describe_function, material.programs, material.operations)),
     )
     files = ((f"{material.prefix}.py", module), ("README.md", material.write("python/README.md.jinja")))
-    manifest = write_manifest(material, "python", files)
-    return SourceSet(name=material.prefix, files=files, manifest=manifest)
+    return material.collect("python", files)
 
 
 # Derivatives of the forward dynamics amplify rounding errors by the square of what the dynamics do.
@@ -137,31 +120,21 @@ def _write_c(name: str, functions: Sequence[ca.Function]) -> str:
     return f"/* {BANNER} */\n{generator.dump()}"
 
 
-def _describe_call(spec: FunctionSpec) -> Fields:
-    """Return a function as plain C has it, a pointer for each input and output."""
-    inputs, outputs = ([port.name for port in ports] for ports in (spec.inputs, spec.outputs))
-    arguments = [*(f"const double *{name}" for name in inputs), *(f"double *{name}" for name in outputs)]
-    return {
-        "name": spec.name,
-        "arguments": ", ".join(arguments),
-        "inputs": ", ".join(inputs),
-        "outputs": ", ".join(outputs),
-    }
-
-
 def _write_c_files(material: Material, functions: Sequence[ca.Function]) -> list[tuple[str, str]]:
     plain, info = list_casadi_sources(material.prefix)
     jacobians = f"{material.prefix}_casadi_jacobians.c"
     derived = [function.jacobian() for function in functions if function.name() in _JACOBIANS]
     files = [(plain, _write_c(plain, functions))]
     files += [(jacobians, _write_c(jacobians, derived))] if derived else []
-    digest = compute_build_digest(
-        material.card,
-        prefix=material.prefix,
-        precision="double",
-        files={path: compute_digest(text.encode()) for path, text in files},
-    )
-    calls = [_describe_call(spec) for spec in material.card.functions if spec.name in _PLANT_FUNCTIONS]
+    digest = material.compute_digest("casadi", files)
+    # As plain C has them, a pointer for each input and output.
+    calls: list[Fields] = []
+    for spec in material.card.functions:
+        if spec.name in _PLANT_FUNCTIONS:
+            inputs, outputs = ([port.name for port in ports] for ports in (spec.inputs, spec.outputs))
+            given = [*(f"const double *{name}" for name in inputs), *(f"double *{name}" for name in outputs)]
+            texts = {"arguments": given, "inputs": inputs, "outputs": outputs}
+            calls.append({"name": spec.name, **{key: ", ".join(names) for key, names in texts.items()}})
     return [*files, (info, material.write("casadi/info.c.jinja", digest=digest, calls=calls))]
 
 
@@ -211,4 +184,4 @@ def generate_casadi_target(functions: Functions, options: GenerateOptions | None
         ("Makefile", material.write("casadi/Makefile.jinja", objects=objects)),
         ("README.md", readme),
     )
-    return SourceSet(name=prefix, files=files, manifest=write_manifest(material, "casadi", files))
+    return material.collect("casadi", files)

@@ -12,12 +12,11 @@ Not supported: values that are not finite (refused); inputs that are matrices; p
 """
 
 import decimal
-import operator
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Context, Decimal, DecimalException, localcontext
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import casadi as ca
@@ -27,7 +26,7 @@ import numpy.typing as npt
 
 from symid.arrays import FloatArray
 from symid.codegen.functions import ModelCard, Port
-from symid.codegen.programs import Instruction, Op, Program
+from symid.codegen.programs import ARITHMETIC, Instruction, Op, Program
 from symid.codegen.source_text import GenerateOptions
 from symid.errors import GenerationError, Notice
 
@@ -51,12 +50,8 @@ def _call_mpmath(name: str, *operands: Decimal) -> Decimal:
 
 _TRUTH = (Decimal(0), Decimal(1))
 _ELEMENTWISE: dict[Op, tuple[int, Callable[..., Decimal]]] = {
-    Op.SIN: (1, lambda a: _call_mpmath("sin", a)),
-    Op.COS: (1, lambda a: _call_mpmath("cos", a)),
-    Op.TAN: (1, lambda a: _call_mpmath("tan", a)),
-    Op.EXP: (1, lambda a: _call_mpmath("exp", a)),
-    Op.TANH: (1, lambda a: _call_mpmath("tanh", a)),
-    Op.POWER: (2, lambda a, b: _call_mpmath("power", a, b)),
+    **{op: (1, partial(_call_mpmath, op.value)) for op in (Op.SIN, Op.COS, Op.TAN, Op.EXP, Op.TANH)},
+    Op.POWER: (2, partial(_call_mpmath, "power")),
     Op.SQRT: (1, Decimal.sqrt),
     Op.ABS: (1, abs),
     Op.SIGN: (1, lambda a: _TRUTH[a > 0] - _TRUTH[a < 0]),
@@ -69,10 +64,7 @@ _ELEMENTWISE: dict[Op, tuple[int, Callable[..., Decimal]]] = {
 }
 # NumPy walks the states in C; what depends on shared inputs alone stays one number.
 _DECIMAL_RULES: dict[Op, Callable[..., Any]] = {
-    Op.ADD: operator.add,
-    Op.SUB: operator.sub,
-    Op.MUL: operator.mul,
-    Op.DIV: operator.truediv,
+    **ARITHMETIC,
     **{op: np.frompyfunc(rule, count, 1) for op, (count, rule) in _ELEMENTWISE.items()},
 }
 
@@ -251,25 +243,6 @@ def _compute_condition(matrices: FloatArray) -> float:
     return float(np.linalg.cond(matrices).max()) if np.isfinite(matrices).all() else np.inf
 
 
-def _add_inertia(
-    card: ModelCard, evaluate: Callable[[FloatArray], FloatArray], draws: Sequence[FloatArray]
-) -> list[FloatArray]:
-    """Return every draw with as much inertia added as it takes."""
-    size, count = card.size, len(card.beta)
-    columns = np.stack([evaluate(unit).ravel() for unit in np.eye(count)], axis=1)
-    inertia = _project_positive_definite(columns, size)
-
-    def strengthen(draw: FloatArray) -> FloatArray:
-        for multiple in _MULTIPLES:
-            thousandths = np.floor((draw + multiple * inertia) * PER_UNIT + _ROUNDING_EDGE)
-            beta: FloatArray = thousandths / PER_UNIT + 0.0
-            if _compute_condition((columns @ beta).reshape(-1, size, size)) < _GOOD_CONDITION:
-                break
-        return beta
-
-    return [strengthen(draw) for draw in draws]
-
-
 def choose_parameters(
     card: ModelCard, functions: Sequence[ca.Function], programs: Sequence[Program], states: SampleStates
 ) -> list[tuple[float, ...]]:
@@ -294,7 +267,18 @@ def choose_parameters(
             return matrices.reshape(-1, card.size, card.size)
 
         given = [beta for beta in given if _compute_condition(evaluate(beta)) < _LARGEST_CONDITION]
-        draws = _add_inertia(card, evaluate, draws)
+        columns = np.stack([evaluate(unit).ravel() for unit in np.eye(len(stated))], axis=1)
+        inertia = _project_positive_definite(columns, card.size)
+
+        def strengthen(draw: FloatArray) -> FloatArray:
+            for multiple in _MULTIPLES:
+                thousandths = np.floor((draw + multiple * inertia) * PER_UNIT + _ROUNDING_EDGE)
+                beta: FloatArray = thousandths / PER_UNIT + 0.0
+                if _compute_condition((columns @ beta).reshape(-1, card.size, card.size)) < _GOOD_CONDITION:
+                    break
+            return beta
+
+        draws = list(map(strengthen, draws))
     return [tuple(beta.tolist()) for beta in (*given, *draws)]
 
 
@@ -365,32 +349,9 @@ def _compute_scales(values: FloatArray) -> FloatArray:
     return np.asarray(np.where(largest < NEGLIGIBLE, FLOOR, largest))
 
 
-def _check_agreement(program: Program, exact: Sequence[FloatArray], theirs: Sequence[FloatArray]) -> None:
-    for port, mine, other in zip(program.spec.outputs, exact, theirs, strict=True):
-        # A value of CasADi that is not finite fails the comparison.
-        with np.errstate(invalid="ignore"):
-            errors = np.abs(mine - other).max(axis=1, initial=0.0) / _compute_scales(mine)
-        error = float(np.max(errors, initial=0.0))
-        if not error <= _AGREEMENT:
-            text = (
-                f"function {program.spec.name!r}, output {port.name!r}: the program and CasADi differ by "
-                f"{error:.1e} of the largest element; the limit is {_AGREEMENT:.0e}"
-            )
-            raise GenerationError(Notice(code="codegen.disagrees", text=text))
-
-
 def _convert_to_rows(values: FloatArray) -> tuple[tuple[float, ...], ...]:
     # Adding zero turns a negative zero into zero.
     return tuple(tuple(row) for row in (np.atleast_2d(values) + 0.0).tolist())
-
-
-def _sum_weighted(exact: DecimalArray) -> FloatArray:
-    """Return the weighted sums of every row, (states, sums), rounded once."""
-    places = np.arange(exact.shape[1])
-    weights = [[int(w) for w in modulus + step * places % modulus] for modulus, step in WEIGHTS]
-    with localcontext(Context(prec=DIGITS)):
-        sums = [exact @ np.array(row, dtype=object) for row in weights]
-    return np.array(sums, dtype=np.float64).T
 
 
 def _build_reference(function: ca.Function, program: Program, states: SampleStates) -> Reference:
@@ -401,12 +362,30 @@ def _build_reference(function: ca.Function, program: Program, states: SampleStat
     if not all(np.isfinite(values).all() for values in outputs):
         raise _build_no_value_error(program, "an output is not finite")
     amplification = estimate_amplification(function, program, inputs, states.count)
-    _check_agreement(program, outputs, evaluate_casadi(function, program, inputs, states.count))
+    theirs = evaluate_casadi(function, program, inputs, states.count)
+    for port, mine, other in zip(program.spec.outputs, outputs, theirs, strict=True):
+        # A value of CasADi that is not finite fails the comparison.
+        with np.errstate(invalid="ignore"):
+            errors = np.abs(mine - other).max(axis=1, initial=0.0) / _compute_scales(mine)
+        error = float(np.max(errors, initial=0.0))
+        if not error <= _AGREEMENT:
+            text = (
+                f"function {program.spec.name!r}, output {port.name!r}: the program and CasADi differ by "
+                f"{error:.1e} of the largest element; the limit is {_AGREEMENT:.0e}"
+            )
+            raise GenerationError(Notice(code="codegen.disagrees", text=text))
+    sums = []
+    # Of every row, rounded once.
+    with localcontext(Context(prec=DIGITS)):
+        for values in exact:
+            places = np.arange(values.shape[1])
+            weights = [[int(w) for w in modulus + step * places % modulus] for modulus, step in WEIGHTS]
+            sums.append([values @ np.array(row, dtype=object) for row in weights])
     return Reference(
         tables=tables,
         inputs=tuple(map(_convert_to_rows, inputs)),
         whole=tuple(_convert_to_rows(values[:WHOLE]) for values in outputs),
-        sums=tuple(_convert_to_rows(_sum_weighted(values)) for values in exact),
+        sums=tuple(_convert_to_rows(np.array(rows, dtype=np.float64).T) for rows in sums),
         scales=tuple(amplification * float(_compute_scales(values.reshape(1, -1))[0]) for values in outputs),
     )
 

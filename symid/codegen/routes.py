@@ -17,7 +17,7 @@ import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from symid.codegen.catalogue import Constants, build_spring_terms, list_robot_specs
+from symid.codegen.catalogue import Constants, list_robot_specs
 from symid.codegen.functions import FunctionSpec
 from symid.codegen.programs import (
     Op,
@@ -30,20 +30,7 @@ from symid.codegen.programs import (
     differentiate_backward,
     differentiate_forward,
 )
-from symid.codegen.workspace import (
-    Elements,
-    RouteBuilder,
-    RouteWorkspace,
-    build_workspace,
-    check_symbols,
-    flatten_columns,
-    flatten_coordinate_columns,
-    flatten_matrix,
-    flatten_vector,
-    project_at_depth,
-    project_before_leaves,
-    project_in_link,
-)
+from symid.codegen.workspace import Elements, RouteBuilder, RouteWorkspace, build_workspace, check_symbols
 from symid.dynamics import (
     DRIVE_PARAMETERS,
     BaseParameters,
@@ -58,14 +45,13 @@ from symid.dynamics import (
     compute_link_poses,
     compute_mass_matrix,
     compute_momentum_columns,
-    compute_slotine_li_columns,
     compute_tensor_torques,
     compute_torque_columns,
     derive_base_parameters,
+    fold_matrix,
     gather_body,
     list_constant_rotations,
     spread_coordinates,
-    sum_values,
 )
 from symid.joint_models import (
     FRICTION_MODELS,
@@ -91,7 +77,7 @@ def _emit_forward_kinematics(workspace: RouteWorkspace) -> tuple[Elements, ...]:
 
 def _emit_jacobian(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     rows = compute_jacobian(workspace.recursion)
-    return (tuple(entry for row in rows for entry in flatten_vector(workspace, row)),)
+    return (tuple(entry for row in rows for entry in workspace.flatten_vector(row)),)
 
 
 def _list_friction_columns(workspace: RouteWorkspace) -> list[list[int]]:
@@ -138,14 +124,14 @@ def _emit_energy_regressor(workspace: RouteWorkspace) -> tuple[Elements, Element
             kinetic.append(drive[0])
             potential.append(drive[1])
         else:
-            kinetic.append(rows[link].kinetic[INERTIAL.index(name)])
-            potential.append(rows[link].potential[INERTIAL.index(name)])
+            kinetic.append(rows[link][0][INERTIAL.index(name)])
+            potential.append(rows[link][1][INERTIAL.index(name)])
     return tuple(kinetic), tuple(potential)
 
 
 def _multiply_parameters(workspace: RouteWorkspace, row: Sequence[int]) -> Elements:
-    columns, parameters = [[value] for value in row], tuple(workspace.parameters.values())
-    return tuple(_combine_columns(workspace, columns, parameters, 1))
+    pairs, algebra = zip(row, workspace.parameters.values(), strict=True), workspace.algebra
+    return (algebra.sum_values(algebra.mul(entry, parameter) for entry, parameter in pairs),)
 
 
 def _emit_energy(workspace: RouteWorkspace) -> tuple[Elements, Elements]:
@@ -164,7 +150,7 @@ def _emit_energy_of_bodies(workspace: RouteWorkspace) -> tuple[Elements, ...]:
         if key[1] in DRIVE_PARAMETERS:
             kinetic, potential = compute_drive_energy(recursion, key)
             parts.append((algebra.mul(value, kinetic), algebra.mul(value, potential)))
-    return tuple((sum_values(algebra, [part[place] for part in parts]),) for place in (0, 1))
+    return tuple((algebra.sum_values([part[place] for part in parts]),) for place in (0, 1))
 
 
 def _derive_torque(workspace: RouteWorkspace, kinetic: int, potential: int) -> list[int]:
@@ -193,19 +179,19 @@ def _emit_derived_mass_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]
     momenta = differentiate_backward(table, kinetic, rates)
     one = table.constant(1.0)
     columns = differentiate_along(table, momenta, [{rate: one} for rate in rates])
-    return (flatten_coordinate_columns(workspace, columns),)
+    return (workspace.flatten_columns(columns),)
 
 
 def _emit_torques_by_tensors(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-    return (flatten_vector(workspace, compute_tensor_torques(workspace.recursion, workspace.parameters)),)
+    return (workspace.flatten_vector(compute_tensor_torques(workspace.recursion, workspace.parameters)),)
 
 
 def _emit_torques_by_regressor(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-    parameters, meet = workspace.parameters, project_in_link(workspace.robot)
-    found = compute_torque_columns(workspace.recursion, workspace.base.keys, meet=meet)
+    parameters = workspace.parameters
+    found = compute_torque_columns(workspace.recursion, workspace.base.keys, meet=lambda link: link)
     columns = [found[key] for key in parameters]
     torques = _combine_columns(workspace, columns, tuple(parameters.values()), workspace.robot.size)
-    return (flatten_vector(workspace, torques),)
+    return (workspace.flatten_vector(torques),)
 
 
 def _emit_coriolis_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]:
@@ -218,45 +204,60 @@ def _emit_coriolis_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     for k in coordinates:
         unit = workspace.spread([algebra.one if j == k else algebra.zero for j in coordinates])
         torques = compute_tensor_torques(weightless, parameters, (unit, zeros))
-        columns.append(flatten_vector(workspace, torques))
-    return (flatten_coordinate_columns(workspace, columns),)
+        columns.append(workspace.flatten_vector(torques))
+    return (workspace.flatten_columns(columns),)
 
 
-def _compute_slotine_li(workspace: RouteWorkspace, meet: ProjectionFrame | None) -> Columns[int]:
-    inputs = workspace.inputs
-    reference = (workspace.spread(inputs["dqr"]), workspace.spread(inputs["ddqr"]))
-    return compute_slotine_li_columns(workspace.recursion, reference, workspace.base.keys, meet=meet)
+def _project_in_link(_robot: Robot) -> ProjectionFrame:
+    """Return the meeting in every link's own frame."""
+    return lambda link: link
 
 
-_REGRESSORS: Mapping[str, Callable[[RouteWorkspace, ProjectionFrame | None], Columns[int]]] = {
-    "momentum_regressor": lambda w, meet: compute_momentum_columns(w.recursion, w.base.keys, meet=meet),
-    "lagrange_regressor": lambda w, meet: compute_lagrange_columns(w.recursion, w.base.keys, meet=meet),
-    "torque_regressor": lambda w, meet: compute_torque_columns(w.recursion, w.base.keys, meet=meet),
-    "slotine_li_regressor": _compute_slotine_li,
-}
+def _project_before_leaves(robot: Robot) -> ProjectionFrame:
+    """Return the meeting in a link's own frame, for a link that carries no other in its parent's.
+
+    Into a last frame, the screws of all joints would be turned for one link only.
+    """
+    parents = {joint.parent for joint in robot.joints}
+    places = [
+        link if link in parents or joint.parent < 0 else joint.parent
+        for link, joint in enumerate(robot.joints)
+    ]
+    return places.__getitem__
+
+
 _PROJECTION_PLACES: Mapping[str, Callable[[Robot], ProjectionFrame] | None] = {
     "column recursion": None,
-    "axis projection": project_in_link,
-    "axis projection, last links one joint down": project_before_leaves,
+    "axis projection": _project_in_link,
+    "axis projection, last links one joint down": _project_before_leaves,
 }
 
 
 def _list_regressor_routes(
-    name: str, derive: Callable[[RouteWorkspace, int, int], list[int]] | None = None
+    compute: Callable[..., Columns[int]],
+    derive: Callable[[RouteWorkspace, int, int], list[int]] | None = None,
+    reference: tuple[str, ...] = (),
 ) -> Routes:
-    """Return the routes to a regressor: by recursion, and with `derive` from the energies."""
+    """Return the routes to a regressor: by recursion, and with `derive` from the energies.
+
+    `reference` names the inputs that `compute` takes besides the state.
+    """
 
     def build_route(place: Callable[[Robot], ProjectionFrame] | None) -> RouteBuilder:
         def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
             meet = place(workspace.robot) if place else None
-            return (flatten_columns(workspace, _REGRESSORS[name](workspace, meet)),)
+            given = tuple(workspace.spread(workspace.inputs[name]) for name in reference)
+            keys = workspace.base.keys
+            columns = compute(workspace.recursion, keys, *((given,) if given else ()), meet=meet)
+            folded = [workspace.flatten_vector(columns[key]) for key in keys]
+            return (workspace.flatten_columns(folded),)
 
         return build
 
     def build_derived(workspace: RouteWorkspace) -> tuple[Elements, ...]:
         pairs = zip(*_emit_energy_regressor(workspace), strict=True)
         columns = [derive(workspace, t, v) for t, v in pairs] if derive else []
-        return (flatten_coordinate_columns(workspace, columns),)
+        return (workspace.flatten_columns(columns),)
 
     routes = {label: build_route(place) for label, place in _PROJECTION_PLACES.items()}
     return {**routes, "differentiation of the energy": build_derived} if derive else routes
@@ -266,9 +267,18 @@ def _build_mass_matrix_route(depth: int | None) -> RouteBuilder:
     """Return the route by composite bodies whose momenta stop `depth` links above the first one."""
 
     def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-        meet = None if depth is None else project_at_depth(workspace.robot, depth)
+        robot = workspace.robot
+
+        def locate(link: int) -> int:
+            path = [link]
+            while (parent := robot.joints[path[0]].parent) >= 0:
+                path.insert(0, parent)
+            return path[min(depth or 0, len(path) - 1)]
+
+        meet = None if depth is None else locate
         matrix = compute_mass_matrix(workspace.recursion, workspace.parameters, meet=meet)
-        return (flatten_matrix(workspace, matrix),)
+        rows = fold_matrix(robot, workspace.recursion.algebra, matrix)
+        return (tuple(itertools.chain(*rows)),)
 
     return build
 
@@ -330,18 +340,32 @@ def _build_torque_derivatives_route(torques: RouteBuilder) -> RouteBuilder:
         for name in ("q", "dq"):
             directions = [{ref: one} for ref in workspace.inputs[name]]
             columns = differentiate_along(table, values, directions)
-            blocks.append(flatten_coordinate_columns(workspace, columns))
+            blocks.append(workspace.flatten_columns(columns))
         return tuple(blocks)
 
     return build
 
 
 def _list_springs(workspace: RouteWorkspace, memory: str) -> list[tuple[SpringTerms[int], Elements]]:
-    """Return the springs of all coordinates, each with its plays, which input `memory` holds."""
-    found = [joint.elasticity for joint in workspace.robot.axes if joint.elasticity]
-    springs = build_spring_terms(found, workspace.inputs["h"])
-    rest = iter(workspace.inputs.get(memory, ()))
-    return [(spring, tuple(itertools.islice(rest, len(spring.stops)))) for spring in springs]
+    """Return the springs of all coordinates, from h, each with its plays, which input `memory` holds."""
+    rest, plays = iter(workspace.inputs["h"]), iter(workspace.inputs.get(memory, ()))
+    springs = []
+    for elasticity in (joint.elasticity for joint in workspace.robot.axes if joint.elasticity):
+        stiffness = next(rest)
+        cubic = next(rest) if elasticity.cubic else None
+        stops = [(next(rest), next(rest)) for _ in elasticity.stops]
+        knees = [(next(rest), next(rest)) for _ in elasticity.knees]
+        turned = tuple((threshold, slope) for slope, threshold in knees)
+        count = sum(knee.threshold < 0 for knee in elasticity.knees)
+        spring = SpringTerms(
+            stiffness=stiffness,
+            cubic=cubic,
+            stops=tuple((threshold, weight) for weight, threshold in stops),
+            above=turned[count:],
+            below=turned[:count][::-1],
+        )
+        springs.append((spring, tuple(itertools.islice(plays, len(stops)))))
+    return springs
 
 
 def _append_plays(*ports: Sequence[int], plays: Sequence[Sequence[int]]) -> tuple[Elements, ...]:
@@ -350,22 +374,21 @@ def _append_plays(*ports: Sequence[int], plays: Sequence[Sequence[int]]) -> tupl
     return (*map(tuple, ports), *((after,) if after else ()))
 
 
-def _emit_hysteresis_step(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-    """Return the torques after a step of the torsions, and the plays."""
-    parts = zip(_list_springs(workspace, "P"), workspace.inputs["phi"], strict=True)
-    steps = [advance_spring(workspace.algebra, spring, phi, plays) for (spring, plays), phi in parts]
-    return _append_plays([torque for torque, _ in steps], plays=[after for _, after in steps])
+def _build_hysteresis_route(given: str, memory: str) -> RouteBuilder:
+    """Return the route to torques from torsions phi and plays P, or back from torques tau_J and plays Q."""
 
+    def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+        algebra, steps = workspace.algebra, []
+        for (spring, plays), value in zip(
+            _list_springs(workspace, memory), workspace.inputs[given], strict=True
+        ):
+            if given == "phi":
+                steps.append(advance_spring(algebra, spring, value, plays))
+            else:
+                steps.append(advance_inverse_spring(algebra, invert_spring(algebra, spring), value, plays))
+        return _append_plays([found for found, _ in steps], plays=[after for _, after in steps])
 
-def _emit_hysteresis_inverse_step(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-    """Return the torsions after a step of the torques, and the plays of the inverse."""
-    algebra = workspace.algebra
-    parts = zip(_list_springs(workspace, "Q"), workspace.inputs["tau_J"], strict=True)
-    steps = [
-        advance_inverse_spring(algebra, invert_spring(algebra, spring), torque, plays)
-        for (spring, plays), torque in parts
-    ]
-    return _append_plays([torsion for torsion, _ in steps], plays=[after for _, after in steps])
+    return build
 
 
 def _invert_torque(
@@ -422,13 +445,15 @@ def _build_feed_forward_route(torques: RouteBuilder) -> RouteBuilder:
     return build
 
 
-def _list_variants(name: str, build: RouteBuilder) -> Routes:
-    """Return a route, also with link origins moved along their axes, and with last links in fixed axes."""
-    return {
+def _list_variants(name: str, build: RouteBuilder, *, both: bool = True) -> Routes:
+    """Return a route, also with link origins along their axes, with last links in fixed axes, or both."""
+    routes: Routes = {
         name: build,
         f"{name}, shifted origins": lambda workspace: build(workspace.shift()),
         f"{name}, last links held": lambda workspace: build(workspace.hold()),
     }
+    last = f"{name}, shifted origins, last links held"
+    return {**routes, last: lambda workspace: build(workspace.shift().hold())} if both else routes
 
 
 _emit_mass_matrix = _build_mass_matrix_route(None)
@@ -439,11 +464,8 @@ _MASS_ROUTES: Routes = {
     "composite bodies, shifted origins": lambda workspace: _emit_mass_matrix(workspace.shift()),
 }
 _RECURSION_ROUTES: Routes = {
-    "vector recursion": lambda w: (flatten_vector(w, compute_inverse_dynamics(w.recursion, w.parameters)),),
+    "vector recursion": lambda w: (w.flatten_vector(compute_inverse_dynamics(w.recursion, w.parameters)),),
     **_list_variants("tensor recursion", _emit_torques_by_tensors),
-    "tensor recursion, shifted origins, last links held": (
-        lambda workspace: _emit_torques_by_tensors(workspace.shift().hold())
-    ),
 }
 _TORQUE_ROUTES: Routes = {
     **_RECURSION_ROUTES,
@@ -466,12 +488,7 @@ ROUTES: Mapping[str, Routes] = {
     "forward_kinematics": {"chain of frames": _emit_forward_kinematics},
     "jacobian": {"axes in the base frame": _emit_jacobian},
     "mass_matrix": {**_MASS_ROUTES, "differentiation of the energy": _emit_derived_mass_matrix},
-    "coriolis_matrix": {
-        **_list_variants("torques of unit rates", _emit_coriolis_matrix),
-        "torques of unit rates, shifted origins, last links held": (
-            lambda workspace: _emit_coriolis_matrix(workspace.shift().hold())
-        ),
-    },
+    "coriolis_matrix": _list_variants("torques of unit rates", _emit_coriolis_matrix),
     "gravity": _TORQUE_ROUTES,
     "bias": _TORQUE_ROUTES,
     "inverse_dynamics": _TORQUE_ROUTES,
@@ -482,24 +499,24 @@ ROUTES: Mapping[str, Routes] = {
     ),
     "energy": {
         "regressor times parameters": _emit_energy,
-        **_list_variants("sum over bodies", _emit_energy_of_bodies),
+        **_list_variants("sum over bodies", _emit_energy_of_bodies, both=False),
     },
     "energy_regressor": {"recursion": _emit_energy_regressor},
     "momentum_regressor": _list_regressor_routes(
-        "momentum_regressor", lambda w, t, _: differentiate_backward(w.table, t, w.inputs["dq"])
+        compute_momentum_columns, lambda w, t, _: differentiate_backward(w.table, t, w.inputs["dq"])
     ),
     "lagrange_regressor": _list_regressor_routes(
-        "lagrange_regressor",
+        compute_lagrange_columns,
         lambda w, t, v: differentiate_backward(w.table, w.table.add(t, -v), w.inputs["q"]),
     ),
-    "torque_regressor": _list_regressor_routes("torque_regressor", _derive_torque),
-    "slotine_li_regressor": _list_regressor_routes("slotine_li_regressor"),
+    "torque_regressor": _list_regressor_routes(compute_torque_columns, _derive_torque),
+    "slotine_li_regressor": _list_regressor_routes(compute_torque_columns, reference=("dqr", "ddqr")),
     "friction": {"regressor times parameters": _emit_friction},
     "friction_regressor": {
-        "columns of the joint models": lambda w: (flatten_coordinate_columns(w, _list_friction_columns(w)),)
+        "columns of the joint models": lambda w: (w.flatten_columns(_list_friction_columns(w)),)
     },
-    "hysteresis_step": {"plays": _emit_hysteresis_step},
-    "hysteresis_inverse_step": {"plays of the inverse": _emit_hysteresis_inverse_step},
+    "hysteresis_step": {"plays": _build_hysteresis_route("phi", "P")},
+    "hysteresis_inverse_step": {"plays of the inverse": _build_hysteresis_route("tau_J", "Q")},
     "elastic_inverse_dynamics": {
         name: _build_feed_forward_route(build) for name, build in _RECURSION_ROUTES.items()
     },
@@ -525,21 +542,6 @@ class RouteChoice:
     counts: tuple[RouteCount, ...]
 
 
-def _choose_in_workspace(workspace: RouteWorkspace, spec: FunctionSpec) -> RouteChoice:
-    """Return the cheapest route of one workspace."""
-    table = workspace.table
-    built = {name: workspace.recall(build) for name, build in ROUTES[spec.name].items()}
-    counts = {name: table.count(ref for port in ports for ref in port) for name, ports in built.items()}
-    chosen = min(counts, key=lambda name: counts[name].mul + counts[name].add)
-    return RouteChoice(
-        program=build_depth_first(table.build_program(spec, built[chosen])),
-        counts=tuple(
-            RouteCount(function=spec.name, route=name, operations=count, chosen=name == chosen)
-            for name, count in counts.items()
-        ),
-    )
-
-
 def choose_route(
     robot: Robot, base: BaseParameters, spec: FunctionSpec, constants: Constants | None = None
 ) -> RouteChoice:
@@ -547,14 +549,24 @@ def choose_route(
 
     Constant turns about joint axes are part of the placements or of the joints' angles, whichever costs less.
     """
-    choice = _choose_in_workspace(build_workspace(robot, base, spec, constants=constants), spec)
     turns = list_constant_rotations(robot)
-    if turns:
-        other = _choose_in_workspace(build_workspace(robot, base, spec, turns, constants), spec)
-        new, old = count_operations(other.program), count_operations(choice.program)
-        if new.mul + new.add < old.mul + old.add and new.trig <= old.trig:
-            return other
-    return choice
+    choices = []
+    for turned in (None, turns) if turns else (None,):
+        workspace = build_workspace(robot, base, spec, turned, constants)
+        table = workspace.table
+        built = {name: workspace.recall(build) for name, build in ROUTES[spec.name].items()}
+        counts = {name: table.count(itertools.chain(*ports)) for name, ports in built.items()}
+        costs = {name: count.mul + count.add for name, count in counts.items()}
+        chosen = min(costs, key=costs.__getitem__)
+        rows = (
+            RouteCount(function=spec.name, route=name, operations=count, chosen=name == chosen)
+            for name, count in counts.items()
+        )
+        program = build_depth_first(table.build_program(spec, built[chosen]))
+        choices.append(RouteChoice(program=program, counts=tuple(rows)))
+    old, new = (count_operations(choice.program) for choice in (choices[0], choices[-1]))
+    cheaper = new.mul + new.add < old.mul + old.add and new.trig <= old.trig
+    return choices[-1] if cheaper else choices[0]
 
 
 def count_route_operations(robot: Robot) -> tuple[RouteCount, ...]:

@@ -35,7 +35,6 @@ ListedDigests = Mapping[str, tuple[str, ...]]
 class SourceSet:
     """Files by their path in the folder, and the text of the manifest that lists them."""
 
-    name: str
     files: tuple[tuple[str, str], ...]
     manifest: str
 
@@ -181,18 +180,6 @@ def _remove_stale_files(folder: Path, sources: SourceSet, listed: ListedDigests)
             target.unlink()
 
 
-def _write_folder(sources: SourceSet, folder: Path) -> None:
-    """Make `folder` by one rename: it is there with all its files, or not at all."""
-    staging = folder.parent / f".{folder.name}-{secrets.token_hex(6)}"
-    try:
-        _write_staging(sources, staging)
-        staging.rename(folder)
-        with contextlib.suppress(OSError):
-            _sync_to_disk(folder.parent)
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
-
-
 def _update_folder(sources: SourceSet, folder: Path, listed: ListedDigests) -> None:
     """Move the files into `folder` one by one; the folder itself stays what it is."""
     remains = _list_leftovers(folder)
@@ -240,11 +227,18 @@ def write_sources(sources: SourceSet, folder: Path, *, force: bool = False) -> t
     listed = {path: tuple(files[path] for files in found if path in files) for path in paths}
     _check_folder(folder, sources, listed if found else None, force=force)
     target = folder.resolve()
+    staging = target.parent / f".{target.name}-{secrets.token_hex(6)}"
     try:
         if target.is_dir():
             _update_folder(sources, target, listed)
         else:
-            _write_folder(sources, target)
+            # By one rename: it is there with all its files, or not at all.
+            _write_staging(sources, staging)
+            staging.rename(target)
+            with contextlib.suppress(OSError):
+                _sync_to_disk(target.parent)
     except OSError as error:
         raise _build_write_error(error, folder) from error
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
     return tuple(folder / path for path, _ in (*sources.files, (MANIFEST, "")))

@@ -58,16 +58,7 @@ class GenerateOptions:
 
 # In this order: a backslash becomes what could close a comment. `??` starts a trigraph, `$` and `@`
 # start a substitution in pkg-config and CMake files, a backquote ends code in Markdown.
-_REPLACED_TEXT = (
-    ("\\", "/"),
-    ("*/", "* /"),
-    ("/*", "/ *"),
-    ('"', "'"),
-    ("`", "'"),
-    ("??", "? ?"),
-    ("$", "S"),
-    ("@", "a"),
-)
+_REPLACED_TEXT = {"\\": "/", "*/": "* /", "/*": "/ *", '"': "'", "`": "'", "??": "? ?", "$": "S", "@": "a"}
 
 
 def build_library_prefix(robot: str) -> str:
@@ -78,7 +69,7 @@ def build_library_prefix(robot: str) -> str:
 def clean_text(text: str) -> str:
     """Return `text` on one line, free of what would end or open a comment, a string or a substitution."""
     flat = "".join(letter if letter.isprintable() else "?" for letter in " ".join(text.split()))
-    for found, replacement in _REPLACED_TEXT:
+    for found, replacement in _REPLACED_TEXT.items():
         flat = flat.replace(found, replacement)
     return flat
 

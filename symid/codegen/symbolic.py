@@ -198,28 +198,6 @@ def _list_names(robot: Robot, base: BaseParameters, port: Port) -> list[str]:
     return [f"{port.name}{number}" for number in numbers]
 
 
-def _build_input_columns(
-    robot: Robot, base: BaseParameters, spec: FunctionSpec, symbols: Mapping[str, Sequence[Expr]]
-) -> dict[str, ImmutableDenseMatrix]:
-    """Return the column of every input, from `symbols` where it is given."""
-    known = [port.name for port in spec.inputs]
-    for name in symbols:
-        if name not in known:
-            text = f"symbols: function '{spec.name}' has no input '{name}'; it has {', '.join(known)}"
-            raise UsageError(Notice(code="usage.unknown-input", text=text))
-    inputs = {}
-    for port in spec.inputs:
-        given = symbols.get(port.name)
-        values = list(map(Symbol, _list_names(robot, base, port))) if given is None else list(given)
-        if len(values) != port.size:
-            text = (
-                f"symbols: input '{port.name}' of '{spec.name}' has {port.size} elements, got {len(values)}"
-            )
-            raise UsageError(Notice(code="usage.wrong-symbols", text=text))
-        inputs[port.name] = ImmutableDenseMatrix(port.size, 1, values)
-    return inputs
-
-
 def _shape_outputs(spec: FunctionSpec, values: Sequence[Sequence[Expr]]) -> dict[str, SymbolicOutput]:
     def shape(port: Port, entries: Sequence[Expr]) -> SymbolicOutput:
         if port.shape == (1,):
@@ -261,7 +239,18 @@ def derive_symbolic(
     if standard or base is None:
         base = build_standard_parameters(robot) if standard else derive_base_parameters(robot)
     (spec,) = list_robot_specs(robot, base, (name,))
-    inputs = _build_input_columns(robot, base, spec, symbols or {})
+    known, own = [port.name for port in spec.inputs], symbols or {}
+    for wrong in (key for key in own if key not in known):
+        text = f"symbols: function '{name}' has no input '{wrong}'; it has {', '.join(known)}"
+        raise UsageError(Notice(code="usage.unknown-input", text=text))
+    inputs = {}
+    for port in spec.inputs:
+        named = map(Symbol, _list_names(robot, base, port))
+        entries = list(own.get(port.name, named))
+        if len(entries) != port.size:
+            text = f"symbols: input '{port.name}' of '{name}' has {port.size} elements, got {len(entries)}"
+            raise UsageError(Notice(code="usage.wrong-symbols", text=text))
+        inputs[port.name] = ImmutableDenseMatrix(port.size, 1, entries)
     workspace = build_workspace(robot, base, spec, exact=True)
     programs = {
         route: workspace.table.build_program(spec, workspace.recall(build))

@@ -16,13 +16,11 @@ from symid.codegen.programs import ExpressionTable, Op, ValueAlgebra
 from symid.dynamics import (
     BaseParameters,
     Label,
-    ProjectionFrame,
     Recursion,
     RobotState,
     build_recursion,
     choose_origin_shifts,
     fix_last_link_axes,
-    fold_matrix,
     fold_vector,
     list_symbols,
     remove_constant_rotations,
@@ -67,7 +65,7 @@ class RouteWorkspace:
 
     def spread(self, values: Sequence[int]) -> tuple[int, ...]:
         """Return the values of the joints from those of the coordinates."""
-        return _spread(self.robot, self.algebra, values)
+        return spread_coordinates(self.robot, self.algebra, values)[: self.robot.size]
 
     def move(self, velocity: tuple[int, ...]) -> "RouteWorkspace":
         """Return the same workspace at other velocities of the coordinates."""
@@ -88,9 +86,13 @@ class RouteWorkspace:
         recursion, parameters = fix_last_link_axes(self.recursion, self.parameters)
         return replace(self, recursion=recursion, parameters=parameters, built={})
 
+    def flatten_vector(self, values: Sequence[int]) -> Elements:
+        """Return a value per joint as a port of shape (n,)."""
+        return fold_vector(self.robot, self.recursion.algebra, values)
 
-def _spread(robot: Robot, algebra: ValueAlgebra, values: Sequence[int]) -> tuple[int, ...]:
-    return spread_coordinates(robot, algebra, values)[: robot.size]
+    def flatten_columns(self, columns: Sequence[Sequence[int]]) -> Elements:
+        """Return columns with an entry a coordinate as a port of shape (n, columns)."""
+        return tuple(chain(*zip(*columns, strict=True)))
 
 
 def check_symbols(robot: Robot) -> None:
@@ -129,7 +131,9 @@ def build_workspace(
     for name, values in (constants or {}).items():
         inputs[name] = tuple(map(table.constant, values))
     algebra = ValueAlgebra(table, dict(robot.symbols), {} if exact else None)
-    position, velocity, acceleration = (_spread(robot, algebra, inputs[name]) for name in ("q", "dq", "ddq"))
+    position, velocity, acceleration = (
+        spread_coordinates(robot, algebra, inputs[name])[: robot.size] for name in ("q", "dq", "ddq")
+    )
     angles = [table.add(angle, table.constant(turns.get(joint, 0.0))) for joint, angle in enumerate(position)]
     state = RobotState(
         sine=tuple(table.apply(Op.SIN, angle) for angle in angles),
@@ -146,55 +150,3 @@ def build_workspace(
         recursion=build_recursion(remove_constant_rotations(robot, turns), algebra, state),
         parameters=dict(zip(base.keys, inputs[base.vector], strict=True)),
     )
-
-
-def flatten_vector(workspace: RouteWorkspace, values: Sequence[int]) -> Elements:
-    """Return a value per joint as a port of shape (n,)."""
-    return fold_vector(workspace.robot, workspace.recursion.algebra, values)
-
-
-def flatten_matrix(workspace: RouteWorkspace, rows: Sequence[Sequence[int]]) -> Elements:
-    """Return a matrix of joints by joints as a port of shape (n, n)."""
-    return tuple(chain(*fold_matrix(workspace.robot, workspace.recursion.algebra, rows)))
-
-
-def flatten_columns(workspace: RouteWorkspace, columns: Mapping[Label, Sequence[int]]) -> Elements:
-    """Return a column of joints per base parameter as a port of shape (n, b)."""
-    return flatten_coordinate_columns(
-        workspace, [flatten_vector(workspace, columns[key]) for key in workspace.base.keys]
-    )
-
-
-def flatten_coordinate_columns(workspace: RouteWorkspace, columns: Sequence[Sequence[int]]) -> Elements:
-    """Return columns with an entry a coordinate as a port of shape (n, columns)."""
-    return tuple(column[k] for k in range(workspace.robot.freedom) for column in columns)
-
-
-def project_in_link(_robot: Robot) -> ProjectionFrame:
-    """Return the meeting in every link's own frame."""
-    return lambda link: link
-
-
-def project_before_leaves(robot: Robot) -> ProjectionFrame:
-    """Return the meeting in a link's own frame, for a link that carries no other in its parent's.
-
-    Into a last frame, the screws of all joints would be turned for one link only.
-    """
-    parents = {joint.parent for joint in robot.joints}
-    places = [
-        link if link in parents or joint.parent < 0 else joint.parent
-        for link, joint in enumerate(robot.joints)
-    ]
-    return places.__getitem__
-
-
-def project_at_depth(robot: Robot, depth: int) -> ProjectionFrame:
-    """Return the meeting in the frame that is `depth` joints above the base link, or the link's own."""
-
-    def locate(link: int) -> int:
-        path = [link]
-        while (parent := robot.joints[path[0]].parent) >= 0:
-            path.insert(0, parent)
-        return path[min(depth, len(path) - 1)]
-
-    return locate

@@ -4,11 +4,11 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from symid.dynamics.algebra import (
+        Algebra as Algebra,
         Label as Label,
         RobotState as RobotState,
         build_state as build_state,
         spread_coordinates as spread_coordinates,
-        sum_values as sum_values,
     )
     from symid.dynamics.base_parameters import (
         BASE_FORMS as BASE_FORMS,
@@ -99,7 +99,6 @@ if TYPE_CHECKING:
         compute_energy_regressor as compute_energy_regressor,
         compute_lagrange_columns as compute_lagrange_columns,
         compute_momentum_columns as compute_momentum_columns,
-        compute_slotine_li_columns as compute_slotine_li_columns,
         compute_torque_columns as compute_torque_columns,
     )
     from symid.dynamics.regrouping import (

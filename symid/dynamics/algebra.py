@@ -17,12 +17,23 @@ from typing import Any, Generic, Protocol, TypeVar
 from symid.robot import Exact, Robot
 
 T = TypeVar("T")
+Vector = tuple[T, T, T]
+Matrix = tuple[tuple[T, T, T], tuple[T, T, T], tuple[T, T, T]]
 Label = tuple[int, str]
 """A parameter: the index of its joint, or coupling behind the joints, and its name."""
 
 
+def transpose(matrix: Matrix[T]) -> Matrix[T]:
+    """Return the transposed matrix."""
+    a, b, c = matrix
+    return ((a[0], b[0], c[0]), (a[1], b[1], c[1]), (a[2], b[2], c[2]))
+
+
 class Algebra(Protocol[T]):
-    """The operations of a carrier of scalars; constants are exact numbers or symbolic lengths."""
+    """The operations of a carrier: of scalars, its own; of vectors and matrices, the same for all.
+
+    Constants are exact numbers or symbolic lengths.
+    """
 
     @property
     def zero(self) -> T: ...
@@ -35,8 +46,50 @@ class Algebra(Protocol[T]):
     def neg(self, value: T, /) -> T: ...
     def half(self, value: T, /) -> T: ...
 
+    def sum_values(self, values: Iterable[T]) -> T:
+        """Return the sum of `values`, from left to right."""
+        result = self.zero
+        for value in values:
+            result = self.add(result, value)
+        return result
 
-class OperatorAlgebra:
+    def add_vectors(self, first: Vector[T], *others: Vector[T]) -> Vector[T]:
+        """Return the sum, from left to right."""
+        x, y, z = first
+        for a, b, c in others:
+            x, y, z = self.add(x, a), self.add(y, b), self.add(z, c)
+        return x, y, z
+
+    def scale_vector(self, factor: T, vector: Vector[T]) -> Vector[T]:
+        """Return factor * vector."""
+        return (self.mul(factor, vector[0]), self.mul(factor, vector[1]), self.mul(factor, vector[2]))
+
+    def dot(self, left: Vector[T], right: Vector[T]) -> T:
+        """Return the scalar product."""
+        return self.sum_values([self.mul(a, b) for a, b in zip(left, right, strict=True)])
+
+    def cross(self, left: Vector[T], right: Vector[T]) -> Vector[T]:
+        """Return left x right."""
+        a, b = left, right
+        mul, minus = self.mul, self.sub
+        return (
+            minus(mul(a[1], b[2]), mul(a[2], b[1])),
+            minus(mul(a[2], b[0]), mul(a[0], b[2])),
+            minus(mul(a[0], b[1]), mul(a[1], b[0])),
+        )
+
+    def apply_matrix(self, matrix: Matrix[T], vector: Vector[T]) -> Vector[T]:
+        """Return matrix * vector."""
+        x, y, z = (self.dot(row, vector) for row in matrix)
+        return (x, y, z)
+
+    def multiply_matrices(self, left: Matrix[T], right: Matrix[T]) -> Matrix[T]:
+        """Return left * right."""
+        columns = [self.apply_matrix(left, column) for column in transpose(right)]
+        return transpose((columns[0], columns[1], columns[2]))
+
+
+class OperatorAlgebra(Algebra[Any]):
     """The operations of a carrier whose numbers have the usual operators."""
 
     add: Any = staticmethod(operator.add)
@@ -93,59 +146,3 @@ def build_state(robot: Robot, algebra: Algebra[T], values: Mapping[str, T]) -> R
     return RobotState(
         sine=sine, cosine=cosine, position=position, velocity=velocity, acceleration=acceleration
     )
-
-
-Vector = tuple[T, T, T]
-Matrix = tuple[tuple[T, T, T], tuple[T, T, T], tuple[T, T, T]]
-
-
-def sum_values(algebra: Algebra[T], values: Sequence[T]) -> T:
-    """Return the sum of `values`, from left to right."""
-    result = algebra.zero
-    for value in values:
-        result = algebra.add(result, value)
-    return result
-
-
-def add_vectors(algebra: Algebra[T], left: Vector[T], right: Vector[T]) -> Vector[T]:
-    """Return left + right."""
-    return (algebra.add(left[0], right[0]), algebra.add(left[1], right[1]), algebra.add(left[2], right[2]))
-
-
-def scale_vector(algebra: Algebra[T], factor: T, vector: Vector[T]) -> Vector[T]:
-    """Return factor * vector."""
-    return (algebra.mul(factor, vector[0]), algebra.mul(factor, vector[1]), algebra.mul(factor, vector[2]))
-
-
-def dot(algebra: Algebra[T], left: Vector[T], right: Vector[T]) -> T:
-    """Return the scalar product."""
-    return sum_values(algebra, [algebra.mul(a, b) for a, b in zip(left, right, strict=True)])
-
-
-def cross(algebra: Algebra[T], left: Vector[T], right: Vector[T]) -> Vector[T]:
-    """Return left x right."""
-    a, b = left, right
-    mul, minus = algebra.mul, algebra.sub
-    return (
-        minus(mul(a[1], b[2]), mul(a[2], b[1])),
-        minus(mul(a[2], b[0]), mul(a[0], b[2])),
-        minus(mul(a[0], b[1]), mul(a[1], b[0])),
-    )
-
-
-def transpose(matrix: Matrix[T]) -> Matrix[T]:
-    """Return the transposed matrix."""
-    a, b, c = matrix
-    return ((a[0], b[0], c[0]), (a[1], b[1], c[1]), (a[2], b[2], c[2]))
-
-
-def apply_matrix(algebra: Algebra[T], matrix: Matrix[T], vector: Vector[T]) -> Vector[T]:
-    """Return matrix * vector."""
-    x, y, z = (dot(algebra, row, vector) for row in matrix)
-    return (x, y, z)
-
-
-def multiply_matrices(algebra: Algebra[T], left: Matrix[T], right: Matrix[T]) -> Matrix[T]:
-    """Return left * right."""
-    columns = [apply_matrix(algebra, left, column) for column in transpose(right)]
-    return transpose((columns[0], columns[1], columns[2]))

@@ -9,9 +9,10 @@ coincide with a weight; symbolic lengths (generic values: no pivot vanishes); nu
 Not supported: formulas of links that a fixed joint made heavier; their numbers are used.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 
 import numpy as np
 from sympy import QQ, Expr, Integer, Symbol
@@ -120,19 +121,14 @@ def _list_angular_components(shown: ObservableSubspace, label: Label) -> tuple[t
 
 def build_standard_parameters(robot: Robot) -> BaseParameters:
     """Return all parameters, each for itself: K is the unit matrix, and some of them show nowhere."""
-    entries = [
-        BaseParameter(
-            name=write_label(robot, label),
-            label=label,
-            terms=((label, Integer(1)),),
-            expression=write_label(robot, label),
-            reason="standard parameter, on its own",
-        )
-        for label in _label_parameters(robot)
-    ]
+    labels, reason = _label_parameters(robot), "standard parameter, on its own"
+    entries = []
+    for label in labels:
+        name, terms = write_label(robot, label), ((label, Integer(1)),)
+        entries.append(BaseParameter(name=name, label=label, terms=terms, expression=name, reason=reason))
     return BaseParameters(
         robot=robot.name,
-        labels=_label_parameters(robot),
+        labels=labels,
         parameters=tuple(entry for entry in entries if entry.label[1] in _INERTIAL),
         friction=tuple(entry for entry in entries if entry.label[1] not in _INERTIAL),
         eliminated=(),
@@ -140,6 +136,7 @@ def build_standard_parameters(robot: Robot) -> BaseParameters:
     )
 
 
+@lru_cache(maxsize=16)
 def derive_base_parameters(robot: Robot, *, form: str = "torque") -> BaseParameters:
     """Return the exact base parameters of `robot`.
 
@@ -147,11 +144,9 @@ def derive_base_parameters(robot: Robot, *, form: str = "torque") -> BaseParamet
     ZZ MX MY MZ M IA KS KR within a link; this reproduces Khalil's convention (YY, MZ and M of a revolute
     link are grouped into it and into the link before).
 
-    Args:
-        robot: the robot.
-        form: "torque": all that joint torques show; "energy": what kinetic and potential energy show, up to
-            a constant (the same without friction); "momentum": what the momentum dT/ddq shows, "gravity" what
-            torques at rest show, springs included, friction apart.
+    The form "torque" takes all that joint torques show, "energy" what kinetic and potential energy show, up
+    to a constant (the same without friction), "momentum" what the momentum dT/ddq shows, "gravity" what
+    torques at rest show, springs included, friction apart.
 
     Raises:
         ValueError: there is no such form.
@@ -167,7 +162,7 @@ def derive_base_parameters(robot: Robot, *, form: str = "torque") -> BaseParamet
     known = ({column[label]: value for label, value in row.items() if label in column} for row in shown.rows)
     written: list[BaseParameter] = []
     groups: dict[Label, list[tuple[str, Label]]] = {label: [] for label in labels}
-    for row in reduce_rows(known).rows:
+    for row in reduce_rows(known):
         terms = tuple((labels[column], shown.field.to_sympy(value)) for column, value in sorted(row.items()))
         label, members = terms[0][0], [other for other, _ in terms[1:]]
         name = write_label(robot, label, grouped=bool(members))
@@ -179,17 +174,13 @@ def derive_base_parameters(robot: Robot, *, form: str = "torque") -> BaseParamet
         for other, _ in terms:
             groups[other].append((name, label))
     kept = {parameter.label for parameter in written}
-    eliminated = (
-        EliminatedParameter(
-            name=write_label(robot, label),
-            label=label,
-            reason=explain_elimination(
-                robot, label, groups[label], _list_angular_components(shown, label), form
-            ),
-        )
-        for label in labels
-        if label not in kept
-    )
+    eliminated = []
+    for label in labels:
+        if label not in kept:
+            angular = _list_angular_components(shown, label)
+            reason = explain_elimination(robot, label, groups[label], angular, form)
+            name = write_label(robot, label)
+            eliminated.append(EliminatedParameter(name=name, label=label, reason=reason))
     return BaseParameters(
         robot=robot.name,
         labels=labels,
@@ -209,30 +200,25 @@ class Grouping:
 
 
 def build_grouping(robot: Robot, base: BaseParameters, names: Sequence[str] | None = None) -> Grouping:
-    """Return the grouping matrix K in numbers.
+    """Return the grouping matrix K in numbers, or raise a RobotError for a symbolic length without a value.
 
-    Args:
-        robot: the robot, for the values of its symbols.
-        base: its base parameters.
-        names: the base parameters wanted, friction too; all of beta if None.
-
-    Raises:
-        RobotError: a symbolic length has no value.
+    `names`: the base parameters wanted, friction too; all of beta if None.
     """
     missing = [name for name in list_symbols(robot) if name not in dict(robot.symbols)]
     if missing:
         text = f"symbolic lengths without a value: {', '.join(missing)}; add them under [symbols], in m"
         raise RobotError(Notice(code="robot.symbol-without-value", text=text, file=robot.path))
     symbols = {Symbol(name): value for name, value in robot.symbols}
-    wanted = [p for p in (*base.parameters, *base.friction) if names is not None and p.name in names]
-    wanted = list(base.parameters) if names is None else wanted
+    wanted = base.parameters
+    if names is not None:
+        wanted = tuple(p for p in (*base.parameters, *base.friction) if p.name in names)
     column = {label: index for index, label in enumerate(base.labels)}
     matrix = np.zeros((len(wanted), len(base.labels)))
     for row, parameter in enumerate(wanted):
         for label, coefficient in parameter.terms:
             number = coefficient if coefficient.is_number else coefficient.subs(symbols)
             matrix[row, column[label]] = float(number)
-    return Grouping(parameters=tuple(wanted), labels=base.labels, matrix=matrix)
+    return Grouping(parameters=wanted, labels=base.labels, matrix=matrix)
 
 
 def list_known_values(robot: Robot) -> dict[Label, float]:
@@ -275,7 +261,11 @@ def derive_parameter_formulas(robot: Robot, base: BaseParameters) -> dict[str, E
     """
     if not robot.symbols:
         return {}
-    numbers = choose_domain(robot, _list_form_constants(robot))
+    # The exact numbers that the file's symbolic inertias are transformed with.
+    constants = [value for joint in robot.joints for value in list_placement_constants(joint.frame)]
+    for form in (joint.form for joint in robot.joints if joint.form is not None):
+        constants += [form.mass, *form.com, *form.inertia]
+    numbers = choose_domain(robot, constants)
     field = numbers.frac_field(*(Symbol(name) for name, _ in robot.symbols))
     known: dict[Label, Number] = {}
     for label, value in list_known_values(robot).items():
@@ -294,14 +284,6 @@ def derive_parameter_formulas(robot: Robot, base: BaseParameters) -> dict[str, E
             if not (total.numer.is_ground and total.denom.is_ground):
                 forms[parameter.name] = field.to_sympy(total)
     return forms
-
-
-def _list_form_constants(robot: Robot) -> Iterator[Exact]:
-    """Yield the exact numbers that the file's symbolic inertias are transformed with."""
-    for joint in robot.joints:
-        yield from list_placement_constants(joint.frame)
-        if joint.form is not None:
-            yield from (joint.form.mass, *joint.form.com, *joint.form.inertia)
 
 
 def _transform_form(

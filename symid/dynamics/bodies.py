@@ -13,17 +13,7 @@ Supported: rotor inertias of joints and couplings, springs of joints.
 from collections.abc import Mapping, Sequence
 from itertools import product
 
-from symid.dynamics.algebra import (
-    Algebra,
-    Label,
-    Matrix,
-    T,
-    Vector,
-    add_vectors,
-    dot,
-    multiply_matrices,
-    scale_vector,
-)
+from symid.dynamics.algebra import Algebra, Label, Matrix, T, Vector
 from symid.dynamics.recursion import LinkFrame, Recursion, rotate_to_parent
 from symid.dynamics.wrenches import (
     ProjectionFrame,
@@ -83,11 +73,8 @@ def compute_drive_column(
 ) -> Sequence[T]:
     """Return the entries of a drive parameter, IA, KS or KR, at every joint.
 
-    Args:
-        recursion: the robot in its state.
-        key: the parameter.
-        rates: of the joints: accelerations for torques, velocities for momenta; None without rotors.
-        springs: the sign of spring torques: 1 in torques, -1 in dL/dq, 0 in momenta.
+    `rates` of the joints are accelerations for torques, velocities for momenta, None without rotors;
+    `springs` is the sign of spring torques: 1 in torques, -1 in dL/dq, 0 in momenta.
     """
     robot, algebra = recursion.robot, recursion.algebra
     index, name = key
@@ -160,10 +147,10 @@ def transform_body(algebra: Algebra[T], frame: LinkFrame[T], body: Body[T]) -> B
     t = frame.origin
     if frame.turn is not None:
         tensor = rotate_tensor_about_z(algebra, frame.turn, tensor)
-    half = multiply_matrices(algebra, frame.fixed, tensor)
-    turned = {(i, j): dot(algebra, half[i], frame.fixed[j]) for i in range(3) for j in range(i, 3)}
+    half = algebra.multiply_matrices(frame.fixed, tensor)
+    turned = {(i, j): algebra.dot(half[i], frame.fixed[j]) for i in range(3) for j in range(i, 3)}
     # With u = m + M t / 2 the shift is 2 (t.u) E - t u' - u t'; doubled constants cost nothing.
-    u = add_vectors(algebra, m, scale_vector(algebra, algebra.half(mass), t))
+    u = algebra.add_vectors(m, algebra.scale_vector(algebra.half(mass), t))
     doubled = [mul(plus(part, part), other) for part, other in zip(t, u, strict=True)]
     entries = {}
     for i in range(3):
@@ -173,7 +160,7 @@ def transform_body(algebra: Algebra[T], frame: LinkFrame[T], body: Body[T]) -> B
             entries[i, j] = algebra.sub(turned[i, j], shift)
     xy, xz, yz = entries[0, 1], entries[0, 2], entries[1, 2]
     moved = ((entries[0, 0], xy, xz), (xy, entries[1, 1], yz), (xz, yz, entries[2, 2]))
-    return moved, add_vectors(algebra, m, scale_vector(algebra, mass, t)), mass
+    return moved, algebra.add_vectors(m, algebra.scale_vector(mass, t)), mass
 
 
 def compute_mass_matrix(
@@ -181,11 +168,7 @@ def compute_mass_matrix(
 ) -> tuple[tuple[T, ...], ...]:
     """Return the mass matrix, rotor inertias included (composite bodies, Walker and Orin 1982).
 
-    Args:
-        recursion: the robot in its position.
-        parameters: values of the parameters.
-        meet: where the momentum of a composite body, per unit rate of its joint, meets the screws of
-            the joints below.
+    `meet`: where the momentum of a composite body, per unit rate of its joint, meets the screws below.
     """
     robot, algebra, frames = recursion.robot, recursion.algebra, recursion.frames
     zero = algebra.zero
@@ -205,8 +188,8 @@ def compute_mass_matrix(
         parent = robot.joints[joint].parent
         if parent >= 0:
             left, right = bodies[parent], transform_body(algebra, frames[joint], bodies[joint])
-            x, y, z = (add_vectors(algebra, a, b) for a, b in zip(left[0], right[0], strict=True))
-            moments = add_vectors(algebra, left[1], right[1])
+            x, y, z = (algebra.add_vectors(a, b) for a, b in zip(left[0], right[0], strict=True))
+            moments = algebra.add_vectors(left[1], right[1])
             bodies[parent] = ((x, y, z), moments, algebra.add(left[2], right[2]))
     for key in list_drive_parameters(robot):
         if key[1] == "IA" and key in parameters:

@@ -19,6 +19,7 @@ from typing import Any
 
 from sympy import QQ, Symbol, latex, sqrt
 from sympy.polys.domains.domain import Domain
+from sympy.polys.matrices.sdm import sdm_irref
 from sympy.polys.rings import PolyElement, PolyRing
 
 from symid.dynamics.algebra import OperatorAlgebra
@@ -219,52 +220,11 @@ class PointAlgebra(OperatorAlgebra):
 Row = dict[int, Number]
 
 
-def _subtract_row(row: Row, factor: Number, other: Row) -> None:
-    for column, value in other.items():
-        new = row.get(column, 0) - factor * value
-        if new:
-            row[column] = new
-        else:
-            row.pop(column, None)
-
-
-class Echelon:
-    """A growing set of independent rows, kept in reduced row echelon form; it lives in one function call."""
-
-    __slots__ = ("_by_pivot",)
-
-    def __init__(self) -> None:
-        self._by_pivot: dict[int, Row] = {}
-
-    def insert(self, row: Row) -> bool:
-        """Add `row` to the span; return whether it was independent of the rows before."""
-        rest = {column: value for column, value in row.items() if value}
-        for column in sorted(rest):
-            if column in self._by_pivot and column in rest:
-                _subtract_row(rest, rest[column], self._by_pivot[column])
-        if not rest:
-            return False
-        pivot = min(rest)
-        lead = rest[pivot]
-        rest = {column: value / lead for column, value in rest.items()}
-        for other in self._by_pivot.values():
-            if pivot in other:
-                _subtract_row(other, other[pivot], rest)
-        self._by_pivot[pivot] = rest
-        return True
-
-    @property
-    def rows(self) -> tuple[Row, ...]:
-        """Return the rows, ordered by pivot."""
-        return tuple(dict(sorted(self._by_pivot[pivot].items())) for pivot in sorted(self._by_pivot))
-
-
-def reduce_rows(rows: Iterable[Row]) -> Echelon:
-    """Return the reduced row echelon form of `rows`."""
-    echelon = Echelon()
-    for row in rows:
-        echelon.insert(row)
-    return echelon
+def reduce_rows(rows: Iterable[Row]) -> tuple[Row, ...]:
+    """Return the reduced row echelon form of `rows`, ordered by pivot."""
+    listed = [{column: value for column, value in row.items() if value} for row in rows]
+    reduced, _, _ = sdm_irref(dict(enumerate(filter(None, listed))))
+    return tuple(dict(sorted(row.items())) for row in reduced.values())
 
 
 _LETTERS = {"ddq": r"\ddot q", "dq": r"\dot q", "q": "q", "s": "s", "c": "c"}

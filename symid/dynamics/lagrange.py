@@ -41,10 +41,8 @@ def derive_energy(robot: Robot) -> ExactEnergy:
     kinetic: dict[Label, PolyElement] = {}
     potential: dict[Label, PolyElement] = {}
     for link, motion in enumerate(recursion.motions):
-        rows = compute_energy_regressor(algebra, motion)
-        for index, name in enumerate(INERTIAL):
-            kinetic[link, name] = rows.kinetic[index]
-            potential[link, name] = rows.potential[index]
+        for name, moving, resting in zip(INERTIAL, *compute_energy_regressor(algebra, motion), strict=True):
+            kinetic[link, name], potential[link, name] = moving, resting
     for key in list_drive_parameters(robot):
         kinetic[key], potential[key] = compute_drive_energy(recursion, key)
     return ExactEnergy(robot=robot, algebra=algebra, kinetic=kinetic, potential=potential)
@@ -58,13 +56,11 @@ def derive_momentum_columns(energy: ExactEnergy, keys: Sequence[Label]) -> Colum
 
 def derive_lagrange_columns(energy: ExactEnergy, keys: Sequence[Label]) -> Columns[PolyElement]:
     """Return dL/dq = dT/dq - dV/dq per unit of each parameter."""
-    joints = energy.robot.coordinates
+    robot, algebra = energy.robot, energy.algebra
+    forms = {key: energy.kinetic[key] - energy.potential[key] for key in keys}
     return {
-        key: [
-            differentiate(energy.robot, energy.algebra, energy.kinetic[key] - energy.potential[key], k)
-            for k in joints
-        ]
-        for key in keys
+        key: [differentiate(robot, algebra, form, k) for k in robot.coordinates]
+        for key, form in forms.items()
     }
 
 
@@ -77,12 +73,9 @@ def derive_torque_columns(energy: ExactEnergy, keys: Sequence[Label]) -> Columns
     accelerations = {k: algebra.generators[f"ddq{k + 1}"] for k in robot.coordinates}
 
     def time_derivative(value: PolyElement) -> PolyElement:
-        result = algebra.zero
-        for j in robot.coordinates:
-            result += (
-                differentiate(robot, algebra, value, j) * rates[j] + value.diff(rates[j]) * accelerations[j]
-            )
-        return algebra.reduce(result)
+        parts = [differentiate(robot, algebra, value, j) * rates[j] for j in robot.coordinates]
+        parts += [value.diff(rates[j]) * accelerations[j] for j in robot.coordinates]
+        return algebra.reduce(sum(parts, algebra.zero))
 
     return {
         key: [time_derivative(p) - force for p, force in zip(momenta[key], forces[key], strict=True)]

@@ -115,13 +115,6 @@ def _flatten(matrices: FloatArray) -> FloatArray:
     return flat
 
 
-def _unflatten(vectors: FloatArray) -> FloatArray:
-    """Return symmetric matrices (n, 4, 4) from vectors (n, 10)."""
-    matrices = np.zeros((len(vectors), 4, 4))
-    matrices[:, _UPPER[0], _UPPER[1]] = vectors / _FACTORS
-    return matrices + np.triu(matrices, 1).transpose(0, 2, 1)
-
-
 def compute_errors(problem: BodyProblem, state: NearestBodies) -> FloatArray:
     """Return r (m,)."""
     reached = np.einsum("mnab,nab->m", problem.blocks, state.blocks)
@@ -165,7 +158,9 @@ def _split_step(
 ) -> _Step:
     first = 10 * len(state.factors)
     second = first + len(state.positive)
-    blocks = _unflatten(step[:first].reshape(-1, 10))
+    blocks = np.zeros((len(state.factors), 4, 4))
+    blocks[:, _UPPER[0], _UPPER[1]] = step[:first].reshape(-1, 10) / _FACTORS
+    blocks += np.triu(blocks, 1).transpose(0, 2, 1)
     return _Step(blocks, step[first:second], step[second:], change, promise, gradient)
 
 
@@ -293,10 +288,7 @@ def optimise_bodies(
 ) -> NearestBodies:
     """Return the optimum of a problem; its `gap` is infinite where it was not reached.
 
-    Args:
-        problem: what to minimise.
-        start: bodies to begin with; None for those expected.
-        known: the weight of which `start` is the optimum; None where it is any bodies.
+    `start` are bodies to begin with (None: those expected), the optimum of the weight `known` where given.
     """
     state = start or build_expected_bodies(problem)
     inner = np.maximum(state.others[: problem.bounded], 1.0)
@@ -346,16 +338,6 @@ def _compute_exact_step(
     return first, second
 
 
-def _compute_row_sizes(problem: BodyProblem, state: NearestBodies) -> FloatArray:
-    """Return the sums of the sizes of what the rows add up, which bound their rounding: (m,)."""
-    # Entries of Q off its diagonal may be zero by rounding alone: |Q_ab| <= sqrt(Q_aa Q_bb) does not vanish.
-    roots = np.sqrt(np.sum(state.factors**2, axis=2))
-    reached = np.einsum("mnab,na,nb->m", np.abs(problem.blocks), roots, roots)
-    numbers = np.abs(problem.positive) @ state.positive + np.abs(problem.others) @ np.abs(state.others)
-    sizes: FloatArray = reached + numbers + np.abs(problem.target)
-    return sizes
-
-
 def solve_body_equations(problem: BodyProblem) -> NearestBodies | None:
     """Return the bodies nearest to those expected whose rows have their targets; None where there are none.
 
@@ -384,8 +366,12 @@ def solve_body_equations(problem: BodyProblem) -> NearestBodies | None:
             last = inner.promise + along.promise
             state = _advance(problem, _advance(problem, state, along, 1.0), inner, 1.0)
         else:
-            # Steps that gain no more need not have arrived: rows that nearly contradict each other.
-            if not np.all(np.abs(lacking) <= _REACHED * _compute_row_sizes(problem, state)):
+            # Steps that gain no more need not have arrived: rows that nearly contradict each other. The sizes
+            # of what a row adds up bound its rounding; |Q_ab| <= sqrt(Q_aa Q_bb), which does not vanish.
+            roots = np.sqrt(np.sum(state.factors**2, axis=2))
+            sizes = np.einsum("mnab,na,nb->m", np.abs(problem.blocks), roots, roots)
+            sizes += np.abs(problem.positive) @ state.positive + np.abs(problem.others) @ np.abs(state.others)
+            if not np.all(np.abs(lacking) <= _REACHED * (sizes + np.abs(problem.target))):
                 break
             left = float(np.sqrt(inner.promise / least))
             gap, gradient = least * 0.5 * left**2 / (1.0 - left), inner.gradient

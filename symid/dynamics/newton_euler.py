@@ -14,18 +14,8 @@ Supported: trees of revolute and prismatic joints, rotor inertias reflected to t
 from dataclasses import dataclass
 from typing import Generic
 
-from symid.dynamics.algebra import (
-    Algebra,
-    Matrix,
-    T,
-    Vector,
-    add_vectors,
-    apply_matrix,
-    cross,
-    scale_vector,
-    sum_values,
-)
-from symid.dynamics.bodies import Body, Parameters, add_drive_torques, gather_body
+from symid.dynamics.algebra import Algebra, Matrix, T, Vector
+from symid.dynamics.bodies import Parameters, add_drive_torques, gather_body
 from symid.dynamics.recursion import LinkMotion, Recursion, compute_motions, rotate_to_link
 from symid.dynamics.wrenches import Screw, Wrench, build_unit_vector, transform_wrench
 from symid.notation import INERTIAL
@@ -38,46 +28,25 @@ def compute_accelerations(recursion: Recursion[T]) -> tuple[Screw[T], ...]:
     the bracket at prismatic joints only. Luh, Walker and Paul 1980.
     """
     robot, algebra, state = recursion.robot, recursion.algebra, recursion.state
-    motions = recursion.motions
-    zero = algebra.zero
+    motions, zero = recursion.motions, algebra.zero
     still = Screw(angular=(zero, zero, zero), linear=compute_base_acceleration(recursion))
     result: list[Screw[T]] = []
     for index, (joint, frame) in enumerate(zip(robot.joints, recursion.frames, strict=True)):
         w_parent = motions[joint.parent].angular if joint.parent >= 0 else (zero, zero, zero)
         parent = result[joint.parent] if joint.parent >= 0 else still
-        swing = cross(algebra, w_parent, cross(algebra, w_parent, frame.origin))
-        turned = add_vectors(algebra, cross(algebra, parent.angular, frame.origin), swing)
-        linear = rotate_to_link(algebra, frame, add_vectors(algebra, parent.linear, turned))
+        swing = algebra.cross(w_parent, algebra.cross(w_parent, frame.origin))
+        turned = algebra.add_vectors(algebra.cross(parent.angular, frame.origin), swing)
+        linear = rotate_to_link(algebra, frame, algebra.add_vectors(parent.linear, turned))
         angular = rotate_to_link(algebra, frame, parent.angular)
         axis_rate: Vector[T] = (zero, zero, state.velocity[index])
         own: Vector[T] = (zero, zero, state.acceleration[index])
-        coupling = cross(algebra, motions[index].angular, axis_rate)
+        coupling = algebra.cross(motions[index].angular, axis_rate)
         if frame.revolute:
-            angular = add_vectors(algebra, add_vectors(algebra, angular, coupling), own)
+            angular = algebra.add_vectors(angular, coupling, own)
         else:
-            doubled = add_vectors(algebra, add_vectors(algebra, linear, coupling), coupling)
-            linear = add_vectors(algebra, doubled, own)
+            linear = algebra.add_vectors(linear, coupling, coupling, own)
         result.append(Screw(angular=angular, linear=linear))
     return tuple(result)
-
-
-def _compute_link_wrench(
-    algebra: Algebra[T], body: Body[T], angular: Vector[T], acceleration: Screw[T]
-) -> Wrench[T]:
-    """Return the wrench that moves a link.
-
-    f = M a + dw x MS + w x (w x MS);  n = I dw + w x (I w) + MS x a   (Newton and Euler).
-    """
-    tensor, moments, mass = body
-    swing = cross(algebra, angular, cross(algebra, angular, moments))
-    inertial = scale_vector(algebra, mass, acceleration.linear)
-    force = add_vectors(algebra, inertial, cross(algebra, acceleration.angular, moments))
-    spin = cross(algebra, angular, apply_matrix(algebra, tensor, angular))
-    moment = add_vectors(algebra, apply_matrix(algebra, tensor, acceleration.angular), spin)
-    return Wrench(
-        force=add_vectors(algebra, force, swing),
-        moment=add_vectors(algebra, moment, cross(algebra, moments, acceleration.linear)),
-    )
 
 
 def accumulate_torques(recursion: Recursion[T], wrenches: list[Wrench[T]]) -> list[T]:
@@ -91,21 +60,26 @@ def accumulate_torques(recursion: Recursion[T], wrenches: list[Wrench[T]]) -> li
         if parent >= 0:
             lifted, other = transform_wrench(algebra, frames[joint], own), carried[parent]
             carried[parent] = Wrench(
-                force=add_vectors(algebra, other.force, lifted.force),
-                moment=add_vectors(algebra, other.moment, lifted.moment),
+                force=algebra.add_vectors(other.force, lifted.force),
+                moment=algebra.add_vectors(other.moment, lifted.moment),
             )
     return torques
 
 
 def compute_inverse_dynamics(recursion: Recursion[T], parameters: Parameters[T]) -> tuple[T, ...]:
-    """Return the joint torques without friction (Luh, Walker and Paul 1980)."""
-    algebra, motions = recursion.algebra, recursion.motions
-    wrenches = [
-        _compute_link_wrench(
-            algebra, gather_body(algebra, parameters, link), motions[link].angular, acceleration
-        )
-        for link, acceleration in enumerate(compute_accelerations(recursion))
-    ]
+    """Return the joint torques without friction (Luh, Walker and Paul 1980), by Newton and Euler.
+
+    f = M a + dw x MS + w x (w x MS);  n = I dw + w x (I w) + MS x a.
+    """
+    algebra, wrenches = recursion.algebra, []
+    for link, acceleration in enumerate(compute_accelerations(recursion)):
+        tensor, moments, mass = gather_body(algebra, parameters, link)
+        w, dw, a = recursion.motions[link].angular, acceleration.angular, acceleration.linear
+        swing = algebra.cross(w, algebra.cross(w, moments))
+        force = algebra.add_vectors(algebra.scale_vector(mass, a), algebra.cross(dw, moments), swing)
+        spin = algebra.cross(w, algebra.apply_matrix(tensor, w))
+        moment = algebra.add_vectors(algebra.apply_matrix(tensor, dw), spin, algebra.cross(moments, a))
+        wrenches.append(Wrench(force=force, moment=moment))
     torques = accumulate_torques(recursion, wrenches)
     return add_drive_torques(recursion, torques, parameters, recursion.state.acceleration)
 
@@ -138,29 +112,6 @@ def compute_base_acceleration(recursion: Recursion[T]) -> Vector[T]:
     return (x, y, z)
 
 
-def _compute_tensor(
-    algebra: Algebra[T], angular: Vector[T], other: Vector[T], rate: Vector[T], column: Vector[T] | None
-) -> tuple[Matrix[T], Vector[T], Vector[T]]:
-    """Return U, the rate and the differences of U's diagonal; `column` is U z where it is known."""
-    plus, minus, mul, neg = algebra.add, algebra.sub, algebra.mul, algebra.neg
-    (x, y, z), (rx, ry, rz) = angular, other
-    xz, yz, yy, zz = mul(x, rz), mul(y, rz), mul(y, ry), mul(z, rz)
-    ahead, along = plus(yy, zz), minus(yy, zz)
-    if column is None:
-        around = plus(mul(x, rx), yy)
-        axial = (plus(xz, rate[1]), minus(yz, rate[0]), neg(around))
-    else:
-        around, axial = neg(column[2]), column
-        rate = (minus(yz, column[1]), minus(column[0], xz), rate[2])
-    beside = minus(around, along)
-    tensor = (
-        (neg(ahead), minus(mul(x, ry), rate[2]), axial[0]),
-        (plus(mul(y, rx), rate[2]), neg(beside), axial[1]),
-        (minus(mul(z, rx), rate[1]), plus(mul(z, ry), rate[0]), axial[2]),
-    )
-    return tensor, rate, (along, minus(ahead, around), minus(beside, ahead))
-
-
 def _build_acceleration_tensor(
     algebra: Algebra[T],
     turns: tuple[Vector[T], Vector[T] | None],
@@ -168,18 +119,30 @@ def _build_acceleration_tensor(
     linear: Vector[T],
     column: Vector[T] | None,
 ) -> AccelerationTensor[T]:
-    """Return the motion of a link from w and w_r, the latter None without a reference."""
-    angular, other = turns
-    tensor, rate, differences = _compute_tensor(
-        algebra, angular, angular if other is None else other, rate, column
+    """Return the motion of a link from w and w_r (None without a reference), and U z where it is known."""
+    plus, minus, mul, neg = algebra.add, algebra.sub, algebra.mul, algebra.neg
+    (x, y, z), (rx, ry, rz) = turns[0], turns[1] or turns[0]
+    xz, yz, yy, zz = mul(x, rz), mul(y, rz), mul(y, ry), mul(z, rz)
+    ahead, along = plus(yy, zz), minus(yy, zz)
+    if column is None:
+        around = plus(mul(x, rx), yy)
+        column = (plus(xz, rate[1]), minus(yz, rate[0]), neg(around))
+    else:
+        around = neg(column[2])
+        rate = (minus(yz, column[1]), minus(column[0], xz), rate[2])
+    beside = minus(around, along)
+    tensor = (
+        (neg(ahead), minus(mul(x, ry), rate[2]), column[0]),
+        (plus(mul(y, rx), rate[2]), neg(beside), column[1]),
+        (minus(mul(z, rx), rate[1]), plus(mul(z, ry), rate[0]), column[2]),
     )
-    if other is None:
-        x, y, z = angular
-        axial, products = rate, (algebra.mul(y, z), algebra.mul(x, z), algebra.mul(x, y))
+    differences = (along, minus(ahead, around), minus(beside, ahead))
+    if turns[1] is None:
+        axial, products = rate, (mul(y, z), mul(x, z), mul(x, y))
     else:
         pairs = ((tensor[2][1], tensor[1][2]), (tensor[0][2], tensor[2][0]), (tensor[1][0], tensor[0][1]))
-        x, y, z = (algebra.half(algebra.sub(low, high)) for low, high in pairs)
-        yz, xz, xy = (algebra.half(algebra.add(low, high)) for low, high in pairs)
+        x, y, z = (algebra.half(minus(low, high)) for low, high in pairs)
+        yz, xz, xy = (algebra.half(plus(low, high)) for low, high in pairs)
         axial, products = (x, y, z), (yz, xz, xy)
     return AccelerationTensor(
         rate=rate, linear=linear, tensor=tensor, axial=axial, products=products, differences=differences
@@ -203,19 +166,18 @@ def _carry_acceleration(
     angular, turning = recursion.motions[joint].angular, (zero, zero, reference[0][joint])
     rate = rotate_to_link(algebra, frame, parent.rate)
     if frame.revolute:
-        rate = add_vectors(algebra, add_vectors(algebra, rate, cross(algebra, angular, turning)), own)
-    swing = apply_matrix(algebra, parent.tensor, frame.origin)
-    linear = rotate_to_link(algebra, frame, add_vectors(algebra, parent.linear, swing))
+        rate = algebra.add_vectors(rate, algebra.cross(angular, turning), own)
+    swing = algebra.apply_matrix(parent.tensor, frame.origin)
+    linear = rotate_to_link(algebra, frame, algebra.add_vectors(parent.linear, swing))
     if not frame.revolute:
-        first = cross(algebra, angular, turning)
-        second = cross(algebra, others[joint].angular, (zero, zero, recursion.state.velocity[joint]))
-        linear = add_vectors(algebra, add_vectors(algebra, add_vectors(algebra, linear, first), second), own)
-        return rate, linear, None
+        first = algebra.cross(angular, turning)
+        second = algebra.cross(others[joint].angular, (zero, zero, recursion.state.velocity[joint]))
+        return rate, algebra.add_vectors(linear, first, second, own), None
     axis = (frame.fixed[0][2], frame.fixed[1][2], frame.fixed[2][2])
     # Where the axis is one of the parent's axes, its column of U is known.
     if sum(bool(row[2]) for row in recursion.robot.joints[joint].placement.rotation) > 1:
         return rate, linear, None
-    return rate, linear, rotate_to_link(algebra, frame, apply_matrix(algebra, parent.tensor, axis))
+    return rate, linear, rotate_to_link(algebra, frame, algebra.apply_matrix(parent.tensor, axis))
 
 
 def compute_acceleration_tensors(
@@ -223,9 +185,7 @@ def compute_acceleration_tensors(
 ) -> tuple[AccelerationTensor[T], ...]:
     """Return the acceleration tensor of every link.
 
-    Args:
-        recursion: the robot in its state.
-        reference: what replaces dq and ddq in what is differentiated; None for themselves.
+    `reference` replaces dq and ddq in what is differentiated; None for themselves.
     """
     robot, algebra, state = recursion.robot, recursion.algebra, recursion.state
     chosen = reference or (state.velocity, state.acceleration)
@@ -233,13 +193,9 @@ def compute_acceleration_tensors(
     if reference:
         others = compute_motions(robot, algebra, recursion.frames, reference[0])
     none = (algebra.zero,) * 3
+    start, still = compute_base_acceleration(recursion), (none, none, none)
     base = AccelerationTensor(
-        rate=none,
-        linear=compute_base_acceleration(recursion),
-        tensor=(none, none, none),
-        axial=none,
-        products=none,
-        differences=none,
+        rate=none, linear=start, tensor=still, axial=none, products=none, differences=none
     )
     spins: list[AccelerationTensor[T]] = []
     for index, joint in enumerate(robot.joints):
@@ -269,7 +225,7 @@ def compute_tensor_wrench(algebra: Algebra[T], name: str, spin: AccelerationTens
     if name in moments:
         return Wrench(force=none, moment=moments[name])
     k = INERTIAL.index(name) - INERTIAL.index("MX")
-    moment = cross(algebra, build_unit_vector(algebra, k), spin.linear)
+    moment = algebra.cross(build_unit_vector(algebra, k), spin.linear)
     return Wrench(force=(u[0][k], u[1][k], u[2][k]), moment=moment)
 
 
@@ -282,7 +238,7 @@ def _compute_tensor_moment(
     u, (x, y, z), p, d = spin.tensor, spin.axial, spin.products, spin.differences
 
     def add(*terms: T) -> T:
-        return sum_values(algebra, terms)
+        return algebra.sum_values(terms)
 
     return (
         add(mul(xx, x), neg(mul(xy, u[2][0])), mul(xz, u[1][0]), mul(yz, d[0]), mul(minus(zz, yy), p[0])),
@@ -296,21 +252,15 @@ def compute_tensor_torques(
 ) -> tuple[T, ...]:
     """Return the joint torques without friction: f = M a + U MS, n = I dw + w x I w + MS x a.
 
-    Args:
-        recursion: the robot in its state.
-        parameters: values of the parameters.
-        reference: dqr and ddqr for M ddqr + C dqr + g (see above); None for the state's own dq and ddq.
+    `reference`: dqr and ddqr for M ddqr + C dqr + g (see above); None for the state's own dq and ddq.
     """
-    algebra = recursion.algebra
-    wrenches = []
+    algebra, wrenches = recursion.algebra, []
     for link, spin in enumerate(compute_acceleration_tensors(recursion, reference)):
         tensor, moments, mass = gather_body(algebra, parameters, link)
-        force = apply_matrix(algebra, spin.tensor, moments)
+        force = algebra.apply_matrix(spin.tensor, moments)
         moment = _compute_tensor_moment(algebra, tensor, spin)
-        wrench = Wrench(
-            force=add_vectors(algebra, force, scale_vector(algebra, mass, spin.linear)),
-            moment=add_vectors(algebra, moment, cross(algebra, moments, spin.linear)),
-        )
-        wrenches.append(wrench)
+        force = algebra.add_vectors(force, algebra.scale_vector(mass, spin.linear))
+        moment = algebra.add_vectors(moment, algebra.cross(moments, spin.linear))
+        wrenches.append(Wrench(force=force, moment=moment))
     accelerations = reference[1] if reference else recursion.state.acceleration
     return add_drive_torques(recursion, accumulate_torques(recursion, wrenches), parameters, accelerations)

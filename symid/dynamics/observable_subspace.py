@@ -17,6 +17,7 @@ Not supported: symbolic lengths next to angles of 30 or 45 degrees where three j
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 from sympy import QQ
 from sympy.polys.domains.domain import Domain
@@ -25,7 +26,6 @@ from sympy.polys.rings import PolyElement
 from symid.dynamics.algebra import Label, build_state
 from symid.dynamics.bodies import transform_body
 from symid.dynamics.exact_algebra import (
-    Echelon,
     ExactAlgebra,
     Number,
     Row,
@@ -33,6 +33,7 @@ from symid.dynamics.exact_algebra import (
     choose_domain,
     convert_number,
     list_symbols,
+    reduce_rows,
 )
 from symid.dynamics.recursion import LinkMotion, Recursion, build_frames, compute_motions, fold_vector
 from symid.dynamics.regressors import compute_momentum_columns
@@ -142,19 +143,19 @@ def build_field(robot: Robot) -> Domain:
 
 
 def build_block_robot(robot: Robot, block: Block) -> Robot:
-    """Return the joints of a block as a robot of their own, fixed to what is before them."""
+    """Return the joints of a block as a robot of their own, fixed to what is before them, without names."""
     inside = {index: position for position, index in enumerate(block.joints)}
     joints = tuple(
         Joint(
-            name=joint.name,
+            name=str(inside[index]),
             kind=joint.kind,
             parent=inside.get(joint.parent, -1),
             placement=joint.placement,
             mimic=joint.mimic and replace(joint.mimic, master=inside[joint.mimic.master]),
         )
-        for joint in (robot.joints[index] for index in block.joints)
+        for index, joint in ((index, robot.joints[index]) for index in block.joints)
     )
-    return Robot(name=robot.name, joints=joints, gravity=robot.gravity)
+    return Robot(name="", joints=joints)
 
 
 def _split(basis: TrigonometricBasis, table: Sequence[Sequence[PolyElement]]) -> Split:
@@ -183,10 +184,13 @@ def _lift_parameters(
         yield (xx, xy, xz, yy, yz, zz, *body[1], body[2])
 
 
-def derive_transport(robot: Robot, block: Block, field: Domain) -> Transport:
-    """Return the transport across the joints of `block` over `field`."""
-    single = build_block_robot(robot, block)
-    algebra = build_exact_algebra(single, choose_domain(robot))
+@lru_cache(maxsize=256)
+def derive_transport(single: Robot, domain: Domain, field: Domain) -> Transport:
+    """Return the transport across the joints of a block, `single`; its numbers are of `domain` in `field`.
+
+    Robots of one kind are derived again and again, in several forms: what is the same is kept.
+    """
+    algebra = build_exact_algebra(single, domain)
     state = build_state(single, algebra, algebra.generators)
     frames = build_frames(single, algebra, state)
     none = (algebra.zero,) * 3
@@ -340,7 +344,7 @@ def derive_block_rows(
     *,
     constants: Mapping[Label, Number],
     form: str = "torque",
-) -> Echelon:
+) -> tuple[Row, ...]:
     """Return the rows of a block over the parameters of `number_columns`, `constants` with their torque.
 
     The form "gravity" has no rows of motion, "momentum" none of weight.
@@ -349,49 +353,37 @@ def derive_block_rows(
     springs, rotors = _build_drive_rows(robot, block, transport, columns, constants)
     motion: list[Family] = []
     if form != "gravity":
-        # The terms in dq^2 have the fewest entries: they come first and keep the rest short.
         motion += [
             _merge_families(a, b) for a, b in zip(_list_momenta(transport, [_OWN]), rotors, strict=True)
         ]
         motion += _list_momenta(transport, parent.velocities)
     weight = {} if form == "momentum" else _merge_families(_carry(parent.steady, transport), springs)
-    echelon = Echelon()
-    for family in motion:
-        for function in sorted(family):
-            echelon.insert(family[function])
+    rows = [row for family in motion for row in family.values()]
     # What does not change with the block's coordinates, the link before makes as well.
     for family in (*(_carry(row, transport) for row in parent.varying), weight):
-        for function in sorted(family):
-            if function != transport.one:
-                echelon.insert(family[function])
-    return echelon
+        rows += [row for function, row in family.items() if function != transport.one]
+    return reduce_rows(rows)
 
 
 def derive_link_rows(
     parent: ObservableRows, transport: Transport, link: int, form: str = "torque"
 ) -> ObservableRows:
     """Return what is visible at a link of the block (numbered within it), given what is before the block."""
-    velocities, varying = Echelon(), Echelon()
-    for matrix in transport.rates[link].values():
-        velocities.insert(matrix[0])
-    for row in parent.velocities:
-        for matrix in transport.velocities[link].values():
-            velocities.insert(multiply_row(row, matrix))
-    start = _TEN * link
+    velocities = [matrix[0] for matrix in transport.rates[link].values()]
+    matrices = tuple(transport.velocities[link].values())
+    velocities += [multiply_row(row, matrix) for row in parent.velocities for matrix in matrices]
+    varying, start = list[Row](), _TEN * link
     if form != "gravity":
         for family in (*_list_momenta(transport, [_OWN]), *_list_momenta(transport, parent.velocities)):
-            for function in sorted(family):
-                entries = family[function].items()
-                varying.insert({k - start: value for k, value in entries if start <= k < start + _TEN})
+            for row in family.values():
+                varying.append({k - start: value for k, value in row.items() if start <= k < start + _TEN})
     parameters = transport.parameters[link]
-    for row in parent.varying:
-        for matrix in parameters.values():
-            varying.insert(multiply_row(row, matrix))
     for function, matrix in parameters.items():
+        varying += [multiply_row(row, matrix) for row in parent.varying]
         if function != transport.one:
-            varying.insert(multiply_row(parent.steady, matrix))
+            varying.append(multiply_row(parent.steady, matrix))
     steady = multiply_row(parent.steady, parameters[transport.one]) if transport.one in parameters else {}
-    return ObservableRows(steady=steady, varying=varying.rows, velocities=velocities.rows)
+    return ObservableRows(steady=steady, varying=reduce_rows(varying), velocities=reduce_rows(velocities))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -426,20 +418,7 @@ Carried = Mapping[int, Sequence[tuple[int, SparseMatrix]]]
 """Per link, the links of the blocks on it, and the constant part of what they become there."""
 
 
-def _expand(carried: Carried, link: int, row: Row) -> dict[Label, Number]:
-    """Return a row on the composite of a link as a row on the parameters of all links beyond it."""
-    result: dict[Label, Number] = {}
-    pending = [(link, row)]
-    while pending:
-        current, part = pending.pop()
-        result |= {(current, INERTIAL[column]): value for column, value in part.items()}
-        for child, matrix in carried.get(current, ()):
-            if moved := multiply_row(part, matrix):
-                pending.append((child, moved))
-    return result
-
-
-def _expand_block(carried: Carried, block: Block, labels: Sequence[Label], row: Row) -> dict[Label, Number]:
+def _expand_row(carried: Carried, labels: Sequence[Label], row: Row) -> dict[Label, Number]:
     """Return a row of a block over all parameters: its links with all beyond them, and its drives."""
     result: dict[Label, Number] = {}
     parts: dict[int, Row] = {}
@@ -448,32 +427,34 @@ def _expand_block(carried: Carried, block: Block, labels: Sequence[Label], row: 
         if name in INERTIAL:
             parts.setdefault(index, {})[INERTIAL.index(name)] = value
         else:
-            result[labels[column]] = value
-    for link in block.joints:
-        if link in parts:
-            result |= _expand(carried, link, parts[link])
+            result[index, name] = value
+    pending = list(parts.items())
+    while pending:
+        link, part = pending.pop()
+        result |= {(link, INERTIAL[column]): value for column, value in part.items()}
+        moved = ((child, multiply_row(part, matrix)) for child, matrix in carried.get(link, ()))
+        pending += [(child, own) for child, own in moved if own]
     return result
 
 
 def derive_observable_subspace(robot: Robot, form: str) -> ObservableSubspace:
     """Return the rows of all blocks over all parameters, and what is visible at each link.
 
-    The form "torque" or "energy" takes all, "gravity" torques at rest, "momentum" dT/ddq.
-
-    Raises:
-        RobotError: symbols, roots and followers together make exact arithmetic too slow.
+    The form "torque" or "energy" takes all, "gravity" torques at rest, "momentum" dT/ddq. A RobotError where
+    symbols, roots and followers together make exact arithmetic too slow.
     """
     field = build_field(robot)
     _check_effort(robot, field)
     blocks = split_into_blocks(robot)
-    transports = [derive_transport(robot, block, field) for block in blocks]
+    domain = choose_domain(robot)
+    transports = [derive_transport(build_block_robot(robot, block), domain, field) for block in blocks]
     carried: dict[int, list[tuple[int, SparseMatrix]]] = {}
     for block, transport in zip(blocks, transports, strict=True):
         for link, split in zip(block.joints, transport.parameters, strict=True):
             if transport.one in split:
                 carried.setdefault(block.base, []).append((link, split[transport.one]))
     # The potential of the base's own parameters is -g' MS.
-    gravity = [convert_number(value, choose_domain(robot), field) for value in robot.gravity]
+    gravity = [convert_number(value, domain, field) for value in robot.gravity]
     weight = {INERTIAL.index("MX") + axis: -value for axis, value in enumerate(gravity) if value}
     root = ObservableRows(steady={} if form == "momentum" else weight, varying=(), velocities=())
     constants = {
@@ -485,8 +466,8 @@ def derive_observable_subspace(robot: Robot, form: str) -> ObservableSubspace:
     for block, transport in zip(blocks, transports, strict=True):
         parent = visible[block.base]
         labels = tuple(number_columns(block, robot, tuple(constants)))
-        echelon = derive_block_rows(robot, block, parent, transport, constants=constants, form=form)
-        rows += [_expand_block(carried, block, labels, row) for row in echelon.rows]
+        found = derive_block_rows(robot, block, parent, transport, constants=constants, form=form)
+        rows += [_expand_row(carried, labels, row) for row in found]
         for position, link in enumerate(block.joints):
             visible[link] = derive_link_rows(parent, transport, position, form)
     for shown in build_friction_rows(robot):

@@ -18,8 +18,10 @@ Not supported: bodies on several links, bodies that move on their link, a mass o
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays, freeze
 from symid.dynamics.base_parameters import BaseParameters, build_grouping
@@ -38,6 +40,7 @@ PAYLOAD_QUANTITIES = ("mass", "cx", "cy", "cz", "Jxx", "Jxy", "Jxz", "Jyy", "Jyz
 _UNITS = ("kg", *("m",) * 3, *("kg m^2",) * 6)
 _PAIRS = tuple(zip(*np.triu_indices(3), strict=True))
 _DENSITY = 1000.0
+_TINY = 1e-40
 # A size for lengths, so that numbers of different units can be compared; no result depends on it.
 _LENGTH = 0.1
 _RANK = 1e-9
@@ -54,29 +57,20 @@ def compute_ball(mass: float) -> tuple[float, float]:
     return radius, 0.4 * abs(mass) * radius**2
 
 
-def compute_quantities(parameters: FloatArray) -> FloatArray:
+def compute_quantities(parameters: NDArray[Any]) -> NDArray[Any]:
     """Return `PAYLOAD_QUANTITIES` of standard parameters (10,): c = s / m, J = I - (s.s 1 - s s') / m."""
     tensor, s, mass = parameters[:6], parameters[6:9], parameters[9]
     shift = [(float(i == j) * (s @ s) - s[i] * s[j]) / mass for i, j in _PAIRS]
-    return np.array([mass, *(s / mass), *(tensor - np.array(shift))], dtype=np.float64)
+    return np.array([mass, *(s / mass), *(tensor - np.array(shift))])
 
 
 def compute_quantity_derivatives(parameters: FloatArray) -> FloatArray:
-    """Return the derivatives (10, 10) of `PAYLOAD_QUANTITIES` with respect to standard parameters."""
-    s, mass = parameters[6:9], float(parameters[9])
-    rates = np.zeros((10, 10))
-    rates[0, 9] = 1.0
-    for axis in range(3):
-        rates[1 + axis, 6 + axis] = 1.0 / mass
-        rates[1 + axis, 9] = -s[axis] / mass**2
-    for row, (i, j) in enumerate(_PAIRS):
-        same = float(i == j)
-        rates[4 + row, row] = 1.0
-        for axis in range(3):
-            change = 2.0 * s[axis] * same - s[j] * float(i == axis) - s[i] * float(j == axis)
-            rates[4 + row, 6 + axis] = -change / mass
-        rates[4 + row, 9] = ((s @ s) * same - s[i] * s[j]) / mass**2
-    return rates
+    """Return the derivatives (10, 10) of `PAYLOAD_QUANTITIES` with respect to standard parameters.
+
+    By complex steps, which lose no digits (Squire and Trapp, SIAM Review 40 (1998) 110-112).
+    """
+    moved = parameters + 1j * _TINY * np.eye(10)
+    return np.array([compute_quantities(point).imag for point in moved]).T / _TINY
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -163,11 +157,7 @@ def _build_system(
 
 
 def _compute_whitening(covariance: FloatArray) -> FloatArray:
-    """Return W with W C W' = 1.
-
-    Raises:
-        EstimateError: a standard deviation is missing.
-    """
+    """Return W with W C W' = 1, or raise an EstimateError where a standard deviation is missing."""
     deviations = np.sqrt(np.diag(covariance))
     if not np.all(np.isfinite(covariance)) or not np.all(deviations > 0):
         text = "an estimate has no standard deviations; identify it with an estimator that computes them"
@@ -202,9 +192,20 @@ class ParameterChange:
 
 
 def _list_changes(
-    names: Sequence[str], before: FloatArray, after: FloatArray, shares: FloatArray
+    names: Sequence[str], loaded: BaseValues, empty: BaseValues, left: FloatArray | None = None
 ) -> tuple[ParameterChange, ...]:
-    """Return the parameters that changed significantly, the largest change first."""
+    """Return the parameters that changed significantly, the largest change first.
+
+    `left` (m,) are residuals of the payload: what it does not explain of the change counts then.
+    """
+    before, after, covariance = _compare(names, loaded, empty)
+    change: FloatArray = after - before
+    if left is not None:
+        # Back in units of the parameters.
+        change = np.asarray(np.linalg.solve(_compute_whitening(covariance), left[: len(names)]), np.float64)
+    deviations = np.sqrt(np.diag(covariance))
+    known = np.isfinite(deviations) & (deviations > 0)
+    shares = np.where(known, change / np.where(known, deviations, 1.0), 0.0)
     rows = zip(names, before.tolist(), after.tolist(), shares.tolist(), strict=True)
     changes = [
         ParameterChange(name=name, before=low, after=high, deviations=share)
@@ -212,27 +213,6 @@ def _list_changes(
         if abs(share) > _CHANGED
     ]
     return tuple(sorted(changes, key=lambda change: -abs(change.deviations)))
-
-
-def _list_unexplained_changes(
-    system: PayloadSystem, left: FloatArray, loaded: BaseValues, empty: BaseValues
-) -> tuple[ParameterChange, ...]:
-    """Return base parameters whose change the payload does not explain; `left` (m,) are its residuals."""
-    before, after, covariance = _compare(system.names, loaded, empty)
-    # What is left, back in units of the parameters, over their own deviations.
-    remaining = np.linalg.solve(_compute_whitening(covariance), left[: len(system.names)])
-    return _list_changes(system.names, before, after, remaining / np.sqrt(np.diag(covariance)))
-
-
-def _list_friction_changes(
-    base: BaseParameters, loaded: BaseValues, empty: BaseValues
-) -> tuple[ParameterChange, ...]:
-    names = [p.name for p in base.friction if p.name in loaded.names and p.name in empty.names]
-    before, after, covariance = _compare(names, loaded, empty)
-    deviations = np.sqrt(np.diag(covariance))
-    known = np.isfinite(deviations) & (deviations > 0)
-    shares = np.where(known, (after - before) / np.where(known, deviations, 1.0), 0.0)
-    return _list_changes(names, before, after, shares)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -287,13 +267,7 @@ def estimate_payload(
 ) -> Payload:
     """Return what the loaded robot carries and the empty one does not.
 
-    Args:
-        robot: the robot.
-        base: its base parameters.
-        loaded: base values with the payload.
-        empty: base values without it, of the same model.
-        joint: whose link carries it; the last one by default.
-        mass: kg, where a balance measured it.
+    `joint`: whose link carries it, the last one by default; `mass` in kg, where a balance measured it.
 
     Raises:
         UsageError: there is no such joint, or the mass is no positive number.
@@ -324,6 +298,7 @@ def estimate_payload(
     covariance = covariance * scale**2
     _check_mass(names[link], system, float(found[9]), float(np.sqrt(covariance[9, 9])))
     body, moved = _choose_body(system, found, scale)
+    friction = [p.name for p in base.friction if p.name in loaded.names and p.name in empty.names]
     return Payload(
         joint=names[link],
         quantities=_list_quantities(system, body, covariance),
@@ -332,8 +307,8 @@ def estimate_payload(
         freedom=freedom,
         scale=scale,
         moved=moved,
-        unexplained=_list_unexplained_changes(system, left, loaded, empty),
-        friction=_list_friction_changes(base, loaded, empty),
+        unexplained=_list_changes(system.names, loaded, empty, left),
+        friction=_list_changes(friction, loaded, empty),
     )
 
 
@@ -360,7 +335,12 @@ def _choose_body(system: PayloadSystem, found: FloatArray, scale: float) -> tupl
     bodies = build_pseudo_inertias(found[None, :])
     if not system.free.shape[1] and float(np.linalg.eigvalsh(bodies[0])[0]) > 0:
         return found, 0.0
-    root = np.asarray(np.linalg.cholesky(_build_ball(system, found)), dtype=np.float64)
+    # A ball of water of the mass, its centre where that is identifiable.
+    mass, identifiable = float(found[9]), _list_identifiable(system, found)
+    radius, _ = compute_ball(mass)
+    extended = np.append(np.where(identifiable[1:4], found[6:9] / mass, 0.0), 1.0)
+    ball = np.outer(extended, extended) + radius**2 / 5 * np.diag([1.0, 1.0, 1.0, 0.0])
+    root = np.asarray(np.linalg.cholesky(mass * ball), dtype=np.float64)
     _, _, right = np.linalg.svd(system.rows)
     known = right[: 10 - system.free.shape[1]] / system.sizes
     with np.errstate(all="ignore"):
@@ -390,17 +370,6 @@ def _build_body_problem(root: FloatArray, rows: FloatArray, target: FloatArray) 
         shares=np.ones(1),
         middle=np.zeros(0),
     )
-
-
-def _build_ball(system: PayloadSystem, found: FloatArray) -> FloatArray:
-    """Return the pseudo-inertia (4, 4) of a ball of water of the mass, its centre where identifiable."""
-    mass = float(found[9])
-    radius, _ = compute_ball(mass)
-    identifiable = _list_identifiable(system, found)
-    centre = [found[6 + axis] / mass if identifiable[1 + axis] else 0.0 for axis in range(3)]
-    extended = np.array([*centre, 1.0])
-    ball: FloatArray = np.outer(extended, extended) + radius**2 / 5 * np.diag([1.0, 1.0, 1.0, 0.0])
-    return mass * ball
 
 
 def _list_identifiable(system: PayloadSystem, body: FloatArray) -> list[bool]:

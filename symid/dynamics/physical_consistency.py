@@ -44,7 +44,6 @@ from symid.notation import INERTIAL
 from symid.robot import (
     Elasticity,
     FrictionValues,
-    Joint,
     JointKind,
     Robot,
     Spring,
@@ -53,11 +52,7 @@ from symid.robot import (
 
 
 def _read_values(base: BaseParameters, values: Mapping[str, float]) -> dict[str, float]:
-    """Return the base values in the order of the base set.
-
-    Raises:
-        UsageError: an unknown name, a value that is not finite, or no value at all.
-    """
+    """Return the base values in the order of the base set; a UsageError where they cannot be used."""
     known = [parameter.name for parameter in (*base.parameters, *base.friction)]
     unknown = [name for name in values if name not in known]
     result = {name: float(values[name]) for name in known if name in values}
@@ -248,14 +243,10 @@ def compute_standard_set(
 ) -> StandardSet:
     """Return the physically consistent standard parameters nearest to a prior that have the base values.
 
-    Args:
-        robot: the robot.
-        base: its base parameters.
-        values: base values by name, some or all of them, friction too.
-        prior: (n, 10) standard parameters of bodies that exist; see `build_prior` for the default.
-        deviations: standard deviations of the base values, by name: they weigh the rows where no bodies
-            have the base values. Without them s is a hundredth of the row's size in the prior, or of what
-            the values come to in that measure, where they are larger.
+    `values`: base values by name, SI, some or all of them, friction too; `deviations`: their standard
+    deviations, the weights of rows where no bodies have the base values. Without them s is a hundredth of the
+    row's size in the prior, or of what the values come to in that measure, where they are larger. `prior`
+    (n, 10): standard parameters of bodies that exist; see `build_prior` for the default.
 
     Raises:
         UsageError: a value or a deviation cannot be used.
@@ -314,16 +305,8 @@ def build_identified_robot(
 ) -> IdentifiedRobot:
     """Return `robot` with the values of an identification.
 
-    Args:
-        robot: the robot.
-        base: its base parameters.
-        values: of base and friction parameters by name, SI; some or all of them.
-        deviations: standard deviations of the same.
-        rotors: rotor inertias of elastic joints by name (IA1), kg m^2 or kg.
-        elasticity: one record a coordinate, none for a robot without elastic joints.
-
-    Raises:
-        UsageError, RobotError, SolverError: see `compute_standard_set`.
+    `rotors`: rotor inertias of elastic joints by name (IA1), kg m^2 or kg; `elasticity`: one record a
+    coordinate, none for a robot without elastic joints; the rest and the errors as in `compute_standard_set`.
     """
     # The prior is the file's own bodies, where it states them all and they can exist.
     rows = [joint.inertial for joint in robot.joints]
@@ -339,13 +322,24 @@ def build_identified_robot(
     springs = dict(zip(robot.coordinates, elasticity, strict=True)) if elasticity else {}
     joints = []
     for index, joint in enumerate(robot.joints):
-        changed = _change_joint(robot, index, joint, known)
-        rotor = (rotors or {}).get(f"IA{index + 1}")
+        drive, spring, rotor = joint.drive, joint.spring, (rotors or {}).get(f"IA{index + 1}")
+        if (index, "IA") in known:
+            drive = replace(drive, rotor_inertia=known[index, "IA"])
         if rotor is not None:
-            changed = replace(changed, drive=replace(changed.drive, has_rotor=True, rotor_inertia=rotor))
-        if index in springs:
-            changed = replace(changed, elasticity=springs[index])
-        joints.append(replace(changed, inertial=tuple(map(float, standard.pi[index])), form=None))
+            drive = replace(drive, has_rotor=True, rotor_inertia=rotor)
+        stiffness = known.get((index, "KS"), 0.0)
+        if spring is not None and stiffness:
+            spring = Spring(stiffness=stiffness, rest=-known.get((index, "KR"), 0.0) / stiffness)
+        changed = replace(
+            joint,
+            drive=drive,
+            spring=spring,
+            friction=_change_friction(robot, index, known),
+            elasticity=springs.get(index, joint.elasticity),
+            inertial=tuple(map(float, standard.pi[index])),
+            form=None,
+        )
+        joints.append(changed)
     couplings = tuple(
         replace(
             coupling,
@@ -364,13 +358,3 @@ def _change_friction(robot: Robot, index: int, known: Mapping[Label, float]) -> 
     found = [known.get((index, name), value) for name, value in zip(names, old, strict=True)]
     numbers = tuple(value for value in found if value is not None)
     return replace(friction, values=numbers if numbers and len(numbers) == len(names) else None)
-
-
-def _change_joint(robot: Robot, index: int, joint: Joint, known: Mapping[Label, float]) -> Joint:
-    drive, spring = joint.drive, joint.spring
-    if (index, "IA") in known:
-        drive = replace(drive, rotor_inertia=known[index, "IA"])
-    if spring is not None and (index, "KS") in known and known[index, "KS"]:
-        stiffness = known[index, "KS"]
-        spring = Spring(stiffness=stiffness, rest=-known.get((index, "KR"), 0.0) / stiffness)
-    return replace(joint, drive=drive, spring=spring, friction=_change_friction(robot, index, known))

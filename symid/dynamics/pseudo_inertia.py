@@ -21,23 +21,6 @@ _REACH = 0.1
 _ROUNDED = 1e-3
 
 
-def _list_forms() -> FloatArray:
-    """Return (10, 4, 4) symmetric V_k with parameter k = tr(V_k P)."""
-    forms = np.zeros((10, 4, 4))
-    for index, (i, j) in enumerate(zip(*np.triu_indices(3), strict=True)):
-        if i == j:
-            forms[index] = np.diag([float(axis not in (i, 3)) for axis in range(4)])
-        else:
-            forms[index][i, j] = forms[index][j, i] = -0.5
-    for axis in range(3):
-        forms[6 + axis][axis, 3] = forms[6 + axis][3, axis] = 0.5
-    forms[9][3, 3] = 1.0
-    return forms
-
-
-PSEUDO_INERTIA_FORMS = _list_forms()
-
-
 def build_pseudo_inertias(parameters: FloatArray) -> FloatArray:
     """Return the pseudo-inertias (n, 4, 4) of standard parameters (n, 10)."""
     xx, xy, xz, yy, yz, zz, mx, my, mz, mass = np.asarray(parameters, dtype=np.float64).T
@@ -49,6 +32,11 @@ def build_pseudo_inertias(parameters: FloatArray) -> FloatArray:
         [mx, my, mz, mass],
     ]
     return np.array(rows, dtype=np.float64).transpose(2, 0, 1)
+
+
+_UNITS = build_pseudo_inertias(np.eye(10)).reshape(10, 16)
+# Symmetric V_k (10, 4, 4) with parameter k = tr(V_k P): entries are 0 (of no sign), 1/2 and 1.
+PSEUDO_INERTIA_FORMS = 0.5 * np.rint(2.0 * np.linalg.pinv(_UNITS).T).reshape(10, 4, 4) + 0.0
 
 
 def compute_standard_parameters(pseudo_inertias: FloatArray) -> FloatArray:
@@ -92,10 +80,7 @@ def _round_off(stated: FloatArray, body: FloatArray) -> FloatArray | None:
 def build_prior(robot: Robot, grouping: FloatArray, values: Sequence[float] | FloatArray) -> FloatArray:
     """Return a consistent set of standard parameters (n, 10) to start from.
 
-    Args:
-        robot: the robot.
-        grouping: (m, 10 n) the equations' coefficients of the links' parameters.
-        values: (m,) the values they must come to.
+    `grouping` (m, 10 n): the equations' coefficients of the links' parameters; `values` (m,): their sums.
     """
     bodies = _build_round_bodies(robot)
     stated: list[FloatArray | None] = [

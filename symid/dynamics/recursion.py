@@ -13,19 +13,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Generic
 
-from symid.dynamics.algebra import (
-    Algebra,
-    Matrix,
-    RobotState,
-    T,
-    Vector,
-    add_vectors,
-    apply_matrix,
-    cross,
-    dot,
-    multiply_matrices,
-    transpose,
-)
+from symid.dynamics.algebra import Algebra, Matrix, RobotState, T, Vector, transpose
 from symid.robot import Exact, JointKind, Placement, Robot
 
 
@@ -99,7 +87,7 @@ def build_frames(robot: Robot, algebra: Algebra[T], state: RobotState[T]) -> tup
 
 def rotate_to_link(algebra: Algebra[T], frame: LinkFrame[T], vector: Vector[T]) -> Vector[T]:
     """Return a vector given in the parent's axes in the link's axes."""
-    x, y, z = apply_matrix(algebra, transpose(frame.fixed), vector)
+    x, y, z = algebra.apply_matrix(transpose(frame.fixed), vector)
     if frame.turn is None:
         return (x, y, z)
     c, s = frame.turn
@@ -114,7 +102,7 @@ def rotate_to_parent(algebra: Algebra[T], frame: LinkFrame[T], vector: Vector[T]
         c, s = frame.turn
         mul = algebra.mul
         x, y = algebra.sub(mul(c, x), mul(s, y)), algebra.add(mul(s, x), mul(c, y))
-    return apply_matrix(algebra, frame.fixed, (x, y, z))
+    return algebra.apply_matrix(frame.fixed, (x, y, z))
 
 
 def compute_motions(
@@ -135,14 +123,14 @@ def compute_motions(
     motions: list[LinkMotion[T]] = []
     for joint, frame, dq in zip(robot.joints, frames, velocity, strict=True):
         parent = motions[joint.parent] if joint.parent >= 0 else root
-        carried = add_vectors(algebra, parent.linear, cross(algebra, parent.angular, frame.origin))
+        carried = algebra.add_vectors(parent.linear, algebra.cross(parent.angular, frame.origin))
         angular = rotate_to_link(algebra, frame, parent.angular)
         linear = rotate_to_link(algebra, frame, carried)
         own = (zero, zero, dq)
-        angular = add_vectors(algebra, angular, own) if frame.revolute else angular
-        linear = linear if frame.revolute else add_vectors(algebra, linear, own)
+        angular = algebra.add_vectors(angular, own) if frame.revolute else angular
+        linear = linear if frame.revolute else algebra.add_vectors(linear, own)
         gravity = rotate_to_link(algebra, frame, parent.gravity)
-        height = algebra.sub(parent.height, dot(algebra, parent.gravity, frame.origin))
+        height = algebra.sub(parent.height, algebra.dot(parent.gravity, frame.origin))
         motions.append(LinkMotion(angular=angular, linear=linear, gravity=gravity, height=height))
     return tuple(motions)
 
@@ -163,14 +151,14 @@ def compute_poses(recursion: Recursion[T]) -> tuple[FramePose[T], ...]:
         if frame.turn is not None:
             (c, s), zero = frame.turn, algebra.zero
             turn = ((c, algebra.neg(s), zero), (s, c, zero), (zero, zero, algebra.one))
-            rotation = multiply_matrices(algebra, rotation, turn)
+            rotation = algebra.multiply_matrices(rotation, turn)
         if joint.parent < 0:
             poses.append(FramePose(rotation=rotation, origin=frame.origin))
             continue
         parent = poses[joint.parent]
-        rotation = multiply_matrices(algebra, parent.rotation, rotation)
-        step = apply_matrix(algebra, parent.rotation, frame.origin)
-        poses.append(FramePose(rotation=rotation, origin=add_vectors(algebra, parent.origin, step)))
+        rotation = algebra.multiply_matrices(parent.rotation, rotation)
+        step = algebra.apply_matrix(parent.rotation, frame.origin)
+        poses.append(FramePose(rotation=rotation, origin=algebra.add_vectors(parent.origin, step)))
     return tuple(poses)
 
 
@@ -180,8 +168,8 @@ def compute_link_poses(recursion: Recursion[T]) -> tuple[FramePose[T], ...]:
     result = []
     for joint, pose in zip(recursion.robot.joints, compute_poses(recursion), strict=True):
         turn, start = _lift_placement(joint.frame, algebra)
-        origin = add_vectors(algebra, pose.origin, apply_matrix(algebra, pose.rotation, start))
-        result.append(FramePose(rotation=multiply_matrices(algebra, pose.rotation, turn), origin=origin))
+        origin = algebra.add_vectors(pose.origin, algebra.apply_matrix(pose.rotation, start))
+        result.append(FramePose(rotation=algebra.multiply_matrices(pose.rotation, turn), origin=origin))
     return tuple(result)
 
 
@@ -200,7 +188,7 @@ def compute_jacobian(recursion: Recursion[T]) -> tuple[tuple[T, ...], ...]:
         axis: Vector[T] = (pose.rotation[0][2], pose.rotation[1][2], pose.rotation[2][2])
         if robot.joints[index].kind is JointKind.REVOLUTE:
             x, y, z = (algebra.sub(a, b) for a, b in zip(tip, pose.origin, strict=True))
-            columns[index] = (*cross(algebra, axis, (x, y, z)), *axis)
+            columns[index] = (*algebra.cross(axis, (x, y, z)), *axis)
         else:
             columns[index] = (*axis, zero, zero, zero)
         index = robot.joints[index].parent

@@ -16,10 +16,9 @@ Supported: the ten standard parameters of each link, rotor inertias and springs.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Generic
+from dataclasses import replace
 
-from symid.dynamics.algebra import Algebra, Label, T, cross, dot, sum_values
+from symid.dynamics.algebra import Algebra, Label, T
 from symid.dynamics.bodies import DRIVE_PARAMETERS, Body, compute_drive_column
 from symid.dynamics.newton_euler import Reference, compute_acceleration_tensors, compute_tensor_wrench
 from symid.dynamics.recursion import LinkMotion, Recursion
@@ -34,20 +33,13 @@ from symid.dynamics.wrenches import (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LinkEnergyRegressor(Generic[T]):
-    """Energy per parameter of one link: ten kinetic and ten potential entries."""
-
-    kinetic: tuple[T, ...]
-    potential: tuple[T, ...]
-
-
-def compute_energy_regressor(algebra: Algebra[T], motion: LinkMotion[T]) -> LinkEnergyRegressor[T]:
-    """Return the energy regressor of one link (see the module's equation)."""
+def compute_energy_regressor(
+    algebra: Algebra[T], motion: LinkMotion[T]
+) -> tuple[tuple[T, ...], tuple[T, ...]]:
+    """Return kinetic and potential energy of a link per parameter, ten each (see the module's equation)."""
     w1, w2, w3 = motion.angular
     v1, v2, v3 = motion.linear
     mul, minus, half, neg = algebra.mul, algebra.sub, algebra.half, algebra.neg
-    zero = algebra.zero
     kinetic = (
         half(mul(w1, w1)),
         mul(w1, w2),
@@ -58,11 +50,9 @@ def compute_energy_regressor(algebra: Algebra[T], motion: LinkMotion[T]) -> Link
         minus(mul(w3, v2), mul(w2, v3)),
         minus(mul(w1, v3), mul(w3, v1)),
         minus(mul(w2, v1), mul(w1, v2)),
-        half(dot(algebra, motion.linear, motion.linear)),
+        half(algebra.dot(motion.linear, motion.linear)),
     )
-    g1, g2, g3 = motion.gravity
-    potential = (zero, zero, zero, zero, zero, zero, neg(g1), neg(g2), neg(g3), motion.height)
-    return LinkEnergyRegressor(kinetic=kinetic, potential=potential)
+    return kinetic, (*(algebra.zero,) * 6, *map(neg, motion.gravity), motion.height)
 
 
 def compute_body_energy(algebra: Algebra[T], body: Body[T], motion: LinkMotion[T]) -> tuple[T, T]:
@@ -71,14 +61,14 @@ def compute_body_energy(algebra: Algebra[T], body: Body[T], motion: LinkMotion[T
     T = w'(I w / 2 + MS x V) + M V'V / 2;  V = -g'MS + M u.
     """
     tensor, moments, mass = body
-    arm = cross(algebra, moments, motion.linear)
-    share = algebra.half(algebra.mul(mass, dot(algebra, motion.linear, motion.linear)))
+    arm = algebra.cross(moments, motion.linear)
+    share = algebra.half(algebra.mul(mass, algebra.dot(motion.linear, motion.linear)))
     for i in range(3):
         terms = [algebra.half(algebra.mul(tensor[i][i], motion.angular[i]))]
         terms += [algebra.mul(tensor[i][j], motion.angular[j]) for j in range(i + 1, 3)]
-        inner = sum_values(algebra, [*terms, arm[i]])
+        inner = algebra.sum_values([*terms, arm[i]])
         share = algebra.add(share, algebra.mul(motion.angular[i], inner))
-    weight = algebra.sub(algebra.mul(mass, motion.height), dot(algebra, motion.gravity, moments))
+    weight = algebra.sub(algebra.mul(mass, motion.height), algebra.dot(motion.gravity, moments))
     return share, weight
 
 
@@ -103,26 +93,16 @@ def _compute_columns(
 
 
 def compute_torque_columns(
-    recursion: Recursion[T], keys: Sequence[Label], *, meet: ProjectionFrame | None = None
-) -> Columns[T]:
-    """Return the torque regressor's columns: tau = Y(q, dq, ddq) pi."""
-    return compute_slotine_li_columns(recursion, None, keys, meet=meet)
-
-
-def compute_slotine_li_columns(
     recursion: Recursion[T],
-    reference: Reference[T] | None,
     keys: Sequence[Label],
+    reference: Reference[T] | None = None,
     *,
     meet: ProjectionFrame | None = None,
 ) -> Columns[T]:
-    """Return the columns of M ddqr + C dqr + g (Slotine and Li 1987); see `newton_euler` for the factor C.
+    """Return the torque regressor's columns: tau = Y(q, dq, ddq) pi.
 
-    Args:
-        recursion: the robot in its state.
-        reference: dqr and ddqr, rad/s and rad/s^2; None for the state's own dq and ddq.
-        keys: the parameters wanted.
-        meet: where columns and screws meet.
+    With `reference`, dqr and ddqr in rad/s and rad/s^2, those of M ddqr + C dqr + g (Slotine and Li 1987);
+    see `newton_euler` for the factor C.
     """
     spins = compute_acceleration_tensors(recursion, reference)
     accelerations = reference[1] if reference else recursion.state.acceleration
@@ -166,10 +146,5 @@ def compute_lagrange_columns(
     axes = transform_screws(recursion, build_axis_screws(recursion))
     kinetic = project_columns(recursion, momenta, turned, meet)
     potential = project_columns(recursion, weights, axes, meet)
-    columns: Columns[T] = {}
-    for key in keys:
-        if key[1] in DRIVE_PARAMETERS:
-            columns[key] = compute_drive_column(recursion, key, None, -1)
-        else:
-            columns[key] = [algebra.add(a, b) for a, b in zip(kinetic[key], potential[key], strict=True)]
-    return columns
+    columns = {key: list(map(algebra.add, entries, potential[key])) for key, entries in kinetic.items()}
+    return {key: columns.get(key) or compute_drive_column(recursion, key, None, -1) for key in keys}

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-from sympy import Expr, Integer, Matrix, Rational, Symbol
+from sympy import Expr, Integer, Matrix, Symbol, sympify
 from sympy.polys.matrices import DomainMatrix
 
 from symid.arrays import FloatArray
@@ -68,10 +68,8 @@ class Regrouping:
 def read_group(text: str, robot: Robot, base: BaseParameters | None = None) -> _Terms:
     """Return a group such as "Izz1 + Ia1 + 0.07*mz3" as factors of standard parameters of `robot`.
 
-    Base parameters may be named as well where `base` is given.
-
-    Raises:
-        UsageError: the text is no such sum, or a name is unknown.
+    Base parameters may be named as well where `base` is given. A UsageError for a text that is no such sum,
+    or an unknown name.
     """
     # A name of both kinds is a base parameter of one member: both meanings are the same.
     known = {entry.name: entry.terms for entry in (*base.parameters, *base.friction)} if base else {}
@@ -94,7 +92,7 @@ def read_group(text: str, robot: Robot, base: BaseParameters | None = None) -> _
             message = f"group {text!r}: factor {factor} of {name}: expected between 1e-12 and 1e12"
             raise UsageError(Notice(code="usage.unreadable-group", text=message))
         for label, value in terms:
-            found[label] = found.get(label, Integer(0)) + _to_exact(share) * value
+            found[label] = found.get(label, Integer(0)) + sympify(share) * value
         place = match.end()
     return found
 
@@ -126,12 +124,11 @@ def express_group(
 ) -> tuple[Expr, ...]:
     """Return what a group holds of each of our parameters, exactly; `name` is what messages call it.
 
-    Raises:
-        UsageError: the group is not a combination of ours; the message names the rest.
+    A UsageError where the group is not a combination of ours; the message names the rest.
     """
     ours = (*base.parameters, *base.friction)
-    row = [_to_exact(group.get(entry.label, Integer(0))) for entry in ours]
-    left: _Terms = {label: _to_exact(factor) for label, factor in group.items()}
+    row = [sympify(group.get(entry.label, Integer(0))) for entry in ours]
+    left: _Terms = {label: sympify(factor) for label, factor in group.items()}
     for share, entry in zip(row, ours, strict=True):
         for label, factor in entry.terms if share else ():
             left[label] = left.get(label, Integer(0)) - share * factor
@@ -161,8 +158,7 @@ def build_regrouping(
 ) -> Regrouping:
     """Return the matrix of `rows`, one a group, each as `express_group` gives it.
 
-    Raises:
-        UsageError: the groups are linearly dependent; the message names them.
+    A UsageError names the groups that depend linearly on others.
     """
     notices = []
     if rows:
@@ -189,10 +185,6 @@ def evaluate_regrouping(rows: Sequence[Sequence[Expr]], robot: Robot) -> FloatAr
     symbols = {Symbol(name): value for name, value in robot.symbols}
     numbers = [[float(value.subs(symbols)) for value in row] for row in rows]
     return np.array(numbers, dtype=np.float64).reshape(len(rows), -1 if rows else 0)
-
-
-def _to_exact(value: Expr | Fraction) -> Expr:
-    return Rational(value.numerator, value.denominator) if isinstance(value, Fraction) else value
 
 
 _LINEAR = ("IA", "Fv")
@@ -232,9 +224,7 @@ def list_coupled_readings(
             if drive not in columns or not any(row[columns[drive][0]] for row in rows):
                 continue
             column, name = columns[drive]
-            squares = {
-                (joint, kind): Rational(c.numerator, c.denominator) ** 2 for joint, c in coupling.terms
-            }
+            squares = {(joint, kind): sympify(factor) ** 2 for joint, factor in coupling.terms}
             shares = [
                 sum((squares[label] * value for label, value in entry.terms if label in squares), Integer(0))
                 for entry in ours

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Generic
 
-from symid.dynamics.algebra import Algebra, T, Vector, add_vectors, cross, dot
+from symid.dynamics.algebra import Algebra, T, Vector
 from symid.dynamics.recursion import LinkFrame, LinkMotion, Recursion, rotate_to_link, rotate_to_parent
 from symid.notation import INERTIAL
 
@@ -49,9 +49,9 @@ def compute_screw_rates(recursion: Recursion[T]) -> tuple[Screw[T], ...]:
     none, axis = (zero, zero, zero), (zero, zero, algebra.one)
     result = []
     for frame, motion in zip(recursion.frames, recursion.motions, strict=True):
-        turned = cross(algebra, motion.angular, axis)
+        turned = algebra.cross(motion.angular, axis)
         if frame.revolute:
-            result.append(Screw(angular=turned, linear=cross(algebra, motion.linear, axis)))
+            result.append(Screw(angular=turned, linear=algebra.cross(motion.linear, axis)))
         else:
             result.append(Screw(angular=none, linear=turned))
     return tuple(result)
@@ -68,7 +68,7 @@ def transform_screws(recursion: Recursion[T], own: tuple[Screw[T], ...]) -> Scre
     def find(joint: int, link: int) -> Screw[T]:
         if (joint, link) not in found:
             frame, before = recursion.frames[link], find(joint, robot.joints[link].parent)
-            moved = add_vectors(algebra, before.linear, cross(algebra, before.angular, frame.origin))
+            moved = algebra.add_vectors(before.linear, algebra.cross(before.angular, frame.origin))
             found[joint, link] = Screw(
                 angular=rotate_to_link(algebra, frame, before.angular),
                 linear=rotate_to_link(algebra, frame, moved),
@@ -114,14 +114,14 @@ def compute_momentum(algebra: Algebra[T], name: str, motion: LinkMotion[T]) -> W
     if name == "M":
         return Wrench(force=motion.linear, moment=zero)
     axis = build_unit_vector(algebra, INERTIAL.index(name) - INERTIAL.index("MX"))
-    return Wrench(force=cross(algebra, motion.angular, axis), moment=cross(algebra, axis, motion.linear))
+    return Wrench(force=algebra.cross(motion.angular, axis), moment=algebra.cross(axis, motion.linear))
 
 
 def transform_wrench(algebra: Algebra[T], frame: LinkFrame[T], wrench: Wrench[T]) -> Wrench[T]:
     """Return a wrench about the link's origin in the parent's axes, about the parent's origin."""
     force = rotate_to_parent(algebra, frame, wrench.force)
     moment = rotate_to_parent(algebra, frame, wrench.moment)
-    return Wrench(force=force, moment=add_vectors(algebra, moment, cross(algebra, frame.origin, force)))
+    return Wrench(force=force, moment=algebra.add_vectors(moment, algebra.cross(frame.origin, force)))
 
 
 def project_wrench(
@@ -139,8 +139,8 @@ def project_wrench(
         if frame not in (joint, stop):
             wrench, frame = transform_wrench(algebra, recursion.frames[frame], wrench), joint
         screw = screws(joint, frame)
-        turning = dot(algebra, screw.angular, wrench.moment)
-        entries[joint] = algebra.add(turning, dot(algebra, screw.linear, wrench.force))
+        turning = algebra.dot(screw.angular, wrench.moment)
+        entries[joint] = algebra.add(turning, algebra.dot(screw.linear, wrench.force))
         joint = robot.joints[joint].parent
     return entries
 

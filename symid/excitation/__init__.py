@@ -5,8 +5,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from symid.excitation.limits import (
         LimitOptions as LimitOptions,
-        StateLimitOptions as StateLimitOptions,
-        WorkspaceLimits as WorkspaceLimits,
         read_workspace as read_workspace,
     )
     from symid.excitation.optimise import (

@@ -10,19 +10,17 @@ StateLimits: CasADi functions of one sample's states. Values v <= 1 (and v >= -1
 
 Supported: robots whose file states all values (torque, torsion), all robots (motion, workspace).
 Not supported: the part of the torsion in the speed of a rotor; contact between links, moving obstacles.
-
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
 
 import numpy as np
 
 from symid.arrays import FloatArray, FrozenArrays
-from symid.codegen import ParameterCard
 from symid.errors import Notice, RobotError
 from symid.excitation.observation import InPlaceFunction, smooth_friction
 from symid.robot import (
@@ -36,15 +34,48 @@ from symid.robot import (
     sort_notices,
 )
 
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WorkspacePoint:
+    """A ball of radius `size` (m) about `place` (m) in the frame of the link of joint `joint` (an index)."""
+
+    joint: int
+    place: Vector
+    size: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WorkspaceRegion:
+    """One demand on some points.
+
+    Args:
+        kind: "out" or "in" of a sphere, or "plane".
+        anchor: centre of the sphere in m, or unit normal of the plane.
+        extent: radius of the sphere, or offset of the plane, m.
+        points: what is kept there.
+        label: how messages call it.
+    """
+
+    kind: str
+    anchor: Vector
+    extent: float
+    points: tuple[WorkspacePoint, ...]
+    label: str
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LimitOptions:
-    """How far the limits are used, and what holds where a robot file states none.
+    """How far the limits are used, what holds where a robot file states none, and what else is limited.
 
     Args:
         share: of every limit that a motion may use.
         sweep: rad or m either side of zero. speed: rad/s or m/s. acceleration: rad/s^2 or m/s^2.
         jerk: rad/s^3 or m/s^3; None for none.
+        workspace: where links may be.
+        torsion: rad or m that an elastic joint may give; None for any.
+        stiffness: (n,) N m/rad or N/m in place of the robot file's.
     """
 
     share: float = 0.95
@@ -52,6 +83,9 @@ class LimitOptions:
     speed: float = 2.0
     acceleration: float = 10.0
     jerk: float | None = None
+    workspace: tuple[WorkspaceRegion, ...] = ()
+    torsion: float | None = None
+    stiffness: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -125,49 +159,12 @@ def compute_coefficient_scales(limits: MotionLimits, harmonics: int, period: flo
 
 
 _COMMON = ("links", "point", "size")
+_LENGTH = "a number in m is needed"
 _KEYS = {"sphere": ("keep", "centre", "radius", *_COMMON), "plane": ("normal", "offset", *_COMMON)}
 
-Vector = tuple[float, float, float]
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WorkspacePoint:
-    """A ball of radius `size` (m) about `place` (m) in the frame of the link of joint `joint` (an index)."""
-
-    joint: int
-    place: Vector
-    size: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WorkspaceRegion:
-    """One demand on some points.
-
-    Args:
-        kind: "out" or "in" of a sphere, or "plane".
-        anchor: centre of the sphere in m, or unit normal of the plane.
-        extent: radius of the sphere, or offset of the plane, m.
-        points: what is kept there.
-        label: how messages call it.
-    """
-
-    kind: str
-    anchor: Vector
-    extent: float
-    points: tuple[WorkspacePoint, ...]
-    label: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WorkspaceLimits:
-    """All demands, and the file that they come from."""
-
-    regions: tuple[WorkspaceRegion, ...] = ()
-    file: str = ""
-
-
-def read_workspace(path: Path, robot: Robot) -> WorkspaceLimits:
-    """Return the workspace of a file, or raise a RobotError with all mistakes."""
+def read_workspace(path: Path, robot: Robot) -> tuple[WorkspaceRegion, ...]:
+    """Return the demands of a file, or raise a RobotError with all mistakes."""
     root = parse_toml(read_text_file(path), str(path), "excitation.workspace")
     root.refuse_unknown_keys(tuple(_KEYS))
     regions: list[WorkspaceRegion] = []
@@ -186,13 +183,14 @@ def read_workspace(path: Path, robot: Robot) -> WorkspaceLimits:
     if not regions:
         text = "has no [[sphere]] and no [[plane]]; write one, or leave the option out"
         raise RobotError(Notice(code="excitation.workspace", text=text, file=str(path)))
-    return WorkspaceLimits(regions=tuple(regions), file=str(path))
+    return tuple(regions)
 
 
 def _read_region(section: Section, kind: str, robot: Robot) -> WorkspaceRegion | None:
     points = _read_points(section, robot)
     if kind == "plane":
-        anchor, extent = _read_vector(section, "normal"), _read_length(section, "offset")
+        anchor = _read_vector(section, "normal")
+        extent = section.read_float("offset", "m") if section.require("offset", _LENGTH) else None
         length = math.hypot(*anchor) if anchor else 1.0
         if not length:
             section.refuse("robot.out-of-range", "normal", "a normal of length zero has no direction")
@@ -201,7 +199,8 @@ def _read_region(section: Section, kind: str, robot: Robot) -> WorkspaceRegion |
         anchor = (anchor[0] / length, anchor[1] / length, anchor[2] / length)
     else:
         kind = section.read_choice("keep", ("out", "in")) or "out"
-        anchor, extent = _read_vector(section, "centre"), _read_length(section, "radius", positive=True)
+        anchor = _read_vector(section, "centre")
+        extent = section.read_float("radius", "m", POSITIVE) if section.require("radius", _LENGTH) else None
         if anchor is None or extent is None:
             return None
         if kind == "in" and any(point.size >= extent for point in points):
@@ -221,38 +220,13 @@ def _read_points(section: Section, robot: Robot) -> tuple[WorkspacePoint, ...]:
     size = section.read_float("size", "m", NOT_NEGATIVE) or 0.0
     if place is None:
         return ()
-    return tuple(
-        WorkspacePoint(joint=names.index(name), place=place, size=size) for name in dict.fromkeys(wanted)
-    )
+    joints = map(names.index, dict.fromkeys(wanted))
+    return tuple(WorkspacePoint(joint=joint, place=place, size=size) for joint in joints)
 
 
 def _read_vector(section: Section, key: str) -> Vector | None:
-    if key not in section.values:
-        section.refuse_key("robot.missing-key", key, "missing; three numbers are needed")
-    found = section.read_numbers(key, "m", 3)
+    found = section.read_numbers(key, "m", 3) if section.require(key, "three numbers are needed") else None
     return (float(found[0]), float(found[1]), float(found[2])) if found else None
-
-
-def _read_length(section: Section, key: str, *, positive: bool = False) -> float | None:
-    if key not in section.values:
-        section.refuse_key("robot.missing-key", key, "missing; a number in m is needed")
-    found = section.read_number(key, "m", POSITIVE) if positive else section.read_number(key, "m")
-    return None if found is None else float(found)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StateLimitOptions:
-    """What is limited besides the motion of each joint.
-
-    Args:
-        workspace: where links may be.
-        torsion: rad or m that an elastic joint may give; None for any.
-        stiffness: (n,) N m/rad or N/m in place of the robot file's.
-    """
-
-    workspace: WorkspaceLimits = field(default_factory=WorkspaceLimits)
-    torsion: float | None = None
-    stiffness: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -294,12 +268,12 @@ class StateLimits:
 
 
 def build_state_limits(
-    robot: Robot, limits: MotionLimits, options: StateLimitOptions | None = None
+    robot: Robot, limits: MotionLimits, options: LimitOptions | None = None
 ) -> StateLimits:
     """Return the limits that depend on the whole state, or raise a RobotError if values are missing."""
     import casadi as ca
 
-    options = options or StateLimitOptions()
+    options = options or LimitOptions()
     size = robot.freedom
     states = [ca.SX.sym(name, size) for name in ("q", "dq", "ddq")]
     entries, notices = _list_loads(robot, limits, options, states)
@@ -318,7 +292,7 @@ def build_state_limits(
 
 
 def _list_loads(
-    robot: Robot, limits: MotionLimits, options: StateLimitOptions, states: Sequence[Any]
+    robot: Robot, limits: MotionLimits, options: LimitOptions, states: Sequence[Any]
 ) -> tuple[list[StateLimit], tuple[Notice, ...]]:
     """Return limits of torque and torsion, and a notice where they cannot be kept."""
     if not np.any(np.isfinite(limits.torque)) and options.torsion is None:
@@ -377,15 +351,11 @@ def _build_torques(robot: Robot, states: Sequence[Any]) -> tuple[Any, Any] | Non
     card = made.card
     if any(entry.value is None for entry in (*card.beta, *card.friction, *card.rotors)):
         return None
-
-    def list_values(cards: Sequence[ParameterCard]) -> Any:  # noqa: ANN401  of casadi
-        return ca.DM([entry.value or 0.0 for entry in cards])
-
-    link = made.functions[0](*states, list_values(card.beta))
+    link = made.functions[0](*states, ca.DM([entry.value or 0.0 for entry in card.beta]))
     motor = ca.SX(link)
     if card.friction:
         friction = build_functions(smooth, names=("friction",)).functions[0]
-        motor = motor + friction(states[1], list_values(card.friction))
+        motor = motor + friction(states[1], ca.DM([entry.value or 0.0 for entry in card.friction]))
     names = [joint.name for joint in robot.axes]
     for entry in card.rotors:
         place = names.index(entry.joint)
@@ -393,16 +363,16 @@ def _build_torques(robot: Robot, states: Sequence[Any]) -> tuple[Any, Any] | Non
     return link, motor
 
 
-def _list_clearances(robot: Robot, workspace: WorkspaceLimits, position: Any) -> list[StateLimit]:  # noqa: ANN401  of casadi
+def _list_clearances(robot: Robot, regions: Sequence[WorkspaceRegion], position: Any) -> list[StateLimit]:  # noqa: ANN401  of casadi
     import casadi as ca
 
     from symid.codegen import build_functions
 
-    if not workspace.regions:
+    if not regions:
         return []
     turns, origins = build_functions(robot, names=("forward_kinematics",)).functions[0](position)
     entries = []
-    for region in workspace.regions:
+    for region in regions:
         anchor = ca.DM(list(region.anchor))
         for point in region.points:
             turn = ca.reshape(turns[point.joint, :], 3, 3).T
@@ -426,6 +396,7 @@ class StateValues:
     def __init__(self, limits: StateLimits, samples: int, size: int) -> None:
         """Allocate the memory of the functions; `size` is the number of joints."""
         self.samples, self._count = samples, len(limits.entries)
+        self.both = np.array([entry.both for entry in limits.entries], dtype=bool)
         if self._count:
             state = (3 * size,)
             self._values = InPlaceFunction(limits.values, samples, (state,), (self._count,))
@@ -436,6 +407,11 @@ class StateValues:
         if not self._count:
             return np.zeros((self.samples, 0))
         return self._values(np.concatenate(list(states), axis=1)).copy()
+
+    def compute_use(self, states: FloatArray) -> FloatArray:
+        """Return v (N, m), its size where both signs are limited; one is the limit."""
+        values = self.compute_values(states)
+        return np.where(self.both, np.abs(values), values)
 
     def compute_slopes(self, states: FloatArray) -> FloatArray:
         """Return dv/dstates as (N, m, 3, n); m must not be 0."""

@@ -12,7 +12,6 @@ S is symmetric, and df = sum (2 A S) dA. Criteria of designs: Swevers et al. 199
 
 Supported: rigid and elastic robots (of the latter the links); full column rank.
 Not supported: rotors of elastic joints; matrices of less rank, whose criterion is infinite.
-
 """
 
 from dataclasses import dataclass, replace
@@ -44,22 +43,11 @@ def smooth_friction(robot: Robot) -> Robot:
     return replace(robot, joints=joints, couplings=couplings)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RegressorColumns:
-    """Names of the parameters, and CasADi functions of one sample's states (3n).
+def _build_columns(robot: Robot) -> tuple[tuple[str, ...], Any, Any]:
+    """Return the names of the b parameters, and CasADi functions of one sample's states (3n).
 
-    Args:
-        names: b of them.
-        matrix: states -> (n b), row after row. slope: states, (n b) -> (3n).
+    They are the columns, states -> (n b), row after row, and their slope: states, (n b) -> (3n).
     """
-
-    names: tuple[str, ...]
-    matrix: Any
-    slope: Any
-
-
-def build_columns(robot: Robot) -> RegressorColumns:
-    """Return the columns of a robot, its friction as it is; symbolic lengths must have values."""
     import casadi as ca
 
     from symid.codegen import build_functions
@@ -78,27 +66,25 @@ def build_columns(robot: Robot) -> RegressorColumns:
     state, flat = ca.vertcat(*states), ca.densify(ca.vec(ca.horzcat(*blocks).T))
     factors = ca.SX.sym("L", flat.numel())
     slope = ca.densify(ca.gradient(ca.dot(factors, flat), state))
-    return RegressorColumns(
-        names=names,
-        matrix=ca.Function("matrix", [state], [flat]),
-        slope=ca.Function("slope", [state, factors], [slope]),
-    )
+    return names, ca.Function("matrix", [state], [flat]), ca.Function("slope", [state, factors], [slope])
 
 
 @final
 class Observation:
-    """The columns at a fixed number of samples, evaluated in place.
+    """The columns of a robot at a fixed number of samples, its friction as it is, evaluated in place.
 
-    `weights` (n,) multiply the rows of each joint: one over the standard deviation of its torque.
+    `weights` (n,) multiply the rows of each joint: one over the standard deviation of its torque. Symbolic
+    lengths must have values.
     """
 
-    def __init__(self, columns: RegressorColumns, samples: int, weights: FloatArray) -> None:
-        """Allocate the memory of the functions."""
-        state, block = (3 * len(weights),), (len(weights), len(columns.names))
-        self.names, self.samples, self.weights = columns.names, samples, freeze(weights)
+    def __init__(self, robot: Robot, samples: int, weights: FloatArray) -> None:
+        """Derive the functions and allocate their memory."""
+        self.names, matrix, slope = _build_columns(robot)
+        self.samples, self.weights = samples, freeze(weights)
+        state, block = (3 * len(weights),), (len(weights), len(self.names))
         self._states = np.zeros((samples, *state))
-        self._matrix = InPlaceFunction(columns.matrix, samples, (state,), block)
-        self._slope = InPlaceFunction(columns.slope, samples, (state, block), state)
+        self._matrix = InPlaceFunction(matrix, samples, (state,), block)
+        self._slope = InPlaceFunction(slope, samples, (state, block), state)
 
     def compute_matrix(self, states: FloatArray) -> FloatArray:
         """Return A (N n, b) at states (3, N, n): q, dq, ddq."""
@@ -152,14 +138,15 @@ class Criterion:
     weight: float = 0.0
 
 
-def _scale_gram(gram: FloatArray) -> tuple[FloatArray, FloatArray]:
+def scale_gram(gram: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return G (b, b) of columns scaled to length one, and their lengths (b,)."""
     lengths = np.sqrt(np.maximum(np.diag(gram), np.finfo(np.float64).tiny))
     return gram / np.outer(lengths, lengths), lengths
 
 
 def compute_condition(gram: FloatArray) -> float:
     """Return the condition number of the columns scaled to length one, of G (b, b); inf for less rank."""
-    values = np.linalg.eigvalsh(_scale_gram(gram)[0])
+    values = np.linalg.eigvalsh(scale_gram(gram)[0])
     if not values[0] > _FLOOR * values[-1]:
         return float("inf")
     return float(np.sqrt(values[-1] / values[0]))
@@ -173,7 +160,7 @@ def compute_information(gram: FloatArray) -> float:
 
 def compute_criterion(gram: FloatArray, criterion: Criterion) -> tuple[float, FloatArray]:
     """Return f and S = df/dG (b, b), symmetric, for G (b, b)."""
-    scaled, lengths = _scale_gram(gram)
+    scaled, lengths = scale_gram(gram)
     values, vectors = np.linalg.eigh(scaled)
     values = np.maximum(values, _FLOOR * values[-1])
     size = 2.0 * len(gram)

@@ -12,26 +12,24 @@ repeated.
 
 Supported: the criteria of `observation`; starts that break limits; the same seed gives the same trajectory.
 Not supported: a limit of time; narrow workspaces, which a random pose hardly ever meets (give a start there).
-
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from operator import attrgetter
 
 import numpy as np
 
-from symid.arrays import FloatArray, FrozenArrays
+from symid.arrays import FloatArray
 from symid.errors import IdentifiabilityError, Notice, SolverError, UsageError
 from symid.excitation.limits import compute_coefficient_scales
-from symid.excitation.observation import CRITERIA, Criterion
+from symid.excitation.observation import CRITERIA, Criterion, scale_gram
 from symid.excitation.problem import (
     ExcitationProblem,
     Margin,
     ProblemOptions,
     build_problem,
     compute_margins,
-    compute_overshoot,
 )
 from symid.excitation.trajectories import Trajectory
 from symid.ipopt import Ending, IpoptOptions, SmoothProblem, keep_last, minimise
@@ -45,17 +43,13 @@ _SMALLEST = 0.05
 """Least common scale of a series."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Candidates(FrozenArrays):
-    """Unknowns (N, n r) and condition numbers (N,), sorted by the latter; `drawn`: how many were tried."""
+def draw_candidates(
+    problem: ExcitationProblem, count: int, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Return the unknowns (`count`, n r) of random feasible series, and condition numbers, the least first.
 
-    unknowns: FloatArray
-    conditions: FloatArray
-    drawn: int
-
-
-def draw_candidates(problem: ExcitationProblem, count: int, rng: np.random.Generator) -> Candidates:
-    """Return `count` random feasible series, or raise a SolverError if nearly no pose keeps the limits."""
+    A SolverError says that nearly no pose keeps the limits.
+    """
     found: list[FloatArray] = []
     conditions: list[float] = []
     drawn = 0
@@ -76,7 +70,7 @@ def draw_candidates(problem: ExcitationProblem, count: int, rng: np.random.Gener
         found.append(unknowns)
         conditions.append(problem.compute_condition(unknowns))
     order = np.argsort(conditions, kind="stable")
-    return Candidates(unknowns=np.array(found)[order], conditions=np.array(conditions)[order], drawn=drawn)
+    return np.array(found)[order], np.array(conditions)[order]
 
 
 def _draw_candidate(
@@ -93,9 +87,17 @@ def _draw_candidate(
     rest = space.compute_unknowns(middle).ravel()
     motion = space.compute_unknowns(space.offset + wave).ravel()
     excess = problem.compute_state_excess(rest)
-    if np.any(excess > 0.0) or np.any(np.abs(problem.rows @ rest + problem.constants) > 1.0):
+    here, ahead = problem.rows @ rest + problem.constants, problem.rows @ motion
+    if np.any(excess > 0.0) or np.any(np.abs(here) > 1.0):
         return None, excess
-    motion *= np.repeat(_compute_largest_scales(problem, rest, motion), space.shape[1])
+    # For each joint the largest factor of its motion that keeps the linear limits.
+    free = np.where(ahead > 0.0, 1.0 - here, 1.0 + here)
+    room = free / np.maximum(np.abs(ahead), np.finfo(np.float64).tiny)
+    owner = np.argmax(problem.rows.reshape(len(room), space.size, -1).any(axis=2), axis=1)
+    factors = np.full(space.size, np.inf)
+    np.minimum.at(factors, owner, room)
+    # A joint without any motion has no limit to reach.
+    motion *= np.repeat(np.where(factors < 1e6, 0.9999 * factors, 0.0), space.shape[1])
 
     def is_within(factor: float) -> bool:
         return not np.any(problem.compute_state_excess(rest + factor * motion) > 0.0)
@@ -110,20 +112,6 @@ def _draw_candidate(
     return (rest + low * motion if low > _SMALLEST else None), excess
 
 
-def _compute_largest_scales(problem: ExcitationProblem, rest: FloatArray, motion: FloatArray) -> FloatArray:
-    """Return for each joint (n,) the largest factor of its motion that keeps the linear limits."""
-    here, ahead = problem.rows @ rest + problem.constants, problem.rows @ motion
-    tiny = np.finfo(np.float64).tiny
-    room = np.where(
-        ahead > 0.0, (1.0 - here) / np.maximum(ahead, tiny), (1.0 + here) / np.maximum(-ahead, tiny)
-    )
-    owner = np.argmax(problem.rows.reshape(len(room), problem.space.size, -1).any(axis=2), axis=1)
-    factors = np.full(problem.space.size, np.inf)
-    np.minimum.at(factors, owner, room)
-    # A joint without any motion has no limit to reach.
-    return np.where(factors < 1e6, 0.9999 * factors, 0.0)
-
-
 _NEAR = 0.75
 """Share of a limit from which on Ipopt is given it."""
 _ROUNDS = 5
@@ -131,8 +119,6 @@ _ROUNDS = 5
 _SLACK = 1e-6
 _TOLERANCE = 1e-4
 """Of Ipopt."""
-
-
 _JUDGED = 20
 """Best random series whose stated figures are computed."""
 _REPAIRS = 6
@@ -204,16 +190,6 @@ class OptimisedExcitation:
         return self.random_condition / self.condition
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _SearchStage:
-    """One round: its criterion, how many series take part, options of Ipopt, whether on the coarse grid."""
-
-    criterion: Criterion
-    kept: int
-    ipopt: IpoptOptions
-    coarse: bool = False
-
-
 def optimise_excitation(
     robot: Robot,
     options: ExcitationOptions | None = None,
@@ -223,11 +199,8 @@ def optimise_excitation(
 ) -> OptimisedExcitation:
     """Return the best trajectory found.
 
-    Args:
-        robot: its values count only for limits of torque and torsion.
-        options: criterion, limits, effort.
-        rng: of the random series.
-        progress: receives a line for each step.
+    The values of the robot count only for limits of torque and torsion; `rng` is that of the random series;
+    `progress` receives a line for each step.
 
     Raises:
         UsageError: options out of range, or that do not fit the robot.
@@ -241,14 +214,18 @@ def optimise_excitation(
     report(f"deriving the regressor of {robot.name}")
     problem = build_problem(robot, options.problem)
     report(f"drawing {options.candidates} random trajectories within the limits")
-    candidates = draw_candidates(problem, options.candidates, rng)
-    if not np.isfinite(candidates.conditions[0]):
-        raise IdentifiabilityError(_describe_rank(problem, candidates.unknowns[0]))
+    candidates, conditions = draw_candidates(problem, options.candidates, rng)
+    if not np.isfinite(conditions[0]):
+        raise IdentifiabilityError(_describe_rank(problem, candidates[0]))
     names = tuple(joint.name for joint in robot.axes)
-    runs = _search(problem, candidates, options, report)
+    starts = [
+        OptimisationRun(unknowns=z, value=np.inf, start=float(c), condition=float(c), iterations=0, status="")
+        for z, c in zip(candidates, conditions, strict=True)
+    ]
+    runs = _search(problem, starts[: options.starts], options, report)
     unknowns, margins = _enforce_limits(problem, names, runs[0], options)
     stated = problem.build_stated(robot)
-    order = np.argsort([problem.compute_information(z) for z in candidates.unknowns], kind="stable")
+    order = np.argsort([problem.compute_information(z) for z in candidates], kind="stable")
     notices = problem.state_limits.notices
     if problem.limits.assumed:
         text = f"the robot file does not state all limits; assumed: {'; '.join(problem.limits.assumed)}"
@@ -264,11 +241,9 @@ def optimise_excitation(
         condition=stated.compute_condition(unknowns),
         information=stated.compute_information(unknowns),
         parameters=problem.observation.names,
-        random_condition=min(stated.compute_condition(z) for z in candidates.unknowns[:_JUDGED]),
-        random_median=stated.compute_condition(candidates.unknowns[len(candidates.unknowns) // 2]),
-        random_information=max(
-            stated.compute_information(candidates.unknowns[at]) for at in order[-_JUDGED:]
-        ),
+        random_condition=min(stated.compute_condition(z) for z in candidates[:_JUDGED]),
+        random_median=stated.compute_condition(candidates[len(candidates) // 2]),
+        random_information=max(stated.compute_information(candidates[at]) for at in order[-_JUDGED:]),
         runs=tuple(runs),
         margins=margins,
         notices=notices,
@@ -285,69 +260,67 @@ def _check_options(options: ExcitationOptions) -> None:
         problems.append(f"criterion: expected {' or '.join(CRITERIA)}, got {options.criterion!r}")
     if not 0.0 <= options.weight < np.inf:
         problems.append(f"weight: must be finite and not negative, got {options.weight:g}")
-    if options.problem.loads.stiffness and options.problem.loads.torsion is None:
+    limits = options.problem.limits
+    if limits.stiffness and limits.torsion is None:
         problems.append("--stiffness needs --torsion, the largest torsion; give both")
     if options.starts > options.candidates:
         problems.append(f"{options.starts} starts need at least as many candidates, got {options.candidates}")
-    if not 0.0 < options.problem.limits.share <= 1.0:
-        problems.append(f"share: must be above 0 and at most 1, got {options.problem.limits.share:g}")
+    if not 0.0 < limits.share <= 1.0:
+        problems.append(f"share: must be above 0 and at most 1, got {limits.share:g}")
     if problems:
         raise UsageError(*(Notice(code="usage.excitation", text=text) for text in problems))
 
 
-def _list_search_stages(options: ExcitationOptions) -> tuple[_SearchStage, ...]:
+def _list_search_stages(options: ExcitationOptions) -> list[tuple[int, Criterion, IpoptOptions]]:
+    """Return how many series take part in each round, its criterion, and options of Ipopt."""
     many, few, full = options.starts, min(options.refined, options.starts), options.iterations
     # Power of the criterion, series that take part, barrier of Ipopt, iterations.
-    plan = [
-        (4.0, many, 1e-2, min(60, full)),
-        (16.0, few, 1e-3, full),
-        (40.0, min(2, few), 1e-4, full),
-    ]
+    plan = [(4.0, many, 1e-2, min(60, full)), (16.0, few, 1e-3, full), (40.0, min(2, few), 1e-4, full)]
+    criterion = Criterion(weight=options.weight)
     if options.criterion == "d-optimal":
         plan = [(0.0, many, 1e-2, min(60, full)), (0.0, few, 1e-3, 2 * full), (0.0, 1, 1e-5, 2 * full)]
-    return tuple(
-        _SearchStage(
-            criterion=Criterion(name="d-optimal")
-            if options.criterion == "d-optimal"
-            else Criterion(power=power, weight=options.weight),
-            kept=kept,
-            ipopt=IpoptOptions(tolerance=_TOLERANCE, iterations=iterations, barrier=barrier),
-            coarse=number == 0,
+        criterion = Criterion(name="d-optimal")
+    return [
+        (
+            kept,
+            replace(criterion, power=power),
+            IpoptOptions(tolerance=_TOLERANCE, iterations=iterations, barrier=barrier),
         )
-        for number, (power, kept, barrier, iterations) in enumerate(plan)
-    )
+        for power, kept, barrier, iterations in plan
+    ]
 
 
 def _search(
     problem: ExcitationProblem,
-    candidates: Candidates,
+    runs: list[OptimisationRun],
     options: ExcitationOptions,
     progress: Callable[[str], None],
 ) -> list[OptimisationRun]:
-    """Return a run of each start, the best first."""
-    runs = [
-        OptimisationRun(unknowns=z, value=np.inf, start=float(c), condition=float(c), iterations=0, status="")
-        for z, c in zip(candidates.unknowns, candidates.conditions, strict=True)
-    ][: options.starts]
+    """Return the runs, which are starts, after all rounds, the best first."""
     tightening = np.zeros(len(problem.state_limits.entries))
-    coarse = problem.build_coarse()
+    # The first round runs on the coarse grid.
+    form = problem.build_coarse()
     objective = attrgetter("value" if options.criterion == "d-optimal" else "condition")
-    for number, stage in enumerate(_list_search_stages(options), 1):
-        by_power = f"condition number with power {stage.criterion.power:g}"
-        what = "d-optimal" if stage.criterion.name == "d-optimal" else by_power
-        progress(f"round {number}: {stage.kept} trajectories, {what}")
-        form = coarse if stage.coarse else problem
-        taken = [_advance_run(form, run, stage, tightening) for run in runs[: stage.kept]]
-        runs = sorted((*taken, *runs[stage.kept :]), key=objective)
+    for number, (kept, criterion, ipopt) in enumerate(_list_search_stages(options), 1):
+        by_power = f"condition number with power {criterion.power:g}"
+        what = "d-optimal" if criterion.name == "d-optimal" else by_power
+        progress(f"round {number}: {kept} trajectories, {what}")
+        taken = [_advance_run(form, run, criterion, ipopt, tightening) for run in runs[:kept]]
+        runs = sorted((*taken, *runs[kept:]), key=objective)
         progress(f"  condition number {min(run.condition for run in runs):.4g}")
+        form = problem
     return runs
 
 
 def _advance_run(
-    problem: ExcitationProblem, run: OptimisationRun, stage: _SearchStage, tightening: FloatArray
+    problem: ExcitationProblem,
+    run: OptimisationRun,
+    criterion: Criterion,
+    ipopt: IpoptOptions,
+    tightening: FloatArray,
 ) -> OptimisationRun:
     """Return the end of a descent, or its start if no better; `tightening` (v,) is taken off the limits."""
-    evaluate = keep_last(lambda z: problem.compute_value(z, stage.criterion))
+    evaluate = keep_last(lambda z: problem.compute_value(z, criterion))
     start, state_limits = run.unknowns, 1.0 - tightening
     unknowns, iterations, status = start, run.iterations, ""
     free = np.full(len(start), np.inf)
@@ -360,7 +333,7 @@ def _advance_run(
             upper=free,
             constraints=problem.build_constraints(tightening, watched),
         )
-        ended = minimise(smooth, unknowns, stage.ipopt)
+        ended = minimise(smooth, unknowns, ipopt)
         unknowns, iterations, status = ended.x, iterations + ended.iterations, ended.status
         if ended.outcome is Ending.FAILED or not len(tightening):
             break
@@ -386,30 +359,24 @@ def _advance_run(
 
 
 def _enforce_limits(
-    problem: ExcitationProblem,
-    names: tuple[str, ...],
-    run: OptimisationRun,
-    options: ExcitationOptions,
+    problem: ExcitationProblem, names: tuple[str, ...], run: OptimisationRun, options: ExcitationOptions
 ) -> tuple[FloatArray, tuple[Margin, ...]]:
     """Return unknowns whose limits hold on the fine grid, and these limits."""
-    stage = _list_search_stages(options)[-1]
+    _, criterion, ipopt = _list_search_stages(options)[-1]
     tightening = np.zeros(len(problem.state_limits.entries))
     for _ in range(_REPAIRS):
-        margins = compute_margins(problem, names, run.unknowns)
+        margins, peaks = compute_margins(problem, names, run.unknowns)
         if all(margin.kept for margin in margins):
             return run.unknowns, margins
-        beyond = compute_overshoot(problem, run.unknowns)
-        tightening += 1.2 * np.maximum(beyond, 0.0)
-        run = _advance_run(problem, run, stage, tightening)
+        tightening += 1.2 * np.maximum(peaks - 1.0, 0.0)
+        run = _advance_run(problem, run, criterion, ipopt, tightening)
     broken = ", ".join(f"{margin.kind} of {margin.name}" for margin in margins if not margin.kept)
     text = f"limits hold at the grid points but not between them ({broken}); use fewer harmonics"
     raise SolverError(Notice(code="excitation.between", text=text))
 
 
 def _describe_rank(problem: ExcitationProblem, unknowns: FloatArray) -> Notice:
-    gram = problem.compute_gram(unknowns)
-    lengths = np.sqrt(np.maximum(np.diag(gram), np.finfo(np.float64).tiny))
-    vector = np.abs(np.linalg.eigh(gram / np.outer(lengths, lengths))[1][:, 0])
+    vector = np.abs(np.linalg.eigh(scale_gram(problem.compute_gram(unknowns))[0])[1][:, 0])
     largest = np.argsort(-vector, kind="stable")[:4]
     which = [problem.observation.names[place] for place in largest if vector[place] > 0.1]
     text = (

@@ -13,7 +13,6 @@ grid points, the second finds limits that can never be reached. The search uses 
 with a slope.
 
 Supported: what `limits` supports. Not supported: second derivatives; what a controller adds to the motion.
-
 """
 
 import math
@@ -22,13 +21,13 @@ from dataclasses import dataclass, field
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.errors import Notice, UsageError
 from symid.excitation.limits import (
     LimitOptions,
     MotionLimits,
-    StateLimitOptions,
     StateLimits,
     StateValues,
     build_state_limits,
@@ -38,7 +37,6 @@ from symid.excitation.limits import (
 from symid.excitation.observation import (
     Criterion,
     Observation,
-    build_columns,
     compute_condition,
     compute_criterion,
     compute_information,
@@ -55,9 +53,6 @@ _FIGURE_SAMPLES = 400
 _FINE, _COARSE = 20, 8
 """Grid points per harmonic: limits of motion lose 1.2 and 7.6 % between them."""
 
-Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
-"""Which v are constrained: (points, v)."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProblemOptions:
@@ -65,7 +60,6 @@ class ProblemOptions:
 
     series: SeriesOptions = field(default_factory=SeriesOptions)
     limits: LimitOptions = field(default_factory=LimitOptions)
-    loads: StateLimitOptions = field(default_factory=StateLimitOptions)
     deviations: tuple[float, ...] | None = None
 
 
@@ -115,7 +109,6 @@ class ExcitationProblem:
         self._check_basis = build_grid_basis(space, checks, 3)
         self._values = StateValues(state_limits, checks, space.size)
         self.rows, self.constants = build_limit_rows(space, limits, density)
-        self._both = np.array([entry.both for entry in state_limits.entries], dtype=bool)
 
     @property
     def size(self) -> int:
@@ -129,7 +122,7 @@ class ExcitationProblem:
     def build_stated(self, robot: Robot) -> "ExcitationProblem":
         """Return the problem for the stated figures: many samples, friction as in the robot file."""
         samples = _FIGURE_SAMPLES * self.space.harmonics
-        observation = Observation(build_columns(robot), samples, self.observation.weights)
+        observation = Observation(robot, samples, self.observation.weights)
         return ExcitationProblem(self.space, self.limits, observation, self.state_limits, _COARSE)
 
     def compute_gram(self, unknowns: FloatArray) -> FloatArray:
@@ -161,13 +154,19 @@ class ExcitationProblem:
         """Return at how many points of the period v is limited."""
         return self._values.samples
 
-    def build_constraints(self, tightening: FloatArray, watched: Mask) -> Constraints:
-        """Return the linear constraints, then those of v that are watched, tightened by `tightening` (v,)."""
+    def build_constraints(self, tightening: FloatArray, watched: NDArray[np.bool_]) -> Constraints:
+        """Return the linear constraints, then those of v that are watched, (points, v).
+
+        The latter are tightened by `tightening` (v,).
+        """
         point, kind = np.nonzero(watched)
 
         def compute_values(unknowns: FloatArray) -> FloatArray:
             linear: FloatArray = self.rows @ unknowns + self.constants
-            return np.append(linear, self.compute_state_values(unknowns)[watched]) if len(kind) else linear
+            if not len(kind):
+                return linear
+            values = self._values.compute_values(self._compute_states(unknowns, self._check_basis))
+            return np.append(linear, values[watched])
 
         def compute_jacobian(unknowns: FloatArray) -> FloatArray:
             if not len(kind):
@@ -182,18 +181,13 @@ class ExcitationProblem:
             value=compute_values,
             jacobian=compute_jacobian,
             pattern=np.concatenate([self.rows != 0.0, np.ones((len(kind), self.size), dtype=bool)]),
-            lower=np.concatenate([-linear, np.where(self._both[kind], -upper, -np.inf)]),
+            lower=np.concatenate([-linear, np.where(self._values.both[kind], -upper, -np.inf)]),
             upper=np.concatenate([linear, upper]),
         )
 
-    def compute_state_values(self, unknowns: FloatArray) -> FloatArray:
-        """Return v (points, v) of torque, torsion and space."""
-        return self._values.compute_values(self._compute_states(unknowns, self._check_basis))
-
     def compute_state_use(self, unknowns: FloatArray) -> FloatArray:
-        """Return v (points, v), its size where both signs are limited; one is the limit."""
-        values = self.compute_state_values(unknowns)
-        return np.where(self._both, np.abs(values), values)
+        """Return v (points, v) of torque, torsion and space, as `StateValues.compute_use` does."""
+        return self._values.compute_use(self._compute_states(unknowns, self._check_basis))
 
     def compute_state_excess(self, unknowns: FloatArray) -> FloatArray:
         """Return by how much each v (v,) exceeds its limit at the worst point; negative within."""
@@ -223,10 +217,8 @@ def build_problem(robot: Robot, options: ProblemOptions | None = None) -> Excita
             raise UsageError(Notice(code="usage.excitation", text=text))
     scales = compute_coefficient_scales(limits, series.harmonics, series.period)
     space = build_series_space(series, limits.centre, scales)
-    observation = Observation(
-        build_columns(smooth_friction(robot)), _GRAM_SAMPLES * series.harmonics, weights
-    )
-    return ExcitationProblem(space, limits, observation, build_state_limits(robot, limits, options.loads))
+    observation = Observation(smooth_friction(robot), _GRAM_SAMPLES * series.harmonics, weights)
+    return ExcitationProblem(space, limits, observation, build_state_limits(robot, limits, options.limits))
 
 
 _POINTS = 400
@@ -273,9 +265,11 @@ class Margin:
 
 def compute_margins(
     problem: ExcitationProblem, names: tuple[str, ...], unknowns: FloatArray
-) -> tuple[Margin, ...]:
-    """Return all limits, joints in the order of `names`, at unknowns (n r,)."""
-    limits, states = problem.limits, _compute_fine_states(problem, unknowns)
+) -> tuple[tuple[Margin, ...], FloatArray]:
+    """Return all limits, joints in the order of `names`, at unknowns (n r,), and the largest v (v,)."""
+    limits, space, entries = problem.limits, problem.space, problem.state_limits.entries
+    basis = build_grid_basis(space, _POINTS * space.harmonics, 4)
+    states = space.compute_states(unknowns.reshape(space.shape), basis)
     gaps = np.abs(states - np.array([limits.centre, *np.zeros((3, len(names)))])[:, None, :])
     margins = [
         Margin(kind=kind, name=name, value=float(peak), limit=float(bound), allowed=limits.share)
@@ -283,33 +277,13 @@ def compute_margins(
         for name, peak, bound in zip(names, row, bounds, strict=True)
         if math.isfinite(bound)
     ]
-    peaks = _compute_peaks(problem, states).tolist()
-    for entry, peak in zip(problem.state_limits.entries, peaks, strict=True):
+    values = StateValues(problem.state_limits, states.shape[1], space.size)
+    peaks: FloatArray = values.compute_use(states[:3]).max(axis=0)
+    for entry, peak in zip(entries, peaks.tolist(), strict=True):
         if entry.both:
             full, value, share = entry.limit / limits.share, peak * entry.limit, limits.share
             margins.append(Margin(kind=entry.kind, name=entry.name, value=value, limit=full, allowed=share))
         else:
             left = _CLEARANCES[entry.kind](peak, entry.limit)
             margins.append(Margin(kind=SPACE, name=entry.name, value=left, limit=0.0, allowed=1.0))
-    return tuple(margins)
-
-
-def compute_overshoot(problem: ExcitationProblem, unknowns: FloatArray) -> FloatArray:
-    """Return by how much each v (v,) of torque, torsion and space exceeds one; negative within."""
-    overshoot: FloatArray = _compute_peaks(problem, _compute_fine_states(problem, unknowns)) - 1.0
-    return overshoot
-
-
-def _compute_fine_states(problem: ExcitationProblem, unknowns: FloatArray) -> FloatArray:
-    space = problem.space
-    basis = build_grid_basis(space, _POINTS * space.harmonics, 4)
-    return space.compute_states(unknowns.reshape(space.shape), basis)
-
-
-def _compute_peaks(problem: ExcitationProblem, states: FloatArray) -> FloatArray:
-    """Return the largest v (v,) over the states (4, N, n)."""
-    limits = problem.state_limits
-    values = StateValues(limits, states.shape[1], problem.space.size).compute_values(states[:3])
-    both = np.array([entry.both for entry in limits.entries], dtype=bool)
-    peaks: FloatArray = np.where(both, np.abs(values), values).max(axis=0)
-    return peaks
+    return tuple(margins), peaks

@@ -202,9 +202,8 @@ def read_trajectory(path: Path, robot: Robot) -> SampledMotion:
             problems.append(f"the time does not increase after sample {int(np.argmin(ahead)) + 1}")
     position, velocity, acceleration = (found[name] for name in _QUANTITIES)
     if time is None or position is None or problems:
-        raise LogError(
-            *(Notice(code="excitation.trajectory", text=text, file=str(path)) for text in problems)
-        )
+        notices = (Notice(code="excitation.trajectory", text=text, file=str(path)) for text in problems)
+        raise LogError(*notices)
     start = time - time[0]
     if velocity is None or acceleration is None:
         from scipy.interpolate import make_interp_spline
@@ -258,15 +257,10 @@ def build_motion(
     joint: int = 1,
     scale: float = 1.0,
 ) -> ReferenceMotion:
-    """Return the trajectory of a name, or that of a file or of samples, up to `duration` s.
+    """Return the trajectory of a name, or that of a file or of samples, up to `duration` s, None for its own.
 
-    Args:
-        robot: number of joints, limits.
-        given: one of `TRAJECTORY_NAMES`, the path of a file, or a motion.
-        rng: of the random series.
-        duration: s; None for that of the trajectory.
-        joint: that "tb" moves, counted from one.
-        scale: of the amplitudes.
+    `given` is one of `TRAJECTORY_NAMES`, the path of a file, or a motion; `rng` that of the random series,
+    `joint` that which "tb" moves, counted from one, `scale` that of the amplitudes.
 
     Raises:
         UsageError: there is no such trajectory, it is for another number of joints, or shorter than a

@@ -11,7 +11,6 @@ Harmonics, period, demands on the start -> SeriesSpace, whose unknowns z are fre
 
 Supported: random series within limits, the trajectories of the papers (Zhang et al. 2023).
 Not supported: harmonics that differ from joint to joint; point-to-point motions.
-
 """
 
 import math
@@ -24,9 +23,6 @@ from symid.errors import Notice, UsageError
 from symid.excitation.limits import LimitOptions, get_motion_limits
 from symid.robot import Robot
 
-_TA_DURATION = 20.0
-_TB_DURATION = 50.0
-_TC_DURATION = 20.0
 _LIMIT_SHARE = 0.9
 """Share of a limit that a random trajectory uses."""
 
@@ -83,13 +79,7 @@ class Trajectory(FrozenArrays):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FourierOptions:
-    """How a random trajectory is made.
-
-    Args:
-        harmonics: of each joint.
-        base_frequency: Hz.
-        duration, ramp: s.
-    """
+    """How a random trajectory is made: harmonics of each joint, base frequency in Hz, times in s."""
 
     harmonics: int = 5
     base_frequency: float = 0.1
@@ -160,7 +150,7 @@ def build_random_fourier(
     )
 
 
-def build_ta(*, ramp: float = 2.0, duration: float = _TA_DURATION) -> Trajectory:
+def build_ta(*, ramp: float = 2.0, duration: float = 20.0) -> Trajectory:
     """Return the exciting trajectory of two joints together, exact after the ramp.
 
     q_1 = pi/60 (sin 2 pi t + sin(pi t + pi/6) + sin(0.4 pi t + pi/4)),
@@ -179,7 +169,7 @@ def build_ta(*, ramp: float = 2.0, duration: float = _TA_DURATION) -> Trajectory
     )
 
 
-def build_tb(joint: int, *, size: int = 2, ramp: float = 2.0, duration: float = _TB_DURATION) -> Trajectory:
+def build_tb(joint: int, *, size: int = 2, ramp: float = 2.0, duration: float = 50.0) -> Trajectory:
     """Return the decaying trajectory that moves one joint at a time, exact after the ramp.
 
     q_j = pi/2 (1 - 0.02 t) sin(0.2 pi t - 1.5 pi) at `joint` (from 0, else a UsageError), zero at the others.
@@ -201,7 +191,7 @@ def build_tb(joint: int, *, size: int = 2, ramp: float = 2.0, duration: float = 
     )
 
 
-def build_tc(*, size: int = 2, ramp: float = 2.0, duration: float = _TC_DURATION) -> Trajectory:
+def build_tc(*, size: int = 2, ramp: float = 2.0, duration: float = 20.0) -> Trajectory:
     """Return the trajectory for the validation of models, exact after the ramp.
 
     q_j = 0.4 sum_k a_k sin(2 pi f_k t + k + j - 1) rad: f = 0.15, 0.45, 0.9 Hz, a = 1, 1/2, 1/4, k = 0, 1, 2.
@@ -302,8 +292,7 @@ class SeriesSpace(FrozenArrays):
         """Return the unknowns (n, r) whose series is nearest to coefficients (n, 2h + 1), rad or m."""
         gaps = coefficients - self.offset
         found = [np.linalg.lstsq(part, gap, rcond=None)[0] for part, gap in zip(self.maps, gaps, strict=True)]
-        unknowns: FloatArray = np.array(found, dtype=np.float64)
-        return unknowns
+        return np.array(found, dtype=np.float64)
 
     def build_trajectory(self, unknowns: FloatArray, source: str) -> Trajectory:
         """Return the series of unknowns (n, r) as a trajectory."""
@@ -374,8 +363,5 @@ def build_series_space(options: SeriesOptions, centre: FloatArray, scales: Float
             offset += scale * np.linalg.lstsq(rows, wanted - demands @ offset, rcond=None)[0]
         offsets.append(offset)
     return SeriesSpace(
-        maps=np.array(maps),
-        offset=np.array(offsets),
-        harmonics=options.harmonics,
-        period=options.period,
+        maps=np.array(maps), offset=np.array(offsets), harmonics=options.harmonics, period=options.period
     )

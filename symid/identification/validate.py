@@ -18,9 +18,9 @@ from symid.errors import LogError, Notice, UsageError
 from symid.excitation import Trajectory, build_trajectory
 from symid.identification.diagnostics import (
     BandResidual,
+    build_warning,
     compute_band_residual,
     predict_torques,
-    warn_of_fitted_log,
 )
 from symid.identification.elastic import (
     ElasticEstimate,
@@ -277,7 +277,9 @@ def _validate_elastic(
     (moved,), alignment, aligned = prepare_aligned(library, (recording,))
     context.progress(f"validating on {recording.source}")
     trial = evaluate_elastic(estimate, library, moved, cutoff=get_stated_cutoff(described, pairs))
-    warnings = [warn_of_fitted_log(trial.source)] if trial.fitted else []
+    warnings = (
+        [build_warning("validate.fitted-log", file=trial.source, what="estimate")] if trial.fitted else []
+    )
     reached = {joint.joint: float(abs(joint.torsion).max()) for joint in trial.joints}
     beyond = [
         f"{entry.joint} {reached[entry.joint]:.3g} against {entry.torsion:.3g} {entry.position_unit}"

@@ -40,11 +40,7 @@ class BoucWen:
     lean: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check that the spring is passive.
-
-        Raises:
-            RobotError: parameters outside the class that `Supported` names.
-        """
+        """Refuse, by a RobotError, parameters outside the class that `Supported` names: not passive."""
         allowed = (
             (self.stiffness > 0, "the stiffness must be positive"),
             (0 <= self.ratio <= 1, "the ratio must lie between 0 and 1"),
@@ -58,12 +54,9 @@ class BoucWen:
 
 
 def compute_bouc_wen_torque(model: BoucWen, phi: FloatArray, state: float = 0.0) -> FloatArray:
-    """Return the torque (N,) of a spring along its torsion, straight between samples.
+    """Return the torque (N,) along the torsion phi (N,), rad or m, straight between samples.
 
-    Args:
-        model: the spring.
-        phi: (N,) torsion, rad or m.
-        state: z at the first sample, rad or m.
+    `state` is z at the first sample, rad or m.
     """
     phi = np.asarray(phi, dtype=np.float64)
     states = np.empty(phi.shape)

@@ -61,14 +61,9 @@ class DynamicLaw:
 def compute_bristle_rate(
     algebra: Carrier[V], law: DynamicLaw, velocity: V, state: V, values: Sequence[V]
 ) -> V:
-    """Return dz/dt = v - sigma0 |v| / g(v) z, rad/s or m/s.
+    """Return dz/dt = v - sigma0 |v| / g(v) z, rad/s or m/s, at v in rad/s or m/s and z in rad or m.
 
-    Args:
-        algebra: the carrier.
-        law: the model.
-        velocity: v, rad/s or m/s.
-        state: z, rad or m.
-        values: parameters in the order of the law.
+    `values` are the parameters in the order of the law.
     """
     bent = algebra.mul(values[0], state)
     share = algebra.div(bent, law.level(algebra, velocity, values))
@@ -136,11 +131,7 @@ def is_passive(law: DynamicLaw, values: Sequence[float]) -> bool | None:
 
 
 def check_dynamic_values(law: DynamicLaw, values: Sequence[float]) -> None:
-    """Check parameter values.
-
-    Raises:
-        UsageError: their number is wrong, or some are not finite or out of bounds.
-    """
+    """Refuse, by a UsageError, a wrong number of values, and those not finite or out of bounds."""
     if len(values) != len(law.parameters):
         text = (
             f"friction {law.name!r} takes {len(law.names)} values ({', '.join(law.names)}), got {len(values)}"
@@ -162,11 +153,7 @@ def check_dynamic_values(law: DynamicLaw, values: Sequence[float]) -> None:
 
 
 def get_dynamic_law(name: str) -> DynamicLaw:
-    """Return the model `name`.
-
-    Raises:
-        UsageError: there is no such law; the message lists all and the nearest.
-    """
+    """Return the model `name`, or raise a UsageError that lists all models and the nearest."""
     if name in DYNAMIC_LAWS:
         return DYNAMIC_LAWS[name]
     near = difflib.get_close_matches(name, DYNAMIC_LAWS, n=1)
@@ -246,11 +233,7 @@ class FrictionPath:
     start: FloatArray
 
     def __post_init__(self) -> None:
-        """Copy the arrays and check them.
-
-        Raises:
-            UsageError: their lengths differ, or numbers are not finite, or a period is negative.
-        """
+        """Copy the arrays; a UsageError for unlike lengths, numbers not finite, or a negative period."""
         freeze_fields(self)
         arrays = (self.held, self.velocity, self.period, self.start)
         alike = self.held.ndim == 1 and all(array.shape == self.held.shape for array in arrays)
@@ -277,23 +260,21 @@ def build_held_path(velocity: FloatArray, period: float) -> FrictionPath:
     return FrictionPath(held=velocity, velocity=velocity, period=np.full(velocity.shape, period), start=start)
 
 
-def _compute_states(decay: Numbers, rest: Numbers, start: FloatArray, state: float) -> Numbers:
-    """Return z (N,) of the linear recursion, from `state` at the first sample and zero at later starts."""
-    result: list[complex] = []
-    for factor, goal, begins in zip(decay.tolist(), rest.tolist(), start.tolist(), strict=True):
-        before = 0.0 if begins and result else (result[-1] if result else state)
-        result.append(goal + factor * (before - goal))
-    return np.array(result, dtype=decay.dtype)
-
-
 def _compute_run(law: DynamicLaw, values: Sequence[Numbers], path: FrictionPath, state: float) -> Numbers:
     # Zero to a complex power is not defined in every NumPy.
     algebra: OperatorCarrier[Numbers] = replace(
         build_numpy_carrier(), power=lambda base, exponent: np.power(base + 1e-300 * (base == 0), exponent)
     )
     decay, rest = compute_step_parts(algebra, law, path.held, path.period, values)
+    # z of the linear recursion, from `state` at the first sample and from zero at later starts.
     shape = np.broadcast(path.held, decay).shape
-    states = _compute_states(np.broadcast_to(decay, shape), np.broadcast_to(rest, shape), path.start, state)
+    steps = (np.broadcast_to(part, shape).tolist() for part in (decay, rest, path.start))
+    found: list[complex] = []
+    for factor, goal, begins in zip(*steps, strict=True):
+        before = found[-1] if found else state
+        before = 0.0 if begins and found else before
+        found.append(goal + factor * (before - goal))
+    states = np.array(found, dtype=np.result_type(decay, rest))
     return compute_dynamic_torque(algebra, law, path.velocity, states, values), states
 
 
@@ -302,8 +283,7 @@ def simulate_dynamic_friction(
 ) -> DynamicRun:
     """Return the friction along a path, from deflection `state` rad or m; later runs begin straight.
 
-    Raises:
-        UsageError: values out of bounds.
+    A UsageError for values out of bounds.
     """
     check_dynamic_values(law, values)
     torque, states = _compute_run(law, [np.float64(value) for value in values], path, state)

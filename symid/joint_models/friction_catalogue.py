@@ -476,8 +476,7 @@ def _describe_mistake(match: re.Match[str]) -> str:
 def get_law(name: str, *, smoothing: float = 0.0) -> FrictionLaw:
     """Return the law of a name; `smoothing` in rad/s or m/s replaces its sign by tanh(v / smoothing).
 
-    Raises:
-        UsageError: there is no such law, or its exponent, gear or orders are out of range.
+    A UsageError where there is no such law, or its exponent, gear or orders are out of range.
     """
     law, reason = _match_law(name.lower())
     if law is None:

@@ -34,11 +34,8 @@ def compute_stribeck_derivatives(
 
     dg/dvs = 2 v^2 / vs^3 g, d2g/dvs2 = (4 v^4 / vs^6 - 6 v^2 / vs^4) g.
 
-    Args:
-        carrier: of the numbers.
-        velocity: of the motor, rad/s or m/s.
-        speed: vs > 0, rad/s or m/s.
-        smoothing: v0 of tanh(v / v0) in place of the sign, rad/s or m/s; 0 for the sign.
+    `velocity` is that of the motor, `speed` vs > 0, `smoothing` v0 of tanh(v / v0) in place of the sign, 0
+    for the sign; rad/s or m/s each.
     """
     signed = smooth(carrier, smoothing) if smoothing > 0.0 else carrier
     shape = carrier.mul(_compute_gaussian_decay(carrier, velocity, speed), signed.sign(velocity))

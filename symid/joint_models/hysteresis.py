@@ -174,13 +174,8 @@ def convert_to_normal_form(elasticity: Elasticity, outer_slope: float) -> Elasti
 
     (k, s, R) with outer slope a at zero is (a k, s / a, a R) with slope one.
 
-    Args:
-        elasticity: stiffnesses and knees that belong to an outer function of slope `outer_slope` at
-            zero: tau = outer_slope v + sum_j s_j S_j(v).
-        outer_slope: positive.
-
-    Raises:
-        RobotError: the slope is not positive, or the result is no elasticity.
+    Stiffnesses and knees of `elasticity` belong to tau = outer_slope v + sum_j s_j S_j(v). A RobotError for a
+    slope that is not positive, or where the result is no elasticity.
     """
     if not outer_slope > 0:
         text = f"slope {outer_slope:g} of the outer function at zero: it must be positive"
@@ -204,8 +199,7 @@ def convert_to_normal_form(elasticity: Elasticity, outer_slope: float) -> Elasti
 def convert_maxwell_elements(elements: Sequence[MaxwellElement]) -> tuple[Stop, ...]:
     """Return the stops that are these elements, thresholds increasing; equal thresholds are one stop.
 
-    Raises:
-        RobotError: a stiffness or force is not positive.
+    A RobotError for a stiffness or force that is not positive.
     """
     stiffness: dict[float, float] = {}
     for element in elements:

@@ -11,8 +11,8 @@ virgin spring, all zero. Samples may be any distance apart, as long as the input
 
 The work is the change of U, plus D (Brokate and Sprekels, Hysteresis and Phase Transitions, 1996).
 
-Not supported: unknown stiffnesses; sums that do not rise; the inverse of a cubic spring, and its work and
-energy with knees; the closed-form loss of a cycle with knees.
+Not supported (RobotError): unknown stiffnesses; plays whose sum does not rise; the inverse of a cubic spring,
+and its work and energy with knees. The closed-form loss of a cycle leaves knees out.
 """
 
 import math
@@ -41,11 +41,7 @@ _ROUNDING = 1e-9
 
 
 def read_spring_terms(elasticity: Elasticity) -> SpringTerms[float]:
-    """Return the numbers of an elasticity for the float carrier.
-
-    Raises:
-        RobotError: a stiffness is not known.
-    """
+    """Return the numbers of an elasticity for the float carrier."""
     if elasticity.initial_stiffness is None or elasticity.stiffness is None:
         text = "a stiffness of the spring is unknown; state it in the robot file, or identify it"
         raise RobotError(Notice(code="robot.unknown-stiffness", text=text))
@@ -88,12 +84,7 @@ def _compute_outer_integral(terms: SpringTerms[float], value: FloatArray) -> Flo
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlayModel(Plays[float]):
-    """A sum of plays.
-
-    Args:
-        weights: w_0 .. w_m.
-        thresholds: r_1 .. r_m, positive and increasing, in the unit of the input.
-    """
+    """A sum of plays: w_0 .. w_m, and r_1 .. r_m, positive and increasing, in the unit of the input."""
 
     thresholds: tuple[float, ...] = ()
 
@@ -115,11 +106,7 @@ class PlayModel(Plays[float]):
 
 
 def build_play_model(elasticity: Elasticity) -> PlayModel:
-    """Return the plays of an elasticity, knees and cubic part left out: w_0 = k0 + sum k_i, w_i = -k_i.
-
-    Raises:
-        RobotError: a stiffness is not known, or the sum does not rise.
-    """
+    """Return the plays of an elasticity, knees and cubic part left out: w_0 = k0 + sum k_i, w_i = -k_i."""
     terms = read_spring_terms(elasticity)
     first = terms.stiffness + sum(weight for _, weight in terms.stops)
     return PlayModel(
@@ -171,10 +158,8 @@ def compute_plays(values: FloatArray, thresholds: FloatArray, memory: FloatArray
     A step P -> max(a, min(b, P)) is a clamp, and clamps in a row are a clamp: blocks of samples become one
     each, the blocks are run through in order, then all blocks are filled at once.
 
-    Args:
-        values: (N,) input.
-        thresholds: (m,) of the plays, not negative, in the unit of the input.
-        memory: (m,) plays before the first sample; None for zeros.
+    `thresholds` (m,) are not negative, in the unit of the input; `memory` (m,) has the plays before the first
+    sample, None for zeros.
     """
     values = np.asarray(values, dtype=np.float64)
     radii = np.asarray(thresholds, dtype=np.float64)
@@ -227,14 +212,8 @@ def compute_hysteresis_torque(
 ) -> FloatArray:
     """Return the torque (N,) of an elastic joint along its torsion.
 
-    Args:
-        elasticity: the joint.
-        phi: (N,) torsion theta - q, rad or m.
-        dphi: (N,) its rate; None leaves the damping out.
-        memory: (m,) plays before the first sample, rad or m; None for zeros.
-
-    Raises:
-        RobotError: a stiffness is not known.
+    `phi` (N,) is the torsion theta - q, rad or m, `dphi` (N,) its rate; None leaves the damping out.
+    `memory` (m,): plays before the first sample, rad or m; None for zeros.
     """
     terms, radii, weights = _read_spring(elasticity)
     phi = np.asarray(phi, dtype=np.float64)
@@ -248,16 +227,10 @@ def compute_hysteresis_torque(
 def invert_hysteresis(
     elasticity: Elasticity, torque: FloatArray, memory: FloatArray | None = None
 ) -> FloatArray:
-    """Return the torsion (N,) at which an elastic joint has the given torque, damping left out.
+    """Return the torsion (N,) at which an elastic joint has the torque (N,), N m or N, damping left out.
 
-    Args:
-        elasticity: the joint.
-        torque: (N,) N m or N.
-        memory: (m,) plays of the torsion before the first sample, as for `compute_hysteresis_torque`.
-
-    Raises:
-        RobotError: the spring is cubic, or does not rise; a stiffness is not known; no history of the torsion
-            leaves such a memory.
+    `memory` has the plays of the torsion, as for `compute_hysteresis_torque`; a RobotError where no history
+    of the torsion leaves such a one.
     """
     _refuse_cubic(elasticity)
     inverse, image = invert_play_model(build_play_model(elasticity), memory)
@@ -288,9 +261,6 @@ def compute_inverse_plays(
     """Return P'_i (N, m + 1), r'_i and w'_i (m + 1,) of phi = sum_i w'_i P'_i[v]; P'_0 = v, r'_0 = 0.
 
     P'_i = W_i P_i - sum_{j > i} k_j P_j with W_i = k0 + sum_{j > i} k_j.
-
-    Raises:
-        RobotError: the spring is cubic, or does not rise; a stiffness is not known.
     """
     _refuse_cubic(elasticity)
     inverse, _ = invert_play_model(build_play_model(elasticity))
@@ -321,11 +291,7 @@ def _diff(values: FloatArray) -> FloatArray:
 def compute_spring_work(
     elasticity: Elasticity, phi: FloatArray, memory: FloatArray | None = None
 ) -> FloatArray:
-    """Return the work (N,) in J done on the spring since the first sample, damping left out.
-
-    Raises:
-        RobotError: the spring has a cubic part and knees; a stiffness is not known.
-    """
+    """Return the work (N,) in J done on the spring since the first sample, damping left out."""
     phi = np.asarray(phi, dtype=np.float64)
     terms, radii, weights = _read_spring(elasticity)
     if not elasticity.knees:
@@ -348,9 +314,6 @@ def compute_stored_energy(
     """Return the energy U (N,) in J that the spring holds along its torsion (N,).
 
     Without knees U = k0 phi^2 / 2 + k3 phi^4 / 4 + sum_i k_i E_i^2 / 2.
-
-    Raises:
-        RobotError: the spring has a cubic part and knees; a stiffness is not known.
     """
     phi = np.asarray(phi, dtype=np.float64)
     terms, radii, weights = _read_spring(elasticity)
@@ -372,9 +335,6 @@ def compute_dissipation(
     """Return the energy D (N,) in J lost since the first sample, damping left out; it never decreases.
 
     Without knees D = sum_i k_i r_i int |dP_i|.
-
-    Raises:
-        RobotError: the spring has a cubic part and knees; a stiffness is not known.
     """
     phi = np.asarray(phi, dtype=np.float64)
     terms, radii, weights = _read_spring(elasticity)
@@ -386,37 +346,28 @@ def compute_dissipation(
     return np.cumsum(steps @ weights)
 
 
-def _compute_first_torque(terms: SpringTerms[float], phi: FloatArray) -> FloatArray:
+def _compute_first_torque(elasticity: Elasticity, phi: FloatArray) -> FloatArray:
     """Return v(A) = k0 A + sum_i k_i min(r_i, A), odd in A, without the cubic part."""
-    pairs = np.array(terms.stops, dtype=np.float64).reshape(-1, 2)
-    clipped = np.clip(phi[..., None], -pairs[:, 0], pairs[:, 0])
-    return np.asarray(terms.stiffness * phi + clipped @ pairs[:, 1], dtype=np.float64)
+    terms, radii, weights = _read_spring(elasticity)
+    clipped = np.clip(phi[..., None], -radii, radii)
+    return np.asarray(terms.stiffness * phi + clipped @ weights, dtype=np.float64)
 
 
 def compute_first_curve(elasticity: Elasticity, phi: FloatArray) -> FloatArray:
-    """Return the torque of a virgin spring that is turned to `phi` without reversal.
-
-    Raises:
-        RobotError: a stiffness is not known.
-    """
+    """Return the torque of a virgin spring that is turned to `phi` without reversal."""
     phi, terms = np.asarray(phi, dtype=np.float64), read_spring_terms(elasticity)
-    return compute_outer_torque(terms, _compute_first_torque(terms, phi) + elasticity.cubic * phi**3)
+    return compute_outer_torque(terms, _compute_first_torque(elasticity, phi) + elasticity.cubic * phi**3)
 
 
 def compute_branch(elasticity: Elasticity, reversal: float, phi: FloatArray) -> FloatArray:
     """Return the torque on the way back from the first reversal: v = v(A) - 2 v((A - phi) / 2)   (Masing).
 
-    Args:
-        elasticity: the joint.
-        reversal: torsion A at which the way of a virgin spring was reversed, rad or m; either sign.
-        phi: torsions between A and -A, of any shape.
-
-    Raises:
-        RobotError: a stiffness is not known.
+    `reversal` is the torsion A at which the way of a virgin spring was reversed, rad or m, of either sign;
+    `phi` are torsions between A and -A, of any shape.
     """
     phi, terms = np.asarray(phi, dtype=np.float64), read_spring_terms(elasticity)
-    start = _compute_first_torque(terms, np.asarray(reversal, dtype=np.float64))
-    inner = start - 2.0 * _compute_first_torque(terms, 0.5 * (reversal - phi))
+    start = _compute_first_torque(elasticity, np.asarray(reversal, dtype=np.float64))
+    inner = start - 2.0 * _compute_first_torque(elasticity, 0.5 * (reversal - phi))
     return compute_outer_torque(terms, inner + elasticity.cubic * phi**3)
 
 

@@ -43,7 +43,6 @@ from symid.notation import INERTIAL
 from symid.robot import JointKind, Robot
 
 _WRITTEN_OUT = 3
-_AXES = ("x", "y", "z")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,7 +122,7 @@ def _describe_velocities(motions: Sequence[LinkMotion[PolyElement]]) -> Step:
     formulas: list[Formula] = []
     for number, motion in enumerate(motions, start=1):
         for letter, vector in (("w", motion.angular), ("v", motion.linear)):
-            entries = zip(_AXES, vector, strict=True)
+            entries = zip("xyz", vector, strict=True)
             formulas += [_build_formula(f"{letter}{number}{axis}", entry) for axis, entry in entries if entry]
     return Step(
         title="Velocities",
@@ -139,38 +138,34 @@ def _describe_energy(energy: ExactEnergy, base: BaseParameters) -> Step:
         for letter, part in (("T", energy.kinetic), ("V", energy.potential)):
             if part[parameter.label]:
                 formulas.append(_build_formula(f"d{letter}/d{parameter.name}", part[parameter.label]))
+    # The grouping is checked, h pi = h_b K pi, coefficient by coefficient.
+    rest = dict(energy.kinetic), dict(energy.potential)
+    for parameter in base.parameters:
+        for label, coefficient in parameter.terms:
+            if label not in rest[0]:
+                continue
+            factor = energy.algebra.ring.from_expr(coefficient)
+            for left, whole in zip(rest, (energy.kinetic, energy.potential), strict=True):
+                left[label] -= energy.algebra.mul(factor, whole[parameter.label])
+    # A potential that no coordinate changes, as of a link that stays up, is no information.
+    basis = build_basis(energy.robot, energy.algebra, build_field(energy.robot))
+    constant = build_power_function(basis)
+    lost = [
+        label
+        for left in rest
+        for label, value in left.items()
+        if any(function != constant for function in split_polynomial(basis, value))
+    ]
+    _require(not lost, f"the grouping loses {lost}")
+    check = "verified exactly: energy per standard parameter = energy per base parameter times the grouping"
     return Step(
         title="Energy",
         sentence="Both energies are linear in the parameters of links, rotors and springs: T = hT beta, "
         "V = hV beta (Gautier and Khalil 1988). These are the entries of the base parameters; those that are "
         "not listed are zero.",
         formulas=tuple(formulas),
-        check=_check_grouping(energy, base),
+        check=check,
     )
-
-
-def _check_grouping(energy: ExactEnergy, base: BaseParameters) -> str:
-    """Check h pi = h_b K pi, coefficient by coefficient, and return the statement."""
-    ring = energy.algebra.ring
-    basis = build_basis(energy.robot, energy.algebra, build_field(energy.robot))
-    rest = dict(energy.kinetic), dict(energy.potential)
-    for parameter in base.parameters:
-        for label, coefficient in parameter.terms:
-            if label not in rest[0]:
-                continue
-            factor = ring.from_expr(coefficient)
-            for part, source in zip(rest, (energy.kinetic, energy.potential), strict=True):
-                part[label] -= energy.algebra.mul(factor, source[parameter.label])
-    # A potential that no coordinate changes, as of a link that stays up, is no information.
-    constant = build_power_function(basis)
-    lost = [
-        label
-        for part in rest
-        for label, value in part.items()
-        if any(function != constant for function in split_polynomial(basis, value))
-    ]
-    _require(not lost, f"the grouping loses {lost}")
-    return "verified exactly: energy per standard parameter = energy per base parameter times the grouping"
 
 
 def _describe_base(robot: Robot, base: BaseParameters) -> Step:

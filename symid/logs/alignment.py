@@ -11,7 +11,6 @@ friction and hysteresis are odd too and need columns. The fit is repeated until 
 Supported: one delay of either sign for all joints and runs; an offset for each joint and run, where no
 constant torsion of the columns looks the same; standard deviations by the jackknife over blocks of time.
 Not supported: delays that change, or differ from joint to joint.
-
 """
 
 from collections.abc import Sequence
@@ -333,10 +332,8 @@ def align(recording: Recording, alignment: Alignment, *, run: int) -> Recording:
     parts = []
     if alignment.late:
         side = "later" if alignment.delay > 0.0 else "earlier"
-        spread = f"standard deviation {1e3 * alignment.delay_std:.2g} ms"
-        parts.append(
-            f"by {1e3 * abs(alignment.delay):.4g} ms ({spread}), as they are {side} than the motor encoders"
-        )
+        size = f"{1e3 * abs(delay):.4g} ms (standard deviation {1e3 * alignment.delay_std:.2g} ms)"
+        parts.append(f"by {size}, as they are {side} than the motor encoders")
     largest = float(np.max(np.abs(np.nan_to_num(alignment.offsets[run], nan=0.0))))
     if largest:
         parts.append(f"by zero offsets of up to {largest:.3g}")

@@ -34,9 +34,8 @@ _RATIO = 0.1
 def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:
     """Return warnings on the recording."""
     found = [(notice.code, notice.text) for notice in describe_timing(recording.time)]
-    for index, (joint, summary) in enumerate(
-        zip(robot.axes, summarise_joints(recording, robot), strict=True)
-    ):
+    summaries = summarise_joints(recording, robot)
+    for index, (joint, summary) in enumerate(zip(robot.axes, summaries, strict=True)):
         found += _check_position(recording.position[:, index], joint)
         found += _check_torque(recording.torque[:, index], summary, joint)
         if summary.low < summary.high and summary.standstill > _STANDSTILL:
@@ -71,11 +70,13 @@ def _check_second(recording: Recording, robot: Robot) -> Iterator[tuple[str, str
 
 
 def _check_velocity(recording: Recording, velocity: FloatArray, robot: Robot) -> Iterator[tuple[str, str]]:
-    """Compare the integral of the logged velocity with the position."""
-    steps = np.diff(recording.time)[:, None] * (velocity[1:] + velocity[:-1]) / 2.0
-    way = np.vstack([np.zeros((1, velocity.shape[1])), np.cumsum(steps, axis=0)])
+    """Compare the integral of the logged velocity, which may have a small bias, with the position."""
+    from scipy.integrate import cumulative_trapezoid
+    from scipy.signal import detrend
+
+    ways = cumulative_trapezoid(velocity, recording.time, axis=0, initial=0.0)
     for index, joint in enumerate(robot.axes):
-        position, integral = _detrend(recording.position[:, index]), _detrend(way[:, index])
+        position, integral = detrend(recording.position[:, index]), detrend(ways[:, index])
         sizes = float(np.linalg.norm(position)), float(np.linalg.norm(integral))
         if not min(sizes) or np.ptp(recording.position[:, index]) < _LEAST_WAY:
             continue
@@ -87,14 +88,6 @@ def _check_velocity(recording: Recording, velocity: FloatArray, robot: Robot) ->
         elif abs(ratio - 1.0) > _RATIO:
             text = f"the velocity of joint {joint.name!r} is {ratio:.4g} times the rate of its position"
             yield "log.velocity-differs", f"{text}: {_explain_ratio(ratio, joint.drive.gear)}"
-
-
-def _detrend(values: FloatArray) -> FloatArray:
-    """Return `values` (N,) without their mean and slope: a velocity may have a small bias."""
-    place = np.linspace(-1.0, 1.0, len(values))
-    left = values - values.mean()
-    flat: FloatArray = left - place * (float(place @ left) / float(place @ place))
-    return flat
 
 
 def _explain_ratio(ratio: float, gear: float) -> str:
@@ -124,9 +117,8 @@ def _check_position(position: FloatArray, joint: Joint) -> Iterator[tuple[str, s
     moving = position[: len(travel)][travel > 0.1 * float(np.median(travel))]
     repeated = float(np.mean(np.diff(moving) == 0.0)) if len(moving) > 1 else 0.0
     if repeated > _REPEATED:
-        text = (
-            f"joint {joint.name!r} moves, but {100 * repeated:.0f} % of its positions repeat the one before"
-        )
+        share = f"{100 * repeated:.0f} % of its positions"
+        text = f"joint {joint.name!r} moves, but {share} repeat the one before"
         yield "log.repeated-samples", f"{text}: the sensor is slower than the log, or coarse"
     limits = joint.limits.position
     unit = "m" if joint.kind is JointKind.PRISMATIC else "rad"

@@ -22,8 +22,9 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.errors import Notice
 from symid.logs.files import RawLog
+from symid.logs.recording import CONTROL_CHANNELS, OPTIONAL_CHANNELS
 from symid.notation import get_unit_factor, suggest_units
-from symid.robot import JOINT_DIMENSIONS, Joint, LogQuantity, Robot, TransmissionMatrix, compute_condition
+from symid.robot import JOINT_DIMENSIONS, LogQuantity, Robot, TransmissionMatrix, compute_condition
 
 
 @final
@@ -67,31 +68,28 @@ def choose_unit(
         for unit in sorted(stated - {mapped.unit}):
             text = f"{join_names(names)}: {unit!r} in the log, {mapped.unit!r} in the robot file"
             there = look_up_unit(unit)
-            if there is None or wanted is None:
+            if there and wanted and (there == wanted or "SI" in (there[0], wanted[0])):
+                continue
+            if there and wanted and there[0] != wanted[0]:
+                text = f"{text}: {there[0]} is not {wanted[0]}; correct the unit in one of them"
+                findings.refuse("log.unit-differs", text)
+            else:
                 findings.remark("log.unit-differs", f"{text}; the robot file was followed")
-            elif there != wanted and "SI" not in (there[0], wanted[0]):
-                if there[0] != wanted[0]:
-                    text = f"{text}: {there[0]} is not {wanted[0]}; correct the unit in one of them"
-                    findings.refuse("log.unit-differs", text)
-                else:
-                    findings.remark("log.unit-differs", f"{text}; the robot file was followed")
         return mapped.unit
     factors = {unit: look_up_unit(unit) for unit in stated}
     if None in factors.values():
         # Reported as unknown, not as different from its neighbours.
         return min(unit for unit, factor in factors.items() if factor is None)
-    silent = tuple(name for name in names if name not in raw.units)
+    silent, listed = [name for name in names if name not in raw.units], ", ".join(sorted(stated))
     if stated and silent:
-        text = (
-            f"no unit is stated for {join_names(silent)}, but {', '.join(sorted(stated))} for its neighbours"
-        )
+        text = f"no unit is stated for {join_names(silent)}, but {listed} for its neighbours"
         findings.refuse("log.mixed-units", f"{text}; state the unit of every column, or of none (SI)")
     plain = all(factor[1] == 1.0 for factor in factors.values() if factor)
     if len(stated) > 1 and standard == "SI" and plain:
         # Revolute and prismatic joints side by side, all in SI units.
         return standard
     if len(stated) > 1:
-        text = f"{join_names(names)} are in different units: {', '.join(sorted(stated))}; use one for all"
+        text = f"{join_names(names)} are in different units: {listed}; use one for all"
         findings.refuse("log.mixed-units", text)
     return min(stated, default=standard)
 
@@ -108,22 +106,17 @@ def _read_unit(unit: str, name: str, findings: Findings) -> tuple[str, float] | 
     return found
 
 
-def compute_scale(
-    name: str,
-    unit: str,
-    mapped: LogQuantity | None,
-    joints: tuple[Joint, ...],
-    findings: Findings,
-    *,
-    coupled: bool = False,
+def _compute_scale(
+    name: str, unit: str, mapped: LogQuantity | None, robot: Robot, findings: Findings
 ) -> FloatArray | None:
-    """Return the factor (n,) of each joint's column, with the gear of a motor side that is not `coupled`."""
+    """Return the factor (n,) of each joint's column, with the gear of a motor side without a matrix."""
     found = _read_unit(unit, name, findings)
     if found is None:
         return None
     dimension, to_si = found
     factor = mapped.factor if mapped else (1.0,)
-    wanted = JOINT_DIMENSIONS[name]
+    wanted, joints = JOINT_DIMENSIONS[name], robot.axes
+    coupled = _get_matrix(robot, mapped) is not None
     for joint in joints:
         if dimension in ("SI", wanted[joint.kind]) or any(value != 1.0 for value in factor):
             continue
@@ -138,37 +131,35 @@ def compute_scale(
     if len(factor) not in (1, len(joints)):
         findings.refuse("log.factor-count", f"{name}: {len(factor)} factors for {len(joints)} joints")
         return None
-    geared = is_motor_side(mapped) and not coupled
+    geared = _is_motor_side(mapped) and not coupled
     gear = np.array([joint.drive.gear for joint in joints]) if geared else np.ones(len(joints))
     turned = gear if name in _TORQUES else 1.0 / gear
     return np.broadcast_to(np.array(factor), (len(joints),)) * to_si * turned
 
 
-def is_motor_side(mapped: LogQuantity | None) -> bool:
+def _is_motor_side(mapped: LogQuantity | None) -> bool:
     """Return whether the robot file states that the quantity is logged at the motor."""
     return mapped is not None and mapped.side == "motor"
 
 
-def _describe_scale(
-    name: str,
-    unit: str,
-    scale: FloatArray,
-    mapped: LogQuantity | None,
-    joints: tuple[Joint, ...],
-    *,
-    matrix: TransmissionMatrix | None,
-) -> str:
+def _get_matrix(robot: Robot, mapped: LogQuantity | None) -> TransmissionMatrix | None:
+    """Return the matrix of a coupled transmission between a quantity's motors and the joints, if any."""
+    return robot.log.transmission if _is_motor_side(mapped) else None
+
+
+def _describe_scale(name: str, unit: str, scale: FloatArray, mapped: LogQuantity | None, robot: Robot) -> str:
     """Return in words what was done to the columns, and where that comes from."""
     text = f"in {unit} was multiplied by {_list_values(scale)}"
-    gears = np.array([joint.drive.gear for joint in joints])
-    constants = np.array([joint.drive.torque_constant or 0.0 for joint in joints])
+    gears = np.array([joint.drive.gear for joint in robot.axes])
+    constants = np.array([joint.drive.torque_constant or 0.0 for joint in robot.axes])
     dimension, to_si = get_unit_factor(unit)
     motor_current = name in _TORQUES and dimension == "current"
+    matrix = _get_matrix(robot, mapped)
     if matrix is not None:
         what = "the transpose" if name in _TORQUES else "the inverse"
         condition = compute_condition(matrix) or np.inf
         text += f" and {what} of the transmission matrix (motor side; condition number {condition:.3g})"
-    elif is_motor_side(mapped):
+    elif _is_motor_side(mapped):
         text += f" (motor side, gear included: {_list_values(gears)})"
     elif motor_current and np.allclose(scale, to_si * gears * constants, 1e-12, 0):
         text += f" (torque constant {_list_values(constants)} N m/A times gear {_list_values(gears)})"
@@ -199,11 +190,6 @@ DEFAULT_NAMES = {
     "feedforward": ("tau_ff", "feedforward"),
 }
 """Names of a quantity's columns where the robot file states none; numbered ones for single joints."""
-
-CONTROL_QUANTITIES = ("reference", "reference_velocity", "feedforward")
-"""Quantities of the controller, which are optional even where the robot file names their columns."""
-OPTIONAL_QUANTITIES = ("velocity", "motor_position", "link_position", *CONTROL_QUANTITIES)
-"""Quantities that are optional unless the robot file names their columns."""
 
 
 def extract_time(raw: RawLog, robot: Robot, findings: Findings) -> tuple[FloatArray | None, tuple[str, ...]]:
@@ -242,12 +228,12 @@ def extract_quantity(
         entries: list[LogQuantity | None] = [getattr(robot.log, other) for other in DEFAULT_NAMES]
         claimed = {column for entry in entries if entry is not None for column in entry.columns}
         free = all(column in raw.columns and column not in claimed for column in names)
-        if name in OPTIONAL_QUANTITIES and not free:
+        if name in OPTIONAL_CHANNELS and not free:
             return None, ()
         if not _check_joint_numbers(raw, robot, name, names, findings):
             return None, names
     lacking = [column for column in names if column not in raw.columns]
-    if name in CONTROL_QUANTITIES and lacking:
+    if name in CONTROL_CHANNELS and lacking:
         text = f"{_describe_missing(raw, lacking[0], name)}; only output error needs it"
         findings.remark("log.no-reference", text)
         return None, ()
@@ -266,15 +252,14 @@ def extract_quantity(
         findings.refuse("log.joint-count", text)
         return None, names
     unit = choose_unit(raw, names, mapped, "SI", findings)
-    matrix = robot.log.transmission if is_motor_side(mapped) else None
-    scale = compute_scale(name, unit, mapped, robot.axes, findings, coupled=matrix is not None)
+    matrix, scale = _get_matrix(robot, mapped), _compute_scale(name, unit, mapped, robot, findings)
     if scale is None:
         return None, names
     offset = np.array(mapped.offset if mapped else (0.0,))
     usual = {"SI", *(JOINT_DIMENSIONS[name][joint.kind] for joint in robot.axes)}
-    moved = is_motor_side(mapped) or bool(np.any(offset)) or get_unit_factor(unit)[0] not in usual
+    moved = _is_motor_side(mapped) or bool(np.any(offset)) or get_unit_factor(unit)[0] not in usual
     if moved or np.any(scale != 1.0):
-        text = _describe_scale(name, unit, scale, mapped, robot.axes, matrix=matrix)
+        text = _describe_scale(name, unit, scale, mapped, robot)
         findings.remark("log.converted", f"{name}: {join_names(names)} {text}")
     values: FloatArray = array * scale
     if matrix is not None:
@@ -308,21 +293,15 @@ def _check_joint_numbers(
 ) -> bool:
     """Return whether numbered columns count the joints from 0 or 1 without a gap, and as positions do."""
     numbers = _list_numbers(names)
-    if not numbers:
-        return True
-    remedy = f"list the columns in [log.{name}], one a joint"
-    if numbers[0] > 1 or numbers != list(range(numbers[0], numbers[0] + len(numbers))):
-        text = f"{name}: {join_names(names)} are not numbered as 1, 2 ... or 0, 1 ...; {remedy}"
-        findings.refuse("log.joint-numbers", text)
-        return False
     first = [] if robot.log.position else _list_numbers(_choose_default_names(raw, "position"))
-    if first and first[0] in (0, 1) and first[0] != numbers[0]:
-        text = (
-            f"{name} is numbered from {numbers[0]} ({join_names(names)}), position from {first[0]}; {remedy}"
-        )
-        findings.refuse("log.joint-numbers", text)
-        return False
-    return True
+    text = ""
+    if numbers and (numbers[0] > 1 or numbers != list(range(numbers[0], numbers[0] + len(numbers)))):
+        text = f"{name}: {join_names(names)} are not numbered as 1, 2 ... or 0, 1 ..."
+    elif numbers and first and first[0] in (0, 1) and first[0] != numbers[0]:
+        text = f"{name} is numbered from {numbers[0]} ({join_names(names)}), position from {first[0]}"
+    if text:
+        findings.refuse("log.joint-numbers", f"{text}; list the columns in [log.{name}], one a joint")
+    return not text
 
 
 def _stack_columns(

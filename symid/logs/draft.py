@@ -57,7 +57,6 @@ QUANTITIES = tuple(entry.name for entry in fields(LogMap) if entry.name not in {
 """Quantities that columns can be named for."""
 
 _PRESETS = ("ur-rtde", "franka", "ros")
-_OWN = {"position": "q", "torque": "tau"}
 
 NamesByQuantity = Mapping[str, str | Sequence[str]]
 """Names of columns, or units, of each quantity: a list, or a text with commas."""
@@ -159,10 +158,10 @@ def _match_preset(raw: RawLog, robot: Robot, findings: Findings) -> LogMap | Non
 
 def _match_symid_columns(raw: RawLog, robot: Robot) -> LogMap | None:
     """Return the columns that symid itself writes, with their units; None where they are not there."""
-    numbers = range(1, robot.freedom + 1)
-    names = {"time": ("t",), **{key: tuple(f"{stem}{k}" for k in numbers) for key, stem in _OWN.items()}}
-    if robot.freedom > 1 and {"q", "tau"} <= set(raw.columns):
-        names = {"time": ("t",), **{key: (stem,) for key, stem in _OWN.items()}}
+    names: dict[str, tuple[str, ...]] = {"time": ("t",), "position": ("q",), "torque": ("tau",)}
+    if robot.freedom == 1 or not {"q", "tau"} <= set(raw.columns):
+        numbers = range(1, robot.freedom + 1)
+        names |= {key: tuple(f"{names[key][0]}{k}" for k in numbers) for key in ("position", "torque")}
     columns = [name for entry in names.values() for name in entry]
     units = [raw.units.get(name, "") for name in columns if name in raw.columns]
     plain = all(unit in UNITS and UNITS[unit][1] == 1.0 and UNITS[unit][0] != "current" for unit in units)
@@ -363,12 +362,18 @@ def draft_robot(order: DraftOrder) -> Draft:
         return _copy(order, locate_robot_file(order.name))
     if order.urdf is not None:
         return _build(order, read_urdf(order.urdf, base=order.base, tip=order.tip))
-    gravity = DEFAULT_GRAVITY if order.gravity is None else _split_gravity(order.gravity)
-    robot = read_dh_table(order.table or Path(), order.convention or "", gravity)
-    if order.gravity is not None:
-        return _build(order, robot)
-    text = "gravity is assumed as 0, 0, -9.81 m/s^2 in the base frame; give --gravity or correct the file"
-    return _build(order, robot, Notice(code="new.gravity", text=text))
+    table, convention = order.table or Path(), order.convention or ""
+    if order.gravity is None:
+        text = "gravity is assumed as 0, 0, -9.81 m/s^2 in the base frame; give --gravity or correct the file"
+        robot = read_dh_table(table, convention, DEFAULT_GRAVITY)
+        return _build(order, robot, Notice(code="new.gravity", text=text))
+    texts, numbers = _read_numbers(order.gravity)
+    if len(numbers) != 3:
+        expected = "expected three numbers in m/s^2 of a sensible size"
+        text = f"--gravity {','.join(texts)}: {expected}, such as --gravity 0,0,-9.81"
+        raise UsageError(Notice(code="usage.gravity", text=text))
+    x, y, z = (text.strip() for text in texts)
+    return _build(order, read_dh_table(table, convention, (x, y, z)))
 
 
 def _check_order(order: DraftOrder) -> None:
@@ -427,18 +432,15 @@ def _build(order: DraftOrder, robot: Robot, *notices: Notice) -> Draft:
         constants=_split_numbers("--torque-constant", order.constant),
     )
     robot = complete_robot(robot, completion)
-    part: LogMapDraft | None = None
-    added: tuple[Notice, ...] = ()
-    if order.log is not None:
-        part = draft_log_map(robot, order.log, order.columns, order.units)
-        robot, added = part.robot, part.warnings
-    assumed = part.assumed if part else ()
+    part = draft_log_map(robot, order.log, order.columns, order.units) if order.log else None
+    robot = part.robot if part else robot
+    assumed, warnings = (part.assumed, part.warnings) if part else ((), ())
     return Draft(
         robot=robot,
         source=Path(robot.path),
         text=_write(robot, assumed),
         log=part,
-        notices=(*robot.notices, *notices, *assumed, *added),
+        notices=(*robot.notices, *notices, *assumed, *warnings),
     )
 
 
@@ -460,41 +462,27 @@ def _write(robot: Robot, assumed: Sequence[Notice]) -> str:
     return text
 
 
-def _list_texts(given: Numbers) -> list[str]:
+def _read_numbers(given: Numbers) -> tuple[list[str], list[float]]:
+    """Return numbers as texts and as read; none are read where one is not a number of a robot file."""
     plain: Numbers = given.tolist() if hasattr(given, "tolist") else given
-    if isinstance(plain, str):
-        return plain.split(",")
-    return [str(plain)] if isinstance(plain, int | float) else [str(float(entry)) for entry in plain]
-
-
-def _read_decimals(texts: list[str]) -> list[float]:
-    """Return the numbers of texts; none where one of them is not a number of a robot file."""
+    if isinstance(plain, str | int | float):
+        texts = str(plain).split(",")
+    else:
+        texts = [str(float(entry)) for entry in plain]
     try:
         numbers = [to_decimal(Decimal(text.strip())) for text in texts]
     except InvalidOperation:
-        return []
-    return [] if None in numbers else [float(number) for number in numbers if number is not None]
+        return texts, []
+    return texts, [] if None in numbers else [float(number) for number in numbers if number is not None]
 
 
 def _split_numbers(option: str, given: Numbers | None) -> tuple[float, ...]:
     """Return the numbers of an option, none of them zero; empty where it is not given."""
     if given is None:
         return ()
-    texts = _list_texts(given)
-    numbers = _read_decimals(texts)
+    texts, numbers = _read_numbers(given)
     if not numbers or not all(numbers):
         expected = "expected numbers other than 0 with commas between, one for each joint"
         message = f"{option} {','.join(texts)}: {expected}, such as {option} {_EXAMPLES[option]}"
         raise UsageError(Notice(code="usage.numbers", text=message))
     return tuple(numbers)
-
-
-def _split_gravity(given: Numbers) -> tuple[str, str, str]:
-    """Return the three components of gravity, as they are written."""
-    texts = _list_texts(given)
-    if len(_read_decimals(texts)) != 3:
-        expected = "expected three numbers in m/s^2 of a sensible size"
-        message = f"--gravity {','.join(texts)}: {expected}, such as --gravity 0,0,-9.81"
-        raise UsageError(Notice(code="usage.gravity", text=message))
-    x, y, z = (text.strip() for text in texts)
-    return x, y, z

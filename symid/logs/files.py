@@ -11,7 +11,6 @@ Path -> RawLog; Recording or RawLog -> file, written whole or not at all, the sa
                   is HDF5. Not supported: cells, tables, complex numbers.
     .h5 .hdf5     data sets and fields are columns `group.name`, with units in an attribute `unit` or `units`.
                   Needs h5py, the extra `hdf5`. Not supported: compound types, external links, MATLAB cells.
-
 """
 
 import csv

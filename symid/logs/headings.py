@@ -10,11 +10,10 @@ of a joint, a number, or nothing.
 Supported: the words of the tables below; one column for each joint, by name or by numbers in order, or one
 array; units that differ from joint to joint; currents by torque constants and gears.
 Not supported: columns without a unit, which is never guessed; a joint with no column of a quantity, or two.
-
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from symid.logs.columns import Findings, describe_missing_column, join_names, look_up_unit
@@ -28,6 +27,7 @@ _QUANTITY_WORDS = {
     "velocity": ("dq", "qdot", "vel", "velocity", "speed"),
     "torque": ("tau", "torque", "trq", "effort", "force", "current", "cur", "curr", "i"),
 }
+_QUANTITIES = {word: quantity for quantity, words in _QUANTITY_WORDS.items() for word in words}
 _CURRENTS = frozenset({"current", "cur", "curr", "i"})
 _FILLER_WORDS = frozenset({"joint", "axis", "actual", "act", "measured", "meas", "value"})
 _COMMANDED_WORDS = frozenset(
@@ -82,7 +82,7 @@ def _read_heading(raw: RawLog, column: str, own: set[str]) -> Heading:
     """Return a heading; the words `own` of joints' names have no other meaning."""
     name, unit = _split_unit(column, raw.units.get(column), own)
     words = _list_words(name)
-    known = {word: _get_quantity(word) for word in words if word not in own and _get_quantity(word)}
+    known = {word: _QUANTITIES[word] for word in words if word not in own and word in _QUANTITIES}
     quantities = set(known.values())
     # The only quantity that the unit can be of.
     found = look_up_unit(unit or "")
@@ -122,10 +122,6 @@ def _list_words(name: str) -> tuple[str, ...]:
 
 def _drop_filler_words(words: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(str(int(word)) if word.isdecimal() else word for word in words if word not in _FILLER_WORDS)
-
-
-def _get_quantity(word: str) -> str:
-    return next((quantity for quantity, words in _QUANTITY_WORDS.items() if word in words), "")
 
 
 REQUIRED_QUANTITIES = ("time", "position", "torque")
@@ -175,9 +171,7 @@ def _sort_by_joint(
         ]
         if numbered != counted and all(len(hit) == 1 for hit in numbered):
             return _merge_columns(numbered, counted)
-        pairs = ", ".join(
-            f"{number} is {joint.name!r}" for number, joint in zip(numbers, joints, strict=True)
-        )
+        pairs = ", ".join(f"{k} is {joint.name!r}" for k, joint in zip(numbers, joints, strict=True))
         text = f"numbers in column names are taken as the order of joints in the robot file: {pairs}"
         # Position, velocity and torque are mostly numbered alike: once is enough.
         if text not in {remark.text for remark in findings.remarks}:
@@ -237,11 +231,7 @@ _ANGULAR = frozenset({"angle", "angular velocity", "torque"})
 
 
 def build_quantity(
-    quantity: str,
-    names: tuple[str, ...],
-    stated: Mapping[str, str],
-    joints: Sequence[Joint],
-    findings: Findings,
+    quantity: str, names: tuple[str, ...], stated: dict[str, str], joints: Sequence[Joint], findings: Findings
 ) -> LogQuantity | None:
     """Return the quantity of columns; None, and mistakes noted, where units are missing or do not fit."""
     like = quantity if quantity in QUANTITY_DIMENSIONS else _LIKE.get(quantity, "position")
@@ -255,11 +245,23 @@ def build_quantity(
     units = tuple(stated[name] for name in names)
     if not _check_units(quantity, like, list(zip(names, units, strict=True)), joints, findings):
         return None
-    if "current" in {get_unit_factor(unit)[0] for unit in units}:
-        return _build_current_quantity(quantity, names, units, joints, findings)
-    if len(set(units)) == 1:
-        return LogQuantity(columns=names, unit=units[0])
-    return LogQuantity(columns=names, unit="SI", factor=tuple(get_unit_factor(unit)[1] for unit in units))
+    alike = len(set(units)) == 1
+    if "current" not in {get_unit_factor(unit)[0] for unit in units}:
+        if alike:
+            return LogQuantity(columns=names, unit=units[0])
+        return LogQuantity(columns=names, unit="SI", factor=tuple(get_unit_factor(unit)[1] for unit in units))
+    # Currents become torques by torque constants and gears.
+    lacking = [joint.name for joint in joints if joint.drive.torque_constant is None]
+    if not alike:
+        text = f"{quantity}: {join_names(names)} are in different units: {', '.join(units)}"
+        findings.refuse("new.mixed-units", f"{text}; log all of them in one, or as torques")
+    if lacking:
+        text = f"{quantity}: {join_names(names)} are motor currents, and no torque constant is known of"
+        findings.refuse("new.torque-constant", f"{text} {join_names(lacking)}: {ask_constants(joints)}")
+    if lacking or not alike:
+        return None
+    factor = compute_current_factor(joints, coupled=False) or (1.0,)
+    return LogQuantity(columns=names, unit=units[0], factor=factor)
 
 
 def _check_units(
@@ -280,9 +282,8 @@ def _check_units(
         elif found[0] == "number":
             numbers.append(name)
         elif found[0] not in (*possible, "SI"):
-            texts.append(
-                f"{quantity}: {name!r} is in {unit!r}, a unit of {found[0]}; expected one of {known}"
-            )
+            text = f"{quantity}: {name!r} is in {unit!r}, a unit of {found[0]}"
+            texts.append(f"{text}; expected one of {known}")
     remedy = f"give --units {quantity}=UNIT, or --columns {quantity}=NAME,... if it is another column"
     for text in dict.fromkeys(texts):
         findings.refuse("new.wrong-unit", f"{text}; {remedy}")
@@ -291,23 +292,6 @@ def _check_units(
         remedy = f"give --units {quantity}=SI, then write factor = [...] behind it in [log] of the robot file"
         findings.refuse("new.wrong-unit", f"{text}; {remedy}")
     return not texts and not numbers
-
-
-def _build_current_quantity(
-    quantity: str, names: tuple[str, ...], units: tuple[str, ...], joints: Sequence[Joint], findings: Findings
-) -> LogQuantity | None:
-    """Return currents with the factors by torque constants and gears."""
-    lacking = [joint.name for joint in joints if joint.drive.torque_constant is None]
-    if len(set(units)) > 1:
-        text = f"{quantity}: {join_names(names)} are in different units: {', '.join(units)}"
-        findings.refuse("new.mixed-units", f"{text}; log all of them in one, or as torques")
-    if lacking:
-        text = f"{quantity}: {join_names(names)} are motor currents, and no torque constant is known of"
-        findings.refuse("new.torque-constant", f"{text} {join_names(lacking)}: {ask_constants(joints)}")
-    if lacking or len(set(units)) > 1:
-        return None
-    factor = compute_current_factor(joints, coupled=False) or (1.0,)
-    return LogQuantity(columns=names, unit=units[0], factor=factor)
 
 
 def ask_constants(joints: Sequence[Joint]) -> str:

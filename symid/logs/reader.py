@@ -7,11 +7,10 @@ Path, Robot (its `[log]` map says which column is what) -> Recording.
 Supported: the suffixes of `READERS`; presets, the column names of rostopic, bagpy and PlotJuggler ("ros"),
 ur_rtde, libfranka and symid, with joints in the order of the robot file, PlotJuggler's by name.
 Not supported: Parquet, rosbags; JointState messages whose order of joints changes within a log.
-
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,71 +18,57 @@ import numpy as np
 
 from symid.arrays import FloatArray
 from symid.errors import LogError
-from symid.logs.columns import CONTROL_QUANTITIES, Findings, extract_quantity, extract_time
+from symid.logs.columns import Findings, extract_quantity, extract_time
 from symid.logs.files import RawLog, build_file_error, read_csv, read_hdf5, read_mat, read_npz
-from symid.logs.recording import OPTIONAL_CHANNELS, Recording
+from symid.logs.recording import CONTROL_CHANNELS, OPTIONAL_CHANNELS, Recording
 from symid.logs.signals import choose_processing, compute_least_samples, describe_too_short, describe_uneven
 from symid.robot import Joint, LogQuantity, Processing, Robot, compute_current_factor
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _PresetLayout:
-    """Names of the columns of one program: `{k}` counts from 0, `{joint}` is the joint's name."""
-
-    time: tuple[tuple[str, str], ...]
-    position: tuple[str, ...]
-    velocity: tuple[str, ...]
-    torque: tuple[str, ...]
-    torque_unit: str = "SI"
-
-
-_LAYOUTS = {
-    "ros": _PresetLayout(
-        time=(("%time", "ns"), ("Time", "s"), ("__time", "s"), ("time", "s")),
-        position=("field.position{k}", "position_{k}", "*/{joint}/position", "{joint}_position"),
-        velocity=("field.velocity{k}", "velocity_{k}", "*/{joint}/velocity", "{joint}_velocity"),
-        torque=("field.effort{k}", "effort_{k}", "*/{joint}/effort", "{joint}_effort"),
-    ),
-    "ur-rtde": _PresetLayout(
-        time=(("timestamp", "s"),),
-        position=("actual_q_{k}",),
-        velocity=("actual_qd_{k}",),
-        torque=("actual_current_{k}",),
-        torque_unit="A",
-    ),
-    "franka": _PresetLayout(
-        time=(("time", "ms"), ("duration", "ms")),
-        position=("state.q[{k}]", "q[{k}]"),
-        velocity=("state.dq[{k}]", "dq[{k}]"),
-        torque=("state.tau_J[{k}]", "tau_J[{k}]"),
-    ),
+_TIMES = {
+    "ros": {"%time": "ns", "Time": "s", "__time": "s", "time": "s"},
+    "ur-rtde": {"timestamp": "s"},
+    "franka": {"time": "ms", "duration": "ms"},
 }
-
-
-_PRESET_QUANTITIES = ("position", "velocity", "torque")
+"""Names and units of the time of each program."""
+_LAYOUTS: dict[str, dict[str, tuple[str, ...]]] = {
+    "ros": {
+        "position": ("field.position{k}", "position_{k}", "*/{joint}/position", "{joint}_position"),
+        "velocity": ("field.velocity{k}", "velocity_{k}", "*/{joint}/velocity", "{joint}_velocity"),
+        "torque": ("field.effort{k}", "effort_{k}", "*/{joint}/effort", "{joint}_effort"),
+    },
+    "ur-rtde": {
+        "position": ("actual_q_{k}",),
+        "velocity": ("actual_qd_{k}",),
+        "torque": ("actual_current_{k}",),
+    },
+    "franka": {
+        "position": ("state.q[{k}]", "q[{k}]"),
+        "velocity": ("state.dq[{k}]", "dq[{k}]"),
+        "torque": ("state.tau_J[{k}]", "tau_J[{k}]"),
+    },
+}
+"""Names of its other columns: `{k}` counts from 0, `{joint}` is the joint's name, * any topic."""
 
 
 def apply_preset(raw: RawLog, robot: Robot, findings: Findings) -> Robot:
     """Return the robot with the columns of its preset in the `[log]` map; as it is where it has none."""
-    layout = _LAYOUTS.get(robot.log.preset or "")
-    if layout is None:
+    log, preset = robot.log, robot.log.preset or ""
+    if preset not in _LAYOUTS:
         return robot
-    log = robot.log
-    time = next((entry for entry in layout.time if entry[0] in raw.columns), None)
+    time = next((name for name in _TIMES[preset] if name in raw.columns), None)
     if log.time is None and time is not None:
-        log = replace(log, time=LogQuantity(columns=(time[0],), unit=time[1]))
-    patterns: dict[str, tuple[str, ...]] = {name: getattr(layout, name) for name in _PRESET_QUANTITIES}
+        log = replace(log, time=LogQuantity(columns=(time,), unit=_TIMES[preset][time]))
     found: dict[str, Any] = {}
-    for name in _PRESET_QUANTITIES:
-        columns = _match_columns(raw, patterns[name], robot.axes)
+    for name, patterns in _LAYOUTS[preset].items():
+        columns = _match_columns(raw, patterns, robot.axes)
         if getattr(log, name) is not None or (columns is None and name == "velocity"):
             continue
         if columns is None:
-            wanted = " or ".join(", ".join(_list_names(entry, robot.axes)[:2]) for entry in patterns[name])
-            text = f"{name}: preset {log.preset!r} needs {wanted} ... of every joint, which the log lacks"
+            wanted = " or ".join(", ".join(_list_names(entry, robot.axes)[:2]) for entry in patterns)
+            text = f"{name}: preset {preset!r} needs {wanted} ... of every joint, which the log lacks"
             findings.refuse("log.preset", f"{text}; name the columns in [log.{name}]")
-        elif name == "torque" and layout.torque_unit != "SI":
-            found[name] = _convert_currents(columns, layout.torque_unit, robot, findings)
+        elif name == "torque" and preset == "ur-rtde":
+            found[name] = _convert_currents(columns, "A", robot, findings)
         else:
             found[name] = LogQuantity(columns=columns, unit="SI")
     return replace(robot, log=replace(log, **found))
@@ -94,7 +79,7 @@ def _list_names(pattern: str, joints: Sequence[Joint]) -> tuple[str, ...]:
 
 
 def _match_columns(raw: RawLog, patterns: tuple[str, ...], joints: Sequence[Joint]) -> tuple[str, ...] | None:
-    """Return the columns of the first pattern that has one for every joint; * stands for any topic."""
+    """Return the columns of the first pattern that has one for every joint."""
     for pattern in patterns:
         names = _list_names(pattern, joints)
         if pattern.startswith("*"):
@@ -148,7 +133,7 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
     samples = None if time is None else len(time)
     values: dict[str, FloatArray | None] = {}
     columns: dict[str, tuple[str, ...]] = {}
-    for name in ("position", "velocity", "torque", *_ENCODERS, *CONTROL_QUANTITIES):
+    for name in ("position", "velocity", "torque", *_ENCODERS, *CONTROL_CHANNELS):
         values[name], columns[name] = extract_quantity(raw, robot, name, samples, findings)
     # Holes in a velocity are accepted, no stage uses it; so are those of a controller's channels.
     needed = (column for name in ("position", "torque", *_ENCODERS) for column in columns[name])
@@ -206,9 +191,8 @@ def _check_encoders(columns: dict[str, tuple[str, ...]], findings: Findings, *, 
         findings.refuse("log.two-encoders", text)
     for name in _ENCODERS:
         if columns[name] and columns[name] == columns["position"]:
-            text = (
-                f"{name} and position are the same columns ({', '.join(columns[name])}), torsion is unknown"
-            )
+            shown = ", ".join(columns[name])
+            text = f"{name} and position are the same columns ({shown}), torsion is unknown"
             remedy = "leave it out"
             if name == "link_position":
                 remedy = "name the motor columns in [log.position]; where joints are rigid, leave it out"

@@ -13,15 +13,10 @@ from typing import Any
 from symid.arrays import FloatArray, FrozenArrays, freeze, freeze_fields
 from symid.errors import LogError, Notice
 
-OPTIONAL_CHANNELS = (
-    "velocity",
-    "motor_position",
-    "link_position",
-    "reference",
-    "reference_velocity",
-    "feedforward",
-)
-"""Channels of a recording that are None where the log does not have them."""
+CONTROL_CHANNELS = ("reference", "reference_velocity", "feedforward")
+"""Channels of the controller, which are optional even where the robot file names their columns."""
+OPTIONAL_CHANNELS = ("velocity", "motor_position", "link_position", *CONTROL_CHANNELS)
+"""Channels that are None where the log does not have them, unless the robot file names their columns."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -41,25 +41,24 @@ from symid.robot import (
 from symid.serialization import compute_file_digest, compute_signature, read_record, write_plain
 
 T = TypeVar("T")
-_KEY = "payload"
 
 
 def read_payload(section: Section, robot: Robot) -> tuple[str, tuple[float, ...]]:
     """Return a payload's name, and what it adds to beta (p,): nothing where it is not known."""
-    value = section.values.get(_KEY)
+    value = section.values.get("payload")
     if not isinstance(value, dict):
-        return section.read_text(_KEY) or "", ()
+        return section.read_text("payload") or "", ()
     names = [joint.name for joint in robot.joints]
-    inner = section.inside(value, "payload", _KEY)
+    inner = section.inside(value, "payload", "payload")
     joint = inner.read_text("joint") or names[-1]
-    name = inner.read_text("name") or _KEY
+    name = inner.read_text("name") or "payload"
     if joint not in names:
         text = f"there is no joint {joint!r}; allowed are {', '.join(names)}"
         inner.refuse("runs.unknown-joint", "joint", text)
         return name, ()
     link = names.index(joint)
     section = replace(section, symbols=dict(robot.symbols))
-    parameters, _ = read_body(section, _KEY, robot.joints[link].frame, ("name", "joint"))
+    parameters, _ = read_body(section, "payload", robot.joints[link].frame, ("name", "joint"))
     if parameters is None:
         return name, ()
     from symid.dynamics import build_grouping, derive_base_parameters
@@ -98,13 +97,11 @@ def read_log_runs(path: Path, robot: Robot, *, uneven: bool = False) -> tuple[Re
     return (replace(first, notices=(*warnings, *first.notices)), *others)
 
 
-def list_log_files(paths: Sequence[Path], robot: Robot) -> tuple[Path, ...]:
-    """Return the log files of `paths`, those of runs in place of their `.toml`."""
-    found: dict[Path, None] = {}
-    for path in paths:
-        listed = path.suffix.lower() == _SUFFIX
-        found |= dict.fromkeys([Path(run.file) for run in _parse_runs(path, robot)[0]] if listed else [path])
-    return tuple(found)
+def list_log_files(path: Path, robot: Robot) -> tuple[Path, ...]:
+    """Return the log `path`, in place of a `.toml` the different logs of its runs."""
+    if path.suffix.lower() != _SUFFIX:
+        return (path,)
+    return tuple(dict.fromkeys(Path(run.file) for run in _parse_runs(path, robot)[0]))
 
 
 def _parse_runs(path: Path, robot: Robot) -> tuple[tuple[RunSettings, ...], tuple[Notice, ...]]:
@@ -118,36 +115,31 @@ def _parse_runs(path: Path, robot: Robot) -> tuple[tuple[RunSettings, ...], tupl
     if not isinstance(tables, list) or not tables or not all(isinstance(table, dict) for table in tables):
         root.refuse_key("runs.no-run", "run", 'missing; write [[run]] and file = "log.npz" below it')
         tables = []
-    runs = tuple(
-        _read_run(root.inside(table, f"run {index + 1}", "run", index), path, robot)
-        for index, table in enumerate(tables)
-    )
+    runs = []
+    for index, table in enumerate(tables):
+        section = root.inside(table, f"run {index + 1}", "run", index)
+        section.refuse_unknown_keys(_KEYS)
+        section.require("file", 'write file = "log.npz"')
+        weight = section.read_float("weight", "", POSITIVE)
+        payload, load = read_payload(section, robot)
+        run = RunSettings(
+            file=str(path.parent / (section.read_text("file") or "")),
+            weight=1.0 if weight is None else weight,
+            drop_first=section.read_integer("drop_first", NOT_NEGATIVE) or 0,
+            drop_last=section.read_integer("drop_last", NOT_NEGATIVE) or 0,
+            payload=payload,
+            load=load,
+            offset=read_offset(section, robot.freedom) or (0.0,),
+        )
+        runs.append(run)
     if root.errors:
         raise LogError(*map(_rename, sort_notices(root.errors)))
-    return runs, tuple(map(_rename, sort_notices(root.warnings)))
+    return tuple(runs), tuple(map(_rename, sort_notices(root.warnings)))
 
 
 def _rename(notice: Notice) -> Notice:
     """Return the notice with a code of runs: the file is no robot file."""
     return replace(notice, code=notice.code.replace("robot.", "runs.", 1))
-
-
-def _read_run(section: Section, path: Path, robot: Robot) -> RunSettings:
-    section.refuse_unknown_keys(_KEYS)
-    file = section.read_text("file")
-    if "file" not in section.values:
-        section.refuse_key("runs.missing-key", "file", 'missing; write file = "log.npz"')
-    weight = section.read_float("weight", "", POSITIVE)
-    payload, load = read_payload(section, robot)
-    return RunSettings(
-        file=str(path.parent / (file or "")),
-        weight=1.0 if weight is None else weight,
-        drop_first=section.read_integer("drop_first", NOT_NEGATIVE) or 0,
-        drop_last=section.read_integer("drop_last", NOT_NEGATIVE) or 0,
-        payload=payload,
-        load=load,
-        offset=read_offset(section, robot.freedom) or (0.0,),
-    )
 
 
 def _apply_settings(recording: Recording, run: RunSettings) -> Recording:
@@ -189,27 +181,22 @@ def read_recorded_runs(sources: Sequence[str], stored: object, robot: Robot) -> 
         recording, run = read_recording(Path(log[0]), robot), log[1]
         return [recording if run is None else _apply_settings(recording, run)]
 
-    return _read_all(zip(sources, _restore_runs(sources, stored, robot.freedom), strict=True), read)
-
-
-def _restore_runs(sources: Sequence[str], stored: object, size: int) -> list[RunSettings | None]:
-    if stored is None:
-        return [None] * len(sources)
-    entries = write_plain(stored)
+    entries = [{}] * len(sources) if stored is None else write_plain(stored)
     try:
         listed = entries if isinstance(entries, list) else []
         found = [read_record(RunSettings, entry) if entry else None for entry in listed]
     except InputError:
         found = []
+    sizes = (1, robot.freedom)
     known = [run for run in found if run is not None]
-    good = all(min(run.drop_first, run.drop_last) >= 0 and len(run.offset) in (1, size) for run in known)
+    good = all(min(run.drop_first, run.drop_last) >= 0 and len(run.offset) in sizes for run in known)
     if len(found) != len(sources) or not good:
         text = (
             f"the settings of the runs cannot be used: expected one table for each of {len(sources)} logs, "
             f"with {', '.join(_KEYS)}, got {stored!r}; identify again"
         )
         raise LogError(Notice(code="runs.settings", text=text))
-    return found
+    return _read_all(zip(sources, found, strict=True), read)
 
 
 def check_one_payload(recordings: Sequence[Recording]) -> None:
@@ -331,7 +318,7 @@ def read_fit_recordings(logs: Sequence[Path | Recording], robot: Robot) -> tuple
     others = [Path(entry.source) for entry in logs if isinstance(entry, Recording) and entry.run is None]
     # The source of a recording may be any text, which Path.is_file may refuse.
     named = [path for path in others if os.path.isfile(path)]  # noqa: PTH113
-    check_distinct([*(file for path in files for file in list_log_files((path,), robot)), *named])
+    check_distinct([*(file for path in files for file in list_log_files(path, robot)), *named])
     recordings = read_recordings(logs, robot)
     if len(files) < len(logs):
         # Of files the digests were compared.

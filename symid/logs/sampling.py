@@ -125,16 +125,13 @@ class Resampling:
 
     Args:
         kept: (K,) indices of samples; before: (K,) their times in s; after: (M,) the even times in s.
-        dropped: samples with times that repeat or return; bridged: gaps; cut: samples of other pieces.
+        notice: says in words what was done.
     """
 
     kept: NDArray[np.intp]
     before: FloatArray
     after: FloatArray
-    samples: int
-    dropped: int
-    bridged: int
-    cut: int
+    notice: Notice
 
     def move(self, values: FloatArray) -> FloatArray:
         """Return `values` (N, ...) of the log's samples at the even times."""
@@ -158,42 +155,25 @@ def plan_resampling(time: FloatArray, file: str = "") -> Resampling:
         text = f"the longest piece without a gap has {len(kept)} samples, at least {_FEWEST} are needed"
         raise LogError(Notice(code="log.gap", text=text, file=file))
     before = time[kept]
-    count = max(2, round(float(before[-1] - before[0]) / period))
-    inner = np.diff(before)
-    return Resampling(
-        kept=kept,
-        before=before,
-        after=np.linspace(before[0], before[-1], count + 1),
-        samples=len(time),
-        dropped=len(time) - len(onward),
-        bridged=int(np.sum(inner > 1.5 * period)),
-        cut=len(onward) - len(kept),
-    )
-
-
-def describe_resampling(plan: Resampling, file: str = "") -> Notice:
-    """Return in words what resampling did."""
-    count = len(plan.after)
-    step = float(plan.after[1] - plan.after[0])
-    parts = [f"{plan.samples} samples became {count} at every {step:.6g} s"]
-    if plan.dropped:
-        parts.append(f"{plan.dropped} with times that repeat or return were left out")
-    if plan.bridged:
-        parts.append(f"{plan.bridged} gaps of up to {_BRIDGED:g} periods were interpolated over")
-    if plan.cut:
-        span = f"{plan.before[0]:.6g} s to {plan.before[-1]:.6g} s"
-        parts.append(f"{plan.cut} beyond longer gaps were left out: {span} is the longest piece")
-    return Notice(code="log.resampled", text="; ".join(parts), file=file)
+    count = max(2, round(float(before[-1] - before[0]) / period)) + 1
+    after = np.linspace(before[0], before[-1], count)
+    parts = [f"{len(time)} samples became {count} at every {float(after[1] - after[0]):.6g} s"]
+    if len(time) > len(onward):
+        parts.append(f"{len(time) - len(onward)} with times that repeat or return were left out")
+    bridged = int(np.sum(np.diff(before) > _GAP * period))
+    if bridged:
+        parts.append(f"{bridged} gaps of up to {_BRIDGED:g} periods were interpolated over")
+    if cut := len(onward) - len(kept):
+        span = f"{before[0]:.6g} s to {before[-1]:.6g} s"
+        parts.append(f"{cut} beyond longer gaps were left out: {span} is the longest piece")
+    notice = Notice(code="log.resampled", text="; ".join(parts), file=file)
+    return Resampling(kept=kept, before=before, after=after, notice=notice)
 
 
 def resample_recording(recording: Recording, plan: Resampling) -> Recording:
     """Return the recording at even times, with a notice."""
-    return replace(
-        change_channels(recording, plan.move),
-        time=plan.after,
-        notices=(*recording.notices, describe_resampling(plan, recording.source)),
-        extras={},
-    )
+    moved = replace(change_channels(recording, plan.move), time=plan.after, extras={})
+    return replace(moved, notices=(*recording.notices, plan.notice))
 
 
 def resample_log(raw: RawLog, robot: Robot, file: str = "") -> tuple[RawLog, Notice]:
@@ -207,10 +187,10 @@ def resample_log(raw: RawLog, robot: Robot, file: str = "") -> tuple[RawLog, Not
     stamps = raw.columns[names[0]]
     factor = float(np.ptp(stamps) / np.ptp(time))
     columns = {
-        name: plan.move(values) if len(np.atleast_1d(values)) == plan.samples else values
+        name: plan.move(values) if len(np.atleast_1d(values)) == len(time) else values
         for name, values in raw.columns.items()
     }
-    return replace(raw, columns={**columns, names[0]: plan.after * factor}), describe_resampling(plan, file)
+    return replace(raw, columns={**columns, names[0]: plan.after * factor}), plan.notice
 
 
 def resample_if_uneven(recording: Recording) -> Recording:

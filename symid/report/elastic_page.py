@@ -64,13 +64,9 @@ def build_elastic_page(
 ) -> Page:
     """Return all that the page shows.
 
-    Args:
-        estimate: of dynamics and springs.
-        trials: what it predicts of logs, held out or not.
-        notices: what else a reader should know: of the robot, its library, and the recordings.
-        origin: what the page was made from, in short texts.
-        iterated: another estimate from the same logs, whose iterations are shown where the result has none.
-        tracking: motions with several feed-forwards.
+    `trials` are what the estimate predicts of logs, held out or not; iterations of `iterated`, from the same
+    logs, are shown where the result has none; `tracking` are motions with several feed-forwards. `notices`
+    and `origin` are those of `build_identification_page`.
     """
     refused = {name for name, _ in estimate.refused}
     kept = [entry for entry in estimate.parameters if entry.name not in refused]

@@ -325,11 +325,7 @@ def build_curve_figure(
 ) -> Drawing:
     """Return curves y(x) that need be no functions of x, such as hysteresis loops, clouds and areas.
 
-    Args:
-        caption: what is shown, also for screen readers.
-        labels: of the horizontal and the vertical axis, with units.
-        lines: at least one, each with at least one point; later ones lie on top.
-        height: of the figure, without its legend.
+    The other arguments are those of `build_line_figure`; later lines lie on top, `height` is without legend.
     """
     x, y = build_axis([line.x for line in lines], 0.03), build_axis([line.y for line in lines], 0.05)
     return _build_figure(caption, labels, lines, PlotArea(x=x, y=y, height=height), thin_curve)

@@ -59,30 +59,25 @@ def show_estimate(estimate: "Estimate") -> tuple[Block, ...]:
     table = _tabulate_parameters(
         estimate.parameters, ":.3g; unit", "; robot file=truth; within 3 std=near_truth"
     )
+    lines = []
+    fit: Any = estimate.settings.get("fit")
+    if isinstance(fit, Mapping) and "tracking" in fit:
+        # Output-error estimators simulate.
+        count = fit["iterations"]
+        lines.append(
+            f"started from {fit['start']}; {count} simulation{'s'[: count > 1]} of the controlled robot"
+        )
+        lines += [
+            f"{entry['joint']}: simulated positions {entry['simulated_from_measured']:.3g} {entry['unit']} "
+            f"(rms) from the measured ones, the reference {entry['reference_from_measured']:.3g} "
+            f"{entry['unit']}"
+            for entry in fit["tracking"]
+        ]
+        if "wls" in fit:
+            lines.append(fit["wls"]["verdict"])
     refused = "\n".join(f"refused: {name}: {reason}" for name, reason in estimate.refused)
-    return (
-        *(headline, table, show_residual(estimate.residual)),
-        *_show_simulations(estimate.settings.get("fit")),
-        *((refused,) if refused else ()),
-    )
-
-
-def _show_simulations(settings: Any) -> tuple[str, ...]:  # noqa: ANN401  read from a file
-    """Return how the simulations of output-error estimators went, nothing of others."""
-    if not isinstance(settings, Mapping) or "tracking" not in settings:
-        return ()
-    count = settings["iterations"]
-    lines = [
-        f"started from {settings['start']}; {count} simulation{'s'[: count > 1]} of the controlled robot"
-    ]
-    lines += [
-        f"{entry['joint']}: simulated positions {entry['simulated_from_measured']:.3g} {entry['unit']} (rms) "
-        f"from the measured ones, the reference {entry['reference_from_measured']:.3g} {entry['unit']}"
-        for entry in settings["tracking"]
-    ]
-    if "wls" in settings:
-        lines.append(settings["wls"]["verdict"])
-    return ("\n".join(lines),)
+    texts = filter(None, ("\n".join(lines), refused))
+    return (headline, table, show_residual(estimate.residual), *texts)
 
 
 def _tabulate_parameters(parameters: "Sequence[ParameterEstimate]", columns: str, true: str) -> Table:
@@ -141,25 +136,6 @@ def describe_alignment(alignment: "Alignment", joints: Sequence[str]) -> dict[st
     }
 
 
-def show_alignment(alignment: "Alignment", joints: Sequence[str]) -> tuple[Block, ...]:
-    """Return the delay, and the table of zero offsets of each run and joint that has a link encoder."""
-    rows = [
-        (joint, source, values[index], stds[index], 100.0 * alignment.explained[index])
-        for source, values, stds in zip(
-            alignment.sources, alignment.offsets, alignment.offset_stds, strict=True
-        )
-        for index, joint in enumerate(joints)
-        if alignment.present[index]
-    ]
-    header = ("joint", "log", "zero offset", "std", "explained by delay/%")
-    std, delay = 1e3 * alignment.delay_std, 1e3 * abs(alignment.delay)
-    text = f"no significant delay between link and motor encoders (standard deviation {std:.2g} ms)"
-    if alignment.late:
-        verb = "lag" if alignment.delay > 0.0 else "lead"
-        text = f"link encoders {verb} motor encoders by {delay:.3f} ms (standard deviation {std:.3f} ms)"
-    return (text, Table(header, rows, left=(0, 1)))
-
-
 def describe_stiffness(found: "StiffnessEstimate") -> dict[str, object]:
     """Return the result as `symid identify --method stiffness --json` gives it."""
     return {
@@ -184,8 +160,22 @@ def describe_stiffness(found: "StiffnessEstimate") -> dict[str, object]:
 
 
 def show_stiffness(found: "StiffnessEstimate") -> tuple[Block, ...]:
-    """Return how many joints have one, delay and offsets, the table of stiffnesses, and the reasons."""
+    """Return how many joints have one, the delay, the zero offsets of each run, stiffnesses and reasons."""
     known = sum(entry.stiffness is not None for entry in found.joints)
+    alignment = found.alignment
+    std, delay = 1e3 * alignment.delay_std, 1e3 * abs(alignment.delay)
+    text = f"no significant delay between link and motor encoders (standard deviation {std:.2g} ms)"
+    if alignment.late:
+        verb = "lag" if alignment.delay > 0.0 else "lead"
+        text = f"link encoders {verb} motor encoders by {delay:.3f} ms (standard deviation {std:.3f} ms)"
+    rows = [
+        (entry.joint, source, values[index], stds[index], 100.0 * alignment.explained[index])
+        for source, values, stds in zip(
+            alignment.sources, alignment.offsets, alignment.offset_stds, strict=True
+        )
+        for index, entry in enumerate(found.joints)
+        if alignment.present[index]
+    ]
     table = tabulate(
         found.joints,
         "joint; stiffness; from=low; to (95 %)=high; unit; explained/1e-6=part; left/1e-6=gap; verdict=word",
@@ -198,7 +188,8 @@ def show_stiffness(found: "StiffnessEstimate") -> tuple[Block, ...]:
     )
     return (
         f"{found.robot}: the stiffness of {known} of {len(found.joints)} joints is identifiable",
-        *show_alignment(found.alignment, [entry.joint for entry in found.joints]),
+        text,
+        Table(("joint", "log", "zero offset", "std", "explained by delay/%"), rows, left=(0, 1)),
         table,
         "\n".join(f"{entry.joint}: {entry.reason}" for entry in found.joints),
     )

@@ -63,9 +63,7 @@ def show_robot_check(robot: "Robot", checked: "LogsCheck") -> tuple[Block, ...]:
 def describe_robot_check(robot: "Robot", checked: "LogsCheck") -> dict[str, object]:
     """Return what was found as `symid check --json` gives it."""
     found: dict[str, object] = {
-        "robot": robot.name,
-        "file": robot.path,
-        "convention": robot.convention,
+        **select_fields(robot, "robot=name file=path convention"),
         "joints": [
             {"name": joint.name, "kind": joint.kind.value, "friction": joint.friction.kind.value}
             for joint in robot.joints
@@ -110,8 +108,7 @@ def describe_log(
 
     return {
         "file": recording.source,
-        "samples": timing.samples,
-        "duration": timing.duration,
+        **select_fields(timing, "samples duration"),
         "period": recording.period,
         "has_velocity": recording.velocity is not None,
         "second_encoder": get_second_encoder_side(recording),
@@ -152,8 +149,7 @@ def describe_excitation(robot: "Robot", found: "OptimisedExcitation", seed: int)
     figures = "condition random_condition random_median factor information random_information parameters"
     return {
         "robot": robot.name,
-        "trajectory": found.trajectory.source,
-        "duration": found.trajectory.duration,
+        **select_fields(found.trajectory, "trajectory=source duration"),
         "harmonics": harmonics,
         "seed": seed,
         **select_fields(found, figures),

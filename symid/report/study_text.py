@@ -24,7 +24,6 @@ from symid.study import (
     FrictionStudy,
     GainStudy,
     Recovery,
-    describe_gain_miss,
 )
 
 if TYPE_CHECKING:
@@ -183,7 +182,7 @@ def _list_gains(studies: Sequence[GainStudy]) -> Table:
             values = (gain.paper, gain.mean, gain.deviation, gain.miss, gain.held_out, gain.rms, paper)
             forms = (".1f", ".1f", ".1f", "+.1f", ".1f", ".1f", ".1f")
             rows.append((f"{study.joint}, {name}", *map(format, values, forms)))
-    misses = "; ".join(f"joint {study.joint}: {describe_gain_miss(study.stribeck)}" for study in studies)
+    misses = "; ".join(f"joint {study.joint}: {study.stribeck.describe_miss()}" for study in studies)
     # The gain by the bias alone, joint by joint.
     place = [entry.name for entry in get_law(TABLE_3[0].law).physical].index("fP")
     pairs = [(row.values[place] ** 2, other.noise**2) for row, other in zip(TABLE_3, TABLE_4, strict=True)]

@@ -114,8 +114,7 @@ def _describe_elastic(found: ElasticValidation) -> dict[str, object]:
     trial, tracking, joints = found.trial, found.tracking, _list_joints(found.robot)
     names = [name for name, _ in joints]
     return {
-        "robot": found.estimate.robot,
-        "method": found.estimate.method,
+        **select_fields(found.estimate, "robot method"),
         "log": trial.source,
         "samples": len(trial.joints[0].time),
         "residual": describe_residual(trial.residuals[0][1]),
@@ -128,8 +127,7 @@ def _describe_elastic(found: ElasticValidation) -> dict[str, object]:
         "tracking": None
         if tracking is None
         else {
-            "trajectory": tracking.trajectory.source,
-            "duration": tracking.trajectory.duration,
+            **select_fields(tracking.trajectory, "trajectory=source duration"),
             "seed": tracking.seed,
             "runs": [
                 {
@@ -240,12 +238,23 @@ def _show_compared(ours: "EstimateSide", found: "Compared") -> tuple[Block, ...]
             f"  {_shorten(found.groups[place].text)}: ours {mine:.4g} is {_format_deviations(abs(away))} "
             f"deviations {'above' if away > 0 else 'below'} the other's {theirs:.4g}{share}"
         )
+    with_these = " with these" if found.absent or found.neither else ""
+    span = f"the groups of the other{with_these} span all base parameters, exactly"
+    if found.lacking > 0:
+        span = f"besides, the other does not determine {found.lacking} combinations of ours"
+    left_out = (
+        ("ours, not in the other: ", found.absent),
+        ("in neither: ", found.neither),
+        ("", (span,)),
+        ("the other's, refused in ours: ", found.not_ours),
+        ("the other's, of another model: ", found.other.strange),
+    )
     return (
         f"{ours.identified.robot.name}: {show_path(ours.source)} beside {show_path(other.source)}{columns}",
         Table(header, rows, left=(0, 6)),
         _summarise_agreement(found),
         *(["\n".join(lines)] if len(lines) > 1 else []),
-        _list_left_out(found),
+        "\n".join(f"{head}{', '.join(names)}" for head, names in left_out if names),
     )
 
 
@@ -283,22 +292,6 @@ def _summarise_agreement(found: "Compared") -> str:
     if total.stretch > 1.0:
         text += f"; it would be as expected with deviations {total.stretch:.2g} times as large"
     return f"{counts}\n{text}"
-
-
-def _list_left_out(found: "Compared") -> str:
-    with_these = " with these" if found.absent or found.neither else ""
-    span = f"the groups of the other{with_these} span all base parameters, exactly"
-    if found.lacking > 0:
-        span = f"besides, the other does not determine {found.lacking} combinations of ours"
-    lists = (
-        ("ours, not in the other", found.absent),
-        ("in neither", found.neither),
-        ("", ()),
-        ("the other's, refused in ours", found.not_ours),
-        ("the other's, of another model", found.other.strange),
-    )
-    lines = [f"{head}: {', '.join(names)}" if head else span for head, names in lists if names or not head]
-    return "\n".join(lines)
 
 
 def describe_comparison(

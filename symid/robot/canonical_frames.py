@@ -25,7 +25,6 @@ from symid.robot.geometry import (
     ExactMatrix,
     ExactVector,
     Placement,
-    SnappedPlacement,
     build_exact_angle,
     compose_placements,
     compute_rotation,
@@ -52,7 +51,7 @@ _QUATERNION_PARTS = 10**16
 
 def rationalize_placement(
     placement: Placement, symbols: Mapping[str, float] | None = None, *, snap: float = 1e-5
-) -> SnappedPlacement:
+) -> tuple[Placement, float]:
     """Return the placement in short numbers, and how far its axes were moved (rad).
 
     Long exact numbers, which come together in many steps, become short ones some 1e-15 away, and quarter
@@ -63,8 +62,8 @@ def rationalize_placement(
     rotation = _rationalize_rotation(placement, snap)
     before, after = to_floats(placement), to_floats(rotation)
     moved = max(abs(a - b) for a, b in zip(chain(*before), chain(*after), strict=True))
-    x, y, z = _rationalize_translation(placement, rotation.rotation, symbols or {})
-    return SnappedPlacement(placement=replace(rotation, translation=(x, y, z)), moved_by=moved)
+    origin = _rationalize_translation(placement, rotation.rotation, symbols or {})
+    return replace(rotation, translation=origin), moved
 
 
 def has_long_denominator(value: Exact, longest: int) -> bool:
@@ -182,9 +181,7 @@ def choose_canonical_frames(
     found, moved_by, tilts = [], [], []
     for index, joint in enumerate(joints):
         before = IDENTITY if joint.parent < 0 else moves[joint.parent]
-        placement = joint.placement
-        if before != IDENTITY:
-            placement = compose_placements(invert_placement(before), placement)
+        placement = compose_placements(invert_placement(before), joint.placement)
         # Where the origin stands along its own z axis, seen from the parent's origin.
         x, y, z = (row[2] * t for row, t in zip(placement.rotation, placement.translation, strict=True))
         along = x + y + z
@@ -195,14 +192,13 @@ def choose_canonical_frames(
             shift = -along
         move = _build_frame_change(placement, direction, shift, tolerance)
         moves.append(move)
-        settled = rationalize_placement(compose_placements(placement, move), values, snap=snap)
+        settled, moved = rationalize_placement(compose_placements(placement, move), values, snap=snap)
         back = invert_placement(move)
-        framed = rationalize_placement(compose_placements(back, joint.frame), values, snap=snap)
+        frame, turned = rationalize_placement(compose_placements(back, joint.frame), values, snap=snap)
         inertial = joint.inertial and move_by_placement(joint.inertial, back, values)
-        found.append(replace(joint, placement=settled.placement, frame=framed.placement, inertial=inertial))
-        moved_by.append(max(settled.moved_by, framed.moved_by))
-        rotation = settled.placement.rotation
-        tilt = hypot(rotation[0][2].to_float(), rotation[1][2].to_float())
+        found.append(replace(joint, placement=settled, frame=frame, inertial=inertial))
+        moved_by.append(max(moved, turned))
+        tilt = hypot(*(row[2].to_float() for row in settled.rotation[:2]))
         tilts.append(tilt if joint.parent >= 0 and _SMALLEST_SNAP < tilt < _NEARLY_PARALLEL else 0.0)
     return CanonicalFrames(joints=tuple(found), moved_by=tuple(moved_by), tilts=tuple(tilts))
 
@@ -243,13 +239,9 @@ def _is_chosen(value: Exact) -> bool:
 
 def _compute_exact_direction(x: Exact, y: Exact) -> _Direction | None:
     """Return the unit vector along (x, y), in either sense; None where it is not in the field."""
-    if not y:
-        return (ONE, ZERO)
-    if not x:
-        return (ZERO, ONE)
-    if not (x.is_number and y.is_number):
-        return None
-    length = compute_square_root(x * x + y * y)
+    if not x or not y:
+        return (ZERO, ONE) if y else (ONE, ZERO)
+    length = compute_square_root(x * x + y * y) if x.is_number and y.is_number else None
     if length is None:
         return None
     inverse = invert_exact(length)

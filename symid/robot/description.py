@@ -14,8 +14,7 @@ and Kd = kv: its velocity is "measured" where the velocity loop has the position
 reference.
 
 Supported: revolute (continuous too) and prismatic joints, chains and trees, joints that follow another one
-(mimic), drives coupled to several joints, springs at joints, a fixed base; joint controllers. Readers join
-the links of fixed joints to those that carry them.
+(mimic), drives coupled to several joints, springs at joints, a fixed base; joint controllers.
 Not supported: closed loops, floating bases; integral parts, coupled control loops.
 """
 
@@ -225,20 +224,19 @@ class MimicStep:
     multiplier: Fraction
     offset: Exact = ZERO
 
+    def follow(self, steps: Mapping[str, "MimicStep"]) -> Iterator["MimicStep"]:
+        """Yield the joint as a follower of its master, of that master's, and so on until a master recurs.
 
-def follow_chain(steps: Mapping[str, MimicStep], start: str) -> Iterator[MimicStep]:
-    """Yield `start` as a follower of its master, of that master's, and so on; a ring ends where it closes.
-
-    q = m1 (m2 q'' + o2) + o1; each offset is in the unit of its own joint.
-    """
-    found, visited = steps[start], {start}
-    yield found
-    while (master := found.master or "") in steps and master not in visited:
-        visited.add(master)
-        after = steps[master]
-        offset = found.offset + Exact.of(found.multiplier) * after.offset
-        found = replace(after, multiplier=found.multiplier * after.multiplier, offset=offset)
+        q = m1 (m2 q'' + o2) + o1; each offset is in the unit of its own joint.
+        """
+        found, visited = self, set[str]()
         yield found
+        while (master := found.master or "") in steps and master not in visited:
+            visited.add(master)
+            after = steps[master]
+            offset = found.offset + Exact.of(found.multiplier) * after.offset
+            found = replace(after, multiplier=found.multiplier * after.multiplier, offset=offset)
+            yield found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -283,6 +281,11 @@ class Joint:
     elasticity: Elasticity | None = None
     frame: Placement = IDENTITY
     form: SymbolicInertia | None = None
+
+    @property
+    def prismatic(self) -> bool:
+        """Return whether the joint moves along its axis."""
+        return self.kind is JointKind.PRISMATIC
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -331,14 +334,7 @@ class Robot:
                 symbol that reads as a coordinate, a master that follows another joint, a coupling that
                 names no joint.
         """
-        mistakes = list(_list_mistakes(self))
-        lengths = [value for joint in self.joints for value in joint.placement.translation]
-        mistakes += [
-            f"symbolic length {name!r} reads as a coordinate; call it L1, A2 or D3"
-            for name in sorted({name for value in (*lengths, *self.gravity) for name in value.symbols})
-            if re.fullmatch(r"(s|c|q|dq|ddq)\d+", name)
-        ]
-        if mistakes:
+        if mistakes := list(_list_mistakes(self)):
             raise RobotError(*(Notice(code="robot.invalid", text=text, file=self.path) for text in mistakes))
 
     @property
@@ -382,11 +378,6 @@ class Robot:
             rows.append(tuple(sorted((position, factor) for position, factor in total.items() if factor)))
         return tuple(rows)
 
-    @property
-    def tip(self) -> Placement:
-        """Return the file's frame of the last link, seen from the last link frame."""
-        return self.joints[-1].frame
-
 
 def _list_mistakes(robot: Robot) -> Iterator[str]:
     names, indices = [joint.name for joint in robot.joints], range(len(robot.joints))
@@ -407,3 +398,7 @@ def _list_mistakes(robot: Robot) -> Iterator[str]:
             yield f"coupling {coupling.name!r}: it needs a name of its own that is no number"
         if not coupling.terms or not all(index in indices and factor for index, factor in coupling.terms):
             yield f"coupling {coupling.name!r}: it must name joints of the robot, with factors that are not 0"
+    lengths = [value for joint in robot.joints for value in joint.placement.translation]
+    for name in sorted({name for value in (*lengths, *robot.gravity) for name in value.symbols}):
+        if re.fullmatch(r"(s|c|q|dq|ddq)\d+", name):
+            yield f"symbolic length {name!r} reads as a coordinate; call it L1, A2 or D3"

@@ -20,16 +20,7 @@ from symid.robot.description import Robot
 from symid.robot.exact_values import parse_linear_form
 from symid.robot.geometry import ZERO
 from symid.robot.toml_reader import build_robot
-from symid.robot.toml_values import (
-    KeyPath,
-    Place,
-    Places,
-    Section,
-    read_text_file,
-    sort_notices,
-    suggest_names,
-    to_decimal,
-)
+from symid.robot.toml_values import KeyPath, Place, Places, Section, read_text_file, suggest_names, to_decimal
 
 _ANGLES: tuple[tuple[str, str | None], ...] = (("", None), ("_rad", None), ("_deg", "deg"))
 _LENGTHS: tuple[tuple[str, Decimal | None], ...] = (("", None), ("_m", None), ("_mm", Decimal("0.001")))
@@ -83,7 +74,7 @@ def parse_dh_table(
     if not joints:
         root.errors.append(start.notice("robot.missing-key", "no rows below the header; write one a joint"))
     if not joints or any(error.code == "robot.table-header" for error in root.errors):
-        raise RobotError(*sort_notices(root.errors))
+        root.finish()
     return build_robot(root, file)
 
 
@@ -155,7 +146,11 @@ def _read_row(
         if match := _VARIABLE.fullmatch(text):
             variables.append((key, cell))
             text = re.sub(r"^\+\s*", "", match["rest"] or "0").replace("- ", "-")
-        value = _convert(text, unit)
+        # As a robot file would write it: a decimal, or a text such as "pi/2".
+        value: Decimal | str = text
+        if _NUMBER.fullmatch(text) and (number := to_decimal(Decimal(text))) is not None:
+            value = f"{number:f} deg" if unit == "deg" else number
+            value = number * unit if isinstance(unit, Decimal) else value
         form = parse_linear_form(value) if isinstance(value, str) and key in ("a", "d") else ZERO
         if form is not None and form.is_number:
             joint[key] = value
@@ -165,16 +160,6 @@ def _read_row(
             root.errors.append(cell.notice("robot.bad-length", words))
     _check_variable(root, joint, variables, cells[0])
     return joint
-
-
-def _convert(text: str, unit: Decimal | str | None) -> Decimal | str:
-    """Return a cell as a robot file would write it: a decimal, or a text such as "pi/2"."""
-    number = to_decimal(Decimal(text)) if _NUMBER.fullmatch(text) else None
-    if number is None:
-        return text
-    if unit == "deg":
-        return f"{number:f} deg"
-    return number * unit if isinstance(unit, Decimal) else number
 
 
 def _check_variable(

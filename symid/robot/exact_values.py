@@ -25,7 +25,6 @@ from symid.robot.geometry import (
     ZERO,
     Angle,
     Exact,
-    ExactMatrix,
     Placement,
     build_exact_angle,
     build_tangent_angle,
@@ -37,13 +36,13 @@ from symid.robot.geometry import (
     place_modified_dh,
     rotate_rpy,
     rotate_x,
+    rotate_z,
     translate,
 )
 from symid.robot.toml_values import ANY, Range, Section, explain_number, suggest_names, to_decimal
 
 _FACTOR = r"(?:\d+(?:\.\d+)?(?:[eE][-+]?\d{1,2})?|sqrt\(\s*[236]\s*\)|[A-Za-z][A-Za-z0-9_]*)"
-_TERM = re.compile(rf"\s*(?P<sign>[-+]?)\s*(?P<first>{_FACTOR})(?P<others>(?:\s*[*/]\s*{_FACTOR})*)\s*")
-_NEXT = re.compile(rf"\s*(?P<operator>[*/])\s*(?P<factor>{_FACTOR})")
+_STEP = re.compile(rf"\s*(?P<operator>[-+*/])\s*(?P<factor>{_FACTOR})\s*")
 _FRACTION = re.compile(r"\s*[-+]?\d{1,18}(?:\.\d{1,18})?(?:\s*/\s*\d{1,18})?\s*")
 _LONGEST = 2000
 _NO = Fraction(0)
@@ -61,39 +60,30 @@ def parse_linear_form(text: str) -> Exact | None:
     """Return the linear form that `text` writes, or None if it writes none."""
     if len(text) > _LONGEST or not text.strip():
         return None
-    total, position = ZERO, 0
+    # The sign of the first term may be left out.
+    text = text if text.lstrip()[0] in "+-" else f"+{text}"
+    total, product, position = ZERO, ZERO, 0
     while position < len(text):
-        match = _TERM.match(text, position)
-        if not match or (position and not match["sign"]):
+        match = _STEP.match(text, position)
+        if not match:
             return None
-        term = _parse_product(match["first"], match["others"])
-        if term is None:
-            return None
-        total += -term if match["sign"] == "-" else term
-        position = match.end()
-    return total
-
-
-def _parse_product(first: str, others: str) -> Exact | None:
-    product = _parse_factor(first)
-    for operator, factor in _NEXT.findall(others):
-        other = _parse_factor(factor)
+        position, operator, name = match.end(), match["operator"], match["factor"]
+        if name.startswith("sqrt("):
+            factor = _ROOTS[int(name[5:-1])]
+        else:
+            factor = Exact.of(name) if name[0].isdigit() else Exact.symbol(name)
+        if operator in "+-":
+            total, product = total + product, factor if operator == "+" else -factor
+            continue
         if operator == "/":
-            if not other or not other.is_number:
+            if not factor or not factor.is_number:
                 return None
             # A factor is a rational number or a root; 1 / sqrt(n) is sqrt(n) / n.
-            square = (other * other).coefficient("")[0]
-            other = other * Exact.surd(1 / square)
-        if not (product.is_number or other.is_number):
+            factor = factor * Exact.surd(1 / (factor * factor).coefficient("")[0])
+        if not (product.is_number or factor.is_number):
             return None
-        product = product * other
-    return product
-
-
-def _parse_factor(text: str) -> Exact:
-    if text.startswith("sqrt("):
-        return _ROOTS[int(text[5:-1])]
-    return Exact.of(text) if text[0].isdigit() else Exact.symbol(text)
+        product = product * factor
+    return total + product
 
 
 def _parse_value(value: object) -> Exact | None:
@@ -245,12 +235,29 @@ def read_length(section: Section, key: str, *inner: int) -> Exact:
     return length or ZERO
 
 
-def read_row(section: Section, convention: str) -> tuple[Placement, Placement]:
+def read_position(section: Section, key: str) -> tuple[Exact, Placement]:
+    """Return the position (rad or m) at `key` of a joint and its frame there; zero where there is none."""
+    if section.prismatic:
+        length = read_length(section, key)
+        return length, translate(ZERO, ZERO, length)
+    angle = read_angle(section, key)
+    return Exact.of(angle.radians), rotate_z(angle)
+
+
+def read_frames(section: Section, convention: str) -> tuple[Placement, Placement]:
     """Return the joint's frame at q = 0 seen from the link before it, and the link's seen from the joint's.
 
     A modified row ends in the joint's frame, which is the link's; a standard row goes on to the far end of
     the link, Trans(x, a) Rot(x, alpha). What cannot be read is reported and taken as zero.
     """
+    general = [key for key in ("origin", "frame") if key in section.values]
+    if convention == "origin" or general:
+        where = 'in convention = "origin"' if convention == "origin" else f"together with {general[0]}"
+        for key in DH_KEYS:
+            if key in section.values:
+                text = f"not allowed {where}; place the joint by a row or by origin, not by both"
+                section.refuse_key("robot.mixed-placement", key, text)
+        return _read_origin(section, "origin"), _read_origin(section, "frame")
     alpha, a = read_angle(section, "alpha"), read_length(section, "a")
     d, theta = read_length(section, "d"), read_angle(section, "theta")
     if convention == "modified":
@@ -259,7 +266,7 @@ def read_row(section: Section, convention: str) -> tuple[Placement, Placement]:
     return near, compose_placements(translate(a, ZERO, ZERO), rotate_x(alpha))
 
 
-def read_origin(section: Section, key: str) -> Placement:
+def _read_origin(section: Section, key: str) -> Placement:
     """Return the frame at `key`; the identity where there is none or it is wrong."""
     table = section.read_table(key, ("xyz", "rpy", "quaternion"))
     if table is None:
@@ -275,23 +282,17 @@ def read_origin(section: Section, key: str) -> Placement:
         roll, pitch, yaw = (read_angle(table, "rpy", index) for index in range(3))
         rotation = rotate_rpy(roll, pitch, yaw).rotation
     if table.has_list("quaternion", 4, "numbers w, x, y, z"):
-        rotation = _read_quaternion(table)
-    return Placement(rotation=rotation, translation=(x, y, z))
-
-
-def _read_quaternion(table: Section) -> ExactMatrix:
-    parts = []
-    for index in range(4):
-        form = _parse_value(table.get("quaternion", index))
-        if form is None or not form.is_number:
+        forms = [_parse_value(table.get("quaternion", index)) for index in range(4)]
+        parts = [form for form in forms if form is not None and form.is_number]
+        if len(parts) < len(forms):
+            index = next(index for index, form in enumerate(forms) if form not in parts)
             text = f'expected a number or a text such as "1+sqrt(2)", got {table.show("quaternion", index)}'
             table.refuse("robot.wrong-type", "quaternion", text, index)
-            return IDENTITY.rotation
-        parts.append(form)
-    if not any(parts):
-        table.refuse("robot.out-of-range", "quaternion", "must not be zero; no turn is [1, 0, 0, 0]")
-        return IDENTITY.rotation
-    return compute_rotation(parts)
+        elif any(parts):
+            rotation = compute_rotation(parts)
+        else:
+            table.refuse("robot.out-of-range", "quaternion", "must not be zero; no turn is [1, 0, 0, 0]")
+    return Placement(rotation=rotation, translation=(x, y, z))
 
 
 _TWELFTHS = tuple((k, build_exact_angle(k * math.pi / 12)) for k in range(-11, 13))

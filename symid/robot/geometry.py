@@ -223,35 +223,31 @@ class Placement:
     translation: ExactVector
 
 
-IDENTITY = Placement(
-    rotation=((ONE, ZERO, ZERO), (ZERO, ONE, ZERO), (ZERO, ZERO, ONE)), translation=(ZERO, ZERO, ZERO)
-)
+_ORIGIN = (ZERO, ZERO, ZERO)
+IDENTITY = Placement(rotation=((ONE, ZERO, ZERO), (ZERO, ONE, ZERO), (ZERO, ZERO, ONE)), translation=_ORIGIN)
 
 
 def rotate_x(angle: Angle) -> Placement:
     """Return the frame turned about x by `angle`."""
     c, s = angle.cosine, angle.sine
-    rotation = ((ONE, ZERO, ZERO), (ZERO, c, -s), (ZERO, s, c))
-    return Placement(rotation=rotation, translation=IDENTITY.translation)
+    return Placement(rotation=((ONE, ZERO, ZERO), (ZERO, c, -s), (ZERO, s, c)), translation=_ORIGIN)
 
 
 def rotate_y(angle: Angle) -> Placement:
     """Return the frame turned about y by `angle`."""
     c, s = angle.cosine, angle.sine
-    rotation = ((c, ZERO, s), (ZERO, ONE, ZERO), (-s, ZERO, c))
-    return Placement(rotation=rotation, translation=IDENTITY.translation)
+    return Placement(rotation=((c, ZERO, s), (ZERO, ONE, ZERO), (-s, ZERO, c)), translation=_ORIGIN)
 
 
 def rotate_z(angle: Angle) -> Placement:
     """Return the frame turned about z by `angle`."""
     c, s = angle.cosine, angle.sine
-    rotation = ((c, -s, ZERO), (s, c, ZERO), (ZERO, ZERO, ONE))
-    return Placement(rotation=rotation, translation=IDENTITY.translation)
+    return Placement(rotation=((c, -s, ZERO), (s, c, ZERO), (ZERO, ZERO, ONE)), translation=_ORIGIN)
 
 
 def rotate_rpy(roll: Angle, pitch: Angle, yaw: Angle) -> Placement:
     """Return the frame turned by angles about fixed axes, Rz(yaw) Ry(pitch) Rx(roll), as in URDF."""
-    return compose_placements(rotate_z(yaw), compose_placements(rotate_y(pitch), rotate_x(roll)))
+    return compose_placements(rotate_z(yaw), rotate_y(pitch), rotate_x(roll))
 
 
 def translate(x: Exact, y: Exact, z: Exact) -> Placement:
@@ -259,19 +255,30 @@ def translate(x: Exact, y: Exact, z: Exact) -> Placement:
     return Placement(rotation=IDENTITY.rotation, translation=(x, y, z))
 
 
+def place_joint(
+    position: Exact, symbols: Mapping[str, float] | None = None, *, prismatic: bool, snap: float
+) -> Placement:
+    """Return the frame of a joint at a position (rad or m), seen from its frame at zero."""
+    if prismatic:
+        return translate(ZERO, ZERO, position)
+    return rotate_z(build_exact_angle(position.to_float(symbols), snap=snap))
+
+
 def _dot(left: ExactVector, right: ExactVector) -> Exact:
     return left[0] * right[0] + left[1] * right[1] + left[2] * right[2]
 
 
-def compose_placements(outer: Placement, inner: Placement) -> Placement:
-    """Return `inner`, given in the frame `outer`, seen from where `outer` is seen from."""
-    u, v, w = zip(*inner.rotation, strict=True)
-    r0, r1, r2 = ((_dot(row, u), _dot(row, v), _dot(row, w)) for row in outer.rotation)
-    t0, t1, t2 = (
-        shift + _dot(row, inner.translation)
-        for row, shift in zip(outer.rotation, outer.translation, strict=True)
-    )
-    return Placement(rotation=(r0, r1, r2), translation=(t0, t1, t2))
+def compose_placements(outer: Placement, *others: Placement) -> Placement:
+    """Return the last frame, each given in the one before it, seen from where `outer` is seen from."""
+    for inner in others:
+        if IDENTITY in (outer, inner):
+            outer = inner if outer == IDENTITY else outer
+            continue
+        rows, (u, v, w) = outer.rotation, zip(*inner.rotation, strict=True)
+        r0, r1, r2 = ((_dot(row, u), _dot(row, v), _dot(row, w)) for row in rows)
+        x, y, z = (t + _dot(row, inner.translation) for row, t in zip(rows, outer.translation, strict=True))
+        outer = Placement(rotation=(r0, r1, r2), translation=(x, y, z))
+    return outer
 
 
 def place_modified_dh(alpha: Angle, a: Exact, d: Exact, theta: Angle) -> Placement:
@@ -279,8 +286,8 @@ def place_modified_dh(alpha: Angle, a: Exact, d: Exact, theta: Angle) -> Placeme
 
     Rot(x, alpha) Trans(x, a) Rot(z, theta) Trans(z, d)   (Khalil and Kleinfinger 1986; Craig 1986).
     """
-    before = compose_placements(rotate_x(alpha), translate(a, ZERO, ZERO))
-    return compose_placements(before, compose_placements(translate(ZERO, ZERO, d), rotate_z(theta)))
+    steps = (translate(a, ZERO, ZERO), translate(ZERO, ZERO, d), rotate_z(theta))
+    return compose_placements(rotate_x(alpha), *steps)
 
 
 # How sqrt(2), sqrt(3) and sqrt(6) change their signs under the four automorphisms of the field.
@@ -403,20 +410,11 @@ def compute_rpy(rotation: ExactMatrix) -> tuple[Angle, Angle, Angle] | None:
     return angles if rotate_rpy(*angles).rotation == rotation else None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SnappedPlacement:
-    """A rotation, and by how much it differs from what was written (rad)."""
-
-    placement: Placement
-    moved_by: float
-
-
 def invert_placement(placement: Placement) -> Placement:
     """Return the outer frame seen from the inner one: R' and -R' p."""
     r0, r1, r2 = zip(*placement.rotation, strict=True)
     x, y, z = (-value for value in placement.translation)
-    back = Placement(rotation=(r0, r1, r2), translation=IDENTITY.translation)
-    return compose_placements(back, translate(x, y, z))
+    return compose_placements(Placement(rotation=(r0, r1, r2), translation=_ORIGIN), translate(x, y, z))
 
 
 def to_floats(placement: Placement) -> tuple[tuple[float, ...], ...]:
@@ -424,16 +422,23 @@ def to_floats(placement: Placement) -> tuple[tuple[float, ...], ...]:
     return tuple(tuple(entry.to_float() for entry in row) for row in placement.rotation)
 
 
-def build_axis_frame(axis: tuple[Fraction, Fraction, Fraction], *, snap: float = 1e-5) -> SnappedPlacement:
-    """Return a rotation that takes z to the direction of `axis`, which is not zero.
+def build_axis_frame(
+    axis: tuple[Fraction, Fraction, Fraction], *, snap: float = 1e-5
+) -> tuple[Placement, float]:
+    """Return a rotation that takes z to the direction of `axis`, which is not zero, and how far off (rad).
 
     An axis within `snap` (rad) of a coordinate axis is taken as that axis.
     """
-    x, y, z = axis
-    size = max(abs(x), abs(y), abs(z))
-    x, y, z = x / size, y / size, z / size
-    if straight := _snap_to_coordinate_axis(x, y, z, snap):
-        return straight
+    size = max(map(abs, axis))
+    x, y, z = values = [value / size for value in axis]
+    index = max(range(3), key=lambda k: abs(values[k]))
+    others = math.hypot(*(float(value) for k, value in enumerate(values) if k != index))
+    moved = math.atan2(others, abs(float(values[index])))
+    if moved <= max(snap, _ROUNDED):
+        quarters = 1 if values[index] > 0 else -1
+        angle = build_exact_angle((0 if quarters > 0 else math.pi) if index == 2 else quarters * math.pi / 2)
+        # z goes to y by a quarter turn back about x.
+        return (rotate_y(angle), rotate_x(Angle.of(angle.cosine, -angle.sine)), rotate_x(angle))[index], moved
     flat = compute_square_root(Exact.surd(x * x + y * y))
     length = compute_square_root(Exact.surd(x * x + y * y + z * z))
     if flat and length:
@@ -447,23 +452,7 @@ def build_axis_frame(axis: tuple[Fraction, Fraction, Fraction], *, snap: float =
     # The angle between the axis and where the rotation takes z.
     u, v = [row[2].to_float() for row in placement.rotation], [float(x), float(y), float(z)]
     cross = [u[(k + 1) % 3] * v[(k + 2) % 3] - u[(k + 2) % 3] * v[(k + 1) % 3] for k in range(3)]
-    moved = math.atan2(math.hypot(*cross), sum(a * b for a, b in zip(u, v, strict=True)))
-    return SnappedPlacement(placement=placement, moved_by=moved)
-
-
-def _snap_to_coordinate_axis(x: Fraction, y: Fraction, z: Fraction, snap: float) -> SnappedPlacement | None:
-    """Return the rotation for an axis that stands near a coordinate axis."""
-    values = (x, y, z)
-    index = max(range(3), key=lambda k: abs(values[k]))
-    others = math.hypot(*(float(value) for k, value in enumerate(values) if k != index))
-    moved = math.atan2(others, abs(float(values[index])))
-    if moved > max(snap, _ROUNDED):
-        return None
-    quarters = 1 if values[index] > 0 else -1
-    angle = build_exact_angle((0 if quarters > 0 else math.pi) if index == 2 else quarters * math.pi / 2)
-    # z goes to y by a quarter turn back about x.
-    turned = (rotate_y(angle), rotate_x(Angle.of(angle.cosine, -angle.sine)), rotate_x(angle))[index]
-    return SnappedPlacement(placement=turned, moved_by=moved)
+    return placement, math.atan2(math.hypot(*cross), sum(a * b for a, b in zip(u, v, strict=True)))
 
 
 def snap_to_quarter_turns(placement: Placement, *, snap: float = 1e-5) -> Placement | None:

@@ -144,7 +144,7 @@ def lump_fixed_joints(
     moving = [index for index in range(len(joints)) if index not in still]
     positions = {old: new for new, old in enumerate(moving)}
     # For every joint the moving joint (-1: the base) that its link belongs to, and where on it.
-    carriers: dict[int, tuple[int, Placement]] = {}
+    carriers: dict[int, tuple[int, Placement]] = {-1: (-1, IDENTITY)}
     for index, joint in enumerate(joints):
         carriers[index] = _locate_parent(joint, carriers) if index in still else (index, IDENTITY)
     loads: dict[int, list[int]] = {}
@@ -180,11 +180,7 @@ def lump_fixed_joints(
 
 def _locate_parent(joint: Joint, carriers: Mapping[int, tuple[int, Placement]]) -> tuple[int, Placement]:
     """Return the moving joint before `joint`, and the frame of `joint` seen from its link."""
-    if joint.parent < 0:
-        return -1, joint.placement
     carrier, before = carriers[joint.parent]
-    if before == IDENTITY:
-        return carrier, joint.placement
     return carrier, compose_placements(before, joint.placement)
 
 

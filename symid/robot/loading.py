@@ -25,15 +25,8 @@ from symid.errors import Notice, RobotError, UsageError
 from symid.notation import get_unit_factor
 from symid.robot.description import Drive, FrictionValues, Robot
 from symid.robot.toml_drives import FRICTION_PARAMETERS, FRICTION_SHAPES
-from symid.robot.toml_settings import (
-    list_controller,
-    list_log,
-    list_processing,
-    read_controller,
-    read_log,
-    read_processing,
-)
-from symid.robot.toml_values import KeyPath, Place, Places, Section, sort_notices, suggest_names
+from symid.robot.toml_settings import describe_settings, list_controller, read_settings
+from symid.robot.toml_values import KeyPath, Place, Places, Section, suggest_names
 
 _SUFFIX = ".toml"
 
@@ -125,12 +118,20 @@ def override_robot(robot: Robot, settings: Sequence[tuple[str, str]], friction: 
 
 
 def _replace_settings(robot: Robot, pairs: Sequence[tuple[str, str]]) -> Robot:
-    values: dict[str, Any] = {"log": list_log(robot.log), "processing": list_processing(robot.processing)}
+    values: dict[str, Any] = describe_settings(robot)
     if robot.controller is not None:
         values["controller"] = list_controller(robot.controller)
     places: dict[KeyPath, Place] = {}
     for key, value in pairs:
-        path = _split_key(key)
+        path = tuple(key.split("."))
+        if path[0] not in _TABLES or not 1 < len(path) <= 3 or not all(path):
+            hint = suggest_names(path[0], (*_TABLES, "friction"))
+            text = (
+                f"'{key}' cannot be set here; {hint + ' ' if hint else ''}allowed are friction, "
+                "processing.KEY, controller.KEY and log.QUANTITY.KEY, such as processing.filter_cutoff=50; "
+                "all else belongs into the robot file"
+            )
+            raise UsageError(Notice(code="usage.bad-setting", text=text, file=f"--set {key}"))
         _drop_stale_factor(values, path, value)
         # The setting's place is that of its key, and of the tables around it that have none yet.
         place = places[path] = Place(f"--set {key}={value}", 0, 0, value)
@@ -141,26 +142,10 @@ def _replace_settings(robot: Robot, pairs: Sequence[tuple[str, str]]) -> Robot:
                 table[name] = {}
             table = table[name]
         table[path[-1]] = _parse_setting(value)
-    places_of_all = Places(keys=places, values=places, whole=Place("--set", 0, 0))
-    root = Section(values=values, places=places_of_all)
-    log = read_log(root, robot.axes) if values["log"] else robot.log
-    processing, controller = read_processing(root), read_controller(root, robot.axes)
-    if root.errors:
-        raise RobotError(*sort_notices(root.errors))
+    root = Section(values=values, places=Places(keys=places, values=places, whole=Place("--set", 0, 0)))
+    log, processing, controller = read_settings(root, robot.axes)
+    root.finish()
     return replace(robot, log=log, processing=processing, controller=controller)
-
-
-def _split_key(key: str) -> tuple[str, ...]:
-    path = tuple(key.split("."))
-    if path[0] not in _TABLES or not 1 < len(path) <= 3 or not all(path):
-        hint = suggest_names(path[0], (*_TABLES, "friction"))
-        text = (
-            f"'{key}' cannot be set here; {hint + ' ' if hint else ''}allowed are friction, processing.KEY, "
-            "controller.KEY and log.QUANTITY.KEY, such as processing.filter_cutoff=50; all else belongs into "
-            "the robot file"
-        )
-        raise UsageError(Notice(code="usage.bad-setting", text=text, file=f"--set {key}"))
-    return path
 
 
 def _parse_setting(text: str) -> object:

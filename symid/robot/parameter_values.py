@@ -132,26 +132,18 @@ def write_c_values(values: RobotValues, *, comments: Sequence[str] = (), precisi
         "",
         f"/** The model that these numbers belong to: {prefix}_signature() must be the same. */",
         f'#define {macro}_VALUES_SIGNATURE "{values.signature}"',
-        *_write_check(prefix, vectors),
     ]
+    # Where the library's header was included before, the number of parameters is checked.
+    names = {"beta": "BETA", "f": "FRICTION"}
+    counts = [(names[vector.name], len(vector.rows)) for vector in vectors if vector.name in names]
+    if counts:
+        terms = " && ".join(f"{macro}_{name} == {count}" for name, count in counts)
+        lines += ["", f"#ifdef {macro}_H"]
+        lines.append("/* This does not compile where the library has other parameters. */")
+        lines += [f"typedef char {prefix}_values_fit[({terms}) ? 1 : -1];", "#endif"]
     for vector in vectors:
         lines += ["", *_write_vector(prefix, vector, precision)]
     return "\n".join((*[line.rstrip() for line in lines], "", "#endif", ""))
-
-
-def _write_check(prefix: str, vectors: Sequence[ValueVector]) -> Iterator[str]:
-    """Yield a check of the number of parameters, where the library's header was included before."""
-    names = {"beta": "BETA", "f": "FRICTION"}
-    terms = [
-        f"{prefix.upper()}_{names[vector.name]} == {len(vector.rows)}"
-        for vector in vectors
-        if vector.name in names
-    ]
-    if terms:
-        yield from ("", f"#ifdef {prefix.upper()}_H")
-        yield "/* This does not compile where the library has other parameters. */"
-        yield f"typedef char {prefix}_values_fit[({' && '.join(terms)}) ? 1 : -1];"
-        yield "#endif"
 
 
 def _write_vector(prefix: str, vector: ValueVector, precision: str) -> Iterator[str]:

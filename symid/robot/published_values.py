@@ -63,7 +63,6 @@ class TableRow(Generic[N]):
 class PublishedTable(Generic[N]):
     """The rows, the columns they were read from, and number and name of lines without a value."""
 
-    path: str
     columns: TableColumns
     rows: tuple[TableRow[N], ...]
     empty: tuple[tuple[int, str], ...]
@@ -109,7 +108,7 @@ def read_value_table(path: Path, columns: TableColumns, read_name: Callable[[str
         notices += [replace(notice, file=file, line=number) for notice in wrong]
     if notices or not rows:
         raise EstimateError(*(sort_notices(notices) or (nothing,)))
-    return PublishedTable(path=file, columns=chosen, rows=tuple(rows), empty=tuple(empty))
+    return PublishedTable(columns=chosen, rows=tuple(rows), empty=tuple(empty))
 
 
 def _read_lines(path: Path) -> tuple[_Line, list[_Line]]:

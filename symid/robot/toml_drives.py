@@ -1,4 +1,4 @@
-"""Drives, friction and springs: the `drive`, `friction`, `spring`, `elasticity` and `[[coupling]]` tables.
+"""The tables of a joint that moves: `drive`, `friction`, `limits`, `spring`, `elasticity`; `[[coupling]]`.
 
 Supported: rotor inertias on either side of the gear; the models of `FrictionKind` and `CurvedFriction`, with
 all values or none where they are unknown, and a speed over which dry friction changes its sign; elastic
@@ -25,12 +25,14 @@ from symid.robot.description import (
     Drive,
     FrictionKind,
     FrictionValues,
+    Joint,
     JointKind,
+    Limits,
     Spring,
 )
 from symid.robot.elasticity import Elasticity, Knee, Stop, compute_catalogue_knees
 from symid.robot.exact_values import read_fraction
-from symid.robot.toml_values import ANY, NOT_NEGATIVE, POSITIVE, Range, Section, suggest_names, to_decimal
+from symid.robot.toml_values import NOT_NEGATIVE, POSITIVE, Range, Section, explain_wide_limits, suggest_names
 
 Kind = FrictionKind | CurvedFriction
 
@@ -101,8 +103,8 @@ _SIGNED = ("offset", "Fp", "Fe", "Fvq", "Fvc")
 _SLOWEST, _FASTEST, _SPEED_COUNT = 1e-9, 1e6, 1500
 
 
-def read_friction(section: Section) -> FrictionValues:
-    """Return the friction of a joint's or coupling's table; none where it states none."""
+def _read_friction(section: Section, fastest: float = math.inf) -> FrictionValues:
+    """Return the friction of a joint's or coupling's table, up to the speed `fastest`; none without one."""
     names = sorted({name for group in FRICTION_PARAMETERS.values() for name in group})
     shapes = {key.name: key for keys in FRICTION_SHAPES.values() for key in keys}
     table = section.read_table("friction", ("model", *names, *shapes, "smoothing"))
@@ -132,9 +134,6 @@ def read_friction(section: Section) -> FrictionValues:
         smoothing=smoothing or 0.0,
         shape=tuple(value for value in filled if value is not None) if None not in filled else (),
     )
-    limits = section.get("limits")
-    limit = to_decimal(limits.get("velocity")) if isinstance(limits, dict) else None
-    fastest = float(limit) if limit is not None and limit > 0 else math.inf
     _warn_of_driving_friction(table, found, fastest)
     return found
 
@@ -212,9 +211,48 @@ UNKNOWN = "unknown"
 """The text in place of a number that is to be identified."""
 
 _STIFFNESS = "N*m/rad"
+MOVING_KEYS = ("drive", "friction", "spring", "elasticity", "limits")
 
 
-def read_drive(section: Section) -> Drive:
+def complete_joint(section: Section, joint: Joint, *, fixed: bool) -> Joint:
+    """Return the joint with what its table says of its motion, which a `fixed` joint does not have."""
+    if not fixed:
+        limits = _read_limits(section)
+        return replace(
+            joint,
+            drive=_read_drive(section),
+            friction=_read_friction(section, limits.velocity or math.inf),
+            limits=limits,
+            spring=_read_spring(section),
+            elasticity=_read_elasticity(section),
+        )
+    for key in MOVING_KEYS:
+        if key in section.values:
+            text = "a fixed joint has none; leave it out, or choose a kind that moves"
+            section.refuse_key("robot.fixed-joint", key, text)
+    return joint
+
+
+def _read_limits(section: Section) -> Limits:
+    rates = {"velocity": "rad/s", "acceleration": "rad/s^2", "jerk": "rad/s^3", "torque": "N*m"}
+    table = section.read_table("limits", ("position", *rates))
+    if table is None:
+        return Limits()
+    found = table.read_numbers("position", "rad", 2)
+    position = None if found is None else (float(found[0]), float(found[1]))
+    if found and found[0] >= found[1]:
+        text = f"the lower limit {found[0]} must be less than the upper limit {found[1]}"
+        table.refuse("robot.out-of-range", "position", text)
+    elif position and not table.prismatic and (doubt := explain_wide_limits(*position)):
+        table.warn("robot.large-angle", "position", doubt)
+    if section.get("kind") == "continuous" and "position" in table.values:
+        text = 'a continuous joint has none; leave them out, or write kind = "revolute"'
+        table.refuse_key("robot.continuous-limits", "position", text)
+    others = {key: table.read_float(key, unit, POSITIVE) for key, unit in rates.items()}
+    return Limits(position=position, **others)
+
+
+def _read_drive(section: Section) -> Drive:
     """Return the `drive` table of a joint; motors turn, whatever the joint does."""
     drive = section.read_table("drive", ("gear", "rotor_inertia", "rotor_inertia_side", "torque_constant"))
     if drive is None:
@@ -244,7 +282,7 @@ def read_drive(section: Section) -> Drive:
     )
 
 
-def read_spring(section: Section) -> Spring | None:
+def _read_spring(section: Section) -> Spring | None:
     """Return the `spring` table of a joint: tau = stiffness (q - rest)."""
     table = section.read_table("spring", ("stiffness", "rest"))
     if table is None:
@@ -260,63 +298,34 @@ def read_spring(section: Section) -> Spring | None:
     return Spring(stiffness=stiffness, rest=rest)
 
 
-def read_table_array(root: Section, key: str) -> list[Section]:
-    """Return the tables of `[[key]]`, each with a label for messages; what is none is reported."""
-    tables: Any = root.get(key)
-    if tables is None:
-        return []
-    if not isinstance(tables, list):
-        root.refuse("robot.wrong-type", key, f"expected [[{key}]] in two brackets, got {root.show(key)}")
-        return []
-    sections = []
-    for index, table in enumerate(tables):
-        if not isinstance(table, Mapping):
-            # The other tables are read all the same, so that their mistakes are reported too.
-            text = f"expected [[{key}]] in two brackets, got {root.show(key, index)} as {key} {index + 1}"
-            root.refuse("robot.wrong-type", key, text, index)
-            continue
-        name = table.get("name")
-        label = f"{key} '{name}'" if isinstance(name, str) else f"{key} {index + 1}"
-        sections.append(root.inside(table, label, key, index))
-    return sections
-
-
 def read_couplings(
     root: Section, names: Sequence[str], kinds: Sequence[JointKind | None]
 ) -> tuple[Coupling, ...]:
     """Return the drives that turn with several of the joints `names`; the kind of a fixed one is None."""
     couplings: list[Coupling] = []
-    for section in read_table_array(root, "coupling"):
+    for section in root.read_table_array("coupling"):
         section.refuse_unknown_keys(("name", "terms", "rotor_inertia", "friction"))
-        name = _read_name(section, [entry.name for entry in couplings])
+        section.require("name", 'write name = "m6": it ends the names of the parameters, as in IAm6')
+        name, taken = section.read_text("name"), [entry.name for entry in couplings]
+        if name is not None and not (name.isidentifier() and name.isascii()):
+            text = f"{section.show('name')} cannot end the name of a parameter; use letters, digits and _"
+            section.refuse("robot.bad-name", "name", f"{text}, a letter first")
+        elif name in taken:
+            text = f"the name is taken by coupling {taken.index(name) + 1}; each coupling needs its own"
+            section.refuse("robot.duplicate-coupling", "name", text)
         terms = _read_terms(section, names, kinds)
         prismatic = bool(terms) and all(kinds[index] is JointKind.PRISMATIC for index, _ in terms)
         unit = "kg" if prismatic else "kg*m^2"
         couplings.append(
             Coupling(
-                name=name,
+                name=name or "",
                 terms=terms,
                 has_rotor="rotor_inertia" in section.values,
                 rotor_inertia=section.read_float("rotor_inertia", unit, NOT_NEGATIVE, word=UNKNOWN),
-                friction=read_friction(replace(section, prismatic=prismatic)),
+                friction=_read_friction(replace(section, prismatic=prismatic)),
             )
         )
     return tuple(couplings)
-
-
-def _read_name(section: Section, taken: Sequence[str]) -> str:
-    """Return the coupling's name, which ends the names of its parameters."""
-    section.require("name", 'write name = "m6": it ends the names of the parameters, as in IAm6')
-    name = section.read_text("name")
-    if name is None:
-        return ""
-    if not name.isidentifier() or not name.isascii():
-        text = f"{section.show('name')} cannot end the name of a parameter; use letters, digits and _"
-        section.refuse("robot.bad-name", "name", f"{text}, a letter first")
-    elif name in taken:
-        text = f"the name is taken by coupling {taken.index(name) + 1}; each coupling needs its own"
-        section.refuse("robot.duplicate-coupling", "name", text)
-    return name
 
 
 def _read_terms(
@@ -347,7 +356,7 @@ _ELASTICITY_KEYS = ("stiffness", "damping", "cubic", "stops", "knees", "symmetri
 _CATALOGUE = ("K1", "K2", "K3", "T1", "T2")
 
 
-def read_elasticity(section: Section) -> Elasticity | None:
+def _read_elasticity(section: Section) -> Elasticity | None:
     """Return the `elasticity` table of a joint; a notice explains which side q is."""
     table = section.read_table("elasticity", _ELASTICITY_KEYS)
     if table is None:
@@ -357,7 +366,11 @@ def read_elasticity(section: Section) -> Elasticity | None:
     before = len(table.errors)
     damping = table.read_float("damping", "N*m*s/rad", NOT_NEGATIVE)
     cubic = table.read_float("cubic", "N*m/rad^3", NOT_NEGATIVE)
-    stops = _read_stops(table)
+    numbers = (
+        ("threshold", "0.002", "rad", POSITIVE, ""),
+        ("stiffness", "120", _STIFFNESS, NOT_NEGATIVE, UNKNOWN),
+    )
+    stops = tuple(Stop(threshold=at, stiffness=k) for at, k in _read_entries(table, "stops", *numbers))
     if "catalogue" in table.values:
         stiffness, knees = _read_catalogue(table)
     else:
@@ -406,62 +419,46 @@ def _read_catalogue(table: Section) -> tuple[float | None, tuple[Knee, ...]]:
     return values["K1"], compute_catalogue_knees(slopes, (values["T1"], values["T2"]))
 
 
-def _list_entries(table: Section, key: str, *numbers: tuple[str, str]) -> list[Section]:
-    """Return the tables of the array at `key`, which hold these numbers; what is none is reported."""
-    entries: Any = table.get(key)
-    if entries is None:
-        return []
+_Number = tuple[str, str, str, Range, str]
+"""Key, example, unit and range of a number, and the word that may stand in its place."""
+
+
+def _read_entries(table: Section, key: str, *numbers: _Number) -> list[tuple[float, float | None]]:
+    """Return threshold and other number of each table in the array at `key`; mistakes are reported."""
+    entries: Any = table.values.get(key, [])
     if not isinstance(entries, list) or not all(isinstance(entry, Mapping) for entry in entries):
-        example = ", ".join(f"{name} = {number}" for name, number in numbers)
+        example = ", ".join(f"{name} = {number}" for name, number, *_ in numbers)
         text = f"expected a list of tables, as in {key} = [{{ {example} }}], got {table.show(key)}"
         table.refuse("robot.wrong-type", key, text)
         return []
-    sections = []
-    for index, entry in enumerate(entries):
-        sections.append(table.inside(entry, f"{table.label}: {key} {index + 1}", key, index))
-        sections[-1].refuse_unknown_keys(name for name, _ in numbers)
-    return sections
-
-
-def _read_required(entry: Section, key: str, unit: str, allowed: Range, word: str = "") -> float | None:
-    """Return the number at `key`; one that is missing is reported."""
-    shown = adapt_unit(unit, prismatic=entry.prismatic)
-    entry.require(key, f"write {key} = a number" + (f" in {shown}" if unit else ""))
-    return entry.read_float(key, unit, allowed, word=word)
-
-
-def _check_order(entry: Section, threshold: float, before: Sequence[Stop | Knee]) -> None:
-    if before and not threshold > before[-1].threshold:
-        text = f"must be greater than {before[-1].threshold:g} before it: thresholds increase, each once"
-        entry.refuse("robot.out-of-range", "threshold", text)
-
-
-def _read_stops(table: Section) -> tuple[Stop, ...]:
-    stops: list[Stop] = []
-    for entry in _list_entries(table, "stops", ("threshold", "0.002"), ("stiffness", "120")):
-        threshold = _read_required(entry, "threshold", "rad", POSITIVE)
-        stiffness = _read_required(entry, "stiffness", _STIFFNESS, NOT_NEGATIVE, UNKNOWN)
-        if threshold is not None:
-            _check_order(entry, threshold, stops)
-            stops.append(Stop(threshold=threshold, stiffness=stiffness))
-    return tuple(stops)
+    found: list[tuple[float, float | None]] = []
+    for index, values in enumerate(entries):
+        entry = table.inside(values, f"{table.label}: {key} {index + 1}", key, index)
+        entry.refuse_unknown_keys(name for name, *_ in numbers)
+        for name, _, unit, *_ in numbers:
+            shown = adapt_unit(unit, prismatic=entry.prismatic)
+            entry.require(name, f"write {name} = a number" + (f" in {shown}" if unit else ""))
+        threshold, value = (
+            entry.read_float(name, unit, allowed, word=word) for name, _, unit, allowed, word in numbers
+        )
+        if threshold == 0:
+            text = "must not be 0: the outer function has slope 1 there; change stiffness instead"
+            entry.refuse("robot.out-of-range", "threshold", text)
+        elif threshold is not None and (value is not None or key == "stops"):
+            if found and not threshold > found[-1][0]:
+                text = f"must be greater than {found[-1][0]:g} before it: thresholds increase, each once"
+                entry.refuse("robot.out-of-range", "threshold", text)
+            found.append((threshold, value))
+    return found
 
 
 def _read_knees(table: Section) -> tuple[Knee, ...]:
     symmetric = table.read_flag("symmetric") or False
-    knees: list[Knee] = []
-    for entry in _list_entries(table, "knees", ("threshold", "3.0"), ("slope", "0.5")):
-        threshold = _read_required(entry, "threshold", "N*m", POSITIVE if symmetric else ANY)
-        slope = _read_required(entry, "slope", "", ANY)
-        if threshold == 0:
-            text = "must not be 0: the outer function has slope 1 there; change stiffness instead"
-            entry.refuse("robot.out-of-range", "threshold", text)
-        elif threshold is not None and slope is not None:
-            _check_order(entry, threshold, knees)
-            knees.append(Knee(threshold=threshold, slope=slope))
-    if not symmetric:
-        return tuple(knees)
-    if "knees" not in table.values:
+    allowed = POSITIVE if symmetric else Range()
+    numbers = (("threshold", "3.0", "N*m", allowed, ""), ("slope", "0.5", "", Range(), ""))
+    found = [Knee(threshold=at, slope=slope or 0.0) for at, slope in _read_entries(table, "knees", *numbers)]
+    if symmetric and "knees" not in table.values:
         text = "it mirrors knees, and there are none; write knees or leave it out"
         table.refuse_key("robot.elasticity-mixed", "symmetric", text)
-    return (*(Knee(threshold=-knee.threshold, slope=knee.slope) for knee in reversed(knees)), *knees)
+    mirrored = [Knee(threshold=-knee.threshold, slope=knee.slope) for knee in reversed(found)]
+    return (*mirrored, *found) if symmetric else tuple(found)

@@ -18,66 +18,19 @@ from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
-from symid.errors import RobotError
 from symid.notation import INERTIAL
-from symid.robot.description import (
-    Coupling,
-    Joint,
-    JointKind,
-    Limits,
-    Mimic,
-    MimicStep,
-    Robot,
-    SymbolicInertia,
-    follow_chain,
-)
-from symid.robot.exact_values import (
-    DH_KEYS,
-    read_angle,
-    read_fraction,
-    read_length,
-    read_linear_form,
-    read_origin,
-    read_row,
-)
-from symid.robot.geometry import (
-    IDENTITY,
-    ZERO,
-    Exact,
-    Placement,
-    build_exact_angle,
-    compose_placements,
-    rotate_z,
-    translate,
-)
+from symid.robot.description import Coupling, Joint, JointKind, Mimic, MimicStep, Robot, SymbolicInertia
+from symid.robot.exact_values import DH_KEYS, read_fraction, read_frames, read_linear_form, read_position
+from symid.robot.geometry import IDENTITY, ZERO, Placement, compose_placements, place_joint
 from symid.robot.inertia import (
     compute_standard_parameters,
     explain_impossible_inertia,
     lump_fixed_joints,
     move_by_placement,
 )
-from symid.robot.toml_drives import (
-    FRICTION_PARAMETERS,
-    read_couplings,
-    read_drive,
-    read_elasticity,
-    read_friction,
-    read_spring,
-    read_table_array,
-)
-from symid.robot.toml_settings import read_controller, read_log, read_processing
-from symid.robot.toml_values import (
-    ANY,
-    BASE,
-    NOT_NEGATIVE,
-    POSITIVE,
-    Section,
-    explain_wide_limits,
-    parse_toml,
-    read_text_file,
-    sort_notices,
-    suggest_names,
-)
+from symid.robot.toml_drives import FRICTION_PARAMETERS, MOVING_KEYS, complete_joint, read_couplings
+from symid.robot.toml_settings import read_settings
+from symid.robot.toml_values import ANY, BASE, NOT_NEGATIVE, POSITIVE, Section, parse_toml, read_text_file
 
 _ROBOT_KEYS = (
     *("name", "description", "source", "convention", "gravity", "symbols"),
@@ -128,24 +81,25 @@ def build_robot(root: Section, file: str) -> Robot:
     convention = root.read_choice("convention", ("modified", "standard", "origin")) or "modified"
     root = _read_symbols(root)
     joints, couplings = read_joints(root, convention)
-    _check_symbols(root, couplings)
     remedy = "write gravity = [0, 0, -9.81], the vector in the base frame in m/s^2"
     x, y, z = ZERO, ZERO, ZERO
     if root.require("gravity", remedy) and root.has_list("gravity", 3, "numbers in m/s^2"):
         x, y, z = (read_linear_form(root, "gravity", "m/s^2", index) or ZERO for index in range(3))
-    log = read_log(root, joints)
+    log, processing, controller = read_settings(root, joints)
     name = root.read_text("name")
     if name is not None and not _NAME.fullmatch(name):
         text = f"{root.show('name')} cannot name functions; use letters, digits and _, a letter first"
         root.refuse("robot.bad-name", "name", text)
     description, source = (root.read_text(key) or "" for key in ("description", "source"))
-    processing, controller = read_processing(root), read_controller(root, joints)
-    if root.errors:
-        raise RobotError(*sort_notices(root.errors))
     symbols = root.inside(root.symbols, "symbols", "symbols")
+    taken = {f"{letter}{coupling.name}": coupling.name for coupling in couplings for letter in _LETTERS}
     for symbol in root.symbols:
-        if symbol not in root.used:
+        if symbol in taken and not _RESERVED.fullmatch(symbol):
+            text = f"cannot name a symbol: it reads as a parameter of the coupling {taken[symbol]}"
+            symbols.refuse_key("robot.bad-name", symbol, text)
+        elif symbol not in root.used:
             symbols.warn("robot.unused-symbol", symbol, "nothing in the file uses this symbol")
+    notices = root.finish()
     return Robot(
         name=name or re.sub(r"\W|^(?=\d)", "_", Path(file).stem),
         description=description,
@@ -159,7 +113,7 @@ def build_robot(root: Section, file: str) -> Robot:
         processing=processing,
         controller=controller,
         path=file,
-        notices=sort_notices(root.warnings),
+        notices=notices,
     )
 
 
@@ -175,16 +129,6 @@ def _read_symbols(root: Section) -> Section:
             table.refuse_key("robot.bad-name", name, text)
         values[name] = table.read_float(name, "") or 0.0
     return replace(root, symbols=values)
-
-
-def _check_symbols(root: Section, couplings: Sequence[Coupling]) -> None:
-    """Refuse symbols that read as the parameters of coupled drives."""
-    taken = {f"{letter}{coupling.name}": coupling.name for coupling in couplings for letter in _LETTERS}
-    section = root.inside(root.symbols, "symbols", "symbols")
-    for name in root.symbols:
-        if name in taken and not _RESERVED.fullmatch(name):
-            text = f"cannot name a symbol: it reads as a parameter of the coupling {taken[name]}"
-            section.refuse_key("robot.bad-name", name, text)
 
 
 _TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
@@ -237,18 +181,17 @@ def _read_symbolic_inertia(link: Section) -> SymbolicInertia | None:
     x, y, z = ZERO, ZERO, ZERO
     if link.has_list("com", 3, "numbers in m"):
         x, y, z = (read_linear_form(link, "com", "m", index) or ZERO for index in range(3))
-    tensor = link.read_table("inertia", _TENSOR)
-    inertia = [ZERO] * 6
-    if tensor is not None:
-        for index, key in enumerate(_TENSOR):
+    inertia = dict.fromkeys(_TENSOR, ZERO)
+    if tensor := link.read_table("inertia", _TENSOR):
+        for key in _TENSOR:
             allowed = NOT_NEGATIVE if key[0] == key[1] else ANY
-            inertia[index] = read_linear_form(tensor, key, "kg*m^2", allowed=allowed) or ZERO
+            inertia[key] = read_linear_form(tensor, key, "kg*m^2", allowed=allowed) or ZERO
     if link.values:
         remedy = "com and inertia mean nothing without it: write mass = 1.5 (kg), or leave them out"
         link.require("mass", remedy)
     if mass is None:
         return None
-    xx, xy, xz, yy, yz, zz = inertia
+    xx, xy, xz, yy, yz, zz = inertia.values()
     return SymbolicInertia(mass=mass, com=(x, y, z), inertia=(xx, xy, xz, yy, yz, zz))
 
 
@@ -276,9 +219,9 @@ def _read_mimics(
         if "mimic" in section.values and (found := _read_mimic_step(section, kind, names, kinds)):
             steps[name], offsets[name] = found
     followers = {}
-    for name in steps:
+    for name, step in steps.items():
         index, path = names.index(name), [name]
-        for end in follow_chain(steps, name):
+        for end in step.follow(steps):
             master = str(end.master)
             if master in path:
                 # A ring is reported once, at its first joint; chains that end in one need no message.
@@ -288,12 +231,9 @@ def _read_mimics(
                 break
             path.append(master)
         else:
-            offset = offsets[name]
-            if kinds[index] is JointKind.PRISMATIC:
-                offset = translate(ZERO, ZERO, end.offset)
-            elif len(path) > 2:
-                radians = end.offset.to_float(sections[index].symbols)
-                offset = rotate_z(build_exact_angle(radians, snap=0.0))
+            section, offset = sections[index], offsets[name]
+            if len(path) > 2:
+                offset = place_joint(end.offset, section.symbols, prismatic=section.prismatic, snap=0.0)
             followers[index] = Mimic(master=names.index(path[-1]), multiplier=end.multiplier), offset
     return followers
 
@@ -309,19 +249,13 @@ def _read_mimic_step(
     if table is None:
         return None
     multiplier = read_fraction(table, "multiplier", "leave it out, or write a fixed joint") or Fraction(1)
-    if kind is JointKind.REVOLUTE:
-        angle = read_angle(table, "offset")
-        offset, placement = Exact.of(angle.radians), rotate_z(angle)
-    else:
-        offset = read_length(table, "offset")
-        placement = translate(ZERO, ZERO, offset)
+    offset, placement = read_position(table, "offset")
     table.require("joint", 'write joint = "joint1", the joint to follow')
     name = table.read_text("joint")
     if name is None:
         return None
     if name not in names:
-        hint = suggest_names(name, names, otherwise="allowed are")
-        table.refuse("robot.unknown-joint", "joint", f'there is no joint "{name}"; {hint}')
+        table.refuse_joint("robot.unknown-joint", "joint", names)
         return None
     if kinds[names.index(name)] is None:
         text = f'"{name}" is fixed; make this joint fixed too, or follow one that moves'
@@ -330,8 +264,7 @@ def _read_mimic_step(
     return MimicStep(master=name, multiplier=multiplier, offset=offset), placement
 
 
-_MOVING_KEYS = ("drive", "friction", "spring", "elasticity", "limits")
-_JOINT_KEYS = ("name", "kind", "parent", *DH_KEYS, "origin", "frame", "mimic", "link", *_MOVING_KEYS)
+_JOINT_KEYS = ("name", "kind", "parent", *DH_KEYS, "origin", "frame", "mimic", "link", *MOVING_KEYS)
 _KINDS = {
     "revolute": JointKind.REVOLUTE,
     "continuous": JointKind.REVOLUTE,
@@ -346,31 +279,32 @@ def read_joints(root: Section, convention: str) -> tuple[tuple[Joint, ...], tupl
     root.require("joint", remedy)
     if root.get("joint") == []:
         root.refuse("robot.missing-key", "joint", f"empty, and a robot needs a joint; {remedy}")
-    tables = read_table_array(root, "joint")
-    names = _read_joint_names(tables)
-    kinds = []
-    for table in tables:
+    sections, kinds = [], []
+    for table in root.read_table_array("joint"):
         table.require("kind", 'write kind = "revolute" or kind = "prismatic"')
         found = table.read_choice("kind", _KINDS)
         kinds.append(_KINDS[found] if found else JointKind.REVOLUTE)
-    sections = [
-        replace(table, prismatic=kind is JointKind.PRISMATIC)
-        for table, kind in zip(tables, kinds, strict=True)
-    ]
+        sections.append(replace(table, prismatic=kinds[-1] is JointKind.PRISMATIC))
+    names = _read_joint_names(sections)
     followers = _read_mimics(sections, names, kinds)
     joints: list[Joint] = []
     for index, section in enumerate(sections):
         section.refuse_unknown_keys(_JOINT_KEYS)
         parent = _read_parent(section, index, names)
-        near, frame = _read_frames(section, convention)
-        if parent >= 0:
-            near = compose_placements(joints[parent].frame, near)
+        near, frame = read_frames(section, convention)
         mimic, offset = followers.get(index, (None, IDENTITY))
-        if mimic is not None:
-            near = compose_placements(near, offset)
-        kind = kinds[index] or JointKind.REVOLUTE
-        joint = Joint(name=names[index], kind=kind, parent=parent, placement=near, mimic=mimic, frame=frame)
-        joints.append(_complete_joint(section, joint, fixed=kinds[index] is None))
+        inertial, form = read_body(section, "link", frame)
+        joint = Joint(
+            name=names[index],
+            kind=kinds[index] or JointKind.REVOLUTE,
+            parent=parent,
+            placement=compose_placements(joints[parent].frame if parent >= 0 else IDENTITY, near, offset),
+            inertial=inertial,
+            mimic=mimic,
+            frame=frame,
+            form=form,
+        )
+        joints.append(complete_joint(section, joint, fixed=kinds[index] is None))
     couplings = read_couplings(root, names, kinds)
     fixed = [index for index, kind in enumerate(kinds) if kind is None]
     if fixed and len(fixed) == len(joints) and not root.errors:
@@ -413,64 +347,7 @@ def _read_parent(section: Section, index: int, names: list[str]) -> int:
         return index - 1 if parent is None else known.index(parent) - 1
     if parent in names:
         text = f'"{parent}" does not stand before this joint; a parent comes before its children'
+        section.refuse("robot.unknown-parent", "parent", text)
     else:
-        text = f'there is no joint "{parent}"; {suggest_names(parent, known, otherwise="allowed are")}'
-    section.refuse("robot.unknown-parent", "parent", text)
+        section.refuse_joint("robot.unknown-parent", "parent", known)
     return index - 1
-
-
-def _read_frames(section: Section, convention: str) -> tuple[Placement, Placement]:
-    """Return the joint's frame seen from the link before it, and the link's seen from the joint's."""
-    general = [key for key in ("origin", "frame") if key in section.values]
-    if convention != "origin" and not general:
-        return read_row(section, convention)
-    for key in DH_KEYS:
-        if key in section.values:
-            where = 'in convention = "origin"' if convention == "origin" else f"together with {general[0]}"
-            text = f"not allowed {where}; place the joint by a row or by origin, not by both"
-            section.refuse_key("robot.mixed-placement", key, text)
-    return read_origin(section, "origin"), read_origin(section, "frame")
-
-
-def _complete_joint(section: Section, joint: Joint, *, fixed: bool) -> Joint:
-    """Return the joint with what its table holds on itself and its link."""
-    parameters, form = read_body(section, "link", joint.frame)
-    joint = replace(joint, inertial=parameters, form=form)
-    if fixed:
-        for key in _MOVING_KEYS:
-            if key in section.values:
-                text = "a fixed joint has none; leave it out, or choose a kind that moves"
-                section.refuse_key("robot.fixed-joint", key, text)
-        return joint
-    return replace(
-        joint,
-        drive=read_drive(section),
-        friction=read_friction(section),
-        limits=_read_limits(section),
-        spring=read_spring(section),
-        elasticity=read_elasticity(section),
-    )
-
-
-def _read_limits(section: Section) -> Limits:
-    table = section.read_table("limits", ("position", "velocity", "acceleration", "jerk", "torque"))
-    if table is None:
-        return Limits()
-    position = table.read_numbers("position", "rad", 2)
-    if position and position[0] >= position[1]:
-        text = f"the lower limit {position[0]} must be less than the upper limit {position[1]}"
-        table.refuse("robot.out-of-range", "position", text)
-    elif position and not table.prismatic:
-        doubt = explain_wide_limits(float(position[0]), float(position[1]))
-        if doubt:
-            table.warn("robot.large-angle", "position", doubt)
-    if section.get("kind") == "continuous" and "position" in table.values:
-        text = 'a continuous joint has none; leave them out, or write kind = "revolute"'
-        table.refuse_key("robot.continuous-limits", "position", text)
-    return Limits(
-        position=(float(position[0]), float(position[1])) if position else None,
-        velocity=table.read_float("velocity", "rad/s", POSITIVE),
-        acceleration=table.read_float("acceleration", "rad/s^2", POSITIVE),
-        jerk=table.read_float("jerk", "rad/s^3", POSITIVE),
-        torque=table.read_float("torque", "N*m", POSITIVE),
-    )

@@ -2,9 +2,7 @@
 
 Tables of a robot file, or of settings put over it -> `LogMap`, `Processing`, `Controller`, and back.
 
-The transmission matrix T of a log, for motors that move more than one joint, is square and invertible by a
-margin that the digits of a log can pass: angles of the motors = T (angles of the joints), torques of the
-joints = T' (torques of the motors).
+The transmission matrix of a log is square, and invertible by a margin that the digits of a log can pass.
 
 Supported: one column per joint, or one array for all joints; units of the closed table; motor currents by
 their torque constants; an offset of zero for each joint; a controller gain for each joint, or one for all.
@@ -13,21 +11,12 @@ depend on the position.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from functools import partial
 from typing import Any
 
 from symid.notation import adapt_unit, get_unit_factor, suggest_units
-from symid.robot.description import (
-    Controller,
-    Decimation,
-    Joint,
-    JointKind,
-    LogMap,
-    LogQuantity,
-    Processing,
-    Robot,
-)
+from symid.robot.description import Controller, Joint, JointKind, LogMap, LogQuantity, Processing, Robot
 from symid.robot.exact_values import read_constant
 from symid.robot.toml_values import ANY, NOT_NEGATIVE, POSITIVE, Range, Section, to_decimal
 
@@ -135,7 +124,7 @@ def _read_quantity(
     # A transmission may turn angles of motors into lengths: its entries have units of their own.
     free = coupled and side == "motor" and dimension in ("SI", *dimensions.values())
     if unit and not free:
-        factor = _check_unit(section, name, unit, factor, joints, coupled=coupled)
+        factor = _check_unit(section, name, factor, joints, coupled=coupled)
     if dimension == "current" and "factor" not in section.values:
         # Torque constants and gear ratios bring a current to the joint side, constants alone to the motor's.
         side = "motor" if coupled else "joint"
@@ -147,7 +136,7 @@ def _get_natural_unit(name: str, joints: Sequence[Joint]) -> str:
     """Return the SI unit of a quantity, for messages; "SI" where joints differ."""
     alike = next(key for key in _SI_UNITS if JOINT_DIMENSIONS[key] is JOINT_DIMENSIONS[name])
     unit = _SI_UNITS[alike]
-    found = {adapt_unit(unit, prismatic=joint.kind is JointKind.PRISMATIC) for joint in joints}
+    found = {adapt_unit(unit, prismatic=joint.prismatic) for joint in joints}
     return found.pop() if len(found) == 1 else "SI"
 
 
@@ -227,16 +216,10 @@ def compute_current_factor(joints: Sequence[Joint], *, coupled: bool) -> tuple[f
 
 
 def _check_unit(
-    section: Section,
-    name: str,
-    unit: str,
-    factor: tuple[float, ...] | None,
-    joints: Sequence[Joint],
-    *,
-    coupled: bool,
+    section: Section, name: str, factor: tuple[float, ...] | None, joints: Sequence[Joint], *, coupled: bool
 ) -> tuple[float, ...] | None:
     """Return the factor that goes with the unit, made of torque constants for a motor current."""
-    dimension = get_unit_factor(unit)[0]
+    dimension = get_unit_factor(section.values["unit"])[0]
     natural = {JOINT_DIMENSIONS[name][joint.kind] for joint in joints}
     if dimension == "SI" or natural == {dimension} or not joints:
         return factor
@@ -258,7 +241,6 @@ def _check_unit(
 
 
 _QUANTITIES = tuple(entry.name for entry in fields(LogMap) if entry.name not in ("transmission", "preset"))
-_PRESETS = ("symid", "ros", "ur-rtde", "franka")
 _NONE, _LOG = "none", "log"
 _ORDER = Range(low=1, high=16)
 
@@ -268,33 +250,26 @@ def read_processing(root: Section) -> Processing:
     table = root.read_table("processing", [entry.name for entry in fields(Processing)])
     if table is None:
         return Processing(automatic=True)
-    standard = Processing()
-    return Processing(
-        filter_order=table.read_integer("filter_order", _ORDER) or standard.filter_order,
-        filter_cutoff=table.read_float("filter_cutoff", "Hz", POSITIVE, word=_NONE),
-        filter_torque=bool(table.read_flag("filter_torque")),
-        drop_first=table.read_integer("drop_first", NOT_NEGATIVE) or 0,
-        drop_last=table.read_integer("drop_last", NOT_NEGATIVE) or 0,
-        standstill=table.read_float("standstill", "rad/s or m/s", NOT_NEGATIVE) or 0.0,
-        automatic=bool(table.read_flag("automatic")),
-        noise_freedom=table.read_choice("noise_freedom", ("band", "parameters", "one"))
-        or standard.noise_freedom,
-        decimation=_read_decimation(table),
-    )
-
-
-def _read_decimation(table: Section) -> Decimation:
-    inner = table.read_table("decimation", [entry.name for entry in fields(Decimation)])
-    standard = Decimation()
-    if inner is None:
-        return standard
-    return Decimation(
-        factor=inner.read_integer("factor", Range(low=1, high=1000)) or standard.factor,
-        order=inner.read_integer("order", _ORDER) or standard.order,
-        ripple_db=inner.read_float("ripple_db", "", Range(low=0, high=3, open_low=True))
-        or standard.ripple_db,
-        band=inner.read_float("band", "", Range(low=0, high=1, open_low=True)) or standard.band,
-    )
+    found: dict[str, Any] = {
+        "filter_order": table.read_integer("filter_order", _ORDER),
+        "filter_cutoff": table.read_float("filter_cutoff", "Hz", POSITIVE, word=_NONE),
+        "filter_torque": table.read_flag("filter_torque"),
+        "drop_first": table.read_integer("drop_first", NOT_NEGATIVE),
+        "drop_last": table.read_integer("drop_last", NOT_NEGATIVE),
+        "standstill": table.read_float("standstill", "rad/s or m/s", NOT_NEGATIVE),
+        "automatic": table.read_flag("automatic"),
+        "noise_freedom": table.read_choice("noise_freedom", ("band", "parameters", "one")),
+    }
+    usual = Processing().decimation
+    inner = table.read_table("decimation", [entry.name for entry in fields(usual)])
+    steps: dict[str, Any] = {}
+    if inner is not None:
+        steps["factor"] = inner.read_integer("factor", Range(low=1, high=1000))
+        steps["order"] = inner.read_integer("order", _ORDER)
+        steps["ripple_db"] = inner.read_float("ripple_db", "", Range(low=0, high=3, open_low=True))
+        steps["band"] = inner.read_float("band", "", Range(low=0, high=1, open_low=True))
+    stated, steps = ({key: x for key, x in each.items() if x is not None} for each in (found, steps))
+    return Processing(**stated, decimation=replace(usual, **steps))
 
 
 def read_log(root: Section, joints: Sequence[Joint]) -> LogMap:
@@ -310,26 +285,21 @@ def read_log(root: Section, joints: Sequence[Joint]) -> LogMap:
             "position and those of the links as link_position"
         )
         table.refuse_key("robot.two-encoders", "link_position", text)
+    time = None
+    if section := table.read_table("time", ("column", "unit")):
+        section.require("column", 'write column = "t"')
+        column, unit = section.read_text("column"), _read_unit(section, "s")
+        if unit and get_unit_factor(unit)[0] not in ("time", "SI"):
+            text = f"expected a unit of time (s, ms, us), got {section.show('unit')}"
+            section.refuse("robot.wrong-unit", "unit", text)
+        time = LogQuantity(columns=(column or "t",), unit=unit or "s")
     coupled = "transmission" in table.values
     return LogMap(
-        time=_read_time(table),
+        time=time,
         **{name: _read_quantity(table, name, joints, coupled=coupled) for name in _QUANTITIES[1:]},
         transmission=_read_transmission(table, joints),
-        preset=table.read_choice("preset", _PRESETS),
+        preset=table.read_choice("preset", ("symid", "ros", "ur-rtde", "franka")),
     )
-
-
-def _read_time(table: Section) -> LogQuantity | None:
-    section = table.read_table("time", ("column", "unit"))
-    if section is None:
-        return None
-    section.require("column", 'write column = "t"')
-    column = section.read_text("column")
-    unit = _read_unit(section, "s")
-    if unit and get_unit_factor(unit)[0] not in ("time", "SI"):
-        text = f"expected a unit of time (s, ms, us), got {section.show('unit')}"
-        section.refuse("robot.wrong-unit", "unit", text)
-    return LogQuantity(columns=(column or "t",), unit=unit or "s")
 
 
 def list_processing(processing: Processing) -> dict[str, Any]:
@@ -346,13 +316,11 @@ def list_log(log: LogMap) -> dict[str, Any]:
         quantity: LogQuantity | None = getattr(log, name)
         if quantity is None:
             continue
-        if name == "time":
-            table[name] = {"column": quantity.columns[0], "unit": quantity.unit}
-            continue
         listed = {key: list(x) if isinstance(x, tuple) else x for key, x in asdict(quantity).items()}
         if not any(quantity.offset):
             del listed["offset"]
-        table[name] = listed
+        is_time = name == "time"
+        table[name] = {"column": quantity.columns[0], "unit": quantity.unit} if is_time else listed
     return table
 
 
@@ -364,7 +332,7 @@ def describe_settings(robot: Robot) -> dict[str, object]:
 _GAIN_UNITS = {"stiffness": "N*m/rad", "damping": "N*m*s/rad", "offset": "N*m"}
 
 
-def read_controller(root: Section, joints: Sequence[Joint]) -> Controller | None:
+def _read_controller(root: Section, joints: Sequence[Joint]) -> Controller | None:
     """Return the `[controller]` table for a robot with these joints; None where there is none."""
     joints = [joint for joint in joints if joint.mimic is None]
     table = root.read_table("controller", [entry.name for entry in fields(Controller)])
@@ -384,8 +352,13 @@ def read_controller(root: Section, joints: Sequence[Joint]) -> Controller | None
     )
 
 
+def read_settings(root: Section, joints: Sequence[Joint]) -> tuple[LogMap, Processing, Controller | None]:
+    """Return the tables of settings of a file for a robot with these joints."""
+    return read_log(root, joints), read_processing(root), _read_controller(root, joints)
+
+
 def list_controller(controller: Controller) -> dict[str, Any]:
-    """Return the controller as a table that `read_controller` reads back."""
+    """Return the controller as a table that `read_settings` reads back."""
     table = asdict(controller)
     table |= {key: list(entry) for key, entry in table.items() if isinstance(entry, tuple)}
     table["velocity_filter"] = controller.velocity_filter or _NONE
@@ -396,7 +369,7 @@ def _read_gains(
     table: Section, key: str, joints: Sequence[Joint], allowed: Range, word: str = ""
 ) -> tuple[float, ...]:
     """Return a number for each joint, zeros where they are wrong."""
-    units = [adapt_unit(_GAIN_UNITS[key], prismatic=joint.kind is JointKind.PRISMATIC) for joint in joints]
+    units = [adapt_unit(_GAIN_UNITS[key], prismatic=joint.prismatic) for joint in joints]
 
     def read(*inner: int) -> float | None:
         return table.read_float(key, units[inner[0] if inner else 0], allowed, *inner, word=word)

@@ -92,9 +92,7 @@ class Places:
 
 def locate_values(text: str, file: str = "") -> Places:
     """Return the places, in `file`, of all keys and values in valid TOML; lines end in a line feed alone."""
-    scanner = _Scanner(text, file)
-    scanner.scan_document()
-    return Places(keys=scanner.keys, values=scanner.values, whole=Place(file, 1, 1))
+    return _Scanner(text, file).scan_document()
 
 
 class _Scanner:
@@ -109,7 +107,7 @@ class _Scanner:
         self._line_ends = [match.start() for match in re.finditer(r"\n", text)]
         self._tables: dict[KeyPath, int] = {}
 
-    def scan_document(self) -> None:
+    def scan_document(self) -> Places:
         prefix: KeyPath = ()
         self._skip(_BLANK)
         while self.position < len(self.text):
@@ -118,6 +116,7 @@ class _Scanner:
             else:
                 self._scan_pair(prefix)
             self._skip(_BLANK)
+        return Places(keys=self.keys, values=self.values, whole=Place(self.file, 1, 1))
 
     def _scan_header(self) -> KeyPath:
         """Return the path that the keys below `[a.b]` or `[[a.b]]` belong to."""
@@ -283,6 +282,21 @@ class Section:
     def _notice(self, code: str, place: Place, key: str, text: str) -> Notice:
         return place.notice(code, f"{self.label}: {key}: {text}" if self.label else f"{key}: {text}")
 
+    def refuse_joint(self, code: str, key: str, known: Iterable[str]) -> None:
+        """Add an error at `key`, whose text is the name of none of the `known` joints."""
+        hint = suggest_names(self.values[key], known, otherwise="allowed are")
+        self.refuse(code, key, f'there is no joint "{self.values[key]}"; {hint}')
+
+    def finish(self) -> tuple[Notice, ...]:
+        """Return all warnings in the order of their places.
+
+        Raises:
+            RobotError: with all mistakes, likewise, where there are any.
+        """
+        if self.errors:
+            raise RobotError(*sort_notices(self.errors))
+        return sort_notices(self.warnings)
+
     def require(self, key: str, remedy: str) -> bool:
         """Return whether there is something at `key`; add an error where there is nothing."""
         if key not in self.values:
@@ -396,6 +410,25 @@ class Section:
         found = [self.read_number(key, unit, ANY, index) for index in range(count)]
         numbers = tuple(number for number in found if number is not None)
         return numbers if len(numbers) == count else None
+
+    def read_table_array(self, key: str) -> "list[Section]":
+        """Return the tables of `[[key]]`, each with a label for messages; what is none is reported."""
+        tables = self.get(key)
+        expected = f"expected [[{key}]] in two brackets, got"
+        if tables is not None and not isinstance(tables, list):
+            self.refuse("robot.wrong-type", key, f"{expected} {self.show(key)}")
+            return []
+        sections = []
+        for index, table in enumerate(tables or ()):
+            if not isinstance(table, Mapping):
+                # The other tables are read all the same, so that their mistakes are reported too.
+                text = f"{expected} {self.show(key, index)} as {key} {index + 1}"
+                self.refuse("robot.wrong-type", key, text, index)
+                continue
+            name = table.get("name")
+            label = f"{key} '{name}'" if isinstance(name, str) else f"{key} {index + 1}"
+            sections.append(self.inside(table, label, key, index))
+        return sections
 
     def read_table(self, key: str, allowed: Iterable[str] = ()) -> "Section | None":
         """Return the table at `key`, its keys checked against `allowed` where any are given."""

@@ -12,25 +12,13 @@ Not supported: negative masses; the link's values are left out, with a comment.
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from symid.notation import INERTIAL, adapt_unit, get_unit_factor
-from symid.robot.description import (
-    Coupling,
-    Drive,
-    FrictionKind,
-    FrictionValues,
-    Joint,
-    JointKind,
-    Limits,
-    LogMap,
-    LogQuantity,
-    Processing,
-    Robot,
-)
+from symid.robot.description import Drive, FrictionKind, FrictionValues, Joint, Limits, Processing, Robot
 from symid.robot.elasticity import Elasticity, Knee
 from symid.robot.exact_values import (
     add_comment,
@@ -45,7 +33,7 @@ from symid.robot.exact_values import (
     write_standard_row,
     write_value,
 )
-from symid.robot.geometry import IDENTITY, Placement, compose_placements, invert_placement, to_floats
+from symid.robot.geometry import IDENTITY, compose_placements, invert_placement, to_floats
 from symid.robot.inertia import explain_impossible_inertia, move_by_placement, move_parameters, split_body
 from symid.robot.toml_drives import name_shape, name_values
 from symid.robot.toml_settings import compute_current_factor, list_controller, list_log, list_processing
@@ -80,7 +68,11 @@ def write_robot(robot: Robot, *, comment: str = "", hints: bool = False) -> str:
         for table in _HINTS if hints else ():
             lines += _write_hints(joint, table, whole=True)
     for coupling in robot.couplings:
-        lines += ["", *_write_coupling(robot, coupling)]
+        pairs = [(robot.joints[index].name, factor) for index, factor in coupling.terms]
+        terms = ", ".join(f"{write_key(joint)} = {write_fraction(factor)}" for joint, factor in pairs)
+        lines += ["", "[[coupling]]", f"name = {write_value(coupling.name)}", f"terms = {{ {terms} }}"]
+        lines += [f"rotor_inertia = {write_known(coupling.rotor_inertia)}"] if coupling.has_rotor else []
+        lines += _write_friction("coupling", coupling.friction)
     lines += _write_settings(robot)
     return "\n".join(lines) + "\n"
 
@@ -91,10 +83,7 @@ def _choose_rows(robot: Robot) -> tuple[str, list[dict[str, str]]]:
     for joint in robot.joints:
         # The joint's frame seen from the frame that the file gives to the link before it.
         outer = robot.joints[joint.parent].frame if joint.parent >= 0 else IDENTITY
-        near = joint.placement
-        if outer != IDENTITY:
-            near = compose_placements(invert_placement(outer), near)
-        pairs.append((near, joint.frame))
+        pairs.append((compose_placements(invert_placement(outer), joint.placement), joint.frame))
     if robot.convention == "standard":
         rows = [write_standard_row(near, frame) for near, frame in pairs]
         convention = "standard"
@@ -133,7 +122,7 @@ def _write_joint(robot: Robot, index: int, placed: dict[str, str], *, hints: boo
     if joint.mimic:
         yield from ("", "[joint.mimic]", f"joint = {write_value(robot.joints[joint.mimic.master].name)}")
         yield f"multiplier = {write_fraction(joint.mimic.multiplier)}"
-    prismatic = joint.kind is JointKind.PRISMATIC
+    prismatic = joint.prismatic
     yield from _write_link(joint, dict(robot.symbols))
     yield from _write_drive(joint.drive)
     if hints:
@@ -145,7 +134,12 @@ def _write_joint(robot: Robot, index: int, placed: dict[str, str], *, hints: boo
         yield from _write_values(prismatic, ("stiffness", stiffness, "N m/rad"), ("rest", rest, "rad"))
     if joint.elasticity is not None:
         yield from _write_elasticity(joint.elasticity, prismatic=prismatic)
-    yield from _write_limits(joint.limits, prismatic=prismatic)
+    if joint.limits != Limits():
+        yield from ("", "[joint.limits]")
+    for key, _, meaning in _HINTS["limits"]:
+        if (value := getattr(joint.limits, key)) is not None:
+            unit = adapt_unit(meaning.partition(",")[0], prismatic=prismatic)
+            yield add_comment(f"{key} = {write_value(value)}", unit)
     if hints:
         yield from _write_hints(joint, "limits", whole=False)
 
@@ -158,50 +152,39 @@ def _write_values(prismatic: bool, *entries: tuple[str, str, str]) -> Iterator[s
 
 
 def _write_link(joint: Joint, symbols: Mapping[str, float]) -> Iterator[str]:
-    """Yield mass, centre of mass and inertia about it, in the frame that the file gives to the link."""
-    if joint.form is not None:
-        form = joint.form
+    """Yield mass, centre of mass and inertia about it, in the frame that the file gives to the link.
+
+    Values that no body has are yielded as the ten parameters about that frame's origin.
+    """
+    form, parameters = joint.form, joint.inertial
+    if form is not None:
         inertia = {key: write_exact(value) for key, value in zip(_TENSOR, form.inertia, strict=True) if value}
         yield from ("", "[joint.link]", f"mass = {write_exact(form.mass)}", f"com = {write_list(form.com)}")
         if inertia:
             yield f"inertia = {{ {', '.join(f'{key} = {text}' for key, text in inertia.items())} }}"
-    elif joint.inertial is not None:
-        mass = joint.inertial[9]
-        if mass < 0:
-            yield from ("", "# the link's values are left out: its mass is negative")
-        elif not mass or explain_impossible_inertia(joint.inertial):
-            yield from _write_standard(joint.inertial, joint.frame, symbols)
-        else:
-            yield from _write_body(joint.inertial, joint.frame, symbols)
-
-
-def _write_standard(
-    parameters: Sequence[float], frame: Placement, symbols: Mapping[str, float]
-) -> Iterator[str]:
-    """Yield the ten parameters about the origin of the frame that the file gives to the link."""
-    moved = move_by_placement(parameters, frame, symbols, inverse=True)
-    scales = ((moved[:6], parameters[:6]), (moved[6:9], parameters[6:9]))
-    values = [entry for new, old in scales for entry in _round(new, max(abs(part) for part in (*new, *old)))]
-    named = zip(INERTIAL, (*values, moved[9]), strict=True)
-    listed = ", ".join(f"{key} = {write_number(entry)}" for key, entry in named if entry or key == "M")
-    why = "no physical body has these values" if any(parameters) else "no mass"
-    yield from ("", "[joint.link]")
-    yield f"standard = {{ {listed} }}  # {why}; kg m^2, kg m, kg, about the frame's origin"
-
-
-def _write_body(parameters: Sequence[float], frame: Placement, symbols: Mapping[str, float]) -> Iterator[str]:
-    mass, com, central = split_body(parameters)
-    rotation = np.array(to_floats(frame))
-    origin = np.array([entry.to_float(symbols) for entry in frame.translation])
-    turned = move_parameters((*central, 0.0, 0.0, 0.0, 0.0), rotation.T, np.zeros(3))[:6]
-    inertia = _round(turned, max(abs(entry) for entry in parameters[:6]))
-    place = _round(rotation.T @ (np.array(com) - origin), max(map(abs, com)))
-    yield from ("", "[joint.link]", add_comment(f"mass = {write_number(mass)}", "kg"))
-    yield add_comment(f"com = [{', '.join(map(write_number, place))}]", "m, in the link's frame")
-    pairs = [(key, entry) for key, entry in zip(_TENSOR, inertia, strict=True) if entry]
-    if pairs:
-        listed = ", ".join(f"{key} = {write_number(entry)}" for key, entry in pairs)
-        yield f"inertia = {{ {listed} }}  # kg m^2, about the centre of mass"
+    elif parameters is not None and parameters[9] < 0:
+        yield from ("", "# the link's values are left out: its mass is negative")
+    elif parameters is not None and (not parameters[9] or explain_impossible_inertia(parameters)):
+        moved = move_by_placement(parameters, joint.frame, symbols, inverse=True)
+        scales = ((moved[:6], parameters[:6]), (moved[6:9], parameters[6:9]))
+        values = [x for new, old in scales for x in _round(new, max(abs(part) for part in (*new, *old)))]
+        named = zip(INERTIAL, (*values, moved[9]), strict=True)
+        listed = ", ".join(f"{key} = {write_number(entry)}" for key, entry in named if entry or key == "M")
+        why = "no physical body has these values" if any(parameters) else "no mass"
+        yield from ("", "[joint.link]")
+        yield f"standard = {{ {listed} }}  # {why}; kg m^2, kg m, kg, about the frame's origin"
+    elif parameters is not None:
+        mass, com, central = split_body(parameters)
+        rotation = np.array(to_floats(joint.frame))
+        origin = np.array([entry.to_float(symbols) for entry in joint.frame.translation])
+        turned = move_parameters((*central, 0.0, 0.0, 0.0, 0.0), rotation.T, np.zeros(3))[:6]
+        entries = _round(turned, max(abs(entry) for entry in parameters[:6]))
+        place = _round(rotation.T @ (np.array(com) - origin), max(map(abs, com)))
+        yield from ("", "[joint.link]", add_comment(f"mass = {write_number(mass)}", "kg"))
+        yield add_comment(f"com = [{', '.join(map(write_number, place))}]", "m, in the link's frame")
+        named = zip(_TENSOR, entries, strict=True)
+        if listed := ", ".join(f"{key} = {write_number(entry)}" for key, entry in named if entry):
+            yield f"inertia = {{ {listed} }}  # kg m^2, about the centre of mass"
 
 
 def _round(values: Iterable[float], scale: float) -> list[float]:
@@ -261,26 +244,6 @@ def _write_elasticity(elasticity: Elasticity, *, prismatic: bool) -> Iterator[st
         yield "]"
 
 
-def _write_limits(limits: Limits, *, prismatic: bool) -> Iterator[str]:
-    if limits == Limits():
-        return
-    yield from ("", "[joint.limits]")
-    for key, _, meaning in _HINTS["limits"]:
-        value = getattr(limits, key)
-        if value is not None:
-            unit = adapt_unit(meaning.partition(",")[0], prismatic=prismatic)
-            yield add_comment(f"{key} = {write_value(value)}", unit)
-
-
-def _write_coupling(robot: Robot, coupling: Coupling) -> Iterator[str]:
-    joints = robot.joints
-    terms = (f"{write_key(joints[k].name)} = {write_fraction(factor)}" for k, factor in coupling.terms)
-    yield from ("[[coupling]]", f"name = {write_value(coupling.name)}", f"terms = {{ {', '.join(terms)} }}")
-    if coupling.has_rotor:
-        yield f"rotor_inertia = {write_known(coupling.rotor_inertia)}"
-    yield from _write_friction("coupling", coupling.friction)
-
-
 _HINT_COLUMN = 37
 # What a joint's tables can hold: the record's field, an example, its meaning with the unit where it turns.
 _HINTS = {
@@ -325,7 +288,7 @@ def _write_hints(joint: Joint, table: str, *, whole: bool) -> Iterator[str]:
     if whole:
         yield from ("", f"# [joint.{table}]")
     # Motors turn, whatever the joint does.
-    prismatic = joint.kind is JointKind.PRISMATIC and table != "drive"
+    prismatic = joint.prismatic and table != "drive"
     for key, text, meaning in _HINTS[table]:
         if whole or getattr(record, key) == getattr(type(record)(), key):
             line = f"# {text}"
@@ -344,9 +307,9 @@ _MEANING = {
 
 def _write_settings(robot: Robot) -> Iterator[str]:
     """Yield the lines of the tables of settings; none of a table without settings of its own."""
-    if robot.log != LogMap():
+    if log := list_log(robot.log):
         yield from ("", "[log]")
-        for key, entry in list_log(robot.log).items():
+        for key, entry in log.items():
             yield f"{key} = {write_value(_shorten(robot, key, entry))}"
     if robot.processing != Processing(automatic=True):
         yield from ("", "[processing]")
@@ -366,7 +329,7 @@ def _shorten(robot: Robot, key: str, entry: Any) -> Any:  # noqa: ANN401  whatev
     """Return a quantity without the factor and side that it has anyway."""
     if not isinstance(entry, dict) or "factor" not in entry:
         return entry
-    quantity: LogQuantity = getattr(robot.log, key)
+    quantity: Any = getattr(robot.log, key)
     usual = {"side": quantity.side == "joint", "factor": set(quantity.factor) == {1.0}}
     coupled = robot.log.transmission is not None
     # What torque constants and gears make of a current they will make again.

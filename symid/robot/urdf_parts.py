@@ -14,7 +14,7 @@ transmissions between several joints and actuators, which are listed as not used
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from fractions import Fraction
@@ -23,15 +23,7 @@ import numpy as np
 
 from symid.errors import Notice
 from symid.robot.description import Drive, FrictionKind, FrictionValues, Limits
-from symid.robot.geometry import (
-    IDENTITY,
-    ZERO,
-    Exact,
-    Placement,
-    build_axis_frame,
-    build_exact_angle,
-    rotate_rpy,
-)
+from symid.robot.geometry import IDENTITY, Exact, Placement, build_axis_frame, build_exact_angle, rotate_rpy
 from symid.robot.inertia import compute_standard_parameters, explain_impossible_inertia, move_parameters
 from symid.robot.toml_values import Place, explain_wide_limits, show, sort_notices, suggest_names, to_decimal
 from symid.robot.urdf_xml import XmlDocument, XmlElement
@@ -224,20 +216,18 @@ def _parse_decimal(text: str) -> Decimal | None:
     return to_decimal(number) if abs(number) >= _SMALLEST else Decimal(0)
 
 
-def _open_part(
-    reading: UrdfReading, element: XmlElement, known: Mapping[str, "UrdfLink | UrdfJoint"]
-) -> tuple[str, UrdfPart] | None:
-    """Return the name of a link or joint, and the part; None where it has no name, or one that is taken."""
-    tag = element.tag
-    name = UrdfPart(reading=reading, owner=f"a {tag}", element=element).read_name("name")
-    if name is None:
-        return None
-    part = UrdfPart(reading=reading, owner=f"{tag} '{name}'", element=element)
-    if name not in known:
-        return name, part
-    text = f"the name is taken by the {tag} of line {known[name].part.line}; each needs its own"
-    part.refuse(f"robot.duplicate-{tag}", text, "name")
-    return None
+def _list_parts(
+    reading: UrdfReading, tag: str, known: Mapping[str, "UrdfLink | UrdfJoint"]
+) -> Iterator[tuple[str, UrdfPart]]:
+    """Yield the name of each link or joint and the part, but those without a name of their own."""
+    for element in reading.document.root.find_all(tag):
+        name = UrdfPart(reading=reading, owner=f"a {tag}", element=element).read_name("name")
+        part = UrdfPart(reading=reading, owner=f"{tag} '{name}'", element=element)
+        if name is not None and name in known:
+            text = f"the name is taken by the {tag} of line {known[name].part.line}; each needs its own"
+            part.refuse(f"robot.duplicate-{tag}", text, "name")
+        elif name is not None:
+            yield name, part
 
 
 def _read_pose(owner: UrdfPart) -> tuple[UrdfPart, _Triple, _Triple] | None:
@@ -273,20 +263,18 @@ class UrdfLink:
 _INERTIA_KEYS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
-def read_links(reading: UrdfReading) -> None:
-    """Add the links of the file to `reading.links`."""
-    for element in reading.document.root.find_all("link"):
-        if opened := _open_part(reading, element, reading.links):
-            name, part = opened
-            reading.skip_others(element, ("inertial",), ("name",))
-            reading.links[name] = UrdfLink(name=name, part=part, inertial=_read_inertial(part))
-
-
 def _read_inertial(link: UrdfPart) -> tuple[float, ...] | None:
     inertial = link.get("inertial", inner=("origin", "mass", "inertia"))
     if inertial is None:
         return None
-    mass, central = _read_mass(inertial), _read_tensor(inertial)
+    part = inertial.get("mass", "value")
+    number = None if part is None else part.read_decimal("value")
+    if part is None or "value" not in part.element.attributes:
+        text = '<inertial> has no mass; write <mass value="1.5"/> (kg), or leave it out'
+        (part or inertial).refuse("robot.missing-key", text)
+    elif number is not None and number < 0:
+        part.refuse("robot.out-of-range", f"mass: must be at least 0 kg, got {number}", "value")
+    central = _read_tensor(inertial)
     rotation, com = np.eye(3), [0.0] * 3
     if pose := _read_pose(inertial):
         com = [float(value) for value in pose[1]]
@@ -299,8 +287,9 @@ def _read_inertial(link: UrdfPart) -> tuple[float, ...] | None:
                 [-sp, cp * sr, cp * cr],
             ]
         )
-    if mass is None or central is None:
+    if number is None or number < 0 or central is None:
         return None
+    mass = float(number)
     turned = move_parameters((*central, 0.0, 0.0, 0.0, mass), rotation, np.zeros(3))
     found = compute_standard_parameters(mass, com, turned[:6])
     if mass and (impossible := explain_impossible_inertia(found)):
@@ -311,19 +300,6 @@ def _read_inertial(link: UrdfPart) -> tuple[float, ...] | None:
         text = "links {}: inertia without mass, which no physical body has; the values are kept"
         inertial.group("robot.inertia-without-mass", text)
     return found
-
-
-def _read_mass(inertial: UrdfPart) -> float | None:
-    part = inertial.get("mass", "value")
-    if part is None or "value" not in part.element.attributes:
-        text = '<inertial> has no mass; write <mass value="1.5"/> (kg), or leave it out'
-        (part or inertial).refuse("robot.missing-key", text)
-        return None
-    mass = part.read_decimal("value")
-    if mass is not None and mass < 0:
-        part.refuse("robot.out-of-range", f"mass: must be at least 0 kg, got {mass}", "value")
-        return None
-    return None if mass is None else float(mass)
 
 
 def _read_tensor(inertial: UrdfPart) -> list[float] | None:
@@ -360,6 +336,7 @@ class UrdfJoint:
     turn: Placement = IDENTITY
     friction: FrictionValues = field(default_factory=FrictionValues)
     limits: Limits = field(default_factory=Limits)
+    drive: Drive = field(default_factory=Drive)
 
     @property
     def moves(self) -> bool:
@@ -367,12 +344,22 @@ class UrdfJoint:
         return self.type in MOVING
 
 
-def read_joint_elements(reading: UrdfReading) -> None:
-    """Add the joints of the file to `reading.joints`; those without two links are reported and left out."""
-    for element in reading.document.root.find_all("joint"):
-        opened = _open_part(reading, element, reading.joints)
-        if opened and (joint := _read_joint(*opened)):
-            reading.joints[joint.name] = joint
+def read_parts(document: XmlDocument, snap: float) -> UrdfReading:
+    """Return the links and joints of a URDF; joints without two links are reported and left out.
+
+    Rotations within `snap` (rad) of multiples of pi/2 are taken as these.
+    """
+    reading, root = UrdfReading(document=document, snap=snap), document.root
+    namespaces = (name for name in root.attributes if name.startswith("xmlns"))
+    reading.skip_others(root, ("link", "joint", "transmission", "loop_joint"), ("name", *namespaces))
+    for name, part in _list_parts(reading, "link", reading.links):
+        reading.skip_others(part.element, ("inertial",), ("name",))
+        reading.links[name] = UrdfLink(name=name, part=part, inertial=_read_inertial(part))
+    for name, part in _list_parts(reading, "joint", reading.joints):
+        if joint := _read_joint(name, part):
+            reading.joints[name] = joint
+    _read_drives(reading)
+    return reading
 
 
 def _read_joint(name: str, part: UrdfPart) -> UrdfJoint | None:
@@ -419,7 +406,7 @@ def _read_origin(joint: UrdfPart) -> Placement:
         if value and abs(value) < _DUST and snap:
             text = "lengths below 1e-9 m in origin xyz were taken as zero, of joints {}"
             part.group("robot.length-snapped", text, attribute="xyz")
-            lengths.append(ZERO)
+            lengths.append(Exact())
             continue
         exact = Fraction(value)
         lengths.append(Exact.surd(round(exact * _LENGTH_PARTS) / _LENGTH_PARTS if snap else exact))
@@ -440,14 +427,14 @@ def _read_axis(joint: UrdfPart) -> Placement:
         part.refuse("robot.zero-axis", "axis xyz: the axis 0 0 0 has no direction", "xyz")
         return IDENTITY
     x, y, z = (Fraction(value) for value in axis)
-    turned = build_axis_frame((x, y, z), snap=joint.reading.snap)
-    if turned.moved_by > _ROUNDED:
-        text = f"axis xyz: was moved by {turned.moved_by:.2e} rad to the nearest coordinate axis or plane"
+    turn, moved = build_axis_frame((x, y, z), snap=joint.reading.snap)
+    if moved > _ROUNDED:
+        text = f"axis xyz: was moved by {moved:.2e} rad to the nearest coordinate axis or plane"
         part.warn("robot.axis-snapped", text, "xyz")
     length = float(x * x + y * y + z * z) ** 0.5
     if abs(length - 1.0) > 1e-5:
         part.warn("robot.axis-length", f"axis xyz: its length {length:.6g} was set to 1", "xyz")
-    return turned.placement
+    return turn
 
 
 def _read_dynamics(joint: UrdfPart) -> FrictionValues:
@@ -515,9 +502,8 @@ ROTORS = ("motorInertia", "motor_inertia", "rotorInertia", "rotor_inertia", "dra
 _SILENT = ("hardwareInterface", "role")
 
 
-def read_drives(reading: UrdfReading) -> dict[str, Drive]:
-    """Return the drives by the name of their joint."""
-    drives: dict[str, Drive] = {}
+def _read_drives(reading: UrdfReading) -> None:
+    """Add the drives to the joints."""
     lines: dict[str, int] = {}
     for element in reading.document.root.find_all("transmission"):
         joints, actuators = (list(element.find_all(tag)) for tag in ("joint", "actuator"))
@@ -539,12 +525,11 @@ def read_drives(reading: UrdfReading) -> dict[str, Drive]:
         drive = _read_drive(part, (actuators[0], joints[0], element))
         if name is None or drive is None:
             continue
-        if name in drives:
+        if name in lines:
             text = f"joint '{name}' already has the transmission of line {lines[name]}; keep one of them"
             part.refuse("robot.two-forms", text)
             continue
-        drives[name], lines[name] = drive, part.line
-    return drives
+        reading.joints[name], lines[name] = replace(reading.joints[name], drive=drive), part.line
 
 
 def _read_drive(owner: UrdfPart, elements: tuple[XmlElement, XmlElement, XmlElement]) -> Drive | None:

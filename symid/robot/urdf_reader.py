@@ -11,7 +11,6 @@ simple transmissions; the part of the tree beyond a base link, the chain up to a
 Not supported: closed loops, several trees, rings of followers, floating and planar joints, xacro.
 """
 
-import functools
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,29 +18,12 @@ from fractions import Fraction
 from pathlib import Path
 
 from symid.errors import RobotError
-from symid.robot.canonical_frames import CanonicalFrames, choose_canonical_frames
-from symid.robot.description import Joint, JointKind, Mimic, MimicStep, Processing, Robot, follow_chain
-from symid.robot.geometry import (
-    IDENTITY,
-    ZERO,
-    Exact,
-    Placement,
-    build_exact_angle,
-    compose_placements,
-    invert_placement,
-    rotate_z,
-    translate,
-)
-from symid.robot.inertia import Lumped, lump_fixed_joints, move_by_placement
+from symid.robot.canonical_frames import choose_canonical_frames
+from symid.robot.description import Joint, JointKind, Mimic, MimicStep, Processing, Robot
+from symid.robot.geometry import IDENTITY, Exact, Placement, compose_placements, invert_placement, place_joint
+from symid.robot.inertia import lump_fixed_joints, move_by_placement
 from symid.robot.toml_values import BASE, read_text_file, sort_notices, suggest_names
-from symid.robot.urdf_parts import (
-    UrdfJoint,
-    UrdfReading,
-    list_words,
-    read_drives,
-    read_joint_elements,
-    read_links,
-)
+from symid.robot.urdf_parts import UrdfJoint, UrdfReading, list_words, read_parts
 from symid.robot.urdf_xml import XmlDocument, parse_document
 
 _LOOP = "closed loops are not supported; leave out one of the joints and give its torque as a load"
@@ -87,7 +69,14 @@ def _read_tree(reading: UrdfReading, base: str | None, tip: str | None) -> _Tree
             text = f"the link '{tip}' does not come after the link '{start}'; give the base first"
             reading.refuse("robot.bad-cut", text, links[tip].part.element)
             return None
-        chosen = _keep_chain(chosen, path, start)
+        # The joints of the path, and what is fixed to its links before the last one.
+        on_path, linked = {joint.name for joint in path}, {start, *(joint.child for joint in path)}
+        beyond, chosen = chosen, []
+        for joint in beyond:
+            fixed = joint.type == "fixed" and joint.parent in linked and joint.parent != tip
+            if joint.name in on_path or fixed:
+                chosen.append(joint)
+                linked.add(joint.child)
     before = _locate_path(above, root, start) or ()
     tree = _Tree(root=start, before=tuple(before), joints=tuple(chosen))
     _check_joint_types(reading, tree)
@@ -157,19 +146,6 @@ def _locate_path(above: Mapping[str, UrdfJoint], start: str, end: str) -> list[U
     return path[::-1]
 
 
-def _keep_chain(joints: Sequence[UrdfJoint], path: Sequence[UrdfJoint], start: str) -> list[UrdfJoint]:
-    """Return the joints of the path, and what is fixed to its links before the last one."""
-    names = {joint.name for joint in path}
-    links = {start, *(joint.child for joint in path)}
-    last = path[-1].child if path else start
-    kept = []
-    for joint in joints:
-        if joint.name in names or (joint.type == "fixed" and joint.parent in links and joint.parent != last):
-            kept.append(joint)
-            links.add(joint.child)
-    return kept
-
-
 def _check_joint_types(reading: UrdfReading, tree: _Tree) -> None:
     for joint in tree.joints:
         if not joint.moves and joint.type != "fixed":
@@ -184,10 +160,7 @@ def _check_joint_types(reading: UrdfReading, tree: _Tree) -> None:
 def _read_mimics(
     reading: UrdfReading, kept: Sequence[UrdfJoint], before: Sequence[UrdfJoint]
 ) -> dict[str, MimicStep]:
-    """Return the followers among `kept` and `before` by name, each with a master that follows no other joint.
-
-    Joints before the base stand still at zero, their followers at their offset.
-    """
+    """Return the followers among `kept` and `before` by name; their masters follow no other joint."""
     direct: dict[str, MimicStep] = {}
     for joint in reading.joints.values():
         part = joint.part.get("mimic")
@@ -200,33 +173,22 @@ def _read_mimics(
         master = part.read_name("joint", reading.joints)
         multiplier, offset = part.read_decimal("multiplier"), part.read_decimal("offset")
         if master is not None:
-            factor, shift = (
-                Fraction(1 if multiplier is None else multiplier),
-                Exact.surd(Fraction(offset or 0)),
-            )
-            direct[joint.name] = MimicStep(master=master, multiplier=factor, offset=shift)
-    found: dict[str, MimicStep] = {}
-    for joint in (*before, *kept):
-        if joint.name in direct:
-            follower = _resolve_mimic(reading, joint, direct, kept, before)
-            if follower is not None:
-                found[joint.name] = follower
-    return found
+            factor, shift = Fraction(1 if multiplier is None else multiplier), Fraction(offset or 0)
+            direct[joint.name] = MimicStep(master=master, multiplier=factor, offset=Exact.surd(shift))
+    inside, standing = ({joint.name for joint in group} for group in (kept, before))
+    chained = [joint for joint in (*before, *kept) if joint.name in direct]
+    found = {joint.name: _resolve_mimic(reading, joint, direct, inside, standing) for joint in chained}
+    return {name: step for name, step in found.items() if step is not None}
 
 
 def _resolve_mimic(
-    reading: UrdfReading,
-    joint: UrdfJoint,
-    direct: Mapping[str, MimicStep],
-    kept: Sequence[UrdfJoint],
-    before: Sequence[UrdfJoint],
+    reading: UrdfReading, joint: UrdfJoint, direct: dict[str, MimicStep], inside: set[str], standing: set[str]
 ) -> MimicStep | None:
     """Return `joint` as a follower of the last joint in its chain of masters; see `_read_mimics`."""
-    inside, standing = ({other.name for other in group} for group in (kept, before))
     element = joint.part.element.find("mimic") or joint.part.element
-    path, step, why = [joint.name], direct[joint.name], ""
+    path, why = [joint.name], ""
     still = joint.name in standing
-    for step in follow_chain(direct, joint.name):
+    for step in direct[joint.name].follow(direct):
         master = step.master or ""
         if not step.multiplier:
             why = "follow with the factor 0"
@@ -255,7 +217,7 @@ def _resolve_mimic(
 DEFAULT_SNAP = 1e-5
 """Angles as near as this to a multiple of pi/2 are taken as that multiple, in rad."""
 
-_GRAVITY = (ZERO, ZERO, Exact.of("-9.81"))
+_GRAVITY = Exact.of("-9.81")
 _ROUNDED = 1e-9
 
 
@@ -292,34 +254,16 @@ def parse_urdf(
     """
     document = parse_document(text, file)
     _check_language(document)
-    reading = UrdfReading(document=document, snap=snap)
-    namespaces = (name for name in document.root.attributes if name.startswith("xmlns"))
-    reading.skip_others(document.root, ("link", "joint", "transmission", "loop_joint"), ("name", *namespaces))
-    read_links(reading)
-    read_joint_elements(reading)
-    drives = read_drives(reading)
+    reading = read_parts(document, snap)
     tree = _read_tree(reading, base, tip)
     kept, before = (tree.joints, tree.before) if tree else (tuple(reading.joints.values()), ())
     followers = _read_mimics(reading, kept, before)
     if tree is None or reading.errors:
         raise RobotError(*sort_notices(reading.errors))
-    whole = [
-        replace(joint, drive=drives.get(joint.name, joint.drive))
-        for joint in _build_joints(reading, tree, followers)
-    ]
-    fixed = [
-        index
-        for index, joint in enumerate(tree.joints)
-        if not joint.moves or (joint.name in followers and followers[joint.name].master is None)
-    ]
-    lumped = lump_fixed_joints(whole, fixed)
-    reframed = choose_canonical_frames(_finish_lumping(reading, lumped, tip), snap=snap)
-    _note_moved_axes(reading, reframed)
-    gravity = _compute_gravity(reading, tree, followers)
     return Robot(
         name=_choose_name(reading, Path(file).stem),
-        joints=_rename_base(reading, reframed.joints),
-        gravity=gravity,
+        joints=_reduce_joints(reading, tree, followers, tip),
+        gravity=_compute_gravity(reading, tree, followers),
         convention="urdf",
         description=f"from the URDF {Path(file).name}, whose link {tree.root} is the base"
         + (f", {tip} the tip" if tip else ""),
@@ -374,8 +318,7 @@ def _build_joints(reading: UrdfReading, tree: _Tree, followers: Mapping[str, Mim
         link, back, follower = reading.links[joint.child], backs[joint.child], followers.get(joint.name)
         inertial = link.inertial
         if inertial is None and known and joint.moves:
-            text = "links without <inertial>: {} have no mass"
-            reading.group("robot.massless", text, f"'{link.name}'", link.part.element)
+            link.part.group("robot.massless", "links without <inertial>: {} have no mass")
             inertial = (0.0,) * 10
         mimic = None
         if follower and follower.master is not None:
@@ -386,8 +329,9 @@ def _build_joints(reading: UrdfReading, tree: _Tree, followers: Mapping[str, Mim
                 name=joint.name,
                 kind=JointKind.PRISMATIC if joint.type == "prismatic" else JointKind.REVOLUTE,
                 parent=carriers[joint.parent],
-                placement=_compose_all(backs[joint.parent], joint.origin, joint.turn, offset),
+                placement=compose_placements(backs[joint.parent], joint.origin, joint.turn, offset),
                 inertial=inertial and move_by_placement(inertial, back),
+                drive=joint.drive,
                 friction=joint.friction,
                 limits=joint.limits,
                 mimic=mimic,
@@ -397,64 +341,61 @@ def _build_joints(reading: UrdfReading, tree: _Tree, followers: Mapping[str, Mim
     return found
 
 
-def _compose_all(*placements: Placement) -> Placement:
-    return functools.reduce(compose_placements, (each for each in placements if each != IDENTITY), IDENTITY)
-
-
 def _place_offset(joint: UrdfJoint, follower: MimicStep | None, snap: float) -> Placement:
     """Return how far a follower stands from zero when its master is at zero."""
     if follower is None or not follower.offset:
         return IDENTITY
-    if joint.type == "prismatic":
-        return translate(ZERO, ZERO, follower.offset)
-    return rotate_z(build_exact_angle(follower.offset.to_float(), snap=snap))
+    return place_joint(follower.offset, prismatic=joint.type == "prismatic", snap=snap)
 
 
-def _finish_lumping(reading: UrdfReading, lumped: Lumped, tip: str | None) -> tuple[Joint, ...]:
-    """Return the moving joints, the last link's frame being that of the tip link, where it is fixed to it."""
+def _reduce_joints(
+    reading: UrdfReading, tree: _Tree, followers: Mapping[str, MimicStep], tip: str | None
+) -> tuple[Joint, ...]:
+    """Return the moving joints with canonical frames, none of them called base.
+
+    The last link's frame is that of the tip link, where this is fixed to it.
+    """
+    fixed = [
+        index
+        for index, joint in enumerate(tree.joints)
+        if not joint.moves or (joint.name in followers and followers[joint.name].master is None)
+    ]
+    lumped = lump_fixed_joints(_build_joints(reading, tree, followers), fixed)
     if not lumped.joints:
         place = reading.document.find_place(reading.document.root)
         raise RobotError(place.notice("robot.no-joints", "no joint of the robot moves by itself"))
     joints = lumped.joints
     for frame in lumped.frames:
-        joint = reading.joints[frame.name]
-        link = reading.links[joint.child]
+        part, link = reading.joints[frame.name].part, reading.links[reading.joints[frame.name].child]
         if frame.carrier >= 0:
             text = "links on fixed joints became part of the links that carry them: {}"
-            reading.group("robot.lumped", text, link.name, joint.part.element)
+            reading.group("robot.lumped", text, link.name, part.element)
         elif link.mass:
             text = "links fixed to the base: {}; their masses are not identifiable"
-            reading.group("robot.fixed-to-base", text, link.name, joint.part.element)
+            reading.group("robot.fixed-to-base", text, link.name, part.element)
         if link.name == tip and frame.carrier == len(joints) - 1:
             joints = (*joints[:-1], replace(joints[-1], frame=frame.placement))
-    return joints
-
-
-def _note_moved_axes(reading: UrdfReading, reframed: CanonicalFrames) -> None:
+    reframed = choose_canonical_frames(joints, snap=reading.snap)
     for joint, moved, tilt in zip(reframed.joints, reframed.moved_by, reframed.tilts, strict=True):
-        name, element = f"'{joint.name}'", reading.joints[joint.name].part.element
+        part = reading.joints[joint.name].part
         if moved > _ROUNDED:
             text = "axes or link frames were moved to right angles or parallels, of joints (by rad) {}"
-            reading.group("robot.angle-snapped", text, f"{name} ({moved:.1e})", element)
+            part.group("robot.angle-snapped", text, f"{moved:.1e}")
         if tilt:
             text = (
                 "axes that are nearly parallel to the one before, of joints (by rad) {}: if they are meant "
                 "to be parallel, write rpy and axis so; else some base parameters are poorly identifiable"
             )
-            reading.group("robot.nearly-parallel", text, f"{name} ({tilt:.1e})", element)
-
-
-def _rename_base(reading: UrdfReading, joints: tuple[Joint, ...]) -> tuple[Joint, ...]:
-    """Return the joints without one called base, which is what robot files call the first joint's parent."""
-    names = [joint.name for joint in joints]
+            part.group("robot.nearly-parallel", text, f"{tilt:.1e}")
+    names = [joint.name for joint in reframed.joints]
     if BASE not in names:
-        return joints
+        return reframed.joints
     name = f"{BASE}_joint"
     while name in names:
         name += "_"
     text = f"joint '{BASE}' is renamed to '{name}': in a robot file '{BASE}' is the fixed base"
     reading.warn("robot.renamed", text, reading.joints[BASE].part.element, "name")
-    return tuple(replace(joint, name=name) if joint.name == BASE else joint for joint in joints)
+    return tuple(replace(joint, name=name) if joint.name == BASE else joint for joint in reframed.joints)
 
 
 def _compute_gravity(
@@ -466,14 +407,11 @@ def _compute_gravity(
     """
     outer = IDENTITY
     for joint in tree.before:
-        outer = compose_placements(outer, joint.origin)
         offset = _place_offset(joint, followers.get(joint.name), reading.snap)
-        if offset != IDENTITY:
-            outer = _compose_all(outer, joint.turn, offset, invert_placement(joint.turn))
-    turned = replace(outer, translation=IDENTITY.translation)
-    gravity = compose_placements(invert_placement(turned), translate(*_GRAVITY)).translation
-    words = list_words(f"{value.to_float():g}" for value in gravity)
+        outer = compose_placements(outer, joint.origin, joint.turn, offset, invert_placement(joint.turn))
+    x, y, z = (_GRAVITY * entry for entry in outer.rotation[2])
+    words = list_words(f"{value.to_float():g}" for value in (x, y, z))
     where = f"of link {tree.root}" if not tree.before else f"of link {tree.root}, the joints before it at 0"
     text = f"a URDF states no gravity; it was taken as ({words}) m/s^2 in the frame {where}"
     reading.warn("robot.assumed-gravity", text)
-    return gravity
+    return x, y, z

@@ -17,7 +17,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from xml.sax.saxutils import escape, quoteattr
 
-from symid.robot.description import FrictionKind, FrictionValues, Joint, JointKind, Robot
+from symid.robot.description import Coupling, FrictionKind, FrictionValues, Joint, JointKind, Robot
 from symid.robot.geometry import Placement, compute_quaternion, to_floats
 from symid.robot.inertia import move_by_placement, split_body
 from symid.robot.toml_drives import FRICTION_PARAMETERS, FRICTION_SHAPES, name_values
@@ -26,7 +26,6 @@ from symid.robot.urdf_parts import ROTORS
 from symid.robot.urdf_xml import XmlDocument, XmlElement, parse_document
 
 _UNFIT = re.compile(r"[\x00-\x1f\ufffe\uffff]")
-_GRAVITY = (0.0, 0.0, -9.81)
 _TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
@@ -104,14 +103,28 @@ def write_urdf(robot: Robot, *, comments: Sequence[str] = ()) -> str:
     for joint in robot.joints:
         lines += _write_joint(robot, joint)
     for joint in robot.joints:
-        lines += _write_transmission(joint)
+        drive = joint.drive
+        if drive.gear == 1.0 and not drive.has_rotor:
+            continue
+        lines += [
+            f"  <transmission name={_write_quoted(f'{joint.name}_transmission')}>",
+            "    <type>transmission_interface/SimpleTransmission</type>",
+            f"    <joint name={_write_quoted(joint.name)}/>",
+            f"    <actuator name={_write_quoted(f'{joint.name}_motor')}>",
+            f"      <mechanicalReduction>{_write_decimal(drive.gear)}</mechanicalReduction>",
+        ]
+        if drive.rotor_inertia is not None:
+            # On the motor side, as URDFs have it.
+            inertia = _write_decimal(drive.rotor_inertia / drive.gear**2)
+            lines.append(f"      <motorInertia>{inertia}</motorInertia>")
+        lines += ["    </actuator>", "  </transmission>"]
     return "\n".join((*lines, "</robot>", ""))
 
 
 def list_urdf_omissions(robot: Robot) -> Iterator[str]:
     """Yield what a URDF cannot hold, or simulators do not read; the file has it in comments."""
     gravity = tuple(value.to_float(dict(robot.symbols)) for value in robot.gravity)
-    if gravity != _GRAVITY:
+    if gravity != (0.0, 0.0, -9.81):
         yield f"gravity of the model: {_write_decimals(gravity)} m/s^2 in the frame of the link {BASE}"
     for joint in robot.joints:
         yield from _list_friction_omissions(f"joint {joint.name}", joint.friction)
@@ -130,10 +143,6 @@ def list_urdf_omissions(robot: Robot) -> Iterator[str]:
             values = _write_decimals(coupling.friction.values)
             text += f", friction {values} ({', '.join(FRICTION_PARAMETERS[coupling.friction.kind])})"
         yield text
-
-
-def _link(name: str) -> str:
-    return _write_quoted(f"{name}_link")
 
 
 def _compute_rpy(placement: Placement) -> tuple[float, float, float]:
@@ -169,10 +178,11 @@ def _write_dynamics(joint: Joint) -> list[str]:
 
 def _write_joint(robot: Robot, joint: Joint) -> Iterator[str]:
     symbols = dict(robot.symbols)
-    parent = _link(robot.joints[joint.parent].name) if joint.parent >= 0 else f'"{BASE}"'
+    link = _write_quoted(f"{joint.name}_link")
+    parent = _write_quoted(f"{robot.joints[joint.parent].name}_link" if joint.parent >= 0 else BASE)
     xyz = [value.to_float(symbols) for value in joint.placement.translation]
     inertial = () if joint.inertial is None else _write_inertial(joint.inertial)
-    yield f"  <link name={_link(joint.name)}{'' if inertial else '/'}>"
+    yield f"  <link name={link}{'' if inertial else '/'}>"
     yield from (f"    {line}" for line in inertial)
     yield from ("  </link>",) if inertial else ()
     endless = joint.kind is JointKind.REVOLUTE and joint.limits.position is None
@@ -182,7 +192,7 @@ def _write_joint(robot: Robot, joint: Joint) -> Iterator[str]:
     yield f'  <joint name={_write_quoted(joint.name)} type="{"continuous" if endless else joint.kind.value}">'
     yield f'    <origin xyz="{_write_decimals(xyz)}" rpy="{_write_decimals(_compute_rpy(joint.placement))}"/>'
     yield f"    <parent link={parent}/>"
-    yield f"    <child link={_link(joint.name)}/>"
+    yield f"    <child link={link}/>"
     yield '    <axis xyz="0 0 1"/>'
     yield f'    <limit {ends}effort="{effort}" velocity="{velocity}"/>'
     yield from (f"    {line}" for line in _write_dynamics(joint))
@@ -191,22 +201,6 @@ def _write_joint(robot: Robot, joint: Joint) -> Iterator[str]:
         factor = _write_decimal(float(joint.mimic.multiplier))
         yield f'    <mimic joint={master} multiplier="{factor}" offset="0.0"/>'
     yield "  </joint>"
-
-
-def _write_transmission(joint: Joint) -> Iterator[str]:
-    drive = joint.drive
-    if drive.gear == 1.0 and not drive.has_rotor:
-        return
-    yield f"  <transmission name={_write_quoted(f'{joint.name}_transmission')}>"
-    yield "    <type>transmission_interface/SimpleTransmission</type>"
-    yield f"    <joint name={_write_quoted(joint.name)}/>"
-    yield f"    <actuator name={_write_quoted(f'{joint.name}_motor')}>"
-    yield f"      <mechanicalReduction>{_write_decimal(drive.gear)}</mechanicalReduction>"
-    if drive.rotor_inertia is not None:
-        # On the motor side, as URDFs have it.
-        yield f"      <motorInertia>{_write_decimal(drive.rotor_inertia / drive.gear**2)}</motorInertia>"
-    yield "    </actuator>"
-    yield "  </transmission>"
 
 
 _QUOTED = re.compile(rb"[^>\"']|\"[^\"]*\"|'[^']*'")
@@ -341,22 +335,28 @@ def write_mjcf(robot: Robot, *, comments: Sequence[str] = ()) -> str:
         *_write_head(robot, comments, list_mjcf_omissions(robot)),
         '  <compiler angle="radian" autolimits="true"/>',
         f'  <option gravity="{gravity}"/>',
-        "  <worldbody>",
-        *_write_bodies(robot),
-        "  </worldbody>",
-        *_write_couplings(robot),
-        *_write_followers(robot),
-        "  <actuator>",
-        *(
-            f"    <motor name={_write_quoted(f'{joint.name}_motor')} joint={_write_quoted(joint.name)} "
-            f'gear="{_write_decimal(joint.drive.gear)}"/>'
-            for joint in robot.axes
-        ),
-        "  </actuator>",
-        "</mujoco>",
-        "",
     ]
-    return "\n".join(lines)
+    names = [_write_quoted(joint.name) for joint in robot.joints]
+    tendons, followers, motors = [], [], []
+    for coupling in robot.couplings:
+        attributes = (f"name={_write_quoted(coupling.name)}", *_list_drive(coupling))
+        tendons.append(f"    <fixed {' '.join(attributes)}>")
+        for index, factor in coupling.terms:
+            tendons.append(f'      <joint joint={names[index]} coef="{_write_decimal(float(factor))}"/>')
+        tendons.append("    </fixed>")
+    for name, joint in zip(names, robot.joints, strict=True):
+        if joint.mimic is None:
+            motor, gear = _write_quoted(f"{joint.name}_motor"), _write_decimal(joint.drive.gear)
+            motors.append(f'    <motor name={motor} joint={name} gear="{gear}"/>')
+        else:
+            pair = f"joint1={name} joint2={names[joint.mimic.master]}"
+            multiple = _write_decimal(float(joint.mimic.multiplier))
+            followers.append(f'    <joint {pair} polycoef="0 {multiple} 0 0 0"/>')
+    bodies = list(_write_bodies(robot))
+    sections = {"worldbody": bodies, "tendon": tendons, "equality": followers, "actuator": motors}
+    for tag, inner in sections.items():
+        lines += [f"  <{tag}>", *inner, f"  </{tag}>"] if inner else []
+    return "\n".join((*lines, "</mujoco>", ""))
 
 
 def list_mjcf_omissions(robot: Robot) -> Iterator[str]:
@@ -401,53 +401,25 @@ def _write_bodies(robot: Robot) -> Iterator[str]:
             place = f'pos="{_write_decimals(com)}" mass="{_write_decimal(mass)}"'
             tensor = _write_decimals([central[k] for k in _ORDER])
             yield f'{space}  <inertial {place} fullinertia="{tensor}"/>'
-        yield f"{space}  <joint {' '.join(_list_attributes(joint))}/>"
+        attributes = [f'name={_write_quoted(joint.name)} type="{_TYPES[joint.kind]}" axis="0 0 1"']
+        if joint.limits.position is not None:
+            attributes.append(f'range="{_write_decimals(joint.limits.position)}"')
+        if (torque := joint.limits.torque) is not None:
+            attributes.append(f'actuatorfrcrange="{_write_decimals((-torque, torque))}"')
+        attributes += _list_drive(joint)
+        if joint.spring is not None and joint.spring.stiffness is not None:
+            attributes.append(f'stiffness="{_write_decimal(joint.spring.stiffness)}"')
+            attributes.append(f'springref="{_write_decimal(joint.spring.rest or 0.0)}"')
+        yield f"{space}  <joint {' '.join(attributes)}/>"
         waiting.append((-1, space))
         waiting += [(child, f"{space}  ") for child in reversed(children.get(index, []))]
 
 
-def _list_attributes(joint: Joint) -> Iterator[str]:
-    yield f'name={_write_quoted(joint.name)} type="{_TYPES[joint.kind]}" axis="0 0 1"'
-    if joint.limits.position is not None:
-        yield f'range="{_write_decimals(joint.limits.position)}"'
-    if joint.limits.torque is not None:
-        yield f'actuatorfrcrange="{_write_decimals((-joint.limits.torque, joint.limits.torque))}"'
-    yield from _list_drive(joint.drive.rotor_inertia, joint.friction)
-    if joint.spring is not None and joint.spring.stiffness is not None:
-        yield f'stiffness="{_write_decimal(joint.spring.stiffness)}"'
-        yield f'springref="{_write_decimal(joint.spring.rest or 0.0)}"'
-
-
-def _list_drive(rotor: float | None, friction: FrictionValues) -> Iterator[str]:
+def _list_drive(owner: Joint | Coupling) -> Iterator[str]:
     """Yield the attributes that joints and tendons have in common."""
-    if rotor:
+    if rotor := (owner.drive if isinstance(owner, Joint) else owner).rotor_inertia:
         yield f'armature="{_write_decimal(rotor)}"'
-    if plain := _get_plain_friction(friction):
+    if plain := _get_plain_friction(owner.friction):
         yield f'damping="{_write_decimal(plain[0])}"'
         if plain[1] > 0:
             yield f'frictionloss="{_write_decimal(plain[1])}"'
-
-
-def _write_couplings(robot: Robot) -> Iterator[str]:
-    if not robot.couplings:
-        return
-    yield "  <tendon>"
-    for coupling in robot.couplings:
-        attributes = _list_drive(coupling.rotor_inertia, coupling.friction)
-        yield f"    <fixed {' '.join((f'name={_write_quoted(coupling.name)}', *attributes))}>"
-        for index, factor in coupling.terms:
-            name = _write_quoted(robot.joints[index].name)
-            yield f'      <joint joint={name} coef="{_write_decimal(float(factor))}"/>'
-        yield "    </fixed>"
-    yield "  </tendon>"
-
-
-def _write_followers(robot: Robot) -> Iterator[str]:
-    followers = [(joint, joint.mimic) for joint in robot.joints if joint.mimic is not None]
-    if not followers:
-        return
-    yield "  <equality>"
-    for joint, mimic in followers:
-        pair = f"joint1={_write_quoted(joint.name)} joint2={_write_quoted(robot.joints[mimic.master].name)}"
-        yield f'    <joint {pair} polycoef="0 {_write_decimal(float(mimic.multiplier))} 0 0 0"/>'
-    yield "  </equality>"

@@ -12,7 +12,6 @@ the sample on. A torque held for T damps a motor of inertia B only while Kd T / 
 
 Supported: own gains, sensors, references and values; torque limits of the robot file.
 Not supported: control on link encoders, robots that are elastic in part, logs without link encoders.
-
 """
 
 from collections.abc import Mapping
@@ -27,6 +26,7 @@ from symid.errors import Notice, SolverError, UsageError
 from symid.excitation import ReferenceMotion
 from symid.logs import Recording
 from symid.robot import Robot
+from symid.simulation import experiment
 from symid.simulation.elastic_plant import (
     ElasticValues,
     RestState,
@@ -35,16 +35,6 @@ from symid.simulation.elastic_plant import (
     count_substeps,
     get_elastic_values,
     simulate_plant,
-)
-from symid.simulation.experiment import (
-    build_times,
-    check_balance,
-    compute_effective_inertia,
-    compute_reach,
-    describe_massless,
-    describe_runaway,
-    describe_saturation,
-    get_limits,
 )
 from symid.simulation.rigid_plant import build_curved_friction, check_friction_at_speeds
 from symid.simulation.sensors import (
@@ -74,7 +64,7 @@ SHIPPED_GAINS: Mapping[str, MotorGains] = MappingProxyType(
 
 def compute_gains(mass: FloatArray, rotor: FloatArray, bandwidth: float, period: float) -> MotorGains:
     """Return gains of critically damped joints; mass (K, n, n), rotor (n,) kg m^2, bandwidth Hz, period s."""
-    inertia = compute_effective_inertia(mass + np.diag(rotor))
+    inertia = experiment.compute_effective_inertia(mass + np.diag(rotor))
     damping = np.minimum(4.0 * np.pi * bandwidth * inertia, _DAMPING_SHARE * rotor / period)
     stiffness = damping**2 / (4.0 * inertia)
     return MotorGains(stiffness=tuple(stiffness.tolist()), damping=tuple(damping.tolist()))
@@ -226,14 +216,9 @@ def simulate_elastic(
 ) -> ElasticRun:
     """Return the run of an elastic robot along `trajectory`, from rest at its start.
 
-    Args:
-        robot: names, limits.
-        library: functions of its links.
-        trajectory: of the links.
-        options: how it is run.
-        rng: of the torque noise.
-        values: the truth; None for the robot file's.
-        reference: of the motors at the ticks; None for the trajectory, shifted by the first torsion.
+    `robot` has names and limits, `library` functions of its links; `rng` is of the torque noise. `values` are
+    the truth (None: the robot file's), `reference` that of the motors at the ticks (None: the trajectory,
+    shifted by the first torsion).
 
     Raises:
         UsageError: sizes that do not fit, a value that the robot file does not state, options out of range.
@@ -243,7 +228,7 @@ def simulate_elastic(
     time, gains = _check_experiment(robot, library, trajectory, options)
     desired, speed = trajectory.evaluate_derivatives(time, 1)
     # Values that are tried, and not a robot's own, may have friction that drives a joint.
-    curves = None if values else build_curved_friction(library, get_limits(robot, "velocity"))
+    curves = None if values else build_curved_friction(library, experiment.get_limits(robot, "velocity"))
     pose = desired[:1]
     hold = weight = library.evaluate("gravity", pose, stated.beta)[0][0]
     if stated.friction.size:
@@ -257,13 +242,13 @@ def simulate_elastic(
         robot, library, stated, gains, options, desired=desired, reference=followed, rest=rest
     )
     ran = simulate_plant(library, plant, order)
-    log, reach = ran.log, compute_reach(robot, desired)
+    log, reach = ran.log, experiment.compute_reach(robot, desired)
     gone = np.flatnonzero(
         np.any((np.abs(log.q) >= reach) | (np.abs(log.theta) >= reach), axis=1)[: log.ticks]
     )
     if gone.size or log.ticks < len(log.q):
         tick = int(gone[0]) if gone.size else log.ticks
-        raise SolverError(describe_runaway(tick, options.period, options.bandwidth))
+        raise SolverError(experiment.describe_runaway(tick, options.period, options.bandwidth))
     if curves:
         check_friction_at_speeds(curves, library.card.joints, log.dtheta)
     kinetic, potential = (part.reshape(-1) for part in library.evaluate("energy", log.q, log.dq, stated.beta))
@@ -289,10 +274,10 @@ def simulate_elastic(
         turn=get_encoder_turns(robot),
         values=stated,
         backend=ran.backend,
-        notices=(*ran.notices, *describe_saturation(robot, log.torque, order.limit)),
+        notices=(*ran.notices, *experiment.describe_saturation(robot, log.torque, order.limit)),
     )
     losses = (run.friction + run.spring).sum(axis=1)
-    check_balance(run.kinetic + run.spin, run.potential, run.work.sum(axis=1), losses)
+    experiment.check_balance(run.kinetic + run.spin, run.potential, run.work.sum(axis=1), losses)
     return replace(run, recording=observe(run, options.sensors, rng))
 
 
@@ -307,7 +292,7 @@ def _check_experiment(
     # Another robot may have the name of a shipped one.
     fits = shipped is not None and len(shipped.damping) == robot.freedom
     gains = options.gains or (shipped if fits else None)
-    time = build_times(
+    time = experiment.build_times(
         robot,
         library,
         trajectory,
@@ -345,7 +330,7 @@ def _build_order(
     poses = desired[np.linspace(0, len(desired) - 1, _POSES).astype(int)]
     (mass,) = library.evaluate("mass_matrix", poses, values.beta)
     if not np.all(np.linalg.eigvalsh(mass) > 0.0):
-        raise SolverError(describe_massless(robot))
+        raise SolverError(experiment.describe_massless(robot))
     gains = gains or compute_gains(mass, values.rotor, options.bandwidth, options.period)
     return PlantExperiment(
         angle=reference.angle,
@@ -353,7 +338,7 @@ def _build_order(
         torque=reference.torque,
         stiffness=np.array(gains.stiffness),
         damping=np.array(gains.damping),
-        limit=get_limits(robot, "torque"),
+        limit=experiment.get_limits(robot, "torque"),
         step=get_encoder_turns(robot) / (options.control_counts or np.inf),
         period=options.period,
         substeps=count_substeps(library, values, poses, period=options.period, step=options.step),

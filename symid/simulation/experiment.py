@@ -10,7 +10,6 @@ checks hold for elastic robots too.
 
 Supported: joint PD, torque limits of the robot file.
 Not supported: further feed-forward, motor-side logs, elastic joints (see `elastic_experiment`), collisions.
-
 """
 
 from collections.abc import Mapping

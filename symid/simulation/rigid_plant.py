@@ -323,26 +323,21 @@ class RigidPlant:
         """Return the state after a step of `h` at most, its length, that of the next, how many were tried."""
         if self.friction.curve is None:
             return self._stride(state, torque, h)[0], h, h, 1
+        held = [joint for joint, mode in enumerate(state.modes) if mode == 0]
+        level = self.friction.level[np.array(state.modes), np.arange(self.size)]
         for tries in range(1, _MOST_STRIDES + 1):
             with np.errstate(over="ignore", invalid="ignore"):
                 after, last = self._stride(state, torque, h)
-                excess = self._compute_excess(after, last, torque, h)
+                push = torque - level - self.friction.compute_drag(after.modes, after.dq)
+                # The error of the velocities, relative to the one allowed.
+                error = (h / 6.0) * np.abs(self._accelerate(after.q, after.dq, push, held) - last)
+                excess = float(np.max(error / (_STRIDE_ERROR * np.abs(after.dq) + _STRIDE_FLOOR)))
             # No number, after a step far too long, is no reason to accept it.
             factor = min(4.0, max(0.1, 0.9 * excess**-0.25)) if excess > 0.0 else 4.0
             if excess <= 1.0:
                 return after, h, factor * h, tries
             h *= factor if math.isfinite(excess) else 0.1
         return after, h, h, _MOST_STRIDES
-
-    def _compute_excess(
-        self, after: RigidPlantState, last: FloatArray, torque: FloatArray, h: float
-    ) -> float:
-        """Return the error of the velocities after a step, relative to the one allowed."""
-        held = [joint for joint, mode in enumerate(after.modes) if mode == 0]
-        level = self.friction.level[np.array(after.modes), np.arange(self.size)]
-        push = torque - level - self.friction.compute_drag(after.modes, after.dq)
-        error = (h / 6.0) * np.abs(self._accelerate(after.q, after.dq, push, held) - last)
-        return float(np.max(error / (_STRIDE_ERROR * np.abs(after.dq) + _STRIDE_FLOOR)))
 
     def compute_weight(self, q: FloatArray) -> FloatArray:
         """Return the torque (n,) in N m or N that holds the robot at rest at `q` (n,)."""
@@ -352,12 +347,13 @@ class RigidPlant:
         self, state: RigidPlantState, torque: FloatArray, h: float
     ) -> tuple[RigidPlantState, FloatArray]:
         """Return the state after one Runge-Kutta step with the modes held, and its last stage's ddq (n,)."""
-        level = self.friction.level[np.array(state.modes), np.arange(self.size)]
+        lines, rows = self.friction, (np.array(state.modes), np.arange(self.size))
+        level, viscous = lines.level[rows], lines.viscous[rows]
         push = torque - level
         held = [joint for joint, mode in enumerate(state.modes) if mode == 0]
 
         def slope(q: FloatArray, dq: FloatArray) -> Derivative:
-            drag = self.friction.compute_drag(state.modes, dq)
+            drag = viscous * dq if lines.curve is None else lines.compute_drag(state.modes, dq)
             return dq, self._accelerate(q, dq, push - drag, held), float(drag @ dq)
 
         q, dq = state.q, state.dq
@@ -416,39 +412,20 @@ class RigidPlant:
         for _ in range(4 * 3 ** len(resting)):
             rows = np.array(modes)
             friction = self.friction.compute_drag(modes, state.dq) + self.friction.level[rows, columns]
-            held = [joint for joint, mode in enumerate(modes) if mode == 0]
-            free = [joint for joint, mode in enumerate(modes) if mode != 0]
+            free = np.flatnonzero(rows)
             acceleration = np.zeros(self.size)
-            if free:
+            if free.size:
                 acceleration[free] = np.linalg.solve(mass[np.ix_(free, free)], (net - friction)[free])
-            need = net - mass @ acceleration
-            change = self._locate_violation(resting, held, need, acceleration, modes)
-            if change is None:
+            need, (_, upper, lower) = net - mass @ acceleration, self.friction.level
+            # A torque this far beyond the band still counts as within it.
+            slack = _SLACK * (np.abs(need) + upper - lower)
+            pushed = (need > upper + slack).astype(int) - (need < lower - slack)
+            better = np.where(rows == 0, pushed, np.where(acceleration * rows < 0.0, 0, rows))
+            wrong = [joint for joint in resting if better[joint] != modes[joint]]
+            if not wrong:
                 break
-            modes[change[0]] = change[1]
+            modes[wrong[0]] = int(better[wrong[0]])
         return replace(state, modes=tuple(modes))
-
-    def _locate_violation(
-        self,
-        resting: list[int],
-        held: list[int],
-        need: FloatArray,
-        acceleration: FloatArray,
-        modes: list[int],
-    ) -> tuple[int, int] | None:
-        """Return the first resting joint whose mode is wrong, and its better mode."""
-        level = self.friction.level
-        for joint in resting:
-            if joint in held:
-                # A torque this far beyond the band still counts as within it.
-                slack = _SLACK * (abs(need[joint]) + level[1, joint] - level[2, joint])
-                if need[joint] > level[1, joint] + slack:
-                    return joint, 1
-                if need[joint] < level[2, joint] - slack:
-                    return joint, -1
-            elif acceleration[joint] * modes[joint] < 0.0:
-                return joint, 0
-        return None
 
     def _locate(
         self,

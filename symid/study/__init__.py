@@ -47,7 +47,6 @@ if TYPE_CHECKING:
     from symid.study.friction_tables import (
         FrictionCheck as FrictionCheck,
         FrictionStudy as FrictionStudy,
-        describe_gain_miss as describe_gain_miss,
         study_friction as study_friction,
     )
     from symid.study.rigid_methods import (

@@ -25,7 +25,6 @@ from symid.excitation import FourierOptions, build_random_fourier, build_tc
 from symid.identification.elastic import (
     RIGID,
     ElasticOptions,
-    MethodFit,
     build_elastic_problem,
     fit_elimination,
     fit_momentum,
@@ -54,12 +53,12 @@ from symid.study.monte_carlo import (
     run_tasks,
 )
 
-CASE_1, CASE_2, CASE_2_ENCODER = (
-    "Case 1: identified together",
-    "Case 2: identified apart, motor side",
-    "Case 2 with link encoder",
-)
-CASES = (CASE_1, CASE_2, CASE_2_ENCODER, RIGID)
+_METHODS = {
+    "Case 1: identified together": AUTOMATIC,
+    "Case 2: identified apart, motor side": "independent",
+    "Case 2 with link encoder": "independent, link encoder",
+}
+CASES = (*_METHODS, RIGID)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,12 +93,8 @@ def _run_seed(task: tuple[Robot, str, int]) -> dict[str, tuple[float, ...]]:
     robot, backend, seed = task
     scene = prepare_elastic_scene(robot, SensorCondition.NOISY, backend)
     recordings = observe_runs(scene.runs, DATASETS[TRAINING], SensorCondition.NOISY, seed)
-    fits = fit_all_methods(scene.library, recordings, ElasticOptions(), STUDY_METHODS).fits
-    models: dict[str, MethodFit] = {
-        CASE_1: fits[AUTOMATIC],
-        CASE_2: fits["independent"],
-        CASE_2_ENCODER: fits["independent, link encoder"],
-    }
+    fits, _ = fit_all_methods(scene.library, recordings, ElasticOptions(), STUDY_METHODS)
+    models = {case: fits[method] for case, method in _METHODS.items()}
     runs = simulate_tracking(robot, scene.library, models, build_tc(), build_noisy_options())
     return {run.name: tuple(run.rms.tolist()) for run in runs}
 
@@ -114,15 +109,9 @@ def study_tracking(
 ) -> TrackingStudy:
     """Return the tracking errors of all cases.
 
-    Args:
-        robot: with elastic joints and all values.
-        seeds: of the noise of the logs that models are identified from.
-        backend: what computes its functions; see `prepare_library`.
-        jobs: processes; None for one a core.
-        progress: called with how many seeds are done, of how many.
-
-    Raises:
-        UsageError: the robot has not two joints, or its file states no truth.
+    `seeds` are those of the noise of the logs that models are identified from; `backend` as of
+    `prepare_library`, `jobs` and `progress` as of `run_tasks`. A UsageError: the robot has not two joints, or
+    its file states no truth.
     """
     prepare_elastic_scene(robot, SensorCondition.NOISY, backend)
     results = run_tasks(_run_seed, [(robot, backend, seed) for seed in seeds], jobs=jobs, progress=progress)
@@ -136,9 +125,9 @@ def study_tracking(
         comparisons=tuple(
             TrackingDifference(
                 joint=name,
-                first=CASE_1,
+                first=CASES[0],
                 second=other,
-                difference=compute_paired_difference(rms[CASE_1][:, index], rms[other][:, index]),
+                difference=compute_paired_difference(rms[CASES[0]][:, index], rms[other][:, index]),
             )
             for other in CASES[1:]
             for index, name in enumerate(joints)
@@ -185,15 +174,8 @@ def study_many_joints(
 ) -> ManyJointsResult:
     """Return what elimination and momentum rows leave of a held-out motion.
 
-    Args:
-        robot: elastic, with values.
-        library: its functions.
-        condition: of the sensors.
-        seed: of motions and noise.
-        duration: of each motion in s.
-
-    Raises:
-        UsageError: the robot file lacks values, or joints are not all elastic.
+    `library` has the functions of the robot; `seed` is that of motions and noise, `duration` that of each
+    motion in s. A UsageError: the robot file lacks values, or joints are not all elastic.
     """
     truth = get_true_parameters(library.card)
     rng = np.random.default_rng(seed)

@@ -13,6 +13,7 @@ Not supported: noise in the control loop; robots with other than two joints, or 
 
 import math
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -75,10 +76,8 @@ _TRAJECTORIES: Mapping[str, Callable[[], Trajectory]] = {
 """TA excites both joints for 20 s, TB1 and TB2 one of them for 50 s; TC, 20 s, is held out."""
 
 
-def simulate_runs(
-    robot: Robot, library: Library, condition: SensorCondition, names: Sequence[str] | None = None
-) -> Mapping[str, ElasticRun]:
-    """Return the runs called `names`, all by default, without noise on the torque.
+def simulate_runs(robot: Robot, library: Library, condition: SensorCondition) -> Mapping[str, ElasticRun]:
+    """Return all runs by name, without noise on the torque.
 
     Raises:
         UsageError: the robot has not two joints, or lacks values.
@@ -89,8 +88,8 @@ def simulate_runs(
     # The noise of these recordings is not used: each seed observes the runs anew.
     rng = np.random.default_rng(0)
     return {
-        name: simulate_elastic(robot, library, _TRAJECTORIES[name](), condition.build_options(), rng)
-        for name in names or _TRAJECTORIES
+        name: simulate_elastic(robot, library, build(), condition.build_options(), rng)
+        for name, build in _TRAJECTORIES.items()
     }
 
 
@@ -130,12 +129,11 @@ def compute_parameter_error(fit: MethodFit, truth: FloatArray) -> float:
     return float(100.0 * np.max(np.abs(fit.chi[known] / truth[known] - 1.0)))
 
 
-def compute_hysteresis_errors(fit: MethodFit, held_out: ElasticRun) -> FloatArray:
-    """Return the hysteresis error of each joint in percent (n,), nan where the method gives no spring."""
-    return _compare_torques(fit, held_out.phi, held_out.joint_torque)
+def compute_hysteresis_errors(fit: MethodFit, phi: FloatArray, torque: FloatArray) -> FloatArray:
+    """Return the hysteresis error of each joint in percent (n,), nan where the method gives no spring.
 
-
-def _compare_torques(fit: MethodFit, phi: FloatArray, torque: FloatArray) -> FloatArray:
+    `torque` (N, n) is the true one, N m or N, of the torsion `phi` (N, n), rad or m.
+    """
     if not fit.elasticity:
         return np.full(phi.shape[1], np.nan)
     left = np.linalg.norm(_compute_torques(fit.elasticity, phi) - torque, axis=0)
@@ -194,25 +192,14 @@ def prepare_elastic_scene(robot: Robot, condition: SensorCondition, backend: str
     return ElasticScene(library=library, truth=truth, runs=simulate_runs(robot, library, condition))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MethodFits:
-    """Fits of all methods to the same recordings.
-
-    Args:
-        fits: by method, and the one chosen under `AUTOMATIC`.
-        seconds: of processor time, the equations that all share included.
-        chosen: the method that the automatic choice took, empty where none could be.
-    """
-
-    fits: Mapping[str, MethodFit]
-    seconds: Mapping[str, float]
-    chosen: str
-
-
 def fit_all_methods(
     library: Library, recordings: tuple[Recording, ...], options: ElasticOptions, methods: Sequence[str]
-) -> MethodFits:
-    """Return the fits of all `methods`, and the automatic choice among those that are no rivals."""
+) -> tuple[dict[str, MethodFit], dict[str, float]]:
+    """Return the fits of all `methods` to the same recordings, and their seconds of processor time.
+
+    The equations that all share are included. Under `AUTOMATIC` stands the automatic choice among those that
+    are no rivals, if one could be made.
+    """
     begin = time.process_time()
     work = build_elastic_equations(library, recordings, options)
     shared = time.process_time() - begin
@@ -226,12 +213,11 @@ def fit_all_methods(
         seconds[method] = shared + time.process_time() - begin
     begin = time.process_time()
     usable = [fit for name, fit in fits.items() if name not in _RIVALS and fit.outcome.usable]
-    if not usable:
-        return MethodFits(fits=fits, seconds=seconds, chosen="")
-    best = choose_fit(work, usable).fit.method
-    own = sum(seconds[fit.method] - shared for fit in usable)
-    seconds[AUTOMATIC] = shared + own + time.process_time() - begin
-    return MethodFits(fits=fits | {AUTOMATIC: fits[best]}, seconds=seconds, chosen=best)
+    if usable:
+        fits[AUTOMATIC] = choose_fit(work, usable).fit
+        own = sum(seconds[fit.method] - shared for fit in usable)
+        seconds[AUTOMATIC] = shared + own + time.process_time() - begin
+    return fits, seconds
 
 
 def run_study_task(
@@ -244,27 +230,29 @@ def run_study_task(
     robot, backend, methods, runs, condition, seed = task
     scene = prepare_elastic_scene(robot, condition, backend)
     recordings = observe_runs(scene.runs, runs, condition, seed)
-    found = fit_all_methods(scene.library, recordings, ElasticOptions(), methods)
+    fits, seconds = fit_all_methods(scene.library, recordings, ElasticOptions(), methods)
     held_out = scene.runs["TC"]
     reach = np.max([np.abs(scene.runs[name].phi).max(axis=0) for name in runs], axis=0)
     excited = held_out.phi * np.minimum(1.0, reach / np.abs(held_out.phi).max(axis=0))
     springs = [spring for spring in scene.library.card.elasticity if spring is not None]
     torque = _compute_torques(springs, excited)
-    results = []
-    for method, fit in found.fits.items():
-        usable = fit.outcome.usable
-        run = MethodRun(
+
+    def find_worst(fit: MethodFit, phi: FloatArray, torque: FloatArray) -> float:
+        return float(np.max(compute_hysteresis_errors(fit, phi, torque))) if fit.outcome.usable else math.nan
+
+    return tuple(
+        MethodRun(
             method=method,
-            parameter_error=compute_parameter_error(fit, scene.truth) if usable else math.nan,
-            hysteresis_error=float(np.max(compute_hysteresis_errors(fit, held_out))) if usable else math.nan,
-            excited_error=float(np.max(_compare_torques(fit, excited, torque))) if usable else math.nan,
+            parameter_error=compute_parameter_error(fit, scene.truth) if fit.outcome.usable else math.nan,
+            hysteresis_error=find_worst(fit, held_out.phi, held_out.joint_torque),
+            excited_error=find_worst(fit, excited, torque),
             outcome=fit.outcome.name.lower(),
             iterations=len(fit.history),
-            seconds=found.seconds[method],
-            chosen=found.chosen if method == AUTOMATIC else "",
+            seconds=seconds[method],
+            chosen=fit.method if method == AUTOMATIC else "",
         )
-        results.append(run)
-    return tuple(results)
+        for method, fit in fits.items()
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -322,18 +310,9 @@ def study_elastic(
 ) -> ElasticStudy:
     """Return the errors of all methods, clean (one run) and noisy (one run a seed).
 
-    Args:
-        robot: with elastic joints and all values.
-        seeds: of the noise.
-        backend: what computes its functions; see `prepare_library`.
-        datasets: names, and the runs that are identified together.
-        methods: some of `STUDY_METHODS`.
-        jobs: processes; None for one a core.
-        timed: whether the time of each method is measured, which differs from run to run.
-        progress: called with how many tasks are done, of how many.
-
-    Raises:
-        UsageError: the robot has not two joints, or its file states no truth.
+    `seeds` are those of the noise, `methods` some of `STUDY_METHODS`; `timed`: whether the time of each
+    method is measured, which differs from run to run. `backend` as of `prepare_library`, `jobs` and
+    `progress` as of `run_tasks`. A UsageError: the robot has not two joints, or its file states no truth.
     """
     groups = [(name, condition) for condition in SensorCondition for name in datasets]
     numbers = {SensorCondition.CLEAN: seeds[:1], SensorCondition.NOISY: seeds}
@@ -347,15 +326,14 @@ def study_elastic(
     results = iter(run_tasks(run_study_task, tasks, jobs=jobs, progress=progress))
     studies = []
     for name, condition in groups:
-        bounds = math.nan, math.nan
-        if condition is SensorCondition.NOISY:
-            bounds = _compute_bounds(scene, datasets[name])
+        noisy = condition is SensorCondition.NOISY
+        bound, spring_bound = _compute_bounds(scene, datasets[name]) if noisy else (math.nan, math.nan)
         study = DatasetStudy(
             dataset=name,
             condition=condition,
             seeds=len(numbers[condition]),
-            bound=bounds[0],
-            spring_bound=bounds[1],
+            bound=bound,
+            spring_bound=spring_bound,
             cells=_summarise([next(results) for _ in numbers[condition]], timed=timed),
         )
         studies.append(study)
@@ -372,15 +350,11 @@ def _summarise(results: Sequence[tuple[MethodRun, ...]], *, timed: bool) -> tupl
             excited=compute_spread(np.array([run.excited_error for run in runs])),
             seconds=float(np.median([run.seconds for run in runs])) if timed else math.nan,
             iterations=max(run.iterations for run in runs),
-            outcomes=_count([run.outcome for run in runs]),
-            choices=_count([run.chosen for run in runs if run.chosen]),
+            outcomes=tuple(sorted(Counter(run.outcome for run in runs).items())),
+            choices=tuple(sorted(Counter(run.chosen for run in runs if run.chosen).items())),
         )
         for runs in zip(*results, strict=True)
     )
-
-
-def _count(words: Sequence[str]) -> tuple[tuple[str, int], ...]:
-    return tuple((word, words.count(word)) for word in sorted(set(words)))
 
 
 def _compute_bounds(scene: ElasticScene, runs: Sequence[str]) -> tuple[float, float]:

@@ -102,7 +102,7 @@ RV_2SQ = (
 """A second truth with published values."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class FrictionScene(FrozenArrays):
     """A joint whose friction is known, in motion.
 
@@ -110,7 +110,6 @@ class FrictionScene(FrozenArrays):
         joint: its name; law: the name of its friction law.
         physical: true parameters, in the order of the law's.
         velocity: (N,) rad/s.
-        torque: (N,) N m, of the law, without noise.
         noise: standard deviation, N m.
     """
 
@@ -118,8 +117,14 @@ class FrictionScene(FrozenArrays):
     law: str
     physical: tuple[float, ...]
     velocity: FloatArray
-    torque: FloatArray
     noise: float
+
+    @property
+    def torque(self) -> FloatArray:
+        """Return the torque (N,) of the law, N m, without noise."""
+        law = get_law(self.law)
+        linear, shape = law.from_physical(self.physical)
+        return compute_friction_torque(law, {"velocity": self.velocity}, linear, shape)
 
 
 def build_half_cosine(peak: float, samples: int) -> FloatArray:
@@ -131,22 +136,6 @@ def build_whole_cosines(peaks: Sequence[float], samples: int) -> FloatArray:
     """Return velocities of one period of each cosine, one after the other: (len(peaks) N,) in rad/s."""
     wave = -np.sin(2.0 * np.pi * (np.arange(samples) + 0.5) / samples)
     return np.concatenate([peak * wave for peak in peaks])
-
-
-def build_friction_scene(
-    joint: str, law: str, physical: Sequence[float], velocity: FloatArray, noise: float
-) -> FrictionScene:
-    """Return the scene; arguments as its fields."""
-    known = get_law(law)
-    linear, shape = known.from_physical(physical)
-    return FrictionScene(
-        joint=joint,
-        law=law,
-        physical=tuple(physical),
-        velocity=velocity,
-        torque=compute_friction_torque(known, {"velocity": velocity}, linear, shape),
-        noise=noise,
-    )
 
 
 def draw_samples(scene: FrictionScene, generator: np.random.Generator) -> FrictionSamples:

@@ -41,7 +41,6 @@ from symid.study.friction_paper import (
     TRUTH_1,
     FrictionScene,
     Sweep,
-    build_friction_scene,
     build_half_cosine,
     build_whole_cosines,
     draw_samples,
@@ -138,9 +137,8 @@ class AgreementStudy:
 def build_sweep_scene(sweep: Sweep) -> FrictionScene:
     """Return joint 1 of Table 1; its noise is that which leaves the paper's sum of squares."""
     noise = math.sqrt(TABLE_1[-1].objective / sweep.samples)
-    return build_friction_scene(
-        "1", _AGREEMENT_LAW, TRUTH_1.values, build_half_cosine(sweep.peak, sweep.samples), noise
-    )
+    velocity = build_half_cosine(sweep.peak, sweep.samples)
+    return FrictionScene("1", _AGREEMENT_LAW, TRUTH_1.values, velocity, noise)
 
 
 def fit_all_estimators(task: tuple[Sweep, int]) -> AgreementDraw:
@@ -202,13 +200,10 @@ def summarise_agreement(sweep: Sweep, draws: Sequence[AgreementDraw]) -> Agreeme
 def compare_estimators(
     title: str, scene: FrictionScene, seed: int, *, timed: bool = False
 ) -> EstimatorComparison:
-    """Return all estimators on one draw of a scene.
+    """Return all estimators on one draw of a scene, which is called `title`.
 
-    Args:
-        title: what it is called.
-        scene: joint, motion, noise.
-        seed: of the noise, and of searches by chance.
-        timed: whether each is run three times, for the least of the times.
+    `seed` is that of the noise and of searches by chance; `timed`: whether each is run three times, for the
+    least of the times.
     """
     samples, law = draw_samples(scene, np.random.default_rng(seed)), get_law(scene.law)
     runs = []
@@ -301,7 +296,7 @@ def build_recovery_scene(index: int) -> FrictionScene:
     """Return joint `index` of Table 3, counted from zero, along two cosines."""
     row = TABLE_3[index]
     velocity = build_whole_cosines(RECOVERY_PEAKS, RECOVERY_SAMPLES)
-    return build_friction_scene(row.joint, row.law, row.values, velocity, RECOVERY_NOISE[index])
+    return FrictionScene(row.joint, row.law, row.values, velocity, RECOVERY_NOISE[index])
 
 
 def build_second_scene(index: int) -> FrictionScene:
@@ -309,7 +304,7 @@ def build_second_scene(index: int) -> FrictionScene:
     row = RV_2SQ[index]
     coulomb, _, stribeck, _ = row.values
     velocity = build_whole_cosines((3.0 * stribeck, 1.0), RECOVERY_SAMPLES)
-    return build_friction_scene(row.joint, row.law, row.values, velocity, 0.02 * coulomb)
+    return FrictionScene(row.joint, row.law, row.values, velocity, 0.02 * coulomb)
 
 
 def fit_draw(task: tuple[FrictionScene, int]) -> FittedDraw:
@@ -389,6 +384,12 @@ class MeanGain:
     paper: float
     miss: float
 
+    def describe_miss(self) -> str:
+        """Return by how much the gain misses the paper's, in words."""
+        side = "above" if self.miss > 0.0 else "below"
+        near = "" if abs(self.miss) > self.deviation else ", within the deviation of a draw"
+        return f"{abs(self.miss):.1f} points {side} the paper{near}"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GainStudy:
@@ -418,7 +419,7 @@ def build_gain_scene(index: int) -> FrictionScene:
     """Return joint `index` of Table 3, counted from zero, along one slow cosine."""
     row = TABLE_3[index]
     velocity = build_whole_cosines((PEAK,), GAIN_SAMPLES)
-    return build_friction_scene(row.joint, row.law, row.values, velocity, TABLE_4[index].noise)
+    return FrictionScene(row.joint, row.law, row.values, velocity, TABLE_4[index].noise)
 
 
 def fit_laws(task: tuple[FrictionScene, int]) -> GainDraw:

@@ -25,7 +25,6 @@ from symid.study.friction_protocols import (
     AgreementStudy,
     EstimatorComparison,
     GainStudy,
-    MeanGain,
     Recovery,
     build_gain_scene,
     build_recovery_scene,
@@ -85,7 +84,7 @@ def list_checks(
         FrictionCheck(
             name=f"S3, joint {entry.joint}: improved against original Stribeck (a prediction)",
             bar=f"{entry.stribeck.paper:g} % in the paper",
-            found=f"{entry.stribeck.mean:.1f} %: {describe_gain_miss(entry.stribeck)}",
+            found=f"{entry.stribeck.mean:.1f} %: {entry.stribeck.describe_miss()}",
             met=None,
         )
         for entry in gains
@@ -171,15 +170,7 @@ def _check_second(study: Recovery) -> FrictionCheck:
     )
 
 
-def describe_gain_miss(gain: MeanGain) -> str:
-    """Return by how much a gain misses the paper's, in words."""
-    side = "above" if gain.miss > 0.0 else "below"
-    near = "" if abs(gain.miss) > gain.deviation else ", within the deviation of a draw"
-    return f"{abs(gain.miss):.1f} points {side} the paper{near}"
-
-
 _AGREEMENT_DRAWS, _OTHER_DRAWS = 20, 100
-"""Protocol S2 draws all seeds, the others fewer of them."""
 _BATCH = 5
 
 
@@ -212,14 +203,9 @@ def study_friction(
 ) -> FrictionStudy:
     """Return all tables.
 
-    Args:
-        seeds: of the noise, at least two; S2 draws all of them, S1 the first 20, the others the first 100.
-        jobs: processes; None for one a core.
-        timed: whether the time that each estimator takes is measured.
-        progress: called with how many tasks are done, of how many.
-
-    Raises:
-        UsageError: fewer than two seeds, or jobs is not positive.
+    `seeds` are those of the noise: S2 draws all of them, S1 the first 20, the others the first 100. `timed`:
+    whether the time that each estimator takes is measured. `jobs` and `progress` as of `run_tasks`. A
+    UsageError: fewer than two seeds, or jobs is not positive.
     """
     if len(seeds) < 2:
         text = f"{len(seeds)} draw: a standard deviation over draws needs two or more"

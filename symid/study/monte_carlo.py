@@ -64,7 +64,9 @@ def run_tasks(
     # A process that is forked from one with threads may hang; a fresh one costs half a second.
     context = multiprocessing.get_context("spawn")
     others = set(multiprocessing.active_children())
-    with ProcessPoolExecutor(min(jobs, most), mp_context=context, initializer=_end_quietly) as pool:
+    # Ctrl-C, which the terminal sends to all processes, ends a worker without a traceback of its own.
+    quiet = (signal.SIGINT, signal.SIG_DFL)
+    with ProcessPoolExecutor(min(jobs, most), context, signal.signal, quiet) as pool:
         try:
             # A worker may load NumPy before it comes to any line of ours, with the caller's own script: the
             # threads must be in the environment that it is born with. All start here.
@@ -103,11 +105,6 @@ def _one_thread() -> Iterator[None]:
                 os.environ[name] = value
 
 
-def _end_quietly() -> None:
-    """Let Ctrl-C, which the terminal sends to all processes, end a worker without a traceback of its own."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spread:
     """Median and 90th percentile of `runs` runs, `failed` of them without a result."""
@@ -136,24 +133,19 @@ class PairedDifference:
 
 
 def compute_spread(values: FloatArray) -> Spread:
-    """Return median and 90th percentile of `values` (runs,); nan counts as infinite."""
+    """Return median and 90th percentile of `values` (runs,); nan counts as infinite.
+
+    They are interpolated linearly, infinite where one of their neighbours is.
+    """
     array = np.asarray(values, dtype=np.float64)
-    failed = int(np.isnan(array).sum())
-    ordered = np.sort(np.where(np.isnan(array), math.inf, array))
-    return Spread(
-        median=_interpolate_percentile(ordered, 0.5),
-        percentile90=_interpolate_percentile(ordered, 0.9),
-        runs=len(array),
-        failed=failed,
-    )
-
-
-def _interpolate_percentile(ordered: FloatArray, share: float) -> float:
-    """Return a percentile by linear interpolation, infinite where one of its neighbours is."""
-    place = share * (len(ordered) - 1)
-    low, high = ordered[math.floor(place)], ordered[math.ceil(place)]
-    part = place - math.floor(place)
-    return float(low if not part or low == high else (1.0 - part) * low + part * high)
+    lost = np.isnan(array)
+    ordered = np.sort(np.where(lost, math.inf, array))
+    found = []
+    for share in (0.5, 0.9):
+        part, place = math.modf(share * (len(ordered) - 1))
+        low, high = ordered[int(place)], ordered[int(place) + (part > 0.0)]
+        found.append(float(low if not part or low == high else (1.0 - part) * low + part * high))
+    return Spread(median=found[0], percentile90=found[1], runs=len(array), failed=int(lost.sum()))
 
 
 def compute_paired_difference(first: FloatArray, second: FloatArray) -> PairedDifference:

@@ -76,9 +76,12 @@ class PrecisionScene:
     samples: int
 
 
-def build_precision_scene(robot: Robot, library: Library) -> PrecisionScene:
+@lru_cache(maxsize=1)
+def _load_scene(robot: Robot, backend: str) -> PrecisionScene:
     """Return the scene; the same robot gives the same numbers."""
-    bodies = build_bodies(robot)
+    from symid.codegen import prepare_library
+
+    library, bodies = prepare_library(robot, backend=backend), build_bodies(robot)
     truth = _get_truth(library, bodies)
     time = freeze(_PERIOD * np.arange(round(DURATION / _PERIOD) + 1))
     plain = Processing()
@@ -183,13 +186,6 @@ class _SeedErrors(NamedTuple):
     eigenvalue: float = np.inf
 
 
-@lru_cache(maxsize=1)
-def _load_scene(robot: Robot, backend: str) -> PrecisionScene:
-    from symid.codegen import prepare_library
-
-    return build_precision_scene(robot, prepare_library(robot, backend=backend))
-
-
 def study_precision(
     robot: Robot,
     seeds: Sequence[int],
@@ -200,18 +196,30 @@ def study_precision(
 ) -> PrecisionStudy:
     """Return errors of all methods against the bound; the same for any number of processes.
 
-    Args:
-        robot: to be identified.
-        seeds: of the noise.
-        backend: what computes its functions; see `prepare_library`.
-        jobs: processes; None for one a core.
-        progress: called with how many tasks are done, of how many.
+    `seeds` of the noise; `backend` as of `prepare_library`, `jobs` and `progress` as of `run_tasks`.
     """
     tasks = [(robot, backend, seed) for seed in seeds]
     found = run_tasks(_fit_seed, tasks, jobs=jobs, batch=_BATCH, progress=progress)
     scene = _load_scene(robot, backend)
     rows = scene.rows["torque"]
     spectrum = compute_spectrum(condense_rows(rows).factors[:, :, :-1].reshape(-1, len(rows.names))).singular
+    methods = []
+    for name in found[0]:
+        draws = [draw[name] for draw in found]
+        errors, deviations = (np.array(part) for part in zip(*(draw[:2] for draw in draws), strict=True))
+        ratios = np.sqrt(np.mean(errors**2, axis=0)) / scene.bound
+        least = min(draw.eigenvalue for draw in draws)
+        method = PrecisionMethod(
+            method=name,
+            ratios=tuple(ratios.tolist()),
+            mean_ratio=float(ratios.mean()),
+            worst_ratio=float(ratios.max()),
+            worst=rows.names[int(np.argmax(ratios))],
+            coverage_percent=100.0 * float(np.mean(np.abs(errors) <= _NORMAL_95 * deviations)),
+            worst_price_percent=max(draw.price for draw in draws),
+            least_eigenvalue=least if np.isfinite(least) else None,
+        )
+        methods.append(method)
     return PrecisionStudy(
         robot=robot.name,
         seeds=len(seeds),
@@ -221,7 +229,7 @@ def study_precision(
         units=rows.units,
         truth=tuple(scene.truth.tolist()),
         bound=tuple(scene.bound.tolist()),
-        methods=tuple(_summarise(scene, name, [draws[name] for draws in found]) for name in found[0]),
+        methods=tuple(methods),
     )
 
 
@@ -275,23 +283,6 @@ def _condense_with_noise(scene: PrecisionScene, kind: str, noise: FloatArray) ->
     return Condensed(factors=factors, counts=plain.counts, independent=plain.independent)
 
 
-def _summarise(scene: PrecisionScene, method: str, draws: Sequence[_SeedErrors]) -> PrecisionMethod:
-    errors = np.array([draw.errors for draw in draws])
-    deviations = np.array([draw.deviations for draw in draws])
-    ratios = np.sqrt(np.mean(errors**2, axis=0)) / scene.bound
-    least = min(draw.eigenvalue for draw in draws)
-    return PrecisionMethod(
-        method=method,
-        ratios=tuple(ratios.tolist()),
-        mean_ratio=float(ratios.mean()),
-        worst_ratio=float(ratios.max()),
-        worst=scene.rows["torque"].names[int(np.argmax(ratios))],
-        coverage_percent=100.0 * float(np.mean(np.abs(errors) <= _NORMAL_95 * deviations)),
-        worst_price_percent=max(draw.price for draw in draws),
-        least_eigenvalue=least if np.isfinite(least) else None,
-    )
-
-
 CUTOFFS = (10.0, 15.0, 20.0, 30.0, 50.0, 75.0, 100.0, 150.0, 200.0, 300.0)
 BAND = 10.0
 """Of the comparison, in Hz."""
@@ -328,16 +319,10 @@ def study_cutoff(
     cutoffs: Sequence[float] = CUTOFFS,
     progress: Callable[[int, int], None] | None = None,
 ) -> CutoffStudy:
-    """Return how well fits with every cut-off predict the rest of the log.
+    """Return how well fits with every one of `cutoffs` (Hz) predict the rest of the log.
 
-    The states of the rest pass the log's own filter throughout, so that only the fit differs.
-
-    Args:
-        library: the robot's functions.
-        recording: the log.
-        processing: of the robot file; its cut-off is replaced.
-        cutoffs: Hz.
-        progress: called with how many are done, of how many.
+    The states of the rest pass the log's own filter throughout, so that only the fit differs. `processing` is
+    that of the robot file, its cut-off replaced; `progress` is called with how many are done, of how many.
     """
     settled = choose_filters(processing, [recording]).processing
     if settled.filter_cutoff is None:
@@ -349,19 +334,13 @@ def study_cutoff(
     usable = [value for value in cutoffs if value < _HIGHEST_CUTOFF / recording.period]
 
     def predict(fitted: Processing, rows: str) -> float | None:
+        span = window if rows == "momentum" else None
         try:
-            estimate = identify_parameters(
-                library,
-                [recording],
-                fitted,
-                rows=rows,
-                estimator="wls",
-                window=window if rows == "momentum" else None,
-            )
+            fit = identify_parameters(library, [recording], fitted, rows=rows, estimator="wls", window=span)
         except IdentifiabilityError:
             return None
         names = tuple(entry.name for entry in (*library.card.beta, *library.card.friction))
-        prediction = predict_torques(estimate.assemble(names), library, recording, rest, band=BAND)
+        prediction = predict_torques(fit.assemble(names), library, recording, rest, band=BAND)
         return compute_band_residual(prediction).mean_relative_percent
 
     lines = []

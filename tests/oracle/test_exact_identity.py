@@ -24,7 +24,6 @@ from symid.dynamics.recursion import build_recursion, fold_vector
 from symid.dynamics.regressors import (
     compute_lagrange_columns,
     compute_momentum_columns,
-    compute_slotine_li_columns,
     compute_torque_columns,
 )
 from symid.robot.description import Coupling, Mimic, Spring
@@ -57,7 +56,7 @@ def assert_identical(robot):
     torque = derive_torque_columns(energy, keys)
     assert torque == fold_columns(robot, algebra, compute_torque_columns(recursion, keys))
     reference = (state.velocity, state.acceleration)
-    assert torque == fold_columns(robot, algebra, compute_slotine_li_columns(recursion, reference, keys))
+    assert torque == fold_columns(robot, algebra, compute_torque_columns(recursion, keys, reference))
     momentum = fold_columns(robot, algebra, compute_momentum_columns(recursion, keys))
     assert derive_momentum_columns(energy, keys) == momentum
     lagrange = fold_columns(robot, algebra, compute_lagrange_columns(recursion, keys))

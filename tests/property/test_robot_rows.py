@@ -82,7 +82,7 @@ def test_standard_rows_and_the_tip_give_the_product_of_their_matrices(chain, see
         alpha, a, d, theta = find_coordinates(row, q)
         expected = expected @ turn_z(theta) @ move(0, d) @ move(a, 0) @ turn_x(alpha)
         found = found @ to_matrix(joint.placement) @ find_joint_motion(joint, q)
-    np.testing.assert_allclose(found @ to_matrix(robot.tip), expected, atol=1e-12)
+    np.testing.assert_allclose(found @ to_matrix(robot.joints[-1].frame), expected, atol=1e-12)
 
 
 @given(CHAINS)

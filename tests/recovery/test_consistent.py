@@ -238,7 +238,7 @@ def test_a_friction_that_would_drive_ends_on_its_bound(bodies):
 def test_rotors_stay_positive(robots_folder):
     robot = read_robot(robots_folder / "tx40.toml")
     bodies = build_bodies(robot)
-    assert len(bodies.positive_names) == 7
+    assert bodies.positive.shape[1] == 7
     truth = np.einsum("pnk,nk->p", bodies.links, bodies.stated) + bodies.positive @ np.full(7, -0.2)
     rows = make_rows(dataclasses.replace(bodies), truth, 0.05)
     fit = fit_consistent(rows, analyse_identifiability(rows), bodies=bodies)

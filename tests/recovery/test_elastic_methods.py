@@ -17,7 +17,6 @@ from symid.identification.elastic.elimination import (
 )
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.two_step import (
-    build_stop_work,
     fit_alternation,
     fit_linear_spring,
     fit_two_step,
@@ -78,7 +77,7 @@ def torque_error(springs, run):
 
 def fit_joint_energy(problem):
     """Return dynamics and stiffnesses that minimise the energy cost together."""
-    matrix = np.hstack([problem.design, build_stop_work(problem, problem.thresholds)])
+    matrix = np.hstack([problem.design, problem.compute_stop_work(problem.thresholds)])
     solution = solve_scaled(matrix, problem.supplied, rcond=1e-9)
     return np.split(solution, [problem.design.shape[1]])
 
@@ -112,7 +111,7 @@ def test_the_band_gives_the_same_dynamics_with_a_covariance(arm, problem):
 
 
 def test_the_alternation_on_one_cost_descends_at_the_rate_of_the_principal_angle(energy_problem):
-    work = build_stop_work(energy_problem, energy_problem.thresholds)
+    work = energy_problem.compute_stop_work(energy_problem.thresholds)
     rate = compute_convergence_rate(energy_problem.design, work)
     alternated, (chi, _) = fit_alternation(energy_problem), fit_joint_energy(energy_problem)
     costs = np.array([entry.merit for entry in alternated.history])

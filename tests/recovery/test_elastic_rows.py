@@ -10,8 +10,6 @@ from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.regression import (
     build_energy_windows,
     build_filtered_rows,
-    compute_window_columns,
-    compute_window_work,
     filter_held,
     filter_smooth,
     prepare_elastic_signals,
@@ -41,7 +39,7 @@ def signals(run):
 def test_energy_balance_closes_with_the_true_parameters(arm, signals):
     library = arm[1]
     rows = build_energy_windows(library, signals, 0.1)
-    taken = compute_window_work(library.card.elasticity, signals, rows)
+    taken = rows.compute_work(library.card.elasticity, signals)
     gap = rows.supplied - taken - rows.design @ find_truth(library)
     assert np.abs(rows.supplied).max() > 1.0
     assert np.abs(gap).max() < 1e-6
@@ -97,7 +95,7 @@ def test_a_slower_replay_changes_what_inertias_do_and_not_what_springs_do(arm, s
     )
     rows, replay = build_energy_windows(library, signals, 0.1), build_energy_windows(library, slow, 0.2)
     grids = [np.array(grid) for grid in STOPS]
-    once, twice = compute_window_columns(grids, signals, rows), compute_window_columns(grids, slow, replay)
+    once, twice = rows.compute_columns(grids, signals), replay.compute_columns(grids, slow)
     assert all(map(np.array_equal, once, twice))
     first = len(library.card.beta)
     rotors = slice(first, first + 2)

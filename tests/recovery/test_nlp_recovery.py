@@ -21,7 +21,6 @@ from symid.identification.elastic.nlp import (
     optimise_nlp,
     prepare_setting,
 )
-from symid.identification.elastic.nlp_cost import compute_nlp_covariance
 from symid.identification.elastic.nlp_rows import build_nlp_recording
 from symid.identification.elastic.options import METHODS, ElasticOptions, NlpOptions
 from symid.identification.elastic.problem import build_elastic_problem
@@ -197,10 +196,10 @@ def test_places_move_to_the_best_ones_and_given_ones_stay(arm, noisy, noisy_fit,
         assert [entry.threshold for entry in spring.knees] == [entry.threshold for entry in places.knees]
     assert found.run.objective < kept.run.objective
     # Places that the data chose add to the doubt of what they trade with.
-    known = compute_nlp_covariance(found.cost, found.run.x)
+    known = found.cost.compute_covariance(found.run.x)
     assert np.all(np.diag(found.fit.covariance) > 0.9 * np.diag(known))
     assert np.max(np.diag(found.fit.covariance) / np.diag(known)) > 2.0
-    np.testing.assert_allclose(kept.fit.covariance, compute_nlp_covariance(kept.cost, kept.run.x))
+    np.testing.assert_allclose(kept.fit.covariance, kept.cost.compute_covariance(kept.run.x))
 
 
 def test_slopes_by_places_are_those_of_the_problem(noisy, noisy_fit):

@@ -8,16 +8,15 @@ if TYPE_CHECKING:
         compute_block_deviations as compute_block_deviations,
         sum_block_scores as sum_block_scores,
         warn_of_correlated_residuals as warn_of_correlated_residuals,
-        warn_of_fitted_log as warn_of_fitted_log,
         warn_of_mass_matrix as warn_of_mass_matrix,
         warn_of_moving_ends as warn_of_moving_ends,
         warn_of_poorly_identifiable as warn_of_poorly_identifiable,
         warn_of_processing as warn_of_processing,
         warn_of_stiction as warn_of_stiction,
     )
+    from symid.identification.diagnostics.log_channels import LogCheck as LogCheck
     from symid.identification.diagnostics.log_check import (
         CheckedLog as CheckedLog,
-        LogCheck as LogCheck,
         LogExcitation as LogExcitation,
         LogsCheck as LogsCheck,
         check_robot_logs as check_robot_logs,

@@ -4,9 +4,6 @@ Settings, recordings, rows and fit, library -> notices. Texts of elastic and fri
 
 A zero-phase filter extrapolates the position at the ends of a log: of a joint that moves there about two
 periods of the cut-off are wrong. A joint that sticks holds any torque up to its break-away.
-
-Supported: one recording or several; torque and momentum rows for correlated residuals; torque, momentum and
-filtered rows of joints with friction for stiction.
 Not supported: naming the missing term (see `residual_structure`); accelerations at an end at rest.
 """
 
@@ -229,11 +226,6 @@ def warn_of_poorly_identifiable(parameters: Sequence[ParameterEstimate]) -> tupl
     return (build_warning("identify.vague", percent=_POOR_PERCENT, names=poor),) if poor else ()
 
 
-def warn_of_fitted_log(source: str, what: str = "estimate") -> Notice:
-    """Return a notice that a log is one of the fit."""
-    return build_warning("validate.fitted-log", file=source, what=what)
-
-
 _PERIODS = 2.0
 """Of the cut-off that are wrong at an end."""
 _MOVING = 0.05
@@ -254,12 +246,8 @@ def warn_of_moving_ends(processing: Processing, recordings: Sequence[Recording])
         if not len(speed):
             continue
         moving = np.any(speed[[0, -1]] > _MOVING * speed.max(axis=0), axis=1)
-        cuts = (("begins", "drop_first"), ("ends", "drop_last"))
-        bad = [
-            (verb, name)
-            for (verb, name), moves in zip(cuts, moving, strict=True)
-            if moves and getattr(processing, name) < spoilt
-        ]
+        ends = zip(("begins", "ends"), ("drop_first", "drop_last"), moving, strict=True)
+        bad = [(verb, name) for verb, name, moves in ends if moves and getattr(processing, name) < spoilt]
         if bad:
             notices.append(
                 build_warning(

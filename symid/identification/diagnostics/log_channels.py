@@ -2,8 +2,6 @@
 
 Library, even recording -> `QuickFit` -> `JointSigns`, `Exchange`s, `TorqueDelay`, and notices.
 
-    Recording -> Signals -> states and torque decimated alike -> blocks of samples -> regressor rows
-
 Sign: the torque of each joint is fitted by its own rows. Its inertia must be positive, and its friction must
 dissipate. Both as shares of the torque, with the deviation of leaving out one block:
 
@@ -16,9 +14,8 @@ by d holds tau(t - d), so with rows A and the fitted torque s = A x, linear in x
 
     tau = A x - d ds/dt
 
-Supported: rigid joints that move, friction that is linear in its parameters; permutations that are products
-of exchanges, each an improvement; delays of either sign up to 50 ms, common and joint by joint.
-Not supported: elastic joints; joints at rest; signs of joints whose torque is nearly all gravity.
+Supported: permutations that are products of exchanges, each an improvement; delays of either sign up to 50
+ms. Not supported: elastic joints; signs of joints whose torque is nearly all gravity.
 """
 
 from dataclasses import dataclass, replace
@@ -61,11 +58,9 @@ class QuickFit:
         q, dq, ddq, tau: (N, n) decimated states and torques of the blocks, one after the other.
         rows: (N, n, p) regressor, friction included.
         keep: (N, n) 1, or 0 where a joint with friction hardly moves, whose torque is no function of speed.
-        blocks: slices of the N samples, each of consecutive ones.
+        blocks: slices of the N samples, each of consecutive ones; period: of the samples in s.
         names: of the p parameters; `inertial` the number of those that are not friction.
         moving: joints that move in the log.
-        period: of the N samples in s.
-        recording, processing: what it was made from.
     """
 
     q: FloatArray
@@ -81,6 +76,15 @@ class QuickFit:
     period: float
     recording: Recording
     processing: Processing
+
+    def stack_rows(
+        self, weights: FloatArray, tau: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return matrix, values (of `tau` if given) and `keep` of all moving joints, with weights (k,)."""
+        joints = list(self.moving)
+        matrix = (self.rows[:, joints] * weights[:, None]).reshape(-1, self.rows.shape[2])
+        torque = (self.tau if tau is None else tau)[:, joints]
+        return matrix, (torque * weights).ravel(), self.keep[:, joints].ravel()
 
 
 def build_quick_fit(library: Library, recording: Recording, processing: Processing) -> QuickFit:
@@ -106,20 +110,28 @@ def build_quick_fit(library: Library, recording: Recording, processing: Processi
         torque[processing.drop_first : processing.drop_first + len(load)] -= load
         recording, signals = replace(recording, torque=torque), replace(signals, tau=signals.tau - load)
     columns = np.hstack([signals.q, signals.dq, signals.ddq, signals.tau])
-    thin = _thin_out(columns, processing)
-    blocks = _choose_blocks(len(thin))
-    kept = np.vstack([thin[block] for block in blocks])
-    q, dq, ddq, tau = (np.ascontiguousarray(part) for part in np.split(kept, 4, axis=1))
-    bounds = np.cumsum([0, *(block.stop - block.start for block in blocks)])
+    thin, blocks = _sample_blocks(columns, processing)
+    q, dq, ddq, tau = (np.ascontiguousarray(part) for part in np.split(thin, 4, axis=1))
     card = library.card
+    slow = np.maximum(processing.standstill, _SLOW * np.sqrt(np.mean(dq**2, axis=0)))
+    braked = np.array([joint.friction != "none" for joint in card.joints])
+    held = (np.abs(dq) < slow) & braked
+    # A change of sign counts even where no sample falls on it.
+    held[1:] |= (dq[1:] * dq[:-1] < 0.0) & braked
+    near = held.copy()
+    for step in range(1, _NEAR + 1):
+        near[step:] |= held[:-step]
+        near[:-step] |= held[step:]
+    # A joint that is slow throughout would not be looked at.
+    left_out = near & (np.mean(near, axis=0) < _MOST)
     return QuickFit(
         q=q,
         dq=dq,
         ddq=ddq,
         tau=tau,
         rows=evaluate_columns(library, q, dq, ddq),
-        keep=_select_moving(library, dq, processing.standstill),
-        blocks=tuple(slice(int(low), int(high)) for low, high in pairwise(bounds)),
+        keep=np.where(left_out, 0.0, 1.0),
+        blocks=blocks,
         names=tuple(entry.name for entry in (*card.beta, *card.friction)),
         inertial=len(card.beta),
         moving=moving,
@@ -129,35 +141,16 @@ def build_quick_fit(library: Library, recording: Recording, processing: Processi
     )
 
 
-def _thin_out(values: FloatArray, processing: Processing) -> FloatArray:
-    """Return the decimated columns of `values` (N, k), constants kept as they are.
-
-    A Chebyshev filter of even order passes a constant with its ripple: harmless where all columns of a model
-    pass it, not where states do.
-    """
+def _sample_blocks(values: FloatArray, processing: Processing) -> tuple[FloatArray, tuple[slice, ...]]:
+    """Return decimated rows of `values` (N, k), all of them or pieces at even distances, and the pieces."""
     thin = decimate(np.column_stack([values, np.ones(len(values))]), processing.decimation)
-    return np.ascontiguousarray(thin[:, :-1] / thin[:, -1:])
-
-
-def _select_moving(library: Library, dq: FloatArray, standstill: float) -> FloatArray:
-    slow = np.maximum(standstill, _SLOW * np.sqrt(np.mean(dq**2, axis=0)))
-    braked = np.array([joint.friction != "none" for joint in library.card.joints])
-    held = (np.abs(dq) < slow) & braked
-    # A change of sign counts even where no sample falls on it.
-    held[1:] |= (dq[1:] * dq[:-1] < 0.0) & braked
-    near = held.copy()
-    for step in range(1, _NEAR + 1):
-        near[step:] |= held[:-step]
-        near[:-step] |= held[step:]
-    # A joint that is slow throughout would not be looked at.
-    return np.where(near & (np.mean(near, axis=0) < _MOST), 0.0, 1.0)
-
-
-def _choose_blocks(count: int) -> list[slice]:
-    """Return blocks of the samples: all of them, or pieces at even distances."""
-    number = max(2, min(_BLOCKS, count // 10))
-    bounds = np.linspace(0, count, number + 1).astype(int).tolist()
-    return [slice(low, min(high, low + _BLOCK)) for low, high in pairwise(bounds)]
+    # A Chebyshev filter of even order passes a constant with its ripple: harmless where all columns of a
+    # model pass it, not where states do.
+    thin = thin[:, :-1] / thin[:, -1:]
+    edges = np.linspace(0, len(thin), max(2, min(_BLOCKS, len(thin) // 10)) + 1).astype(int).tolist()
+    pieces = [thin[low : min(high, low + _BLOCK)] for low, high in pairwise(edges)]
+    bounds = np.cumsum([0, *map(len, pieces)]).tolist()
+    return np.vstack(pieces), tuple(slice(low, high) for low, high in pairwise(bounds))
 
 
 _CLEAR = 0.02
@@ -413,8 +406,7 @@ def estimate_torque_delay(fit: QuickFit) -> TorqueDelay:
     joints = list(fit.moving)
     size = np.linalg.norm(fit.tau[:, joints], axis=0)
     weights = 1.0 / np.where(size > 0.0, size, 1.0)
-    matrix, values = _stack(fit, fit.tau, weights)
-    keep = fit.keep[:, joints].ravel()
+    matrix, values, keep = fit.stack_rows(weights)
     errors = keep * (values - matrix @ _solve_kept(matrix, values, keep))
     scatter = np.linalg.norm(errors.reshape(-1, len(joints)), axis=0) / weights
     weights = 1.0 / np.maximum(scatter, 1e-6 * size + 1e-300)
@@ -430,8 +422,7 @@ def estimate_torque_delay(fit: QuickFit) -> TorqueDelay:
             break
         moved = shift_channel(fit.recording.time, fit.recording.torque, delay)
         signals = prepare_signals(replace(fit.recording, torque=moved), fit.processing)
-        thin = _thin_out(signals.tau, fit.processing)
-        tau = np.vstack([thin[block] for block in _choose_blocks(len(thin))])
+        tau, _ = _sample_blocks(signals.tau, fit.processing)
     # Where joints disagree by more than their own deviations, these are too small (Birge 1932).
     excess = float(np.sum(((values - step) / np.maximum(stds, 1e-9)) ** 2)) / max(1, len(values) - 1)
     common = float(np.sqrt(_compute_variances(replicates @ shares[:, None])[0]))
@@ -444,13 +435,6 @@ def estimate_torque_delay(fit: QuickFit) -> TorqueDelay:
     )
 
 
-def _stack(fit: QuickFit, tau: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return matrix and values of all moving joints, sample by sample."""
-    joints = list(fit.moving)
-    matrix = fit.rows[:, joints] * weights[:, None]
-    return matrix.reshape(-1, fit.rows.shape[2]), (tau[:, joints] * weights).ravel()
-
-
 def _solve_kept(matrix: FloatArray, values: FloatArray, keep: FloatArray) -> FloatArray:
     """Return the solution of the rows of joints that move."""
     return solve_scaled(matrix * keep[:, None], values * keep, rcond=_SMALL)
@@ -458,9 +442,8 @@ def _solve_kept(matrix: FloatArray, values: FloatArray, keep: FloatArray) -> Flo
 
 def _fit_delays(fit: QuickFit, tau: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the delay of every moving joint (k,) in s, and those without each block (blocks, k)."""
-    matrix, values = _stack(fit, tau, weights)
+    matrix, values, keep = fit.stack_rows(weights, tau)
     count = len(fit.moving)
-    keep = fit.keep[:, list(fit.moving)].ravel()
     smooth = (matrix @ _solve_kept(matrix, values, keep)).reshape(-1, count)
     slopes = np.zeros((len(smooth), count, count))
     for block in fit.blocks:
@@ -498,3 +481,32 @@ def describe_delay(found: TorqueDelay, file: str) -> Notice:
         "and inertia; shift one of the channels, or filter far below the inverse of the delay"
     )
     return Notice(code="log.torque-delay", text=text, file=file)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogCheck:
+    """The check of one log: signs of moving joints, exchanged columns, delay of the torque."""
+
+    source: str
+    signs: tuple[JointSigns, ...]
+    exchanges: tuple[Exchange, ...]
+    delay: TorqueDelay | None
+    notices: tuple[Notice, ...]
+
+
+def check_channels(fit: QuickFit, library: Library, robot: Robot) -> LogCheck:
+    """Return what is odd in the channels of the log behind `fit`."""
+    file = fit.recording.source
+    signs = estimate_signs(fit, library, robot)
+    notices = describe_signs(signs, robot, file)
+    exchanges: tuple[Exchange, ...] = ()
+    delay: TorqueDelay | None = None
+    if not notices:
+        # With a wrong sign neither order nor delay means anything.
+        exchanges = detect_exchanges(fit, library)
+        swapped = [describe_exchanges(exchanges, robot, file)] if exchanges else []
+        notices = (*swapped, *describe_sizes(signs, robot, file))
+    if not notices:
+        delay = estimate_torque_delay(fit)
+        notices = (describe_delay(delay, file),) if delay.late else ()
+    return LogCheck(source=file, signs=signs, exchanges=exchanges, delay=delay, notices=notices)

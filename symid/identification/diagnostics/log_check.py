@@ -1,13 +1,10 @@
 """Check of logs before an identification: as they are, with the robot's dynamics, and their excitation.
 
-Robot, logs -> `LogsCheck`; quick fits of the logs -> `LogExcitation`, a verdict and a reason for each base
-parameter.
+Robot, logs, even with uneven time stamps -> `LogsCheck`; quick fits of the logs -> `LogExcitation`.
 
     expected deviation   s sqrt(diag (A'A)^-1),  A and s of rows weighted by the scatter of their joint
 
-Supported: several logs of one robot, with uneven time stamps; rigid joints. Of elastic joints only the
-quantities are checked.
-Not supported: bias by a term that the model lacks.
+Of elastic joints only the quantities are checked. Not supported: bias by a term that the model lacks.
 """
 
 import os
@@ -20,20 +17,7 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import IdentifiabilityError, LogError, Notice, UsageError
-from symid.identification.diagnostics.log_channels import (
-    Exchange,
-    JointSigns,
-    QuickFit,
-    TorqueDelay,
-    build_quick_fit,
-    describe_delay,
-    describe_exchanges,
-    describe_signs,
-    describe_sizes,
-    detect_exchanges,
-    estimate_signs,
-    estimate_torque_delay,
-)
+from symid.identification.diagnostics.log_channels import LogCheck, QuickFit, build_quick_fit, check_channels
 from symid.identification.regression import WHOLE_MODEL, RankRule, compute_spectrum, solve_scaled
 from symid.logs import (
     JointSummary,
@@ -62,9 +46,8 @@ _SMALL = 1e-7
 class ParameterVerdict:
     """The verdict on one parameter, and the reason where it is not "identifiable".
 
-    "identifiable", "poorly identifiable" (expected standard deviation above 10 % of the value), "not
-    identifiable" (above 100 %), or "refused" (it has no value of its own). `relative_std_percent` is that
-    deviation.
+    "poorly identifiable": expected standard deviation, `relative_std_percent`, above 10 % of the value; "not
+    identifiable": above 100 %; "refused": it has no value of its own.
     """
 
     name: str
@@ -138,27 +121,21 @@ def analyse_excitation(fits: Sequence[QuickFit], joints: Sequence[str]) -> LogEx
 def _stack(fits: Sequence[QuickFit]) -> tuple[FloatArray, FloatArray]:
     """Return the rows of all moving joints of all logs, each weighted by the scatter of its residual."""
 
+    def stack(weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        parts = [fit.stack_rows(weights[list(fit.moving)]) for fit in fits]
+        # A joint at rest may be held by dry friction, so its rows stay out.
+        matrix = np.vstack([rows[keep > 0.0] for rows, _, keep in parts])
+        return matrix, np.concatenate([values[keep > 0.0] for _, values, keep in parts])
+
     def add(parts: Sequence[FloatArray]) -> FloatArray:
         return np.asarray(np.vstack(parts).sum(axis=0))
 
-    plain = [_list_rows(fit, np.ones(fit.tau.shape[1])) for fit in fits]
-    matrix, values = np.vstack([part[0] for part in plain]), np.concatenate([part[1] for part in plain])
+    matrix, values = stack(np.ones(fits[0].tau.shape[1]))
     first = solve_scaled(matrix, values, rcond=_SMALL)
     squares = add([(fit.keep * (fit.tau - fit.rows @ first)) ** 2 for fit in fits])
     sizes, counts = add([(fit.keep * fit.tau) ** 2 for fit in fits]), add([fit.keep for fit in fits])
     scatter = np.sqrt(np.maximum(squares, 1e-12 * sizes) / np.maximum(counts, 1.0))
-    weights = 1.0 / np.where(scatter > 0.0, scatter, 1.0)
-    parts = [_list_rows(fit, weights) for fit in fits]
-    return np.vstack([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
-
-
-def _list_rows(fit: QuickFit, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return matrix and values; a joint at rest may be held by dry friction, so its rows stay out."""
-    joints = list(fit.moving)
-    factor = (fit.keep * weights)[:, joints].ravel()
-    kept = factor > 0.0
-    matrix = fit.rows[:, joints].reshape(-1, fit.rows.shape[2])[kept]
-    return matrix * factor[kept, None], fit.tau[:, joints].ravel()[kept] * factor[kept]
+    return stack(1.0 / np.where(scatter > 0.0, scatter, 1.0))
 
 
 def describe_excitation(found: LogExcitation) -> tuple[Notice, ...]:
@@ -190,41 +167,9 @@ def describe_excitation(found: LogExcitation) -> tuple[Notice, ...]:
     return tuple(Notice(code=code, text=text) for code, text in notices)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LogCheck:
-    """The check of one log: signs of moving joints, exchanged columns, delay of the torque."""
-
-    source: str
-    signs: tuple[JointSigns, ...]
-    exchanges: tuple[Exchange, ...]
-    delay: TorqueDelay | None
-    notices: tuple[Notice, ...]
-
-
-def _check_log(fit: QuickFit, library: Library, robot: Robot) -> LogCheck:
-    file = fit.recording.source
-    signs = estimate_signs(fit, library, robot)
-    notices = describe_signs(signs, robot, file)
-    exchanges: tuple[Exchange, ...] = ()
-    delay: TorqueDelay | None = None
-    if not notices:
-        # With a wrong sign neither order nor delay means anything.
-        exchanges = detect_exchanges(fit, library)
-        swapped = [describe_exchanges(exchanges, robot, file)] if exchanges else []
-        notices = (*swapped, *describe_sizes(signs, robot, file))
-    if not notices:
-        delay = estimate_torque_delay(fit)
-        notices = (describe_delay(delay, file),) if delay.late else ()
-    return LogCheck(source=file, signs=signs, exchanges=exchanges, delay=delay, notices=notices)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CheckedLog:
-    """A log as it is.
-
-    Attributes:
-        recording: at even times. timing: how it was sampled before. joints: what every joint does in it.
-    """
+    """A log at even times, how it was sampled before, and what every joint does in it."""
 
     recording: Recording
     timing: LogTiming
@@ -235,12 +180,9 @@ class CheckedLog:
 class LogsCheck:
     """The check of all logs.
 
-    Attributes:
-        logs: each as it is.
-        copy: the file of an evenly sampled copy and what was done for it, where one was asked for.
-        dynamics: the check of each log that moves by the robot's dynamics; empty for elastic joints.
-        excitation: verdicts on all parameters; None for elastic joints and logs at rest.
-        notices: what is odd, with what to do. errors: why the logs are not enough for a model.
+    `copy` is the file of an evenly sampled copy and what was done for it, where one was asked for; `dynamics`
+    the check of each log that moves, `excitation` that of all parameters: none for elastic joints and logs at
+    rest; `notices` say what is odd, with what to do, `errors` why the logs are not enough for a model.
     """
 
     logs: tuple[CheckedLog, ...] = ()
@@ -261,12 +203,9 @@ def check_robot_logs(
 ) -> LogsCheck:
     """Return what is odd in logs, and which parameters are identifiable from all of them together.
 
-    Args:
-        robot: the robot.
-        logs: files, files of runs, or what was read before.
-        prepare: returns the robot's functions, where they are needed.
-        progress: called with a short text on what begins.
-        output: of an evenly sampled copy of the first log, a file.
+    `logs` are files, files of runs, or what was read before. `prepare` returns the robot's functions, where
+    they are needed; `progress` is called with a short text on what begins; `output` is the file of an evenly
+    sampled copy of the first log.
 
     Raises:
         LogError: with what is wrong with any of the logs.
@@ -315,8 +254,23 @@ def _add_dynamics(checked: LogsCheck, library: Library, robot: Robot) -> LogsChe
             reasons += error.notices
     if not fits:
         return replace(checked, errors=tuple(reasons))
-    checks = tuple(_check_log(fit, library, robot) for fit in fits)
+    errors: list[Notice] = []
+    checks = tuple(check_channels(fit, library, robot) for fit in fits)
     excitation = analyse_excitation(fits, [joint.name for joint in robot.axes])
+    if excitation.empty:
+        reason = "; ".join(f"{entry.name}: {entry.reason}" for entry in excitation.parameters[:8])
+        text = (
+            f"no parameter is identifiable from these logs ({reason}): record logs in which joints accelerate"
+        )
+        errors.append(Notice(code="check.nothing", text=text))
+    elif excitation.poor:
+        count, whole = len(excitation.list_names("refused")), len(excitation.parameters)
+        text = (
+            f"only {whole - count} of {whole} parameters are identifiable from these logs, for the reasons "
+            "in the table. Record a log in which every joint accelerates on its own, add logs, or fit what "
+            "is identifiable with `symid identify --partial`"
+        )
+        errors.append(Notice(code="check.poor", text=text))
     return replace(
         checked,
         dynamics=checks,
@@ -328,22 +282,5 @@ def _add_dynamics(checked: LogsCheck, library: Library, robot: Robot) -> LogsChe
             *describe_excitation(excitation),
             *library.notices,
         ),
-        errors=(_refuse_poor(excitation),) if excitation.poor else (),
+        errors=tuple(errors),
     )
-
-
-def _refuse_poor(excitation: LogExcitation) -> Notice:
-    """Return why the logs are not enough for a model of the robot."""
-    if excitation.empty:
-        reason = "; ".join(f"{entry.name}: {entry.reason}" for entry in excitation.parameters[:8])
-        text = (
-            f"no parameter is identifiable from these logs ({reason}): record logs in which joints accelerate"
-        )
-        return Notice(code="check.nothing", text=text)
-    count, whole = len(excitation.list_names("refused")), len(excitation.parameters)
-    text = (
-        f"only {whole - count} of {whole} parameters are identifiable from these logs, for the reasons in "
-        "the table. Record a log in which every joint accelerates on its own, add logs, or fit what is "
-        "identifiable with `symid identify --partial`"
-    )
-    return Notice(code="check.poor", text=text)

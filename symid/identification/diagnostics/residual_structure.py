@@ -9,8 +9,7 @@ reported as "other values". A family is measured on held-out blocks of time:
 
     share = 1 - sum over blocks b of |e'_b - C'_b k(without b)|^2 / |e'|^2
 
-Supported: torque residuals of one log or several, of the fit or held out, of any length: the equations of
-one joint are in memory at a time, and where they take too much of it only one in some of them.
+Supported: logs of the fit or held out, of any length: the equations of one joint are in memory at a time.
 Not supported: terms of several joints at once, products of functions, two families together; residuals of
 momentum rows: whatever the fit, those of torque rows are used.
 """
@@ -186,16 +185,12 @@ def compute_joint_residuals(
         signals = subtract_payload_torque(library, signals, recording)
         logs.append((signals, evaluate_torques(library, signals, values), weight, resting))
     for joint, card in enumerate(library.card.joints):
-        moving = [
-            (signals, predicted, weight)
-            for signals, predicted, weight, resting in logs
-            if joint not in resting
-        ]
+        moving = [entry for entry in logs if joint not in entry[-1]]
         if not moving:
             continue
         tables = [_tabulate(library, entry[0], joint, processing.decimation, step) for entry in moving]
         lengths = [len(table) for table in tables]
-        squares = np.repeat(np.asarray([weight for *_, weight in moving], dtype=float), lengths)
+        squares = np.repeat(np.asarray([weight for *_, weight, _ in moving], dtype=float), lengths)
         roots: FloatArray = np.sqrt(squares / squares.mean())
         plain = np.concatenate([table[:, -1] - table[:, :-1] @ values for table in tables])
         table = np.vstack(tables) * roots[:, None]
@@ -203,20 +198,18 @@ def compute_joint_residuals(
         # Rounding has no structure.
         if float(error @ error) <= 1e-20 * float(table[:, -1] @ table[:, -1]):
             error = np.zeros_like(error)
-        yield (
-            card,
-            JointResidual(
-                error=error,
-                plain=plain,
-                roots=roots,
-                span=_compute_span(table[:, :-1]),
-                # All logs are cut alike, so that each block holds a part of every log.
-                blocks=np.concatenate([np.arange(length) * _BLOCKS // length for length in lengths]),
-                motions=tuple(_build_motion(signals, predicted, joint) for signals, predicted, _ in moving),
-                decimation=processing.decimation,
-                step=step,
-            ),
+        found = JointResidual(
+            error=error,
+            plain=plain,
+            roots=roots,
+            span=_compute_span(table[:, :-1]),
+            # All logs are cut alike, so that each block holds a part of every log.
+            blocks=np.concatenate([np.arange(length) * _BLOCKS // length for length in lengths]),
+            motions=tuple(_build_motion(signals, predicted, joint) for signals, predicted, *_ in moving),
+            decimation=processing.decimation,
+            step=step,
         )
+        yield card, found
 
 
 def _tabulate(
@@ -249,13 +242,10 @@ _NEW = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResidualFinding:
-    """A family of functions that explains part of a joint's residual.
+    """A family of functions, key of `FAMILIES`, that explains part of a joint's residual.
 
-    Args:
-        joint: name; family: key of `FAMILIES`.
-        share_percent: on held-out blocks, of the square of what the model's own columns leave of the
-            residual; of all of it for "other values".
-        rms: root mean square of what it explains, in `unit`.
+    `share_percent` is on held-out blocks, of the square of what the model's own columns leave of the residual
+    (of all of it for "other values"), `rms` the root mean square of what it explains, in `unit`.
     """
 
     joint: str
@@ -333,17 +323,10 @@ def compute_profiles(
     found = []
     for card, residual in compute_joint_residuals(values, library, recordings, processing):
         table = residual.evaluate(lambda motion: [motion.q, motion.dq, motion.load])
-        position, velocity, load = (compute_profile(column, residual.plain) for column in table.T)
-        found.append(
-            JointProfiles(
-                joint=card.name,
-                unit=card.torque_unit,
-                position_unit=card.position_unit,
-                position=position,
-                velocity=velocity,
-                load=load,
-            )
-        )
+        columns = zip(("position", "velocity", "load"), table.T, strict=True)
+        profiles = {name: compute_profile(column, residual.plain) for name, column in columns}
+        unit, place = card.torque_unit, card.position_unit
+        found.append(JointProfiles(joint=card.name, unit=unit, position_unit=place, **profiles))
     return tuple(found)
 
 
@@ -397,19 +380,9 @@ def compute_profile(x: FloatArray, error: FloatArray, bins: int = 24) -> Profile
     )
 
 
-def warn_of_structure(
-    values: FloatArray,
-    library: Library,
-    recordings: Sequence[Recording],
-    processing: Processing,
-    weights: Sequence[float] | None = None,
-) -> tuple[Notice, ...]:
-    """Return a notice for every joint whose residual a missing term explains, naming the likeliest.
-
-    Arguments as for `analyse_structure`.
-    """
+def warn_of_structure(found: Sequence[ResidualFinding]) -> tuple[Notice, ...]:
+    """Return a notice for every joint whose residual a missing term explains, naming the likeliest."""
     first: dict[str, ResidualFinding] = {}
-    found = analyse_structure(values, library, recordings, processing, weights=weights)
     # A missing term may itself cause values that do not fit, so it comes first.
     for finding in sorted(found, key=lambda entry: entry.family == OTHER_VALUES):
         first.setdefault(finding.joint, finding)
@@ -423,7 +396,7 @@ def warn_of_structure(
             cause="could be removed by other parameter values"
             if finding.family == OTHER_VALUES
             else f"is a function of {finding.family}",
-            advice=finding.advice,
+            advice=finding.advice[:1].upper() + finding.advice[1:],
         )
         for finding in first.values()
     )

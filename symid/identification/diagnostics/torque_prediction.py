@@ -5,11 +5,8 @@ Parameters, the library of their model, a recording -> `TorquePrediction` -> `Ba
     e = L tau - L [Y | Yf] x,    relative residual of a joint: |e|_2 / |L tau|_2
 
 L is a zero-phase Butterworth low-pass of order 4, applied at the full sample rate; states come from the
-filtered position. Half a second at either end is left out, where the filter extrapolates.
-
-Supported: an estimate from rows of any kind. Joints with friction that do not move are left out, because dry
-friction or a brake may hold any torque.
-Not supported: bands above half the sample rate.
+filtered position. Half a second at either end is left out, where the filter extrapolates, and joints with
+friction that do not move, because dry friction or a brake may hold any torque.
 """
 
 from dataclasses import dataclass
@@ -39,12 +36,10 @@ _FEWEST = 20
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TorquePrediction(FrozenArrays):
-    """Measured and predicted torques of one log, both low-passed at `band` Hz.
+    """Measured and predicted torques of one log, both low-passed at `band` Hz; `time` (N,) in s.
 
-    Args:
-        joints: names; units: of their torques; time: (N,) s.
-        measured, predicted: (N, n) N m or N, joint side, measured without the torque of a known payload.
-        counted: indices of the joints whose torque counts.
+    `measured` and `predicted` are (N, n), N m or N, joint side, the former without the torque of a known
+    payload; `counted` are the indices of the joints whose torque counts.
     """
 
     joints: tuple[str, ...]
@@ -58,12 +53,9 @@ class TorquePrediction(FrozenArrays):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BandResidual:
-    """The residual of a model on a log within a band.
+    """The residual of a model on a log within a band in Hz, of each joint that counts.
 
-    Args:
-        joints: residual of each joint that counts; `std` is the root mean square.
-        range_percent: of the same joints, the root mean square over the range of the measured torque.
-        band: in Hz.
+    `std` of `joints` is the root mean square, `range_percent` that over the range of the measured torque.
     """
 
     joints: tuple[Residual, ...]
@@ -110,6 +102,7 @@ def predict_torques(
     load = compute_payload_torque(library, signals, recording)
     torque = torque if load is None else torque - load
     joints = library.card.joints
+    counted = tuple(k for k, joint in enumerate(joints) if k not in resting or joint.friction == "none")
     measured, predicted = (
         low_pass(torques, period=signals.period, cutoff=band, order=_ORDER)[kept]
         for torques in (torque, evaluate_torques(library, signals, values))
@@ -120,9 +113,7 @@ def predict_torques(
         time=signals.time[kept],
         measured=measured,
         predicted=predicted,
-        counted=tuple(
-            index for index, joint in enumerate(joints) if index not in resting or joint.friction == "none"
-        ),
+        counted=counted,
         band=band,
     )
 

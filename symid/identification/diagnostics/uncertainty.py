@@ -10,13 +10,9 @@ first, until all are significant (the idea of Pham and Gautier 1991). Removing p
 weighted squares by x_k^2 / c_kk, c the inverse of F'F, F the weighted matrix of those kept. The noise is that
 of blocks of consecutive rows, so that correlated residuals do not make every parameter essential.
 
-Drift: each log is fitted alone; parameters that differ beyond the noise of blocks, and the mean residual of
-each joint in each log, with its deviation.
-
-Supported: any number of logs; weights of the fit; directions that are not identifiable stay as they are;
-drift of parameters that at least two of the logs identify alone.
+Supported: any number of logs; weights of the fit; directions that are not identifiable stay as they are.
 Not supported: more than two correlated parameters at once (singular values show these); correlation longer
-than a block; grouping parameters anew, constraints; changes within a log.
+than a block; constraints; changes within a log.
 """
 
 from collections.abc import Callable, Sequence
@@ -46,8 +42,7 @@ from symid.identification.regression import (
 class Ellipse:
     """Where a pair of values lies with probability `level`, if the noise is normal.
 
-    `centre` is the pair, `axes` the longer and the shorter half axis, `angle` (rad) of the longer one
-    from the first parameter's axis.
+    `axes` are the longer and the shorter half axis, `angle` (rad) that of the longer one.
     """
 
     centre: tuple[float, float]
@@ -109,12 +104,9 @@ _RANK = 1e-10
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Bootstrap(FrozenArrays):
-    """Scatter of the parameters over logs drawn from blocks.
+    """Scatter of the identifiable parameters over `replicates` logs drawn from blocks of time.
 
-    Args:
-        names: of the identifiable parameters.
-        deviations: (k,) standard deviations; low, high: (k,) ends of the middle 95 %.
-        blocks: of time; replicates: logs drawn.
+    `deviations` (k,) are standard deviations, `low` and `high` (k,) the ends of the middle 95 %.
     """
 
     names: tuple[str, ...]
@@ -186,13 +178,10 @@ class Dropped:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Essential(FrozenArrays):
-    """A model of the significant parameters.
+    """A model of the parameters `kept`; the others in the order they were dropped.
 
-    Args:
-        kept: names of the parameters left.
-        dropped: the others, in the order they went.
-        values: (p,) of all parameters after the last fit, zero where dropped.
-        price_percent: by how much the norm of the weighted residual grew.
+    `values` (p,) are those of all parameters after the last fit, zero where dropped; `price_percent` is by
+    how much the norm of the weighted residual grew.
     """
 
     kept: tuple[str, ...]
@@ -218,47 +207,43 @@ def select_essential(
     candidates = np.flatnonzero(identifiable)
     others = identifiability.basis[~identifiable]
     # Directions that only refused parameters share: they stay, whatever they cost.
-    _, singular, right = (
-        np.linalg.svd(others, full_matrices=False) if len(others) else (0, np.zeros(0), others)
-    )
+    _, singular, right = np.linalg.svd(others, full_matrices=False)
     rest = others @ right[singular > 1e-9 * max(singular.max(initial=0.0), 1e-300)].T
     mixing = np.zeros((rows.matrix.shape[1], len(candidates) + rest.shape[1]))
     mixing[candidates, np.arange(len(candidates))] = 1.0
     mixing[np.ix_(~identifiable, np.arange(len(candidates), mixing.shape[1]))] = rest
     weighted = (rows.matrix * fit.weights[:, None]) @ mixing
-    factor: FloatArray = np.asarray(
-        np.linalg.qr(np.column_stack([weighted, rows.values * fit.weights]), mode="r")
-    )
+    table = np.column_stack([weighted, rows.values * fit.weights])
+    factor: FloatArray = np.asarray(np.linalg.qr(table, mode="r"))
     stated = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     blocks = compute_block_deviations(rows, fit, identifiability)
     ratio: FloatArray = np.where(stated > 0.0, blocks / np.where(stated > 0.0, stated, 1.0), 1.0)
     inflation = np.maximum(ratio, 1.0)[candidates]
     used, independent = count_freedom(freedom, mixing.shape[1], rows.independent)
     left = max(independent * len(rows.values) - used, 1.0)
-    kept, dropped, inner, price = _eliminate(factor, inflation, left, level)
+    names = [rows.names[k] for k in candidates]
+    kept, dropped, inner, price = _eliminate(factor, names, inflation, left, level)
     return Essential(
-        kept=tuple(rows.names[candidates[k]] for k in kept if k < len(candidates)),
-        dropped=tuple(
-            Dropped(name=rows.names[candidates[k]], ratio=ratio, price_percent=paid)
-            for k, ratio, paid in dropped
-        ),
+        kept=tuple(names[k] for k in kept if k < len(names)),
+        dropped=tuple(dropped),
         values=mixing @ inner,
         price_percent=price,
     )
 
 
 def _eliminate(
-    factor: FloatArray, inflation: FloatArray, freedom: float, level: float
-) -> tuple[list[int], list[tuple[int, float, float]], FloatArray, float]:
-    """Return columns kept, (column, deviations, price) of those dropped, values of all, the whole price.
+    factor: FloatArray, names: Sequence[str], inflation: FloatArray, freedom: float, level: float
+) -> tuple[list[int], list[Dropped], FloatArray, float]:
+    """Return columns kept, parameters dropped, values of all, the whole price.
 
-    `inflation` (c,) of the first c columns, which may be dropped: their deviations over those of white noise.
+    `names` and `inflation` (c,) of the first c columns, which may be dropped: their deviations over those of
+    white noise.
     """
     matrix, target = factor[:, :-1], factor[:, -1]
     kept = list(range(matrix.shape[1]))
     values, inverse, square = _solve_columns(matrix, target, kept)
     first = max(square, 1e-300)
-    dropped: list[tuple[int, float, float]] = []
+    dropped: list[Dropped] = []
     while True:
         free = [place for place, column in enumerate(kept) if column < len(inflation)]
         if not free:
@@ -270,7 +255,8 @@ def _eliminate(
             break
         column = kept.pop(free[least])
         values, inverse, square = _solve_columns(matrix, target, kept)
-        dropped.append((column, float(ratios[least]), _compute_growth(square, first)))
+        paid = _compute_growth(square, first)
+        dropped.append(Dropped(name=names[column], ratio=float(ratios[least]), price_percent=paid))
     inner = np.zeros(matrix.shape[1])
     inner[kept] = values
     return kept, dropped, inner, _compute_growth(square, first)
@@ -313,13 +299,10 @@ class ParameterDrift:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drift:
-    """Differences between logs.
+    """Differences between logs, by their numbers, from zero.
 
-    Args:
-        runs: numbers of the logs that were compared, from zero.
-        changed: parameters that differ beyond chance, the least likely first.
-        compared: how many parameters at least two logs identify alone.
-        residual: (log, joint, mean residual, its deviation) of the fit to all logs.
+    `changed` are parameters that differ beyond chance, the least likely first, of those `compared`, which at
+    least two logs identify alone; `residual` is (log, joint, mean residual, its deviation) of the whole fit.
     """
 
     runs: tuple[int, ...]
@@ -366,16 +349,9 @@ def measure_drift(
         known = [found for found in alone.values() if found.identifiability.identifiable[index]]
         if len(known) < 2:
             continue
-        values = np.array([found.values[index] for found in known])
-        deviations = np.array([found.deviations[index] for found in known])
-        changes.append(
-            ParameterDrift(
-                name=name,
-                values=tuple(map(float, values)),
-                deviations=tuple(map(float, deviations)),
-                chance=_compute_chance(values, deviations),
-            )
-        )
+        values, deviations = np.array([(one.values[index], one.deviations[index]) for one in known]).T
+        pairs = {"values": tuple(values.tolist()), "deviations": tuple(deviations.tolist())}
+        changes.append(ParameterDrift(name=name, **pairs, chance=_compute_chance(values, deviations)))
     limit = _CHANCE / max(len(changes), 1)
     changed = sorted((entry for entry in changes if entry.chance < limit), key=lambda entry: entry.chance)
     return Drift(runs=tuple(alone), changed=tuple(changed), compared=len(changes), residual=tuple(residual))
@@ -384,12 +360,8 @@ def measure_drift(
 def compute_mean_weights(rows: Rows, fit: RegressionFit) -> FloatArray:
     """Return what the fit multiplied residuals of each group by (g,), on average, without weights of logs."""
     own = fit.weights / np.sqrt(rows.weight)
-    return np.array(
-        [
-            float(own[rows.group == group].mean()) if np.any(rows.group == group) else 1.0
-            for group in range(len(rows.group_names))
-        ]
-    )
+    parts = [own[rows.group == group] for group in range(len(rows.group_names))]
+    return np.array([float(part.mean()) if len(part) else 1.0 for part in parts])
 
 
 def _fit_alone(rows: Rows, freedom: str, run: int, weights: FloatArray) -> SingleLogFit | None:

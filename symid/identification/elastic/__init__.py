@@ -12,7 +12,6 @@ if TYPE_CHECKING:
         ElasticEstimate as ElasticEstimate,
         HistoryEntry as HistoryEntry,
         MethodFit as MethodFit,
-        MethodTrial as MethodTrial,
         SpringEstimate as SpringEstimate,
         name_friction as name_friction,
     )
@@ -27,9 +26,7 @@ if TYPE_CHECKING:
         ElasticOptions as ElasticOptions,
         NlpOptions as NlpOptions,
     )
-    from symid.identification.elastic.problem import (
-        build_elastic_problem as build_elastic_problem,
-    )
+    from symid.identification.elastic.problem import build_elastic_problem as build_elastic_problem
     from symid.identification.elastic.regression import (
         ElasticSignals as ElasticSignals,
         get_encoder_positions as get_encoder_positions,

@@ -13,8 +13,7 @@ reconstruction of published procedures, no copy.
 
 Supported: both encoders; friction that is linear in its parameters; recordings of one kind only, which
 then serve both steps of `independent`.
-Not supported: noise of the encoders as large as that of the torque within the band; joints without
-gravity on the motor side.
+Not supported: encoder noise as large as torque noise within the band; the motor side without gravity.
 """
 
 from collections.abc import Sequence
@@ -27,16 +26,12 @@ from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library, ModelCard
 from symid.errors import Notice
 from symid.identification.elastic.estimate import MethodFit, build_method_fit
-from symid.identification.elastic.problem import (
-    ElasticProblem,
-    build_spring_data,
-    fit_joint_spring,
-    fit_springs,
-)
+from symid.identification.elastic.problem import ElasticProblem, build_spring_data, fit_joint_spring
 from symid.identification.elastic.regression import (
     ElasticSignals,
     build_equations,
     build_filtered_rows,
+    center_held,
     filter_derivative,
     filter_smooth,
     solve_with_signs,
@@ -50,7 +45,7 @@ from symid.logs import differentiate, low_pass
 def fit_elimination(problem: ElasticProblem) -> MethodFit:
     """Return dynamics by elimination of the joint torque, and the springs that it then shows."""
     chi = solve_with_signs(problem.library.card, *problem.stack_filtered())
-    springs = fit_springs(problem, problem.find_motor_side(chi))
+    springs = problem.fit_springs(problem.find_motor_side(chi))
     return build_method_fit("elimination", chi, problem.sizes, springs)
 
 
@@ -97,11 +92,7 @@ def fit_band(card: ModelCard, rows: BandRows, rounds: int = 3) -> BandFit:
 
 
 def fit_momentum(problem: ElasticProblem) -> MethodFit:
-    """Return dynamics from momenta, and the springs that the motor equation then shows.
-
-    Raises:
-        UsageError: a window does not fit.
-    """
+    """Return dynamics from momenta, and the springs that remain; raise UsageError if windows do not fit."""
     length = problem.options.window
     parts = [_integrate_equations(problem.library, signals, length) for signals in problem.signals]
     design, impulse = (np.concatenate(part) for part in zip(*parts, strict=True))
@@ -112,7 +103,7 @@ def fit_momentum(problem: ElasticProblem) -> MethodFit:
         time=np.zeros(impulse.size),
     )
     chi = fit_band(problem.library.card, rows, rounds=2).chi
-    springs = fit_springs(problem, problem.find_motor_side(chi))
+    springs = problem.fit_springs(problem.find_motor_side(chi))
     return build_method_fit("momentum", chi, problem.sizes, springs)
 
 
@@ -159,8 +150,7 @@ def build_band_rows(library: Library, signals: Sequence[ElasticSignals]) -> Band
     """Return the equations of all recordings; their signals should pass `get_wide_cutoff`, or no filter.
 
     Every column is made of hardly filtered states and then filtered exactly as the torque is, so that kinks
-    of friction stay where they are. Rows are taken at twice the edge of the band, where noise is nearly
-    independent.
+    of friction stay in place. Rows are taken at twice the edge of the band: noise is nearly independent.
     """
     parts = [_filter_equations(library, part) for part in signals]
     design, torque, time = (np.concatenate(part) for part in zip(*parts, strict=True))
@@ -190,7 +180,8 @@ def _filter_equations(library: Library, signals: ElasticSignals) -> tuple[FloatA
         lambda values: low(values)[keep],
     )
     time = np.arange(len(signals.time))[keep] / len(signals.time)
-    return design, low(signals.centred_torque)[keep], time
+    torque = center_held(signals.tau) if signals.hold == "zero" else signals.tau
+    return design, low(torque)[keep], time
 
 
 _MOVING = 0.1

@@ -1,8 +1,4 @@
-"""Results of elastic joints: of one method, and of the identification.
-
-Supported: methods that give no hysteresis; methods without iterations.
-Not supported: uncertainties in a `MethodFit`, other than the covariance of its dynamics.
-"""
+"""Results of elastic joints: of one method, with the covariance of its dynamics, and of all."""
 
 import math
 import re
@@ -40,7 +36,6 @@ class MethodFit(FrozenArrays):
     """Parameters of one method, in SI units.
 
     Args:
-        method: its name.
         beta: (p,) base parameters of the links; rotor: (n,) rotor inertias on the joint side.
         friction: (pf,) in the order of the model card.
         elasticity: one a joint; empty if the method gives none.
@@ -102,7 +97,6 @@ class MethodTrial:
     """A method that was tried.
 
     Args:
-        method: its name; outcome: how it ended.
         error: of prediction in units of the noise, squared; None where methods were not compared.
         values: of all dynamic parameters, in the order of the estimate's.
     """

@@ -3,8 +3,7 @@
     Recording -> signals -> rows -> methods -> choice -> estimate, residuals, warnings
 
 Supported: several recordings; one method, or an automatic choice among those that take moments.
-Not supported: delays between channels and offsets of encoders (align the recordings first); one encoder
-only.
+Not supported: delays between channels and offsets of encoders (align the recordings first); one encoder only.
 """
 
 import json
@@ -17,13 +16,7 @@ from symid.arrays import FloatArray
 from symid.codegen import Library, ModelCard, ParameterCard
 from symid.errors import IdentifiabilityError, Notice, UsageError
 from symid.identification.diagnostics import build_warning, warn_of_mass_matrix
-from symid.identification.elastic.estimate import (
-    ElasticEstimate,
-    MethodFit,
-    MethodTrial,
-    SpringEstimate,
-    name_friction,
-)
+from symid.identification.elastic.estimate import ElasticEstimate, MethodFit, MethodTrial, SpringEstimate
 from symid.identification.elastic.methods import (
     AUTOMATIC_METHODS,
     ENERGY_METHODS,
@@ -156,10 +149,6 @@ def _check_recordings(library: Library, recordings: Sequence[Recording]) -> Mapp
             "columns of the log and their factors"
         )
         raise IdentifiabilityError(Notice(code="elastic.no-torque", text=text))
-    return _list_hidden(card, recordings)
-
-
-def _list_hidden(card: ModelCard, recordings: Sequence[Recording]) -> Mapping[int, Notice]:
     pairs = [get_encoder_positions(recording) for recording in recordings]
     motors, links = (np.array([np.ptp(pair[side], axis=0) for pair in pairs]) for side in (0, 1))
     gaps = [motor - link for motor, link in pairs]
@@ -257,10 +246,8 @@ def list_unknown_parameters(work: ElasticEquations, fit: MethodFit) -> dict[str,
     # What a parameter of each unit is multiplied by in the torque, RMS, at the fastest joint.
     motions = {
         "kg m^2": pull + speed**2,
-        "kg m": max(_GRAVITY, pull),
-        "kg": max(_GRAVITY, pull),
-        "N m s/rad": speed,
-        "N s/m": speed,
+        **dict.fromkeys(("kg m", "kg"), max(_GRAVITY, pull)),
+        **dict.fromkeys(("N m s/rad", "N s/m"), speed),
     }
     unknown = {}
     cards = list_parameter_cards(card)
@@ -333,11 +320,8 @@ def identify_elastic(
 ) -> ElasticEstimate:
     """Return dynamics, friction and springs that explain the recordings best.
 
-    Args:
-        library: the functions of an elastic robot.
-        recordings: at least one, each with the positions of motors and links.
-        options: method, grids, filters; None for the defaults.
-        echo: further settings to keep with the result.
+    `recordings` are one or more, each with the positions of motors and links; `echo` are further settings to
+    keep with the result.
 
     Raises:
         UsageError: the robot is not elastic, no recording is given, or windows or thresholds do not fit.
@@ -364,7 +348,7 @@ def identify_elastic(
     return ElasticEstimate(
         robot=library.card.robot,
         signature=library.card.signature,
-        friction=name_friction([entry.name for entry in cards]),
+        friction=tuple(joint.friction for joint in joints),
         method=fit.method,
         reason=choice.reason,
         parameters=list_parameters(cards, fit.chi, fit.covariance),

@@ -4,9 +4,8 @@
     (chi_nlp - chi_w)' C_w^-1 (chi_nlp - chi_w) <= chi^2_0.999(parameters),   C_w the covariance of chi_w
 
 Rows are the sum of motor and link equations in a band. Every fold leaves blocks of time out, springs held as
-they are. Of the methods whose score is within two standard errors of the least one, the one with the smallest
-standard deviations is taken. The one-shot problem must first agree with the weighted elimination, which needs
-no springs (Hausman 1978).
+they are. Of the methods whose score is within two standard errors of the least one, that of the smallest
+deviations is taken. The one-shot problem must first agree with the weighted elimination (Hausman 1978).
 
 Supported: all names of `METHODS`.
 Not supported: a choice of springs apart from dynamics; those of the chosen method are taken.
@@ -34,19 +33,9 @@ from symid.identification.elastic.elimination import (
 )
 from symid.identification.elastic.estimate import MethodFit, build_method_fit
 from symid.identification.elastic.options import ElasticOptions
-from symid.identification.elastic.problem import (
-    ElasticProblem,
-    average_sides,
-    build_elastic_problem,
-    fit_springs,
-)
+from symid.identification.elastic.problem import ElasticProblem, build_elastic_problem
 from symid.identification.elastic.regression import filter_smooth, prepare_elastic_signals, solve_with_signs
-from symid.identification.elastic.two_step import (
-    build_stop_work,
-    fit_alternation,
-    fit_linear_spring,
-    fit_two_step,
-)
+from symid.identification.elastic.two_step import fit_alternation, fit_linear_spring, fit_two_step
 from symid.identification.elastic.uncertainty import (
     compute_covariance,
     mark_unidentifiable,
@@ -167,9 +156,17 @@ def fit_method(work: ElasticEquations, method: str) -> MethodFit:
         "elimination": fit_elimination,
         "weighted": lambda _: _fit_weighted(work),
         "independent": fit_independent,
-        "nlp": lambda _: _fit_nlp(work),
     }
-    fit = makers[method](work.problem)
+    if method == "nlp":
+        # Imported here: it needs CasADi, which the other methods do without.
+        from symid.identification.elastic.nlp import fit_nlp
+
+        # Hardly filtered states bend its columns least, and its windows average their noise. Where the
+        # options fix the places of stops and knees, the start is its own, which keeps them.
+        start = _fit_weighted(work) if work.problem.options.moves_stops else None
+        fit = fit_nlp(work.wide, start=start).fit
+    else:
+        fit = makers[method](work.problem)
     rows = build_linear_rows(work, fit)
     if fit.covariance is None:
         return replace(fit, covariance=compute_covariance(rows.design, rows.right - rows.design @ fit.chi))
@@ -179,19 +176,9 @@ def fit_method(work: ElasticEquations, method: str) -> MethodFit:
 
 def _fit_weighted(work: ElasticEquations) -> MethodFit:
     chi = work.band.chi
-    springs = fit_springs(work.wide, average_sides(work.wide, chi))
+    springs = work.wide.fit_springs(work.wide.average_sides(chi))
     fit = build_method_fit("weighted", chi, work.problem.sizes, springs)
     return replace(fit, covariance=work.band.covariance)
-
-
-def _fit_nlp(work: ElasticEquations) -> MethodFit:
-    # Imported here: it needs CasADi, which the other methods do without.
-    from symid.identification.elastic.nlp import fit_nlp
-
-    # Hardly filtered states bend its columns least, and its windows average their noise. Where the options
-    # fix the places of stops and knees, the start is its own, which keeps them.
-    start = _fit_weighted(work) if work.problem.options.moves_stops else None
-    return fit_nlp(work.wide, start=start).fit
 
 
 def build_linear_rows(work: ElasticEquations, fit: MethodFit) -> _LinearRows:
@@ -230,7 +217,7 @@ def build_candidate(work: ElasticEquations, fit: MethodFit) -> MethodCandidate:
         rows = build_linear_rows(work, fit)
     if fit.method == "linear-spring":
         # Its springs are linear too, and are fitted with the dynamics.
-        work_of_springs = build_stop_work(work.problem, [np.zeros(0)] * card.size)
+        work_of_springs = work.problem.compute_stop_work([np.zeros(0)] * card.size)
         rows = _LinearRows(np.hstack([rows.design, work_of_springs]), work.problem.supplied, rows.time)
     folds = assign_folds(rows.time)
 
@@ -309,7 +296,12 @@ def choose_fit(work: ElasticEquations, fits: Sequence[MethodFit]) -> MethodSelec
 
     usable = [fit for fit in fits if fit.outcome.usable and np.all(np.isfinite(fit.chi))]
     limit = float(chdtri(np.count_nonzero(work.identifiable), 1.0 - _LEVEL))
-    chi2 = {fit.method: _compute_chi2(work, fit) for fit in usable if fit.method == "nlp"}
+    known = np.flatnonzero(work.identifiable)
+    covariance = work.band.covariance[np.ix_(known, known)]
+    lengths = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    inverse = np.linalg.pinv(covariance / np.outer(lengths, lengths), rcond=1e-12, hermitian=True)
+    shifts = {fit.method: (fit.chi - work.band.chi)[known] / lengths for fit in usable if fit.method == "nlp"}
+    chi2 = {method: float(shift @ inverse @ shift) for method, shift in shifts.items()}
     contrary = [fit for fit in usable if not chi2.get(fit.method, 0.0) <= limit]
     kept = [fit for fit in usable if fit not in contrary] or usable
     candidates = [build_candidate(work, fit) for fit in kept]
@@ -334,13 +326,3 @@ def choose_fit(work: ElasticEquations, fits: Sequence[MethodFit]) -> MethodSelec
     )
     named = dict(zip((fit.method for fit in kept), errors.tolist(), strict=True))
     return MethodSelection(fit=best, errors=named, reason=reason, notices=notices)
-
-
-def _compute_chi2(work: ElasticEquations, fit: MethodFit) -> float:
-    """Return (chi - chi_w)' C_w^-1 (chi - chi_w) over the identifiable parameters."""
-    kept = np.flatnonzero(work.identifiable)
-    covariance = work.band.covariance[np.ix_(kept, kept)]
-    lengths = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    inverse = np.linalg.pinv(covariance / np.outer(lengths, lengths), rcond=1e-12, hermitian=True)
-    scaled = (fit.chi - work.band.chi)[kept] / lengths
-    return float(scaled @ inverse @ scaled)

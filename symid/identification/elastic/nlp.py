@@ -10,8 +10,7 @@
 Unknowns are scaled by the lengths of their columns at the start, x = d z; all constraints are bounds. Stops
 and knees that are given, or on a grid, stay; knees of a grid follow the torque that the springs reach.
 
-Supported: energy, filtered and momentum rows; Stribeck friction; odd springs; exact and Gauss-Newton
-Hessians.
+Supported: energy, filtered, momentum rows; Stribeck friction; odd springs; exact, Gauss-Newton Hessians.
 Not supported: joint damping, cubic springs; another number of stops and knees than that of the start;
 proof that no better optimum exists.
 """
@@ -26,20 +25,7 @@ from symid.codegen import ModelCard
 from symid.errors import Notice
 from symid.identification.elastic.elimination import fit_elimination
 from symid.identification.elastic.estimate import HistoryEntry, MethodFit, build_method_fit
-from symid.identification.elastic.nlp_cost import (
-    ElasticNlpCost,
-    NlpLayout,
-    SpringGrid,
-    build_layout,
-    build_spring,
-    build_start,
-    compute_linear_residuals,
-    compute_nlp_covariance,
-    estimate_sigmas,
-    flatten_slopes,
-    invert_normal_equations,
-    list_weights,
-)
+from symid.identification.elastic.nlp_cost import ElasticNlpCost, NlpLayout, SpringGrid, list_weights
 from symid.identification.elastic.nlp_rows import NlpRecording, build_nlp_recording, move_stops
 from symid.identification.elastic.options import NlpOptions
 from symid.identification.elastic.problem import ElasticProblem
@@ -68,8 +54,7 @@ class Certificate:
         kkt: scaled residual of the optimality conditions.
         active: unknowns held by a bound, with their values.
         undetermined: unknowns without any effect at this point, or none apart from k0.
-        curvature: least eigenvalue of the scaled Hessian of all other unknowns that no bound holds; positive
-            at a strict local minimum.
+        curvature: least eigenvalue of the scaled Hessian of all others; positive at a strict local minimum.
     """
 
     kkt: float
@@ -127,8 +112,9 @@ def optimise_nlp(cost: ElasticNlpCost, start: FloatArray, scales: FloatArray, op
     certificate = compute_certificate(cost, x, scales)
     if outcome is Ending.CONVERGED and certificate.kkt > _KKT:
         outcome = Ending.STALLED
-        residual = f"the residual of the optimality conditions is {certificate.kkt:.1e}"
-        reason = f"Ipopt reports success, but {residual}"
+        reason = (
+            f"Ipopt reports success, but the residual of the optimality conditions is {certificate.kkt:.1e}"
+        )
     value = cost.find_value(cost.find_state(x))
     return NlpRun(x=x, objective=value, outcome=outcome, reason=reason, certificate=certificate)
 
@@ -155,8 +141,7 @@ def compute_certificate(cost: ElasticNlpCost, x: FloatArray, scales: FloatArray)
 def _polish(problem: SmoothProblem, z: FloatArray) -> FloatArray:
     """Return z (x,) after Newton steps in the unknowns that no bound holds; the others go onto their bounds.
 
-    An interior-point method stays off the bounds by its barrier over the multiplier. A step is kept while our
-    own residual falls.
+    An interior-point method stays off the bounds by its barrier over the multiplier.
     """
     low, high, hessian_of = problem.lower, problem.upper, problem.hessian
     best = np.clip(z, low, high)
@@ -174,6 +159,7 @@ def _polish(problem: SmoothProblem, z: FloatArray) -> FloatArray:
         trial = np.clip(trial, low, high)
         slope = problem.gradient(trial)
         reached = _compute_kkt(trial, slope, low, high)
+        # A step is kept while our own residual falls.
         if not reached < residual:
             break
         best, residual = trial, reached
@@ -186,7 +172,7 @@ def _compute_kkt(z: FloatArray, slope: FloatArray, low: FloatArray, high: FloatA
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NlpPlace:
-    """A stop, or a knee, of a joint: the index of its threshold among those of the joint."""
+    """A stop or knee of a joint: the index of its threshold among those of the joint."""
 
     joint: int
     knee: bool
@@ -198,7 +184,6 @@ class NlpSetting:
     """What all rounds share.
 
     Args:
-        problem, options: of the run.
         recordings: their rows, for these thresholds.
         thresholds: (m,) of each joint's stops, rad or m.
         knees: signed torques of each joint, N m or N; None where they lie on a grid over the torque.
@@ -226,7 +211,7 @@ class NlpSetting:
                 knees = tuple(sorted(map(float, grid)))
             stiffness, reach = float(self.stiffness[joint]), max(float(np.abs(b[:, 0]).max()) for b in bases)
             grids.append(SpringGrid(thresholds=thresholds, knees=knees, stiffness=stiffness, reach=reach))
-        return build_layout(self.problem.library.card, grids, self.options)
+        return NlpLayout.build(self.problem.library.card, grids, self.options)
 
     def shift(self, places: Sequence[NlpPlace], steps: FloatArray) -> "NlpSetting":
         """Return the setting with each of the places moved by a step (places,)."""
@@ -308,7 +293,7 @@ def _move_places(setting: NlpSetting, cost: ElasticNlpCost, x: FloatArray) -> tu
     places = list_places(setting, cost, x)
     if not places:
         return setting, x
-    inverse, scores = invert_normal_equations(cost, x, compute_place_slopes(setting, cost, x, places))
+    inverse, scores = cost.invert_normal_equations(x, compute_place_slopes(setting, cost, x, places))
     step = -inverse @ scores.sum(axis=0)
     value = cost.find_value(cost.find_state(x))
     limits: dict[NlpPlace, tuple[float, float]] = {}
@@ -342,13 +327,7 @@ def _rebuild(cost: ElasticNlpCost, setting: NlpSetting) -> ElasticNlpCost:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NlpFit:
-    """What the problem gave.
-
-    Args:
-        fit: parameters and springs, outcome, one history entry a round.
-        run: the last run, with its certificate.
-        cost: of the last round; its `sigmas` are the row scales, its `layout` names the unknowns.
-    """
+    """What the problem gave: the fit, with one history entry a round; run and cost of the last round."""
 
     fit: MethodFit
     run: NlpRun
@@ -358,31 +337,26 @@ class NlpFit:
 def fit_nlp(
     problem: ElasticProblem, options: NlpOptions | None = None, start: MethodFit | None = None
 ) -> NlpFit:
-    """Return the optimum of the hysteresis-plus-friction problem.
+    """Return the optimum of the hysteresis-plus-friction problem, with the problem's own `options` if None.
 
-    Args:
-        problem: recordings, grids, window and filter.
-        options: rows, friction, bounds, solver; None for those of the problem.
-        start: dynamics and springs to begin with, whose stops and knees move to better places near where the
-            problem refines its grids. None for those of the elimination, or, where it does not, for linear
-            springs on the grids.
+    `start` has the dynamics and springs to begin with; stops and knees move to better places near where the
+    problem refines its grids. None for those of the elimination, or, where it does not, for linear springs on
+    the grids.
     """
     options = options or problem.options.nlp
     # Refined stops and knees begin where the elimination puts them.
     begin = start or (fit_elimination(problem) if problem.options.moves_stops else fit_linear_spring(problem))
     setting = prepare_setting(problem, options, begin)
     layout = setting.lay_out(begin.elasticity)
-    x = build_start(layout, begin.chi, begin.elasticity)
-    blocks = [block for part in setting.recordings for block in part.blocks]
-    linear = [compute_linear_residuals(block, begin.chi, setting.stiffness) for block in blocks]
-    sigmas = estimate_sigmas(blocks, linear, begin.chi)
+    x = layout.build_start(begin.chi, begin.elasticity)
+    cost = ElasticNlpCost(recordings=setting.recordings, layout=layout, smoothing=options.smoothing)
+    linear = [block.compute_linear_residuals(begin.chi, setting.stiffness) for block in cost.blocks]
+    cost = cost.weigh(linear, begin.chi)
     history: list[HistoryEntry] = []
     for number in range(options.rounds + 1):
-        recordings, smoothing = setting.recordings, options.smoothing
-        cost = ElasticNlpCost(recordings=recordings, layout=layout, sigmas=sigmas, smoothing=smoothing)
         run = optimise_nlp(cost, x, compute_scales(cost, x), options)
-        residuals = cost.find_state(run.x).residuals
-        moved, end = run.x[layout.dynamics] - x[layout.dynamics], np.abs(run.x[layout.dynamics])
+        residuals, chi = cost.find_state(run.x).residuals, run.x[layout.dynamics]
+        moved, end = chi - x[layout.dynamics], np.abs(chi)
         entry = HistoryEntry(
             merit=run.objective,
             change=float(np.max(np.abs(moved) / np.maximum(end, 1e-3 * float(np.max(end))))),
@@ -391,43 +365,30 @@ def fit_nlp(
         history.append(entry)
         if number == options.rounds or not run.outcome.usable:
             break
-        sigmas = estimate_sigmas(cost.blocks, residuals, run.x[layout.dynamics])
-        setting, layout, x = _carry_over(setting, replace(cost, sigmas=sigmas), run)
-    run = replace(run, x=flatten_slopes(layout, run.x, run.certificate.undetermined))
-    chi, springs = run.x[layout.dynamics], _read_springs(layout, run.x, setting.stiffness)
+        cost = cost.weigh(residuals, chi)
+        x = layout.flatten_slopes(run.x, run.certificate.undetermined)
+        if setting.knees is not None:
+            setting, x = _move_places(setting, cost, x)
+            layout = setting.lay_out(())
+        else:
+            # The knees of a grid follow the torque reached.
+            springs = layout.read_springs(x, _REST_WEIGHT * setting.stiffness)
+            dynamics, stribeck = x[layout.dynamics], (x[layout.excess], x[layout.speed])
+            layout = setting.lay_out(springs)
+            x = layout.build_start(dynamics, springs)
+            x[layout.excess], x[layout.speed] = stribeck
+        cost = replace(cost, recordings=setting.recordings, layout=layout)
+    run = replace(run, x=layout.flatten_slopes(run.x, run.certificate.undetermined))
+    springs = layout.read_springs(run.x, _REST_WEIGHT * setting.stiffness)
     slopes = compute_place_slopes(setting, cost, run.x, list_places(setting, cost, run.x))
     fit = replace(
-        build_method_fit("nlp", chi, problem.sizes, springs),
+        build_method_fit("nlp", run.x[layout.dynamics], problem.sizes, springs),
         history=tuple(history),
         outcome=run.outcome,
-        covariance=compute_nlp_covariance(cost, run.x, slopes),
+        covariance=cost.compute_covariance(run.x, slopes),
         notices=tuple(_list_notices(run, problem.library.card, layout)),
     )
     return NlpFit(fit=fit, run=run, cost=cost)
-
-
-def _carry_over(
-    setting: NlpSetting, cost: ElasticNlpCost, run: NlpRun
-) -> tuple[NlpSetting, NlpLayout, FloatArray]:
-    """Return setting, layout and start of the next round.
-
-    Stops and knees are a step nearer to their best places; the knees of a grid follow the torque reached.
-    """
-    layout = cost.layout
-    x = flatten_slopes(layout, run.x, run.certificate.undetermined)
-    if setting.knees is not None:
-        setting, x = _move_places(setting, cost, x)
-        return setting, setting.lay_out(()), x
-    springs = _read_springs(layout, x, setting.stiffness)
-    fresh = setting.lay_out(springs)
-    start = build_start(fresh, x[layout.dynamics], springs)
-    start[fresh.excess], start[fresh.speed] = x[layout.excess], x[layout.speed]
-    return setting, fresh, start
-
-
-def _read_springs(layout: NlpLayout, x: FloatArray, stiffness: FloatArray) -> tuple[Elasticity, ...]:
-    pairs = zip(layout.springs, stiffness, strict=True)
-    return tuple(build_spring(spring, x, _REST_WEIGHT * whole) for spring, whole in pairs)
 
 
 def _list_notices(run: NlpRun, card: ModelCard, layout: NlpLayout) -> Iterator[Notice]:

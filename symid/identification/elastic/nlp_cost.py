@@ -11,12 +11,11 @@ Gauss-Newton Hessian. Rows within a stretch of time share the same noise (Liang 
 
 Supported: knees with slopes of their own on both sides, or odd springs whose sides share them; unknowns
 at bounds or without effect, which count as known in the covariance.
-Not supported: bounds on base parameters; starts outside the bounds; uncertainty of the number of stops and
-knees.
+Not supported: bounds on base parameters; starts outside the bounds; uncertainty of how many stops and knees.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,13 +23,7 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, freeze
 from symid.codegen import ModelCard
-from symid.identification.elastic.nlp_rows import (
-    KneeSteps,
-    NlpRecording,
-    RowBlock,
-    StepSums,
-    build_knee_steps,
-)
+from symid.identification.elastic.nlp_rows import KneeSteps, NlpRecording, RowBlock, build_knee_steps
 from symid.identification.elastic.options import NlpOptions
 from symid.identification.elastic.regression import average_steps, list_lower_bounds
 from symid.identification.hysteresis import build_stops
@@ -62,30 +55,19 @@ class SpringLayout:
         """Return the changes of slope (entries,) of the unknowns x (x,)."""
         return self.changes @ x[self.slopes] + self.offset
 
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class NlpLayout:
-    """Places, names and bounds of all unknowns.
-
-    Args:
-        names: of the unknowns.
-        lower, upper: (x,) bounds in SI units.
-        dynamics: places of chi; excess, speed: places of Fs and vs, empty without Stribeck friction.
-        springs: one a joint.
-    """
-
-    names: tuple[str, ...]
-    lower: FloatArray
-    upper: FloatArray
-    dynamics: slice
-    excess: slice
-    speed: slice
-    springs: tuple[SpringLayout, ...]
-
-    @property
-    def size(self) -> int:
-        """Return the number of unknowns."""
-        return len(self.names)
+    def build_spring(self, values: FloatArray, least: float) -> Elasticity:
+        """Return the spring of the unknowns `values` (x,); weights up to `least` N m/rad are zero."""
+        weights, changes = values[self.weights], self.find_changes(values)
+        knees = [
+            Knee(threshold=torque, slope=float(changes[slot]))
+            for torque, slot in sorted(zip(self.knees, self.slots, strict=True))
+            if changes[slot]
+        ]
+        return Elasticity(
+            stiffness=float(weights[0]),
+            stops=build_stops(self.thresholds, weights[1:], least),
+            knees=tuple(knees),
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -102,41 +84,98 @@ class SpringGrid:
     reach: float
 
 
-def build_layout(card: ModelCard, grids: Sequence[SpringGrid], options: NlpOptions) -> NlpLayout:
-    """Return the unknowns: dynamic parameters of the card, perhaps Stribeck friction, a spring a grid."""
-    joints = range(1, card.size + 1)
-    # A joint whose file states no rotor has one nevertheless, and it is identified.
-    rotors = [f"IA{joint}" for joint in joints]
-    names = [*(entry.name for entry in card.beta), *rotors, *(entry.name for entry in card.friction)]
-    lower = [list_lower_bounds(card)]
-    upper = [np.full(len(names), np.inf)]
-    dynamics = slice(0, len(names))
-    excess = speed = slice(len(names), len(names))
-    if options.stribeck:
-        excess = slice(len(names), len(names) + card.size)
-        speed = slice(excess.stop, excess.stop + card.size)
-        names += [f"{parameter}{joint}" for parameter in ("Fs", "vs") for joint in joints]
-        lower += [np.zeros(card.size), np.full(card.size, options.speeds[0])]
-        upper += [np.full(card.size, np.inf), np.full(card.size, options.speeds[1])]
-    springs = []
-    for joint, grid in zip(joints, grids, strict=True):
-        spring, places = _place_spring(grid, len(names), odd=options.odd)
-        springs.append(spring)
-        names += [f"k{stop} of joint {joint}" for stop in range(len(grid.thresholds) + 1)]
-        names += [f"slope beyond {place} of joint {joint}" for place in places]
-        least, limit = (factor * grid.stiffness for factor in (options.least_stiffness, options.weight_limit))
-        slopes = np.ones((2, len(places))) * np.array(options.slopes)[:, None]
-        lower += [np.array([least]), np.zeros(len(grid.thresholds)), slopes[0]]
-        upper += [np.array([limit]), np.where(grid.thresholds < grid.reach, limit, 0.0), slopes[1]]
-    return NlpLayout(
-        names=tuple(names),
-        lower=freeze(np.concatenate(lower)),
-        upper=freeze(np.concatenate(upper)),
-        dynamics=dynamics,
-        excess=excess,
-        speed=speed,
-        springs=tuple(springs),
-    )
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NlpLayout:
+    """Places, names and bounds of all unknowns.
+
+    Bounds `lower` and `upper` (x,) are in SI units; `dynamics` are the places of chi, `excess` and `speed`
+    those of Fs and vs, empty without Stribeck friction.
+    """
+
+    names: tuple[str, ...]
+    lower: FloatArray
+    upper: FloatArray
+    dynamics: slice
+    excess: slice
+    speed: slice
+    springs: tuple[SpringLayout, ...]
+
+    @property
+    def size(self) -> int:
+        """Return the number of unknowns."""
+        return len(self.names)
+
+    @classmethod
+    def build(cls, card: ModelCard, grids: Sequence[SpringGrid], options: NlpOptions) -> "NlpLayout":
+        """Return the unknowns: dynamic parameters of the card, perhaps Stribeck friction, a spring a grid."""
+        joints = range(1, card.size + 1)
+        # A joint whose file states no rotor has one nevertheless, and it is identified.
+        rotors = [f"IA{joint}" for joint in joints]
+        names = [*(entry.name for entry in card.beta), *rotors, *(entry.name for entry in card.friction)]
+        lower = [list_lower_bounds(card)]
+        upper = [np.full(len(names), np.inf)]
+        dynamics = slice(0, len(names))
+        excess = speed = slice(len(names), len(names))
+        if options.stribeck:
+            excess = slice(len(names), len(names) + card.size)
+            speed = slice(excess.stop, excess.stop + card.size)
+            names += [f"{parameter}{joint}" for parameter in ("Fs", "vs") for joint in joints]
+            lower += [np.zeros(card.size), np.full(card.size, options.speeds[0])]
+            upper += [np.full(card.size, np.inf), np.full(card.size, options.speeds[1])]
+        springs = []
+        for joint, grid in zip(joints, grids, strict=True):
+            spring, places = _place_spring(grid, len(names), odd=options.odd)
+            springs.append(spring)
+            names += [f"k{stop} of joint {joint}" for stop in range(len(grid.thresholds) + 1)]
+            names += [f"slope beyond {place} of joint {joint}" for place in places]
+            least, limit = (
+                factor * grid.stiffness for factor in (options.least_stiffness, options.weight_limit)
+            )
+            slopes = np.ones((2, len(places))) * np.array(options.slopes)[:, None]
+            lower += [np.array([least]), np.zeros(len(grid.thresholds)), slopes[0]]
+            upper += [np.array([limit]), np.where(grid.thresholds < grid.reach, limit, 0.0), slopes[1]]
+        return cls(
+            names=tuple(names),
+            lower=freeze(np.concatenate(lower)),
+            upper=freeze(np.concatenate(upper)),
+            dynamics=dynamics,
+            excess=excess,
+            speed=speed,
+            springs=tuple(springs),
+        )
+
+    def build_start(self, chi: FloatArray, springs: Sequence[Elasticity]) -> FloatArray:
+        """Return unknowns (x,) between their bounds: chi (p + n + pf,), springs, no Stribeck friction yet."""
+        x = np.zeros(self.size)
+        x[self.dynamics] = chi
+        x[self.speed] = np.sqrt(self.lower[self.speed] * self.upper[self.speed])
+        for place, spring in zip(self.springs, springs, strict=True):
+            x[place.weights] = list_weights(spring, place.thresholds)
+            slopes = np.zeros(len(place.offset))
+            for slot, torque in zip(place.slots, place.knees, strict=True):
+                # The slope of the outer function just beyond this knee.
+                side = np.sign(torque)
+                end = torque * side * (1.0 + 1e-12)
+                slopes[slot] = 1.0 + sum(
+                    knee.slope for knee in spring.knees if 0.0 < knee.threshold * side <= end
+                )
+            x[place.slopes] = slopes
+        return np.clip(x, self.lower, self.upper)
+
+    def flatten_slopes(self, x: FloatArray, undetermined: Sequence[str]) -> FloatArray:
+        """Return x (x,) with slopes of that name as the ones before them: knees that no torque reaches."""
+        flat = np.array(x)
+        for spring in self.springs:
+            for entry, place in enumerate(range(spring.slopes.start, spring.slopes.stop)):
+                if self.names[place] in undetermined:
+                    before = np.flatnonzero(spring.changes[entry] < 0.0)
+                    flat[place] = flat[spring.slopes.start + before[0]] if before.size else 1.0
+        return flat
+
+    def read_springs(self, x: FloatArray, least: FloatArray) -> tuple[Elasticity, ...]:
+        """Return the springs of the unknowns x (x,); weights up to `least` (n,) N m/rad are zero."""
+        pairs = zip(self.springs, least.tolist(), strict=True)
+        return tuple(spring.build_spring(x, limit) for spring, limit in pairs)
 
 
 def _place_spring(grid: SpringGrid, first: int, *, odd: bool) -> tuple[SpringLayout, tuple[str, ...]]:
@@ -163,32 +202,10 @@ def _place_spring(grid: SpringGrid, first: int, *, odd: bool) -> tuple[SpringLay
     return spring, tuple(f"{'+-' if odd else ''}{knee:.6g}" for knee in order)
 
 
-def flatten_slopes(layout: NlpLayout, x: FloatArray, undetermined: Sequence[str]) -> FloatArray:
-    """Return x (x,) with the slopes of that name as the ones before them: knees that no torque reaches."""
-    flat = np.array(x)
-    for spring in layout.springs:
-        for entry, place in enumerate(range(spring.slopes.start, spring.slopes.stop)):
-            if layout.names[place] in undetermined:
-                before = np.flatnonzero(spring.changes[entry] < 0.0)
-                flat[place] = flat[spring.slopes.start + before[0]] if before.size else 1.0
-    return flat
-
-
-def build_spring(spring: SpringLayout, values: FloatArray, least: float) -> Elasticity:
-    """Return the spring of the unknowns `values` (x,); weights up to `least` N m/rad are zero."""
-    weights, changes = values[spring.weights], spring.find_changes(values)
-    knees = [
-        Knee(threshold=torque, slope=float(changes[slot]))
-        for torque, slot in sorted(zip(spring.knees, spring.slots, strict=True))
-        if changes[slot]
-    ]
-    return Elasticity(
-        stiffness=float(weights[0]),
-        stops=build_stops(spring.thresholds, weights[1:], least),
-        knees=tuple(knees),
-    )
-
-
+_LEAST_SIGMA = 1e-6
+"""Of the size of a block's terms: no rows are trusted more."""
+_STRETCHES = 100
+_NEAR = 1e-6
 Places = NDArray[np.intp]
 _NUMPY = build_numpy_carrier()
 
@@ -215,7 +232,7 @@ class ElasticNlpCost:
 
     recordings: tuple[NlpRecording, ...]
     layout: NlpLayout
-    sigmas: tuple[float, ...]
+    sigmas: tuple[float, ...] = ()
     smoothing: float = 0.0
 
     @property
@@ -300,6 +317,52 @@ class ElasticNlpCost:
         """Yield residual, places, Jacobian and scale of every block."""
         return zip(state.residuals, state.places, state.jacobians, self.sigmas, strict=True)
 
+    def weigh(self, residuals: Sequence[FloatArray], chi: FloatArray) -> "ElasticNlpCost":
+        """Return the cost with the rms of these residuals (M_b,) of every block as its scale."""
+        sigmas = []
+        for block, residual in zip(self.blocks, residuals, strict=True):
+            size, loads = (float(np.sqrt(np.mean(part**2))) for part in (residual, block.matrix @ chi))
+            sigmas.append(max(size, _LEAST_SIGMA * loads, 1e-300))
+        return replace(self, sigmas=tuple(sigmas))
+
+    def compute_covariance(self, x: FloatArray, places: Sequence[Sequence[FloatArray]] = ()) -> FloatArray:
+        """Return the covariance (p + n + pf, p + n + pf) of the dynamic parameters at the optimum `x`.
+
+        `places` has, for each stop or knee, the derivative (M_b,) of every block's residuals by its place.
+        """
+        inverse, scores = self.invert_normal_equations(x, places)
+        spread = scores @ inverse[:, self.layout.dynamics]
+        return spread.T @ spread
+
+    def invert_normal_equations(
+        self, x: FloatArray, places: Sequence[Sequence[FloatArray]] = ()
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return H^-1 (s, s) of unknowns x and places behind them, and scores (stretches, s): J'r / sigma^2.
+
+        H^-1 is zero for what has no effect or stands at a bound. Arguments as those of `compute_covariance`.
+        """
+        state = self.find_state(x)
+        size = len(x) + len(places)
+        curvature, scores = np.zeros((size, size)), np.zeros((len(self.recordings), _STRETCHES, size))
+        owners = [index for index, part in enumerate(self.recordings) for _ in part.blocks]
+        for number, (residual, known, jacobian, sigma) in enumerate(self.list_blocks(state)):
+            rows = np.zeros((len(residual), size))
+            rows[:, known] = jacobian
+            for column, slopes in enumerate(places, start=len(x)):
+                rows[:, column] = slopes[number]
+            curvature += rows.T @ rows / sigma**2
+            stretch = (np.arange(len(residual)) * _STRETCHES) // len(residual)
+            np.add.at(scores[owners[number]], stretch, rows * (residual / sigma**2)[:, None])
+        lengths = np.sqrt(np.diag(curvature))
+        reach = _NEAR * np.maximum(np.abs(x), 1e-12)
+        is_free = lengths > 0.0
+        is_free[: len(x)] &= (x - self.layout.lower > reach) & (self.layout.upper - x > reach)
+        free = np.ix_(is_free, is_free)
+        sizes = np.outer(lengths, lengths)[free]
+        inverse = np.zeros_like(curvature)
+        inverse[free] = np.linalg.pinv(curvature[free] / sizes, rcond=1e-10, hermitian=True) / sizes
+        return inverse, scores.reshape(-1, size)
+
 
 class _SharedRows:
     """Rows of knees and friction of one recording, each added up once for all blocks that use them."""
@@ -323,7 +386,11 @@ class _SharedRows:
             torque = spring.columns @ x[place.weights]
             slope = spring.columns
             if place.knees:
-                means, bends = self._add_knees(spring.joint, spring.sums)
+                key = spring.joint, id(spring.sums)
+                if key not in self.known:
+                    steps, slopes = self.knees[spring.joint].means, self.bends[spring.joint]
+                    self.known[key] = spring.sums.add(steps), spring.sums.add(slopes)
+                means, bends = self.known[key]
                 torque = torque + means @ place.find_changes(x)
                 slope = slope + bends
                 places.append(np.arange(place.slopes.start, place.slopes.stop))
@@ -339,18 +406,9 @@ class _SharedRows:
             columns.append(-rows * np.array([1.0, x[excess]]))
         return residual, np.concatenate(places), np.hstack(columns)
 
-    def _add_knees(self, joint: int, sums: StepSums) -> tuple[FloatArray, FloatArray]:
-        """Return rows (M, entries) of the dead zones and (M, m + 1) of their derivatives by the weights."""
-        key = (joint, id(sums))
-        if key not in self.known:
-            self.known[key] = sums.add(self.knees[joint].means), sums.add(self.bends[joint])
-        return self.known[key]
-
 
 _FIRST_SHARE = 0.7
 """Of a linear spring, for k0; the stops begin with equal parts of the rest."""
-_LEAST_SIGMA = 1e-6
-"""Of the size of a block's terms: no rows are trusted more."""
 
 
 def list_weights(spring: Elasticity, thresholds: FloatArray) -> FloatArray:
@@ -362,87 +420,3 @@ def list_weights(spring: Elasticity, thresholds: FloatArray) -> FloatArray:
         return weights
     known = {stop.threshold: stop.stiffness or 0.0 for stop in spring.stops}
     return np.array([spring.stiffness or 0.0, *(known.get(float(value), 0.0) for value in thresholds)])
-
-
-def build_start(layout: NlpLayout, chi: FloatArray, springs: Sequence[Elasticity]) -> FloatArray:
-    """Return unknowns (x,) between their bounds: chi (p + n + pf,), the springs, no Stribeck friction yet."""
-    x = np.zeros(layout.size)
-    x[layout.dynamics] = chi
-    x[layout.speed] = np.sqrt(layout.lower[layout.speed] * layout.upper[layout.speed])
-    for place, spring in zip(layout.springs, springs, strict=True):
-        x[place.weights] = list_weights(spring, place.thresholds)
-        slopes = np.zeros(len(place.offset))
-        for slot, torque in zip(place.slots, place.knees, strict=True):
-            # The slope of the outer function just beyond this knee.
-            side = np.sign(torque)
-            end = torque * side * (1.0 + 1e-12)
-            slopes[slot] = 1.0 + sum(
-                knee.slope for knee in spring.knees if 0.0 < knee.threshold * side <= end
-            )
-        x[place.slopes] = slopes
-    return np.clip(x, layout.lower, layout.upper)
-
-
-def compute_linear_residuals(block: RowBlock, chi: FloatArray, stiffness: FloatArray) -> FloatArray:
-    """Return the residuals (M,) of a block with linear springs (n,) N m/rad, in the unit of its rows."""
-    residual = block.values - block.matrix @ chi
-    for spring in block.springs:
-        residual = residual - block.sign * stiffness[spring.joint] * spring.columns[:, 0]
-    return residual
-
-
-def estimate_sigmas(
-    blocks: Sequence[RowBlock], residuals: Sequence[FloatArray], chi: FloatArray
-) -> tuple[float, ...]:
-    """Return the rms residual of every block, in the unit of its rows."""
-    sigmas = []
-    for block, residual in zip(blocks, residuals, strict=True):
-        size, loads = (float(np.sqrt(np.mean(part**2))) for part in (residual, block.matrix @ chi))
-        sigmas.append(max(size, _LEAST_SIGMA * loads, 1e-300))
-    return tuple(sigmas)
-
-
-_STRETCHES = 100
-_NEAR = 1e-6
-
-
-def compute_nlp_covariance(
-    cost: ElasticNlpCost, x: FloatArray, places: Sequence[Sequence[FloatArray]] = ()
-) -> FloatArray:
-    """Return the covariance (p + n + pf, p + n + pf) of the dynamic parameters at the optimum `x`.
-
-    `places` has, for each stop or knee, the derivative (M_b,) of every block's residuals by its place.
-    """
-    inverse, scores = invert_normal_equations(cost, x, places)
-    spread = scores @ inverse[:, cost.layout.dynamics]
-    return spread.T @ spread
-
-
-def invert_normal_equations(
-    cost: ElasticNlpCost, x: FloatArray, places: Sequence[Sequence[FloatArray]] = ()
-) -> tuple[FloatArray, FloatArray]:
-    """Return H^-1 (s, s) of unknowns x and places behind them, and scores (stretches, s): J'r / sigma^2.
-
-    H^-1 is zero for what has no effect or stands at a bound. Arguments as those of `compute_nlp_covariance`.
-    """
-    state = cost.find_state(x)
-    size = len(x) + len(places)
-    curvature, scores = np.zeros((size, size)), np.zeros((len(cost.recordings), _STRETCHES, size))
-    owners = [index for index, part in enumerate(cost.recordings) for _ in part.blocks]
-    for number, (residual, known, jacobian, sigma) in enumerate(cost.list_blocks(state)):
-        rows = np.zeros((len(residual), size))
-        rows[:, known] = jacobian
-        for column, slopes in enumerate(places, start=len(x)):
-            rows[:, column] = slopes[number]
-        curvature += rows.T @ rows / sigma**2
-        stretch = (np.arange(len(residual)) * _STRETCHES) // len(residual)
-        np.add.at(scores[owners[number]], stretch, rows * (residual / sigma**2)[:, None])
-    lengths = np.sqrt(np.diag(curvature))
-    reach = _NEAR * np.maximum(np.abs(x), 1e-12)
-    is_free = lengths > 0.0
-    is_free[: len(x)] &= (x - cost.layout.lower > reach) & (cost.layout.upper - x > reach)
-    free = np.ix_(is_free, is_free)
-    sizes = np.outer(lengths, lengths)[free]
-    inverse = np.zeros_like(curvature)
-    inverse[free] = np.linalg.pinv(curvature[free] / sizes, rcond=1e-10, hermitian=True) / sizes
-    return inverse, scores.reshape(-1, size)

@@ -13,12 +13,11 @@ Between samples v is a straight line, and the mean of S_j over a step is that al
 beyond the knee q w / 2 with w = q / (q - p), both beyond (p + q) / 2. So it has continuous derivatives in k,
 and its second derivative is of rank one, s_j Phi_c Phi_c' / |q - p| at the crossing c.
 
-Supported: energy, filtered and momentum rows in any combination; any signed knees, both sides sharing a
-slope too.
+Supported: all kinds of rows in any combination; any signed knees, both sides sharing a slope too.
 Not supported: joint damping; friction on the link side; knees at zero torque; windows that overlap.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -60,11 +59,9 @@ class WindowSums(FrozenArrays):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilterSums:
-    """The low-pass from rest over `steps` steps, at the `count` samples first, first + length, ...
+    """The low-pass from rest over `steps` = N - 1 steps, at the `count` samples first, first + length, ...
 
-    Args:
-        steps: N - 1; count: rows.
-        decay: exp(-rate period).
+    `decay` is exp(-rate period).
     """
 
     steps: int
@@ -179,6 +176,7 @@ def build_knee_steps(basis: FloatArray, weights: FloatArray, knees: Sequence[tup
 
 _ROW_RATE = 125.0
 """Filtered rows a second in Hz: more rows add no information."""
+_BuildColumns = Callable[[FloatArray, FloatArray], FloatArray]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -186,14 +184,13 @@ class SpringColumns:
     """One joint's spring in the rows of a block.
 
     Args:
-        joint: its index.
         build: makes exact columns (M, m + 1) of thresholds (m,) and their stop basis (N, m + 1).
         columns: (M, m + 1) of the spring and its stops without knees.
         sums: adds step means of the knees up to rows.
     """
 
     joint: int
-    build: Callable[[FloatArray, FloatArray], FloatArray]
+    build: _BuildColumns
     columns: FloatArray
     sums: StepSums
 
@@ -203,19 +200,24 @@ class RowBlock:
     """Rows of one kind: values - matrix chi - sign tau_J - Stribeck friction = 0.
 
     Args:
-        name: kind and joint, for weights and messages.
         matrix: (M, p + n + pf); values: (M,).
         sign: 1 where the spring's torque stands with the loads, -1 where it drives.
         springs: of the joints that take part.
-        friction: joint and sums of a Stribeck friction in these rows.
+        friction: joint and sums of a Stribeck friction.
     """
 
-    name: str
     matrix: FloatArray
     values: FloatArray
     sign: float
     springs: tuple[SpringColumns, ...]
     friction: tuple[tuple[int, StepSums], ...] = ()
+
+    def compute_linear_residuals(self, chi: FloatArray, stiffness: FloatArray) -> FloatArray:
+        """Return the residuals (M,) with linear springs (n,) N m/rad, in the unit of its rows."""
+        residual = self.values - self.matrix @ chi
+        for spring in self.springs:
+            residual = residual - self.sign * stiffness[spring.joint] * spring.columns[:, 0]
+        return residual
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -240,13 +242,11 @@ def build_nlp_recording(
     signals = problem.signals[index]
     phi = signals.phi
     bases = tuple(compute_stop_basis(phi[:, joint], grid) for joint, grid in enumerate(thresholds))
-    blocks: list[RowBlock] = []
-    if "energy" in kinds:
-        blocks.append(_build_energy_block(problem, index, thresholds))
+    blocks = [_build_energy_block(problem, index, thresholds)] if "energy" in kinds else []
     if "filtered" in kinds:
-        blocks += _build_filtered_blocks(problem, index, bases)
+        blocks += _join_blocks(problem.sizes[0], bases, _build_filtered_rows(problem, index))
     if "momentum" in kinds:
-        blocks += _build_momentum_blocks(problem, index, bases)
+        blocks += _join_blocks(problem.sizes[0], bases, _build_momentum_rows(problem, index))
     return NlpRecording(blocks=tuple(blocks), bases=bases, phi=phi, speed=signals.dtheta)
 
 
@@ -284,7 +284,6 @@ def _build_energy_block(problem: ElasticProblem, index: int, thresholds: Sequenc
 
     turn = np.diff(signals.theta, axis=0)
     return RowBlock(
-        name="energy",
         matrix=rows.design,
         values=rows.supplied,
         sign=1.0,
@@ -293,32 +292,25 @@ def _build_energy_block(problem: ElasticProblem, index: int, thresholds: Sequenc
     )
 
 
-def _build_filtered_blocks(
-    problem: ElasticProblem, index: int, bases: Sequence[FloatArray]
-) -> list[RowBlock]:
-    rows, rate, period = problem.filtered[index], problem.options.rate, problem.signals[index].period
-    skip = max(1, int(1.0 / (_ROW_RATE * period * rows.keep.step)))
+_TorqueRows = tuple[FloatArray, FloatArray, _BuildColumns, StepSums]
+"""Design (M, n, p + n + pf) and torque (M, n) of the sum of both equations, and how springs get there."""
+
+
+def _build_filtered_rows(problem: ElasticProblem, index: int) -> _TorqueRows:
+    rows, rate, signals = problem.filtered[index], problem.options.rate, problem.signals[index]
+    skip = max(1, int(1.0 / (_ROW_RATE * signals.period * rows.keep.step)))
     keep = slice(rows.keep.start, None, rows.keep.step * skip)
-    torque = rows.torque[::skip]
-    sums = FilterSums(
-        steps=len(bases[0]) - 1,
-        first=keep.start,
-        length=keep.step,
-        count=len(torque),
-        decay=float(np.exp(-rate * period)),
-    )
+    torque, decay = rows.torque[::skip], float(np.exp(-rate * signals.period))
+    steps, count = len(signals.time) - 1, len(torque)
+    sums = FilterSums(steps=steps, first=keep.start, length=keep.step, count=count, decay=decay)
 
     def build(_: FloatArray, basis: FloatArray) -> FloatArray:
-        return filter_smooth(basis, rate, period)[keep]
+        return filter_smooth(basis, rate, signals.period)[keep]
 
-    return _join_blocks(
-        "filtered", rows.design[::skip], torque, bases, build=build, sums=sums, count=problem.sizes[0]
-    )
+    return rows.design[::skip], torque, build, sums
 
 
-def _build_momentum_blocks(
-    problem: ElasticProblem, index: int, bases: Sequence[FloatArray]
-) -> list[RowBlock]:
+def _build_momentum_rows(problem: ElasticProblem, index: int) -> _TorqueRows:
     signals, ends = problem.signals[index], problem.energy[index].ends
     sums = _build_window_sums(ends, np.full(len(signals.time) - 1, signals.period))
 
@@ -326,47 +318,20 @@ def _build_momentum_blocks(
         return sums.add(average_steps(values))
 
     design = build_equations(problem.library, signals, lambda values: np.diff(values[ends], axis=0), add)
-    torque = sums.add(signals.step_torque)
-    return _join_blocks(
-        "momentum",
-        design,
-        torque,
-        bases,
-        build=lambda _, basis: add(basis),
-        sums=sums,
-        count=problem.sizes[0],
-    )
+    return design, sums.add(signals.step_torque), lambda _, basis: add(basis), sums
 
 
-def _join_blocks(
-    kind: str,
-    design: FloatArray,
-    torque: FloatArray,
-    bases: Sequence[FloatArray],
-    *,
-    build: Callable[[FloatArray, FloatArray], FloatArray],
-    sums: StepSums,
-    count: int,
-) -> list[RowBlock]:
-    """Return the blocks of motor and link equations of their sum (M, n, p + n + pf), `count` is p."""
-    blocks = []
+def _join_blocks(count: int, bases: Sequence[FloatArray], rows: _TorqueRows) -> Iterator[RowBlock]:
+    """Yield the blocks of motor and link equations; `count` is p."""
+    design, torque, build, sums = rows
     for joint, basis in enumerate(bases):
         columns = build(np.zeros(0), basis)
         springs = (SpringColumns(joint=joint, build=build, columns=columns, sums=sums),)
         motor, link = design[:, joint].copy(), design[:, joint].copy()
         motor[:, :count], link[:, count:] = 0.0, 0.0
-        drive = RowBlock(
-            name=f"{kind} motor {joint + 1}",
-            matrix=motor,
-            values=torque[:, joint],
-            sign=1.0,
-            springs=springs,
-            friction=((joint, sums),),
-        )
-        name, zeros = f"{kind} link {joint + 1}", np.zeros(len(torque))
-        load = RowBlock(name=name, matrix=link, values=zeros, sign=-1.0, springs=springs)
-        blocks += [drive, load]
-    return blocks
+        values, own = torque[:, joint], ((joint, sums),)
+        yield RowBlock(matrix=motor, values=values, sign=1.0, springs=springs, friction=own)
+        yield RowBlock(matrix=link, values=np.zeros(len(torque)), sign=-1.0, springs=springs)
 
 
 def _build_window_sums(ends: slice, weights: FloatArray) -> WindowSums:

@@ -21,8 +21,7 @@ class NlpOptions:
     """How the one-shot problem of the method "nlp" is set up and solved; wrong values raise UsageError.
 
     Args:
-        rows: some of `NLP_ROWS`.
-        hessian: one of `HESSIANS`.
+        rows: some of `NLP_ROWS`; hessian: one of `HESSIANS`.
         stribeck: whether friction gets Fs exp(-(v / vs)^2) sign(v) on top.
         smoothing: v0 of tanh(v / v0) in place of sign(v) in it, rad/s or m/s; 0 for the sign.
         speeds: least and greatest vs, rad/s or m/s.
@@ -30,8 +29,7 @@ class NlpOptions:
         slopes: least and greatest slope of the outer function.
         weight_limit: greatest weight as a multiple of the linear spring; least_stiffness: the least k0.
         rounds: of weighing the rows by their residuals; 0 keeps the weights of the linear springs.
-        tolerance: of Ipopt, on the scaled problem.
-        iterations: of Ipopt, at most.
+        tolerance: of Ipopt, on the scaled problem; iterations: of Ipopt, at most.
     """
 
     rows: tuple[str, ...] = ("energy", "momentum")
@@ -85,8 +83,7 @@ class ElasticOptions:
         rate: lambda of the filter lambda / (s + lambda), rad/s.
         cutoff: of the zero-phase low-pass in Hz; 0 for none, None to choose by the encoders' noise.
         tolerance: of the relative change of parameters and residuals at which the iteration stops.
-        iterations: at most.
-        nlp: of the method "nlp".
+        iterations: at most; nlp: of the method "nlp".
     """
 
     method: str = "automatic"

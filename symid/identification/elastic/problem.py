@@ -19,16 +19,8 @@ from symid.identification.elastic.regression import (
     FilteredRows,
     build_energy_windows,
     build_filtered_rows,
-    compute_window_work,
 )
-from symid.identification.elastic.spring_fit import (
-    SpringData,
-    compute_filtered_torque,
-    fit_spring,
-    fit_stops,
-    prepare_spring_data,
-    refine_spring,
-)
+from symid.identification.elastic.spring_fit import SpringData, fit_spring, refine_spring
 from symid.identification.hysteresis import SpringWeights, build_elasticity, build_knee_grid
 from symid.robot import Elasticity
 
@@ -38,10 +30,8 @@ class ElasticProblem:
     """The equations of all recordings.
 
     Args:
-        library: functions and model card; options: how to identify.
         signals, energy, filtered: one entry a recording.
-        thresholds: (m_i,) of every joint.
-        springs: stop basis of every joint.
+        thresholds, springs: (m_i,) and stop basis of every joint.
         supplied: (m,) J; design: (m, p + n + pf), the energy rows of all recordings.
     """
 
@@ -75,7 +65,36 @@ class ElasticProblem:
     def compute_work(self, springs: Sequence[Elasticity]) -> FloatArray:
         """Return the work of all springs in the windows of the energy rows (m,), J."""
         pairs = zip(self.signals, self.energy, strict=True)
-        return np.concatenate([compute_window_work(springs, part, rows) for part, rows in pairs])
+        return np.concatenate([rows.compute_work(springs, part) for part, rows in pairs])
+
+    def compute_stop_work(self, thresholds: Sequence[FloatArray]) -> FloatArray:
+        """Return the work of springs and stops per unit stiffness in every window (m, sum (m_i + 1)), J."""
+        pairs = zip(self.signals, self.energy, strict=True)
+        return np.vstack([np.hstack(rows.compute_columns(thresholds, part)) for part, rows in pairs])
+
+    def fit_springs(self, torque: FloatArray) -> tuple[Elasticity, ...]:
+        """Return the springs, one a joint, that explain F[tau_J] best: (M, n) in N m at the filtered rows."""
+        return tuple(
+            build_elasticity(fit_joint_spring(self.options, data, joint, torque[:, joint]))
+            for joint, data in enumerate(self.springs)
+        )
+
+    def average_sides(self, chi: FloatArray) -> FloatArray:
+        """Return F[tau_J] (M, n), the mean of motor and link side, each weighted by 1 / its variance.
+
+        The variances are those about a spring on the grid, so that a side with more noise counts less; chi
+        (p + n + pf,) are the dynamic parameters.
+        """
+        motor = self.find_motor_side(chi)
+        link = np.concatenate([rows.find_link_side(chi) for rows in self.filtered])
+        joined = np.empty_like(motor)
+        for joint, data in enumerate(self.springs):
+            sides = [motor[:, joint], link[:, joint]]
+            start = build_start_spring(self.options, data, joint, sides[1])
+            value = data.compute_torque(fit_spring(data, (sides[0] + sides[1]) / 2.0, start))
+            inverse = [1.0 / max(float(np.mean((side - value) ** 2)), 1e-300) for side in sides]
+            joined[:, joint] = (inverse[0] * sides[0] + inverse[1] * sides[1]) / (inverse[0] + inverse[1])
+        return joined
 
 
 def build_elastic_problem(
@@ -117,16 +136,8 @@ def build_spring_data(
     else:
         largest = max(float(np.abs(phi).max()) for phi in torsions)
         grid = freeze(np.arange(1, options.stops + 1) / (options.stops + 1.0) * largest)
-    keeps, periods = [part.keep for part in rows], [part.period for part in signals]
-    return prepare_spring_data(torsions, keeps, grid, options.rate, periods)
-
-
-def fit_springs(problem: ElasticProblem, torque: FloatArray) -> tuple[Elasticity, ...]:
-    """Return the springs, one a joint, that explain F[tau_J] best: (M, n) in N m at the filtered rows."""
-    return tuple(
-        build_elasticity(fit_joint_spring(problem.options, data, joint, torque[:, joint]))
-        for joint, data in enumerate(problem.springs)
-    )
+    periods, keeps = tuple(part.period for part in signals), tuple(part.keep for part in rows)
+    return SpringData(torsions=tuple(torsions), periods=periods, keeps=keeps, rate=options.rate).rebuild(grid)
 
 
 def fit_joint_spring(
@@ -141,28 +152,10 @@ def build_start_spring(
     options: ElasticOptions, data: SpringData, joint: int, target: FloatArray
 ) -> SpringWeights:
     """Return the best spring without knees for F[tau_J] (M,), with the knees that are to be fitted next."""
-    weights = fit_stops(data, target)
+    weights = data.fit_stops(target)
     if options.knee_torques is not None:
         torques = np.array(options.knee_torques[joint], dtype=np.float64)
         knees = np.concatenate([torques[torques < 0][::-1], torques[torques > 0]])
     else:
         knees = build_knee_grid([part @ weights.stiffness for part in data.basis], options.knees)
     return replace(weights, knees=knees, slopes=np.ones(len(knees)))
-
-
-def average_sides(problem: ElasticProblem, chi: FloatArray) -> FloatArray:
-    """Return F[tau_J] (M, n), the mean of motor and link side, each weighted by the inverse of its variance.
-
-    The variances are those about a spring on the grid, so that a side with more noise counts less; chi
-    (p + n + pf,) are the dynamic parameters.
-    """
-    motor = problem.find_motor_side(chi)
-    link = np.concatenate([rows.find_link_side(chi) for rows in problem.filtered])
-    joined = np.empty_like(motor)
-    for joint, data in enumerate(problem.springs):
-        sides = [motor[:, joint], link[:, joint]]
-        start = build_start_spring(problem.options, data, joint, sides[1])
-        value = compute_filtered_torque(data, fit_spring(data, (sides[0] + sides[1]) / 2.0, start))
-        inverse = [1.0 / max(float(np.mean((side - value) ** 2)), 1e-300) for side in sides]
-        joined[:, joint] = (inverse[0] * sides[0] + inverse[1] * sides[1]) / (inverse[0] + inverse[1])
-    return joined

@@ -8,9 +8,8 @@ With F(s) = lambda / (s + lambda), x~ = x - x(0), p = Yp beta and dL/dq = YL bet
     energy       sum_i int tau_i dtheta_i - sum_i int tau_Ji dphi_i
                      = Delta h_link beta + sum_i IA_i Delta(dtheta_i^2) / 2 + int dtheta' Yf f dt
 
-Supported: torques held between samples, sampled smooth signals; joints at rest (put at their mean
-position); friction that is linear in its parameters; equations that do not identify all parameters
-(shortest solution).
+Supported: torques held between samples, sampled smooth signals; joints at rest (put at their mean position);
+friction that is linear in its parameters; equations that do not identify all parameters (shortest solution).
 Not supported: one encoder only; delays between the channels (align the recording first); friction on the
 link side; full physical consistency of the links.
 """
@@ -76,11 +75,6 @@ class ElasticSignals(FrozenArrays):
         """Return the mean torque (N - 1, n) over each step between samples."""
         return self.tau[:-1] if self.hold == "zero" else average_steps(self.tau)
 
-    @property
-    def centred_torque(self) -> FloatArray:
-        """Return the torque (N, n) about each sample."""
-        return center_held(self.tau) if self.hold == "zero" else self.tau
-
 
 def average_steps(values: FloatArray) -> FloatArray:
     """Return the means (N - 1, ...) over the steps between samples (N, ...)."""
@@ -128,6 +122,13 @@ def prepare_elastic_signals(recording: Recording, options: ElasticOptions) -> El
             for values in (motor, link, center_held(tau))
         )
     kept = slice(0, len(recording.time) - edge)
+    # Rows begin where plays are settled and filters have forgotten their start.
+    phi, starts = (motor - link)[kept], [int(np.ceil(5.0 / (options.rate * period)))]
+    for joint, torsion in enumerate(phi.T):
+        largest = options.stops / (options.stops + 1.0) * float(np.abs(torsion).max())
+        if options.thresholds is not None:
+            largest = max(options.thresholds[joint], default=0.0)
+        starts.append(locate_settled(torsion, largest))
     return ElasticSignals(
         time=recording.time[kept],
         q=link[kept],
@@ -136,7 +137,7 @@ def prepare_elastic_signals(recording: Recording, options: ElasticOptions) -> El
         dtheta=differentiate(motor, period)[kept],
         tau=tau[kept],
         period=period,
-        settled=max(edge, _locate_start((motor - link)[kept], period, options)),
+        settled=max(edge, min(max(starts), max(starts[0], int(_LATEST * len(phi))))),
         hold="first" if cutoff else "zero",
         cutoff=cutoff,
     )
@@ -180,18 +181,6 @@ def locate_settled(phi: FloatArray, threshold: float) -> int:
     span = np.maximum.accumulate(phi) - np.minimum.accumulate(phi)
     goal = min(2.0 * threshold, 0.95 * float(span[-1]))
     return int(np.argmax(span >= goal))
-
-
-def _locate_start(phi: FloatArray, period: float, options: ElasticOptions) -> int:
-    """Return the sample at which plays are settled and filters have forgotten their start."""
-    starts = [int(np.ceil(5.0 / (options.rate * period)))]
-    for joint, torsion in enumerate(phi.T):
-        if options.thresholds is not None:
-            largest = max(options.thresholds[joint], default=0.0)
-        else:
-            largest = options.stops / (options.stops + 1.0) * float(np.abs(torsion).max())
-        starts.append(locate_settled(torsion, largest))
-    return min(max(starts), max(starts[0], int(_LATEST * len(phi))))
 
 
 def build_equations(
@@ -311,13 +300,23 @@ class EnergyWindows(FrozenArrays):
     design: FloatArray
     ends: slice
 
+    def compute_work(self, elasticity: Sequence[Elasticity], signals: ElasticSignals) -> FloatArray:
+        """Return the work int tau_J dphi of all springs in every window (m,), J."""
+        total = np.zeros(len(self.supplied))
+        for spring, torsion in zip(elasticity, signals.phi.T, strict=False):
+            total += np.diff(compute_spring_work(spring, torsion)[self.ends])
+        return total
+
+    def compute_columns(self, thresholds: Sequence[FloatArray], signals: ElasticSignals) -> list[FloatArray]:
+        """Return, joint by joint, the work per unit stiffness of a spring and its stops in every window."""
+        return [
+            np.diff(compute_work_columns(torsion, grid)[self.ends], axis=0)
+            for grid, torsion in zip(thresholds, signals.phi.T, strict=True)
+        ]
+
 
 def build_energy_windows(library: Library, signals: ElasticSignals, length: float) -> EnergyWindows:
-    """Return the energy equations of one recording in windows of `length` s.
-
-    Raises:
-        UsageError: a window is shorter than a sample or longer than the recording.
-    """
+    """Return the energy equations in windows of `length` s; raise UsageError where none fits the log."""
     intervals, steps = round(length / signals.period), len(signals.time) - 1 - signals.settled
     count = steps // intervals if intervals else 0
     if count < 1:
@@ -341,26 +340,6 @@ def build_energy_windows(library: Library, signals: ElasticSignals, length: floa
     # The work of a held torque is exact with the torque of the step's start.
     supplied = add(np.sum(signals.step_torque * turn, axis=1))
     return EnergyWindows(supplied=supplied, design=np.hstack(columns), ends=ends)
-
-
-def compute_window_work(
-    elasticity: Sequence[Elasticity], signals: ElasticSignals, rows: EnergyWindows
-) -> FloatArray:
-    """Return the work int tau_J dphi of all springs in every window (m,), J."""
-    total = np.zeros(len(rows.supplied))
-    for spring, torsion in zip(elasticity, signals.phi.T, strict=False):
-        total += np.diff(compute_spring_work(spring, torsion)[rows.ends])
-    return total
-
-
-def compute_window_columns(
-    thresholds: Sequence[FloatArray], signals: ElasticSignals, rows: EnergyWindows
-) -> list[FloatArray]:
-    """Return, joint by joint, the work per unit stiffness of a spring and its stops in every window."""
-    return [
-        np.diff(compute_work_columns(torsion, grid)[rows.ends], axis=0)
-        for grid, torsion in zip(thresholds, signals.phi.T, strict=True)
-    ]
 
 
 def list_lower_bounds(card: ModelCard, extra: int = 0) -> FloatArray:

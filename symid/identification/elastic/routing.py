@@ -1,12 +1,10 @@
 """Which model suits robot, logs and options: rigid, motor side alone, or elastic; which settings it uses.
 
 Without the position of the link, q is taken as theta: torsion changes gravity and inertia by its own size
-only, 10^-2 and less. The rotor then turns with the link, and its inertia is a part of the base parameters
-again.
+only, 10^-2 and less. The rotor then turns with the link, its inertia a part of the base parameters again.
 
-Supported: the rigid model with rotors merged, by any rows and estimator.
-Not supported on the motor side: stiffness, hysteresis, and rotor and link inertia apart; each is refused
-with its reason.
+Supported: the rigid model with rotors merged, by any rows and estimator. Not supported on the motor side:
+stiffness, hysteresis, and rotor and link inertia apart; each is refused with its reason.
 """
 
 import re
@@ -58,11 +56,7 @@ def get_stated_cutoff(robot: Robot, settings: Sequence[tuple[str, str]]) -> floa
 
 
 def cut_logs(recordings: Sequence[Recording], processing: Processing) -> tuple[Recording, ...]:
-    """Return the recordings without the samples that the settings cut off at either end.
-
-    Raises:
-        LogError: with every log of which nothing would be left.
-    """
+    """Return the recordings, their ends cut off; raise LogError with every log of which nothing is left."""
     cut: list[Recording] = []
     notices: list[Notice] = []
     for recording in recordings:
@@ -207,12 +201,8 @@ def choose_route(
 ) -> Route:
     """Return the route for the robot, its logs and the options together.
 
-    Args:
-        robot: as read.
-        recordings: the logs.
-        method: of elastic joints, or None.
-        elastic: the options of elastic joints, None where not given.
-        rigid: names of the options of rigid robots that were given.
+    `elastic` are the options of elastic joints, None where not given; `rigid` the names of the options of
+    rigid robots that were given; `method` that of elastic joints, or None.
 
     Raises:
         UsageError: options of one kind for a robot, method or log of another.

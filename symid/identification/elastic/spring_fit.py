@@ -9,12 +9,11 @@ ramp_j is the part of v between two knees and c_j the slope there. Non-negative 
 on a grid, then projected Levenberg-Marquardt with places, then fewer by the Bayesian information criterion.
 
 Supported: several recordings; a plain Prandtl-Ishlinskii spring (no knees), which is a convex problem.
-Not supported: cubic springs, damping, an offset of the torsion; adding stops or knees to those of the
-start.
+Not supported: cubic springs, damping, an offset of the torsion; adding stops or knees to those of the start.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -37,61 +36,50 @@ class SpringData:
     """What does not change while the spring of one joint is fitted; only plays run at full rate.
 
     Args:
-        torsions: (N,) rad or m of every recording, at full rate.
+        torsions: (N,) rad or m of every recording, at full rate; periods: their sample periods in s.
         keeps: samples of each that rows belong to.
+        rate: of the filter in rad/s.
         thresholds: (m,) rad or m, of the grid; basis: (N', m + 1) for them, phi and the stops, thinned.
         filtered: (M, m + 1), F[basis] at the rows, all recordings stacked.
-        rate: of the filter in rad/s.
-        periods: s, of the recordings at full rate.
     """
 
     torsions: tuple[FloatArray, ...]
-    keeps: tuple[slice, ...]
-    thresholds: FloatArray
-    basis: tuple[FloatArray, ...]
-    filtered: FloatArray
-    rate: float
     periods: tuple[float, ...]
+    keeps: tuple[slice, ...]
+    rate: float
+    thresholds: FloatArray = field(default_factory=lambda: np.zeros(0))
+    basis: tuple[FloatArray, ...] = ()
+    filtered: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
-    def find_basis(self, weights: SpringWeights) -> tuple[FloatArray, ...]:
+    def find_basis(self, thresholds: FloatArray) -> tuple[FloatArray, ...]:
         """Return phi and the stops of other thresholds, thinned, for every recording."""
-        if weights.thresholds is self.thresholds:
+        if thresholds is self.thresholds and self.basis:
             return self.basis
-        return _compute_basis(self.torsions, self.keeps, weights.thresholds)
+        pairs = zip(self.torsions, self.keeps, strict=True)
+        return tuple(thin_samples(compute_stop_basis(phi, thresholds), keep) for phi, keep in pairs)
 
+    def rebuild(self, thresholds: FloatArray) -> "SpringData":
+        """Return the data with these thresholds (m,) as their grid, so that their basis is at hand."""
+        basis = self.find_basis(thresholds)
+        if basis is self.basis:
+            return self
+        return replace(self, thresholds=thresholds, basis=basis, filtered=filter_parts(self, basis))
 
-def prepare_spring_data(
-    torsions: Sequence[FloatArray],
-    keeps: Sequence[slice],
-    thresholds: FloatArray,
-    rate: float,
-    periods: Sequence[float],
-) -> SpringData:
-    """Return the stop basis of one joint over all recordings; arguments as the fields of `SpringData`."""
-    data = SpringData(
-        torsions=tuple(torsions),
-        keeps=tuple(keeps),
-        thresholds=thresholds,
-        basis=_compute_basis(torsions, keeps, thresholds),
-        filtered=np.zeros((0, 0)),
-        rate=rate,
-        periods=tuple(periods),
-    )
-    return replace(data, filtered=filter_parts(data, data.basis))
+    def compute_torque(self, weights: SpringWeights) -> FloatArray:
+        """Return F[tau_J] (M,) of a spring at the rows."""
+        if weights.thresholds is self.thresholds and not len(weights.knees):
+            return self.filtered @ weights.stiffness
+        bases = self.find_basis(weights.thresholds)
+        return filter_parts(self, [compute_outer(basis, weights) for basis in bases])
 
+    def compute_cost(self, target: FloatArray, weights: SpringWeights) -> float:
+        """Return |target - F[tau_J]|^2 for `target` (M,)."""
+        return float(np.sum((target - self.compute_torque(weights)) ** 2))
 
-def _compute_basis(
-    torsions: Sequence[FloatArray], keeps: Sequence[slice], thresholds: FloatArray
-) -> tuple[FloatArray, ...]:
-    pairs = zip(torsions, keeps, strict=True)
-    return tuple(thin_samples(compute_stop_basis(phi, thresholds), keep) for phi, keep in pairs)
-
-
-def rebuild_spring_data(data: SpringData, weights: SpringWeights) -> SpringData:
-    """Return the data with the thresholds of `weights` as their grid, so that their basis is at hand."""
-    if weights.thresholds is data.thresholds:
-        return data
-    return prepare_spring_data(data.torsions, data.keeps, weights.thresholds, data.rate, data.periods)
+    def fit_stops(self, target: FloatArray) -> SpringWeights:
+        """Return non-negative stiffnesses of spring and stops (no knees) for `target` = F[tau_J] (M,)."""
+        stiffness, none = solve_non_negative(self.filtered, target), np.zeros(0)
+        return SpringWeights(thresholds=self.thresholds, stiffness=stiffness, knees=none, slopes=none)
 
 
 def thin_samples(values: FloatArray, keep: slice) -> FloatArray:
@@ -108,33 +96,22 @@ def filter_parts(data: SpringData, parts: Sequence[FloatArray]) -> FloatArray:
     return np.concatenate(rows)
 
 
-def fit_stops(data: SpringData, target: FloatArray) -> SpringWeights:
-    """Return non-negative stiffnesses of spring and stops (no knees) for `target` = F[tau_J] (M,)."""
-    stiffness, none = solve_non_negative(data.filtered, target), np.zeros(0)
-    return SpringWeights(thresholds=data.thresholds, stiffness=stiffness, knees=none, slopes=none)
-
-
 _HALVINGS = 6
 
 
 def fit_spring(
-    data: SpringData,
-    target: FloatArray,
-    start: SpringWeights,
-    *,
-    tolerance: float = 1e-6,
-    iterations: int = 12,
+    data: SpringData, target: FloatArray, start: SpringWeights, tolerance: float = 1e-6, iterations: int = 12
 ) -> SpringWeights:
     """Return stiffnesses and slopes by a projected Gauss-Newton method from `start`; places stay.
 
     A step is halved while the cost rises; the last one makes it fall by less than `tolerance`, relative.
     """
     if not len(start.knees) and start.thresholds is data.thresholds:
-        return fit_stops(data, target)
-    best, cost = start, _compute_cost(data, target, start)
+        return data.fit_stops(target)
+    best, cost = start, data.compute_cost(target, start)
     floor = np.concatenate([np.zeros(len(best.stiffness)), np.full(len(best.knees), LEAST_SLOPE)])
     for _ in range(iterations):
-        slopes = [compute_spring_slopes(basis, best) for basis in data.find_basis(best)]
+        slopes = [compute_spring_slopes(basis, best) for basis in data.find_basis(best.thresholds)]
         filtered = filter_parts(data, slopes)
         jacobian, value = filtered[:, :-1], filtered[:, -1]
         packed = np.concatenate([best.stiffness, best.slopes])
@@ -143,7 +120,7 @@ def fit_spring(
         fraction = 1.0
         for _ in range(_HALVINGS):
             trial = best.move(fraction * (goal - packed))
-            reached = _compute_cost(data, target, trial)
+            reached = data.compute_cost(target, trial)
             if reached <= cost:
                 break
             fraction /= 2.0
@@ -154,17 +131,6 @@ def fit_spring(
         if fall < tolerance:
             break
     return best
-
-
-def compute_filtered_torque(data: SpringData, weights: SpringWeights) -> FloatArray:
-    """Return F[tau_J] (M,) of a spring at the rows of `data`."""
-    if weights.thresholds is data.thresholds and not len(weights.knees):
-        return data.filtered @ weights.stiffness
-    return filter_parts(data, [compute_outer(basis, weights) for basis in data.find_basis(weights)])
-
-
-def _compute_cost(data: SpringData, target: FloatArray, weights: SpringWeights) -> float:
-    return float(np.sum((target - compute_filtered_torque(data, weights)) ** 2))
 
 
 def solve_non_negative(matrix: FloatArray, right: FloatArray) -> FloatArray:
@@ -288,8 +254,7 @@ def compute_spring_slopes(
 ) -> FloatArray:
     """Return the derivatives of tau_J by stiffnesses, slopes, thresholds and knees, and tau_J: (N, k + 1).
 
-    `basis` (N, m + 1) are torsion and stops; without `slips` (N, m) there are no columns of thresholds and
-    knees.
+    `basis` (N, m + 1) are torsion and stops; `slips` (N, m) only where thresholds and knees have columns.
     """
     inner = basis @ weights.stiffness
     local = compute_local_slopes(inner, weights)[:, None]
@@ -330,7 +295,7 @@ def refine_spring(data: SpringData, target: FloatArray, start: SpringWeights) ->
 
     `start` is a spring on the grid, and is returned where that is no worse.
     """
-    grid_cost = _compute_cost(data, target, start)
+    grid_cost = data.compute_cost(target, start)
     thinned, coarse = _thin_data(data, target, _ROW_RATE)
     dense = start
     if len(start.thresholds):
@@ -339,7 +304,7 @@ def refine_spring(data: SpringData, target: FloatArray, start: SpringWeights) ->
             _DENSE, 0, -1.0
         )
         spread = replace(start, thresholds=grid, stiffness=np.append(start.stiffness[:1], np.zeros(_DENSE)))
-        dense = fit_spring(rebuild_spring_data(thinned, spread), coarse, spread, iterations=4)
+        dense = fit_spring(thinned.rebuild(grid), coarse, spread, iterations=4)
     # Without stops of no stiffness and knees that change nothing.
     busy = dense.stiffness[1:] > _NEAR * np.sum(dense.stiffness)
     kept = dense.keep_knees(np.abs(dense.slopes - dense.before) > _NEAR)
@@ -365,7 +330,7 @@ def refine_spring(data: SpringData, target: FloatArray, start: SpringWeights) ->
     _, lowest, highest = measure_reach(bases, best)
     edges = np.where(best.knees < 0.0, lowest, highest)
     best = follow_spring(data, target, best.keep_knees(np.abs(best.knees) < _EDGE * edges))
-    reached = _compute_cost(data, target, best)
+    reached = data.compute_cost(target, best)
     return best if reached <= max(grid_cost * allowed, (_EXACT * np.linalg.norm(target)) ** 2) else start
 
 
@@ -418,7 +383,7 @@ def _list_simpler(data: SpringData, weights: SpringWeights) -> list[SpringWeight
     if above not in {0, len(knees)}:
         # Without the innermost knees of both sides, where they lie near zero torque: the slope beyond them is
         # then the one at zero, and scales all weights. Left out one by one, the other would stand in the way.
-        _, lowest, highest = measure_reach(data.find_basis(weights), weights)
+        _, lowest, highest = measure_reach(data.find_basis(weights.thresholds), weights)
         if -knees[0] <= _CLOSE * lowest and knees[above] <= _CLOSE * highest:
             slope = float(weights.slopes[0] + weights.slopes[above]) / 2.0
             rest = weights.keep_knees(~np.isin(np.arange(len(knees)), (0, above)))

@@ -26,7 +26,6 @@ from symid.errors import LogError, Notice
 from symid.joint_models import compute_plays
 from symid.logs import (
     Alignment,
-    Encoders,
     Recording,
     align,
     differentiate,
@@ -62,15 +61,14 @@ class RigidRows:
     """The rigid robot's equations over one recording, at full rate.
 
     Args:
-        encoders: low-passed positions.
-        speed, acceleration: (N, n) of the motors.
+        gap: (N, n) torsions, low-passed; speed, acceleration: (N, n) of the motors.
         still, whole: (N, n, p) regressors at rest and in motion, of the base parameters.
         extra: (N, n, r) columns of rotors and friction.
         torque: (N, n) measured, low-passed alike.
         blocks: of about a second, for the jackknife.
     """
 
-    encoders: Encoders
+    gap: FloatArray
     speed: FloatArray
     acceleration: FloatArray
     still: FloatArray
@@ -114,7 +112,7 @@ def build_rigid_rows(library: Library, recording: Recording) -> RigidRows:
         quick = differentiate(low(found.theta, 4.0 * _CUTOFF), period)
         extra.append(low(library.evaluate("friction_regressor", quick)[0]))
     return RigidRows(
-        encoders=Encoders(theta=theta, q=q, present=found.present),
+        gap=theta - q,
         speed=speed,
         acceleration=acceleration,
         still=still,
@@ -153,8 +151,7 @@ def fit_rigid(grams: FloatArray, weights: FloatArray | None = None) -> tuple[Flo
 def estimate_torsion_alignment(library: Library, recordings: Sequence[Recording]) -> Alignment:
     """Return delay and offsets of the link encoders, the torsion following the robot's own torques.
 
-    Torques depend on where the links are, so that they are computed again with the encoders moved, until
-    delay and offsets converge.
+    Torques depend on where the links are: they are computed again, the encoders moved, until both converge.
 
     Raises:
         LogError: see `estimate_alignment`.
@@ -206,8 +203,7 @@ def prepare_aligned(
     Recordings that are too short for that are returned as they are.
 
     Raises:
-        LogError: a recording has one encoder only, no joint has both encoders, or the delay is beyond what is
-            searched.
+        LogError: see `estimate_alignment`.
     """
     try:
         moved, found, kept, notices = _align(library, recordings)
@@ -286,9 +282,8 @@ def fit_compliances(runs: Sequence[RigidRows]) -> ComplianceFits:
     widths, count = _compute_reversal_widths(runs), runs[0].still.shape[2]
     torsion_grams = []
     for rows in runs:
-        gap = rows.encoders.theta - rows.encoders.q
-        nuisances = (np.ones_like(gap), rows.speed, np.tanh(rows.speed / widths), rows.acceleration)
-        parts = [np.stack(nuisances, axis=2), rows.whole - rows.still, rows.still, gap[:, :, None]]
+        nuisances = (np.ones_like(rows.gap), rows.speed, np.tanh(rows.speed / widths), rows.acceleration)
+        parts = [np.stack(nuisances, axis=2), rows.whole - rows.still, rows.still, rows.gap[:, :, None]]
         torsion_grams.append(rows.compute_grams(np.concatenate(parts, axis=2)))
     rigid = np.concatenate([rows.compute_torque_grams() for rows in runs])
     torsion = np.concatenate(torsion_grams)
@@ -316,35 +311,32 @@ def fit_compliances(runs: Sequence[RigidRows]) -> ComplianceFits:
 
 
 def _solve_runs(sums: FloatArray, beta: FloatArray) -> FloatArray:
-    """Return compliances, and squares of the torsion explained and left: (3, runs, n)."""
-    found = np.array([[_solve_compliance(gram, beta) for gram in joints] for joints in sums])
-    return found.transpose(2, 0, 1)
-
-
-def _solve_compliance(gram: FloatArray, beta: FloatArray) -> tuple[float, float, float]:
-    """Return compliance, and the squares of the torsion that gravity explains and leaves.
+    """Return compliances, and squares of the torsion that gravity explains and leaves: (3, runs, n).
 
     Gravity and torsion are cleared of nuisances and of the torque of motion first (Frisch and Waugh).
     """
-    own, count, size = _NUISANCES, len(beta), len(gram)
+    own, count, size = _NUISANCES, len(beta), sums.shape[-1]
     change = np.zeros((size, own + 3))
     change[:own, :own] = np.eye(own)
     change[own : own + count, own] = beta
     change[own + count : size - 1, own + 1] = beta
     change[-1, -1] = 1.0
-    small = change.T @ gram @ change
-    inner = small[: own + 1, : own + 1]
-    lengths = np.sqrt(np.maximum(np.diag(inner), 0.0))
-    scales = np.where(lengths > 0.0, lengths, 1.0)
-    side = small[: own + 1, own + 1 :] / scales[:, None]
-    part = np.linalg.lstsq(inner / np.outer(scales, scales), side, rcond=1e-12)[0]
-    cleared = small[own + 1 :, own + 1 :] - side.T @ part
-    loading, whole = float(cleared[0, 0]), max(float(cleared[1, 1]), 0.0)
-    if loading <= _FLAT**2 * float(small[own + 1, own + 1]) or loading <= 0.0:
-        return 0.0, 0.0, whole
-    compliance = float(cleared[0, 1]) / loading
-    explained = min(compliance * float(cleared[0, 1]), whole)
-    return compliance, explained, whole - explained
+    found = np.zeros((*sums.shape[:2], 3))
+    for place in np.ndindex(sums.shape[:2]):
+        small = change.T @ sums[place] @ change
+        inner = small[: own + 1, : own + 1]
+        lengths = np.sqrt(np.maximum(np.diag(inner), 0.0))
+        scales = np.where(lengths > 0.0, lengths, 1.0)
+        side = small[: own + 1, own + 1 :] / scales[:, None]
+        part = np.linalg.lstsq(inner / np.outer(scales, scales), side, rcond=1e-12)[0]
+        cleared = small[own + 1 :, own + 1 :] - side.T @ part
+        loading, whole = float(cleared[0, 0]), max(float(cleared[1, 1]), 0.0)
+        compliance = explained = 0.0
+        if loading > _FLAT**2 * float(small[own + 1, own + 1]) and loading > 0.0:
+            compliance = float(cleared[0, 1]) / loading
+            explained = min(compliance * float(cleared[0, 1]), whole)
+        found[place] = compliance, explained, whole - explained
+    return found.transpose(2, 0, 1)
 
 
 _LEVEL = 0.95
@@ -368,8 +360,7 @@ class JointStiffness(FrozenArrays):
     """The spring of one joint.
 
     Args:
-        joint, unit: its name, and the unit of a stiffness.
-        verdict, reason: what became of it, with numbers.
+        verdict, reason: what became of it, with numbers; unit: of a stiffness.
         stiffness, interval: N m/rad or N/m where identified, else None.
         compliance, std: of all runs, rad/(N m) or m/N; NaN where nothing was fitted.
         runs, run_stds: of each run.
@@ -404,9 +395,7 @@ class StiffnessEstimate:
 def estimate_stiffness(library: Library, recordings: Sequence[Recording]) -> StiffnessEstimate:
     """Return the stiffness of every joint where the recordings identify it, after aligning the encoders.
 
-    Args:
-        library: the robot's functions.
-        recordings: of both encoders, each a run with zero offsets of its own.
+    Each recording, of both encoders, is a run with zero offsets of its own.
 
     Raises:
         LogError: a recording has one encoder only, is uneven or too short, or no joint has both encoders.

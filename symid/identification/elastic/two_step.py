@@ -14,7 +14,6 @@ Not supported: proof of convergence with two costs; the outcome says how the ite
 identify stiffnesses badly in noise, so that the H-step fits them to torques.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,15 +21,8 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.identification.elastic.estimate import HistoryEntry, MethodFit, build_method_fit
 from symid.identification.elastic.problem import ElasticProblem, build_start_spring
-from symid.identification.elastic.regression import compute_window_columns, solve_with_signs
-from symid.identification.elastic.spring_fit import (
-    SpringData,
-    compute_filtered_torque,
-    fit_spring,
-    follow_spring,
-    rebuild_spring_data,
-    refine_spring,
-)
+from symid.identification.elastic.regression import solve_with_signs
+from symid.identification.elastic.spring_fit import SpringData, fit_spring, follow_spring, refine_spring
 from symid.identification.hysteresis import SpringWeights, build_elasticity, build_stops
 from symid.identification.regression import solve_scaled
 from symid.ipopt import Ending
@@ -74,25 +66,29 @@ def init_two_step(problem: ElasticProblem) -> TwoStepState:
 def fit_linear_spring(problem: ElasticProblem) -> MethodFit:
     """Return dynamics and linear springs that explain the energy rows best: the initialisation step."""
     joints = problem.sizes[1]
-    design = np.hstack([problem.design, build_stop_work(problem, [np.zeros(0)] * joints)])
+    design = np.hstack([problem.design, problem.compute_stop_work([np.zeros(0)] * joints)])
     solution = solve_with_signs(problem.library.card, design, problem.supplied)
     springs = tuple(Elasticity(stiffness=float(value)) for value in solution[-joints:])
     return build_method_fit("linear-spring", solution[:-joints], problem.sizes, springs)
 
 
-def build_stop_work(problem: ElasticProblem, thresholds: Sequence[FloatArray]) -> FloatArray:
-    """Return the work of springs and stops per unit stiffness in every window (m, sum (m_i + 1)), J."""
-    parts = zip(problem.signals, problem.energy, strict=True)
-    return np.vstack([np.hstack(compute_window_columns(thresholds, *part)) for part in parts])
-
-
 def step_two_step(problem: ElasticProblem, state: TwoStepState) -> TwoStepState:
-    """Return the next iterate."""
-    data, springs = _fit_springs(problem, state)
-    elasticity = tuple(map(build_elasticity, springs))
-    work = problem.compute_work(elasticity)
+    """Return the next iterate: the springs of all joints given chi, then chi given the springs."""
+    count = len(state.history) if problem.options.moves_stops else -1
+    data: list[SpringData] = []
+    springs: list[SpringWeights] = []
+    for joint, (known, aim) in enumerate(zip(state.data, problem.find_motor_side(state.chi).T, strict=True)):
+        first = not state.springs
+        start = build_start_spring(problem.options, known, joint, aim) if first else state.springs[joint]
+        if count == _GRID_STEPS:
+            start = refine_spring(known, aim, start)
+        elif count == _GRID_STEPS + 1:
+            start = follow_spring(known, aim, start)
+        data.append(known.rebuild(start.thresholds))
+        springs.append(fit_spring(data[-1], aim, start))
+    work = problem.compute_work(list(map(build_elasticity, springs)))
     goal = solve_with_signs(problem.library.card, problem.design, problem.supplied - work)
-    spring_torques = list(map(compute_filtered_torque, data, springs))
+    spring_torques = [known.compute_torque(spring) for known, spring in zip(data, springs, strict=True)]
     fraction = 1.0
     for _ in range(_HALVINGS):
         chi = state.chi + fraction * (goal - state.chi)
@@ -113,7 +109,7 @@ def step_two_step(problem: ElasticProblem, state: TwoStepState) -> TwoStepState:
     change = float(np.max(np.abs(chi - state.chi) / sizes))
     entry = HistoryEntry(merit=merit, change=change, damping=fraction, norms=norms)
     history = (*state.history, entry)
-    return TwoStepState(chi=chi, data=data, springs=springs, scales=scales, history=history)
+    return TwoStepState(chi=chi, data=tuple(data), springs=tuple(springs), scales=scales, history=history)
 
 
 def terminate_two_step(problem: ElasticProblem, state: TwoStepState) -> Ending | None:
@@ -148,25 +144,6 @@ def fit_two_step(problem: ElasticProblem) -> MethodFit:
     return replace(fit, history=state.history, outcome=outcome)
 
 
-def _fit_springs(
-    problem: ElasticProblem, state: TwoStepState
-) -> tuple[tuple[SpringData, ...], tuple[SpringWeights, ...]]:
-    """Return the H-step: the spring of every joint given chi, and the data for its thresholds."""
-    target = problem.find_motor_side(state.chi)
-    count = len(state.history) if problem.options.moves_stops else -1
-    settled, springs = [], []
-    for joint, (data, aim) in enumerate(zip(state.data, target.T, strict=True)):
-        first = not state.springs
-        start = build_start_spring(problem.options, data, joint, aim) if first else state.springs[joint]
-        if count == _GRID_STEPS:
-            start = refine_spring(data, aim, start)
-        elif count == _GRID_STEPS + 1:
-            start = follow_spring(data, aim, start)
-        settled.append(rebuild_spring_data(data, start))
-        springs.append(fit_spring(settled[-1], aim, start))
-    return tuple(settled), tuple(springs)
-
-
 _LONGEST = 500
 _RANK = 1e-9
 
@@ -177,7 +154,7 @@ def fit_alternation(problem: ElasticProblem, *, iterations: int = _LONGEST) -> M
     The history's `change` is the relative step of chi, its `merit` the cost in J^2.
     """
     design, supplied = problem.design, problem.supplied
-    columns = build_stop_work(problem, problem.thresholds)
+    columns = problem.compute_stop_work(problem.thresholds)
     chi = solve_scaled(design, supplied, rcond=_RANK)
     stiffness = np.zeros(columns.shape[1])
     lengths = np.maximum(np.linalg.norm(design, axis=0), 1e-300)

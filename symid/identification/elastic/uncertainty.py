@@ -3,13 +3,11 @@
     motor   IA ddtheta + F(dtheta) f + S w = tau + noise
     link    Y beta - S w = 0                                     exact, as the states are
 
-S are the derivatives of the springs' torque by all their numbers w. The link equations have no noise, so the
-bound is N (N' I N)^-1 N' with their null space N and the information I of the motor equations (Gorman and
-Hero 1990).
+S are the derivatives of the springs' torque by all their numbers w. The bound is N (N' I N)^-1 N', N the null
+space of the link equations, I the information of the motor equations (Gorman and Hero 1990).
 
-Supported: residuals correlated over less than a hundredth of the rows (Liang and Zeger 1986); rows that
-do not identify all parameters, whose variance is then infinite; springs of stops and knees; several
-recordings.
+Supported: residuals correlated over less than a hundredth of the rows (Liang and Zeger 1986); rows that do
+not identify all parameters, whose variance is then infinite; springs of stops and knees; several recordings.
 Not supported: the uncertainty of springs that a fit took as given; cubic springs, damping; noise of the
 encoders, with which one can only do worse.
 """
@@ -74,10 +72,8 @@ def compute_elimination_bound(
     (sum_k Y_k' Sigma^-1 Y_k)^-1, Y the sum of motor and link equations: torque noise only, white, states
     exact, nothing known of the springs (with their form known the bound is lower).
 
-    Args:
-        library: functions of the robot.
-        signals: noise-free states of every recording, at the sample rate of the noisy ones.
-        noise: (n,) standard deviation of the torque noise of every recording, N m or N.
+    `signals` are the noise-free states of every recording, at the sample rate of the noisy ones, `noise` (n,)
+    the standard deviation of the torque noise of each, N m or N.
     """
     count = len(library.card.beta) + library.card.size + len(library.card.friction)
     pairs = zip(signals, noise, strict=True)

@@ -10,8 +10,7 @@
 Torques and torsion pass the same filter F, so that no loop comes from it. The closed loop is simulated with
 the truth; runs differ by the feed-forward alone, the generated function `elastic_inverse_dynamics`.
 
-Supported: springs with memory, which begins empty with the log; fits without a spring; several models at
-once.
+Supported: springs with memory, which begins empty with the log; fits without a spring; several models.
 Not supported: one encoder only; noise in the loop; springs that the generated function does not support.
 """
 
@@ -47,7 +46,6 @@ class JointTrial(FrozenArrays):
     """One joint: torsion and joint torque by several ways, all filtered alike.
 
     Args:
-        joint: its name; unit of torques, and of the torsion.
         time: (M,) s; torsion: (M,) rad or m.
         motor: (M,) joint torque by the motor equation; link: (M,) by the link equation, N m or N.
         final: (M,) by the identified spring, None where there is none; initial: by the spring of the start.
@@ -105,14 +103,10 @@ def evaluate_elastic(
     initial: Sequence[Elasticity] = (),
     cutoff: float | None = None,
 ) -> ElasticTrial:
-    """Return what `estimate` predicts of `recording`, filtered as its own logs were.
+    """Return what `estimate`, of the library's model, predicts of `recording`, filtered as its own logs were.
 
-    Args:
-        estimate: of the same model as the library.
-        library: of the robot.
-        recording: with both encoders.
-        initial: springs of the start, one a joint; empty where they are not at hand.
-        cutoff: of the low-pass in Hz in place of the estimate's, 0 for none; None to keep that.
+    `initial` are the springs of the start, one a joint, empty where they are not at hand; `cutoff` is that of
+    the low-pass in Hz in place of the estimate's, 0 for none, None to keep that.
 
     Raises:
         EstimateError: the estimate's settings cannot be used.
@@ -216,11 +210,8 @@ def compute_elastic_reference(
 ) -> MotorReference:
     """Return angle, speed and torque of the motors under which the links follow `trajectory`.
 
-    Args:
-        library: of a robot whose springs have as many stops and knees as those of `fit`.
-        fit: the model of the controller.
-        trajectory: of the links.
-        time: (N,) s, the control ticks.
+    The library's robot has springs with as many stops and knees as those of `fit`, the model of the
+    controller; `time` (N,) s are the control ticks.
 
     Raises:
         UsageError: the library has no such function, or springs of another size.
@@ -246,18 +237,6 @@ def compute_elastic_reference(
         if remembers:
             memory = outputs[3].copy()
     return MotorReference(angle=angle, speed=speed, torque=torque)
-
-
-def _compute_rigid_reference(
-    library: Library, fit: MethodFit, trajectory: Trajectory, time: FloatArray
-) -> MotorReference:
-    """Return the same for a controller that takes the joints as rigid."""
-    q, dq, ddq = trajectory.evaluate(time)
-    (torque,) = library.evaluate("inverse_dynamics", q, dq, ddq, fit.beta)
-    torque = torque + fit.rotor * ddq
-    if library.card.friction:
-        torque = torque + library.evaluate("friction", dq, fit.friction)[0]
-    return MotorReference(angle=q, speed=dq, torque=torque)
 
 
 RIGID = "rigid feed-forward"
@@ -305,16 +284,10 @@ def simulate_tracking(
     rigid: MethodFit | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> tuple[TrackingRun, ...]:
-    """Return a run for every model, and first one with rigid feed-forward.
+    """Return a run of the true robot for every model, and first one with rigid feed-forward.
 
-    Args:
-        robot: with the true values.
-        library: its functions.
-        models: what controllers believe, by name.
-        trajectory: of the links.
-        options: of the closed loop.
-        rigid: whose inertias and friction the rigid feed-forward takes; that of the first model by default.
-        progress: is called before work that takes a while.
+    `models` are what controllers believe, by name; `rigid` is the one whose inertias and friction the rigid
+    feed-forward takes, by default the first; `progress` is called before work that takes a while.
 
     Raises:
         UsageError, SolverError: see `simulate_elastic` and `compute_elastic_reference`.
@@ -322,7 +295,12 @@ def simulate_tracking(
     duration = trajectory.duration if options.duration is None else options.duration
     time: FloatArray = np.arange(round(duration / options.period) + 1) * np.float64(options.period)
     first = rigid or next(iter(models.values()))
-    references = {RIGID: _compute_rigid_reference(library, first, trajectory, time)}
+    # Rigid feed-forward takes the motors to be where the links are.
+    q, dq, ddq = trajectory.evaluate(time)
+    torque = library.evaluate("inverse_dynamics", q, dq, ddq, first.beta)[0] + first.rotor * ddq
+    if library.card.friction:
+        torque = torque + library.evaluate("friction", dq, first.friction)[0]
+    references = {RIGID: MotorReference(angle=q, speed=dq, torque=torque)}
     if models:
         counts = list(map(_count, zip(*(fit.elasticity for fit in models.values()), strict=True)))
         # The numbers of the springs are arguments of the function.

@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from symid.identification.estimators.linear_estimators import (
         ESTIMATORS as ESTIMATORS,
         EstimatorOptions as EstimatorOptions,
-        Prior as Prior,
         build_prior_of_card as build_prior_of_card,
         build_prior_of_estimate as build_prior_of_estimate,
         fit_rows as fit_rows,

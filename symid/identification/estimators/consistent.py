@@ -13,8 +13,7 @@ so that it hardly changes identifiable parameters and fixes the others. s is of 
 Without the distance there may be no optimum: a moment of inertia that the rows want at zero is only
 approached, by an unobservable mass that grows without end.
 
-Supported: every rank of the rows; links, rotors of joints and couplings, friction; symbolic lengths with a
-value.
+Supported: every rank of the rows; links, rotors of joints and couplings, friction; lengths with a value.
 Not supported: elastic joints (their rotors are not base parameters); standard deviations of its own: those of
 wls are given, which the bounds can only make smaller.
 """
@@ -50,7 +49,7 @@ class Bodies(FrozenArrays):
     Args:
         names: (p,) base parameters, friction among them.
         links: (p, n, 10) coefficients of the links' standard parameters.
-        positive: (p, a) coefficients of rotor inertias, which must be positive; `positive_names` (a,).
+        positive: (p, a) coefficients of rotor inertias, which must be positive.
         bounded: (p, b) coefficients of viscous and dry friction, which must not be negative.
         free: (p, c) coefficients of offsets, springs and the like.
         stated: (n, 10) bodies of the robot file, or round ones in their place; the distance to them decides
@@ -64,17 +63,12 @@ class Bodies(FrozenArrays):
     free: FloatArray
     stated: FloatArray
     unit: bool
-    positive_names: tuple[str, ...] = ()
 
 
 def build_bodies(robot: Robot) -> Bodies:
-    """Return the bodies behind the base parameters of `robot`.
-
-    Raises:
-        RobotError: a symbolic length has no value.
-    """
+    """Return the bodies behind the base parameters; raise RobotError where a symbolic length has no value."""
     # These load SymPy, which other estimators do without.
-    from symid.dynamics import build_grouping, derive_base_parameters, write_label
+    from symid.dynamics import build_grouping, derive_base_parameters
 
     base = derive_base_parameters(robot)
     names = tuple(entry.name for entry in (*base.parameters, *base.friction))
@@ -97,7 +91,6 @@ def build_bodies(robot: Robot) -> Bodies:
         free=take(others),
         stated=build_prior(robot, grouping.matrix[:, np.ravel(places)], np.zeros(len(names))),
         unit=all(joint.inertial is None for joint in robot.joints),
-        positive_names=tuple(write_label(robot, label) for label in rotors),
     )
 
 
@@ -135,7 +128,16 @@ def build_cost(triangle: FloatArray, centre: FloatArray, bodies: Bodies, weight:
     `centre` (p,) are the parameters without bounds, at which |F [x; -1]| is least; bodies of unknown mass get
     the one that suits them. `weight` is that of the distance to the bodies expected.
     """
-    expected = build_pseudo_inertias(bodies.stated * _estimate_mass(centre, bodies))
+    mass = 1.0
+    if bodies.unit:
+        # The mass with which bodies of unit mass are nearest to the parameters.
+        unit = np.einsum("pnk,nk->p", bodies.links, bodies.stated)
+        sizes = np.einsum("pnk,nk->p", np.abs(bodies.links), np.abs(bodies.stated))
+        kept = sizes > 0.0
+        share, wanted = (unit[kept] / sizes[kept]), centre[kept] / sizes[kept]
+        mass = float(share @ wanted) / max(float(share @ share), np.finfo(float).tiny)
+        mass = mass if mass > 0.0 else max(float(np.abs(wanted).max(initial=0.0)), _SMALL)
+    expected = build_pseudo_inertias(bodies.stated * mass)
     roots = np.asarray(np.linalg.cholesky(expected), dtype=np.float64)
     forms = roots.transpose(0, 2, 1) @ np.einsum("pnk,kab->pnab", bodies.links, PSEUDO_INERTIA_FORMS) @ roots
     matrix = triangle[:, :-1]
@@ -167,18 +169,6 @@ def build_cost(triangle: FloatArray, centre: FloatArray, bodies: Bodies, weight:
         bounded=dissipating,
     )
     return ConsistentCost(problem=problem, roots=roots, rotors=rotors, loose=loose / lengths)
-
-
-def _estimate_mass(centre: FloatArray, bodies: Bodies) -> float:
-    """Return the mass with which bodies of unit mass are nearest to the parameters; one for stated bodies."""
-    if not bodies.unit:
-        return 1.0
-    values = np.einsum("pnk,nk->p", bodies.links, bodies.stated)
-    sizes = np.einsum("pnk,nk->p", np.abs(bodies.links), np.abs(bodies.stated))
-    kept = sizes > 0.0
-    share, wanted = (values[kept] / sizes[kept]), centre[kept] / sizes[kept]
-    mass = float(share @ wanted) / max(float(share @ share), np.finfo(float).tiny)
-    return mass if mass > 0.0 else max(float(np.abs(wanted).max(initial=0.0)), _SMALL)
 
 
 _WEIGHT = 0.5
@@ -214,11 +204,7 @@ class ConsistentSolution:
 def fit_consistent(
     rows: Rows, identifiability: Identifiability, freedom: str = "band", *, bodies: Bodies
 ) -> RegressionFit:
-    """Return the fit of bodies that exist; arguments as for `fit_ols`.
-
-    Raises:
-        SolverError: no optimum was found.
-    """
+    """Return the fit of bodies that exist, as `fit_ols`; raise SolverError where no optimum is found."""
     weights = estimate_group_weights(rows, identifiability, freedom)
     free = fit_weighted(rows, identifiability, weights, freedom)
     independent = rows.independent if freedom == "band" else 1.0

@@ -132,8 +132,7 @@ class FitRecord:
     Args:
         robot: its name; `signature` that of its model card.
         friction: the friction model of each joint; empty where friction itself was identified.
-        sources: the logs.
-        settings: processing, log map and options, after overrides.
+        sources: the logs; settings: processing, log map and options, after overrides.
         refused: parameters or joints that are not identifiable from the logs, with the reason.
         notices: what a reader of the result should know.
     """
@@ -160,8 +159,7 @@ def check_model(record: FitRecord, card: ModelCard, file: str = "") -> None:
     """Check that the record was made with the model of `card`; `file` is named in messages.
 
     Raises:
-        EstimateError: its signature is another one, or parameters or joints are not the model's; the message
-            says what differs.
+        EstimateError: its signature is another one, or parameters or joints are not the model's.
     """
     if record.signature == card.signature:
         strangers = record.list_strangers(card)
@@ -171,24 +169,18 @@ def check_model(record: FitRecord, card: ModelCard, file: str = "") -> None:
         return
     check_robot(record, card.robot, file)
     friction = tuple(joint.friction for joint in card.joints)
+    difference = (
+        f"the model of robot {card.robot!r} has changed since: its signature is {card.signature[:12]}, "
+        f"that of the fit {record.signature[:12]}"
+    )
     if record.friction and record.friction != friction:
-        difference = (
-            f"its friction models are {', '.join(record.friction)}, those of the robot {', '.join(friction)}"
-        )
-    else:
-        difference = (
-            f"the model of robot {card.robot!r} has changed since: its signature is {card.signature[:12]}, "
-            f"that of the fit {record.signature[:12]}"
-        )
+        models = ", ".join(record.friction)
+        difference = f"its friction models are {models}, those of the robot {', '.join(friction)}"
     raise _refuse_model(difference, file)
 
 
 def check_robot(record: FitRecord, robot: str, file: str = "") -> None:
-    """Check that the record was made for the robot of this name.
-
-    Raises:
-        EstimateError: for another one.
-    """
+    """Raise EstimateError where the record was made for a robot of another name."""
     if record.robot != robot:
         difference = f"it was identified for robot {record.robot!r}, not for {robot!r}"
         raise _refuse_model(difference, file)
@@ -206,8 +198,7 @@ class DynamicsRecord(FitRecord):
     """Parameters of the dynamics, of rigid or elastic joints.
 
     Args:
-        parameters: those identified, in the order of the model card.
-        residual: of the fit, joint by joint.
+        parameters: those identified, in the order of the model card; residual: joint by joint.
         condition: condition number of the column-scaled matrix, over the identifiable directions.
         covariance: of `parameters`, row by row; empty where the method has none.
     """

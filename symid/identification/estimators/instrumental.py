@@ -1,7 +1,6 @@
 """Instrumental variables for equations with a noisy matrix, and a test whether least squares are biased.
 
-Measured rows Y x = tau, instruments Z (the same rows along states without noise) -> InstrumentalSolution ->
-Exogeneity.
+Measured rows Y x = tau, instruments Z (along states without noise) -> InstrumentalSolution -> Exogeneity.
 
     x = (Z' W Y)^-1 Z' W tau,     cov x = s^2 (Z' W Y)^-1 Z' W Z (Y' W Z)^-1,     s^2 = |e|^2_W / (b m - r)
 
@@ -68,16 +67,6 @@ class InstrumentalSolution(FrozenArrays):
     strength: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _FirstStage:
-    """The first stage for given weights: row factors (m,), Q (m, k), Q' W^(1/2) Y (k, p) and tau (k,)."""
-
-    factors: FloatArray
-    frame: FloatArray
-    matrix: FloatArray
-    values: FloatArray
-
-
 def fit_instruments(
     rows: Rows, instruments: Rows, rule: RankRule | None = None, freedom: str = "band"
 ) -> InstrumentalSolution:
@@ -92,38 +81,35 @@ def fit_instruments(
     measured = analyse_identifiability(rows, rule)
     identifiability = _analyse_instruments(rows, measured, instruments, rule)
     basis = identifiability.basis
-    columns = instruments.matrix @ basis
-    used, independent = count_freedom(freedom, int(basis.shape[1]), rows.independent)
+    columns, count = instruments.matrix @ basis, int(basis.shape[1])
+    used, independent = count_freedom(freedom, count, rows.independent)
 
-    def solve(weights: FloatArray) -> FloatArray:
-        return _solve_second_stage(_fit_first_stage(rows, columns, weights), basis)[0]
-
-    stage = _fit_first_stage(rows, columns, iterate_weights(condense_rows(rows), solve, used))
-    values, root = _solve_second_stage(stage, basis)
+    condensed = condense_rows(rows)
+    weights = iterate_weights(condensed, lambda guess: _solve_stages(rows, columns, basis, guess)[0], used)
+    values, root, factors, frame, matrix = _solve_stages(rows, columns, basis, weights)
     residuals = rows.values - rows.matrix @ values
-    weighted = residuals * stage.factors
+    weighted = residuals * factors
     variance = float(weighted @ weighted) / (independent * len(weighted) - used)
     # The least canonical correlation of instruments and columns, and F of the first stage.
-    frame, _ = np.linalg.qr((rows.matrix @ basis) * stage.factors[:, None])
-    count = int(basis.shape[1])
-    correlation = min(1.0, float(np.linalg.svd(stage.frame.T @ frame, compute_uv=False)[count - 1]))
+    measured_frame, _ = np.linalg.qr((rows.matrix @ basis) * factors[:, None])
+    correlation = min(1.0, float(np.linalg.svd(frame.T @ measured_frame, compute_uv=False)[count - 1]))
     left, strength = 1.0 - correlation**2, float("inf")
     if left >= _WHOLE:
         strength = correlation**2 / left * (rows.independent * len(rows.values) - count) / count
-    spectrum = compute_spectrum(stage.matrix)
+    spectrum = compute_spectrum(matrix)
     fit = RegressionFit(
         values=values,
         covariance=variance * (root @ root.T),
         residuals=residuals,
         spent=used,
-        condition=float(spectrum.singular[0] / spectrum.singular[basis.shape[1] - 1]),
-        weights=stage.factors,
+        condition=float(spectrum.singular[0] / spectrum.singular[count - 1]),
+        weights=factors,
         notices=_list_warnings(rows, measured, identifiability, strength),
     )
     return InstrumentalSolution(
         fit=fit,
         identifiability=identifiability,
-        explained=(stage.frame @ stage.matrix) / stage.factors[:, None],
+        explained=(frame @ matrix) / factors[:, None],
         correlation=correlation,
         strength=strength,
     )
@@ -147,21 +133,14 @@ def _analyse_instruments(
         raise IdentifiabilityError(Notice(code=_BLIND, text=text), *error.notices) from error
 
 
-def _fit_first_stage(rows: Rows, instruments: FloatArray, weights: FloatArray) -> _FirstStage:
-    """Return the first stage with weights (g,) of the groups."""
+def _solve_stages(
+    rows: Rows, instruments: FloatArray, basis: FloatArray, weights: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return x (p,), root of its covariance (p, r), row factors (m,), Q (m, k) and Q' W^(1/2) Y (k, p)."""
     factors = weights[rows.group] * np.sqrt(rows.weight)
     frame, _ = np.linalg.qr(instruments * factors[:, None])
-    return _FirstStage(
-        factors=factors,
-        frame=frame,
-        matrix=frame.T @ (rows.matrix * factors[:, None]),
-        values=frame.T @ (rows.values * factors),
-    )
-
-
-def _solve_second_stage(stage: _FirstStage, basis: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return parameters (p,) in the span of `basis` (p, r), and the root of their covariance (p, r)."""
-    left, singular, right = np.linalg.svd(stage.matrix @ basis, full_matrices=False)
+    matrix = frame.T @ (rows.matrix * factors[:, None])
+    left, singular, right = np.linalg.svd(matrix @ basis, full_matrices=False)
     if singular[-1] <= _BARELY * singular[0]:
         text = (
             "simulated and measured states are uncorrelated in some direction: the reference belongs to "
@@ -169,7 +148,7 @@ def _solve_second_stage(stage: _FirstStage, basis: FloatArray) -> tuple[FloatArr
         )
         raise IdentifiabilityError(Notice(code=_BLIND, text=text))
     root = basis @ (right.T / singular)
-    return root @ (left.T @ stage.values), root
+    return root @ (left.T @ (frame.T @ (rows.values * factors))), root, factors, frame, matrix
 
 
 def _list_warnings(

@@ -1,7 +1,6 @@
 """Linear least squares: ordinary, weighted by the scatter of each joint, generalised; their covariance.
 
-Rows (or their triangles) and what can be identified from them -> RegressionFit (or CondensedFit, without
-residuals).
+Rows and what can be identified from them -> RegressionFit; triangles of them -> CondensedFit, no residuals.
 
     ols   min |A x - y|^2
     wls   min sum_j |A_j x - y_j|^2 / sigma_j^2, sigma_j = |e_j| / sqrt(m_j - p) from its own residuals e
@@ -331,7 +330,19 @@ def estimate_period_noise(
     size = recordings[0].torque.shape[1]
     total, freedom = np.zeros((size, size)), 0
     for recording, period in zip(recordings, each, strict=True):
-        folded = _fold(recording, processing, period)
+        # The torque of every whole period (P, N, n), on one grid of times.
+        kept = slice(processing.drop_first, len(recording.time) - processing.drop_last)
+        time = recording.time[kept]
+        span = float(time[-1] - time[0]) + recording.period if len(time) > 1 else 0.0
+        count, samples = int(span / period + 1e-6), round(period / recording.period)
+        if count < 2 or samples < 2:
+            text = (
+                f"fewer than two periods of {period:g} s fit into the {span:.3g} s of this log that are "
+                "kept; record at least two, or correct the period"
+            )
+            raise UsageError(Notice(code="usage.period", text=text, file=recording.source))
+        grid = time[0] + period * (np.arange(count)[:, None] + np.arange(samples) / samples)
+        folded = np.stack([np.interp(grid, time, column) for column in recording.torque[kept].T], axis=2)
         errors = (folded - folded.mean(axis=0)).reshape(-1, size)
         total += errors.T @ errors
         freedom += (folded.shape[0] - 1) * folded.shape[1]
@@ -346,20 +357,3 @@ def estimate_period_noise(
         )
         raise UsageError(Notice(code="usage.period", text=text, file=recordings[0].source))
     return covariance
-
-
-def _fold(recording: Recording, processing: Processing, period: float) -> FloatArray:
-    """Return the torque of every whole period (P, N, n), on one grid of times."""
-    kept = slice(processing.drop_first, len(recording.time) - processing.drop_last)
-    time, torque = recording.time[kept], recording.torque[kept]
-    span = float(time[-1] - time[0]) + recording.period if len(time) > 1 else 0.0
-    count = int(span / period + 1e-6)
-    samples = round(period / recording.period)
-    if count < 2 or samples < 2:
-        text = (
-            f"fewer than two periods of {period:g} s fit into the {span:.3g} s of this log that are kept; "
-            "record at least two, or correct the period"
-        )
-        raise UsageError(Notice(code="usage.period", text=text, file=recording.source))
-    grid = time[0] + period * (np.arange(count)[:, None] + np.arange(samples) / samples)
-    return np.stack([np.interp(grid, time, column) for column in torque.T], axis=2)

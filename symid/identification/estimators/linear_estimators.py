@@ -257,11 +257,7 @@ _WELL_DETERMINED = 1e-3
 
 
 def fit_sequential(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> RegressionFit:
-    """Return the fit joint by joint; arguments as for `fit_ols`.
-
-    Raises:
-        UsageError: the rows have one equation for all joints.
-    """
+    """Return the fit joint by joint, as `fit_ols`; raise UsageError for rows that sum over the joints."""
     if rows.kind in SCALAR_KINDS:
         text = (
             f"{rows.kind} rows sum over the joints; for joint by joint use torque, momentum or filtered rows"

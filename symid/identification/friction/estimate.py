@@ -1,4 +1,4 @@
-"""The result of a fit of a friction law: parameters, their uncertainty, how the search ended.
+"""The result of a fit of a friction law to one joint: parameters, their uncertainty, how the search ended.
 
     F = R [Phi(v; s), dPhi/ds c, X],   cov = sigma^2 (F'F)^+,   sigma^2 = J / (M - p - s - k)
     physical = mixing (c, s)
@@ -8,18 +8,18 @@
 For white noise of known sigma the same matrix is the Cramer-Rao bound. In the criteria M is the number of
 rows, k that of the unknowns with the variance of the noise as one of them; a common constant is left out.
 
-Supported: one joint, one law; fixed shape values, dependent columns (a parameter with a part in the null
-space of F has no deviation).
-Not supported: noise that is correlated behind R (see `poses`); time spent (equal fits are equal files).
+Supported: fixed shape values, dependent columns (a parameter with a part in the null space of F has no
+deviation). Not supported: correlated noise behind R (see `poses`); time spent (equal fits are equal files).
 """
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from symid.arrays import FloatArray, FrozenArrays
+from symid.arrays import FloatArray
 from symid.errors import Notice
 from symid.identification.estimators import ParameterEstimate
 from symid.identification.friction.samples import FrictionSamples
@@ -29,12 +29,35 @@ from symid.joint_models import FrictionLaw, compute_column_derivatives, compute_
 Values = Sequence[float] | FloatArray
 
 
-class NamedParameters:
-    """Base of results: parameters of a law and of further columns, by name."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LawFit:
+    """What fits of all laws, static and with a state, have in common.
 
-    __slots__ = ()
+    Args:
+        joint, law: their names.
+        parameters: as papers print them, in the order of the law, without those refused; `reason` of an
+            entry: that it is at a bound.
+        extra: factors of the columns beside friction, without those refused.
+        refused: parameters that cannot be identified from these samples, with the reason.
+        other: (k,) values of all columns beside friction; that of a refused one means nothing by itself.
+        objective: J, (N m)^2 or N^2; sigma: standard deviation of the residual, N m or N.
+        samples: M, rows of the fit.
+        evaluations: of J; outcome: how the search ended.
+        notices: warnings.
+    """
+
+    joint: str
+    law: str
     parameters: tuple[ParameterEstimate, ...]
     extra: tuple[ParameterEstimate, ...]
+    refused: tuple[tuple[str, str], ...]
+    other: tuple[float, ...]
+    objective: float
+    sigma: float
+    samples: int
+    evaluations: int
+    outcome: Ending
+    notices: tuple[Notice, ...] = ()
 
     def get_value(self, name: str) -> float | None:
         """Return the value of a parameter; None where it has none."""
@@ -46,64 +69,38 @@ class NamedParameters:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FrictionEstimate(NamedParameters):
-    """The result of a fit.
+class FrictionEstimate(LawFit):
+    """The fit of a static law.
 
     Args:
-        joint, law, estimator: their names; `settings` the options and counts of the search.
-        parameters: as papers print them, in the order of the law's `physical`, without those refused;
-            `reason` of an entry: that it is at a bound.
-        extra: factors of the columns beside friction, without those refused.
-        refused: parameters that cannot be identified from these samples, with the reason.
-        linear: (p,) of the law; shape: (s,) its nonlinear unknowns; other: (k,) of all columns beside
-            friction. They predict torques of motions like those fitted; the entry of a refused parameter
-            means nothing by itself.
+        estimator: its name; `settings` the options and counts of the search.
+        linear: (p,) of the law; shape: (s,) its nonlinear unknowns. With `other` they predict torques of
+            motions like those fitted.
         covariance: of (linear, shape, other), row by row; zero in directions that are not identifiable.
-        objective: J, (N m)^2 or N^2; sigma: standard deviation of the residual, N m or N.
-        samples: M, rows of the fit.
-        evaluations: of J; solves: linear problems solved; iterations: or generations.
-        outcome: how it ended; `ended` the stop rule in words.
+        solves: linear problems solved; iterations: or generations; ended: the stop rule in words.
         aicc, bic: information criteria; condition: of the column-scaled Jacobian.
         history: the least objective after each iteration or generation.
-        notices: warnings.
     """
 
-    joint: str
-    law: str
     estimator: str
-    parameters: tuple[ParameterEstimate, ...]
-    extra: tuple[ParameterEstimate, ...]
-    refused: tuple[tuple[str, str], ...]
     linear: tuple[float, ...]
     shape: tuple[float, ...]
-    other: tuple[float, ...]
     covariance: tuple[tuple[float, ...], ...]
-    objective: float
-    sigma: float
-    samples: int
-    evaluations: int
     solves: int
     iterations: int
-    outcome: Ending
     ended: str
     aicc: float
     bic: float
     condition: float
     history: tuple[float, ...] = ()
     settings: tuple[tuple[str, float | int | str], ...] = ()
-    notices: tuple[Notice, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FrictionSearch(FrozenArrays):
-    """The end of a search.
+class FrictionSearch(NamedTuple):
+    """The end of a search; fields as in `FrictionEstimate`."""
 
-    Args:
-        linear: (p,) and shape: (s,) found; the rest as in `FrictionEstimate`.
-    """
-
-    linear: FloatArray
-    shape: FloatArray
+    linear: tuple[float, ...]
+    shape: tuple[float, ...]
     objective: float
     evaluations: int
     solves: int
@@ -111,7 +108,7 @@ class FrictionSearch(FrozenArrays):
     history: tuple[float, ...]
     outcome: Ending
     ended: str
-    settings: tuple[tuple[str, float | int | str], ...] = ()
+    settings: tuple[tuple[str, float | int | str], ...]
 
 
 def compute_criteria(objective: float, rows: int, unknowns: int, floor: float = 0.0) -> tuple[float, float]:
@@ -126,15 +123,11 @@ def compute_criteria(objective: float, rows: int, unknowns: int, floor: float = 
     return aicc, likelihood + count * math.log(rows)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Uncertainty(FrozenArrays):
-    """Of all unknowns in the order linear, shape, other, and of the physical parameters.
+class Uncertainty(NamedTuple):
+    """Covariance (n, n) of linear, shape and other, zero in directions that are not identifiable.
 
-    Args:
-        covariance: (n, n); zero in directions that are not identifiable.
-        physical: (p + s,) standard deviations, infinite where not identifiable, zero where fixed.
-        other: (k,) the same of the columns beside friction.
-        rank: of the column-scaled F; condition: over its range.
+    `physical` (p + s,) and `other` (k,) are standard deviations, infinite where not identifiable, zero where
+    fixed; `rank` that of the column-scaled F, `condition` over its range.
     """
 
     covariance: FloatArray
@@ -189,13 +182,8 @@ def compute_uncertainty(
     sizes = np.maximum(np.linalg.norm(mixing / lengths, axis=1), 1e-300)
     lost = np.linalg.norm(mixing @ null, axis=1) > 1e-6 * sizes
     deviations = np.where(lost, np.inf, np.sqrt(np.maximum(variances, 0.0)))
-    return Uncertainty(
-        covariance=covariance,
-        physical=deviations[:edges],
-        other=deviations[edges:],
-        rank=rank,
-        condition=float(singular[0] / singular[rank - 1]) if rank else np.inf,
-    )
+    condition = float(singular[0] / singular[rank - 1]) if rank else np.inf
+    return Uncertainty(covariance, deviations[:edges], deviations[edges:], rank, condition)
 
 
 def compute_cramer_rao(

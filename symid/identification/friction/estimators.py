@@ -5,10 +5,8 @@ FrictionSamples, FrictionLaw -> problem (one for all) -> search (the estimator) 
 A parameter is refused where the columns of the law are dependent on these samples (also where noise alone
 makes them independent: one speed, one direction); where the law without the term explains the samples as
 well (chi-square, 0.01 %); where no row is slower than the Stribeck velocity; where the deviation of a shape
-value exceeds half of it; where only refused terms depend on it.
-
-Supported: the estimators in `ESTIMATORS`; "varpro" is the default for its exact optimum and its few solves.
-Not supported: several joints at once; naming a law that fits better (`selection`).
+value exceeds half of it; where only refused terms depend on it. "varpro" is the default estimator for its
+exact optimum and its few solves.
 """
 
 import difflib
@@ -34,16 +32,11 @@ from symid.identification.friction.estimate import (
     compute_uncertainty,
 )
 from symid.identification.friction.problem import SPEED_UNITS, FrictionOptions, FrictionProblem, build_problem
-from symid.identification.friction.samples import FrictionSamples, build_friction_rows, is_one_sided
+from symid.identification.friction.samples import FrictionSamples, is_one_sided
 from symid.identification.friction.variable_projection import search_by_projection, search_by_roots
 from symid.identification.regression import solve_scaled
 from symid.ipopt import Ending
-from symid.joint_models import (
-    FrictionLaw,
-    compute_column_derivatives,
-    compute_columns,
-    compute_friction_torque,
-)
+from symid.joint_models import FrictionLaw, compute_column_derivatives, compute_columns
 
 _FEW = 20
 _EDGE = 1e-6
@@ -58,7 +51,7 @@ def list_refusals(
     law, samples = problem.law, problem.samples
     names = [*(entry.name for entry in law.physical), *samples.extra_names]
     refused: dict[str, str] = {}
-    lack, moved = _assess_motion(samples, build_friction_rows(samples).velocity)
+    lack, moved = _assess_motion(samples, samples.build_rows().velocity)
     cases = [uncertainty]
     if lack:
         design = compute_sensitivities(moved, law, search.linear, search.shape)
@@ -77,7 +70,7 @@ def list_refusals(
     if place is not None and "dq0" in refused:
         # What acts only inside the zone about standstill is refused with the zone.
         beyond = np.abs(samples.velocity) >= search.shape[place]
-        columns = compute_columns(law, samples.inputs, search.shape.tolist())
+        columns = compute_columns(law, samples.inputs, search.shape)
         inside = np.flatnonzero(~np.any(columns[beyond], axis=0)).tolist()
         reason = f"it acts only inside the zone about standstill, and {refused['dq0']}"
         for name in _list_dependents(law, inside, []):
@@ -108,13 +101,13 @@ def _refuse_shapes(problem: FrictionProblem, search: FrictionSearch) -> dict[str
     """Return the reason for every shape value, and what depends on it, that the samples do not show."""
     law, samples = problem.law, problem.samples
     refused: dict[str, str] = {}
-    rates = compute_column_derivatives(law, samples.inputs, search.shape.tolist())
+    rates = compute_column_derivatives(law, samples.inputs, search.shape)
     size = np.max(np.abs(rates), axis=0, initial=0.0)
     whole = problem.compute_columns(search.shape)
     freedom = max(len(problem.target) - len(law.physical) - len(samples.extra_names), 1)
     variance = search.objective / freedom
     unit = "m/s" if samples.prismatic else "rad/s"
-    slowest = float(np.min(np.abs(build_friction_rows(samples).velocity)))
+    slowest = float(np.min(np.abs(samples.build_rows().velocity)))
     free = np.flatnonzero(problem.is_free).tolist()
     for place in free:
         entry, value = law.shape[place], float(search.shape[place])
@@ -167,7 +160,7 @@ def _refuse_uncertain(
 ) -> dict[str, str]:
     """Return the reason for shape values, and what depends on a refused one, with deviations beyond half."""
     law = problem.law
-    values = law.to_physical(list(search.linear), list(search.shape))
+    values = law.to_physical(search.linear, search.shape)
     shapes = {entry.name for entry, free in zip(law.shape, problem.is_free, strict=True) if free}
     # A value at its bound is known with the bound, and may well be zero.
     known = {*refused, *(list_active_bounds(problem, search, uncertainty).keys() - shapes)}
@@ -190,7 +183,7 @@ def list_fit_notices(
     """Return the warnings of a fit; `held` is what `list_active_bounds` found."""
     law = problem.law
     found = [("refused", f"{name} is not identifiable: {reason}") for name, reason in refused.items()]
-    rows = build_friction_rows(problem.samples).velocity
+    rows = problem.samples.build_rows().velocity
     if is_one_sided(rows):
         text = "the joint moves in one direction only: friction in the other direction is not identifiable"
         found.append(("one-direction", text))
@@ -212,7 +205,7 @@ def list_fit_notices(
             "friction, or filters smooth the reversal: record slower motions"
         )
         found.append(("static-below-coulomb", text))
-    values = law.to_physical(list(search.linear), list(search.shape))
+    values = law.to_physical(search.linear, search.shape)
     for entry, value in zip(law.physical, values, strict=True):
         if value < entry.lower and entry.name not in refused:
             text = f"{entry.name} = {value:.4g} is below its physical bound, {entry.lower:g}"
@@ -231,13 +224,18 @@ def list_active_bounds(
     That of a linear one is active within a hundredth of its deviation, where J falls beyond.
     """
     law, held = problem.law, {}
-    values = law.to_physical(list(search.linear), list(search.shape))
+    values = law.to_physical(search.linear, search.shape)
     columns = problem.compute_columns(search.shape)
     slope = -columns.T @ (problem.target - columns @ search.linear)
     slopes = slope @ np.array(law.unmixing, dtype=np.float64)[: len(slope)]
     variance = search.objective / max(len(problem.target) - uncertainty.rank, 1)
     places = {entry.name: place for place, entry in enumerate(law.shape)}
-    least, most = problem.compute_physical_box()
+    # Physical bounds where they bind, as fS >= 0, else sums of linear parameters in their box.
+    low = np.concatenate([problem.lower, problem.low])
+    high = np.concatenate([problem.upper, problem.high])
+    up, down = (part(np.array(law.mixing, dtype=np.float64), 0.0) for part in (np.maximum, np.minimum))
+    least = np.maximum([entry.lower for entry in law.physical], up @ low + down @ high)
+    most = np.minimum([entry.upper for entry in law.physical], up @ high + down @ low)
     for k, entry in enumerate(law.physical):
         std = float(uncertainty.physical[k])
         if entry.name in places:
@@ -266,7 +264,6 @@ def locate_edge(problem: FrictionProblem, search: FrictionSearch, place: int) ->
 
 ESTIMATORS = ("varpro", "root-finding", "nlp", "genetic", "annealing", "differential-evolution")
 STOCHASTIC = frozenset({"genetic", "annealing", "differential-evolution"})
-_OF_SEARCH = ("objective", "evaluations", "solves", "iterations", "ended", "history", "settings")
 
 
 def fit_friction(
@@ -335,7 +332,7 @@ def _build_estimate(problem: FrictionProblem, search: FrictionSearch, estimator:
     other = np.zeros(0)
     if samples.extra.shape[1]:
         # Factors of the columns beside friction, of least norm in scaled columns.
-        friction = compute_friction_torque(law, samples.inputs, list(search.linear), list(search.shape))
+        friction = compute_columns(law, samples.inputs, search.shape) @ search.linear
         passed = samples.pass_columns(np.column_stack([samples.torque - friction, samples.extra]))
         other = solve_scaled(passed[:, 1:], passed[:, 0], rcond=1e-10)
     rows, fixed = len(problem.target), (~problem.is_free).tolist()
@@ -346,8 +343,7 @@ def _build_estimate(problem: FrictionProblem, search: FrictionSearch, estimator:
     reasons = held | {entry.name: "fixed" for entry, known in zip(law.shape, fixed, strict=True) if known}
     floor = 1e-30 * float(problem.target @ problem.target)
     aicc, bic = compute_criteria(search.objective, rows, uncertainty.rank, floor)
-    some = refused and search.outcome in {Ending.CONVERGED, Ending.STAGNATED}
-    values = law.to_physical(list(search.linear), list(search.shape))
+    values = law.to_physical(search.linear, search.shape)
     own = [
         ParameterEstimate(
             name=entry.name,
@@ -362,24 +358,23 @@ def _build_estimate(problem: FrictionProblem, search: FrictionSearch, estimator:
     units = samples.extra_units or ("",) * len(samples.extra_names)
     rest = zip(samples.extra_names, other.tolist(), uncertainty.other.tolist(), units, strict=True)
     beside = [ParameterEstimate(name=name, value=at, std=std, unit=unit) for name, at, std, unit in rest]
-    shared: dict[str, Any] = {name: getattr(search, name) for name in _OF_SEARCH}
+    ended: dict[str, Any] = search._asdict()
+    if refused and search.outcome in {Ending.CONVERGED, Ending.STAGNATED}:
+        ended["outcome"] = Ending.SOME_REFUSED
     return FrictionEstimate(
+        **ended,
         joint=samples.joint,
         law=law.name,
         estimator=estimator,
         parameters=tuple(entry for entry in own if entry.name not in refused),
         extra=tuple(entry for entry in beside if entry.name not in refused),
         refused=tuple(refused.items()),
-        linear=tuple(map(float, search.linear)),
-        shape=tuple(map(float, search.shape)),
         other=tuple(map(float, other)),
         covariance=tuple(tuple(map(float, row)) for row in uncertainty.covariance),
         sigma=float(np.sqrt(search.objective / max(rows - uncertainty.rank, 1))),
         samples=rows,
-        outcome=Ending.SOME_REFUSED if some else search.outcome,
         aicc=aicc,
         bic=bic,
         condition=uncertainty.condition,
-        **shared,
         notices=list_fit_notices(problem, search, refused, held),
     )

@@ -7,26 +7,21 @@ The rigid part is fitted with friction: the independent columns of Y_j on these 
 motion can be averaged first: the noise falls by sqrt(K), and filters see a signal without ends.
 
 Supported: one moving joint or several; recordings at several poses; drives that turn with several joints,
-whose friction is fitted along; any period of several samples (positions between samples by cubic splines,
-torques, which jump, by straight lines).
+whose friction is fitted along; any period of several samples.
 Not supported: elastic joints; other joints' friction that is not linear in its parameters; an unknown
 period; motions that drift (positions that differ by more than a tenth of their range are refused).
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
-from symid.codegen import JointCard, Library
+from symid.arrays import FloatArray
+from symid.codegen import Library
 from symid.errors import IdentifiabilityError, LogError, Notice
-from symid.identification.friction.samples import (
-    FrictionSamples,
-    build_friction_rows,
-    build_reduction,
-    select_friction_rows,
-)
+from symid.identification.friction.samples import FrictionSamples, build_reduction
 from symid.identification.regression import check_joints, hold_resting_joints, list_resting_joints
 from symid.logs import Recording, Signals, choose_processing, prepare_signals
 from symid.robot import Processing
@@ -52,6 +47,7 @@ def fold_recording(recording: Recording, period: float, *, margin: int | None = 
             f"averaging needs at least {_LEAST_SAMPLES} samples and 2 periods"
         )
         raise LogError(Notice(code="log.period", text=text, file=recording.source))
+    # Torques jump: between samples they follow straight lines, positions cubic splines.
     position, torque = (
         _cut_periods(values, recording.time, period, (periods, samples), degree=degree)
         for values, degree in ((recording.position, 3), (recording.torque, 1))
@@ -110,59 +106,32 @@ def _warn_of_drift(position: FloatArray, recording: Recording) -> tuple[Notice, 
     return (notice,)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RigidColumns:
-    """Columns (N, k) with the names and units of what multiplies them."""
+class Column(NamedTuple):
+    """A column (N,) of a joint's torque, with the name and unit of what multiplies it."""
 
-    columns: FloatArray
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-
-    @classmethod
-    def build(cls, columns: FloatArray, entries: Iterable[tuple[str, str]]) -> "RigidColumns":
-        """Return columns (N, k) with the name and unit of each."""
-        names, units = zip(*entries, strict=True) if columns.shape[1] else ((), ())
-        return cls(columns=columns, names=names, units=units)
-
-    def keep_independent(self) -> "RigidColumns":
-        """Return the columns that are no combination of those before them."""
-        index = list_independent(self.columns)
-        return RigidColumns.build(self.columns[:, index], ((self.names[k], self.units[k]) for k in index))
+    name: str
+    values: FloatArray
+    unit: str
 
 
-def build_rigid_columns(library: Library, parts: Sequence[Signals], joint: int) -> RigidColumns:
-    """Return the joint's row of the torque regressor."""
-    rows = [library.evaluate("torque_regressor", part.q, part.dq, part.ddq)[0][:, joint] for part in parts]
-    return RigidColumns.build(np.vstack(rows), ((entry.name, entry.unit) for entry in library.card.beta))
+def _keep_independent(columns: list[Column]) -> list[Column]:
+    kept = list_independent(np.column_stack([one.values for one in columns])) if columns else []
+    return [columns[k] for k in kept]
 
 
-def _build_other_columns(library: Library, parts: Sequence[Signals], joint: int) -> RigidColumns:
-    """Return the columns of other joints' friction that acts on this one."""
-    own, cards = library.card.joints[joint].name, library.card.friction
-    index = [k for k, entry in enumerate(cards) if entry.joint != own]
-    if not index:
-        return RigidColumns.build(np.empty((sum(len(part.time) for part in parts), 0)), ())
-    rows = np.vstack([library.evaluate("friction_regressor", part.dq)[0][:, joint] for part in parts])
-    entries = ((cards[k].name, cards[k].unit) for k in index)
-    return RigidColumns.build(rows[:, index], entries).keep_independent()
+def _reduce_columns(rigid: list[Column], moving: list[Column]) -> tuple[list[Column], str]:
+    """Return the independent columns (J ddq, a sin q, b cos q where they span the same) and a sentence.
 
-
-def _reduce_columns(
-    rigid: RigidColumns, angle: FloatArray, acceleration: FloatArray, card: JointCard
-) -> tuple[RigidColumns, str]:
-    """Return the independent columns (J ddq, a sin q, b cos q where they span the same) and a sentence."""
-    independent = rigid.keep_independent()
-    size = len(independent.names)
-    inside = [
-        entry
-        for entry in list_physical_columns(angle, acceleration, card)
-        if len(list_independent(np.column_stack([independent.columns, entry[1]]))) == size
-    ]
-    columns = np.column_stack([np.empty((len(angle), 0)), *(column for _, column, _ in inside)])
-    if len(list_independent(columns)) == size:
-        entries = ((name, unit) for name, _, unit in inside)
-        independent = RigidColumns.build(columns, entries).keep_independent()
-        sentence = " + ".join(_PHYSICAL[name] for name in independent.names)
+    `moving` are the columns of a joint that moves alone.
+    """
+    independent = _keep_independent(rigid)
+    size = len(independent)
+    physical = _keep_independent(
+        [column for column in moving if len(_keep_independent([*independent, column])) == size]
+    )
+    if len(physical) == size:
+        independent = physical
+        sentence = " + ".join(_PHYSICAL[column.name] for column in physical)
         sentence = f"the rigid part {sentence} was fitted along"
     else:
         sentence = (
@@ -173,15 +142,6 @@ def _reduce_columns(
 
 
 _PHYSICAL = {"J": "J ddq", "a": "a sin q", "b": "b cos q"}
-
-
-def list_physical_columns(
-    angle: FloatArray, acceleration: FloatArray, card: JointCard
-) -> list[tuple[str, FloatArray, str]]:
-    """Return (name, column (N,), unit) of inertia and weight of a joint that moves alone."""
-    if card.kind == "prismatic":
-        return [("J", acceleration, "kg")]
-    return [("J", acceleration, "kg m^2"), ("a", np.sin(angle), "N m"), ("b", np.cos(angle), "N m")]
 
 
 def list_independent(columns: FloatArray) -> list[int]:
@@ -214,7 +174,7 @@ def _estimate_load(rigid: FloatArray, velocity: FloatArray, torque: FloatArray) 
     left, without = torque - columns @ solution, torque - friction @ alone
     if float(np.sum(left**2)) > 0.5 * float(np.sum(without**2)):
         return None
-    return freeze(rigid @ solution[: rigid.shape[1]])
+    return np.asarray(rigid @ solution[: rigid.shape[1]])
 
 
 _CARRIED = 0.05
@@ -223,11 +183,9 @@ _CARRIED = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JointLogs:
-    """Recordings as filtered states, one entry for each; velocities of `resting` joints are exactly zero.
+    """Recordings as filtered states: `resting` joints have no velocity, others shake `carried` ones."""
 
-    `carried` joints move only as others shake them.
-    """
-
+    library: Library
     signals: tuple[Signals, ...]
     resting: tuple[tuple[int, ...], ...]
     carried: tuple[tuple[int, ...], ...]
@@ -245,9 +203,54 @@ class JointLogs:
         moving = self.list_moving(joint)
         return tuple(k for k in moving if len((*self.resting[k], *self.carried[k])) == others)
 
+    def gather(self, name: str, joint: int, runs: Sequence[int]) -> FloatArray:
+        """Return "q", "dq", "ddq" or "tau" of a joint in some recordings: (N,)."""
+        return np.concatenate([getattr(self.signals[k], name)[:, joint] for k in runs])
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ExtractedJoint:
+    def list_rigid_columns(self, joint: int, runs: Sequence[int]) -> list[Column]:
+        """Return the joint's row of the torque regressor."""
+        states = ((part.q, part.dq, part.ddq) for part in (self.signals[k] for k in runs))
+        rows = [self.library.evaluate("torque_regressor", *state)[0][:, joint] for state in states]
+        columns = zip(self.library.card.beta, np.vstack(rows).T, strict=True)
+        return [Column(entry.name, values, entry.unit) for entry, values in columns]
+
+    def list_friction_columns(self, joint: int, runs: Sequence[int]) -> list[Column]:
+        """Return the columns of the friction of all joints that acts on this one."""
+        if not (cards := self.library.card.friction):
+            return []
+        states = (self.signals[k].dq for k in runs)
+        rows = [self.library.evaluate("friction_regressor", dq)[0][:, joint] for dq in states]
+        columns = zip(cards, np.vstack(rows).T, strict=True)
+        return [Column(entry.name, values, entry.unit) for entry, values in columns]
+
+    def list_physical_columns(self, joint: int, runs: Sequence[int]) -> list[Column]:
+        """Return inertia and weight of a joint that moves alone."""
+        angle, acceleration = (self.gather(name, joint, runs) for name in ("q", "ddq"))
+        if self.library.card.joints[joint].kind == "prismatic":
+            return [Column("J", acceleration, "kg")]
+        weight = [Column("a", np.sin(angle), "N m"), Column("b", np.cos(angle), "N m")]
+        return [Column("J", acceleration, "kg m^2"), *weight]
+
+    def build_samples(self, joint: int, runs: Sequence[int], columns: Sequence[Column]) -> FrictionSamples:
+        """Return a joint's samples in some recordings: the whole torque, and columns beside friction."""
+        velocity, torque, position = (self.gather(name, joint, runs) for name in ("dq", "tau", "q"))
+        card, lengths = self.library.card.joints[joint], [len(self.signals[k].time) for k in runs]
+        return FrictionSamples(
+            joint=card.name,
+            time=np.concatenate([self.signals[k].time for k in runs]),
+            velocity=velocity,
+            torque=torque,
+            extra=np.column_stack([np.empty((len(velocity), 0)), *(column.values for column in columns)]),
+            extra_names=tuple(column.name for column in columns),
+            extra_units=tuple(column.unit for column in columns),
+            position=position,
+            run=np.repeat(runs, lengths),
+            reduce=build_reduction(lengths, self.processing.decimation),
+            prismatic=card.kind == "prismatic",
+        )
+
+
+class ExtractedJoint(NamedTuple):
     """Samples of one joint, how the rigid part was treated (a sentence), and notices of rows left out."""
 
     samples: FrictionSamples
@@ -282,6 +285,7 @@ def prepare_joint_logs(
         moved = (peaks > 0.0) & (peaks < _CARRIED * fastest)
         carried.append(tuple(np.flatnonzero(moved).tolist()))
     return JointLogs(
+        library=library,
         signals=signals,
         resting=resting,
         carried=tuple(carried),
@@ -291,21 +295,14 @@ def prepare_joint_logs(
 
 
 def extract_joint(
-    library: Library,
-    logs: JointLogs,
-    joint: int,
-    *,
-    runs: Sequence[int] | None = None,
-    beta: FloatArray | None = None,
+    logs: JointLogs, joint: int, *, runs: Sequence[int] | None = None, beta: FloatArray | None = None
 ) -> ExtractedJoint:
     """Return the samples of a joint (its number) in `runs`, by default the recordings that move it.
 
-    `beta` (p,) are base parameters that are known; None to fit the rigid part.
-
-    Raises:
-        IdentifiabilityError: no recording moves the joint, or no row is left.
+    `beta` (p,) are base parameters that are known; None to fit the rigid part. Raises IdentifiabilityError
+    where no recording moves the joint, or no row is left.
     """
-    card = library.card.joints[joint]
+    card = logs.library.card.joints[joint]
     chosen = logs.list_moving(joint) if runs is None else tuple(runs)
     if not chosen:
         text = f"joint {card.name!r} moves in none of these logs: its friction is not identifiable"
@@ -315,27 +312,24 @@ def extract_joint(
                 "speed, and sticks and slips: move it by itself"
             )
         raise IdentifiabilityError(Notice(code="friction.at-rest", text=text))
-    parts = [logs.signals[k] for k in chosen]
-    rigid, fitted = build_rigid_columns(library, parts, joint), _build_other_columns(library, parts, joint)
-    plain = build_joint_samples(library, logs, joint, chosen, fitted)
+    rigid = logs.list_rigid_columns(joint, chosen)
+    own = {entry.name for entry in logs.library.card.friction if entry.joint == card.name}
+    others = [column for column in logs.list_friction_columns(joint, chosen) if column.name not in own]
+    fitted = _keep_independent(others)
     if beta is not None:
-        load: FloatArray | None = rigid.columns @ beta
-        samples = replace(plain, torque=plain.torque - rigid.columns @ beta, load=load)
+        samples = logs.build_samples(joint, chosen, fitted)
+        known = np.column_stack([column.values for column in rigid]) @ beta
+        samples = replace(samples, torque=samples.torque - known, load=known)
         sentence = "the rigid part was subtracted, with the base parameters given"
     else:
-        acceleration = np.concatenate([part.ddq[:, joint] for part in parts])
-        rigid, sentence = _reduce_columns(rigid, np.asarray(plain.position), acceleration, card)
-        samples = replace(
-            plain,
-            extra=np.hstack([rigid.columns, fitted.columns]),
-            extra_names=rigid.names + fitted.names,
-            extra_units=rigid.units + fitted.units,
-            load=_estimate_load(rigid.columns, plain.velocity, plain.torque),
-        )
+        rigid, sentence = _reduce_columns(rigid, logs.list_physical_columns(joint, chosen))
+        samples = logs.build_samples(joint, chosen, [*rigid, *fitted])
+        load = _estimate_load(samples.extra[:, : len(rigid)], samples.velocity, samples.torque)
+        samples = replace(samples, load=load)
     samples, notices = _leave_out_slow(samples, logs.processing.standstill)
-    if beta is None and len(rigid.names) > 6:
+    if beta is None and len(rigid) > 6:
         text = (
-            f"joint {card.name!r}: {len(rigid.names)} columns of the rigid part were fitted along, which "
+            f"joint {card.name!r}: {len(rigid)} columns of the rigid part were fitted along, which "
             "can bias friction. Move one joint at a time, or give the base parameters of all joints with "
             "--known"
         )
@@ -343,33 +337,10 @@ def extract_joint(
     return ExtractedJoint(samples=samples, rigid=sentence, notices=notices)
 
 
-def build_joint_samples(
-    library: Library, logs: JointLogs, joint: int, runs: Sequence[int], columns: RigidColumns
-) -> FrictionSamples:
-    """Return the samples of a joint in some recordings, with columns beside friction and the whole torque."""
-    parts, card = [logs.signals[k] for k in runs], library.card.joints[joint]
-    velocity, torque, position = (
-        np.concatenate([getattr(part, name)[:, joint] for part in parts]) for name in ("dq", "tau", "q")
-    )
-    return FrictionSamples(
-        joint=card.name,
-        time=np.concatenate([part.time for part in parts]),
-        velocity=velocity,
-        torque=torque,
-        extra=columns.columns,
-        extra_names=columns.names,
-        extra_units=columns.units,
-        position=position,
-        run=np.repeat(runs, [len(part.time) for part in parts]),
-        reduce=build_reduction([len(part.time) for part in parts], logs.processing.decimation),
-        prismatic=card.kind == "prismatic",
-    )
-
-
 def _leave_out_slow(
     samples: FrictionSamples, standstill: float
 ) -> tuple[FrictionSamples, tuple[Notice, ...]]:
-    rows = build_friction_rows(samples)
+    rows = samples.build_rows()
     slow = np.abs(rows.velocity) < standstill
     if not slow.any():
         return samples, ()
@@ -384,4 +355,4 @@ def _leave_out_slow(
         f"{'m/s' if samples.prismatic else 'rad/s'} were left out (processing.standstill), below which "
         "friction is extrapolated. If no joint sticks, keep them with --set processing.standstill=0"
     )
-    return select_friction_rows(samples, ~slow), (Notice(code="identify.slow-rows", text=text),)
+    return samples.select_rows(~slow), (Notice(code="identify.slow-rows", text=text),)

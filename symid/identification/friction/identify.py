@@ -4,9 +4,8 @@ Library, recordings, processing, FrictionTask -> FrictionIdentification.
 
     Recording -> JointLogs -> FrictionSamples -> law (named, or chosen) -> FrictionEstimate -> pose test
 
-Supported: motions of one joint or of several at once; several recordings, of several speeds or poses; a
-rigid part that is fitted along or known; laws with a smoothed sign; mean periods of cosine motions.
-Not supported: elastic joints; friction with a state (`presliding`).
+Supported: motions of one joint or of several at once; several recordings; a rigid part that is fitted along
+or known. Not supported: elastic joints; friction with a state (`presliding`).
 """
 
 import json
@@ -23,7 +22,6 @@ from symid.identification.estimators import Residual
 from symid.identification.friction.estimate import FrictionEstimate
 from symid.identification.friction.estimators import check_estimator, fit_friction
 from symid.identification.friction.extraction import (
-    ExtractedJoint,
     JointLogs,
     extract_joint,
     fold_recording,
@@ -32,7 +30,7 @@ from symid.identification.friction.extraction import (
 from symid.identification.friction.poses import compare_poses, warn_of_friction_pattern
 from symid.identification.friction.problem import FrictionOptions
 from symid.identification.friction.results import FrictionIdentification, JointFriction
-from symid.identification.friction.samples import FrictionSamples, build_friction_rows, compute_velocity_map
+from symid.identification.friction.samples import FrictionSamples, compute_velocity_map
 from symid.identification.friction.selection import CANDIDATE_LAWS, predict_rows, select_law
 from symid.joint_models import FrictionLaw, compute_columns, get_law
 from symid.logs import Recording, cut_ends
@@ -50,7 +48,7 @@ class FrictionTask:
 
     Args:
         model: name of a law, or `AUTO`; candidates: laws to choose from then.
-        estimator: of the final fit, one of `estimators.ESTIMATORS`; options: of the estimators.
+        estimator: of the final fit; options: of all estimators.
         beta: (p,) base parameters that are known, in the order of the model card; None to fit the rigid part.
         smoothing: speed v0 in rad/s or m/s over which all laws change their sign, 0 for a jump.
         periods: s, of cosine motions to average over, one for all logs or one for each; empty for none.
@@ -94,19 +92,12 @@ def identify_friction(
     joints, refused = list[JointFriction](), list[tuple[str, str]]()
     for joint, card in enumerate(library.card.joints):
         try:
-            extracted = extract_joint(library, logs, joint, beta=task.beta)
-            found = _identify_joint(library, logs, joint, extracted, task)
+            found, further = _identify_joint(logs, joint, task)
         except IdentifiabilityError as error:
             refused.append((card.name, "; ".join(entry.text for entry in error.notices)))
             continue
         joints.append(found)
-        for held, reason in found.poses.skipped if found.poses else ():
-            text = f"{held}: not in the comparison of poses: {reason}"
-            notices += (Notice(code="friction.pose-skipped", text=text),)
-        notices += extracted.notices
-        notices += tuple(
-            replace(entry, text=f"joint {card.name!r}: {entry.text}") for entry in found.estimate.notices
-        )
+        notices += further
     if not any(entry.estimate.parameters for entry in joints):
         reasons = [reason for _, reason in refused]
         for entry in joints:
@@ -172,9 +163,11 @@ def _fold(
 
 
 def _identify_joint(
-    library: Library, logs: JointLogs, joint: int, extracted: ExtractedJoint, task: FrictionTask
-) -> JointFriction:
-    samples, card = extracted.samples, library.card.joints[joint]
+    logs: JointLogs, joint: int, task: FrictionTask
+) -> tuple[JointFriction, tuple[Notice, ...]]:
+    """Return the friction of a joint, and what concerns the whole identification."""
+    extracted = extract_joint(logs, joint, beta=task.beta)
+    samples, card = extracted.samples, logs.library.card.joints[joint]
     selection, name = None, task.model
     if name == AUTO:
         # Bounds by name hold for one law.
@@ -184,7 +177,7 @@ def _identify_joint(
     law = get_law(name, smoothing=task.smoothing)
     check_inputs(samples, law)
     estimate = fit_friction(samples, law, estimator=task.estimator, options=task.options)
-    torque = build_friction_rows(samples).torque
+    torque = samples.build_rows().torque
     left = torque - predict_rows(samples, law, estimate)
     residual = Residual.measure(samples.joint, left, torque, card.torque_unit, estimate.sigma)
     warnings = [*warn_of_friction_pattern(samples, law, estimate), *warn_of_inertia(estimate)]
@@ -197,7 +190,10 @@ def _identify_joint(
         warnings.append(Notice(code="friction.unexplained", text=text))
     warnings += _warn_of_smoothing(law)
     estimate = replace(estimate, notices=(*estimate.notices, *warnings))
-    return JointFriction(
+    poses = compare_poses(logs, joint, law, beta=task.beta) if task.poses else None
+    texts = [f"{held}: not in the comparison of poses: {why}" for held, why in poses.skipped] if poses else []
+    named = (replace(entry, text=f"joint {card.name!r}: {entry.text}") for entry in estimate.notices)
+    found = JointFriction(
         estimate=estimate,
         formula=law.formula,
         smoothing=task.smoothing,
@@ -206,10 +202,12 @@ def _identify_joint(
         rigid=extracted.rigid,
         residual=residual,
         selection=selection,
-        poses=compare_poses(library, logs, joint, law, beta=task.beta) if task.poses else None,
+        poses=poses,
         velocity_map=compute_velocity_map(samples, estimate.other),
         sources=tuple(logs.sources[run] for run in logs.list_moving(joint)),
     )
+    skipped = (Notice(code="friction.pose-skipped", text=text) for text in texts)
+    return found, (*skipped, *extracted.notices, *named)
 
 
 def check_inputs(samples: FrictionSamples, law: FrictionLaw) -> None:

@@ -10,10 +10,8 @@ A window starts from a parabola through its first 20 samples. The error of a lon
 values fitted in short windows are the start for long ones. Models are compared on held-out blocks of the
 run, by the one-standard-error rule (Breiman, Friedman, Olshen and Stone 1984).
 
-Supported: every static law, with the terms of `AXIS_TERMS`; exact derivatives of the steps; one run, cut
-into windows of any length.
-Not supported: laws whose slope at standstill is infinite (power law, exponent below one); elastic drives;
-standard deviations (errors of a simulated position are far from independent).
+Supported: static laws, with the terms of `AXIS_TERMS`, but those whose slope at standstill is infinite
+(power law, exponent below one); no standard deviations: errors of a simulated position are not independent.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -53,8 +51,7 @@ AXIS_TERMS: dict[str, Callable[[Any, Mapping[str, Any]], Any]] = {
 class AxisModel:
     """A mass, a law of friction, and forces beside it (names of `AXIS_TERMS`).
 
-    Raises:
-        UsageError: a term is unknown, given twice, or already in the law.
+    Raises UsageError for a term that is unknown, given twice, or already in the law.
     """
 
     law: FrictionLaw
@@ -94,13 +91,6 @@ def compute_force_columns(
     return np.column_stack([np.broadcast_to(column, inputs["velocity"].shape) for column in columns])
 
 
-def compute_axis_terms(terms: Sequence[str], inputs: Mapping[str, FloatArray]) -> tuple[FloatArray, ...]:
-    """Return the columns (N,) of terms by name; `inputs` (N,) each: velocity, position and time."""
-    carrier = build_numpy_carrier()
-    shape = inputs["velocity"].shape
-    return tuple(np.broadcast_to(AXIS_TERMS[name](carrier, inputs), shape) for name in terms)
-
-
 def _list_columns(
     model: AxisModel, carrier: Carrier[V], inputs: Mapping[str, V], shape: Sequence[V]
 ) -> tuple[V, ...]:
@@ -135,45 +125,33 @@ def simulate_axis(
 
 @lru_cache(maxsize=64)
 def _build_run(model: AxisModel, steps: int, period: float, substeps: int, *, rates: bool) -> Any:  # noqa: ANN401  # a function of casadi
-    return _build_step(model, period, substeps, rates=rates).mapaccum("run", steps)
-
-
-@lru_cache(maxsize=64)
-def _build_step(model: AxisModel, period: float, substeps: int, *, rates: bool) -> Any:  # noqa: ANN401  # a function of casadi
     import casadi
 
     count = len(model.parameters)
     state, inputs = casadi.SX.sym("z", 2), casadi.SX.sym("u", 2)
     values = casadi.SX.sym("p", count)
-    friction = _build_friction(model)
+    # (v, x, u, t, values) -> all that brakes, and its derivative by v.
+    own = {name: casadi.SX.sym(name) for name in ("velocity", "position", "load", "time")}
+    linear = 1 + len(model.law.linear) + len(model.terms)
+    shape = [values[k] for k in range(linear, count)]
+    columns = _list_columns(model, build_casadi_carrier(), own, shape)
+    total = sum((values[1 + k] * column for k, column in enumerate(columns)), casadi.SX(0.0))
+    slope = casadi.jacobian(total, own["velocity"])
+    friction = casadi.Function("friction", [*own.values(), values], [total, slope])
     short = period / substeps
     after = state
     for k in range(substeps):
         after = _move(friction, after, inputs[0], inputs[1] + k * short, values, short)
     if not rates:
-        return casadi.Function("step", [state, inputs, values], [after], {"allow_free": False})
+        step = casadi.Function("step", [state, inputs, values], [after], {"allow_free": False})
+        return step.mapaccum("run", steps)
     by_position, by_speed = casadi.SX.sym("sx", 1, count), casadi.SX.sym("sv", 1, count)
     jacobian = casadi.jacobian(after, state)
     moved = jacobian @ casadi.vertcat(by_position, by_speed) + casadi.jacobian(after, values)
     whole = casadi.vertcat(state, by_position.T, by_speed.T)
     result = casadi.vertcat(after, moved[0, :].T, moved[1, :].T)
-    return casadi.Function("step", [whole, inputs, values], [casadi.densify(result)], {"cse": True})
-
-
-def _build_friction(model: AxisModel) -> Any:  # noqa: ANN401  # a function of casadi
-    """Return (v, x, u, t, values) -> all that brakes, and its derivative by v."""
-    import casadi
-
-    carrier = build_casadi_carrier()
-    names = ("velocity", "position", "load", "time")
-    inputs = {name: casadi.SX.sym(name) for name in names}
-    values = casadi.SX.sym("p", len(model.parameters))
-    linear = len(model.law.linear) + len(model.terms)
-    shape = [values[1 + linear + k] for k in range(len(model.law.shape))]
-    columns = _list_columns(model, carrier, inputs, shape)
-    total = sum((values[1 + k] * column for k, column in enumerate(columns)), casadi.SX(0.0))
-    slope = casadi.jacobian(total, inputs["velocity"])
-    return casadi.Function("friction", [*inputs.values(), values], [total, slope])
+    step = casadi.Function("step", [whole, inputs, values], [casadi.densify(result)], {"cse": True})
+    return step.mapaccum("run", steps)
 
 
 def _move(friction: Any, state: Any, force: Any, time: Any, values: Any, period: float) -> Any:  # noqa: ANN401, PLR0917  # expressions of casadi
@@ -254,8 +232,7 @@ AxisStates = tuple[FloatArray, FloatArray, FloatArray]
 class AxisRun:
     """A recording of one axis: position (N,) m or rad, force (N,) N or N m, times in s.
 
-    Raises:
-        LogError: arrays of different length, fewer than 40 samples, numbers that are not finite.
+    Raises LogError for arrays of different length, fewer than 40 samples, numbers that are not finite.
     """
 
     position: FloatArray
@@ -284,10 +261,7 @@ class Window(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OutputErrorFit:
-    """Values in the order of the model's `parameters`; RMS error over all windows, m or rad.
-
-    `evaluations` counts simulations of all windows from all starts.
-    """
+    """Values of the model's `parameters`; RMS error, m or rad; simulations of all windows from all starts."""
 
     names: tuple[str, ...]
     values: tuple[float, ...]
@@ -416,11 +390,8 @@ def fit_output_error(
 class SearchPlan:
     """How a fit to a whole run is searched.
 
-    Args:
-        cutoff: Hz, of the low-pass of the states in the first fit, of forces.
-        lengths: s, of the windows fitted next, short ones first.
-        shape: start values of a law's shape.
-        restarts: further starts, scattered by 2 % about the values found in windows.
+    A fit of forces with states low-passed at `cutoff` Hz comes first, from a law's `shape`; then windows of
+    `lengths` s, short ones first; then `restarts` scattered by 2 % about the values found in windows.
     """
 
     cutoff: float
@@ -511,13 +482,17 @@ def build_axis_samples(
     _check_single(recording)
     signals = prepare_signals(recording, processing)
     position, velocity = signals.q[:, 0], signals.dq[:, 0]
-    inputs = {"velocity": velocity, "position": position, "time": signals.time}
+    inputs, carrier = (
+        {"velocity": velocity, "position": position, "time": signals.time},
+        build_numpy_carrier(),
+    )
+    beside = (np.broadcast_to(AXIS_TERMS[name](carrier, inputs), velocity.shape) for name in terms)
     return FrictionSamples(
         joint="axis",
         time=signals.time,
         velocity=velocity,
         torque=signals.tau[:, 0],
-        extra=np.column_stack([signals.ddq[:, 0], *compute_axis_terms(terms, inputs)]),
+        extra=np.column_stack([signals.ddq[:, 0], *beside]),
         extra_names=("M", *terms),
         load=signals.tau[:, 0],
         position=position,

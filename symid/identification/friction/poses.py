@@ -10,9 +10,7 @@ Samples, law, fit -> PatternCovariance, a warning; recordings at several poses -
 Omega is the worst of three: white noise; products of the residual over blocks of consecutive rows (Liang
 and Zeger 1986); the spectrum of an autoregression of each recording's residual, its order by AIC, its gain
 at rest corrected for the bias of short records by (1 + k + 2 order) / rows. A variance f times that of white
-noise has 1/f of the rows as degrees of freedom f_p.
-
-Supported: several recordings, each with noise of its own; several recordings of one pose, fitted together.
+noise has 1/f of the rows as degrees of freedom f_p. Recordings of one pose are fitted together.
 Not supported: noise whose size changes with velocity, other than over blocks; poses that differ in load or
 temperature.
 """
@@ -24,7 +22,6 @@ from typing import NamedTuple
 import numpy as np
 
 from symid.arrays import FloatArray, FrozenArrays
-from symid.codegen import Library
 from symid.errors import Notice, SymidError
 from symid.identification.diagnostics import build_warning, sum_block_scores
 from symid.identification.friction.estimate import (
@@ -34,7 +31,7 @@ from symid.identification.friction.estimate import (
 )
 from symid.identification.friction.estimators import fit_friction
 from symid.identification.friction.extraction import JointLogs, extract_joint
-from symid.identification.friction.samples import FrictionSamples, build_friction_rows
+from symid.identification.friction.samples import FrictionSamples
 from symid.identification.friction.selection import predict_rows
 from symid.joint_models import FrictionLaw, compute_friction_torque
 
@@ -70,7 +67,7 @@ def estimate_pattern_covariance(
 ) -> PatternCovariance:
     """Return the covariances of a fit of `law` to `samples`."""
     design = compute_sensitivities(samples, law, estimate.linear, estimate.shape)
-    rows = build_friction_rows(samples)
+    rows = samples.build_rows()
     error = rows.torque - predict_rows(samples, law, estimate)
     lengths = np.linalg.norm(design, axis=0)
     scales = np.where(lengths > 0.0, 1.0 / np.where(lengths > 0.0, lengths, 1.0), 0.0)
@@ -210,13 +207,11 @@ class PoseTest:
     """Whether friction depends on the pose.
 
     Args:
-        law: that was fitted at each pose.
-        poses: in the order of the recordings.
+        law: that was fitted at each pose; poses: in the order of the recordings.
         parameters: those identifiable at every pose.
         change: largest difference of the friction curves between two poses, relative to the largest friction,
             over common speeds; None for laws of more than the speed, and where a pose has refused parameters.
-        differs: whether a parameter differs significantly.
-        verdict: that in words.
+        differs: whether a parameter differs significantly; verdict: that in words.
         skipped: recordings of poses that could not be fitted, with the reason.
     """
 
@@ -239,9 +234,9 @@ class _PoseFit(NamedTuple):
     fast: float
 
 
-def list_poses(library: Library, logs: JointLogs, joint: int) -> tuple[HeldPose, ...]:
+def list_poses(logs: JointLogs, joint: int) -> tuple[HeldPose, ...]:
     """Return the poses at which a joint was moved alone."""
-    names = [card.name for card in library.card.joints]
+    names = [card.name for card in logs.library.card.joints]
     others = [k for k in range(len(names)) if k != joint]
     groups: list[tuple[FloatArray, list[int]]] = []
     for run in logs.list_alone(joint):
@@ -263,25 +258,25 @@ def list_poses(library: Library, logs: JointLogs, joint: int) -> tuple[HeldPose,
 
 
 def compare_poses(
-    library: Library, logs: JointLogs, joint: int, law: FrictionLaw, *, beta: FloatArray | None = None
+    logs: JointLogs, joint: int, law: FrictionLaw, *, beta: FloatArray | None = None
 ) -> PoseTest | None:
     """Return the test; None where the joint (its number) was moved alone at less than two poses.
 
     `beta` (p,) are base parameters that are known; None to fit them.
     """
-    poses = list_poses(library, logs, joint)
+    poses = list_poses(logs, joint)
     if len(poses) < 2:
         return None
     fits, fitted, skipped = list[_PoseFit](), list[HeldPose](), list[tuple[str, str]]()
     for pose in poses:
         try:
-            samples = extract_joint(library, logs, joint, runs=pose.runs, beta=beta).samples
+            samples = extract_joint(logs, joint, runs=pose.runs, beta=beta).samples
             estimate = fit_friction(samples, law)
         except SymidError as error:
             skipped.append((", ".join(pose.sources), "; ".join(entry.text for entry in error.notices)))
             continue
         covariance = estimate_pattern_covariance(samples, law, estimate)
-        speeds = np.abs(build_friction_rows(samples).velocity)
+        speeds = np.abs(samples.build_rows().velocity)
         slow, fast = float(np.quantile(speeds, 0.02)), float(speeds.max())
         deviations = compute_robust_deviations(samples, law, estimate, covariance)
         fits.append(_PoseFit(estimate, deviations, covariance, slow, fast))
@@ -296,7 +291,7 @@ def compare_poses(
         change=None if change is None else change[0],
         # Times the number of parameters (Bonferroni).
         differs=least * max(len(parameters), 1) < _SIGNIFICANT,
-        verdict=_write_verdict(library.card.joints[joint].name, law, fits, parameters, change),
+        verdict=_write_verdict(logs.library.card.joints[joint].name, law, fits, parameters, change),
         skipped=tuple(skipped),
     )
 

@@ -22,7 +22,7 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.errors import IdentifiabilityError, Notice, UsageError
 from symid.identification.estimators import ParameterEstimate
-from symid.identification.friction.estimate import NamedParameters
+from symid.identification.friction.estimate import LawFit
 from symid.identification.friction.samples import FrictionSamples
 from symid.ipopt import Ending
 from symid.joint_models import (
@@ -116,29 +116,11 @@ class PreslidingProblem:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PreslidingEstimate(NamedParameters):
-    """The result of a fit; fields as in `FrictionEstimate`, except those below.
+class PreslidingEstimate(LawFit):
+    """The fit of a law with a state; `fixed` parameters were given, `values` are all in the law's order."""
 
-    Args:
-        fixed: parameters that were given.
-        values: all values in the order of the law; other: of the columns beside it.
-        evaluations: simulations of the torque.
-    """
-
-    joint: str
-    law: str
-    parameters: tuple[ParameterEstimate, ...]
-    extra: tuple[ParameterEstimate, ...]
     fixed: tuple[tuple[str, float], ...]
-    refused: tuple[tuple[str, str], ...]
     values: tuple[float, ...]
-    other: tuple[float, ...]
-    objective: float
-    sigma: float
-    samples: int
-    evaluations: int
-    outcome: Ending
-    notices: tuple[Notice, ...] = ()
 
 
 def _build_grid(problem: PreslidingProblem) -> list[list[float]]:
@@ -240,14 +222,13 @@ def fit_presliding(
 def _list_bounds(problem: PreslidingProblem, start: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the box of a refinement: logarithms near their start within the law's bounds, c free."""
     lower, upper = np.full(start.size, -np.inf), np.full(start.size, np.inf)
-    for place, (k, logarithmic) in enumerate(zip(problem.free, problem.logarithmic, strict=True)):
+    for place, k in enumerate(problem.free):
         parameter = problem.law.parameters[k]
-        if not logarithmic:
-            lower[place] = parameter.lower
-            continue
-        least = np.log(parameter.lower) if parameter.lower > 0.0 else -np.inf
-        lower[place] = max(start[place] - _REACH, least)
-        upper[place] = min(start[place] + _REACH, np.log(parameter.upper))
+        lower[place] = parameter.lower
+        if problem.logarithmic[place]:
+            least = np.log(parameter.lower) if parameter.lower > 0.0 else -np.inf
+            lower[place] = max(start[place] - _REACH, least)
+            upper[place] = min(start[place] + _REACH, np.log(parameter.upper))
     return lower, upper
 
 

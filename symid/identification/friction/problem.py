@@ -8,17 +8,15 @@ FrictionSamples, FrictionLaw, FrictionOptions -> FrictionProblem; shape -> Proje
     dr/ds ~ -P dPhi/ds c                          (Kaufman's Jacobian; its gradient of J is exact)
 
 y and Q_x Phi_R are the torque and the columns of the law behind R, less their projection on the columns X
-beside friction, which are eliminated once for all estimators.
-
-Supported: any number of columns beside friction, dependent ones too (least norm).
-Not supported: bounds on the factors of the columns beside friction; weights of single samples.
+beside friction, which are eliminated once for all estimators. X may be dependent (least norm).
+Not supported: bounds on the factors of X; weights of single samples.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,11 +33,9 @@ from symid.joint_models import FrictionLaw, build_numpy_carrier, compute_column_
 class VariableProjectionOptions:
     """Of variable projection.
 
-    Args:
-        grid: points tried of each shape value, spaced by equal factors, for one, two and three unknowns.
-        starts: least values on the grid that are followed, none next to another.
-        solves: linear problems at most, of all kinds together.
-        tolerance: relative step in the shape at which the search ends.
+    `grid` are the points tried of each shape value, spaced by equal factors, for one, two and three unknowns;
+    the `starts` least ones are followed, none next to another. At most `solves` linear problems of all kinds
+    are solved; `tolerance` is the relative step in the shape at which the search ends.
     """
 
     grid: tuple[tuple[int, ...], ...] = ((24,), (8, 6), (5, 4, 3))
@@ -70,11 +66,10 @@ class GeneticOptions:
     """Of the genetic algorithm, and of its hybrid with simulated annealing where `step` is positive.
 
     Args:
-        population: candidates per unknown.
+        population: candidates per unknown; generations: at most.
         width: of the crossover, in standard deviations of the population; below 0.8 it converges too soon.
-        step: of the neighbours, in the same unit; 0 for none.
+        step: of the neighbours, in the same unit.
         cooling: factor of the temperature per generation; 0.95 takes half as many generations again.
-        generations: at most.
         tolerance: (worst - best) / best of the population at which the search ends.
     """
 
@@ -88,18 +83,12 @@ class GeneticOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EvolutionOptions:
-    """Of SciPy's differential evolution; with its own defaults, best1bin and 0.7, 4 of 40 draws failed.
+    """Of SciPy's differential evolution: candidates per unknown, generations at most.
 
-    Args:
-        population: candidates per unknown.
-        strategy, recombination: SciPy's.
-        generations: at most.
-        tolerance: deviation over mean of the objectives at which the search ends.
+    `tolerance` is the deviation over the mean of the objectives at which the search ends.
     """
 
     population: int = 15
-    strategy: str = "randtobest1bin"
-    recombination: float = 0.9
     generations: int = 1000
     tolerance: float = 1e-8
 
@@ -166,12 +155,10 @@ _BATCH = 10_000
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrictionProblem(FrozenArrays):
-    """The problem of one joint.
+    """The problem of one joint: y (M,), N m or N, and a basis (M, r) of the columns beside friction behind R.
 
-    Args:
-        target: y (M,), N m or N; basis: (M, r) orthonormal, of the columns beside friction behind R.
-        low, high: (s,) of the shape values; equal where one is fixed.
-        lower, upper: (p,) of linear parameters, which only bounded searches keep.
+    `low` and `high` (s,) are bounds of the shape values, equal where one is fixed, `lower` and `upper` (p,)
+    of linear parameters, which only bounded searches keep.
     """
 
     samples: FrictionSamples
@@ -192,18 +179,6 @@ class FrictionProblem(FrozenArrays):
     def is_logarithmic(self) -> NDArray[np.bool_]:
         """Return which shape values are searched by their logarithm: (s,)."""
         return np.asarray(self.low > 0.0)
-
-    def compute_physical_box(self) -> tuple[FloatArray, FloatArray]:
-        """Return the box (p + s,) each of the physical parameters in a bounded search.
-
-        Physical bounds where they bind, as fS >= 0, else sums of linear parameters in their box.
-        """
-        mixing = np.array(self.law.mixing, dtype=np.float64)
-        low, high = np.concatenate([self.lower, self.low]), np.concatenate([self.upper, self.high])
-        up, down = np.maximum(mixing, 0.0), np.minimum(mixing, 0.0)
-        least = np.maximum([entry.lower for entry in self.law.physical], up @ low + down @ high)
-        most = np.minimum([entry.upper for entry in self.law.physical], up @ high + down @ low)
-        return least, most
 
     def encode(self, shape: Sequence[float] | FloatArray) -> FloatArray:
         """Return coordinates z of shape values (..., s): logarithms where they are positive."""
@@ -273,7 +248,11 @@ def build_problem(samples: FrictionSamples, law: FrictionLaw, options: FrictionO
         text = f"joint {samples.joint!r} does not move: its friction is not identifiable"
         raise IdentifiabilityError(Notice(code="friction.rest", text=text))
     torque = samples.pass_columns(samples.torque[:, None])[:, 0]
-    basis = _compute_basis(samples.pass_columns(samples.extra))
+    beside = samples.pass_columns(samples.extra)
+    lengths = np.linalg.norm(beside, axis=0)
+    scaled = beside[:, lengths > 0.0] / lengths[lengths > 0.0]
+    left, singular, _ = np.linalg.svd(scaled, full_matrices=False)
+    basis = left[:, singular > 1e-10 * singular.max(initial=0.0)]
     unknowns = len(law.linear) + len(law.shape) + samples.extra.shape[1]
     if len(torque) <= unknowns:
         text = f"joint {samples.joint!r}: {len(torque)} rows are too few for {unknowns} unknowns"
@@ -293,16 +272,6 @@ def build_problem(samples: FrictionSamples, law: FrictionLaw, options: FrictionO
         lower=np.maximum([entry.lower for entry in law.linear], -size),
         upper=np.minimum([entry.upper for entry in law.linear], size),
     )
-
-
-def _compute_basis(columns: FloatArray) -> FloatArray:
-    """Return an orthonormal basis (M, r) of the space of columns (M, k), each scaled to length one."""
-    lengths = np.linalg.norm(columns, axis=0)
-    kept = columns[:, lengths > 0.0] / lengths[lengths > 0.0]
-    if not kept.shape[1]:
-        return np.zeros((len(columns), 0))
-    left, singular, _ = np.linalg.svd(kept, full_matrices=False)
-    return np.asarray(left[:, singular > 1e-10 * singular[0]])
 
 
 def _list_bounds(
@@ -330,8 +299,7 @@ def _list_bounds(
     return np.array([pair[0] for pair in pairs]), np.array([pair[1] for pair in pairs])
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Projection:
+class Projection(NamedTuple):
     """The linear problem at one shape: J, residual (M,), linear (p,), basis of the columns (M, r)."""
 
     z: FloatArray
@@ -396,8 +364,8 @@ class Projector:
     ) -> FrictionSearch:
         """Return the end of a search at `state`."""
         return FrictionSearch(
-            linear=state.linear,
-            shape=state.shape,
+            linear=tuple(state.linear.tolist()),
+            shape=tuple(state.shape.tolist()),
             objective=state.objective,
             evaluations=self.evaluations,
             solves=self.solves,

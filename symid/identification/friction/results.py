@@ -3,11 +3,8 @@
 Fits, choices, tests -> FrictionIdentification; JointFriction -> FrictionValues, or why there are none.
 
 Robot files name friction relative to its Coulomb level, as the columns of the laws do: Fe = fS - fC, offset
-= fP where friction has no zone about standstill.
-
-Supported: export of all laws whose columns are those of a model of robot files.
-Not supported: export of laws of load or position, of an offset beside a model that has none, of refused
-values.
+= fP where friction has no zone about standstill. Laws whose columns are those of a model of robot files can
+be exported, without refused values.
 """
 
 import math
@@ -22,7 +19,7 @@ from symid.identification.friction.estimate import FrictionEstimate
 from symid.identification.friction.poses import PoseTest
 from symid.identification.friction.samples import VelocityMap
 from symid.identification.friction.selection import LawSelection
-from symid.joint_models import FrictionLaw, get_law
+from symid.joint_models import get_law
 from symid.robot import (
     FRICTION_PARAMETERS,
     FRICTION_SHAPES,
@@ -42,8 +39,7 @@ class JointFriction:
     Args:
         estimate: the law's parameters and their uncertainty.
         formula: of the law, in words; smoothing: v0 of its sign in rad/s or m/s, 0 for the sign.
-        unit: of the torque; velocity_unit: of the velocity.
-        rigid: how the rigid part of the torque was treated.
+        unit: of the torque; rigid: how the rigid part of the torque was treated.
         residual: of the logs it was fitted to.
         selection: how the law was chosen; None where it was named.
         poses: whether friction depends on the pose; None where one pose was recorded.
@@ -77,12 +73,7 @@ class JointFriction:
 @final
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionIdentification(FitRecord):
-    """Friction of all joints that move; `refused` names the other joints.
-
-    Args:
-        model: the law asked for, or "auto"; estimator: how laws were fitted.
-        joints: those whose friction was identified.
-    """
+    """Friction of the joints that move, `refused` the others; `model` is the law asked for, or "auto"."""
 
     kind: ClassVar[str] = "friction"
     model: str
@@ -172,44 +163,44 @@ _FAMILIES = (
 
 def describe_obstacle(joint: JointFriction) -> str:
     """Return why no robot file can have the identified friction of a joint; empty where one can."""
+    try:
+        build_robot_friction(joint)
+    except ValueError as error:
+        return str(error)
+    return ""
+
+
+def build_robot_friction(joint: JointFriction) -> FrictionValues:
+    """Return the friction of a robot file with the identified law; raise ValueError why there is none."""
     estimate = joint.estimate
     law = get_law(estimate.law, smoothing=joint.smoothing)
     physical = {entry.name for entry in law.physical}
-    refused = [(name, reason) for name, reason in estimate.refused if name in physical]
-    if refused:
-        return "; ".join(f"{name} was refused: {reason}" for name, reason in refused)
+    wrong = [f"{name} was refused: {reason}" for name, reason in estimate.refused if name in physical]
+    if wrong:
+        raise ValueError("; ".join(wrong))
     found = _get_family(law.name)
     if found is None:
         further, plain = [name for name in law.inputs if name != "velocity"], law.name.removesuffix("+offset")
         text = f"robot files have no model of the law {law.name!r}"
         if further:
-            return f"{text}: it reads the {' and the '.join(further)} besides the velocity"
-        return f"{text}; they have {plain!r}, without an offset" if _get_family(plain) is not None else text
-    _, kind, gamma = found
-    shape = _name_shape(law, estimate.shape, gamma)
+            text += f": it reads the {' and the '.join(further)} besides the velocity"
+        elif _get_family(plain) is not None:
+            text += f"; they have {plain!r}, without an offset"
+        raise ValueError(text)
+    family, kind, gamma = found
+    linear = zip(law.linear, estimate.linear, strict=True)
+    values = {family.names.get(entry.name, entry.name): value for entry, value in linear}
+    shape = {entry.name: value for entry, value in zip(law.shape, estimate.shape, strict=True)}
+    if "gamma" not in shape and gamma != "exponent":
+        shape["gamma"] = float(gamma)
+    keys: Sequence[ShapeKey] = FRICTION_SHAPES.get(kind, ())
     wrong = [
         f"{key.name} = {shape[key.name]:g}, and robot files allow {key.allowed}"
-        for key in FRICTION_SHAPES.get(kind, ())
+        for key in keys
         if shape[key.name] not in key.allowed
     ]
-    return "; ".join(wrong)
-
-
-def build_robot_friction(joint: JointFriction) -> FrictionValues:
-    """Return the friction of a robot file whose torque is that of the identified law.
-
-    Raises:
-        ValueError: there is none; see `describe_obstacle`.
-    """
-    law = get_law(joint.estimate.law, smoothing=joint.smoothing)
-    found = _get_family(law.name)
-    if found is None or describe_obstacle(joint):
-        raise ValueError(describe_obstacle(joint))
-    family, kind, gamma = found
-    linear = zip(law.linear, joint.estimate.linear, strict=True)
-    values = {family.names.get(entry.name, entry.name): value for entry, value in linear}
-    shape = _name_shape(law, joint.estimate.shape, gamma)
-    keys: Sequence[ShapeKey] = FRICTION_SHAPES.get(kind, ())
+    if wrong:
+        raise ValueError("; ".join(wrong))
     return FrictionValues(
         kind=kind,
         values=tuple(values.get(name, 0.0) for name in FRICTION_PARAMETERS[kind]),
@@ -230,11 +221,6 @@ def _get_family(name: str) -> tuple[_Family, FrictionKind | CurvedFriction, str]
         gamma = match.groupdict().get("gamma") or family.gamma
         return None if kind is None else (family, kind, gamma)
     return None
-
-
-def _name_shape(law: FrictionLaw, values: Sequence[float], gamma: str) -> dict[str, float]:
-    shape = {entry.name: value for entry, value in zip(law.shape, values, strict=True)}
-    return shape if "gamma" in shape or gamma == "exponent" else {**shape, "gamma": float(gamma)}
 
 
 def set_identified_friction(robot: Robot, found: FrictionIdentification) -> Robot:

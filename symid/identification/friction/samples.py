@@ -5,18 +5,15 @@ Arrays of one joint in SI units -> FrictionSamples -> FrictionRows, VelocityMap.
     tau = Phi(v; shape) linear + X extra + noise,    R tau = R [Phi, X] c + R noise
 
 R is a linear operator that the torque and all columns pass alike: a filter, a decimation, both. Rows are
-selected behind R, so that all have passed the same filter.
+selected behind R, so that all have passed the same filter. Recordings are filtered one by one.
 
-Supported: velocity, load and position as inputs of a law; columns of known form beside friction; several
-recordings, each filtered by itself.
+Supported: velocity, load and position as inputs of a law; columns of known form beside friction.
 Not supported: several joints at once; R that depends on the values it acts on; maps over load or position.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from itertools import accumulate
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,16 +33,13 @@ class FrictionSamples:
     """Samples of one joint.
 
     Args:
-        time: (N,) s.
-        velocity: (N,) rad/s or m/s.
+        time: (N,) s; velocity: (N,) rad/s or m/s.
         torque: (N,) N m or N; positive where it drives towards positive velocity.
         extra: (N, k) columns beside friction, as ddq, sin q, cos q; (N, 0) for none.
         extra_names, extra_units: of the factors of these columns; no units where they are not known.
-        load: (N,) torque that the gear carries, N m or N; None where it is not known.
-        position: (N,) rad or m; None where it is not known.
+        load: (N,) torque that the gear carries, N m or N; position: (N,) rad or m; None where not known.
         run: (N,) recording of a sample, from zero; None: all of one.
-        reduce: R; None for the identity.
-        prismatic: whether the joint moves along its axis.
+        reduce: R; None for the identity. prismatic: whether the joint moves along its axis.
 
     Raises:
         LogError: arrays of different length, empty, or with numbers that are not finite.
@@ -72,19 +66,17 @@ class FrictionSamples:
         object.__setattr__(self, "run", run)
         joint, count = f"joint {self.joint!r}", len(self.velocity)
         mistakes = [] if count else [f"{joint}: there are no samples"]
-        for name in _VECTORS:
-            values = getattr(self, name)
-            if values is not None and values.shape != (count,):
-                mistakes.append(f"{joint}: {name} has shape {values.shape}, not ({count},)")
-        wide = (count, len(self.extra_names))
-        if self.extra.shape != wide:
-            mistakes.append(f"{joint}: extra has shape {self.extra.shape}, not {wide}")
-        if len(self.extra_units) not in {0, len(self.extra_names)}:
-            mistakes.append(f"{joint}: extra_units must be one for each of extra_names, or none")
-        for name in ("time", "velocity", "torque", "extra", "load", "position"):
-            values = getattr(self, name)
+        for name in (*_VECTORS, "extra"):
+            values, shape = (
+                getattr(self, name),
+                (count,) if name != "extra" else (count, len(self.extra_names)),
+            )
+            if values is not None and values.shape != shape:
+                mistakes.append(f"{joint}: {name} has shape {values.shape}, not {shape}")
             if values is not None and not np.all(np.isfinite(values)):
                 mistakes.append(f"{joint}: {name} holds numbers that are not finite")
+        if len(self.extra_units) not in {0, len(self.extra_names)}:
+            mistakes.append(f"{joint}: extra_units must be one for each of extra_names, or none")
         if mistakes:
             raise LogError(*(Notice(code="friction.samples", text=text) for text in mistakes))
 
@@ -109,9 +101,29 @@ class FrictionSamples:
         chosen: dict[str, Any] = {k: values[index] for k, values in arrays.items() if values is not None}
         return replace(self, **chosen, reduce=None)
 
+    def select_rows(self, kept: NDArray[np.bool_]) -> "FrictionSamples":
+        """Return the samples with only the rows `kept` (M,)."""
+        if (whole := self.reduce) is None:
+            return self.take(kept)
+        return replace(self, reduce=lambda columns: np.asarray(whole(columns)[kept]))
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FrictionRows(FrozenArrays):
+    def build_rows(self) -> "FrictionRows":
+        """Return the samples behind R."""
+        ones, run = np.ones(self.count), np.asarray(self.run, dtype=np.float64)
+        columns = [ones, self.time, self.velocity, run, self.torque, self.extra]
+        passed = self.pass_columns(np.column_stack(columns))
+        # A filter whose gain at rest is not one scales constants.
+        gain = passed[:, 0]
+        return FrictionRows(
+            time=passed[:, 1] / gain,
+            velocity=passed[:, 2] / gain,
+            run=np.rint(passed[:, 3] / gain).astype(np.intp),
+            torque=passed[:, 4],
+            extra=passed[:, 5:],
+        )
+
+
+class FrictionRows(NamedTuple):
     """Rows of one joint: time, velocity, torque, run (M,) and extra (M, k), as in `FrictionSamples`."""
 
     time: FloatArray
@@ -125,32 +137,12 @@ def build_reduction(lengths: Sequence[int], decimation: Decimation) -> Reduction
     """Return the operator that decimates recordings of these lengths; None for no decimation."""
     if decimation.factor == 1:
         return None
-    return partial(_decimate_parts, ends=tuple(accumulate(lengths)), decimation=decimation)
+    ends = np.cumsum(lengths)[:-1]
 
+    def reduce(columns: FloatArray) -> FloatArray:
+        return np.vstack([decimate(part, decimation) for part in np.split(columns, ends)])
 
-def _decimate_parts(columns: FloatArray, ends: tuple[int, ...], decimation: Decimation) -> FloatArray:
-    parts = np.split(columns, ends[:-1])
-    return np.vstack([decimate(part, decimation) for part in parts])
-
-
-def _pass_some(columns: FloatArray, whole: Reduction, kept: NDArray[np.intp]) -> FloatArray:
-    return np.asarray(whole(columns)[kept])
-
-
-def build_friction_rows(samples: FrictionSamples) -> FrictionRows:
-    """Return the samples behind R."""
-    ones, run = np.ones(samples.count), np.asarray(samples.run, dtype=np.float64)
-    columns = [ones, samples.time, samples.velocity, run, samples.torque, samples.extra]
-    passed = samples.pass_columns(np.column_stack(columns))
-    # A filter whose gain at rest is not one scales constants.
-    gain = passed[:, 0]
-    return FrictionRows(
-        time=passed[:, 1] / gain,
-        velocity=passed[:, 2] / gain,
-        run=np.rint(passed[:, 3] / gain).astype(np.intp),
-        torque=passed[:, 4],
-        extra=passed[:, 5:],
-    )
+    return reduce
 
 
 def is_one_sided(velocity: FloatArray) -> bool:
@@ -159,21 +151,12 @@ def is_one_sided(velocity: FloatArray) -> bool:
     return min(forward, backward) <= 0.01 * max(forward, backward)
 
 
-def select_friction_rows(samples: FrictionSamples, kept: NDArray[np.bool_]) -> FrictionSamples:
-    """Return the samples with only the rows `kept` (M,)."""
-    if samples.reduce is None:
-        return samples.take(kept)
-    return replace(samples, reduce=partial(_pass_some, whole=samples.reduce, kept=np.flatnonzero(kept)))
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VelocityMap(FrozenArrays):
     """Friction torque in intervals of velocity.
 
-    Args:
-        velocity, torque, spread, count: (B,) mean velocity, rising, mean torque, its deviation, rows.
-        cloud_velocity, cloud_torque: (C,) single rows, evenly over time.
-        slowest: speed of the slowest row of all, rad/s or m/s.
+    Mean velocity, rising, mean torque, its deviation (`spread`) and rows are (B,); the cloud are (C,) single
+    rows, evenly over time; `slowest` is the speed of the slowest row of all, rad/s or m/s.
     """
 
     velocity: FloatArray
@@ -192,7 +175,7 @@ def compute_velocity_map(
 
     At most `intervals` of each direction have equal numbers of rows.
     """
-    rows = build_friction_rows(samples)
+    rows = samples.build_rows()
     torque = rows.torque - rows.extra @ np.asarray(other, dtype=np.float64)
     parts: list[tuple[Any, ...]] = []
     for direction in (-1.0, 1.0):

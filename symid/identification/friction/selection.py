@@ -6,11 +6,8 @@ Each recording is cut into blocks of consecutive rows. A law is fitted to all bl
 recording and predicts the torques there, until every block was held out once; the law is taken by
 `choose_held_out`, by its number of unknowns. Laws with parameters that are not identifiable are not taken.
 Without a block, shape values are searched within a factor of four about those of the fit to all rows: only
-these bounds use the block.
-
-Supported: any laws, several recordings; rows next to a held-out block are left out, as they share its
-filter.
-Not supported: random samples held out, which their neighbours predict.
+these bounds use the block. Rows next to a block are left out, as they share its filter; random samples are
+not held out, as their neighbours predict them.
 """
 
 from collections.abc import Sequence
@@ -24,12 +21,7 @@ from symid.errors import IdentifiabilityError, Notice, SymidError
 from symid.identification.friction.estimate import FrictionEstimate
 from symid.identification.friction.estimators import fit_friction
 from symid.identification.friction.problem import FrictionOptions, VariableProjectionOptions
-from symid.identification.friction.samples import (
-    FrictionRows,
-    FrictionSamples,
-    build_friction_rows,
-    select_friction_rows,
-)
+from symid.identification.friction.samples import FrictionRows, FrictionSamples
 from symid.identification.regression import choose_held_out, measure_behind
 from symid.joint_models import FrictionLaw, compute_columns, get_law
 
@@ -67,13 +59,12 @@ class LawTrial:
     """A law that was tried.
 
     Args:
-        law: its name; `unknowns` the number of its parameters.
+        unknowns: the number of the law's parameters.
         fitted_percent: residual of the fit to all rows, |e| / |tau| in percent.
-        held_percent: the same of the held-out rows, in percent; `held_rms` in N m or N.
+        held_percent: the same of the held-out rows, in percent; held_rms: in N m or N.
         ratio: squared error of the held-out rows, relative to Coulomb, viscous and constant friction.
         behind: mean difference of the squared error from the best law, in its standard errors.
-        aicc: of the fit to all rows.
-        reason: why it was not tried, or cannot be taken; else empty.
+        aicc: of the fit to all rows; reason: why it was not tried, or cannot be taken; else empty.
     """
 
     law: str
@@ -153,7 +144,7 @@ def compute_relative_residual(
     samples: FrictionSamples, law: FrictionLaw, estimate: FrictionEstimate
 ) -> float:
     """Return the residual of an estimate on the rows of `samples`, in percent of their norm."""
-    torque = build_friction_rows(samples).torque
+    torque = samples.build_rows().torque
     left = torque - predict_rows(samples, law, estimate)
     return 100.0 * float(np.linalg.norm(left) / np.linalg.norm(torque))
 
@@ -172,7 +163,7 @@ def select_law(
     where no law can be fitted or there are too few rows to hold some out.
     """
     options = options or FrictionOptions()
-    rows = build_friction_rows(samples)
+    rows = samples.build_rows()
     number = assign_blocks(rows, blocks)
     scores, failed = list[_Score](), list[LawTrial]()
     for law in [get_law(name, smoothing=smoothing) for name in names]:
@@ -267,8 +258,8 @@ def _try_law(
             same = rows.run[shift:] == rows.run[:-shift]
             free[shift:] &= ~(held[:-shift] & same)
             free[:-shift] &= ~(held[shift:] & same)
-        fit = fit_friction(select_friction_rows(samples, free), law, options=part)
-        apart = select_friction_rows(samples, held)
+        fit = fit_friction(samples.select_rows(free), law, options=part)
+        apart = samples.select_rows(held)
         errors.append(float(np.sum((rows.torque[held] - predict_rows(apart, law, fit)) ** 2)))
     return _Score(law=law, estimate=whole, errors=np.array(errors))
 

@@ -4,11 +4,9 @@ FrictionIdentification, the library of the same model, a recording -> Validation
 
     tau^ = Phi(dq; shape) linear + X other,    relative residual = |R (tau - tau^)| / |R tau|
 
-The rows are those of the fit: filter, decimation, rows below standstill left out. X are the columns that
-were fitted along; known base parameters are subtracted from tau, as in the fit.
-
+The rows are those of the fit: filter, decimation, rows below standstill left out, but no mean periods. X are
+the columns that were fitted along; known base parameters are subtracted from tau, as in the fit.
 Supported: joints that move in the log, and whose rigid part the logs of the fit identified.
-Not supported: mean periods.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,19 +17,11 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.codegen import Library, ModelCard
 from symid.errors import EstimateError, IdentifiabilityError, Notice
-from symid.identification.diagnostics import warn_of_fitted_log
+from symid.identification.diagnostics import build_warning
 from symid.identification.estimators import Residual, Series, Validation, check_model
-from symid.identification.friction.extraction import (
-    JointLogs,
-    RigidColumns,
-    build_joint_samples,
-    build_rigid_columns,
-    list_independent,
-    list_physical_columns,
-    prepare_joint_logs,
-)
+from symid.identification.friction.extraction import Column, JointLogs, list_independent, prepare_joint_logs
 from symid.identification.friction.results import FrictionIdentification, JointFriction
-from symid.identification.friction.samples import FrictionSamples, build_friction_rows, select_friction_rows
+from symid.identification.friction.samples import FrictionSamples
 from symid.identification.friction.selection import predict_rows
 from symid.joint_models import FrictionLaw, get_law
 from symid.logs import Recording, is_log_of_fit
@@ -58,7 +48,7 @@ def validate_friction(
     trials, lost = list[tuple[Residual, Series, tuple[Notice, ...]]](), list[Notice]()
     for entry in found.joints:
         try:
-            trials.append(_validate_joint(entry, library, logs, beta))
+            trials.append(_validate_joint(entry, logs, beta))
         except IdentifiabilityError as error:
             lost += error.notices
     if not trials:
@@ -66,7 +56,7 @@ def validate_friction(
     residuals, series, notices = zip(*trials, strict=True)
     fitted = is_log_of_fit(recording, found.sources, found.settings)
     if fitted:
-        lost.insert(0, warn_of_fitted_log(recording.source, "friction"))
+        lost.insert(0, build_warning("validate.fitted-log", file=recording.source, what="friction"))
     return Validation(
         robot=found.robot,
         signature=found.signature,
@@ -94,36 +84,30 @@ def read_known_parameters(found: FrictionIdentification, card: ModelCard) -> Flo
 
 
 def _validate_joint(
-    entry: JointFriction, library: Library, logs: JointLogs, beta: FloatArray | None
+    entry: JointFriction, logs: JointLogs, beta: FloatArray | None
 ) -> tuple[Residual, Series, tuple[Notice, ...]]:
     """Return residual, series and notices of a joint; raise IdentifiabilityError where there are none."""
     law = get_law(entry.estimate.law, smoothing=entry.smoothing)
-    joint = [card.name for card in library.card.joints].index(entry.joint)
+    card = logs.library.card
+    joint = [one.name for one in card.joints].index(entry.joint)
     if not logs.list_moving(joint):
         raise _leave_out(entry.joint, "it does not move of its own in this log")
-    (signals,) = logs.signals
-    rigid = build_rigid_columns(library, (signals,), joint)
-    names = _list_columns(entry, library.card)
-    card, others = library.card.joints[joint], [one.name for one in library.card.friction]
-    physical = list_physical_columns(signals.q[:, joint], signals.ddq[:, joint], card)
-    known = {name: column for name, column, _ in physical}
-    known |= dict(zip(rigid.names, rigid.columns.T, strict=True))
-    if set(names) & set(others):
-        (rows,) = library.evaluate("friction_regressor", signals.dq)
-        known |= dict(zip(others, rows[:, joint].T, strict=True))
-    fitted = np.column_stack([np.empty((len(signals.time), 0)), *(known[name] for name in names)])
-    columns = RigidColumns.build(fitted, ((name, "") for name in names))
-    samples = build_joint_samples(library, logs, joint, (0,), columns)
-    own = [k for k, name in enumerate(names) if name in {*_PHYSICAL, *rigid.names}]
+    rigid, names = logs.list_rigid_columns(joint, (0,)), _list_columns(entry, card)
+    known = {column.name: column for column in (*logs.list_physical_columns(joint, (0,)), *rigid)}
+    inertial = [k for k, name in enumerate(names) if name in known]
+    if len(inertial) < len(names):
+        known |= {column.name: column for column in logs.list_friction_columns(joint, (0,))}
+    samples = logs.build_samples(joint, (0,), [known[name] for name in names])
     notices: tuple[Notice, ...] = ()
     if beta is not None:
-        load = rigid.columns @ beta
+        load = np.column_stack([column.values for column in rigid]) @ beta
         samples = replace(samples, torque=samples.torque - load, load=load)
     else:
-        samples = replace(samples, load=fitted[:, own] @ np.array(entry.estimate.other)[own])
-        notices = _check_rigid(entry, library, rigid, fitted[:, own], [names[k] for k in own])
+        fitted = samples.extra[:, inertial]
+        samples = replace(samples, load=fitted @ np.array(entry.estimate.other)[inertial])
+        notices = _check_rigid(entry, card, rigid, fitted, [names[k] for k in inertial])
     samples, found = _choose_rows(samples, entry, law, logs.processing.standstill)
-    left = build_friction_rows(samples)
+    left = samples.build_rows()
     predicted = predict_rows(samples, law, entry.estimate)
     residual = Residual.measure(entry.joint, left.torque - predicted, left.torque, entry.unit)
     series = Series(
@@ -156,10 +140,11 @@ def _list_columns(entry: JointFriction, card: ModelCard) -> tuple[str, ...]:
 
 
 def _check_rigid(
-    entry: JointFriction, library: Library, rigid: RigidColumns, fitted: FloatArray, names: Sequence[str]
+    entry: JointFriction, card: ModelCard, rigid: Sequence[Column], fitted: FloatArray, names: Sequence[str]
 ) -> tuple[Notice, ...]:
     """Return where the rigid part holds; raise IdentifiabilityError where a motion needs more of it."""
-    if len(list_independent(np.hstack([fitted, rigid.columns]))) != len(list_independent(fitted)):
+    whole = np.column_stack([fitted, *(column.values for column in rigid)])
+    if len(list_independent(whole)) != len(list_independent(fitted)):
         reason = (
             "this motion needs more of its rigid part than was fitted, as where a joint moved alone there "
             "and moves with others here. Identify the base parameters, and friction with --known"
@@ -172,9 +157,9 @@ def _check_rigid(
             "prediction holds only for motions like those that were fitted"
         )
         return (Notice(code="validate.friction-beside", text=text),)
-    acting = {name for name, column in zip(rigid.names, rigid.columns.T, strict=True) if column.any()}
+    acting = {column.name for column in rigid if column.values.any()}
     # Base parameters that were fitted one by one hold at every pose.
-    if library.card.size == 1 or not names or acting <= set(names):
+    if card.size == 1 or not names or acting <= set(names):
         return ()
     which = ", ".join(names) if set(names) <= set(_PHYSICAL) else f"{len(names)} columns"
     text = (
@@ -188,7 +173,7 @@ def _choose_rows(
     samples: FrictionSamples, entry: JointFriction, law: FrictionLaw, standstill: float
 ) -> tuple[FrictionSamples, tuple[Notice, ...]]:
     """Return rows above standstill, of laws with refused parameters those within the speeds fitted."""
-    rows = build_friction_rows(samples)
+    rows = samples.build_rows()
     own = {parameter.name for parameter in law.physical}
     refused = [name for name, _ in entry.estimate.refused if name in own]
     known = np.concatenate([entry.velocity_map.velocity, entry.velocity_map.cloud_velocity])
@@ -219,7 +204,7 @@ def _choose_rows(
             "the law is extrapolated there"
         )
         notices.append(Notice(code="validate.friction-range", text=text))
-    return (samples if kept.all() else select_friction_rows(samples, kept)), tuple(notices)
+    return (samples if kept.all() else samples.select_rows(kept)), tuple(notices)
 
 
 def _leave_out(joint: str, reason: str) -> IdentifiabilityError:

@@ -1,7 +1,5 @@
 """Variable projection: the shape of a friction law is searched, the rest follows by linear least squares.
 
-FrictionProblem -> FrictionSearch.
-
     d = argmin |r + F d|^2 + lambda |D d|^2,   D the lengths of the columns of Kaufman's Jacobian F
     h(s) = r(s)' dPhi/ds c(s) = -1/2 dJ/ds = 0                           root finding, one shape value
 
@@ -12,9 +10,7 @@ edge is set onto the kinks next to it, and beyond them. Where friction changes i
 searched, J jumps: the intervals between jumps are tried. Root finding (first row of Table 2 of Zhang, Hu and
 Zou (2021)) scans h at values spaced by equal factors and finds each root by Brent's method.
 
-Supported: up to three shape values, fixed ones too, dependent columns; root finding: one free shape value,
-motions in one direction.
-Not supported: bounds of linear parameters (`bounded_search`); proof that no better optimum exists.
+Supported: up to three free shape values, dependent columns; no bounds of linear parameters.
 """
 
 import itertools
@@ -32,7 +28,7 @@ from symid.identification.friction.problem import (
     RootFindingOptions,
     VariableProjectionOptions,
 )
-from symid.identification.friction.samples import build_friction_rows, is_one_sided
+from symid.identification.friction.samples import is_one_sided
 from symid.identification.regression import solve_scaled
 from symid.ipopt import Ending
 
@@ -212,29 +208,21 @@ def _list_jumps(problem: FrictionProblem, place: int) -> FloatArray:
     return np.asarray(jumps[np.diff(jumps, prepend=-np.inf) > _ONE_JUMP])
 
 
-def _compute_box(problem: FrictionProblem, state: Projection) -> tuple[FloatArray, FloatArray]:
-    """Return where z may go, (s,) each: between two jumps of J, where there are any."""
-    low, high = problem.box
-    for place in np.flatnonzero(problem.is_free):
-        if problem.law.shape[place].name not in _JUMPING:
-            continue
-        jumps = _list_jumps(problem, int(place))
-        jumps = np.concatenate([jumps[jumps < high[place]], [high[place]]])
-        jumps = np.concatenate([[low[place]], jumps[jumps > low[place] + _ONE_JUMP]])
-        above = min(max(int(np.searchsorted(jumps, state.z[place], side="right")), 1), len(jumps) - 1)
-        inside = 1e-8 * (jumps[above] - jumps[above - 1])
-        low[place], high[place] = jumps[above - 1] + inside, jumps[above] - inside
-    return low, high
-
-
 def _cross_jumps(
     projector: Projector, best: Projection, free: IntArray, tolerance: float
 ) -> tuple[Projection, bool]:
     """Return the optimum of an interval between jumps that no neighbour reached by its end undercuts."""
     problem = projector.problem
     low, high = problem.box
+    place = next(k for k in free if problem.law.shape[k].name in _JUMPING)
+    jumps = _list_jumps(problem, int(place))
+    jumps = jumps[(jumps > low[place] + _ONE_JUMP) & (jumps < high[place])]
+    edges = np.concatenate([low[[place]], jumps, high[[place]]])
     while True:
-        box = _compute_box(problem, best)
+        box = np.array(low), np.array(high)
+        above = int(np.clip(np.searchsorted(edges, best.z[place], side="right"), 1, len(edges) - 1))
+        inside = 1e-8 * (edges[above] - edges[above - 1])
+        box[0][place], box[1][place] = edges[above - 1] + inside, edges[above] - inside
         if not np.array_equal(z := np.clip(best.z, *box), best.z):
             best = min(best, projector.project(z), key=lambda state: state.objective)
         best, done = descend(projector, best, free, tolerance=tolerance, steps=60, box=box)
@@ -321,7 +309,7 @@ def search_by_roots(problem: FrictionProblem, options: RootFindingOptions) -> Fr
     free, mistakes = np.flatnonzero(problem.is_free), []
     if len(free) != 1:
         mistakes.append(f"one free shape value; law {problem.law.name!r} has {len(free)} here")
-    if not is_one_sided(build_friction_rows(problem.samples).velocity):
+    if not is_one_sided(problem.samples.build_rows().velocity):
         mistakes.append("motion in one direction; these samples have both")
     if mistakes:
         texts = (f"root finding needs {text}: use the estimator 'varpro'" for text in mistakes)

@@ -7,8 +7,6 @@ S' is the inverse of the outer function tau = S(v), with knees at given torques 
 torque, which fixes the scale. In slopes c'_j beyond the knees and sums of plays, v = sum_i W_i (P_i - P_i+1),
 the inequalities W_i >= least, c'_j >= least, for a passive spring k0 >= least, k_i >= 0, are bounds of a
 linear least-squares problem (Kuhnen, European Journal of Control 9 (2003) 407-418).
-
-Supported: stops and knees; weights of both signs, or passive springs; any signed knees.
 Not supported: cubic springs, damping; large noise in the torque, which enters the columns of S' and
 biases the slopes.
 """
@@ -39,12 +37,10 @@ _RISE = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SpringWeights:
-    """Parameters of one spring.
+    """One spring: `thresholds` (m,) of the stops, rad or m, `stiffness` (m + 1,) k_0 .. k_m >= 0.
 
-    Args:
-        thresholds: (m,) of the stops, rad or m; stiffness: (m + 1,) k_0 .. k_m >= 0.
-        knees: (l,) signed torques, N m or N: those below zero, then those above, both from zero outwards.
-        slopes: (l,) beyond each of them; the slope around zero torque is one.
+    `knees` (l,) are signed torques, N m or N: those below zero, then those above, both from zero outwards;
+    `slopes` (l,) are those beyond each of them; the slope around zero torque is one.
     """
 
     thresholds: FloatArray
@@ -174,12 +170,9 @@ def build_elasticity(weights: SpringWeights) -> Elasticity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KuhnenFit:
-    """A spring identified from its torsion and torque.
+    """A spring identified from its torsion and torque; its stops may be negative unless passive.
 
-    Args:
-        elasticity: the spring, knees in torque before them; stops may be negative unless passive.
-        residual: root mean square of e, N m or N.
-        active: names of the inequalities that hold with equality.
+    `residual` is the root mean square of e, N m or N, `active` the inequalities that hold with equality.
     """
 
     elasticity: Elasticity

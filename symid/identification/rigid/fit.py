@@ -26,6 +26,7 @@ from symid.codegen import Library, ModelCard
 from symid.errors import IdentifiabilityError, Notice, UsageError
 from symid.identification.diagnostics import (
     SingleLogFit,
+    analyse_structure,
     compute_block_deviations,
     warn_of_correlated_residuals,
     warn_of_drift,
@@ -262,7 +263,7 @@ def identify_parameters(
     warnings = [*warn_of_processing(used, recordings), *warn_of_moving_ends(used, recordings)]
     warnings += fitted.pattern
     if fitted.pattern:
-        warnings += warn_of_structure(values, library, recordings, used, weights)
+        warnings += warn_of_structure(analyse_structure(values, library, recordings, used, weights=weights))
     warnings += (*warn_of_stiction(fitted.rows, fitted.fit, library), *fitted.drift)
     if not fitted.identifiability.refused:
         warnings += warn_of_mass_matrix(library, values, recordings)

@@ -22,7 +22,7 @@ import numpy as np
 
 from symid.codegen import Library
 from symid.errors import EstimateError, Notice
-from symid.identification.diagnostics import warn_of_fitted_log
+from symid.identification.diagnostics import build_warning
 from symid.identification.estimators import (
     OPEN_SETTINGS,
     Estimate,
@@ -318,7 +318,9 @@ def validate_estimate(
         for index, mask in masks
         if np.any(mask)
     )
-    warnings = [warn_of_fitted_log(recording.source)] if fitted else []
+    warnings = (
+        [build_warning("validate.fitted-log", file=recording.source, what="estimate")] if fitted else []
+    )
     return Validation(
         robot=estimate.robot,
         signature=estimate.signature,

@@ -175,7 +175,7 @@ def blocks():
 @pytest.mark.parametrize("width", WIDTHS)
 def test_batches_of_every_width_agree_with_single_samples(tmp_path, width, blocks):
     write_sources(blocks, tmp_path / "code")
-    flags = f"-O1 -Wno-psabi -D{blocks.name.upper()}_LANES={width}"
+    flags = f"-O1 -Wno-psabi -D{json.loads(blocks.manifest)['prefix'].upper()}_LANES={width}"
     done = subprocess.run(
         ("make", "--no-print-directory", "check", f"CC={COMPILER.path}", f"CFLAGS={flags}"),
         cwd=tmp_path / "code",

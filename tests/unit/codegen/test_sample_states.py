@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from symid.codegen import c_library as lanes
+from symid.codegen.c_library import write_simd_header
 from symid.codegen.casadi_functions import build_functions
 from symid.codegen.functions import FunctionSpec, Port
 from symid.codegen.references import ANGLE_LIMITS, PER_UNIT, SampleStates, list_angle_inputs
@@ -30,7 +30,8 @@ NO_ANGLES = make_program("none", lambda _, dq: ca.vertcat(dq[0], dq[1]))
 
 
 def test_limits_are_those_of_the_generated_code():
-    assert {name: kind.limit for name, kind in lanes._NUMBER_KINDS.items()} == ANGLE_LIMITS
+    for precision, limit in ANGLE_LIMITS.items():
+        assert f"(x) <= {limit!r}{'f' * (precision == 'float')})" in write_simd_header("X", precision)
 
 
 @pytest.mark.parametrize(

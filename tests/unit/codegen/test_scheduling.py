@@ -14,7 +14,7 @@ from tests.chains import PUMA560, STANFORD, build_route_programs, run_program
 
 
 def count_registers(program):
-    found = (re.match(r"t(\d+) =", text) for text in print_python(program).statements)
+    found = (re.match(r"t(\d+) =", text) for text in print_python(program))
     return max(int(match[1]) for match in found if match)
 
 

@@ -25,7 +25,7 @@ from symid.errors import OutputError
 def sources(**files):
     listed = {f"{name}.c": text for name, text in files.items()}
     manifest = {"symid": "0", "files": {path: compute_digest(text.encode()) for path, text in listed.items()}}
-    return SourceSet(name="x", files=tuple(listed.items()), manifest=json.dumps(manifest))
+    return SourceSet(files=tuple(listed.items()), manifest=json.dumps(manifest))
 
 
 def names(folder):
@@ -200,7 +200,7 @@ def count(event, arguments):
 
 files = tuple((name, "2") for name in ("a.c", "b.c", "deep/c.c", "new.c"))
 digests = {path: compute_digest(text.encode()) for path, text in files}
-sources = SourceSet(name="x", files=files, manifest=json.dumps({"symid": "0", "files": digests}))
+sources = SourceSet(files=files, manifest=json.dumps({"symid": "0", "files": digests}))
 sys.addaudithook(count)
 # A process for each line, which need not start an interpreter.
 for line in sys.stdin:
@@ -248,7 +248,7 @@ def prepare_old(folder):
     folder.mkdir()
     digests = {path: compute_digest(text.encode()) for path, text in OLD.items()}
     manifest = json.dumps({"symid": "0", "files": digests})
-    write_sources(SourceSet(name="x", files=tuple(OLD.items()), manifest=manifest), folder)
+    write_sources(SourceSet(files=tuple(OLD.items()), manifest=manifest), folder)
     (folder / "own").mkdir()
     for path, text in OWN.items():
         (folder / path).write_text(text)
@@ -343,7 +343,7 @@ def test_all_is_on_the_disk_before_a_new_folder_has_its_name(tmp_path, monkeypat
         files = {"a.c": "2", "deep/c.c": "2"}
         digests = {path: compute_digest(text.encode()) for path, text in files.items()}
         text = json.dumps({"symid": "0", "files": digests})
-        write_sources(SourceSet(name="x", files=tuple(files.items()), manifest=text), out)
+        write_sources(SourceSet(files=tuple(files.items()), manifest=text), out)
     assert seen == [set()]
     assert find_identity(tmp_path) in waited
 

@@ -10,45 +10,41 @@ from symid.codegen.cache import prepare_library
 from symid.errors import RobotError, UsageError
 from symid.excitation.limits import (
     LimitOptions,
-    StateLimitOptions,
     StateValues,
-    WorkspaceLimits,
     WorkspacePoint,
     WorkspaceRegion,
     build_state_limits,
     get_motion_limits,
 )
-from symid.excitation.observation import Criterion, Observation, build_columns, smooth_friction
+from symid.excitation.observation import Criterion, Observation, smooth_friction
 from symid.excitation.problem import ProblemOptions, build_problem
 from symid.excitation.trajectories import SeriesOptions, build_grid_basis
 from symid.robot.description import FrictionKind, FrictionValues
 from symid.robot.toml_reader import read_robot
 
 ROBOTS = Path(__file__).resolve().parents[3] / "robots"
-WORKSPACE = WorkspaceLimits(
-    regions=(
-        WorkspaceRegion(
-            kind="out",
-            anchor=(0.5, 0.5, 0.0),
-            extent=0.2,
-            points=(WorkspacePoint(joint=1, place=(0.3, 0.1, 0.2), size=0.05),),
-            label="a",
-        ),
-        WorkspaceRegion(
-            kind="in",
-            anchor=(0.0, 0.1, 0.0),
-            extent=1.2,
-            points=(WorkspacePoint(joint=1, place=(0.3, 0.0, 0.0), size=0.1),),
-            label="b",
-        ),
-        WorkspaceRegion(
-            kind="plane",
-            anchor=(0.0, 0.6, 0.8),
-            extent=-0.9,
-            points=(WorkspacePoint(joint=0, place=(0.4, 0.0, 0.0), size=0.1),),
-            label="c",
-        ),
-    )
+WORKSPACE = (
+    WorkspaceRegion(
+        kind="out",
+        anchor=(0.5, 0.5, 0.0),
+        extent=0.2,
+        points=(WorkspacePoint(joint=1, place=(0.3, 0.1, 0.2), size=0.05),),
+        label="a",
+    ),
+    WorkspaceRegion(
+        kind="in",
+        anchor=(0.0, 0.1, 0.0),
+        extent=1.2,
+        points=(WorkspacePoint(joint=1, place=(0.3, 0.0, 0.0), size=0.1),),
+        label="b",
+    ),
+    WorkspaceRegion(
+        kind="plane",
+        anchor=(0.0, 0.6, 0.8),
+        extent=-0.9,
+        points=(WorkspacePoint(joint=0, place=(0.4, 0.0, 0.0), size=0.1),),
+        label="c",
+    ),
 )
 
 
@@ -69,7 +65,7 @@ def random_states(count, size=2, seed=0):
 def test_columns_are_those_of_the_generated_library(robot):
     library = prepare_library(robot)
     states = random_states(30)
-    observation = Observation(build_columns(robot), 30, np.array([2.0, 0.5]))
+    observation = Observation(robot, 30, np.array([2.0, 0.5]))
     found = observation.compute_matrix(states).reshape(30, 2, -1)
     (beta,) = library.evaluate("torque_regressor", *states)
     (friction,) = library.evaluate("friction_regressor", states[1])
@@ -81,7 +77,7 @@ def test_columns_are_those_of_the_generated_library(robot):
 
 def test_the_sweep_backwards_is_that_of_finite_differences(robot):
     states, rng = random_states(5), np.random.default_rng(1)
-    observation = Observation(build_columns(smooth_friction(robot)), 5, np.array([2.0, 0.5]))
+    observation = Observation(smooth_friction(robot), 5, np.array([2.0, 0.5]))
     factors = rng.normal(size=observation.compute_matrix(states).shape)
     slope = observation.compute_slope(factors)
     ahead, h = random_states(5, seed=2), 1e-6
@@ -119,7 +115,7 @@ def check_slopes(problem, criterion):
 
 @pytest.mark.parametrize("name", ["condition", "d-optimal"])
 def test_all_slopes_of_a_rigid_robot(robot, name):
-    options = ProblemOptions(loads=StateLimitOptions(workspace=WORKSPACE), deviations=(2.0, 1.0))
+    options = ProblemOptions(limits=LimitOptions(workspace=WORKSPACE), deviations=(2.0, 1.0))
     problem = build_problem(robot, options)
     kinds = [entry.kind for entry in problem.state_limits.entries]
     assert kinds == ["torque", "torque", "out", "in", "plane"]
@@ -128,7 +124,7 @@ def test_all_slopes_of_a_rigid_robot(robot, name):
 
 
 def test_all_slopes_of_an_elastic_robot(elastic):
-    problem = build_problem(elastic, ProblemOptions(loads=StateLimitOptions(torsion=0.05)))
+    problem = build_problem(elastic, ProblemOptions(limits=LimitOptions(torsion=0.05)))
     assert "torsion" in {entry.kind for entry in problem.state_limits.entries}
     check_slopes(problem, Criterion(power=4.0))
 
@@ -162,7 +158,7 @@ def test_torsion_is_the_torque_of_the_links_by_the_stiffness(elastic):
         (None, [joint.elasticity.stiffness for joint in elastic.joints]),
         ((500.0, 200.0),) * 2,
     ):
-        found = build_state_limits(elastic, limits, StateLimitOptions(torsion=0.05, stiffness=stiffness))
+        found = build_state_limits(elastic, limits, LimitOptions(torsion=0.05, stiffness=stiffness))
         values = StateValues(found, 10, 2).compute_values(states)
         places = [place for place, entry in enumerate(found.entries) if entry.kind == "torsion"]
         np.testing.assert_allclose(values[:, places] * 0.05 * 0.95, tau / wanted, rtol=1e-9)
@@ -185,7 +181,7 @@ def test_the_motor_of_an_elastic_joint_turns_its_rotor(elastic):
 
 def test_space_is_where_plane_geometry_puts_it(robot):
     limits = replace(get_motion_limits(robot), torque=np.full(2, np.inf))
-    found = build_state_limits(robot, limits, StateLimitOptions(workspace=WORKSPACE))
+    found = build_state_limits(robot, limits, LimitOptions(workspace=WORKSPACE))
     assert [entry.kind for entry in found.entries] == ["out", "in", "plane"]
     q = np.random.default_rng(5).uniform(-2, 2, size=(12, 2))
     values = StateValues(found, 12, 2).compute_values(np.array([q, 0 * q, 0 * q]))
@@ -208,7 +204,7 @@ def test_without_values_torque_is_not_limited_and_that_is_said():
     assert found.entries == ()
     assert [notice.code for notice in found.notices] == ["excitation.no-torque"]
     with pytest.raises(RobotError) as caught:
-        build_state_limits(panda, limits, StateLimitOptions(torsion=0.01))
+        build_state_limits(panda, limits, LimitOptions(torsion=0.01))
     assert caught.value.notices[0].code == "excitation.no-values"
 
 
@@ -216,7 +212,7 @@ def test_torsion_wants_a_stiffness(robot):
     limits = get_motion_limits(robot)
     for stiffness in (None, (100.0,), (100.0, -1.0)):
         with pytest.raises(RobotError) as caught:
-            build_state_limits(robot, limits, StateLimitOptions(torsion=0.01, stiffness=stiffness))
+            build_state_limits(robot, limits, LimitOptions(torsion=0.01, stiffness=stiffness))
         assert caught.value.notices[0].code == "excitation.stiffness"
 
 

@@ -52,7 +52,7 @@ def test_every_run_is_cut_and_moved_as_it_asks(make_robot, columns, write):
     echo = describe_runs([first, second])["runs"]
     assert (echo[0]["payload"], echo[0]["weight"], echo[0]["drop_last"]) == ("tool", 2.5, 6)
     check_one_payload([first, second])
-    assert [file.name for file in list_log_files([path], make_robot())] == ["a.npz", "b.npz"]
+    assert [file.name for file in list_log_files(path, make_robot())] == ["a.npz", "b.npz"]
 
 
 def test_runs_are_read_again_from_what_a_result_tells(make_robot, write):

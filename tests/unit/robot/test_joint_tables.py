@@ -244,7 +244,7 @@ def test_children_and_links_stand_in_the_frame_of_the_link():
         rotation=IDENTITY.rotation, translation=(Exact.of("0.1"), Exact.of("0.2"), Exact.of("0.3"))
     )
     assert compose_placements(hip.placement, knee.placement) == moved
-    assert robot.tip == IDENTITY
+    assert robot.joints[-1].frame == IDENTITY
     plain = parse_robot(HEAD + write_joint("hip", extra=LINK)).joints[0].inertial
     np.testing.assert_allclose(hip.inertial, move_parameters(plain, *to_floats(hip.frame)), atol=1e-16)
 

@@ -301,8 +301,8 @@ def test_a_chain_is_cut_out():
 def test_the_frame_of_a_fixed_tip_is_that_of_the_last_link(arm):
     robot = parse_urdf(ARM, tip="tool")
     assert [joint.inertial for joint in robot.joints] == [joint.inertial for joint in arm.joints]
-    moved = compose_placements(arm.tip, translate(Exact(), Exact(), Exact.of("0.05")))
-    assert robot.tip == moved
+    moved = compose_placements(arm.joints[-1].frame, translate(Exact(), Exact(), Exact.of("0.05")))
+    assert robot.joints[-1].frame == moved
 
 
 def test_gravity_is_turned_into_the_frame_of_the_base():

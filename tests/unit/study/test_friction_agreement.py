@@ -65,9 +65,9 @@ def test_all_estimators_reach_one_optimum():
 
 
 def test_a_contest_names_who_could_not_take_part():
-    from symid.study.friction_paper import build_friction_scene, build_whole_cosines
+    from symid.study.friction_paper import FrictionScene, build_whole_cosines
 
-    scene = build_friction_scene("1", "stribeck", TRUTH, build_whole_cosines((0.5,), 100), 0.7)
+    scene = FrictionScene("1", "stribeck", TRUTH, build_whole_cosines((0.5,), 100), 0.7)
     runs = {run.estimator: run for run in compare_estimators("both directions", scene, 0, timed=True).runs}
     assert tuple(runs) == ESTIMATORS
     refused = runs.pop("root-finding")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from symid.study.friction_paper import (
-    build_friction_scene,
+    FrictionScene,
     build_half_cosine,
     build_whole_cosines,
     draw_samples,
@@ -34,7 +34,7 @@ def test_whole_cosines_follow_each_other_in_both_directions():
 
 def test_the_torque_is_that_of_the_law():
     velocity = build_whole_cosines((0.1, 1.0), 50)
-    scene = build_friction_scene("1", "improved-stribeck", PHYSICAL, velocity, 1.0)
+    scene = FrictionScene("1", "improved-stribeck", PHYSICAL, velocity, 1.0)
     coulomb, static, stribeck, viscous, bias, edge = PHYSICAL
     for v, torque in zip(velocity, scene.torque, strict=True):
         speed = max(abs(v), edge)
@@ -44,7 +44,7 @@ def test_the_torque_is_that_of_the_law():
 
 
 def test_noise_is_white_and_repeats_with_its_seed():
-    scene = build_friction_scene("1", "improved-stribeck", PHYSICAL, build_whole_cosines((1.0,), 20000), 3.0)
+    scene = FrictionScene("1", "improved-stribeck", PHYSICAL, build_whole_cosines((1.0,), 20000), 3.0)
     samples = draw_samples(scene, np.random.default_rng(3))
     noise = samples.torque - scene.torque
     assert np.std(noise) == pytest.approx(3.0, rel=0.02)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from symid.study.friction_paper import RV_2SQ, TABLE_3, build_friction_scene, build_whole_cosines
+from symid.study.friction_paper import RV_2SQ, TABLE_3, FrictionScene, build_whole_cosines
 from symid.study.friction_protocols import (
     build_recovery_scene,
     build_second_scene,
@@ -86,7 +86,7 @@ def test_the_second_robot_comes_back(index):
 
 def test_what_the_bound_forbids_is_not_told():
     # A bump a hundredth of the noise: nobody can say how wide it is.
-    scene = build_friction_scene(
+    scene = FrictionScene(
         "1", "stribeck", (10.0, 10.01, 0.03, 20.0), build_whole_cosines((0.1, 1.0), 500), 1.0
     )
     found = summarise_recovery(

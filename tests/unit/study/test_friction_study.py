@@ -9,7 +9,7 @@ from symid.errors import UsageError
 from symid.report.study_text import list_tables
 from symid.study import friction_tables as friction_study
 from symid.study.friction_protocols import EstimatorComparison, EstimatorRun, MeanGain
-from symid.study.friction_tables import describe_gain_miss, list_checks, study_friction
+from symid.study.friction_tables import list_checks, study_friction
 
 GAIN = MeanGain(mean=15.0, deviation=1.0, rms=7.0, held_out=14.0, paper=16.3, miss=-1.3)
 
@@ -139,6 +139,6 @@ def test_parameters_beyond_the_bound_are_named_and_left_out(study):
 
 
 def test_misses_are_said_in_words():
-    assert describe_gain_miss(GAIN) == "1.3 points below the paper"
+    assert GAIN.describe_miss() == "1.3 points below the paper"
     near = replace(GAIN, miss=0.5)
-    assert describe_gain_miss(near) == "0.5 points above the paper, within the deviation of a draw"
+    assert near.describe_miss() == "0.5 points above the paper, within the deviation of a draw"

@@ -5,14 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from symid.identification.elastic.nlp_cost import (
-    SpringGrid,
-    build_layout,
-    build_spring,
-    build_start,
-    flatten_slopes,
-    list_weights,
-)
+from symid.identification.elastic.nlp_cost import NlpLayout, SpringGrid, list_weights
 from symid.identification.elastic.options import NlpOptions
 from symid.robot.elasticity import Elasticity, Knee, Stop
 
@@ -28,7 +21,7 @@ GRID = SpringGrid(
 
 
 def test_names_bounds_and_places():
-    layout = build_layout(CARD, [GRID], NlpOptions(stribeck=True, speeds=(0.01, 1.0)))
+    layout = NlpLayout.build(CARD, [GRID], NlpOptions(stribeck=True, speeds=(0.01, 1.0)))
     assert layout.names[:7] == ("ZZ1", "IA1", "Fv1", "Fc1", "offset1", "Fs1", "vs1")
     assert layout.names[7:11] == ("k0 of joint 1", "k1 of joint 1", "k2 of joint 1", "k3 of joint 1")
     assert layout.names[11:13] == ("slope beyond -1 of joint 1", "slope beyond -3 of joint 1")
@@ -41,18 +34,18 @@ def test_names_bounds_and_places():
 
 def test_a_joint_whose_file_states_no_rotor_has_one_nevertheless():
     card = SimpleNamespace(beta=CARD.beta, rotors=(), friction=CARD.friction, size=1)
-    layout = build_layout(card, [GRID], NlpOptions())
-    assert layout.names == build_layout(CARD, [GRID], NlpOptions()).names
+    layout = NlpLayout.build(card, [GRID], NlpOptions())
+    assert layout.names == NlpLayout.build(CARD, [GRID], NlpOptions()).names
     assert len(layout.lower) == len(layout.upper) == layout.size
     assert layout.lower[1] == 0.0
 
 
 def test_slopes_become_changes_of_slope():
-    layout = build_layout(CARD, [GRID], NlpOptions())
+    layout = NlpLayout.build(CARD, [GRID], NlpOptions())
     x = np.zeros(layout.size)
     x[layout.springs[0].weights] = [80.0, 20.0, 1e-12, 0.0]
     x[layout.springs[0].slopes] = [1.5, 1.25, 2.0, 2.0]
-    spring = build_spring(layout.springs[0], x, 1e-9)
+    spring = layout.springs[0].build_spring(x, 1e-9)
     assert spring.stops == (Stop(threshold=0.01, stiffness=20.0),)
     assert spring.knees == (
         Knee(threshold=-3.0, slope=-0.25),
@@ -63,25 +56,25 @@ def test_slopes_become_changes_of_slope():
 
 def test_odd_springs_share_their_slopes():
     grid = SpringGrid(thresholds=np.array([0.01]), knees=(-2.0, -1.0, 1.0, 2.0), stiffness=100.0, reach=0.04)
-    layout = build_layout(CARD, [grid], NlpOptions(odd=True))
+    layout = NlpLayout.build(CARD, [grid], NlpOptions(odd=True))
     assert layout.names[-2:] == ("slope beyond +-1 of joint 1", "slope beyond +-2 of joint 1")
     x = np.zeros(layout.size)
     x[layout.springs[0].weights], x[layout.springs[0].slopes] = [80.0, 20.0], [1.5, 2.5]
-    knees = build_spring(layout.springs[0], x, 0.0).knees
+    knees = layout.springs[0].build_spring(x, 0.0).knees
     assert [(knee.threshold, knee.slope) for knee in knees] == [(-2, 1.0), (-1, 0.5), (1, 0.5), (2, 1.0)]
 
 
 def test_a_knee_that_is_not_reached_changes_nothing():
-    layout = build_layout(CARD, [GRID], NlpOptions())
+    layout = NlpLayout.build(CARD, [GRID], NlpOptions())
     x = np.zeros(layout.size)
     place = layout.springs[0].slopes
     x[place] = [1.5, 9.0, 7.0, 8.0]
-    flat = flatten_slopes(layout, x, [layout.names[place.start + k] for k in (1, 2, 3)])
+    flat = layout.flatten_slopes(x, [layout.names[place.start + k] for k in (1, 2, 3)])
     np.testing.assert_array_equal(flat[place], [1.5, 1.5, 1.0, 1.0])
 
 
 def test_a_start_is_the_spring_itself_or_shares_of_a_linear_one():
-    layout = build_layout(CARD, [GRID], NlpOptions())
+    layout = NlpLayout.build(CARD, [GRID], NlpOptions())
     spring = Elasticity(
         stiffness=70.0,
         stops=(Stop(threshold=0.02, stiffness=30.0),),
@@ -91,7 +84,7 @@ def test_a_start_is_the_spring_itself_or_shares_of_a_linear_one():
             Knee(threshold=2.0, slope=0.5),
         ),
     )
-    x = build_start(layout, np.arange(5.0), [spring])
+    x = layout.build_start(np.arange(5.0), [spring])
     np.testing.assert_array_equal(x[layout.springs[0].weights], [70.0, 0.0, 30.0, 0.0])
     np.testing.assert_array_equal(x[layout.springs[0].slopes], [1.5, 1.5, 2.0, 2.5])
     linear = list_weights(Elasticity(stiffness=100.0), GRID.thresholds)

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 
 from symid.identification.elastic.spring_fit import (
-    compute_filtered_torque,
+    SpringData,
     filter_parts,
     fit_spring,
-    fit_stops,
     follow_spring,
-    prepare_spring_data,
     refine_spring,
     solve_non_negative,
     thin_samples,
@@ -47,12 +45,12 @@ def phi():
 
 @pytest.fixture(scope="module")
 def data(phi):
-    return prepare_spring_data([phi], [KEEP], GRID, RATE, [PERIOD])
+    return SpringData(torsions=(phi,), periods=(PERIOD,), keeps=(KEEP,), rate=RATE).rebuild(GRID)
 
 
 @pytest.fixture(scope="module")
 def target(data):
-    return compute_filtered_torque(data, TRUE)
+    return data.compute_torque(TRUE)
 
 
 def test_weights_and_their_record_give_the_same_torque(data, phi, target):
@@ -76,13 +74,11 @@ def test_stops_alone_are_found_exactly(data):
         knees=np.zeros(0),
         slopes=np.zeros(0),
     )
-    assert np.allclose(
-        fit_stops(data, compute_filtered_torque(data, plain)).stiffness, TRUE.stiffness, rtol=1e-9
-    )
+    assert np.allclose(data.fit_stops(data.compute_torque(plain)).stiffness, TRUE.stiffness, rtol=1e-9)
 
 
 def test_knees_at_their_places_are_found_with_the_stops(data, target):
-    start = fit_stops(data, target)
+    start = data.fit_stops(target)
     start = SpringWeights(
         thresholds=data.thresholds,
         stiffness=start.stiffness,
@@ -97,8 +93,8 @@ def test_knees_at_their_places_are_found_with_the_stops(data, target):
 def refine(phi, target, *, stops=8, knees=4):
     """Return the spring that a grid of so many stops and knees a side leads to."""
     grid = np.arange(1, stops + 1) / (stops + 1.0) * np.abs(phi).max()
-    data = prepare_spring_data([phi], [KEEP], grid, RATE, [PERIOD])
-    start = fit_stops(data, target)
+    data = SpringData(torsions=(phi,), periods=(PERIOD,), keeps=(KEEP,), rate=RATE).rebuild(grid)
+    start = data.fit_stops(target)
     grid = build_knee_grid([part @ start.stiffness for part in data.basis], knees)
     start = SpringWeights(
         thresholds=data.thresholds,
@@ -108,7 +104,7 @@ def refine(phi, target, *, stops=8, knees=4):
     )
     found = refine_spring(data, target, fit_spring(data, target, start))
     found = follow_spring(data, target, found, tolerance=1e-9)
-    return found, compute_filtered_torque(data, found)
+    return found, data.compute_torque(found)
 
 
 def test_positions_are_found_from_a_grid(phi, target):
@@ -129,7 +125,7 @@ def test_a_knee_at_hardly_any_torque_does_not_set_the_scale(phi, data, torque):
         "slopes": np.array([1.5, 1.5]),
     }
     true = replace(TRUE, thresholds=data.thresholds, **knees)
-    target = compute_filtered_torque(data, true)
+    target = data.compute_torque(true)
     found, reached = refine(phi, target)
     assert np.linalg.norm(reached - target) < 1e-3 * np.linalg.norm(target)
     places = np.abs(found.knees)

@@ -9,7 +9,6 @@ from scipy.integrate import solve_ivp
 from symid.errors import UsageError
 from symid.identification.friction.output_error import (
     AxisModel,
-    compute_axis_terms,
     compute_force_columns,
     simulate_axis,
 )
@@ -88,8 +87,7 @@ def find_reference(model, values, force, start):
         inputs = {"velocity": speed, "position": place, "time": time, "load": drive}
         arrays = {name: np.array([value]) for name, value in inputs.items()}
         total = compute_friction_torque(law, arrays, own, shape)[0]
-        terms = compute_axis_terms(model.terms, arrays)
-        return total + sum(value * column[0] for value, column in zip(beside, terms, strict=True))
+        return total + beside @ compute_force_columns(model, arrays, shape)[0, linear:]
 
     place, speed, time = start
     found = [place]

@@ -13,7 +13,6 @@ from symid.identification.friction.extraction import (
     list_independent,
     prepare_joint_logs,
 )
-from symid.identification.friction.samples import build_friction_rows, select_friction_rows
 from symid.logs.recording import Recording
 from symid.robot.description import Processing
 from tests.recovery.closed_form import build_one_axis, build_two_link
@@ -24,11 +23,11 @@ LIBRARY = build_two_link()
 
 def extract(*recordings, processing=RAW, **options):
     logs = prepare_joint_logs(LIBRARY, recordings, processing)
-    return extract_joint(LIBRARY, logs, 0, **options)
+    return extract_joint(logs, 0, **options)
 
 
 def fit(samples, columns):
-    rows = build_friction_rows(samples)
+    rows = samples.build_rows()
     passed = samples.pass_columns(np.hstack([columns, samples.extra]))
     solution = np.linalg.lstsq(passed, rows.torque, rcond=None)[0]
     return solution, rows.torque - passed @ solution
@@ -77,7 +76,7 @@ def test_many_columns_are_warned_of():
     for columns, codes in ((4, []), (8, ["friction.many-columns"])):
         library = build(columns)
         logs = prepare_joint_logs(library, [record(0.8)], RAW)
-        assert [entry.code for entry in extract_joint(library, logs, 0).notices] == codes
+        assert [entry.code for entry in extract_joint(logs, 0).notices] == codes
 
 
 def test_known_base_parameters_are_subtracted():
@@ -106,7 +105,7 @@ def test_friction_that_is_not_the_joints_own_is_fitted_along():
             return (found,)
 
     logs = prepare_joint_logs(Coupled, [record(0.8)], RAW)
-    samples = extract_joint(Coupled, logs, 0).samples
+    samples = extract_joint(logs, 0).samples
     assert samples.extra_names == ("J", "a", "b", LIBRARY.card.friction[3].name)
 
 
@@ -116,7 +115,7 @@ def test_a_sliding_joint_has_a_mass():
     library = build_one_axis()
     tau = 95.0 * -9.0 * q + 20.0 * np.sign(np.cos(3.0 * time))[:, None]
     logs = prepare_joint_logs(library, [Recording(time=time, position=q, torque=tau)], RAW)
-    samples = extract_joint(library, logs, 0).samples
+    samples = extract_joint(logs, 0).samples
     assert samples.prismatic
     assert (samples.extra_names, samples.extra_units) == (("J",), ("kg",))
 
@@ -126,9 +125,9 @@ def test_slow_rows_are_left_out_and_counted():
     found = extract(record(0.8), processing=processing)
     (notice,) = found.notices
     assert notice.code == "identify.slow-rows"
-    rows = build_friction_rows(found.samples)
+    rows = found.samples.build_rows()
     assert np.abs(rows.velocity).min() >= 0.2
-    whole = build_friction_rows(extract(record(0.8)).samples)
+    whole = extract(record(0.8)).samples.build_rows()
     assert f"{int(np.sum(np.abs(whole.velocity) < 0.2))} of {len(whole.time)} rows" in notice.text
     with pytest.raises(IdentifiabilityError) as caught:
         extract(record(0.8), processing=Processing(standstill=2.0))
@@ -137,17 +136,17 @@ def test_slow_rows_are_left_out_and_counted():
 
 def test_rows_keep_time_velocity_and_recording_behind_the_filter():
     samples = extract(record(0.8), record(0.2), processing=DECIMATED).samples
-    rows = build_friction_rows(samples)
+    rows = samples.build_rows()
     assert sorted(set(rows.run.tolist())) == [0, 1]
     count = np.sum(rows.run == 1)
     expected = samples.velocity[samples.run == 1]
     first = len(expected) - 1 - 5 * (count - 1)
     assert np.allclose(rows.velocity[rows.run == 1], expected[first::5], atol=2e-4)
     kept = rows.run == 1
-    part = select_friction_rows(samples, kept)
-    assert np.array_equal(build_friction_rows(part).torque, rows.torque[kept])
+    part = samples.select_rows(kept)
+    assert np.array_equal(part.build_rows().torque, rows.torque[kept])
     raw = extract(record(0.8)).samples
-    fewer = select_friction_rows(raw, raw.velocity > 0.0)
+    fewer = raw.select_rows(raw.velocity > 0.0)
     assert fewer.count == np.sum(raw.velocity > 0.0)
     assert fewer.load is not None
 
@@ -157,7 +156,7 @@ def test_joints_that_rest_or_are_shaken_are_refused():
     logs = prepare_joint_logs(LIBRARY, [recording], RAW)
     assert (logs.resting, logs.list_moving(0), logs.list_alone(0)) == (((1,),), (0,), (0,))
     with pytest.raises(IdentifiabilityError, match="joint2") as caught:
-        extract_joint(LIBRARY, logs, 1)
+        extract_joint(logs, 1)
     assert caught.value.notices[0].code == "friction.at-rest"
     position = recording.position.copy()
     position[:, 1] += 0.01 * position[:, 0]
@@ -165,7 +164,7 @@ def test_joints_that_rest_or_are_shaken_are_refused():
     logs = prepare_joint_logs(LIBRARY, [shaken], RAW)
     assert logs.carried == ((1,),)
     with pytest.raises(IdentifiabilityError, match=r"joint2.* 5 %"):
-        extract_joint(LIBRARY, logs, 1)
+        extract_joint(logs, 1)
 
 
 def test_logs_that_fit_no_robot_or_do_not_move_are_refused():

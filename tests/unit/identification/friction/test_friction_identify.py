@@ -173,7 +173,7 @@ def test_a_law_of_the_load_needs_a_load():
 
 
 def test_a_joint_without_load_does_not_keep_others_from_a_law():
-    samples = extract_joint(LIBRARY, prepare_joint_logs(LIBRARY, [build_weightless()], RAW), 0).samples
+    samples = extract_joint(prepare_joint_logs(LIBRARY, [build_weightless()], RAW), 0).samples
     assert samples.load is None
     with pytest.raises(IdentifiabilityError) as caught:
         check_inputs(samples, get_law("load-dependent"))
@@ -323,7 +323,7 @@ def build_poses(*levels, noise=0.05):
 
 def compare(recordings):
     logs = prepare_joint_logs(LIBRARY, recordings, RAW)
-    return compare_poses(LIBRARY, logs, 0, get_law("coulomb-viscous-offset"))
+    return compare_poses(logs, 0, get_law("coulomb-viscous-offset"))
 
 
 def test_equal_friction_at_all_poses_is_told():
@@ -388,7 +388,7 @@ def test_poses_that_tell_too_little_are_not_called_alike():
 
 def test_what_a_pose_does_not_tell_makes_no_change_of_the_curve():
     logs = prepare_joint_logs(LIBRARY, [record(1.0), record(1.0, pose=(0.3, 1.2), seed=1)], FAST_ONLY)
-    found = compare_poses(LIBRARY, logs, 0, get_law("stribeck+offset"), beta=BETA)
+    found = compare_poses(logs, 0, get_law("stribeck+offset"), beta=BETA)
     assert "vs" not in {entry.name for entry in found.parameters}
     assert found.change is None
     assert "not identifiable" in found.verdict
@@ -430,11 +430,11 @@ def test_the_comparison_of_two_means_is_that_of_welch():
 def test_one_pose_is_no_test_and_recordings_of_one_pose_belong_together():
     recordings = [*build_poses(1.8, 1.8), record(0.3, pose=(0.3, 0.0), seed=7)]
     logs = prepare_joint_logs(LIBRARY, recordings, RAW)
-    assert [pose.runs for pose in list_poses(LIBRARY, logs, 0)] == [(0, 2), (1,)]
+    assert [pose.runs for pose in list_poses(logs, 0)] == [(0, 2), (1,)]
     assert compare(build_poses(1.8)) is None
     moving = Recording(
         time=recordings[0].time,
         position=recordings[0].position[:, [0, 0]],
         torque=recordings[0].torque,
     )
-    assert list_poses(LIBRARY, prepare_joint_logs(LIBRARY, [moving], RAW), 0) == ()
+    assert list_poses(prepare_joint_logs(LIBRARY, [moving], RAW), 0) == ()

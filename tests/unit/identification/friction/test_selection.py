@@ -10,12 +10,7 @@ from symid.identification.friction import selection as selection_module
 from symid.identification.friction.estimators import fit_friction
 from symid.identification.friction.extraction import extract_joint, prepare_joint_logs
 from symid.identification.friction.problem import VariableProjectionOptions
-from symid.identification.friction.samples import (
-    FrictionRows,
-    FrictionSamples,
-    build_friction_rows,
-    compute_velocity_map,
-)
+from symid.identification.friction.samples import FrictionRows, FrictionSamples, compute_velocity_map
 from symid.identification.friction.selection import CANDIDATE_LAWS, assign_blocks, select_law
 from symid.joint_models.friction_catalogue import get_law
 from tests.recovery.closed_form import build_two_link
@@ -27,7 +22,7 @@ FEW = ("coulomb-viscous", "coulomb-viscous-offset", "stribeck+offset", "cubic+of
 
 def build_samples(law, **options):
     logs = prepare_joint_logs(LIBRARY, [record(0.15, law=law), record(1.0, law=law, seed=1)], RAW)
-    return extract_joint(LIBRARY, logs, 0, **options).samples
+    return extract_joint(logs, 0, **options).samples
 
 
 def build_rows(*counts):
@@ -79,7 +74,7 @@ def test_a_law_whose_fall_lies_below_the_slowest_row_is_not_taken():
     processing = replace(RAW, standstill=0.1)
     recordings = [record(0.15, noise=0.02), record(1.0, noise=0.02, seed=1)]
     logs = prepare_joint_logs(LIBRARY, recordings, processing)
-    selection = select_law(extract_joint(LIBRARY, logs, 0).samples, FEW)
+    selection = select_law(extract_joint(logs, 0).samples, FEW)
     best = selection.trials[0]
     assert (best.law, best.reason) == ("stribeck+offset", "not identifiable: fS, vs")
     assert selection.chosen != "stribeck+offset"
@@ -131,7 +126,7 @@ def test_names_of_laws_are_checked():
 
 def test_the_map_shows_friction_against_velocity():
     samples = build_samples("coulomb-viscous-offset")
-    rows = build_friction_rows(samples)
+    rows = samples.build_rows()
     known = [1.1, 1.8, 0.25]
     columns = np.column_stack([rows.velocity, np.sign(rows.velocity), np.ones(len(rows.time))])
     other = np.linalg.lstsq(rows.extra, rows.torque - columns @ known, rcond=None)[0]
