@@ -25,7 +25,7 @@ torque, contacts that last a small part of the log; serial arms and trees.
 Not supported: priors with correlations; wrong states (leverage); least variance of `sequential`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -327,7 +327,37 @@ class EstimatorOptions:
     noise: FloatArray | None = None
 
 
-ESTIMATORS = ("ols", "wls", "gls", "huber", "ridge", "consistent", "sequential")
+def _fit_ridge(
+    rows: Rows, identifiability: Identifiability, freedom: str, options: EstimatorOptions
+) -> RegressionFit:
+    if options.prior is None:
+        text = "the estimator ridge needs a prior: the robot file's values, or an estimate"
+        raise UsageError(Notice(code="usage.no-prior", text=text))
+    return fit_ridge(rows, identifiability, freedom, prior=options.prior, weight=options.prior_weight)
+
+
+def _fit_consistent(
+    rows: Rows, identifiability: Identifiability, freedom: str, options: EstimatorOptions
+) -> RegressionFit:
+    if options.bodies is None:
+        text = "the estimator consistent needs the bodies of the robot: give them in the options"
+        raise UsageError(Notice(code="usage.no-bodies", text=text))
+    return fit_consistent(rows, identifiability, freedom, bodies=options.bodies)
+
+
+Estimator = Callable[[Rows, Identifiability, str, EstimatorOptions], RegressionFit]
+"""Equations, what is identifiable from them, what counts as a degree of freedom, and options -> their fit."""
+ESTIMATORS: Mapping[str, Estimator] = {
+    "ols": lambda rows, identifiability, freedom, _: fit_ols(rows, identifiability, freedom),
+    "wls": lambda rows, identifiability, freedom, _: fit_wls(rows, identifiability, freedom),
+    "gls": lambda rows, identifiability, freedom, options: fit_gls(
+        rows, identifiability, freedom, options.noise
+    ),
+    "huber": lambda rows, identifiability, freedom, _: fit_huber(rows, identifiability, freedom),
+    "ridge": _fit_ridge,
+    "consistent": _fit_consistent,
+    "sequential": lambda rows, identifiability, freedom, _: fit_sequential(rows, identifiability, freedom),
+}
 
 
 def fit_rows(
@@ -343,25 +373,4 @@ def fit_rows(
         UsageError: it does not fit the rows, or lacks an option.
         SolverError: it found no optimum.
     """
-    options = options or EstimatorOptions()
-    match estimator:
-        case "wls":
-            return fit_wls(rows, identifiability, freedom)
-        case "gls":
-            return fit_gls(rows, identifiability, freedom, options.noise)
-        case "huber":
-            return fit_huber(rows, identifiability, freedom)
-        case "sequential":
-            return fit_sequential(rows, identifiability, freedom)
-        case "ridge":
-            if options.prior is None:
-                text = "the estimator ridge needs a prior: the robot file's values, or an estimate"
-                raise UsageError(Notice(code="usage.no-prior", text=text))
-            weight = options.prior_weight
-            return fit_ridge(rows, identifiability, freedom, prior=options.prior, weight=weight)
-        case "consistent":
-            if options.bodies is None:
-                text = "the estimator consistent needs the bodies of the robot: give them in the options"
-                raise UsageError(Notice(code="usage.no-bodies", text=text))
-            return fit_consistent(rows, identifiability, freedom, bodies=options.bodies)
-    return fit_ols(rows, identifiability, freedom)
+    return ESTIMATORS[estimator](rows, identifiability, freedom, options or EstimatorOptions())

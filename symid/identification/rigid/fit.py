@@ -228,7 +228,10 @@ def identify_parameters(
         LogError: a recording does not fit the robot.
         IdentifiabilityError: no parameter is identifiable.
     """
-    notices = [*_list_unknown("rows", rows, ROW_KINDS), *_list_unknown("estimator", estimator, ESTIMATORS)]
+    notices = [
+        *_list_unknown("rows", rows, ROW_KINDS),
+        *_list_unknown("estimator", estimator, tuple(ESTIMATORS)),
+    ]
     if not recordings:
         notices.append(Notice(code="usage.no-log", text="no log was given: name at least one"))
     if notices:
