@@ -69,7 +69,7 @@ class LogValidation(Result):
     @property
     def errors(self) -> tuple[Notice, ...]:
         """Return the reason if the gate is missed."""
-        return self.product.find_missed(self.gate)
+        return self.product.list_missed(self.gate)
 
     def summarise(self) -> str:
         """Return the log and the mean relative residual."""

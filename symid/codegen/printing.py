@@ -140,12 +140,12 @@ def group_angles(program: Program) -> GroupedAngles:
         if instruction.op in _TRIGONOMETRY and found[operands[0]]:
             places.setdefault(instruction.args[0], len(places))
 
-    def find_rank(ref: int) -> tuple[int, ...]:
+    def compute_rank(ref: int) -> tuple[int, ...]:
         # Inputs in their order can be loaded together.
         instruction = program.instructions[abs(ref) - 1]
         return (0, *instruction.args, ref) if instruction.op is Op.INPUT else (1, abs(ref), ref)
 
-    places = {ref: place for place, ref in enumerate(sorted(places, key=find_rank))}
+    places = {ref: place for place, ref in enumerate(sorted(places, key=compute_rank))}
     before = sorted(set().union(*(sources[abs(ref)] for ref in places)))
     return GroupedAngles(places=places, before=tuple(before))
 

@@ -193,7 +193,7 @@ class ExpressionTable:
             number = self._others[key] = self._append(op, args)
         return number
 
-    def _find_constant(self, ref: int) -> float | None:
+    def _get_constant(self, ref: int) -> float | None:
         value = self._constants.get(abs(ref))
         return value if value is None or ref > 0 else -value
 
@@ -213,7 +213,7 @@ class ExpressionTable:
         """Return the row-major `element` of input `port`."""
         return self._intern(Op.INPUT, (port, element))
 
-    def _find_rest(self, whole: int, part: int) -> int:
+    def _locate_rest(self, whole: int, part: int) -> int:
         """Return what remains of the sum `whole` when `part` takes one of its terms away, else 0."""
         number = abs(whole)
         op = self._ops[number - 1]
@@ -243,10 +243,10 @@ class ExpressionTable:
 
     def _simplify_sum(self, left: int, right: int) -> int:
         """Return a simpler form of left + right, 0 if there is none."""
-        a, b = self._find_constant(left), self._find_constant(right)
+        a, b = self._get_constant(left), self._get_constant(right)
         if a is not None and b is not None:
             return self.constant(a + b)
-        rest = self._find_rest(left, right) or self._find_rest(right, left)
+        rest = self._locate_rest(left, right) or self._locate_rest(right, left)
         if rest or left != right:
             return rest
         split = self._split_constant(left)
@@ -278,7 +278,7 @@ class ExpressionTable:
 
     def _simplify_product(self, left: int, right: int) -> int:
         """Return a simpler form of left * right, 0 if there is none."""
-        a, b = self._find_constant(left), self._find_constant(right)
+        a, b = self._get_constant(left), self._get_constant(right)
         if a is not None and b is not None:
             return self.constant(a * b)
         if b is not None:
@@ -311,7 +311,7 @@ class ExpressionTable:
 
     def div(self, left: int, right: int) -> int:
         """Return left / right."""
-        a, b = self._find_constant(left), self._find_constant(right)
+        a, b = self._get_constant(left), self._get_constant(right)
         if a is not None and b:
             return self.constant(a / b)
         if a == 0.0:
@@ -331,7 +331,7 @@ class ExpressionTable:
             return self._intern(op, (abs(args[0]),))
         return self._intern(op, args)
 
-    def _find_needed(self, outputs: Iterable[int]) -> list[int]:
+    def _list_needed(self, outputs: Iterable[int]) -> list[int]:
         """Return the numbers of the instructions that `outputs` need, in order."""
         needed: set[int] = set()
         waiting = [abs(ref) for ref in outputs]
@@ -345,11 +345,11 @@ class ExpressionTable:
 
     def walk(self, outputs: Iterable[int]) -> list[tuple[int, Op, tuple[int, ...]]]:
         """Return number, operation and arguments of the instructions that `outputs` need, in order."""
-        return [(k, self._ops[k - 1], self._args[k - 1]) for k in self._find_needed(outputs)]
+        return [(k, self._ops[k - 1], self._args[k - 1]) for k in self._list_needed(outputs)]
 
     def count(self, outputs: Iterable[int]) -> Operations:
         """Return the operations that `outputs` need; see `count_operations`."""
-        return _count([self._ops[number - 1] for number in self._find_needed(outputs)])
+        return _count([self._ops[number - 1] for number in self._list_needed(outputs)])
 
     def build_program(self, spec: FunctionSpec, outputs: Iterable[Iterable[int]]) -> Program:
         """Return the instructions that `outputs` (by port, row-major) need, in order and numbered anew."""

@@ -186,7 +186,7 @@ class SampleStates:
                 drawn[self.count - 1 - _APART * k, columns] = size * rng.choice((-1.0, 1.0), len(columns))
         return drawn
 
-    def find_all(self, program: Program) -> tuple[tuple[str, ...], list[FloatArray]]:
+    def compute_all(self, program: Program) -> tuple[tuple[str, ...], list[FloatArray]]:
         """Return the values of all inputs of `program`, and names of them: equal names, equal values."""
         _, otherwise = _list_input_uses(program)
         # All of a port stays near, if the program needs one of its elements to.
@@ -263,7 +263,7 @@ def choose_parameters(
 
         def evaluate(beta: FloatArray) -> FloatArray:
             at = replace(states, shared={card.vector: tuple(beta.tolist())})
-            (matrices,) = evaluate_casadi(function, program, at.find_all(program)[1], states.count)
+            (matrices,) = evaluate_casadi(function, program, at.compute_all(program)[1], states.count)
             return matrices.reshape(-1, card.size, card.size)
 
         given = [beta for beta in given if _compute_condition(evaluate(beta)) < _LARGEST_CONDITION]
@@ -355,7 +355,7 @@ def _convert_to_rows(values: FloatArray) -> tuple[tuple[float, ...], ...]:
 
 
 def _build_reference(function: ca.Function, program: Program, states: SampleStates) -> Reference:
-    tables, inputs = states.find_all(program)
+    tables, inputs = states.compute_all(program)
     decimals = [_CONVERT_TO_DECIMALS(values) if values.size else values.astype(object) for values in inputs]
     exact = compute_exact_outputs(program, decimals, states.count)
     outputs = [values.astype(np.float64) for values in exact]

@@ -96,7 +96,7 @@ class FitValidation:
         """Return the mean over joints of the relative residuals, in percent."""
         return compute_mean_relative(self.residual)
 
-    def find_missed(self, gate: float | None) -> tuple[Notice, ...]:
+    def list_missed(self, gate: float | None) -> tuple[Notice, ...]:
         """Return which tables miss a gate in percent; nothing where none does, or there is no gate."""
         notices = []
         for caption, residual in self.tables if gate is not None else ():

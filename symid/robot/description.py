@@ -107,6 +107,12 @@ class Processing:
     automatic: bool = False
     decimation: Decimation = field(default_factory=Decimation)
 
+    @property
+    def left_open(self) -> tuple[str, ...]:
+        """Return the settings that follow from the logs."""
+        free = {"filter_cutoff": self.filter_cutoff is None, "decimation.factor": self.decimation.factor == 1}
+        return tuple(name for name, is_free in free.items() if self.automatic and is_free)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Controller:

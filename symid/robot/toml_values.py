@@ -79,11 +79,11 @@ class Places:
     values: Mapping[KeyPath, Place] = field(default_factory=dict)
     whole: Place = Place("", 0, 0)
 
-    def find_key(self, path: KeyPath) -> Place:
+    def locate_key(self, path: KeyPath) -> Place:
         """Return the place of the key at `path`, or else of the nearest table around it."""
-        return self.keys[path] if path in self.keys else self.find_value(path[:-1])
+        return self.keys[path] if path in self.keys else self.locate_value(path[:-1])
 
-    def find_value(self, path: KeyPath) -> Place:
+    def locate_value(self, path: KeyPath) -> Place:
         """Return the place of the value at `path`, or else of the nearest table around it."""
         while path and path not in self.values:
             path = path[:-1]
@@ -266,17 +266,17 @@ class Section:
 
     def refuse(self, code: str, key: str, text: str, *inner: int) -> None:
         """Add an error at the value of `key`, or at its element `inner`."""
-        place = self.places.find_value((*self.path, key, *inner))
+        place = self.places.locate_value((*self.path, key, *inner))
         self.errors.append(self._notice(code, place, key, text))
 
     def warn(self, code: str, key: str, text: str, *inner: int) -> None:
         """Add a warning at the value of `key`, or at its element `inner`."""
-        place = self.places.find_value((*self.path, key, *inner))
+        place = self.places.locate_value((*self.path, key, *inner))
         self.warnings.append(self._notice(code, place, key, text))
 
     def refuse_key(self, code: str, key: str, text: str) -> None:
         """Add an error at the name of `key`; at the table, if the key is missing."""
-        place = self.places.find_key((*self.path, key))
+        place = self.places.locate_key((*self.path, key))
         self.errors.append(self._notice(code, place, key, text))
 
     def _notice(self, code: str, place: Place, key: str, text: str) -> Notice:

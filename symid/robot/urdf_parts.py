@@ -64,17 +64,17 @@ class UrdfReading:
 
     def refuse(self, code: str, text: str, element: XmlElement | None = None, attribute: str = "") -> None:
         """Add an error at an element (default: the root) or at the value of one of its attributes."""
-        place = self.document.find_place(element or self.document.root, attribute)
+        place = self.document.locate_place(element or self.document.root, attribute)
         self.errors.append(place.notice(code, text))
 
     def warn(self, code: str, text: str, element: XmlElement | None = None, attribute: str = "") -> None:
         """Add a warning, likewise."""
-        place = self.document.find_place(element or self.document.root, attribute)
+        place = self.document.locate_place(element or self.document.root, attribute)
         self.warnings.append(place.notice(code, text))
 
     def group(self, code: str, text: str, name: str, element: XmlElement, attribute: str = "") -> None:
         """Add `name` to a warning that is given once for all; its {} stands for the names."""
-        place = self.document.find_place(element, attribute)
+        place = self.document.locate_place(element, attribute)
         self.grouped.setdefault((code, text), []).append((name, place))
 
     def skip(self, kind: str, element: XmlElement, attribute: str = "") -> None:
@@ -125,7 +125,7 @@ class UrdfPart:
     @property
     def line(self) -> int:
         """Return the line in which the element stands."""
-        return self.reading.document.find_place(self.element).line
+        return self.reading.document.locate_place(self.element).line
 
     def refuse(self, code: str, text: str, attribute: str = "") -> None:
         """Add an error at the element or at the value of one of its attributes."""

@@ -282,12 +282,12 @@ def _check_language(document: XmlDocument) -> None:
                 f"<{element.tag}>: this is a xacro file, a program that writes a URDF; "
                 f"run `xacro {Path(document.file).name} > robot.urdf` and give that file"
             )
-            raise RobotError(document.find_place(element).notice("robot.xacro", text))
+            raise RobotError(document.locate_place(element).notice("robot.xacro", text))
     root = document.root
     if root.tag != "robot":
         prefix = "; tags with a prefix are not read" if root.tag.endswith(":robot") else ""
         text = f"the outermost element is <{root.tag}>; that of a URDF is <robot>{prefix}"
-        raise RobotError(document.find_place(root).notice("robot.no-urdf", text))
+        raise RobotError(document.locate_place(root).notice("robot.no-urdf", text))
 
 
 def _choose_name(reading: UrdfReading, stem: str) -> str:
@@ -362,7 +362,7 @@ def _reduce_joints(
     ]
     lumped = lump_fixed_joints(_build_joints(reading, tree, followers), fixed)
     if not lumped.joints:
-        place = reading.document.find_place(reading.document.root)
+        place = reading.document.locate_place(reading.document.root)
         raise RobotError(place.notice("robot.no-joints", "no joint of the robot moves by itself"))
     joints = lumped.joints
     for frame in lumped.frames:

@@ -64,7 +64,7 @@ class XmlDocument:
     lines: tuple[int, ...]
     ends: Mapping[int, int]
 
-    def find_place(self, element: XmlElement, attribute: str = "") -> Place:
+    def locate_place(self, element: XmlElement, attribute: str = "") -> Place:
         """Return the place of an element, or of the value of one of its attributes."""
         offset, text, position = element.offset, "", element.offset
         while attribute in element.attributes and (match := _ATTRIBUTE.search(self.source, position)):

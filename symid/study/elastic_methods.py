@@ -237,15 +237,15 @@ def run_study_task(
     springs = [spring for spring in scene.library.card.elasticity if spring is not None]
     torque = _compute_torques(springs, excited)
 
-    def find_worst(fit: MethodFit, phi: FloatArray, torque: FloatArray) -> float:
+    def choose_worst(fit: MethodFit, phi: FloatArray, torque: FloatArray) -> float:
         return float(np.max(compute_hysteresis_errors(fit, phi, torque))) if fit.outcome.usable else math.nan
 
     return tuple(
         MethodRun(
             method=method,
             parameter_error=compute_parameter_error(fit, scene.truth) if fit.outcome.usable else math.nan,
-            hysteresis_error=find_worst(fit, held_out.phi, held_out.joint_torque),
-            excited_error=find_worst(fit, excited, torque),
+            hysteresis_error=choose_worst(fit, held_out.phi, held_out.joint_torque),
+            excited_error=choose_worst(fit, excited, torque),
             outcome=fit.outcome.name.lower(),
             iterations=len(fit.history),
             seconds=seconds[method],

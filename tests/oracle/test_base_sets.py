@@ -56,7 +56,7 @@ def stack_regressor(robot, labels, seed, form="torque"):
     return np.vstack(rows)
 
 
-def find_rank(matrix):
+def compute_rank(matrix):
     """Return the rank, its columns scaled, after checking that there is a gap in the singular values."""
     sizes = np.linalg.norm(matrix, axis=0)
     # A column that is nothing but rounding must not be blown up.
@@ -85,7 +85,7 @@ def assert_base_set(robot, form="torque", seed=1):
     base = derive_base_parameters(robot, form=form)
     labels = list(base.labels)
     regressor = stack_regressor(robot, labels, seed, form)
-    assert base.count + len(base.friction) == find_rank(regressor)
+    assert base.count + len(base.friction) == compute_rank(regressor)
     heads = [labels.index(p.label) for p in (*base.parameters, *base.friction)]
     error = regressor[:, heads] @ build_matrix(robot, base, labels) - regressor
     assert np.abs(error).max(initial=0.0) < 1e-9 * max(1.0, np.abs(regressor).max(initial=0.0))

@@ -99,7 +99,7 @@ def arm(robots_folder):
     return read_robot(robots_folder / "two_link_elastic.toml")
 
 
-def find_slopes(spring, phi, plays):
+def compute_slopes(spring, phi, plays):
     """Return d tau_J/d phi and d tau_J/d P of one spring in closed form, away from its corners."""
     after = [
         max(phi - s.threshold, min(phi + s.threshold, p)) for s, p in zip(spring.stops, plays, strict=True)
@@ -123,7 +123,7 @@ def test_slopes_of_the_springs_are_those_of_the_stops_that_hold(arm):
         plays = [phi[k] + rng.uniform(-0.012, 0.012, len(s.stops)) for k, s in enumerate(springs)]
         inputs = (phi, np.concatenate(plays), h)
         found, memory = find_jacobian(step, 0, inputs), find_jacobian(step, 1, inputs)
-        slopes = [find_slopes(*entry) for entry in zip(springs, phi, plays, strict=True)]
+        slopes = [compute_slopes(*entry) for entry in zip(springs, phi, plays, strict=True)]
         assert_close(found, np.diag([slope for slope, _ in slopes]), 1e-12)
         blocks = np.zeros_like(memory)
         blocks[0, : len(plays[0])], blocks[1, len(plays[0]) :] = slopes[0][1], slopes[1][1]

@@ -59,7 +59,7 @@ def table():
         print(row[0] if len(row) == 1 else "{:34}{:7}{:7}{:6}{:6}{:9.0e}{:9.2f}{:9.0e}{:9.0e}".format(*row))  # noqa: T201
 
 
-def find_rank(robot, model, rng):
+def compute_rank(robot, model, rng):
     """Return the rank of the torque regressor folded to coordinates, and the gap in its singular values."""
     data, names, factors = model.createData(), [joint.name for joint in robot.joints], find_factors(robot)
     rows = list_rows(model, names)
@@ -117,7 +117,7 @@ def test_count_is_the_rank_of_pinocchios_regressor(path, table):
     seconds = time.process_time() - start
     model = pin.buildModelFromXML(write_urdf(robot))
     rng = np.random.default_rng(1)
-    rank, gap = find_rank(robot, model, rng)
+    rank, gap = compute_rank(robot, model, rng)
     difference, away = find_differences(path, robot, model, rng)
     table.append((path.stem, robot.size, robot.freedom, count, rank, gap, seconds, difference, away))
     assert gap > GAP

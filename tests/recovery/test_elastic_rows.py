@@ -55,8 +55,8 @@ def test_filtered_equations_give_the_true_joint_torque(arm):
     rows = build_filtered_rows(library, signals, 60.0)
     true = filter_smooth(run.joint_torque[: len(signals.time)], 60.0, signals.period)[rows.keep]
     size = np.sqrt(np.mean(true**2, axis=0))
-    motor = rows.find_motor_side(truth) - true
-    link = rows.find_link_side(truth) - true
+    motor = rows.compute_motor_side(truth) - true
+    link = rows.compute_link_side(truth) - true
     assert np.all(np.sqrt(np.mean(link**2, axis=0)) < 8e-7 * size)
     assert np.all(np.sqrt(np.mean(motor**2, axis=0)) < 8e-7 * size)
     assert np.allclose(rows.design @ truth, rows.torque, atol=1e-5 * np.abs(rows.torque).max())

@@ -129,7 +129,7 @@ def test_the_work_of_the_knees_is_that_of_the_exact_formula(arm, clean):
         x[place.weights] = [spring.stiffness, *(stop.stiffness for stop in spring.stops)]
         x[place.slopes] = 1.0 + spring.knees[0].slope
         exact += np.diff(compute_spring_work(spring, signals.phi[:, joint])[rows.ends])
-    residual = result.cost.find_state(x).residuals[0]
+    residual = result.cost.compute_state(x).residuals[0]
     expected = block.values - block.matrix @ x[result.cost.layout.dynamics] - exact
     np.testing.assert_allclose(residual, expected, atol=2e-8)
 
@@ -142,22 +142,24 @@ def test_gradient_and_hessian_are_exact(noisy):
     layout = cost.layout
     x = draw_start(layout, first.run.x, rng)
     x[layout.speed], x[layout.excess] = (0.2, 0.4), (0.3, 0.2)
-    state = cost.find_state(x)
-    gradient, hessian = cost.find_gradient(state), cost.find_hessian(state, x)
-    scales = 1.0 / np.sqrt(np.maximum(np.diag(cost.find_gauss_newton(state)), 1e-12))
+    state = cost.compute_state(x)
+    gradient, hessian = cost.compute_gradient(state), cost.compute_hessian(state, x)
+    scales = 1.0 / np.sqrt(np.maximum(np.diag(cost.compute_gauss_newton(state)), 1e-12))
     size = 1e-4 * np.maximum(1e-2, np.abs(x))
-    ends = [[cost.find_state(x + sign * step) for sign in (-1.0, 1.0)] for step in np.diag(size)]
-    values = np.array([cost.find_value(after) - cost.find_value(before) for before, after in ends]) / (
+    ends = [[cost.compute_state(x + sign * step) for sign in (-1.0, 1.0)] for step in np.diag(size)]
+    values = np.array([cost.compute_value(after) - cost.compute_value(before) for before, after in ends]) / (
         2 * size
     )
     np.testing.assert_allclose(
         values * scales, gradient * scales, atol=1e-4 * np.abs(gradient * scales).max()
     )
-    slopes = np.array([cost.find_gradient(after) - cost.find_gradient(before) for before, after in ends])
+    slopes = np.array(
+        [cost.compute_gradient(after) - cost.compute_gradient(before) for before, after in ends]
+    )
     difference = (slopes / (2 * size)[:, None] - hessian) * scales * scales[:, None]
     assert np.abs(difference).max() < 1e-3 * np.abs(hessian * scales * scales[:, None]).max()
     # The second term matters: without it the same comparison fails.
-    bend = (hessian - cost.find_gauss_newton(state)) * scales * scales[:, None]
+    bend = (hessian - cost.compute_gauss_newton(state)) * scales * scales[:, None]
     assert np.abs(bend).max() > 100.0 * np.abs(difference).max()
 
 
@@ -210,13 +212,13 @@ def test_slopes_by_places_are_those_of_the_problem(noisy, noisy_fit):
     places = list_places(setting, cost, result.run.x)
     assert len(places) == 6 + 4
     slopes = compute_place_slopes(setting, cost, result.run.x, places)
-    before = cost.find_state(result.run.x).residuals
+    before = cost.compute_state(result.run.x).residuals
     for place in (places[0], places[-1]):
         step = 1e-3 * (setting.knees if place.knee else setting.thresholds)[place.joint][place.index]
         moved = setting.shift([place], np.array([step]))
         trial = replace(cost, recordings=moved.recordings, layout=moved.lay_out(()))
         for now, then, slope in zip(
-            before, trial.find_state(result.run.x).residuals, slopes[places.index(place)], strict=True
+            before, trial.compute_state(result.run.x).residuals, slopes[places.index(place)], strict=True
         ):
             assert np.linalg.norm((then - now) / step - slope) <= 0.02 * np.linalg.norm(slope)
 
@@ -293,7 +295,7 @@ def test_twenty_random_starts_end_at_one_optimum(noisy_fit):
     many = optimise_from_many(result, 20, np.random.default_rng(5))
     assert all(is_same(run, result.run.objective) for _, run in many)
     for start, run in many:
-        assert result.cost.find_value(result.cost.find_state(start)) > 2.0 * run.objective
+        assert result.cost.compute_value(result.cost.compute_state(start)) > 2.0 * run.objective
         assert run.certificate.kkt < 1e-6
 
 

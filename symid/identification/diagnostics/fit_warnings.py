@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import Notice
-from symid.identification.estimators import ParameterEstimate, RegressionFit, compute_inverse_root
-from symid.identification.regression import SCALAR_KINDS, Identifiability, Rows
+from symid.identification.estimators import ParameterEstimate, RegressionFit
+from symid.identification.regression import SCALAR_KINDS, Identifiability, Rows, compute_inverse_root
 from symid.logs import Recording
 from symid.robot import Processing
 

@@ -45,7 +45,7 @@ from symid.logs import differentiate, low_pass
 def fit_elimination(problem: ElasticProblem) -> MethodFit:
     """Return dynamics by elimination of the joint torque, and the springs that it then shows."""
     chi = solve_with_signs(problem.library.card, *problem.stack_filtered())
-    springs = problem.fit_springs(problem.find_motor_side(chi))
+    springs = problem.fit_springs(problem.compute_motor_side(chi))
     return build_method_fit("elimination", chi, problem.sizes, springs)
 
 
@@ -103,7 +103,7 @@ def fit_momentum(problem: ElasticProblem) -> MethodFit:
         time=np.zeros(impulse.size),
     )
     chi = fit_band(problem.library.card, rows, rounds=2).chi
-    springs = problem.fit_springs(problem.find_motor_side(chi))
+    springs = problem.fit_springs(problem.compute_motor_side(chi))
     return build_method_fit("momentum", chi, problem.sizes, springs)
 
 
@@ -225,7 +225,7 @@ def fit_independent(problem: ElasticProblem, *, encoder: bool = False) -> Method
         signals, rows = [problem.signals[i] for i in used], [problem.filtered[i] for i in used]
         parts = [np.ascontiguousarray(torsions[number][:, joint]) for number in used]
         data = build_spring_data(problem.options, joint, parts, signals, rows)
-        target = np.concatenate([part.find_motor_side(chi)[:, joint] for part in rows])
+        target = np.concatenate([part.compute_motor_side(chi)[:, joint] for part in rows])
         springs.append(build_elasticity(fit_joint_spring(problem.options, data, joint, target)))
     fit = build_method_fit("independent", chi, problem.sizes, tuple(springs))
     if set(together) != set(apart):
@@ -246,7 +246,7 @@ def estimate_virtual_torsion(problem: ElasticProblem, number: int, chi: FloatArr
     beta = chi[: problem.sizes[0]]
     rows = build_filtered_rows(library, replace(signals, settled=0), rate)
     step = rows.keep.step
-    theta, period, torque = signals.theta[::step], signals.period * step, rows.find_motor_side(chi)
+    theta, period, torque = signals.theta[::step], signals.period * step, rows.compute_motor_side(chi)
     gradient = _compute_gravity_gradient(library, theta, beta)
     root = gradient.transpose(0, 2, 1)
     damping = _DAMPING * float(np.linalg.norm(gradient, ord=2, axis=(1, 2)).max()) ** 2

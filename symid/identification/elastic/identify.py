@@ -46,7 +46,7 @@ def _compute_joint_torques(work: ElasticEquations, fit: MethodFit) -> tuple[Floa
     """Return F[tau_J] (M, n) by the motor equation, and what the springs leave of it."""
     problem = work.problem
     spring = [compute_spring_torque(problem, fit, number) for number in range(len(problem.signals))]
-    target = problem.find_motor_side(fit.chi)
+    target = problem.compute_motor_side(fit.chi)
     return target, target - np.concatenate(spring)
 
 

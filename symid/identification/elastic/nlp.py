@@ -81,7 +81,7 @@ class NlpRun(FrozenArrays):
 
 def compute_scales(cost: ElasticNlpCost, x: FloatArray) -> FloatArray:
     """Return d (x,), SI units per scaled unknown: one over the length of each column at x."""
-    diagonal = np.diag(cost.find_gauss_newton(cost.find_state(x)))
+    diagonal = np.diag(cost.compute_gauss_newton(cost.compute_state(x)))
     # A column that is empty at the start has no length yet: its unknown keeps its own size.
     own = np.maximum(np.abs(x), 1e-3)
     return np.where(diagonal > 0.0, 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), own)
@@ -92,16 +92,16 @@ def optimise_nlp(cost: ElasticNlpCost, start: FloatArray, scales: FloatArray, op
 
     Unknowns are in SI units, `scales` (x,) in SI units per scaled unknown.
     """
-    layout, state = cost.layout, keep_last(cost.find_state)
+    layout, state = cost.layout, keep_last(cost.compute_state)
 
-    def find_hessian(x: FloatArray) -> FloatArray:
+    def compute_hessian(x: FloatArray) -> FloatArray:
         exact = options.hessian == "exact"
-        return cost.find_hessian(state(x), x) if exact else cost.find_gauss_newton(state(x))
+        return cost.compute_hessian(state(x), x) if exact else cost.compute_gauss_newton(state(x))
 
     scaled = SmoothProblem(
-        value=lambda x: cost.find_value(state(x)),
-        gradient=lambda x: cost.find_gradient(state(x)),
-        hessian=find_hessian,
+        value=lambda x: cost.compute_value(state(x)),
+        gradient=lambda x: cost.compute_gradient(state(x)),
+        hessian=compute_hessian,
         lower=layout.lower,
         upper=layout.upper,
     ).scale(scales)
@@ -115,19 +115,19 @@ def optimise_nlp(cost: ElasticNlpCost, start: FloatArray, scales: FloatArray, op
         reason = (
             f"Ipopt reports success, but the residual of the optimality conditions is {certificate.kkt:.1e}"
         )
-    value = cost.find_value(cost.find_state(x))
+    value = cost.compute_value(cost.compute_state(x))
     return NlpRun(x=x, objective=value, outcome=outcome, reason=reason, certificate=certificate)
 
 
 def compute_certificate(cost: ElasticNlpCost, x: FloatArray, scales: FloatArray) -> Certificate:
     """Return the proof of optimality at x (x,), from our own derivatives."""
     layout = cost.layout
-    state = cost.find_state(x)
-    slope = cost.find_gradient(state) * scales
+    state = cost.compute_state(x)
+    slope = cost.compute_gradient(state) * scales
     z, low, high = x / scales, layout.lower / scales, layout.upper / scales
     at_low = (z - low <= _AT_BOUND) & (slope > 0.0) & (low < high)
     at_high = (high - z <= _AT_BOUND) & (slope < 0.0) & (low < high)
-    hessian = cost.find_hessian(state, x) * scales * scales[:, None]
+    hessian = cost.compute_hessian(state, x) * scales * scales[:, None]
     blind = (np.diag(hessian) <= _BLIND) & (np.abs(slope) <= _BLIND)
     free = ~(at_low | at_high | blind | (low == high))
     return Certificate(
@@ -278,12 +278,12 @@ def compute_place_slopes(
     setting: NlpSetting, cost: ElasticNlpCost, x: FloatArray, places: Sequence[NlpPlace]
 ) -> list[list[FloatArray]]:
     """Return the derivatives of all residuals (M_b,) of every block by each place."""
-    before = cost.find_state(x).residuals
+    before = cost.compute_state(x).residuals
     slopes = []
     for place in places:
         grids = (setting.knees or ()) if place.knee else setting.thresholds
         step = _SHIFT * abs(float(grids[place.joint][place.index]))
-        moved = _rebuild(cost, setting.shift([place], np.array([step]))).find_state(x).residuals
+        moved = _rebuild(cost, setting.shift([place], np.array([step]))).compute_state(x).residuals
         slopes.append([(after - now) / step for after, now in zip(moved, before, strict=True)])
     return slopes
 
@@ -295,7 +295,7 @@ def _move_places(setting: NlpSetting, cost: ElasticNlpCost, x: FloatArray) -> tu
         return setting, x
     inverse, scores = cost.invert_normal_equations(x, compute_place_slopes(setting, cost, x, places))
     step = -inverse @ scores.sum(axis=0)
-    value = cost.find_value(cost.find_state(x))
+    value = cost.compute_value(cost.compute_state(x))
     limits: dict[NlpPlace, tuple[float, float]] = {}
     for joint, spring in enumerate(cost.layout.springs):
         knees = np.array(spring.knees)
@@ -316,7 +316,7 @@ def _move_places(setting: NlpSetting, cost: ElasticNlpCost, x: FloatArray) -> tu
         moved = setting.shift(places, np.clip(fraction * step[len(x) :], lower, upper))
         trial = _rebuild(cost, moved)
         start = np.clip(x + fraction * step[: len(x)], trial.layout.lower, trial.layout.upper)
-        if trial.find_value(trial.find_state(start)) < value:
+        if trial.compute_value(trial.compute_state(start)) < value:
             return moved, start
     return setting, x
 
@@ -355,7 +355,7 @@ def fit_nlp(
     history: list[HistoryEntry] = []
     for number in range(options.rounds + 1):
         run = optimise_nlp(cost, x, compute_scales(cost, x), options)
-        residuals, chi = cost.find_state(run.x).residuals, run.x[layout.dynamics]
+        residuals, chi = cost.compute_state(run.x).residuals, run.x[layout.dynamics]
         moved, end = chi - x[layout.dynamics], np.abs(chi)
         entry = HistoryEntry(
             merit=run.objective,

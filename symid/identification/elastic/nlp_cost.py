@@ -51,13 +51,13 @@ class SpringLayout:
     changes: FloatArray
     offset: FloatArray
 
-    def find_changes(self, x: FloatArray) -> FloatArray:
+    def compute_changes(self, x: FloatArray) -> FloatArray:
         """Return the changes of slope (entries,) of the unknowns x (x,)."""
         return self.changes @ x[self.slopes] + self.offset
 
     def build_spring(self, values: FloatArray, least: float) -> Elasticity:
         """Return the spring of the unknowns `values` (x,); weights up to `least` N m/rad are zero."""
-        weights, changes = values[self.weights], self.find_changes(values)
+        weights, changes = values[self.weights], self.compute_changes(values)
         knees = [
             Knee(threshold=torque, slope=float(changes[slot]))
             for torque, slot in sorted(zip(self.knees, self.slots, strict=True))
@@ -245,7 +245,7 @@ class ElasticNlpCost:
         """Return the number of rows."""
         return sum(len(block.values) for block in self.blocks)
 
-    def find_state(self, x: FloatArray) -> CostState:
+    def compute_state(self, x: FloatArray) -> CostState:
         """Return residuals and their derivatives at the unknowns x."""
         blocks, knees, friction = [], [], []
         for part in self.recordings:
@@ -258,34 +258,34 @@ class ElasticNlpCost:
             rates = (compute_stribeck_derivatives(_NUMPY, *pair, self.smoothing) for pair in pairs)
             means = tuple(average_steps(np.column_stack(derivatives)) for derivatives in rates)
             shared = _SharedRows(self.layout, x, steps, means)
-            blocks += [shared.find_block(block) for block in part.blocks]
+            blocks += [shared.compute_block(block) for block in part.blocks]
             knees.append(steps)
             friction.append(means)
         residuals, places, jacobians = zip(*blocks, strict=True)
         return CostState(residuals, places, jacobians, tuple(knees), tuple(friction))
 
-    def find_value(self, state: CostState) -> float:
+    def compute_value(self, state: CostState) -> float:
         """Return f."""
         parts = zip(state.residuals, self.sigmas, strict=True)
         return sum(float(r @ r) / sigma**2 for r, sigma in parts) / (2.0 * self.rows)
 
-    def find_gradient(self, state: CostState) -> FloatArray:
+    def compute_gradient(self, state: CostState) -> FloatArray:
         """Return df/dx (x,)."""
         gradient = np.zeros(self.layout.size)
         for r, place, jacobian, sigma in self.list_blocks(state):
             gradient[place] += jacobian.T @ r / sigma**2
         return gradient / self.rows
 
-    def find_gauss_newton(self, state: CostState) -> FloatArray:
+    def compute_gauss_newton(self, state: CostState) -> FloatArray:
         """Return the Hessian (x, x) without second derivatives of the residuals."""
         hessian = np.zeros((self.layout.size,) * 2)
         for _, place, jacobian, sigma in self.list_blocks(state):
             hessian[np.ix_(place, place)] += jacobian.T @ jacobian / sigma**2
         return hessian / self.rows
 
-    def find_hessian(self, state: CostState, x: FloatArray) -> FloatArray:
+    def compute_hessian(self, state: CostState, x: FloatArray) -> FloatArray:
         """Return the exact Hessian (x, x)."""
-        hessian = self.find_gauss_newton(state)
+        hessian = self.compute_gauss_newton(state)
         pending = zip(state.residuals, self.sigmas, strict=True)
         for part, knees, friction in zip(self.recordings, state.knees, state.friction, strict=True):
             pulls = np.zeros((len(knees), len(part.speed) - 1))
@@ -300,10 +300,10 @@ class ElasticNlpCost:
                     drags[joint] += sums.spread(rows)
             for spring, steps, pull in zip(self.layout.springs, knees, pulls, strict=True):
                 if spring.knees:
-                    cross = steps.find_cross(pull) @ spring.changes
+                    cross = steps.compute_cross(pull) @ spring.changes
                     hessian[spring.weights, spring.slopes] += cross
                     hessian[spring.slopes, spring.weights] += cross.T
-                    bend = steps.find_curvature(pull, spring.find_changes(x))
+                    bend = steps.compute_curvature(pull, spring.compute_changes(x))
                     hessian[spring.weights, spring.weights] += bend
             for joint, rates in enumerate(friction):
                 excess, speed = self.layout.excess.start + joint, self.layout.speed.start + joint
@@ -341,7 +341,7 @@ class ElasticNlpCost:
 
         H^-1 is zero for what has no effect or stands at a bound. Arguments as those of `compute_covariance`.
         """
-        state = self.find_state(x)
+        state = self.compute_state(x)
         size = len(x) + len(places)
         curvature, scores = np.zeros((size, size)), np.zeros((len(self.recordings), _STRETCHES, size))
         owners = [index for index, part in enumerate(self.recordings) for _ in part.blocks]
@@ -372,10 +372,10 @@ class _SharedRows:
     ) -> None:
         self.layout, self.x, self.knees, self.friction = layout, x, knees, friction
         pairs = zip(knees, layout.springs, strict=True)
-        self.bends = [steps.find_slopes(spring.find_changes(x)) for steps, spring in pairs]
+        self.bends = [steps.compute_slopes(spring.compute_changes(x)) for steps, spring in pairs]
         self.known: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}
 
-    def find_block(self, block: RowBlock) -> tuple[FloatArray, Places, FloatArray]:
+    def compute_block(self, block: RowBlock) -> tuple[FloatArray, Places, FloatArray]:
         """Return residual, places and Jacobian of a block."""
         layout, x = self.layout, self.x
         residual = block.values - block.matrix @ x[layout.dynamics]
@@ -391,7 +391,7 @@ class _SharedRows:
                     steps, slopes = self.knees[spring.joint].means, self.bends[spring.joint]
                     self.known[key] = spring.sums.add(steps), spring.sums.add(slopes)
                 means, bends = self.known[key]
-                torque = torque + means @ place.find_changes(x)
+                torque = torque + means @ place.compute_changes(x)
                 slope = slope + bends
                 places.append(np.arange(place.slopes.start, place.slopes.stop))
                 columns.append(-block.sign * means @ place.changes)

@@ -125,17 +125,17 @@ class KneeSteps:
     ends: FloatArray
     crossings: tuple[tuple[int, NDArray[np.intp], FloatArray, FloatArray], ...]
 
-    def find_slopes(self, slopes: FloatArray) -> FloatArray:
+    def compute_slopes(self, slopes: FloatArray) -> FloatArray:
         """Return the derivatives (N - 1, m + 1) by the weights of sum_j s_j times the step means."""
         before, after = self.starts @ slopes, self.ends @ slopes
         return before[:, None] * self.basis[:-1] + after[:, None] * self.basis[1:]
 
-    def find_cross(self, multipliers: FloatArray) -> FloatArray:
+    def compute_cross(self, multipliers: FloatArray) -> FloatArray:
         """Return sum_i c_i d mean_i / dk (m + 1, slots) for multipliers c (N - 1,) of the steps."""
         before, after = multipliers[:, None] * self.starts, multipliers[:, None] * self.ends
         return self.basis[:-1].T @ before + self.basis[1:].T @ after
 
-    def find_curvature(self, multipliers: FloatArray, slopes: FloatArray) -> FloatArray:
+    def compute_curvature(self, multipliers: FloatArray, slopes: FloatArray) -> FloatArray:
         """Return sum_i c_i sum_j s_j d2 mean_ij / dk2 (m + 1, m + 1)."""
         total = np.zeros((self.basis.shape[1],) * 2)
         for slot, steps, place, bend in self.crossings:

@@ -58,9 +58,9 @@ class ElasticProblem:
         rows = self.filtered if numbers is None else [self.filtered[number] for number in numbers]
         return np.concatenate([part.design for part in rows]), np.concatenate([part.torque for part in rows])
 
-    def find_motor_side(self, chi: FloatArray) -> FloatArray:
+    def compute_motor_side(self, chi: FloatArray) -> FloatArray:
         """Return F[tau_J] (M, n) by the motor equation with the dynamic parameters chi (p + n + pf,)."""
-        return np.concatenate([part.find_motor_side(chi) for part in self.filtered])
+        return np.concatenate([part.compute_motor_side(chi) for part in self.filtered])
 
     def compute_work(self, springs: Sequence[Elasticity]) -> FloatArray:
         """Return the work of all springs in the windows of the energy rows (m,), J."""
@@ -85,8 +85,8 @@ class ElasticProblem:
         The variances are those about a spring on the grid, so that a side with more noise counts less; chi
         (p + n + pf,) are the dynamic parameters.
         """
-        motor = self.find_motor_side(chi)
-        link = np.concatenate([rows.find_link_side(chi) for rows in self.filtered])
+        motor = self.compute_motor_side(chi)
+        link = np.concatenate([rows.compute_link_side(chi) for rows in self.filtered])
         joined = np.empty_like(motor)
         for joint, data in enumerate(self.springs):
             sides = [motor[:, joint], link[:, joint]]

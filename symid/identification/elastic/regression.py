@@ -226,11 +226,11 @@ class FilteredRows(FrozenArrays):
     keep: slice
     bases: int
 
-    def find_motor_side(self, chi: FloatArray) -> FloatArray:
+    def compute_motor_side(self, chi: FloatArray) -> FloatArray:
         """Return F[tau_J] (M, n) by the motor equation with the dynamic parameters chi (p + n + pf,)."""
         return self.torque - self.design[:, :, self.bases :] @ chi[self.bases :]
 
-    def find_link_side(self, chi: FloatArray) -> FloatArray:
+    def compute_link_side(self, chi: FloatArray) -> FloatArray:
         """Return F[tau_J] (M, n) by the link equation."""
         return self.design[:, :, : self.bases] @ chi[: self.bases]
 

@@ -51,7 +51,7 @@ class SpringData:
     basis: tuple[FloatArray, ...] = ()
     filtered: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
-    def find_basis(self, thresholds: FloatArray) -> tuple[FloatArray, ...]:
+    def compute_basis(self, thresholds: FloatArray) -> tuple[FloatArray, ...]:
         """Return phi and the stops of other thresholds, thinned, for every recording."""
         if thresholds is self.thresholds and self.basis:
             return self.basis
@@ -60,7 +60,7 @@ class SpringData:
 
     def rebuild(self, thresholds: FloatArray) -> "SpringData":
         """Return the data with these thresholds (m,) as their grid, so that their basis is at hand."""
-        basis = self.find_basis(thresholds)
+        basis = self.compute_basis(thresholds)
         if basis is self.basis:
             return self
         return replace(self, thresholds=thresholds, basis=basis, filtered=filter_parts(self, basis))
@@ -69,7 +69,7 @@ class SpringData:
         """Return F[tau_J] (M,) of a spring at the rows."""
         if weights.thresholds is self.thresholds and not len(weights.knees):
             return self.filtered @ weights.stiffness
-        bases = self.find_basis(weights.thresholds)
+        bases = self.compute_basis(weights.thresholds)
         return filter_parts(self, [compute_outer(basis, weights) for basis in bases])
 
     def compute_cost(self, target: FloatArray, weights: SpringWeights) -> float:
@@ -111,7 +111,7 @@ def fit_spring(
     best, cost = start, data.compute_cost(target, start)
     floor = np.concatenate([np.zeros(len(best.stiffness)), np.full(len(best.knees), LEAST_SLOPE)])
     for _ in range(iterations):
-        slopes = [compute_spring_slopes(basis, best) for basis in data.find_basis(best.thresholds)]
+        slopes = [compute_spring_slopes(basis, best) for basis in data.compute_basis(best.thresholds)]
         filtered = filter_parts(data, slopes)
         jacobian, value = filtered[:, :-1], filtered[:, -1]
         packed = np.concatenate([best.stiffness, best.slopes])
@@ -383,7 +383,7 @@ def _list_simpler(data: SpringData, weights: SpringWeights) -> list[SpringWeight
     if above not in {0, len(knees)}:
         # Without the innermost knees of both sides, where they lie near zero torque: the slope beyond them is
         # then the one at zero, and scales all weights. Left out one by one, the other would stand in the way.
-        _, lowest, highest = measure_reach(data.find_basis(weights.thresholds), weights)
+        _, lowest, highest = measure_reach(data.compute_basis(weights.thresholds), weights)
         if -knees[0] <= _CLOSE * lowest and knees[above] <= _CLOSE * highest:
             slope = float(weights.slopes[0] + weights.slopes[above]) / 2.0
             rest = weights.keep_knees(~np.isin(np.arange(len(knees)), (0, above)))

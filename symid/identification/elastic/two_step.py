@@ -77,7 +77,9 @@ def step_two_step(problem: ElasticProblem, state: TwoStepState) -> TwoStepState:
     count = len(state.history) if problem.options.moves_stops else -1
     data: list[SpringData] = []
     springs: list[SpringWeights] = []
-    for joint, (known, aim) in enumerate(zip(state.data, problem.find_motor_side(state.chi).T, strict=True)):
+    for joint, (known, aim) in enumerate(
+        zip(state.data, problem.compute_motor_side(state.chi).T, strict=True)
+    ):
         first = not state.springs
         start = build_start_spring(problem.options, known, joint, aim) if first else state.springs[joint]
         if count == _GRID_STEPS:
@@ -92,7 +94,7 @@ def step_two_step(problem: ElasticProblem, state: TwoStepState) -> TwoStepState:
     fraction = 1.0
     for _ in range(_HALVINGS):
         chi = state.chi + fraction * (goal - state.chi)
-        motor_side = problem.find_motor_side(chi).T
+        motor_side = problem.compute_motor_side(chi).T
         errors = [
             problem.supplied - work - problem.design @ chi,
             *(aim - torque for aim, torque in zip(motor_side, spring_torques, strict=True)),

@@ -150,7 +150,7 @@ def predict_elastic(
     """
     signals = prepare_elastic_signals(recording, options)
     rows = build_filtered_rows(library, signals, options.rate)
-    motor, link = rows.find_motor_side(final.chi), rows.find_link_side(final.chi)
+    motor, link = rows.compute_motor_side(final.chi), rows.compute_link_side(final.chi)
     torsion = filter_smooth(signals.phi, options.rate, signals.period)[rows.keep]
     phi, rate = signals.phi, signals.dtheta - signals.dq
 

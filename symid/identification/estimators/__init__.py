@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     )
     from symid.identification.estimators.least_squares import (
         RegressionFit as RegressionFit,
-        compute_inverse_root as compute_inverse_root,
         compute_residuals as compute_residuals,
         estimate_group_weights as estimate_group_weights,
         estimate_period_noise as estimate_period_noise,

@@ -34,6 +34,7 @@ from symid.identification.regression import (
     Condensed,
     Identifiability,
     Rows,
+    compute_inverse_root,
     compute_square_sums,
     condense_rows,
     count_freedom,
@@ -114,13 +115,6 @@ def fit_condensed(
         variance=variance,
         condition=found.condition,
     )
-
-
-def compute_inverse_root(design: FloatArray) -> FloatArray:
-    """Return V S^-1 of the singular value decomposition of F (m, r), so that its square is (F'F)^-1."""
-    _, singular, directions = np.linalg.svd(np.linalg.qr(design, mode="r"), full_matrices=False)
-    root: FloatArray = directions.T / singular
-    return root
 
 
 def _compute_group_scatter(rows: Rows, residuals: FloatArray, fitted: int) -> FloatArray:

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
         analyse_condensed as analyse_condensed,
         analyse_identifiability as analyse_identifiability,
         check_identifiable_share as check_identifiable_share,
+        compute_inverse_root as compute_inverse_root,
         compute_spectrum as compute_spectrum,
         compute_square_sums as compute_square_sums,
         condense_rows as condense_rows,

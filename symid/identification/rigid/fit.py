@@ -15,7 +15,7 @@ Not supported: recordings with delays or offsets of their own; other estimators 
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -69,7 +69,6 @@ from symid.identification.regression import (
     predict_rows,
     stack_rows,
 )
-from symid.identification.rigid.validation import describe_processing
 from symid.logs import Recording
 from symid.robot import Processing, Robot, suggest_names
 
@@ -255,7 +254,9 @@ def identify_parameters(
     windowed = rows not in {"torque", "power"}
     settings = {
         **(echo or {}),
-        **describe_processing(processing, used, recordings),
+        "processing": asdict(used),
+        "sample_period": recordings[0].period,
+        **({"chosen": list(processing.left_open)} if processing.left_open else {}),
         **({"fit": dict(fitted.fit.report)} if fitted.fit.report else {}),
         **({} if weights is None else {"weights": list(weights)}),
         **({"window": window} if windowed else {}),
@@ -263,13 +264,12 @@ def identify_parameters(
     }
     estimate = build_estimate(library.card, fitted, estimator, recordings, settings)
     values = fitted.fit.values
+    impossible = () if fitted.identifiability.refused else warn_of_mass_matrix(library, values, recordings)
     warnings = [*warn_of_processing(used, recordings), *warn_of_moving_ends(used, recordings)]
     warnings += fitted.pattern
     if fitted.pattern:
         warnings += warn_of_structure(analyse_structure(values, library, recordings, used, weights=weights))
-    warnings += (*warn_of_stiction(fitted.rows, fitted.fit, library), *fitted.drift)
-    if not fitted.identifiability.refused:
-        warnings += warn_of_mass_matrix(library, values, recordings)
+    warnings += (*warn_of_stiction(fitted.rows, fitted.fit, library), *fitted.drift, *impossible)
     return replace(estimate, notices=(*filters.notices, *estimate.notices, *warnings))
 
 

@@ -14,7 +14,7 @@ with other joints, or a model other than the estimate's.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from decimal import Decimal
 from typing import Any, NoReturn, TypeGuard
 
@@ -58,7 +58,7 @@ def resolve_processing(
     Raises:
         EstimateError: the settings of the estimate cannot be read.
     """
-    left = _list_open(processing)
+    left = processing.left_open
     stated = dict.fromkeys(OPEN_SETTINGS, "stated")
     if not left:
         return ResolvedProcessing(processing=replace(processing, automatic=False), origin=stated)
@@ -79,26 +79,6 @@ def resolve_processing(
         origin=stated | dict.fromkeys(left, "log"),
         notices=tuple(replace(notice, file=recording.source) for notice in choice.notices),
     )
-
-
-def _list_open(processing: Processing) -> tuple[str, ...]:
-    """Return which entries of `OPEN_SETTINGS` are left open."""
-    if not processing.automatic:
-        return ()
-    left = (processing.filter_cutoff is None, processing.decimation.factor == 1)
-    return tuple(name for name, free in zip(OPEN_SETTINGS, left, strict=True) if free)
-
-
-def describe_processing(
-    stated: Processing, used: Processing, recordings: Sequence[Recording]
-) -> dict[str, object]:
-    """Return the processing that was used, and which entries of the stated one were chosen from the logs."""
-    chosen = list(_list_open(stated))
-    return {
-        "processing": asdict(used),
-        "sample_period": recordings[0].period,
-        **({"chosen": chosen} if chosen else {}),
-    }
 
 
 def read_fit_processing(settings: Mapping[str, object]) -> Processing:

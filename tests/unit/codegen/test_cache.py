@@ -193,16 +193,16 @@ def test_the_key_sees_of_the_robot_what_its_functions_depend_on(robot):
     key = compute_library_key(robot, None, compiler)
     (joint,) = robot.joints
 
-    def find_key(**changes):
+    def compute_key(**changes):
         return compute_library_key(replace(robot, joints=(replace(joint, **changes),)), None, compiler)
 
-    assert find_key(limits=Limits(velocity=3.5)) == key
-    assert find_key(drive=replace(joint.drive, torque_constant=7.0)) == key
+    assert compute_key(limits=Limits(velocity=3.5)) == key
+    assert compute_key(drive=replace(joint.drive, torque_constant=7.0)) == key
     assert compute_library_key(replace(robot, source="a paper", notices=()), None, compiler) == key
     controller = Controller(stiffness=(5.0,), damping=(1.0,))
     assert compute_library_key(replace(robot, controller=controller), None, compiler) == key
-    assert find_key(name="another") != key
-    assert find_key(drive=replace(joint.drive, has_rotor=not joint.drive.has_rotor)) != key
+    assert compute_key(name="another") != key
+    assert compute_key(drive=replace(joint.drive, has_rotor=not joint.drive.has_rotor)) != key
 
 
 @pytest.mark.parametrize("what", ["machine", "system"])
@@ -501,16 +501,16 @@ def test_the_key_names_the_processor_that_code_is_made_for(robot, tmp_path, monk
     told = tmp_path / "cpuinfo"
     monkeypatch.setattr(compiler_module, "_PROCESSORS", told)
 
-    def find_key():
+    def compute_key():
         return compute_library_key(robot, None, locate_compiler(c_compiler, native=True))
 
     write_processors(told)
     assert read_processor() == "flags: fpu avx2\nmodel name: X 1"
-    key = find_key()
+    key = compute_key()
     write_processors(told, speed="800.0")
-    assert find_key() == key
+    assert compute_key() == key
     write_processors(told, flags="fpu avx2 avx512f")
-    assert find_key() != key
+    assert compute_key() != key
     # Without what it can do, a processor is not known: no code is made for it.
     for text in ("processor: 0\nmodel name: X 1\n", ""):
         told.write_text(text)

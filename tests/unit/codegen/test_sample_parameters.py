@@ -29,7 +29,7 @@ def test_mass_matrices_are_well_conditioned_at_every_state(project, robot):
     for beta in found[-4:]:
         at = SampleStates(count=100, seed=1, shared={"beta": beta})
         program = made.programs[0]
-        (matrices,) = evaluate_casadi(made.functions[0], program, at.find_all(program)[1], 100)
+        (matrices,) = evaluate_casadi(made.functions[0], program, at.compute_all(program)[1], 100)
         assert np.linalg.cond(matrices.reshape(100, made.card.size, -1)).max() < 100
         # Every parameter takes part.
         assert np.count_nonzero(beta) >= 0.95 * len(beta)
@@ -43,9 +43,9 @@ def test_forward_dynamics_alone_tells_what_it_amplifies(project):
     at = SampleStates(count=100, seed=1, shared={"beta": beta})
     (mass,) = build(project, "panda", "mass_matrix").functions
     spec = build(project, "panda", "mass_matrix").programs[0]
-    (matrices,) = evaluate_casadi(mass, spec, at.find_all(spec)[1], 100)
+    (matrices,) = evaluate_casadi(mass, spec, at.compute_all(spec)[1], 100)
     condition = np.linalg.cond(matrices.reshape(100, 7, 7)).max()
-    found = estimate_amplification(function, program, at.find_all(program)[1], 100)
+    found = estimate_amplification(function, program, at.compute_all(program)[1], 100)
     assert found == 2.0 ** max(0, np.ceil(np.log2(condition / 100)))
     (reference,) = build_references(made.card, made.functions, made.programs, GenerateOptions())
     largest = max(abs(value) for row in reference.whole[0] for value in row)

@@ -53,7 +53,7 @@ def test_angles_are_what_a_function_takes_sines_of_alone(programs, angles):
 def test_a_few_states_lie_far_out_and_are_exact_in_the_precision(precision):
     limit, dtype = ANGLE_LIMITS[precision], np.float32 if precision == "float" else np.float64
     states = SampleStates(count=100, seed=1, shared={}, angles=list_angle_inputs([TURNS]), limit=limit)
-    q, dq = states.find_all(TURNS)[1]
+    q, dq = states.compute_all(TURNS)[1]
     far = np.abs(q) > 3.0
     assert (far.all(axis=1) == far.any(axis=1)).all()
     rows = np.flatnonzero(far.any(axis=1))
@@ -73,17 +73,19 @@ def test_a_few_states_lie_far_out_and_are_exact_in_the_precision(precision):
 def test_a_function_that_uses_an_angle_otherwise_has_it_near_in_a_table_of_its_own():
     angles = list_angle_inputs([TURNS, SPRING, NO_ANGLES])
     states = SampleStates(count=100, seed=1, shared={}, angles=angles)
-    assert np.abs(states.find_all(TURNS)[1][0]).max() > 1e6
-    assert np.abs(states.find_all(SPRING)[1][0]).max() <= 3.0
-    assert states.find_all(TURNS)[0] == ("q_2", "dq_2")
-    assert states.find_all(SPRING)[0] == ("q_2_near", "dq_2")
-    near = np.abs(states.find_all(TURNS)[1][0]).max(axis=1) <= 3.0
-    np.testing.assert_array_equal(states.find_all(SPRING)[1][0][near], states.find_all(TURNS)[1][0][near])
+    assert np.abs(states.compute_all(TURNS)[1][0]).max() > 1e6
+    assert np.abs(states.compute_all(SPRING)[1][0]).max() <= 3.0
+    assert states.compute_all(TURNS)[0] == ("q_2", "dq_2")
+    assert states.compute_all(SPRING)[0] == ("q_2_near", "dq_2")
+    near = np.abs(states.compute_all(TURNS)[1][0]).max(axis=1) <= 3.0
+    np.testing.assert_array_equal(
+        states.compute_all(SPRING)[1][0][near], states.compute_all(TURNS)[1][0][near]
+    )
 
 
 def test_few_states_are_all_near():
     states = SampleStates(count=20, seed=1, shared={}, angles=list_angle_inputs([TURNS]))
-    assert np.abs(states.find_all(TURNS)[1][0]).max() <= 3.0
+    assert np.abs(states.compute_all(TURNS)[1][0]).max() <= 3.0
 
 
 @pytest.mark.parametrize("name", ["two_link", "two_link_elastic", "scara"])

@@ -33,7 +33,7 @@ CURVED = [FrictionValues(kind=kind, shape=shape) for kind, shape in SHAPES.items
 ROW = (0.3, 0.1, 0.2, "q")
 
 
-def find_rank(robot):
+def compute_rank(robot):
     """Rank of the sampled friction regressor, built from the models and the transmission by hand."""
     rng, blocks = np.random.default_rng(3), []
     labels = list_friction_parameters(robot)
@@ -76,7 +76,7 @@ def test_followers_and_couplings_show_what_samples_show(kind, other, multiplier)
         name="m", terms=((0, Fraction(1)), (1, Fraction(1))), friction=FrictionValues(kind=other)
     )
     robot = replace(robot, joints=tuple(joints), couplings=(coupling,))
-    assert rank_of_rows(robot) == find_rank(robot)
+    assert rank_of_rows(robot) == compute_rank(robot)
 
 
 @pytest.mark.parametrize("friction", CURVED, ids=lambda friction: friction.kind.value)
@@ -90,7 +90,7 @@ def test_curved_friction_shows_what_samples_show(friction, other, multiplier):
     joints[2] = replace(joints[2], mimic=Mimic(master=0, multiplier=multiplier), friction=other)
     coupling = Coupling(name="m", terms=((0, Fraction(1)), (1, Fraction(1))), friction=other)
     robot = replace(robot, joints=tuple(joints), couplings=(coupling,))
-    assert rank_of_rows(robot) == find_rank(robot)
+    assert rank_of_rows(robot) == compute_rank(robot)
 
 
 def test_constant_torques():

@@ -34,7 +34,7 @@ def test_means_are_those_of_the_dead_zones_along_each_step():
 
 
 def test_slopes_are_the_derivatives_by_the_weights():
-    found = find(WEIGHTS).find_slopes(SLOPES)
+    found = find(WEIGHTS).compute_slopes(SLOPES)
     for column, step in enumerate(1e-6 * np.eye(3)):
         before, after = (find(WEIGHTS + sign * step).means @ SLOPES for sign in (-1.0, 1.0))
         np.testing.assert_allclose(found[:, column], (after - before) / 2e-6, atol=2e-5)
@@ -46,14 +46,14 @@ def test_cross_terms_and_curvature_are_the_derivatives_of_the_slopes():
     steps = find(WEIGHTS)
     slopes = np.eye(3)
     for slot in range(3):
-        expected = multipliers @ steps.find_slopes(slopes[slot])
-        np.testing.assert_allclose(steps.find_cross(multipliers)[:, slot], expected, rtol=1e-12)
-    curvature = steps.find_curvature(multipliers, SLOPES)
+        expected = multipliers @ steps.compute_slopes(slopes[slot])
+        np.testing.assert_allclose(steps.compute_cross(multipliers)[:, slot], expected, rtol=1e-12)
+    curvature = steps.compute_curvature(multipliers, SLOPES)
     np.testing.assert_allclose(curvature, curvature.T, rtol=1e-12)
     size = 1e-7
     for column, step in enumerate(size * np.eye(3)):
         before, after = (
-            multipliers @ find(WEIGHTS + sign * step).find_slopes(SLOPES) for sign in (-1.0, 1.0)
+            multipliers @ find(WEIGHTS + sign * step).compute_slopes(SLOPES) for sign in (-1.0, 1.0)
         )
         np.testing.assert_allclose(
             (after - before) / (2.0 * size), curvature[:, column], rtol=1e-4, atol=1e-4
@@ -63,7 +63,7 @@ def test_cross_terms_and_curvature_are_the_derivatives_of_the_slopes():
 def test_a_spring_without_knees_has_no_steps():
     steps = build_knee_steps(make(), WEIGHTS, ())
     assert steps.means.shape == (399, 0)
-    assert not steps.find_slopes(np.zeros(0)).any()
+    assert not steps.compute_slopes(np.zeros(0)).any()
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
