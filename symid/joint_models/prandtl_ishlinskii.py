@@ -173,18 +173,17 @@ def compute_plays(values: FloatArray, thresholds: FloatArray, memory: FloatArray
     # Samples of one place in their blocks are contiguous: each pass of the loops works on one slab.
     slabs = padded.reshape(blocks, length).T[:, :, None]
     lower, upper = slabs - radii, slabs + radii
-    low, high = lower[0].copy(), upper[0].copy()
+    ends = np.stack([lower[0], upper[0]])
     for least, most in zip(lower[1:], upper[1:], strict=True):
-        np.maximum(least, np.minimum(most, low, out=low), out=low)
-        np.maximum(least, np.minimum(most, high, out=high), out=high)
-    entry = np.empty((blocks, radii.size))
-    for block in range(blocks):
-        entry[block] = state
-        state = np.maximum(low[block], np.minimum(high[block], state))
-    plays = np.empty((length, blocks, radii.size))
+        np.maximum(least, np.minimum(most, ends, out=ends), out=ends)
+    entry = np.empty((blocks + 1, radii.size))
+    entry[0] = state
+    for low, high, before, after in zip(*ends, entry[:-1], entry[1:], strict=True):
+        np.maximum(low, np.minimum(high, before, out=after), out=after)
+    plays, before = np.empty((length, blocks, radii.size)), entry[:-1]
     for least, most, out in zip(lower, upper, plays, strict=True):
-        np.maximum(least, np.minimum(most, entry, out=entry), out=entry)
-        out[...] = entry
+        np.maximum(least, np.minimum(most, before, out=out), out=out)
+        before = out
     return np.ascontiguousarray(plays.transpose(1, 0, 2)).reshape(-1, radii.size)[:count]
 
 
