@@ -11,6 +11,7 @@ write to the folders above the cache, against the user, or against root.
 """
 
 import contextlib
+import functools
 import json
 import os
 import platform
@@ -261,6 +262,7 @@ def obtain_entry(entry: CacheEntry[T], cache: Path | None) -> tuple[T, tuple[Not
     return loaded, (Notice(code="codegen.cache-temporary", text=text, file=str(temporary)), *notices)
 
 
+@functools.cache
 def _read_code_bytes() -> tuple[tuple[str, bytes], ...]:
     folders = (_PACKAGE, *(_PACKAGE / room for room in _HASHED_ROOMS))
     paths = [path for folder in folders for path in sorted(folder.glob("*.py"))]

@@ -199,12 +199,17 @@ def locate_compiler(command: str | None = None, *, native: bool = False) -> Comp
         if path is None:
             continue
         try:
-            lines = _run_compiler((path, "--version")).splitlines()
+            version = _read_version(path, Path(path).stat().st_mtime_ns)
         except GenerationError:
             continue
-        processor = read_processor() if native else ""
-        return Compiler(path=path, version=lines[0] if lines else "", processor=processor)
+        return Compiler(path=path, version=version, processor=read_processor() if native else "")
     return None
+
+
+@cache
+def _read_version(path: str, _changed: int) -> str:
+    """Return the first line of a compiler's answer to --version; `_changed` is the time of its file in ns."""
+    return _run_compiler((path, "--version")).partition("\n")[0]
 
 
 @cache
