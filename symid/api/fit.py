@@ -170,6 +170,13 @@ class Fit(Result):
 
         Raises:
             OutputError: the file cannot be written.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
+            >>> fit.save("fit.json").name
+            'fit.json'
         """
         from symid.identification import write_fit
 
@@ -189,6 +196,13 @@ class Fit(Result):
             EstimateError: the fit belongs to another model.
             LogError: the log does not fit the robot.
             IdentifiabilityError: no joint moves in the log.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
+            >>> fit.validate(robot.simulate("tc", duration=5.0, seed=2).log, gate=5.0).accepted
+            True
         """
         pairs = list_pairs(settings)
         return LogValidation(product=self._try(take_one_log(log, pairs), pairs), gate=gate)
@@ -239,6 +253,13 @@ class Fit(Result):
         Raises:
             UsageError: a column is missing, or a reading is not a sum of our parameters.
             EstimateError: another fit cannot be read, belongs to another robot, or has nothing in common.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
+            >>> fit.compare(fit).largest
+            0.0
         """
         from symid.api.validation import compare_fit
 
@@ -303,6 +324,13 @@ class Fit(Result):
             UsageError: this kind of fit has no validation or diagnosis.
             LogError: a log does not fit the robot.
             OutputError: the page cannot be written.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
+            >>> fit.report("report.html", validation=robot.simulate("tc", duration=5.0).log).file.name
+            'report.html'
         """
         pairs = list_pairs(settings)
         logs = list_logs(validation, pairs)
@@ -406,6 +434,12 @@ class RigidFit(_DynamicsFit):
         Raises:
             LogError: a log no longer exists.
             UsageError: the rows of the fit mix the joints.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
+            >>> fit.diagnose()  # doctest: +SKIP
         """
         from symid.identification import diagnose_fit
 

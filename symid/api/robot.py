@@ -214,6 +214,12 @@ class RobotModel:
 
         Raises:
             RobotError: a symbolic length has no value.
+
+        Example:
+            >>> import symid
+            >>> lesson = symid.load("emps").derivation()
+            >>> lesson.steps[0].title
+            'Frames'
         """
         from symid.api.dynamics import Derivation
 
@@ -292,6 +298,12 @@ class RobotModel:
         Raises:
             RobotError: a symbolic length has no value.
             GenerationError: there is no compiler and the backend is "c", or it fails.
+
+        Example:
+            >>> import symid
+            >>> lib = symid.load("two_link").compile()
+            >>> lib.mass_matrix([0.1, 0.2], lib.beta).shape
+            (2, 2)
         """
         from symid.api.code import CompiledModel
 
@@ -333,6 +345,11 @@ class RobotModel:
                 is to be constant.
             OutputError: the folder cannot be written, or belongs to something else.
             GenerationError: the code fails its self-test.
+
+        Example:
+            >>> import symid
+            >>> symid.load("two_link").write("python", "code", functions=["gravity"]).selftest
+            'passed'
         """
         from symid.api.code import WrittenCode
         from symid.codegen import CodeRequest, GenerateOptions, generate_folder
@@ -371,6 +388,12 @@ class RobotModel:
             UsageError: `resample` is given with several logs.
             LogError: a log cannot be used; the message lists all mistakes.
             OutputError: the copy cannot be written.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> robot.check(robot.simulate(duration=4).log).accepted
+            True
         """
         from symid.api.log import RobotCheck, list_logs
         from symid.identification.diagnostics import LogsCheck, check_robot_logs
@@ -603,6 +626,13 @@ class RobotModel:
         Raises:
             UsageError: a setting has no meaning for a stiffness.
             LogError: a log lacks an encoder, or is too short.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link_elastic")
+            >>> found = robot.identify_stiffness(robot.simulate(duration=6.0, seed=1).log)
+            >>> sorted(found.joints)
+            ['elbow', 'shoulder']
         """
         from symid.api.identification import Stiffness
         from symid.identification import identify_stiffness
@@ -661,6 +691,12 @@ class RobotModel:
         Raises:
             UsageError: an option is out of range or does not fit the robot.
             IdentifiabilityError: no such trajectory makes all parameters identifiable.
+
+        Example:
+            >>> import symid
+            >>> found = symid.load("two_link").excite(harmonics=2, period=2, candidates=20, starts=1)
+            >>> found.condition < found.product.random_condition
+            True
         """
         check_count("seed", seed)
         import numpy as np
@@ -802,6 +838,18 @@ class RobotModel:
             EstimateError: an estimate is of another model.
             LogError: a log cannot be used.
             IdentifiabilityError: no quantity of the payload is identifiable.
+
+        Example:
+            >>> import symid
+            >>> from pathlib import Path
+            >>> robot = symid.load("two_link")
+            >>> heavy = robot.path.read_text().replace("mass = 1.9", "mass = 2.9")
+            >>> Path("heavy.toml").write_text(heavy) == len(heavy)
+            True
+            >>> carrying = symid.load("heavy.toml").simulate(duration=4, seed=2).log
+            >>> found = robot.payload(carrying, robot.simulate(duration=4).log)
+            >>> round(found.mass, 1)
+            1.0
         """
         from symid.api.identification import PayloadResult, list_payload_side
         from symid.identification import PayloadTask, identify_payload
@@ -831,6 +879,11 @@ class RobotModel:
             UsageError: the format is unknown, or has no precision.
             RobotError: the robot file does not state all values.
             OutputError: the file cannot be written.
+
+        Example:
+            >>> import symid
+            >>> symid.load("two_link").export("two_link.urdf").format
+            'URDF'
         """
         from symid.api.robot_files import ExportedFile
 
@@ -851,6 +904,12 @@ class RobotModel:
             seed: the first one.
             jobs: number of processes; one for each core by default. A script starts them below `if __name__
                 == "__main__":`.
+
+        Example:
+            >>> import symid
+            >>> study = symid.load("two_link").study_precision(seeds=2, jobs=1)
+            >>> [method.method for method in study.product.methods]
+            ['wls', 'momentum', 'consistent']
         """
         from symid.study import study_precision
 
@@ -924,6 +983,11 @@ class RobotModel:
 
         Raises:
             UsageError: the robot has not two joints, or its file states no truth.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link_elastic")
+            >>> study = robot.study_elastic(seeds=1)  # doctest: +SKIP
         """
         from symid.study import study_elastic
 
@@ -942,6 +1006,11 @@ class RobotModel:
 
         Raises:
             UsageError: the robot has not two joints, or its file states no truth.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link_elastic")
+            >>> study = robot.study_tracking(seeds=1)  # doctest: +SKIP
         """
         from symid.study import study_tracking
 
@@ -957,6 +1026,11 @@ class RobotModel:
 
         Raises:
             UsageError: the robot file states no truth.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("puma560_elastic")
+            >>> study = robot.study_six_joints()  # doctest: +SKIP
         """
         from symid.api.studies import Study
         from symid.study import SensorCondition, study_many_joints
