@@ -38,8 +38,7 @@ from symid.joint_models.friction_catalogue import get_law
 from symid.logs.reader import read_recording
 from symid.logs.recording import Recording
 from symid.robot.description import Robot
-from symid.robot.loading import locate_robot_file
-from symid.robot.toml_reader import read_robot
+from symid.robot.loading import load_robot
 
 KNOWN = {
     "coulomb-viscous-offset": "4.0834 / 5.9824",
@@ -77,7 +76,7 @@ def main() -> None:
     tables = [word for word in words if word in {"ladder", "choice", "simulation"}]
     folders = [word for word in words if word not in tables]
     folder = Path(folders[0]) if folders else Path(__file__).resolve().parents[2] / "shared" / "data" / "emps"
-    robot = read_robot(locate_robot_file("emps"))
+    robot = load_robot("emps", [("settings", "published")])
     data, pulses = (
         read_recording(folder / name, robot) for name in ("DATA_EMPS.mat", "DATA_EMPS_PULSES.mat")
     )

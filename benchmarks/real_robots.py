@@ -28,22 +28,26 @@ from symid.identification.rigid.comparison import (
 )
 from symid.identification.rigid.diagnosis import diagnose_estimate
 from symid.identification.rigid.fit import identify_parameters
+from symid.identification.rigid.validation import read_fit_processing
 from symid.logs.reader import read_recording
+from symid.logs.recording import cut_recording
 from symid.robot.loading import locate_robot_file, override_robot
 from symid.robot.published_values import TableColumns, read_value_table
 from symid.robot.toml_reader import read_robot
 
-FITS = (("torque", "ols"), ("torque", "wls"), ("momentum", "ols"), ("momentum", "wls"))
+FITS = (("torque", None), ("torque", "ols"), ("torque", "wls"), ("momentum", "ols"), ("momentum", "wls"))
+"""Rows and estimator, None for the one that is chosen."""
 
 
-def load(name):
-    """Return a shipped robot and its compiled functions."""
-    robot = read_robot(locate_robot_file(name))
+def load(name, settings=()):
+    """Return a shipped robot with other settings, and its compiled functions."""
+    robot = override_robot(read_robot(locate_robot_file(name)), settings)
     return robot, prepare_library(robot)
 
 
-def measure(library, estimate, recording, processing, band):
-    """Return the mean relative residual of a log within a band, in percent."""
+def measure(library, estimate, recording, band):
+    """Return the mean relative residual of a log within a band, in percent; it is processed as in the fit."""
+    processing = read_fit_processing(estimate.settings)
     names = tuple(entry.name for entry in (*library.card.beta, *library.card.friction))
     prediction = predict_torques(estimate.assemble(names), library, recording, processing, band=band)
     return compute_band_residual(prediction).mean_relative_percent
@@ -53,19 +57,17 @@ def show_tx40(folder):
     """Print what all of the TX40's log and its first part foretell."""
     robot, library = load("tx40")
     recording = read_recording(folder / "tx40" / "tx40.npz", robot)
-    whole = replace(robot.processing, drop_first=0, drop_last=0)
     split = round(0.6 * len(recording.time))
-    head = replace(robot.processing, drop_last=len(recording.time) - split)
-    tail = replace(whole, drop_first=split)
+    head, tail = (cut_recording(recording, part) for part in (slice(0, split), slice(split, None)))
     count = len(library.card.beta) + len(library.card.friction)
     print(f"TX40, {count} base parameters; all data within 20 Hz (others 10.4 %), 60/40 within 10 Hz (26 %)")
     for rows, estimator in FITS:
         options = {"rows": rows, "estimator": estimator}
         every = identify_parameters(library, [recording], robot.processing, **options)
-        part = identify_parameters(library, [recording], head, **options)
+        part = identify_parameters(library, [head], robot.processing, **options)
         print(
-            f"  {rows:8} {estimator}  all {measure(library, every, recording, whole, 20.0):6.2f} %"
-            f"   60/40 {measure(library, part, recording, tail, 10.0):6.2f} %"
+            f"  {rows:8} {estimator or 'chosen':6}  all {measure(library, every, recording, 20.0):6.2f} %"
+            f"   60/40 {measure(library, part, tail, 10.0):6.2f} %"
         )
     show_published(folder, robot, library, recording)
     show_processing(robot, library, recording)
@@ -81,9 +83,7 @@ def show_published(folder, robot, library, recording):
     titles = [repr(name) for name in names]
     groups = [express_group(base, row.name, title) for row, title in zip(table.rows, titles, strict=True)]
     found = build_regrouping(base, groups, titles)
-    print(
-        f"  {len(found.rows)} published groups and {', '.join(found.absent)}: same space {found.is_complete}"
-    )
+    print(f"  {len(found.rows)} published groups; in none of them: {', '.join(found.absent)}")
     theirs = build_stated_values([row.value for row in table.rows], [row.deviation for row in table.rows])
     change = evaluate_regrouping(found.rows, robot)
     readings = list_coupled_readings(robot, base, found.rows)
@@ -91,12 +91,12 @@ def show_published(folder, robot, library, recording):
         ReadingTrial(group=entry.group, column=entry.column, factor=float(entry.factor)) for entry in readings
     ]
     terms = ", ".join(f"{names[entry.group]} + {entry.name}" for entry in readings)
-    for standstill in (0.0, 0.1):
+    for standstill in (0.0, None):
         processing = replace(robot.processing, standstill=standstill)
         estimate = identify_parameters(library, [recording], processing, estimator="wls")
         stds = [entry.std for entry in estimate.parameters]
         ours = build_stated_values(estimate.assemble(found.names), stds, estimate.covariance)
-        print(f"  rows below {standstill} rad/s left out")
+        print("  slow rows left out as chosen" if standstill is None else "  all rows")
         for word, matrix in (("as it stands", change), (terms, add_readings(change, trials))):
             entry = compare_values(compute_grouped_values(matrix, ours), theirs)
             within = " and ".join(f"{entry.count_within(limit)}" for limit in (2.0, 3.0))
@@ -115,6 +115,7 @@ def show_processing(robot, library, recording):
         ("100 Hz, one row in 25", {"filter_cutoff": "100", "decimation.factor": "25"}),
         ("100 Hz, one row in 100", {"filter_cutoff": "100", "decimation.factor": "100"}),
         ("0.1 s at either end left out", {"drop_first": "500", "drop_last": "500"}),
+        ("all rows", {"standstill": "0"}),
         ("rows below 0.05 rad/s left out", {"standstill": "0.05"}),
         ("rows below 0.1 rad/s left out", {"standstill": "0.1"}),
         ("rows below 0.2 rad/s left out", {"standstill": "0.2"}),
@@ -141,26 +142,27 @@ def show_kr300(folder):
         both = identify_parameters(library, [logs["a"], logs["b"]], robot.processing, **options)
         one = identify_parameters(library, [logs["a"]], robot.processing, **options)
         print(
-            f"  {rows:8} {estimator}  C {measure(library, both, logs['c'], robot.processing, 10.0):6.2f} %"
-            f"   B {measure(library, one, logs['b'], robot.processing, 10.0):6.2f} %"
+            f"  {rows:8} {estimator or 'chosen':6}  C {measure(library, both, logs['c'], 10.0):6.2f} %"
+            f"   B {measure(library, one, logs['b'], 10.0):6.2f} %"
         )
     both = identify_parameters(library, [logs["a"], logs["b"]], robot.processing, estimator="wls")
     found = diagnose_estimate(both, library, [logs["a"], logs["b"]], robot.processing)
     essential = found.essential
     whole = len(essential.kept) + len(essential.dropped)
-    prediction = predict_torques(essential.values, library, logs["c"], robot.processing, band=10.0)
+    processing = read_fit_processing(both.settings)
+    prediction = predict_torques(essential.values, library, logs["c"], processing, band=10.0)
     percent = compute_band_residual(prediction).mean_relative_percent
     print(f"  {len(essential.kept)} of {whole} parameters are essential; with them alone C {percent:.2f} %")
 
 
 def show_emps(folder):
     """Print what rows with and without accelerations leave of the EMPS."""
-    robot, library = load("emps")
+    robot, library = load("emps", [("settings", "published")])
     logs = [read_recording(folder / "emps" / f"DATA_EMPS{end}.mat", robot) for end in ("", "_PULSES")]
     print("EMPS, within 20 Hz: the log of the fit, and the one with pulses")
     for rows in ("torque", "momentum"):
         estimate = identify_parameters(library, logs[:1], robot.processing, rows=rows)
-        shares = [measure(library, estimate, log, robot.processing, 20.0) for log in logs]
+        shares = [measure(library, estimate, log, 20.0) for log in logs]
         print(f"  {rows:8} ols  {shares[0]:6.2f} %  {shares[1]:6.2f} %")
 
 
