@@ -15,7 +15,9 @@ The number is the exit code of the command line. An error carries one notice or 
 are reported at once.
 """
 
-from dataclasses import dataclass
+import re
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 NOTES = frozenset(
@@ -25,8 +27,8 @@ NOTES = frozenset(
         *("identify.unused-processing",),
         *("log.aligned", "log.converted", "log.cut", "log.folded", "log.in-line", "log.motor-position"),
         *("log.offset", "log.payload", "log.resampled"),
-        *("new.assumed-gear", "new.assumed-order", "new.assumed-side", "new.ends", "new.gravity"),
-        *("new.preset", "new.standstill", "new.unused-columns"),
+        *("new.assumed-gear", "new.assumed-order", "new.assumed-side", "new.gravity"),
+        *("new.preset", "new.unused-columns"),
         *("robot.assumed-gravity", "robot.cut-off", "robot.default-axis", "robot.elastic-joint"),
         *("robot.endless-limits", "robot.fixed-to-base", "robot.follower-still", "robot.lumped"),
         *("robot.renamed", "robot.urdf-unused"),
@@ -68,6 +70,113 @@ class Notice:
         place = f"{self.file}:{self.line}" if self.line else self.file
         place += f":{self.column}" if self.line and self.column else ""
         return f"{place}: {self.text}" if place else self.text
+
+
+SEVERE = (
+    *("identify.wrong", "validate.wrong", "identify.doubtful", "validate.doubtful"),
+    *("log.swapped-joints", "log.torque-sign", "log.position-sign", "log.looks-like-degrees"),
+    *("log.wrong-unit", "log.time-scale", "log.joint-zero", "log.in-proportion"),
+    *("log.torque-size", "log.torque-beyond-limit", "log.beyond-limits", "log.torque-delay"),
+    *("log.constant-position", "log.constant-torque", "log.velocity-differs", "log.repeated-samples"),
+    *("log.gap", "log.jitter", "log.saturation", "validate.fitted-log"),
+    *("identify.impossible-mass", "elastic.outcome", "elastic.unsettled", "identify.huber-unsettled"),
+    *("identify.no-filter", "identify.low-cutoff", "identify.biased-wls", "identify.moving-ends"),
+    *("identify.tracking", "identify.structure"),
+    *("identify.pattern", "friction.pattern"),
+)
+"""Codes of warnings, the most important first: what makes values wrong stands before what blurs them."""
+MILD = (
+    *("elastic.not-told", "log.not-excited", "identify.vague", "elastic.vague", "log.standstill"),
+    *("identify.refused", "friction.refused", "friction.joint-refused", "log.no-reference"),
+    *("robot.no-values", "codegen.cache-rebuilt", "codegen.cache-temporary"),
+)
+"""Codes of warnings behind all others, the least important last: what tables say too, what is not used."""
+MOST_WARNINGS = 3
+"""Warnings that are printed below a result; the others are counted."""
+_NUMBER = re.compile(r"(?<![\w.'])[+-]?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w'])")
+_NAMED = 3
+"""Files of a merged notice that are named."""
+
+
+def rank_notice(notice: Notice) -> int:
+    """Return the place of a notice among others by its code: severe warnings, others, mild ones, notes."""
+    if notice.is_note:
+        return len(SEVERE) + len(MILD) + 1
+    if notice.code in SEVERE:
+        return SEVERE.index(notice.code)
+    return len(SEVERE) + (1 + MILD.index(notice.code) if notice.code in MILD else 0)
+
+
+def sort_notices(notices: Iterable[Notice]) -> tuple[Notice, ...]:
+    """Return every notice once, the most important warning first and notes last."""
+    return tuple(sorted(dict.fromkeys(notices), key=rank_notice))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArrangedNotices:
+    """What is printed of notices: `warnings`, how many `more` there are, and `notes`."""
+
+    warnings: tuple[Notice, ...]
+    more: int
+    notes: tuple[Notice, ...]
+
+    def list_lines(self, where: str) -> Iterator[tuple[str, str]]:
+        """Yield kind and text of every line; `where` says how the other warnings are seen."""
+        yield from (("warning", str(entry)) for entry in self.warnings)
+        if self.more:
+            yield "warning", f"and {self.more} more warning{'s'[: self.more > 1]}: {where}"
+        yield from (("note", str(entry)) for entry in self.notes)
+
+
+def arrange_notices(
+    notices: Iterable[Notice], *, most: int | None = MOST_WARNINGS, sources: Collection[str] = ()
+) -> ArrangedNotices:
+    """Return the notices in their order, each once; what is the same for several logs is one notice.
+
+    Args:
+        notices: warnings and notes.
+        most: warnings to keep; None for all.
+        sources: all logs, so that what holds for each of them can be said so.
+    """
+    merged = merge_notices(notices, sources)
+    warnings = [entry for entry in merged if not entry.is_note]
+    kept = tuple(warnings[:most])
+    notes = tuple(entry for entry in merged if entry.is_note)
+    return ArrangedNotices(warnings=kept, more=len(warnings) - len(kept), notes=notes)
+
+
+def merge_notices(notices: Iterable[Notice], sources: Collection[str] = ()) -> tuple[Notice, ...]:
+    """Return the notices in their order, those of several logs that differ by numbers at most as one.
+
+    `sources` are all logs, so that what holds for each of them can be said so.
+    """
+    groups: dict[tuple[str, str, int], list[Notice]] = {}
+    for notice in sort_notices(notices):
+        template = _NUMBER.sub("#", notice.text)
+        # Several notices of one file are several findings: the first ones belong together, the second ones.
+        turn = 0
+        while any(
+            not notice.file or notice.file == other.file
+            for other in groups.get((notice.code, template, turn), ())
+        ):
+            turn += 1
+        groups.setdefault((notice.code, template, turn), []).append(notice)
+    return tuple(_merge(group, sources) for group in groups.values())
+
+
+def _merge(group: Sequence[Notice], sources: Collection[str]) -> Notice:
+    first, count = group[0], len(group)
+    if count == 1:
+        return first
+    files = [notice.file for notice in group]
+    if any(notice.text != first.text for notice in group):
+        others = f"{count - 1} more file{'s'[: count > 2]}"
+        return replace(first, text=f"{first.text} (and with other numbers in {others})")
+    if sources and {*files} == {*sources}:
+        names = f"all {count} logs"
+    else:
+        names = ", ".join(files[:_NAMED]) + (f" and {count - _NAMED} more" if count > _NAMED else "")
+    return replace(first, text=f"{first.text} ({names})", file="", line=0, column=0)
 
 
 class SymidError(Exception):

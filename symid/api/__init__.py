@@ -34,6 +34,7 @@ if TYPE_CHECKING:
         Log as Log,
         RobotCheck as RobotCheck,
         build_log as build_log,
+        pair_parts as pair_parts,
         read_log as read_log,
         read_logs as read_logs,
     )

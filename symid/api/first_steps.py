@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, final
 from symid import report
 from symid.api.fit import ElasticFit
 from symid.api.log import Log, read_log
-from symid.api.result import Progress, Result, ignore
+from symid.api.result import JudgedResult, Progress, Result, ignore
 from symid.api.robot import RobotModel, load
 from symid.api.robot_files import export_fit
 from symid.errors import Notice, OutputError
@@ -20,7 +20,7 @@ from symid.errors import Notice, OutputError
 if TYPE_CHECKING:
     from symid.api.installation import InstallationFinding
     from symid.identification.elastic import TrackingRun
-    from symid.report import Block
+    from symid.report import Block, FitVerdict
     from symid.simulation import ElasticRun
 
 
@@ -108,7 +108,7 @@ DemoErrors = tuple[float, float]
 
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class DemoResult(Result):
+class DemoResult(JudgedResult):
     """The result of the demo, and its errors.
 
     Attributes:
@@ -121,6 +121,7 @@ class DemoResult(Result):
         folder: with code, logs, estimate.json, identified.toml and report.html.
         files: C sources.
         built: result of the self-test of the C code, in words.
+        judged: the verdict of the page, with what the fit predicts of two held-out logs.
 
     Example:
         >>> import symid
@@ -137,6 +138,12 @@ class DemoResult(Result):
     folder: Path
     files: tuple[Path, ...]
     built: str
+    judged: "FitVerdict"
+
+    @property
+    def verdict(self) -> "FitVerdict":
+        """Return the verdict of the page."""
+        return self.judged
 
     @property
     def fit(self) -> ElasticFit:
@@ -192,6 +199,7 @@ class DemoResult(Result):
     def to_dict(self) -> dict[str, object]:
         """Return the estimate, errors, tracking and files in plain types."""
         return {
+            **self._describe_verdict(),
             "estimate": report.describe_elastic(self.fit.estimate),
             "errors": {
                 name: {"parameter_percent": pair[0], "hysteresis_percent": pair[1]}
@@ -247,7 +255,7 @@ def demo(
     }
     deviations = {method: _compute_errors(robot, fit, runs[_HELD_OUT]) for method, fit in fits.items()}
     estimate = fits[_AUTOMATIC].save(place / "estimate.json")
-    export_fit(robot.description, estimate, place / "identified.toml", progress=progress)
+    export_fit(robot.description, estimate, place / "identified.toml", accept=True, progress=progress)
     tracking = _simulate_tracking(robot, fits)
     progress("writing the report")
     library, best = robot.library, fits[_AUTOMATIC].estimate
@@ -271,6 +279,7 @@ def demo(
         folder=place,
         files=code.files,
         built="compiled, self-test passed" if code.selftest == "passed" else "not compiled: no C compiler",
+        judged=page.verdict,
     )
 
 

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, final
 
 from symid import report
-from symid.api.log import LogLike, Logs, list_logs, take_one_log
-from symid.api.result import Figures, Progress, Result, ignore
+from symid.api.log import LogLike, Logs, Part, Parts, list_logs, list_parts, take_one_log
+from symid.api.result import Figures, JudgedResult, Progress, ignore
 from symid.api.robot import RobotModel, Settings, list_pairs, load
 from symid.api.validation import FitDiagnosis, FitPage, LogValidation
 from symid.errors import EstimateError, Notice, UsageError
@@ -31,12 +31,12 @@ if TYPE_CHECKING:
     from symid.identification.elastic import ElasticEstimate, SpringEstimate
     from symid.identification.estimators import Estimate, ParameterEstimate, Residual
     from symid.identification.friction import FrictionIdentification, JointFriction
-    from symid.logs import Alignment, Recording
+    from symid.logs import Alignment, LogPart, Recording
     from symid.report import Block, FitVerdict
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Fit(Result):
+class Fit(JudgedResult):
     """The result of an identification, of any kind.
 
     Attributes:
@@ -44,7 +44,7 @@ class Fit(Result):
         file: where it was read from; None for a new fit.
         model: the robot; None for a fit read from a file without naming its robot.
         progress: called with a short text when the robot is loaded by its name.
-        notices: warnings and notes on the fit, its robot and its logs.
+        remarks: warnings and notes on the fit, its robot and its logs.
         extra: entries of `to_dict` that only a new fit has, such as the backend.
 
     Example:
@@ -61,7 +61,7 @@ class Fit(Result):
     file: Path | None = None
     model: RobotModel | None = None
     progress: Progress = ignore
-    notices: tuple[Notice, ...] = ()
+    remarks: tuple[Notice, ...] = ()
     extra: Mapping[str, object] = field(default_factory=dict)
 
     @property
@@ -121,15 +121,29 @@ class Fit(Result):
         """Return the values of the parameters by name, SI units."""
         return {entry.name: entry.value for entry in self.parameters}
 
-    @property
+    @cached_property
     def verdict(self) -> "FitVerdict":
-        """Return a verdict on the fit from its own logs; held-out logs give a stronger one (`validate`)."""
+        """Return what the fit is worth by its own logs; held-out logs give a stronger verdict (`validate`).
+
+        Its `level` is "good", "usable", "doubtful" or "wrong".
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> robot.identify(robot.simulate(duration=5.0, seed=1).log).verdict.level in ("good", "usable")
+            True
+        """
         return report.judge_fit(self.product)
 
-    def opening(self) -> "tuple[Block, ...]":
-        """Return the verdict."""
-        verdict = self.verdict
-        return (f"{verdict.level}: {verdict.headline}", "\n".join(verdict.details))
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Return warnings and notes on fit, robot and logs; first that the verdict is doubtful."""
+        return (*self._split_verdict(_name_file(self.file))[0], *self.remarks)
+
+    @property
+    def errors(self) -> tuple[Notice, ...]:
+        """Return the error of a wrong verdict; empty for all others."""
+        return self._split_verdict(_name_file(self.file))[1]
 
     def figures(self) -> "tuple[Block, ...]":
         """Return the least certain parameters; of elastic joints the springs, of friction its curves."""
@@ -180,17 +194,25 @@ class Fit(Result):
         """
         from symid.identification import write_fit
 
-        return write_fit(self.estimate, Path(fspath(path)))
+        return write_fit(self.estimate, Path(fspath(path)), verdict=report.describe_verdict(self.verdict))
 
     def validate(
-        self, log: LogLike, *, gate: float | None = None, settings: Settings | None = None
+        self,
+        log: LogLike,
+        *,
+        test: Part | None = None,
+        gate: float | None = None,
+        settings: Settings | None = None,
     ) -> LogValidation:
         """Return the prediction error of the fit on a held-out log; nothing is fitted.
 
         Args:
             log: a file, or a log that was read.
+            test: the part of the log to predict, such as "60%:" after `identify(..., train="0:60%")`, or two
+                numbers in s from its first sample, None for an open end. A number without unit has the unit
+                of `train`.
             gate: percent, limit of the mean relative residual of the joints.
-            settings: replace those of the fit, by dotted key.
+            settings: replace those of the fit: a set of the robot file, or values by dotted key.
 
         Raises:
             EstimateError: the fit belongs to another model.
@@ -205,13 +227,15 @@ class Fit(Result):
             True
         """
         pairs = list_pairs(settings)
-        return LogValidation(product=self._try(take_one_log(log, pairs), pairs), gate=gate)
+        found = self._try(take_one_log(log, pairs), pairs, test=test)
+        return LogValidation(product=found, gate=gate, estimate=self.estimate)
 
     def _try(
         self,
         log: "Path | Recording",
         pairs: tuple[tuple[str, str], ...],
         *,
+        test: Part | None = None,
         band: float | None = None,
         tracking: "TrackingTask | None" = None,
     ) -> "AnyValidation":
@@ -223,10 +247,17 @@ class Fit(Result):
             log,
             self.robot.context,
             pairs=pairs,
+            test=self._list_test_parts(test),
             band=band,
             tracking=tracking,
             file=_name_file(self.file),
         )
+
+    def _list_test_parts(self, test: Parts | None) -> "tuple[LogPart, ...]":
+        """Return parts to predict; a number without unit has that of the parts that were fitted."""
+        from symid.logs import get_train_unit
+
+        return () if test is None else list_parts(test, "--test", get_train_unit(self.estimate.settings))
 
     def compare(
         self,
@@ -276,7 +307,9 @@ class Fit(Result):
             progress=self.robot.progress,
         )
 
-    def export(self, path: str | PathLike[str], *, precision: "Precision" = "double") -> "ExportedFile":
+    def export(
+        self, path: str | PathLike[str], *, precision: "Precision" = "double", accept: bool = False
+    ) -> "ExportedFile":
         """Write the robot with the values of the fit; the suffix of `path` selects the format.
 
         Among all physically consistent bodies with the identified combinations of masses and inertias, those
@@ -285,10 +318,11 @@ class Fit(Result):
         Args:
             path: .toml (robot file), .urdf, .xml or .mjcf (MuJoCo), .h (C) or .json; overwritten.
             precision: of the numbers in a C header: that of the generated library.
+            accept: write the file although the verdict on the fit is wrong.
 
         Raises:
             UsageError: the format is unknown, or cannot hold this fit.
-            EstimateError: the format cannot represent these values.
+            EstimateError: the format cannot represent these values, or the verdict is wrong.
             OutputError: the file cannot be written.
 
         Example:
@@ -301,13 +335,16 @@ class Fit(Result):
         from symid.api.robot_files import export_fit
 
         robot = self.robot
-        return export_fit(robot.description, self, path, precision=precision, progress=robot.progress)
+        return export_fit(
+            robot.description, self, path, precision=precision, accept=accept, progress=robot.progress
+        )
 
     def report(
         self,
         path: str | PathLike[str],
         *,
         validation: Logs = (),
+        test: Parts | None = None,
         settings: Settings | None = None,
         diagnose: bool = False,
     ) -> FitPage:
@@ -316,7 +353,10 @@ class Fit(Result):
         Args:
             path: of the page.
             validation: held-out logs to predict.
-            settings: for these logs; replace those of the fit, by dotted key.
+            test: the part of these logs to predict, as for `validate`: one for all, or a list of one for
+                each.
+            settings: for these logs; replace those of the fit: a set of the robot file, or values by dotted
+                key.
             diagnose: read the logs of the fit again for a diagnosis: correlations, bootstrap, drift,
                 structure.
 
@@ -341,6 +381,7 @@ class Fit(Result):
             known,
             logs=logs,
             pairs=pairs,
+            test=self._list_test_parts(test),
             diagnose=diagnose,
             file=_name_file(self.file),
         )
@@ -450,14 +491,16 @@ class RigidFit(_DynamicsFit):
         self,
         log: LogLike,
         *,
+        test: Part | None = None,
         gate: float | None = None,
         settings: Settings | None = None,
         band: float | None = None,
     ) -> LogValidation:
         """Return the prediction error of the fit on a held-out log; nothing is fitted.
 
-        `log`, `gate`, `settings` and the errors are those of `Fit.validate`. With `band` (Hz) torques are
-        compared at the full sample rate, both with the same low-pass filter.
+        `log`, `test`, `gate`, `settings` and the errors are those of `Fit.validate`. With `band` (Hz) torques
+        are compared at the full sample rate: the measured one and the one predicted from the states of the
+        fit both pass the same low-pass filter, and half a second at either end is left out.
 
         Example:
             >>> import symid
@@ -468,7 +511,8 @@ class RigidFit(_DynamicsFit):
             True
         """
         pairs = list_pairs(settings)
-        return LogValidation(product=self._try(take_one_log(log, pairs), pairs, band=band), gate=gate)
+        found = self._try(take_one_log(log, pairs), pairs, test=test, band=band)
+        return LogValidation(product=found, gate=gate, estimate=self.estimate)
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return a headline, and tables of parameters and residuals."""
@@ -476,7 +520,7 @@ class RigidFit(_DynamicsFit):
 
     def to_dict(self) -> dict[str, object]:
         """Return the fit in plain types."""
-        return {**report.describe_estimate(self.estimate), **self.extra}
+        return {**self._describe_verdict(), **report.describe_estimate(self.estimate), **self.extra}
 
 
 @final
@@ -510,6 +554,7 @@ class ElasticFit(_DynamicsFit):
         *,
         against: "Sequence[ElasticFit]" = (),
         seed: int | None = None,
+        test: Part | None = None,
         gate: float | None = None,
         settings: Settings | None = None,
     ) -> LogValidation:
@@ -519,8 +564,9 @@ class ElasticFit(_DynamicsFit):
             log: a file, or a log that was read.
             against: further fits to compare with.
             seed: of a random motion; None for the standard validation motion.
+            test: the part of the log to predict, as for `validate`.
             gate: percent, as for `validate`.
-            settings: replace those of the fit, by dotted key.
+            settings: replace those of the fit: a set of the robot file, or values by dotted key.
 
         Raises:
             RobotError: the robot file does not state the true values.
@@ -537,8 +583,8 @@ class ElasticFit(_DynamicsFit):
         others = tuple((_name_file(entry.file), entry.estimate) for entry in against)
         task = build_tracking_task(self.robot.description, seed, others)
         pairs = list_pairs(settings)
-        found = self._try(take_one_log(log, pairs), pairs, tracking=task)
-        return LogValidation(product=found, gate=gate)
+        found = self._try(take_one_log(log, pairs), pairs, test=test, tracking=task)
+        return LogValidation(product=found, gate=gate, estimate=self.estimate)
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return a headline, the reason for the method, parameters, springs and residuals."""
@@ -548,7 +594,8 @@ class ElasticFit(_DynamicsFit):
         """Return the fit in plain types."""
         joints = [entry.joint for entry in self.estimate.residual]
         aligned = None if self.alignment is None else report.describe_alignment(self.alignment, joints)
-        return {**report.describe_elastic(self.estimate), "alignment": aligned, **self.extra}
+        found = {**self._describe_verdict(), **report.describe_elastic(self.estimate)}
+        return {**found, "alignment": aligned, **self.extra}
 
 
 @final
@@ -612,7 +659,7 @@ class FrictionFit(Fit):
 
     def to_dict(self) -> dict[str, object]:
         """Return the laws in plain types."""
-        return {**report.describe_friction(self.estimate), **self.extra}
+        return {**self._describe_verdict(), **report.describe_friction(self.estimate), **self.extra}
 
 
 def load_fit(
@@ -643,7 +690,7 @@ def load_fit(
     estimate = read_fit(file)
     kinds: dict[type, type[Fit]] = {FrictionIdentification: FrictionFit, ElasticEstimate: ElasticFit}
     kind = kinds.get(type(estimate), RigidFit)
-    return kind(estimate=estimate, file=file, model=robot, progress=progress, notices=estimate.notices)
+    return kind(estimate=estimate, file=file, model=robot, progress=progress, remarks=estimate.notices)
 
 
 def take_estimate(fit: "Fit | str | PathLike[str] | None") -> "Estimate | Path | None":

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from symid.api.robot import RobotModel
     from symid.arrays import FloatArray
     from symid.identification.diagnostics import CheckedLog, LogCheck, LogExcitation, LogsCheck
-    from symid.logs import Recording
+    from symid.logs import LogPart, Recording
     from symid.report import Block
     from symid.robot import Robot
 
@@ -109,6 +109,29 @@ class Log(Measurements):
         """Return the number of samples."""
         return len(self.recording.time)
 
+    def cut(self, part: "Part") -> "Log":
+        """Return a part of the log, with its time stamps.
+
+        Args:
+            part: START:END as text, in seconds from the first sample, such as "2.5:30", or in per cent, such
+                as "0:60%" or "60%:"; or two numbers in seconds, None for an open end. A sample at a bound is
+                of the part that begins there.
+
+        Raises:
+            UsageError: it is no part, or the log was cut before.
+            LogError: the part is not in the log, or has too few samples.
+
+        Example:
+            >>> import symid
+            >>> log = symid.load("two_link").simulate(duration=2.0, seed=1).log
+            >>> len(log.cut("0:60%")), len(log.cut((1.5, None)))
+            (1201, 501)
+        """
+        from symid.logs import read_parts, take_parts
+
+        (recording,) = take_parts((self.recording,), read_parts(part, "part"), "part", keep=True)
+        return replace(self, recording=recording)
+
     def summarise(self) -> str:
         """Return source, samples and period."""
         return f"{self.source}: {len(self)} samples at {1.0 / self.period:.6g} Hz, {self.q.shape[1]} joints"
@@ -142,6 +165,10 @@ LogLike = str | PathLike[str] | Log | Logged
 """A file, a log, or an object with one."""
 Logs = LogLike | Sequence[LogLike]
 """One log or several."""
+Part = str | tuple[float | None, float | None]
+"""A part of a log, such as "0:60%", or (0.0, 12.5) in s from its first sample, None for an open end."""
+Parts = Part | Sequence[Part]
+"""A part of all logs, or a list with one for each."""
 
 
 def list_logs(logs: Logs, pairs: Sequence[tuple[str, str]] = ()) -> "tuple[Path | Recording, ...]":
@@ -155,11 +182,19 @@ def list_logs(logs: Logs, pairs: Sequence[tuple[str, str]] = ()) -> "tuple[Path 
         UsageError: a setting changes how to read a log that is already read.
     """
     entries = _list_files_and_logs(logs)
+    read = [entry for entry in entries if isinstance(entry, Log)]
     late = [key for key, _ in pairs if key.startswith("log.")]
-    if late and any(isinstance(entry, Log) for entry in entries):
+    late += [f"settings {name!r}" for key, name in pairs if key == "settings" and _changes_map(read, name)]
+    if late and read:
         text = f"{', '.join(late)}: the log is already read; read it again with a robot that has this setting"
         raise UsageError(Notice(code="usage.read-before", text=text))
     return tuple(entry.recording if isinstance(entry, Log) else entry for entry in entries)
+
+
+def _changes_map(logs: Sequence[Log], name: str) -> bool:
+    """Return whether a named set of settings reads any of the logs otherwise than it was read."""
+    named = [(log.robot.log, entry.log) for log in logs for entry in log.robot.settings if entry.name == name]
+    return any(other not in (None, own) for own, other in named)
 
 
 def _list_files_and_logs(logs: Logs) -> tuple[Path | Log, ...]:
@@ -167,6 +202,59 @@ def _list_files_and_logs(logs: Logs) -> tuple[Path | Log, ...]:
     given = (logs,) if isinstance(logs, str | PathLike | Log | Logged) else tuple(logs)
     found = (entry.log if isinstance(entry, Logged) else entry for entry in given)
     return tuple(entry if isinstance(entry, Log) else Path(fspath(entry)) for entry in found)
+
+
+def list_parts(given: Parts | None, name: str, unit: str = "") -> "tuple[LogPart, ...]":
+    """Return the parts of logs that an argument states, one for all logs or one for each.
+
+    Args:
+        given: one part, several, or None.
+        name: of the argument, for messages.
+        unit: of numbers without one, empty for seconds.
+
+    Raises:
+        UsageError: an entry is no part.
+    """
+    if given is None:
+        return ()
+    from symid.logs import read_parts
+
+    return read_parts(given, name, unit)
+
+
+def pair_parts(
+    train: Sequence[Part], test: Sequence[Part], logs: Sequence[Path]
+) -> tuple[list[str] | None, tuple[tuple[Path, str], ...]]:
+    """Return the parts of logs to fit, and every log with its part to predict; a unit is that of both.
+
+    Args:
+        train: one for all logs, one for each, or none.
+        test: likewise.
+        logs: files.
+
+    Raises:
+        UsageError: they overlap, are not one for each log, or logs are tested that were fitted as a whole.
+    """
+    from symid.logs import join_units, read_parts, refuse_shared
+
+    text = ""
+    listing = [str(log) for log in logs if log.suffix.lower() == ".toml"]
+    if test and not train:
+        text = "--test needs --train, or it would predict what was fitted; state both, such as 0:60% and 60%:"
+    elif test and listing:
+        text = f"--test takes logs, and {listing[0]} lists runs; predict its logs with `symid validate`"
+    elif len(test) not in {0, 1, len(logs)}:
+        plural = "s"[: len(logs) > 1]
+        text = (
+            f"{len(test)} times --test for {len(logs)} log{plural}: give it once, or once for each in order"
+        )
+    if text:
+        raise UsageError(Notice(code="usage.log-part", text=text))
+    unit = join_units([*read_parts(train, "--train"), *read_parts(test, "--test")])
+    fitted, tried = read_parts(train, "--train", unit), read_parts(test, "--test", unit)
+    refuse_shared(fitted, tried)
+    each = [part.text for part in tried] * (len(logs) if len(tried) == 1 else 1)
+    return [part.text for part in fitted] or None, tuple(zip(logs, each, strict=bool(test)))
 
 
 def adopt_log_map(robot: "Robot", logs: Logs) -> "Robot":
@@ -338,6 +426,11 @@ class RobotCheck(Result):
     def logs(self) -> "tuple[CheckedLog, ...]":
         """Return for every log its evenly sampled recording, its sampling, and the range of its joints."""
         return self.product.logs
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Return the names of the logs."""
+        return tuple(entry.recording.source for entry in self.logs)
 
     @property
     def dynamics(self) -> "tuple[LogCheck, ...]":

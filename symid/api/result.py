@@ -1,6 +1,7 @@
 """What all results of the API have in common: printing, JSON, notebooks, warnings and errors.
 
-str(result)             as the command line prints it, with warnings and errors
+str(result)             as the command line prints it, with the most important warnings, and errors
+result.verdict          of fits, validations and pages: what it is worth, first in all that is printed
 result.to_dict()        as the command line gives it with --json
 result.notices          warnings and notes; result.errors why it is not acceptable
 in a notebook           tables, texts and figures; `Figures` are also written as SVG or HTML
@@ -17,10 +18,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, final
 
 from symid import report
-from symid.errors import Notice, UsageError
+from symid.errors import Notice, UsageError, arrange_notices
 
 if TYPE_CHECKING:
-    from symid.report import Block, Drawing
+    from symid.report import Block, Drawing, FitVerdict
 
 Progress = Callable[[str], None]
 """Called with a short text at each stage."""
@@ -51,6 +52,11 @@ class Result(ABC):
         return tuple(notice for part in parts for notice in getattr(part, "notices", ()))
 
     @property
+    def sources(self) -> tuple[str, ...]:
+        """Return the logs of the result, empty where there are none: a notice on all of them is one line."""
+        return ()
+
+    @property
     def errors(self) -> tuple[Notice, ...]:
         """Return why it is not acceptable, such as a missed gate; empty if it is."""
         return ()
@@ -73,7 +79,7 @@ class Result(ABC):
         """Return the result in plain types, as `--json` prints it."""
 
     def opening(self) -> "tuple[Block, ...]":
-        """Return the first blocks in a notebook, such as a verdict."""
+        """Return what stands before all other blocks, such as a verdict."""
         return ()
 
     def figures(self) -> "tuple[Block, ...]":
@@ -86,15 +92,16 @@ class Result(ABC):
 
     def to_text(self) -> str:
         """Return texts and tables, without warnings and errors."""
-        return report.write_text(self.blocks())
+        return report.write_text((*self.opening(), *self.blocks()))
 
     def __str__(self) -> str:
-        """Return texts and tables, then warnings and errors, as the command line prints them."""
+        """Return texts and tables, then the most important warnings, notes and errors."""
         return "\n\n".join(filter(None, (self.to_text(), self._list_notices())))
 
     def _list_notices(self) -> str:
-        kinds = [("note" if entry.is_note else "warning", entry) for entry in self.notices]
-        return "\n".join(f"{kind}: {entry}" for kind, entry in (*kinds, *(("error", e) for e in self.errors)))
+        arranged = arrange_notices(self.notices, sources=self.sources)
+        lines = (*arranged.list_lines("`.notices` holds all"), *(("error", str(e)) for e in self.errors))
+        return "\n".join(f"{kind}: {text}" for kind, text in lines)
 
     def _tabulate(self) -> "tuple[Block, ...]":
         """Return the blocks for a notebook, which is wider than a terminal."""
@@ -105,6 +112,33 @@ class Result(ABC):
         notices = filter(None, (self._list_notices(),))
         blocks = (*self.opening(), *self._tabulate(), *notices, *self.figures())
         return report.write_html(blocks, failed=not self.accepted)
+
+
+class JudgedResult(Result):
+    """A result with a verdict, which stands first in all that it prints; a wrong one is an error."""
+
+    @property
+    @abstractmethod
+    def verdict(self) -> "FitVerdict":
+        """Return what the result is worth."""
+
+    def opening(self) -> "tuple[Block, ...]":
+        """Return the verdict, with its cause and its remedy where there are any."""
+        return (report.show_verdict(self.verdict),)
+
+    def _tabulate(self) -> "tuple[Block, ...]":
+        """Return the details of the verdict, then all blocks."""
+        details = "\n".join(self.verdict.details)
+        return (*([details] if details else []), *self.blocks())
+
+    def _describe_verdict(self) -> dict[str, object]:
+        """Return the verdict in plain types, as the first entry of `to_dict`."""
+        return {"verdict": report.describe_verdict(self.verdict)}
+
+    def _split_verdict(self, file: str = "", *, tried: bool = False) -> tuple[tuple[Notice, ...], ...]:
+        """Return the warning of a doubtful verdict and the error of a wrong one, where there is one."""
+        found = report.list_verdict_notices(self.verdict, file, tried=tried)
+        return ((), found) if self.verdict.level == "wrong" else (found, ())
 
 
 @final

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from symid.api.experiment import ExcitationCriterion, ExcitedTrajectory, Simulation
     from symid.api.fit import ElasticFit, Fit, FrictionFit, RigidFit
     from symid.api.identification import PayloadEstimator, PayloadResult, PayloadRows, PayloadSide, Stiffness
-    from symid.api.log import LogLike, Logs, RobotCheck
+    from symid.api.log import LogLike, Logs, Parts, RobotCheck
     from symid.api.robot_files import ExportedFile, Precision
     from symid.api.studies import Study
     from symid.codegen import Library, SymbolicFunction
@@ -47,21 +47,26 @@ if TYPE_CHECKING:
     from symid.study import CutoffStudy, ElasticStudy, ManyJointsResult, PrecisionStudy, TrackingStudy
 
 T = TypeVar("T")
-Settings = Mapping[str, object]
-"""Replace settings of the robot file, such as {"processing.filter_cutoff": 50}; see docs/robot_file.md."""
+Settings = str | Mapping[str, object]
+"""Settings in place of the robot file's: the name of a set in the file, or values by dotted key.
+
+The set "published" is `"published"`, a value is `{"processing.filter_cutoff": 50}`; both together are
+`{"settings": "published", "processing.filter_cutoff": 50}`, in which the value wins. See docs/robot_file.md.
+"""
 
 
 def list_pairs(settings: Settings | None, *processing: object) -> tuple[tuple[str, str], ...]:
     """Return pairs of key and text from settings, and from arguments that are settings by another name.
 
     Args:
-        settings: by dotted key; a list may be given as one.
+        settings: a set's name, or values by dotted key; a list may be given as one.
         processing: cutoff, decimate, drop_first, drop_last; None where not given.
     """
     keys = ("filter_cutoff", "decimation.factor", "drop_first", "drop_last")
     named = zip(keys, processing, strict=False)
     given = [(f"processing.{key}", value) for key, value in named if value is not None]
-    return tuple((key.strip(), _write_value(value)) for key, value in ((*(settings or {}).items(), *given)))
+    keyed = {"settings": settings} if isinstance(settings, str) else settings or {}
+    return tuple((key.strip(), _write_value(value)) for key, value in ((*keyed.items(), *given)))
 
 
 def _to_plain(value: T) -> T:
@@ -157,7 +162,8 @@ class RobotModel:
         """Return the robot with other settings.
 
         Args:
-            settings: keys under `log`, `processing` and `controller` of the robot file, with values.
+            settings: a set of the robot file by its name, or keys under its `log`, `processing` and
+                `controller`, with values.
             friction: the friction model of all joints.
             backend: what computes its functions.
             progress: called with a short text at each stage.
@@ -430,6 +436,7 @@ class RobotModel:
         self,
         logs: "Logs",
         *,
+        train: "Parts | None" = None,
         rows: str | None = None,
         estimator: str | None = None,
         method: str | None = None,
@@ -460,14 +467,17 @@ class RobotModel:
 
         Args:
             logs: files, files of runs, or logs that were read.
+            train: the part of the logs to fit, such as "0:60%", or two numbers in s from the first sample,
+                None for an open end; one for all logs, or a list of one for each.
             rows: how measurements become equations: "torque" (the default), "momentum", "filtered", "power"
                 or "energy".
-            estimator: how equations become parameters: "ols" (the default), "wls", "gls", "huber", "ridge",
-                "consistent", "sequential", "output-error" or "instrumental".
+            estimator: how equations become parameters: "ols", "wls", "filtered-instrumental", "gls", "huber",
+                "ridge", "consistent", "sequential", "output-error" or "instrumental"; chosen from the logs
+                among the first three by default.
             method: of elastic joints: "automatic" (the default), "two-step", "linear-spring", "elimination",
                 "weighted", "nlp" or "independent".
             friction: the friction model of all joints, in place of the robot file's.
-            settings: replace those of the robot file, by dotted key.
+            settings: replace those of the robot file: a set by its name, or values by dotted key.
             cutoff: Hz, of the low-pass filter.
             decimate: keep one sample in so many.
             drop_first: number of samples cut off at the start.
@@ -520,29 +530,35 @@ class RobotModel:
         given = {"tolerance": tolerance, "thresholds": thresholds, "knees": knees, "rate": rate}
         plain = {name: _to_plain(value) for name, value in (*given.items(), ("window", window))}
         task = IdentifyTask(pairs=pairs, rigid=options, method=method, elastic=plain, options=elastic)
-        found = identify_robot(*self._gather(logs, pairs, friction), task, self.context)
+        found = identify_robot(*self._gather(logs, pairs, friction, train), task, self.context)
         extra, notices = {"backend": found.backend}, found.notices
         if isinstance(found.estimate, ElasticEstimate):
-            fit = ElasticFit(estimate=found.estimate, model=self, notices=notices, extra=extra)
+            fit = ElasticFit(estimate=found.estimate, model=self, remarks=notices, extra=extra)
             return replace(fit, alignment=found.alignment)
-        return RigidFit(estimate=found.estimate, model=self, notices=notices, extra=extra)
+        return RigidFit(estimate=found.estimate, model=self, remarks=notices, extra=extra)
 
     def _gather(
-        self, logs: "Logs", pairs: tuple[tuple[str, str], ...], friction: str | None
+        self,
+        logs: "Logs",
+        pairs: tuple[tuple[str, str], ...],
+        friction: str | None,
+        train: "Parts | None",
     ) -> "tuple[Robot, tuple[Recording, ...]]":
-        """Return the robot with the settings of the call, and the recordings as it reads them."""
-        from symid.api.log import adopt_log_map, list_logs
-        from symid.logs import read_fit_recordings
+        """Return the robot with the settings of the call, and what it fits of the recordings."""
+        from symid.api.log import adopt_log_map, list_logs, list_parts
+        from symid.logs import read_fit_recordings, take_parts
         from symid.robot import override_settings
 
         given = list_logs(logs, pairs)
         described = override_settings(adopt_log_map(self.description, logs), pairs, friction)
-        return described, read_fit_recordings(given, described)
+        parts = list_parts(train, "--train")
+        return described, take_parts(read_fit_recordings(given, described), parts, "--train", keep=True)
 
     def identify_friction(
         self,
         logs: "Logs",
         *,
+        train: "Parts | None" = None,
         model: str | None = None,
         estimator: str | None = None,
         known: "Fit | str | PathLike[str] | None" = None,
@@ -561,6 +577,7 @@ class RobotModel:
 
         Args:
             logs: files, files of runs, or logs that were read.
+            train: the part of the logs to fit, as for `identify`.
             model: a law, such as "stribeck+offset", or "auto" (the default): chosen on held-out data.
             estimator: "varpro" (the default), "root-finding", "nlp", "genetic", "annealing" or
                 "differential-evolution".
@@ -570,7 +587,7 @@ class RobotModel:
                 each.
             seed: of a stochastic estimator.
             friction: the friction model of all joints in the rigid part, in place of the robot file's.
-            settings: replace those of the robot file, by dotted key.
+            settings: replace those of the robot file: a set by its name, or values by dotted key.
             cutoff: Hz, of the low-pass filter.
             decimate: keep one sample in so many.
             drop_first: number of samples cut off at the start.
@@ -605,14 +622,15 @@ class RobotModel:
             friction=friction,
             options=options or FrictionOptions(),
         )
-        found = identify_robot_friction(*self._gather(logs, pairs, friction), request, self.context)
+        found = identify_robot_friction(*self._gather(logs, pairs, friction, train), request, self.context)
         extra = {"backend": found.backend}
-        return FrictionFit(estimate=found.estimate, model=self, notices=found.notices, extra=extra)
+        return FrictionFit(estimate=found.estimate, model=self, remarks=found.notices, extra=extra)
 
     def identify_stiffness(
         self,
         logs: "Logs",
         *,
+        train: "Parts | None" = None,
         friction: str | None = None,
         settings: Settings | None = None,
         drop_first: int | None = None,
@@ -620,8 +638,8 @@ class RobotModel:
     ) -> "Stiffness":
         """Identify delay and offsets of the encoders, and the stiffness of every joint, with intervals.
 
-        The `logs` have the positions of motors and links, of any robot. `friction`, `settings`, `drop_first`
-        and `drop_last` are those of `identify`.
+        The `logs` have the positions of motors and links, of any robot. `train`, `friction`, `settings`,
+        `drop_first` and `drop_last` are those of `identify`.
 
         Raises:
             UsageError: a setting has no meaning for a stiffness.
@@ -638,7 +656,7 @@ class RobotModel:
         from symid.identification import identify_stiffness
 
         pairs = list_pairs(settings, None, None, drop_first, drop_last)
-        described, recordings = self._gather(logs, pairs, friction)
+        described, recordings = self._gather(logs, pairs, friction, train)
         found, notices = identify_stiffness(described, recordings, pairs, self.context)
         return Stiffness(estimate=found, notices=notices)
 
@@ -1068,7 +1086,7 @@ def load(
     Args:
         robot: the path of a robot file (.toml), a URDF or a table of rows (.csv), or the name of a robot in
             ./robots or of those that come with symid.
-        settings: replace those of the file, by dotted key.
+        settings: replace those of the file: a set of the file by its name, or values by dotted key.
         friction: the friction model of all joints: "none", "viscous_coulomb", "viscous_coulomb_offset",
             "asymmetric".
         base: for a URDF: first link of the robot; its root by default.

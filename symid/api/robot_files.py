@@ -5,19 +5,19 @@ URDF, table of rows or existing robot, and a log -> `RobotDraft`; robot with val
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, final
 
 from symid import report
 from symid.api.result import Progress, Result, ignore
-from symid.errors import Notice
+from symid.errors import EstimateError, Notice
 
 if TYPE_CHECKING:
     from symid.identification import FileExport, GivenResult
     from symid.logs import Draft
-    from symid.report import Block
+    from symid.report import AnyEstimate, Block
     from symid.robot import Robot
 
 
@@ -216,6 +216,7 @@ def export_fit(
     path: str | PathLike[str],
     *,
     precision: Precision = "double",
+    accept: bool = False,
     progress: Progress = ignore,
 ) -> ExportedFile:
     """Write a robot with the values of a fit, or of its file; see `Fit.export`.
@@ -235,9 +236,26 @@ def export_fit(
     output = Path(path)
     result, source = read_result(found)
     check_format(output, precision, friction=isinstance(result, FrictionIdentification))
+    judged = _check_verdict(result, source, accept=accept)
     if isinstance(result, FrictionIdentification):
         progress(f"comparing {robot.name} with the model whose friction was identified")
-        return ExportedFile(product=write_friction(robot, result, source, output))
+        return _add_notices(write_friction(robot, result, source, output), judged)
     identified = build_identified(robot, result, source)
     progress(f"computing consistent bodies with the identified values of {robot.name}")
-    return ExportedFile(product=write_identified(identified, source, output, precision=precision))
+    return _add_notices(write_identified(identified, source, output, precision=precision), judged)
+
+
+def _check_verdict(found: "AnyEstimate", source: Path, *, accept: bool) -> tuple[Notice, ...]:
+    """Return the notice of a doubtful verdict; refuse a wrong one, unless it is accepted."""
+    verdict = report.judge_fit(found)
+    if verdict.level == "wrong" and not accept:
+        text = (
+            f"the verdict on this fit is wrong: {verdict.headline} {verdict.remedy} Then identify again, or "
+            "write the file all the same with --accept (accept=True)"
+        )
+        raise EstimateError(Notice(code="export.wrong", text=text, file=str(source)))
+    return report.list_verdict_notices(verdict, str(source))
+
+
+def _add_notices(product: "FileExport", notices: tuple[Notice, ...]) -> ExportedFile:
+    return ExportedFile(product=replace(product, notices=(*notices, *product.notices)))

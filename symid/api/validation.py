@@ -6,42 +6,45 @@ estimate, other estimates or tables of values -> `Comparison`, group by group.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, final
 
 from symid import report
-from symid.api.result import Figures, Progress, Result, check_positive, ignore
+from symid.api.result import Figures, JudgedResult, Progress, Result, check_positive, ignore
 from symid.errors import Notice, UsageError
 
 if TYPE_CHECKING:
     from symid.identification import AnyValidation, Compared, ComparedValue, EstimateSide, GivenResult
     from symid.identification.estimators import Residual
     from symid.identification.rigid import ChiSquare, Diagnosis
-    from symid.report import Block, WrittenPage
+    from symid.report import AnyEstimate, Block, FitVerdict, WrittenPage
     from symid.robot import Robot
 
 
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class LogValidation(Result):
+class LogValidation(JudgedResult):
     """Prediction error of a fit on a held-out log.
 
     Attributes:
         product: the full result, with notices, for example that the log belongs to the fit.
         gate: percent, limit of the mean relative residual; None for no limit.
+        estimate: of the fit, whose own residual the verdict compares with; None to judge without it.
 
     Example:
         >>> import symid
         >>> robot = symid.load("two_link")
         >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
         >>> validation = fit.validate(robot.simulate("tc", duration=5.0, seed=2).log, gate=5.0)
-        >>> validation.accepted, validation.mean_relative_percent < 1.0
+        >>> validation.accepted, validation.mean_relative_percent < 4.0
         (True, True)
     """
 
     product: "AnyValidation"
     gate: float | None = None
+    estimate: "AnyEstimate | None" = None
 
     def __post_init__(self) -> None:
         """Check the gate.
@@ -66,10 +69,21 @@ class LogValidation(Result):
         """Return the mean over joints of `100 |tau - tau_predicted| / |tau|`."""
         return self.product.mean_relative_percent
 
+    @cached_property
+    def verdict(self) -> "FitVerdict":
+        """Return how well the log is predicted: "good", "usable", "doubtful" or "wrong", and why."""
+        return report.judge_trial(self.product, self.estimate)
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Return warnings and notes; first that the verdict is doubtful."""
+        return (*self._split_verdict(self.source, tried=True)[0], *self.product.notices)
+
     @property
     def errors(self) -> tuple[Notice, ...]:
-        """Return the reason if the gate is missed."""
-        return self.product.list_missed(self.gate)
+        """Return the error of a wrong verdict, and the reason if the gate is missed."""
+        wrong = self._split_verdict(self.source, tried=True)[1]
+        return (*wrong, *self.product.list_missed(self.gate))
 
     def summarise(self) -> str:
         """Return the log and the mean relative residual."""
@@ -82,7 +96,8 @@ class LogValidation(Result):
 
     def to_dict(self) -> dict[str, object]:
         """Return residuals, processing and gate in plain types."""
-        return {**report.describe_trial(self.product), "gate": self.gate, "accepted": self.accepted}
+        found = {**self._describe_verdict(), **report.describe_trial(self.product)}
+        return {**found, "gate": self.gate, "accepted": self.accepted}
 
     def figures(self) -> "tuple[Block, ...]":
         """Return measured and predicted torques; for elastic joints hysteresis loops."""
@@ -129,7 +144,7 @@ class FitDiagnosis(Result):
 
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class FitPage(Result):
+class FitPage(JudgedResult):
     """A page that was written, with validation and diagnosis.
 
     Attributes:
@@ -156,9 +171,24 @@ class FitPage(Result):
         return self.page.diagnosis
 
     @property
+    def verdict(self) -> "FitVerdict":
+        """Return the verdict on the fit, with that of the held-out logs: the headline of the page."""
+        return self.page.verdict
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Return the held-out logs."""
+        return self.page.sources
+
+    @property
     def notices(self) -> tuple[Notice, ...]:
-        """Return warnings and notes."""
-        return self.page.notices
+        """Return warnings and notes; first that the verdict is doubtful."""
+        return (*self._split_verdict()[0], *self.page.notices)
+
+    @property
+    def errors(self) -> tuple[Notice, ...]:
+        """Return the error of a wrong verdict; the page is written all the same."""
+        return self._split_verdict()[1]
 
     def summarise(self) -> str:
         """Return the path of the page."""
@@ -174,7 +204,8 @@ class FitPage(Result):
     def to_dict(self) -> dict[str, object]:
         """Return the written file and its contents in plain types."""
         page = self.page
-        found: dict[str, object] = {"robot": page.robot, "file": page.file, "validations": page.sources}
+        found = self._describe_verdict()
+        found |= {"robot": page.robot, "file": page.file, "validations": page.sources}
         if page.processing is not None:
             found["processing"] = page.processing
         if page.diagnosis is not None:

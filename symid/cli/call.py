@@ -6,7 +6,9 @@ for people, or with --json as one object for programs:
     {"ok": true, "result": {...}, "warnings": [{"code", "file", "line", "column", "text"}]}
     {"ok": false, "errors": [{"code", "file", "line", "column", "text"}]}
 
-An answer that is not acceptable, such as a gate missed, has `ok` false, its errors and its result.
+An answer that is not acceptable, such as a gate missed or a verdict "wrong", has `ok` false, its errors and
+its result. Of warnings the three most important ones are printed, then notes, then errors; -v and --json
+give all.
 
 Exit codes: 0 ok, 1 result not acceptable, 2 usage, 3 input wrong, 4 nothing identifiable, 5 solver failed,
 70 a bug in symid, 74 the output could not be written, 130 interrupted.
@@ -20,7 +22,7 @@ import sys
 import time
 import traceback
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,7 +30,7 @@ import click
 
 from symid import __version__
 from symid.environment import show_path
-from symid.errors import Notice, SymidError
+from symid.errors import MOST_WARNINGS, Notice, SymidError, arrange_notices, sort_notices
 from symid.serialization import write_json
 
 if TYPE_CHECKING:
@@ -39,7 +41,7 @@ if TYPE_CHECKING:
 class Answer:
     """The answer of a verb: `text` for people, `result` for programs.
 
-    With `errors` it is not acceptable, and `exit_code` is not zero.
+    With `errors` it is not acceptable, and `exit_code` is not zero; `sources` are its logs.
     """
 
     text: str
@@ -47,6 +49,17 @@ class Answer:
     warnings: tuple[Notice, ...] = ()
     errors: tuple[Notice, ...] = ()
     exit_code: int = 0
+    sources: tuple[str, ...] = ()
+
+    def accept(self) -> "Answer":
+        """Return the answer with a wrong verdict as a warning; other errors, such as a missed gate, stay."""
+        kept = tuple(entry for entry in self.errors if entry.code not in _VERDICTS)
+        wrong = tuple(entry for entry in self.errors if entry.code in _VERDICTS)
+        code = self.exit_code if kept else 0
+        return replace(self, warnings=(*wrong, *self.warnings), errors=kept, exit_code=code)
+
+
+_VERDICTS = frozenset({"identify.wrong", "validate.wrong"})
 
 
 def make_answer(
@@ -67,6 +80,7 @@ def make_answer(
         warnings=(*result.notices, *notices),
         errors=result.errors,
         exit_code=exit_code if result.errors else 0,
+        sources=result.sources,
     )
 
 
@@ -96,21 +110,24 @@ class Console:
             click.echo(text, err=True)
 
 
-def print_answer(answer: Answer, *, as_json: bool, quiet: bool) -> None:
+def print_answer(answer: Answer, *, as_json: bool, quiet: bool, verbose: bool = False) -> None:
     """Print the answer on stdout, its warnings and errors on stderr or in the object."""
     if as_json:
         envelope: dict[str, object] = {"ok": not answer.errors}
         if answer.errors:
             envelope["errors"] = [asdict(notice) for notice in answer.errors]
         envelope["result"] = answer.result
-        envelope["warnings"] = [asdict(notice) for notice in answer.warnings]
+        envelope["warnings"] = [asdict(notice) for notice in sort_notices(answer.warnings)]
         click.echo(write_json(envelope))
         return
     if answer.text:
         click.echo(answer.text)
     if not quiet:
-        _print_notices(answer.warnings, "warning", "yellow")
-    _print_notices(answer.errors, "error", "red")
+        most = None if verbose else MOST_WARNINGS
+        arranged = arrange_notices(answer.warnings, most=most, sources=answer.sources)
+        for kind, text in arranged.list_lines("-v shows them"):
+            _print_line(kind, text)
+    _print_errors(answer.errors)
 
 
 def print_errors(notices: Sequence[Notice], *, as_json: bool) -> None:
@@ -118,16 +135,21 @@ def print_errors(notices: Sequence[Notice], *, as_json: bool) -> None:
     if as_json:
         click.echo(write_json({"ok": False, "errors": [asdict(notice) for notice in notices]}))
     else:
-        _print_notices(notices, "error", "red")
+        _print_errors(notices)
 
 
-def _print_notices(notices: Sequence[Notice], title: str, colour: str) -> None:
+_COLOURS = {"error": "red", "warning": "yellow", "note": "cyan"}
+
+
+def _print_errors(notices: Sequence[Notice]) -> None:
     for notice in notices:
-        # https://no-color.org: any value, if it is not empty, means no colour.
-        head, shade = ("note", "cyan") if notice.is_note else (title, colour)
-        if not os.environ.get("NO_COLOR"):
-            head = click.style(head, fg=shade, bold=True)
-        click.echo(f"{head}: {notice}", err=True)
+        _print_line("note" if notice.is_note else "error", str(notice))
+
+
+def _print_line(kind: str, text: str) -> None:
+    # https://no-color.org: any value, if it is not empty, means no colour.
+    head = kind if os.environ.get("NO_COLOR") else click.style(kind, fg=_COLOURS[kind], bold=True)
+    click.echo(f"{head}: {text}", err=True)
 
 
 _FILES = {
@@ -198,7 +220,8 @@ def _answer(arguments: Sequence[str]) -> int:
         if not isinstance(answer, Answer):
             # --help and --version print for themselves and return their exit code.
             return int(answer or 0)
-        print_answer(answer, as_json=as_json, quiet=bool(flags & {"-q", "--quiet"}))
+        verbose = bool(flags & {"-v", "--verbose"})
+        print_answer(answer, as_json=as_json, quiet=bool(flags & {"-q", "--quiet"}), verbose=verbose)
         sys.stdout.flush()
     except (KeyboardInterrupt, click.Abort):
         notice = Notice(code="symid.interrupted", text="interrupted")

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 import symid
-from symid.cli.arguments import NamedRobot, check_output, split_pairs, split_settings
+from symid.cli.arguments import NamedRobot, check_output, split_pairs
 from symid.cli.call import Answer, Console, make_answer
 from symid.cli.options import (
     backend_option,
@@ -17,7 +17,7 @@ from symid.cli.options import (
     friction_option,
     output_option,
     robot_argument,
-    set_option,
+    settings_options,
 )
 from symid.cli.verbs import FILE, INPUT, METHOD, MODEL, OUTPUT, WHOLE, verb
 from symid.environment import show_path
@@ -139,7 +139,7 @@ _TOO_LITTLE = 4
 @robot_argument(computes=True)
 @click.argument("logs", nargs=-1, metavar="[LOG]...", type=FILE)
 @friction_option
-@set_option
+@settings_options
 @OUTPUT.option(
     "--resample", "Write an evenly sampled copy of the log (.npz or .csv) with all its columns.", FILE, "FILE"
 )
@@ -150,7 +150,7 @@ def check_command(
     robot: NamedRobot,
     logs: tuple[Path, ...],
     friction: str | None,
-    settings: tuple[str, ...],
+    settings: dict[str, str],
     resample: Path | None,
     force: bool,
 ) -> Answer:
@@ -163,6 +163,6 @@ def check_command(
     if resample is not None and len(logs) != 1:
         text = f"--resample {resample}: expected one log, got {len(logs)}"
         raise UsageError(Notice(code="usage.one-log", text=text))
-    model = robot.load(console, settings=split_settings(settings), friction=friction)
+    model = robot.load(console, settings=settings, friction=friction)
     check_output(resample, force=force, inputs=(model.path, *logs))
     return make_answer(model.check(*logs, resample=resample), exit_code=_TOO_LITTLE)

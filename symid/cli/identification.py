@@ -1,15 +1,16 @@
 """The verbs that identify: `symid identify`, `symid payload`."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
-from symid.api import METHODS
-from symid.cli.arguments import NamedRobot, check_output, split_settings
+from symid.api import METHODS, Fit, pair_parts
+from symid.cli.arguments import NamedRobot, check_output
 from symid.cli.call import Answer, Console, answer_saved
-from symid.cli.options import friction_option, output_option, robot_argument, set_option
+from symid.cli.options import accept_option, friction_option, output_option, robot_argument, settings_options
 from symid.cli.verbs import COUNT, FILE, INPUT, METHOD, MODEL, POSITIVE, PROCESSING, WHOLE, Finite, verb
 from symid.errors import Notice, UsageError
 
@@ -22,11 +23,24 @@ FRICTION = ("model", "known", "smoothing", "seed")
 @verb("identify")
 @robot_argument(computes=True)
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=FILE)
+@INPUT.option(
+    "--train",
+    "Part of each log to fit, in seconds or per cent of its duration, such as 2.5:30 or 0:60%; give it once, "
+    "or once for each log.",
+    metavar="START:END",
+    multiple=True,
+)
+@INPUT.option(
+    "--test",
+    "Part of each log to predict with the fit, such as 60%:, without overlap with --train; likewise.",
+    metavar="START:END",
+    multiple=True,
+)
 @PROCESSING.option("--cutoff", "Cut-off frequency of the low-pass filter.", POSITIVE, "HZ")
 @PROCESSING.option("--decimate", "Keep one sample in N.", COUNT, "N")
 @PROCESSING.option("--drop-first", "Number of samples cut off at the start.", WHOLE, "N")
 @PROCESSING.option("--drop-last", "Number of samples cut off at the end.", WHOLE, "N")
-@set_option
+@settings_options
 @friction_option
 @METHOD.option(
     "--rows",
@@ -36,9 +50,9 @@ FRICTION = ("model", "known", "smoothing", "seed")
 )
 @METHOD.option(
     "--estimator",
-    "Estimator of the parameters: ols, wls, gls, huber, ridge, consistent, sequential, "
-    "output-error or instrumental; with --rows friction varpro, root-finding, nlp, genetic, "
-    "annealing or differential-evolution.  [default: ols, varpro]",
+    "Estimator of the parameters: ols, wls, filtered-instrumental, gls, huber, ridge, consistent, "
+    "sequential, output-error or instrumental; with --rows friction varpro, root-finding, nlp, genetic, "
+    "annealing or differential-evolution.  [default: chosen from the logs, varpro]",
     metavar="NAME",
 )
 @METHOD.option(
@@ -117,6 +131,7 @@ FRICTION = ("model", "known", "smoothing", "seed")
 )
 @METHOD.option("--seed", "With --rows friction: random seed of a stochastic estimator.", WHOLE, "N")
 @output_option("Write the result as JSON, for `validate`, `report` and `export`.")
+@accept_option
 def identify_command(
     console: Console,
     *,
@@ -126,7 +141,9 @@ def identify_command(
     estimator: str | None,
     method: str | None,
     period: tuple[float, ...],
-    settings: tuple[str, ...],
+    train: tuple[str, ...],
+    test: tuple[str, ...],
+    settings: dict[str, str],
     output: Path | None,
     force: bool,
     **further: Any,  # noqa: ANN401  as the options say
@@ -135,20 +152,23 @@ def identify_command(
 
     Columns, units, filter and decimation are those of the robot file; options override them.
     Parameters that are not identifiable are listed with the reason. With --rows friction a friction law
-    and its parameters are identified for every joint that moves.
+    and its parameters are identified for every joint that moves. The verdict comes first; exit code 1 if
+    it is wrong.
     """
     rigid, elastic, law = ({name: further[name] for name in names} for names in (RIGID, ELASTIC, FRICTION))
     _check_mixed(rows, {"method": method, **elastic, **rigid}, law)
     shared = {key: value for key, value in further.items() if key not in (*RIGID, *ELASTIC, *FRICTION)}
-    shared["settings"] = split_settings(settings)
+    shared["settings"] = settings
     # Wrong settings are refused before anything else.
     model = robot.load(console, settings=shared["settings"], friction=shared["friction"])
     check_output(output, force=force, inputs=(model.path, *logs))
+    shared["train"], tests = pair_parts(train, test, logs)
     if rows == "friction":
         laws = model.identify_friction(logs, estimator=estimator, period=period, **law, **shared)
-        return answer_saved(laws, output, "result")
+        return _add_tests(answer_saved(laws, output, "result"), laws, tests)
     if method == "stiffness":
-        rest = _list_given({"rows": rows, "estimator": estimator, "period": period, **rigid, **elastic})
+        others = {"rows": rows, "estimator": estimator, "period": period, "test": test}
+        rest = _list_given({**others, **rigid, **elastic})
         if rest:
             them = "them" if rest[1:] else "it"
             text = f"{', '.join(rest)} cannot be used with --method stiffness; leave {them} out"
@@ -161,7 +181,26 @@ def identify_command(
     fit = model.identify(
         logs, rows=rows, estimator=estimator, method=method, period=period, **rigid, **elastic, **shared
     )
-    return answer_saved(fit, output, "estimate")
+    return _add_tests(answer_saved(fit, output, "estimate"), fit, tests)
+
+
+def _add_tests(answer: Answer, fit: Fit, tests: Sequence[tuple[Path, str]]) -> Answer:
+    """Return the answer with what the fit predicts of parts of the logs, and new notices."""
+    if not tests:
+        return answer
+    found = [fit.validate(log, test=part) for log, part in tests]
+    texts, errors = [entry.to_text() for entry in found], [error for entry in found for error in entry.errors]
+    known = {(notice.code, notice.text) for notice in answer.warnings}
+    notices = [notice for entry in found for notice in entry.notices]
+    new = [notice for notice in notices if (notice.code, notice.text) not in known]
+    return replace(
+        answer,
+        text="\n\n".join((answer.text, *texts)),
+        result={**answer.result, "validations": [entry.to_dict() for entry in found]},
+        warnings=(*answer.warnings, *new),
+        errors=(*answer.errors, *errors),
+        exit_code=answer.exit_code or (1 if errors else 0),
+    )
 
 
 def _list_given(options: Mapping[str, object]) -> list[str]:

@@ -8,7 +8,8 @@ from typing import TypeVar
 import click
 
 from symid.api import BACKENDS
-from symid.cli.arguments import NamedRobot
+from symid.cli.arguments import NamedRobot, split_settings
+from symid.cli.call import Answer
 from symid.cli.verbs import INPUT, METHOD, MODEL, OUTPUT, PROCESSING, Decorator, Finite, add_options
 from symid.errors import Notice, UsageError
 
@@ -23,11 +24,48 @@ _force_folder_option = OUTPUT.option(
 friction_option = MODEL.option(
     "--friction", "Friction model of all joints; replaces that of the robot file.", click.Choice(_FRICTION)
 )
-set_option = PROCESSING.option(
-    "--set settings",
-    "Replace a setting of the robot file, such as processing.filter_cutoff=50.",
-    multiple=True,
-    metavar="KEY=VALUE",
+
+
+def _gather_settings(function: Callable[..., R]) -> Callable[..., R]:
+    @functools.wraps(function)
+    def call(*, named_settings: str | None, pairs: tuple[str, ...], **options: object) -> R:
+        named = {} if named_settings is None else {"settings": named_settings}
+        return function(settings=named | split_settings(pairs), **options)
+
+    return call
+
+
+settings_options = add_options(
+    PROCESSING.option(
+        "--settings named_settings",
+        "Use a named set of settings of the robot file, such as published; --set wins.",
+        metavar="NAME",
+    ),
+    PROCESSING.option(
+        "--set pairs",
+        "Replace a setting of the robot file, such as processing.filter_cutoff=50.",
+        multiple=True,
+        metavar="KEY=VALUE",
+    ),
+    _gather_settings,
+)
+"""The options --settings and --set, as one `settings` with keys and values."""
+
+
+def _accept_verdict(function: Callable[..., Answer]) -> Callable[..., Answer]:
+    @functools.wraps(function)
+    def call(*, accept: bool, **options: object) -> Answer:
+        answer = function(**options)
+        return answer.accept() if accept else answer
+
+    return call
+
+
+accept_option = add_options(
+    OUTPUT.option(
+        "--accept", "Go on although the verdict is wrong: exit code 0, and a warning.", is_flag=True
+    ),
+    _accept_verdict,
 )
 _CUTS = (
     INPUT.option("--base", "URDF only: first link of the robot.", metavar="LINK"),

@@ -8,9 +8,9 @@ import click
 
 import symid
 from symid.api import ElasticFit, Precision, RigidFit, compare_fit, export_fit
-from symid.cli.arguments import NamedRobot, check_output, split_settings
+from symid.cli.arguments import NamedRobot, check_output
 from symid.cli.call import Answer, Console, make_answer
-from symid.cli.options import output_option, robot_argument, robot_option, set_option
+from symid.cli.options import accept_option, output_option, robot_argument, robot_option, settings_options
 from symid.cli.verbs import FILE, INPUT, METHOD, OUTPUT, POSITIVE, PROCESSING, WHOLE, verb
 from symid.errors import Notice, UsageError
 
@@ -19,6 +19,12 @@ from symid.errors import Notice, UsageError
 @robot_argument(computes=True)
 @click.argument("estimate", type=FILE)
 @click.argument("log", type=FILE)
+@INPUT.option(
+    "--test",
+    "Part of LOG to predict, such as 60%: after `identify --train 0:60%`; a number without a unit has that "
+    "of --train, or is in seconds.  [default: all of it]",
+    metavar="START:END",
+)
 @OUTPUT.option(
     "--gate",
     "Limit of the mean relative residual of the joints; for elastic joints, of each table.",
@@ -27,8 +33,9 @@ from symid.errors import Notice, UsageError
 )
 @PROCESSING.option(
     "--band",
-    "Compare torques at the full sample rate, both with the same low-pass filter, without half a "
-    "second at either end; --gate applies to this value.",
+    "Compare torques at the full sample rate, the measured one and the one predicted from the states of "
+    "the fit with the same low-pass filter, without half a second at either end; --gate applies to this "
+    "value.",
     POSITIVE,
     "HZ",
 )
@@ -45,26 +52,27 @@ from symid.errors import Notice, UsageError
     WHOLE,
     "N",
 )
-@set_option
+@settings_options
+@accept_option
 def validate_command(
     console: Console,
     *,
     robot: NamedRobot,
     estimate: Path,
     log: Path,
+    test: str | None,
     gate: float | None,
     band: float | None,
     tracking: bool,
     against: Path | None,
     seed: int | None,
-    settings: tuple[str, ...],
+    settings: dict[str, str],
 ) -> Answer:
     """Predict the torques of LOG with the parameters in ESTIMATE; nothing is fitted.
 
     Filter and friction model are those of the identification. Results of --rows friction are accepted
-    too. Exit code 1 if the gate is missed.
+    too. Exit code 1 if the gate is missed, or the verdict is wrong.
     """
-    pairs = split_settings(settings)
     given = [name for name, value in (("--against", against), ("--seed", seed)) if value is not None]
     if given and not tracking:
         text = f"{', '.join(given)} needs --tracking; give it too, or leave the option out"
@@ -78,15 +86,15 @@ def validate_command(
         text = f"--band needs an estimate of base parameters, and this one is of {kind}; leave it out"
         raise UsageError(Notice(code="usage.no-band", text=text, file=str(fit.file)))
     if isinstance(fit, RigidFit):
-        return make_answer(fit.validate(log, gate=gate, band=band, settings=pairs))
+        return make_answer(fit.validate(log, test=test, gate=gate, band=band, settings=settings))
     if not isinstance(fit, ElasticFit) or not tracking:
-        return make_answer(fit.validate(log, gate=gate, settings=pairs))
+        return make_answer(fit.validate(log, test=test, gate=gate, settings=settings))
     other = None if against is None else symid.load_fit(against)
     if other is not None and not isinstance(other, ElasticFit):
         text = "--against: expected an estimate of elastic joints"
         raise UsageError(Notice(code="usage.rigid-tracking", text=text, file=str(against)))
     others = [] if other is None else [other]
-    return make_answer(fit.track(log, against=others, seed=seed, gate=gate, settings=pairs))
+    return make_answer(fit.track(log, against=others, seed=seed, test=test, gate=gate, settings=settings))
 
 
 @verb("compare")
@@ -148,6 +156,12 @@ def _split_readings(texts: Sequence[str]) -> dict[str, str]:
 @verb("report")
 @click.argument("estimate", type=FILE)
 @INPUT.option("--validation logs", "Held-out log to predict; may be repeated.", FILE, "LOG", multiple=True)
+@INPUT.option(
+    "--test",
+    "Part of the logs of --validation to predict, as in `validate`; give it once, or once for each log.",
+    metavar="START:END",
+    multiple=True,
+)
 @METHOD.option(
     "--diagnose",
     "Read the logs of the fit again: identifiability, essential parameters, bootstrap, drift, and "
@@ -155,27 +169,30 @@ def _split_readings(texts: Sequence[str]) -> dict[str, str]:
     is_flag=True,
 )
 @robot_option("Robot of the logs.  [default: the name in ESTIMATE]")
-@set_option
+@settings_options
 @output_option("Page to write.", required=True)
+@accept_option
 def report_command(
     console: Console,
     *,
     estimate: Path,
     logs: tuple[Path, ...],
+    test: tuple[str, ...],
     diagnose: bool,
     robot: NamedRobot | None,
-    settings: tuple[str, ...],
+    settings: dict[str, str],
     output: Path,
     force: bool,
 ) -> Answer:
     """Write one self-contained HTML page: verdict, parameters, measured and predicted torques.
 
     For elastic joints also springs, hysteresis loops and the compared methods; for friction the curves
-    and the compared laws.
+    and the compared laws. Exit code 1 if the verdict is wrong; the page is written all the same.
     """
-    pairs = split_settings(settings)
     # A diagnosis reads the logs of the fit as the fit did.
-    given = [name for name, value in (("--robot", robot and not diagnose), ("--set", settings)) if value]
+    named, single = "settings" in settings, settings.keys() - {"settings"}
+    asked = {"--robot": robot and not diagnose, "--settings": named, "--set": single, "--test": test}
+    given = [name for name, value in asked.items() if value]
     if given and not logs:
         text = (
             f"{', '.join(given)} is of the logs that --validation names, and there is none; "
@@ -186,7 +203,9 @@ def report_command(
     fit = symid.load_fit(estimate, None if robot is None else robot.load(console), progress=console.progress)
     if logs or diagnose:
         check_output(output, force=True, inputs=(fit.robot.path,))
-    return make_answer(fit.report(output, validation=logs, settings=pairs, diagnose=diagnose))
+    return make_answer(
+        fit.report(output, validation=logs, test=test or None, settings=settings, diagnose=diagnose)
+    )
 
 
 @verb("export")
@@ -200,6 +219,7 @@ def report_command(
         click.Choice(("double", "float")),
         default="double",
     ),
+    OUTPUT.option("--accept", "Write the file although the verdict on ESTIMATE is wrong.", is_flag=True),
     required=True,
 )
 def export_command(
@@ -209,17 +229,21 @@ def export_command(
     estimate: Path | None,
     output: Path,
     precision: Precision,
+    accept: bool,
     force: bool,
 ) -> Answer:
     """Write ROBOT with the values in ESTIMATE; the suffix of FILE selects the format.
 
     Among all physically consistent bodies with the identified combinations of masses and inertias,
     those nearest to the robot file are written. Results of --rows friction give the joints their laws, if
-    robot files have a model for them. Without ESTIMATE the values of the robot file are written.
+    robot files have a model for them. Without ESTIMATE the values of the robot file are written. An
+    ESTIMATE whose verdict is wrong is refused.
     """
     model = robot.load(console)
     check_output(output, force=force, inputs=(model.path, *([estimate] if estimate else [])))
     if estimate is None:
         return make_answer(model.export(output, precision=precision))
-    found = export_fit(model.description, estimate, output, precision=precision, progress=console.progress)
+    found = export_fit(
+        model.description, estimate, output, precision=precision, accept=accept, progress=console.progress
+    )
     return make_answer(found)

@@ -8,7 +8,7 @@ import click
 import symid
 from symid.cli.arguments import NamedRobot, check_output
 from symid.cli.call import Answer, Console, answer_saved, make_answer
-from symid.cli.options import output_option, robot_argument, robot_option
+from symid.cli.options import output_option, robot_argument, robot_option, settings_options
 from symid.cli.verbs import COUNT, FILE, METHOD, OUTPUT, WHOLE, Decorator, Group, Verb, add_options
 
 _FLAGS = frozenset({"--json", "--quiet", "--verbose"})
@@ -119,6 +119,7 @@ def _precision(console: Console, *, robot: NamedRobot, seeds: int, seed: int, jo
 @study_command.command("cutoff")
 @robot_argument(computes=True)
 @click.argument("log", type=FILE)
-def _cutoff(console: Console, *, robot: NamedRobot, log: Path) -> Answer:
+@settings_options
+def _cutoff(console: Console, *, robot: NamedRobot, log: Path, settings: dict[str, str]) -> Answer:
     """Prediction error of a fit for several cut-offs of the position filter."""
-    return make_answer(robot.load(console).study_cutoff(log))
+    return make_answer(robot.load(console, settings=settings).study_cutoff(log))

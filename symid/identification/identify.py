@@ -54,8 +54,9 @@ from symid.logs import (
     Alignment,
     Recording,
     check_recording,
-    compute_log_digests,
+    describe_digests,
     describe_logs,
+    describe_runs,
     get_run_weights,
     get_second_encoder_side,
     refuse_known_payloads,
@@ -173,7 +174,7 @@ def _identify_rigid(
     *,
     motor_side: bool,
 ) -> Identification[Estimate]:
-    rows, estimator = options.rows or "torque", options.estimator or "ols"
+    rows, estimator = options.rows or "torque", options.estimator
     check_rigid_options(rows, estimator, options)
     warnings = _list_log_notices(robot, recordings)
     both = has_both_encoders(recordings)
@@ -209,7 +210,7 @@ def _fit_rigid(
     options: RigidOptions,
     progress: Callable[[str], None],
 ) -> Estimate:
-    rows, estimator = options.rows or "torque", options.estimator or "ols"
+    rows, estimator = options.rows or "torque", options.estimator
     rule = RankRule(least=0.0 if options.partial else WHOLE_MODEL)
     weights, echo = get_run_weights(recordings), describe_logs(robot, recordings)
     if estimator in SIMULATING:
@@ -270,7 +271,7 @@ def _identify_elastic(
     library = context.prepare(robot)
     moved, alignment, aligned = prepare_aligned(library, recordings)
     context.progress(f"identifying {robot.name} from {_count_logs(moved)} by the method {options.method!r}")
-    echo = {**describe_settings(robot), "log_digests": compute_log_digests(recordings)}
+    echo = {**describe_settings(robot), **describe_digests(recordings), **describe_runs(recordings)}
     found = identify_elastic(library, moved, options, echo=echo)
     estimate = replace(found, notices=(*found.notices, *warn_of_rotors(found.parameters)))
     unused = list_unused_settings(robot, "elastic")
@@ -363,7 +364,8 @@ def identify_robot_friction(
     )
     echo = {
         "log": describe_settings(robot)["log"],
-        "log_digests": compute_log_digests(measured),
+        **describe_digests(measured),
+        **describe_runs(measured),
         "known": known,
         "known_values": None if beta is None else dict(zip(names, beta.tolist(), strict=True)),
         "friction": [joint.friction for joint in library.card.joints],

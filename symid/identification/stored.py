@@ -24,6 +24,8 @@ from symid.serialization import list_unusable, read_record, write_plain
 StoredResult = Estimate | ElasticEstimate | FrictionIdentification
 _FORMAT = "symid fit"
 _VERSION = 2
+_ABOUT = frozenset({"format", "version", "kind", "verdict"})
+"""Entries of a file that are not fields of the record."""
 _MOST = 20
 """Unusable entries that are named at most."""
 _KINDS: Mapping[str, type[StoredResult]] = {
@@ -55,14 +57,17 @@ GivenResult = StoredResult | Fitted | str | PathLike[str]
 """What was identified: itself, as a result of the API, or its file."""
 
 
-def write_fit(record: FitRecord, path: Path) -> Path:
+def write_fit(record: FitRecord, path: Path, *, verdict: Mapping[str, object] | None = None) -> Path:
     """Write the record to `path` as JSON and return the path.
+
+    `verdict` is written for readers of the file; `read_fit` leaves it out, because it follows from the rest.
 
     Raises:
         OutputError: the file cannot be written.
     """
     body: Any = write_plain(record)
-    data = {"format": _FORMAT, "version": _VERSION, "kind": record.kind, **body}
+    said = {} if verdict is None else {"verdict": write_plain(verdict)}
+    data = {"format": _FORMAT, "version": _VERSION, "kind": record.kind, **said, **body}
     return write_file(path, json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
 
 
@@ -203,7 +208,7 @@ def _split(path: Path, data: object) -> tuple[str, dict[str, Any], bool]:
     if not isinstance(data, dict) or not _is_format(name):
         saw = "" if name is None else f": its format is {name!r:.60}"
         raise _refuse(path, f"this is JSON, but not an estimate written by symid{saw}")
-    body = {key: value for key, value in data.items() if key not in {"format", "version", "kind"}}
+    body = {key: value for key, value in data.items() if key not in _ABOUT}
     version, kind = (_VERSION, str(data.get("kind"))) if name == _FORMAT else (1, _BEFORE[str(name)])
     if type(data.get("version")) is not int or data["version"] != version:
         raise _refuse(path, f"version {data.get('version')!r} of the format; this symid reads {version}")

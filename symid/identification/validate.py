@@ -56,7 +56,17 @@ from symid.identification.rigid import (
     validate_estimate,
 )
 from symid.identification.stored import StoredResult
-from symid.logs import IN_MEMORY_PREFIX, Alignment, Recording, read_one_log, read_recorded_runs
+from symid.logs import (
+    IN_MEMORY_PREFIX,
+    Alignment,
+    LogPart,
+    Recording,
+    describe_overlap,
+    measure_overlap,
+    read_one_log,
+    read_recorded_runs,
+    take_parts,
+)
 from symid.robot import Robot
 from symid.serialization import compute_file_digest
 from symid.simulation import build_noisy_options, check_stated_values
@@ -183,6 +193,7 @@ def validate_fit(
     context: TaskContext,
     *,
     pairs: Pairs = (),
+    test: Sequence[LogPart] = (),
     band: float | None = None,
     tracking: TrackingTask | None = None,
     file: str = "",
@@ -198,6 +209,7 @@ def validate_fit(
         log: a file, or what was read from one.
         context: library and progress.
         pairs: settings of the call, keys and values.
+        test: the part of the log that is predicted; empty for all of it.
         band: Hz below which torques are compared at the full rate, None for the rows of the fit; of rigid
             fits.
         tracking: a motion to simulate, None for none; of elastic fits: the robot file must state the true
@@ -213,10 +225,12 @@ def validate_fit(
     """
     match fit:
         case Estimate():
-            return _validate_rigid(robot, fit, log, context, pairs=pairs, band=band, file=file)
+            return _validate_rigid(robot, fit, log, context, pairs=pairs, test=test, band=band, file=file)
         case ElasticEstimate():
-            return _validate_elastic(robot, fit, log, context, pairs=pairs, tracking=tracking, file=file)
-    return _validate_friction(robot, fit, log, context, pairs=pairs, file=file)
+            return _validate_elastic(
+                robot, fit, log, context, pairs=pairs, test=test, tracking=tracking, file=file
+            )
+    return _validate_friction(robot, fit, log, context, pairs=pairs, test=test, file=file)
 
 
 def _validate_rigid(
@@ -226,12 +240,14 @@ def _validate_rigid(
     context: TaskContext,
     *,
     pairs: Pairs,
+    test: Sequence[LogPart],
     band: float | None,
     file: str,
 ) -> RigidValidation:
     described = restore_robot(robot, estimate, pairs)
     found = build_rigid_estimate(estimate, described)
-    recording = build_motor_recording(read_one_log(log, described), described)
+    (read,) = take_parts((read_one_log(log, described),), test, "--test")
+    recording = build_motor_recording(read, described)
     library = context.prepare(build_rigid_variant(described))
     card = library.card
     check_model(found, card, file)
@@ -261,12 +277,14 @@ def _validate_elastic(
     context: TaskContext,
     *,
     pairs: Pairs,
+    test: Sequence[LogPart],
     tracking: TrackingTask | None,
     file: str,
 ) -> ElasticValidation:
     check_settings(pairs, "elastic")
     described = restore_robot(robot, estimate, pairs)
-    (recording,) = cut_logs((read_one_log(log, described, "an elastic robot"),), described.processing)
+    read = take_parts((read_one_log(log, described, "an elastic robot"),), test, "--test")
+    (recording,) = cut_logs(read, described.processing)
     # A log with one position is refused before minutes go into a library.
     get_encoder_positions(recording)
     if tracking is not None:
@@ -277,9 +295,11 @@ def _validate_elastic(
     (moved,), alignment, aligned = prepare_aligned(library, (recording,))
     context.progress(f"validating on {recording.source}")
     trial = evaluate_elastic(estimate, library, moved, cutoff=get_stated_cutoff(described, pairs))
-    warnings = (
-        [build_warning("validate.fitted-log", file=trial.source, what="estimate")] if trial.fitted else []
-    )
+    warnings = []
+    if trial.fitted:
+        overlap = measure_overlap(moved, estimate.sources, estimate.settings)
+        part = describe_overlap(overlap, moved)
+        warnings = [build_warning("validate.fitted-log", file=trial.source, what="estimate", part=part)]
     reached = {joint.joint: float(abs(joint.torsion).max()) for joint in trial.joints}
     beyond = [
         f"{entry.joint} {reached[entry.joint]:.3g} against {entry.torsion:.3g} {entry.position_unit}"
@@ -373,6 +393,7 @@ def _validate_friction(
     context: TaskContext,
     *,
     pairs: Pairs,
+    test: Sequence[LogPart],
     file: str,
 ) -> FrictionValidation:
     # The log map of another robot would only say that its columns do not fit.
@@ -388,7 +409,8 @@ def _validate_friction(
         source = str(log.source if isinstance(log, Recording) else log)
         notices = (Notice(code="validate.not-folded", text=text, file=source),)
     described = restore_robot(robot, unfolded, pairs)
-    recording = build_motor_recording(read_one_log(log, described, "a law of friction"), described)
+    (read,) = take_parts((read_one_log(log, described, "a law of friction"),), test, "--test")
+    recording = build_motor_recording(read, described)
     library = context.prepare(set_identified_friction(build_rigid_variant(described), found))
     check_model(found, library.card, file)
     context.progress(f"validating on {recording.source}")

@@ -26,16 +26,33 @@ if TYPE_CHECKING:
         write_raw_log as write_raw_log,
         write_recording as write_recording,
     )
+    from symid.logs.parts import (
+        LogPart as LogPart,
+        join_units as join_units,
+        read_part as read_part,
+        read_parts as read_parts,
+        refuse_shared as refuse_shared,
+        take_parts as take_parts,
+    )
     from symid.logs.reader import read_raw as read_raw
-    from symid.logs.recording import Recording as Recording, Signals as Signals, cut_ends as cut_ends
+    from symid.logs.recording import (
+        Recording as Recording,
+        Signals as Signals,
+        cut_ends as cut_ends,
+        cut_recording as cut_recording,
+    )
     from symid.logs.runs import (
         IN_MEMORY_PREFIX as IN_MEMORY_PREFIX,
+        Ends as Ends,
         check_distinct as check_distinct,
         check_distinct_samples as check_distinct_samples,
-        compute_log_digests as compute_log_digests,
+        describe_digests as describe_digests,
         describe_logs as describe_logs,
+        describe_overlap as describe_overlap,
+        describe_runs as describe_runs,
         get_run_weights as get_run_weights,
-        is_log_of_fit as is_log_of_fit,
+        get_train_unit as get_train_unit,
+        measure_overlap as measure_overlap,
         read_fit_recordings as read_fit_recordings,
         read_one_log as read_one_log,
         read_recorded_runs as read_recorded_runs,

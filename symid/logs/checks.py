@@ -37,6 +37,7 @@ def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:
     summaries = summarise_joints(recording, robot)
     for index, (joint, summary) in enumerate(zip(robot.axes, summaries, strict=True)):
         found += _check_position(recording.position[:, index], joint)
+        found += _check_jumps(recording.time, recording.position[:, index], joint)
         found += _check_torque(recording.torque[:, index], summary, joint)
         if summary.low < summary.high and summary.standstill > _STANDSTILL:
             text = f"joint {joint.name!r} stands still during {100 * summary.standstill:.0f} % of the log"
@@ -45,6 +46,31 @@ def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:
     if recording.velocity is not None and np.all(np.isfinite(recording.velocity)):
         found += _check_velocity(recording, recording.velocity, robot)
     return tuple(Notice(code=code, text=text, file=recording.source) for code, text in found)
+
+
+_JUMP, _USUAL = 20.0, 0.999
+"""Times the step that this part of all steps stays below: a jump, which no motion makes."""
+_LEAST_JUMP = 1e-3
+"""rad or m: smaller steps are ticks of an encoder."""
+
+
+def _check_jumps(time: FloatArray, position: FloatArray, joint: Joint) -> Iterator[tuple[str, str]]:
+    """Yield a warning where a position jumps: an encoder wraps, or samples are missing."""
+    steps = np.abs(np.diff(position))
+    limit = max(_LEAST_JUMP, _JUMP * float(np.quantile(steps, _USUAL))) if len(steps) else 0.0
+    places = np.flatnonzero(steps > limit)
+    if not len(places):
+        return
+    first, size = int(places[0]), float(steps[places[0]])
+    wraps = (
+        joint.kind is JointKind.REVOLUTE and abs(size / (2.0 * np.pi) - round(size / (2.0 * np.pi))) < 0.05
+    )
+    why = "the encoder wraps: unwrap it" if wraps else "samples are missing, or files were joined: cut there"
+    text = (
+        f"the position of joint {joint.name!r} jumps by {size:.3g} {'rad' if wraps else 'in one sample'} at "
+        f"{time[first]:.6g} s ({len(places)} jumps); {why}"
+    )
+    yield "log.position-jump", text
 
 
 def get_second_encoder_side(recording: Recording) -> str | None:

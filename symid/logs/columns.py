@@ -142,6 +142,12 @@ def _is_motor_side(mapped: LogQuantity | None) -> bool:
     return mapped is not None and mapped.side == "motor"
 
 
+def get_torque_transmission(robot: Robot) -> FloatArray | None:
+    """Return the matrix (n, n) that turned the torques of coupled motors into those of joints, if any."""
+    matrix = _get_matrix(robot, robot.log.torque)
+    return None if matrix is None else np.array(matrix)
+
+
 def _get_matrix(robot: Robot, mapped: LogQuantity | None) -> TransmissionMatrix | None:
     """Return the matrix of a coupled transmission between a quantity's motors and the joints, if any."""
     return robot.log.transmission if _is_motor_side(mapped) else None

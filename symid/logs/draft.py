@@ -3,12 +3,11 @@
 Robot, path of a log, columns and units by quantity -> LogMapDraft. DraftOrder -> Draft.
 
     preset of a known program, else: headings -> columns of each joint -> units -> LogMap
-    ends         a tenth of a second is left out: derivatives there are one-sided, which filters carry inwards
-    standstill   a hundredth of the top speed of the slowest joint that moves, to one digit
+
+No `[processing]` is written: what it would say is chosen from each log.
 
 Supported: what `headings` reads, names and units of the user in place of it, the presets.
-Not supported: columns of motors, of second encoders and of controllers, unless the user names them; a
-standstill speed for each joint.
+Not supported: columns of motors, of second encoders and of controllers, unless the user names them.
 """
 
 import textwrap
@@ -18,7 +17,7 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
 from symid.errors import LogError, Notice, RobotError, UsageError
-from symid.logs.checks import check_recording, summarise_joints
+from symid.logs.checks import check_recording
 from symid.logs.columns import Findings, join_names
 from symid.logs.files import RawLog
 from symid.logs.headings import (
@@ -30,7 +29,6 @@ from symid.logs.headings import (
     read_headings,
 )
 from symid.logs.reader import apply_preset, read_raw, read_recording
-from symid.logs.recording import Recording
 from symid.logs.sampling import resample_if_uneven
 from symid.notation import UNITS, get_unit_factor
 from symid.robot import (
@@ -39,7 +37,6 @@ from symid.robot import (
     FrictionKind,
     LogMap,
     LogQuantity,
-    Processing,
     Robot,
     complete_robot,
     is_urdf,
@@ -64,10 +61,10 @@ NamesByQuantity = Mapping[str, str | Sequence[str]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogMapDraft:
-    """The robot with the tables of its log.
+    """The robot with the table of its log.
 
     Args:
-        robot: with `[log]` and `[processing]`.
+        robot: with `[log]`.
         file: the log.
         read: the columns of the table, by quantity.
         units: those of the columns as stated, by quantity; one where all are alike.
@@ -86,7 +83,7 @@ class LogMapDraft:
 
 
 def draft_log_map(robot: Robot, log: Path, columns: NamesByQuantity, units: NamesByQuantity) -> LogMapDraft:
-    """Return the robot with `[log]` and `[processing]` tables for a log.
+    """Return the robot with a `[log]` table for a log.
 
     `columns` and `units`, one a column or one for all, replace what the headings say of a quantity. A
     UsageError names unknown quantities, a LogError those without columns for every joint, ambiguous ones,
@@ -116,14 +113,13 @@ def draft_log_map(robot: Robot, log: Path, columns: NamesByQuantity, units: Name
         remarks.append(Notice(code="new.unused-columns", text=text, file=str(log)))
     robot = replace(robot, log=table)
     recording = resample_if_uneven(read_recording(log, robot, uneven=True, raw=raw))
-    robot, chosen = _add_processing(robot, recording, log)
     return LogMapDraft(
         robot=robot,
         file=log,
         read=read,
         units=stated,
         unused=unused,
-        assumed=(*remarks, *chosen, *_note_missing_friction(robot)),
+        assumed=(*remarks, *_note_missing_friction(robot)),
         warnings=check_recording(recording, robot),
     )
 
@@ -232,15 +228,6 @@ def _note_sides(robot: Robot, read: Mapping[str, LogQuantity], findings: Finding
         findings.remark("new.assumed-side", f'{text}; write side = "motor" in [log] if they are the motors\'')
 
 
-ENDS = 0.1
-"""Seconds left out at either end."""
-
-SLOW = 0.01
-"""Part of the top speed below which a joint counts as standing still."""
-
-_LARGEST_PART = 0.05
-
-
 def _split_names(option: str, given: NamesByQuantity) -> dict[str, tuple[str, ...]]:
     """Return what an option says of each quantity, or raise a UsageError."""
     found: dict[str, tuple[str, ...]] = {}
@@ -260,28 +247,6 @@ def _split_names(option: str, given: NamesByQuantity) -> dict[str, tuple[str, ..
     if mistakes:
         raise UsageError(*(Notice(code="usage.quantity", text=text) for text in mistakes))
     return found
-
-
-def _add_processing(robot: Robot, recording: Recording, log: Path) -> tuple[Robot, list[Notice]]:
-    """Return the robot with ends and standstill to leave out of an even recording, and why."""
-    ends = round(min(ENDS / recording.period, _LARGEST_PART * len(recording.time)))
-    texts = {
-        "new.ends": f"processing.drop_first and drop_last are set to {ends} samples, {ENDS:g} s or less: "
-        "derivatives at the ends of a log are poor"
-    }
-    dry = any(joint.friction.kind is not FrictionKind.NONE for joint in robot.joints)
-    speeds = [entry.speed for entry in summarise_joints(recording, robot) if entry.speed > 0.0]
-    standstill = float(f"{SLOW * min(speeds):.1g}") if dry and speeds else 0.0
-    if standstill:
-        texts["new.standstill"] = (
-            f"processing.standstill is set to {standstill:g} rad/s or m/s, {100.0 * SLOW:g} % of the top "
-            "speed of the slowest joint: rows at which a joint is slower, and may stick, are left out"
-        )
-        if len({joint.kind for joint in robot.axes}) > 1:
-            texts["new.standstill"] += "; check that one number fits revolute and prismatic joints"
-    processing = Processing(automatic=True, drop_first=ends, drop_last=ends, standstill=standstill)
-    notices = [Notice(code=code, text=text, file=str(log)) for code, text in texts.items()]
-    return replace(robot, processing=processing), notices
 
 
 def _note_missing_friction(robot: Robot) -> tuple[Notice, ...]:
@@ -339,7 +304,7 @@ class Draft:
     Args:
         robot: that it describes; source: the file that it comes from.
         text: of the file, TOML.
-        log: the tables of the log; None without one.
+        log: the table of the log; None without one.
         notices: assumptions and warnings.
     """
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from symid.arrays import FloatArray
 from symid.errors import LogError
-from symid.logs.columns import Findings, extract_quantity, extract_time
+from symid.logs.columns import Findings, extract_quantity, extract_time, get_torque_transmission
 from symid.logs.files import RawLog, build_file_error, read_csv, read_hdf5, read_mat, read_npz
 from symid.logs.recording import CONTROL_CHANNELS, OPTIONAL_CHANNELS, Recording
 from symid.logs.signals import choose_processing, compute_least_samples, describe_too_short, describe_uneven
@@ -149,7 +149,7 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
     left_out = ", ".join((*unused, *raw.others))
     parts = [f"columns that were not used: {left_out}"] if left_out else []
     if columns["velocity"]:
-        text = "velocity was read but is not used, it is computed from the filtered position"
+        text = "velocity was read; it is used where it predicts better than the filtered position"
         parts.append(f"{text} (columns {', '.join(columns['velocity'])})")
     if parts:
         findings.remark("log.unused-columns", "; ".join(parts))
@@ -162,6 +162,7 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
         source=str(path),
         notices=tuple(findings.remarks),
         extras={name: raw.columns[name] for name in unused},
+        transmission=get_torque_transmission(robot),
     )
 
 

@@ -6,12 +6,14 @@ Supported: position, torque and time; where the log has them velocity, a second 
 reference and feed-forward; other numeric columns as logged.
 """
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from symid.arrays import FloatArray, FrozenArrays, freeze, freeze_fields
 from symid.errors import LogError, Notice
+from symid.serialization import compute_signature
 
 CONTROL_CHANNELS = ("reference", "reference_velocity", "feedforward")
 """Channels of the controller, which are optional even where the robot file names their columns."""
@@ -26,6 +28,7 @@ class RunSettings:
     Args:
         file: the log; weight: of the squares of its residuals.
         drop_first, drop_last: samples that were cut off before anything else.
+        train: the part of the log that is used, as `read_part` takes it, empty for all of it.
         payload: its name, empty for none.
         load: (p,) what a known payload adds to the base parameters, SI; empty where it is not known.
         offset: rad or m added to the positions, one for all joints or one a joint.
@@ -35,9 +38,24 @@ class RunSettings:
     weight: float = 1.0
     drop_first: int = 0
     drop_last: int = 0
+    train: str = ""
     payload: str = ""
     load: tuple[float, ...] = ()
     offset: tuple[float, ...] = (0.0,)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogExtent:
+    """The whole log behind a recording.
+
+    Args:
+        start, end: s, time of its first sample, and of its last one with a sample period added.
+        digest: of its samples, where it is no file and has been cut; else empty.
+    """
+
+    start: float
+    end: float
+    digest: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -59,6 +77,9 @@ class Recording:
         notices: conversions made, columns not used.
         extras: other numeric columns of the log, as logged.
         run: settings of one of several runs; applied already, but for the weight.
+        whole: the log from which it was cut, None where it is the whole log.
+        transmission: (n, n) angles of the motors over those of the joints, where torques were logged at
+            motors that move more than one joint.
     """
 
     time: FloatArray
@@ -74,6 +95,8 @@ class Recording:
     notices: tuple[Notice, ...] = ()
     extras: Mapping[str, FloatArray] = field(default_factory=dict)
     run: RunSettings | None = None
+    whole: LogExtent | None = None
+    transmission: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Copy the arrays and make them read-only."""
@@ -84,6 +107,12 @@ class Recording:
     def period(self) -> float:
         """Return the mean sample period in s, in which the rounding of single times cancels."""
         return float((self.time[-1] - self.time[0]) / (len(self.time) - 1))
+
+    @property
+    def extent(self) -> LogExtent:
+        """Return when the whole log begins and ends."""
+        start, last = float(self.time[0]), float(self.time[-1])
+        return self.whole or LogExtent(start=start, end=last + self.period)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -102,7 +131,7 @@ class Signals(FrozenArrays):
     period: float
 
 
-_FEWEST = 3
+FEWEST = 3
 """Samples that central differences need."""
 
 
@@ -112,10 +141,10 @@ def cut_ends(recording: Recording, first: int, last: int) -> Recording:
         return recording
     count = len(recording.time)
     left = count - first - last
-    if left < _FEWEST:
+    if left < FEWEST:
         text = (
             f"cutting off the first {first} and the last {last} of {count} samples leaves {max(left, 0)}, at "
-            f"least {_FEWEST} are needed; cut off less"
+            f"least {FEWEST} are needed; cut off less"
         )
         raise LogError(Notice(code="log.too-short", text=text, file=recording.source))
     text = f"the first {first} and the last {last} of {count} samples were cut off, as set"
@@ -130,11 +159,17 @@ def add_notice(recording: Recording, code: str, text: str) -> Recording:
 
 def cut_recording(recording: Recording, kept: slice) -> Recording:
     """Return the samples `kept` of every channel."""
+    whole = recording.whole
+    if whole is None:
+        # A file is known by its own digest.
+        in_memory = not os.path.isfile(recording.source)  # noqa: PTH113  (a source may be any text)
+        digest = compute_signature(recording.torque) if in_memory else ""
+        whole = replace(recording.extent, digest=digest)
     count = len(recording.time)
     extras = {
         name: values[kept] if len(values) == count else values for name, values in recording.extras.items()
     }
-    return replace(change_channels(recording, lambda values: values[kept]), extras=extras)
+    return replace(change_channels(recording, lambda values: values[kept]), extras=extras, whole=whole)
 
 
 def change_channels(recording: Recording, change: Callable[[FloatArray], FloatArray]) -> Recording:

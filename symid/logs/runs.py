@@ -3,7 +3,7 @@
 Paths of logs or of `.toml` files that list runs, or recordings -> recordings with their RunSettings.
 
     [[run]]
-    file = "monday.npz"            # weight, drop_first, drop_last, payload, offset: see RunSettings
+    file = "monday.npz"            # weight, drop_first, drop_last, train, payload, offset: see RunSettings
     payload = { name = "disc", joint = "elbow", mass = 1.2, com = [0, 0, 0.05], inertia = { xx = 0.01 } }
 
 A known payload is given in the frame of `[joint.link]`; its torques, of beta_loaded = beta + K_link pi, leave
@@ -22,9 +22,12 @@ from typing import TypeVar
 
 import numpy as np
 
+from symid.arrays import FloatArray
 from symid.errors import InputError, LogError, Notice, RobotError, UsageError
+from symid.logs.parts import join_units, read_part, take_part
 from symid.logs.reader import read_recording
 from symid.logs.recording import Recording, RunSettings, add_notice, cut_ends
+from symid.logs.sampling import resample_if_uneven
 from symid.notation import INERTIAL
 from symid.robot import (
     NOT_NEGATIVE,
@@ -83,18 +86,32 @@ def _read_all(logs: Iterable[T], read: Callable[[T], Iterable[Recording]]) -> tu
 
 
 _SUFFIX = ".toml"
-_KEYS = ("file", "weight", "drop_first", "drop_last", "payload", "offset")
+_KEYS = ("file", "weight", "drop_first", "drop_last", "train", "payload", "offset")
 
 
 def read_log_runs(path: Path, robot: Robot, *, uneven: bool = False) -> tuple[Recording, ...]:
     """Return the recording of a log, or those of all runs of a `.toml`, or raise all mistakes."""
     if path.suffix.lower() != _SUFFIX:
-        return (read_recording(path, robot, uneven=uneven),)
+        return (_read_even(path, robot, uneven=uneven),)
     runs, warnings = _parse_runs(path, robot)
     first, *others = _read_all(
-        runs, lambda run: [_apply_settings(read_recording(Path(run.file), robot, uneven=uneven), run)]
+        runs, lambda run: [_apply_settings(_read_even(Path(run.file), robot, uneven=uneven), run)]
     )
     return (replace(first, notices=(*warnings, *first.notices)), *others)
+
+
+_UNEVEN = frozenset(("log.gap", "log.jitter"))
+
+
+def _read_even(path: Path, robot: Robot, *, uneven: bool = False) -> Recording:
+    """Return the recording in a log, as it is if `uneven`, else at even times, with a notice if moved."""
+    try:
+        recording = read_recording(path, robot, uneven=uneven)
+        return recording if uneven else resample_if_uneven(recording)
+    except LogError as error:
+        if not {notice.code for notice in error.notices} <= _UNEVEN:
+            raise
+        return resample_if_uneven(read_recording(path, robot, uneven=True))
 
 
 def list_log_files(path: Path, robot: Robot) -> tuple[Path, ...]:
@@ -127,6 +144,7 @@ def _parse_runs(path: Path, robot: Robot) -> tuple[tuple[RunSettings, ...], tupl
             weight=1.0 if weight is None else weight,
             drop_first=section.read_integer("drop_first", NOT_NEGATIVE) or 0,
             drop_last=section.read_integer("drop_last", NOT_NEGATIVE) or 0,
+            train=_read_train(section),
             payload=payload,
             load=load,
             offset=read_offset(section, robot.freedom) or (0.0,),
@@ -137,6 +155,18 @@ def _parse_runs(path: Path, robot: Robot) -> tuple[tuple[RunSettings, ...], tupl
     return tuple(runs), tuple(map(_rename, sort_notices(root.warnings)))
 
 
+def _read_train(section: Section) -> str:
+    """Return the part of a log that a run uses, empty for all of it."""
+    text = section.read_text("train")
+    if text is None:
+        return ""
+    try:
+        return read_part(text, "train").text
+    except UsageError as error:
+        section.refuse("runs.log-part", "train", error.notices[0].text.removeprefix("train "))
+        return ""
+
+
 def _rename(notice: Notice) -> Notice:
     """Return the notice with a code of runs: the file is no robot file."""
     return replace(notice, code=notice.code.replace("robot.", "runs.", 1))
@@ -145,6 +175,8 @@ def _rename(notice: Notice) -> Notice:
 def _apply_settings(recording: Recording, run: RunSettings) -> Recording:
     """Return the recording with the settings of the run applied, and a notice for each."""
     cut = cut_ends(recording, run.drop_first, run.drop_last)
+    if run.train:
+        cut = take_part(cut, read_part(run.train, "train"), "train")
     if run.load:
         text = f"the torque of the known payload {run.payload!r} is subtracted from the measured one"
         cut = add_notice(cut, "log.payload", text)
@@ -178,7 +210,7 @@ def read_recorded_runs(sources: Sequence[str], stored: object, robot: Robot) -> 
     """
 
     def read(log: tuple[str, RunSettings | None]) -> list[Recording]:
-        recording, run = read_recording(Path(log[0]), robot), log[1]
+        recording, run = _read_even(Path(log[0]), robot), log[1]
         return [recording if run is None else _apply_settings(recording, run)]
 
     entries = [{}] * len(sources) if stored is None else write_plain(stored)
@@ -190,6 +222,10 @@ def read_recorded_runs(sources: Sequence[str], stored: object, robot: Robot) -> 
     sizes = (1, robot.freedom)
     known = [run for run in found if run is not None]
     good = all(min(run.drop_first, run.drop_last) >= 0 and len(run.offset) in sizes for run in known)
+    try:
+        _ = [read_part(run.train, "train") for run in known if run.train]
+    except UsageError:
+        good = False
     if len(found) != len(sources) or not good:
         text = (
             f"the settings of the runs cannot be used: expected one table for each of {len(sources)} logs, "
@@ -255,11 +291,27 @@ def check_distinct(paths: Sequence[Path]) -> None:
 
 
 def compute_log_digests(recordings: Sequence[Recording]) -> list[str]:
-    """Return the digests of the files of recordings; of torques, with a prefix, where there is no file."""
+    """Return the digests of the files of recordings; of torques, with a prefix, where there is no file.
+
+    Parts of one log have the digest of the whole.
+    """
     return [
-        compute_file_digest(entry.source) or f"{IN_MEMORY_PREFIX}{compute_signature(entry.torque)}"
+        compute_file_digest(entry.source)
+        or f"{IN_MEMORY_PREFIX}{entry.extent.digest or compute_signature(entry.torque)}"
         for entry in recordings
     ]
+
+
+def describe_digests(recordings: Sequence[Recording]) -> dict[str, object]:
+    """Return for the echo in a result the digests of its logs and, where one is cut, which part is used.
+
+    Entries of "parts" are the first and the last time stamp in s; null is the whole log.
+    """
+    parts = [
+        None if entry.whole is None else {"start": float(entry.time[0]), "end": float(entry.time[-1])}
+        for entry in recordings
+    ]
+    return {"log_digests": compute_log_digests(recordings), **({"parts": parts} if any(parts) else {})}
 
 
 def is_log_of_fit(recording: Recording, sources: Sequence[str], settings: Mapping[str, object]) -> bool:
@@ -278,11 +330,78 @@ def is_log_of_fit(recording: Recording, sources: Sequence[str], settings: Mappin
     return named and (not known or os.path.isfile(recording.source))  # noqa: PTH113
 
 
+Ends = tuple[int | None, int | None]
+"""Samples that the processing cuts off at the start and at the end of a recording; None for none."""
+
+
+def measure_overlap(
+    recording: Recording,
+    sources: Sequence[str],
+    settings: Mapping[str, object],
+    *,
+    cut: Ends = (0, 0),
+    fitted_cut: Ends = (0, 0),
+) -> float:
+    """Return how many seconds of a recording a fit was made from, 0 where it is none of its logs.
+
+    `sources` and `settings` are those of the fit; `cut` and `fitted_cut` the samples that were cut off after
+    reading, here and in the fit.
+    """
+    if not is_log_of_fit(recording, sources, settings):
+        return 0.0
+    period, extent = recording.period, recording.extent
+    digest = compute_log_digests((recording,))[0]
+    known, parts = (settings.get(name) or () for name in ("log_digests", "parts"))
+    listed = list(known) if isinstance(known, list | tuple) else []
+    stated = list(parts) if isinstance(parts, list | tuple) else []
+    stated += [None] * (len(listed) - len(stated))
+    used = [_read_bounds(part) for entry, part in zip(listed, stated, strict=False) if entry == digest]
+    whole = (extent.start, extent.end - period)
+    before, after = ((entry or 0) * period for entry in fitted_cut)
+    first, last = (float(stamp) for stamp in recording.time[[cut[0] or 0, -1 - (cut[1] or 0)]])
+    overlap, reached = 0.0, first
+    # From left to right, so that nothing counts twice.
+    for start, end in sorted(bounds or whole for bounds in (used or [None])):
+        begin, stop = max(start + before, reached), min(end - after, last)
+        # Neighbours share no sample.
+        if stop - begin > -0.5 * period:
+            overlap += stop - begin + period
+            reached = stop + period
+    return overlap
+
+
+def _read_bounds(part: object) -> tuple[float, float] | None:
+    """Return the first and the last time stamp of a part, None where the file of a fit does not say them."""
+    found = [part.get(name) for name in ("start", "end")] if isinstance(part, Mapping) else []
+    numbers = [float(value) for value in found if isinstance(value, int | float)]
+    return (numbers[0], numbers[1]) if len(numbers) == 2 else None
+
+
+def describe_overlap(overlap: float, recording: Recording, cut: Ends = (0, 0)) -> str:
+    """Return which part of a recording a fit was made from, in words."""
+    length = (len(recording.time) - (cut[0] or 0) - (cut[1] or 0)) * recording.period
+    return f"{min(overlap, length):.4g} of the {length:.4g} s predicted here"
+
+
+def get_train_unit(settings: Mapping[str, object]) -> str:
+    """Return the unit that the parts of a fit's logs state; empty for none, see `join_units`."""
+    runs = settings.get("runs")
+    texts = (
+        [run.get("train") for run in runs if isinstance(run, Mapping)]
+        if isinstance(runs, list | tuple)
+        else []
+    )
+    try:
+        return join_units([read_part(text, "train") for text in texts if isinstance(text, str) and text])
+    except UsageError:
+        return ""
+
+
 def describe_logs(robot: Robot, recordings: Sequence[Recording]) -> dict[str, object]:
     """Return for the echo in a result the log map, the files' digests, the runs' settings."""
     return {
         "log": describe_settings(robot)["log"],
-        "log_digests": compute_log_digests(recordings),
+        **describe_digests(recordings),
         **describe_runs(recordings),
     }
 
@@ -302,7 +421,7 @@ def read_recordings(
         if joints != robot.freedom:
             text = f"has {joints} joints, the robot {robot.name!r} {robot.freedom}; read it with this robot"
             raise LogError(Notice(code="log.joints", text=text, file=log.source))
-        return (log,)
+        return (log if uneven else resample_if_uneven(log),)
 
     return _read_all(logs, read)
 
@@ -320,21 +439,29 @@ def read_fit_recordings(logs: Sequence[Path | Recording], robot: Robot) -> tuple
     named = [path for path in others if os.path.isfile(path)]  # noqa: PTH113
     check_distinct([*(file for path in files for file in list_log_files(path, robot)), *named])
     recordings = read_recordings(logs, robot)
-    if len(files) < len(logs):
-        # Of files the digests were compared.
-        check_distinct_samples(recordings)
+    check_distinct_samples(recordings)
     check_one_payload(recordings)
     return recordings
 
 
+_SAME = 1e-3
+"""Times the rms of a torque: two logs that differ by less have the same samples, rounded or moved in time."""
+
+
 def check_distinct_samples(recordings: Sequence[Recording]) -> None:
-    """Refuse two recordings with the same times, positions and torques, by a UsageError."""
+    """Refuse two recordings with the same positions and torques, by a UsageError: noise would count twice."""
     for place, entry in enumerate(recordings):
         for other in recordings[:place]:
-            same = entry is other or all(
-                np.array_equal(getattr(entry, name), getattr(other, name))
-                for name in ("torque", "position", "time")
-            )
-            if same:
+            if entry is other or all(
+                _is_same(getattr(entry, name), getattr(other, name)) for name in ("torque", "position")
+            ):
                 text = f"the same samples as {other.source}; give each log once"
                 raise UsageError(Notice(code="usage.same-log", text=text, file=entry.source))
+
+
+def _is_same(values: FloatArray, others: FloatArray) -> bool:
+    """Return whether two channels (N, n) are the same up to rounding."""
+    if values.shape != others.shape:
+        return False
+    size = float(np.sqrt(np.mean((values - values.mean(axis=0)) ** 2)))
+    return float(np.sqrt(np.mean((values - others) ** 2))) <= _SAME * size

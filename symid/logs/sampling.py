@@ -29,6 +29,8 @@ from symid.robot import Robot
 _REMARKED_JITTER = 0.05
 """Least deviation of a step, relative to the period, that is reported."""
 _GAP = 1.5
+_UNEVEN = 0.03
+"""RMS jitter beyond which a log is moved to even times: less does no harm to accelerations."""
 _REMEDY = "`symid check ROBOT LOG --resample FILE` writes an evenly sampled copy"
 
 
@@ -105,12 +107,12 @@ def describe_timing(time: FloatArray, file: str = "") -> tuple[Notice, ...]:
         )
         found.append(("log.gap", f"{text}; log at a lower rate or with a higher priority; {_REMEDY}"))
     if timing.largest > _REMARKED_JITTER:
-        refused = describe_uneven(time) is not None
+        moved = timing.jitter > _UNEVEN or describe_uneven(time) is not None
         text = (
             f"time steps differ by up to {100 * timing.largest:.3g} % from {timing.period:.6g} s (RMS "
             f"{100 * timing.jitter:.3g} %); filters assume even sampling"
         )
-        remedy = _REMEDY if refused else f"this is accepted as even; {_REMEDY}"
+        remedy = f"{'fits move it to even times' if moved else 'this is accepted as even'}; {_REMEDY}"
         found.append(("log.jitter", f"{text}; {remedy}"))
     return tuple(Notice(code=code, text=text, file=file) for code, text in found)
 
@@ -171,9 +173,17 @@ def plan_resampling(time: FloatArray, file: str = "") -> Resampling:
 
 
 def resample_recording(recording: Recording, plan: Resampling) -> Recording:
-    """Return the recording at even times, with a notice."""
+    """Return the recording at even times, with a notice, and a warning where samples were left out."""
     moved = replace(change_channels(recording, plan.move), time=plan.after, extras={})
-    return replace(moved, notices=(*recording.notices, plan.notice))
+    notices = (*recording.notices, plan.notice)
+    lost = float(np.ptp(recording.time) - np.ptp(plan.after))
+    if lost > _BRIDGED * recording.period:
+        text = (
+            f"{lost:.3g} s of the log are beyond a long gap and were left out: cut the log at its gaps into "
+            "files, which can be fitted together"
+        )
+        notices += (Notice(code="log.gap", text=text, file=recording.source),)
+    return replace(moved, notices=notices)
 
 
 def resample_log(raw: RawLog, robot: Robot, file: str = "") -> tuple[RawLog, Notice]:
@@ -194,8 +204,10 @@ def resample_log(raw: RawLog, robot: Robot, file: str = "") -> tuple[RawLog, Not
 
 
 def resample_if_uneven(recording: Recording) -> Recording:
-    """Return the recording as it is if even enough for filters, else resampled (LogError if too short)."""
+    """Return the recording as it is if its times are even, else at even times (LogError if too short)."""
     steps = np.diff(recording.time)
     if len(steps) and np.all(steps > 0.0) and describe_uneven(recording.time) is None:
-        return recording
+        scatter = float(np.std(steps) / np.mean(steps))
+        if scatter <= _UNEVEN:
+            return recording
     return resample_recording(recording, plan_resampling(recording.time, recording.source))

@@ -8,7 +8,7 @@ Low-pass: Butterworth; decimation: Chebyshev I; both forward and backward, as se
 continued by odd reflection over 3 (order) samples.
 
 Supported: uniform sampling, see `describe_uneven`.
-Not supported: online filtering, a logged velocity in place of the differentiated position.
+Not supported: online filtering, logged accelerations.
 """
 
 import math
@@ -143,6 +143,10 @@ def prepare_signals(recording: Recording, processing: Processing) -> Signals:
     except LogError as error:
         raise LogError(*(replace(notice, file=recording.source) for notice in error.notices)) from error
     dq = differentiate(q, period)
+    if processing.velocity == "log" and recording.velocity is not None:
+        dq = recording.velocity
+        if processing.filter_cutoff is not None:
+            dq = low_pass(dq, period=period, cutoff=processing.filter_cutoff, order=processing.filter_order)
     ddq = differentiate(dq, period)
     kept = slice(processing.drop_first, len(recording.time) - processing.drop_last)
     return Signals(

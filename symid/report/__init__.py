@@ -84,7 +84,14 @@ if TYPE_CHECKING:
         show_trial as show_trial,
         warn_comparison as warn_comparison,
     )
-    from symid.report.verdict import FitVerdict as FitVerdict
+    from symid.report.verdict import (
+        AnyEstimate as AnyEstimate,
+        FitVerdict as FitVerdict,
+        describe_verdict as describe_verdict,
+        judge_trial as judge_trial,
+        list_verdict_notices as list_verdict_notices,
+        show_verdict as show_verdict,
+    )
 else:
     from symid.lazy import load_names
 

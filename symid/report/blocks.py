@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache
+from itertools import zip_longest
 from operator import attrgetter
 from typing import Any
 
@@ -28,7 +29,7 @@ _COLOURS = {
     "orange": "#d9722e",
     "teal": "#1c9a95",
     "good": "#2e9d5f",
-    "poor": "#c84a4a",
+    "wrong": "#c84a4a",
 }
 """They hold on light and on dark ground."""
 _TABLES = """.symid table { border-collapse: collapse; font-variant-numeric: tabular-nums; margin: .4em 0 }
@@ -59,7 +60,8 @@ class Table:
     """A table: the names of its columns, its rows, and which columns stand flush left.
 
     `title` stands right above it, `note` right below; HTML shows the row `picked` in bold. There a cell of
-    two lines is a formula, or nothing, and its explanation.
+    two lines is a formula, or nothing, and its explanation. A terminal shows cells longer than `fold` letters
+    on several lines, never a part of them; 0 for one line.
     """
 
     header: Sequence[str]
@@ -68,10 +70,13 @@ class Table:
     title: str = ""
     note: str = ""
     picked: int | None = None
+    fold: int = 0
 
     def __str__(self) -> str:
         """Return the table as it stands in a terminal."""
-        cells = [self.header, *([_format_cell(cell) for cell in row] for row in self.rows)]
+        cells = [self.header]
+        for row in self.rows:
+            cells += _fold_row([_format_cell(cell) for cell in row], self.fold)
         widths = [max(len(row[k]) for row in cells) for k in range(len(self.header))]
         lines = [
             "  ".join(
@@ -106,6 +111,14 @@ class Table:
             f'<div class="scroll">\n<table>{caption}<thead><tr>{head}</tr></thead>'
             f"<tbody>{''.join(rows)}</tbody></table>\n</div>{note}"
         )
+
+
+def _fold_row(row: list[str], fold: int) -> list[list[str]]:
+    """Return the lines of a row in a terminal: a cell of more than `fold` letters has several; 0 for one."""
+    if not fold or all(len(cell) <= fold for cell in row):
+        return [row]
+    parts = [textwrap.wrap(cell, fold, break_long_words=False, break_on_hyphens=False) for cell in row]
+    return [list(line) for line in zip_longest(*parts, fillvalue="")]
 
 
 def tabulate(

@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from symid.codegen import Library
 from symid.errors import Notice, UsageError
@@ -32,17 +33,21 @@ from symid.identification.rigid import (
     restore_robot,
     validate_estimate,
 )
-from symid.logs import Recording, check_recording, read_recordings
+from symid.logs import LogPart, Recording, check_recording, read_recordings, take_parts
 from symid.report.blocks import Drawing
 from symid.report.elastic_page import build_elastic_page, draw_branches
 from symid.report.figures import Mark, build_mark_figure
 from symid.report.friction_page import build_friction_figure, build_friction_page
 from symid.report.identification_page import build_identification_page
-from symid.report.pages import describe_origin, format_percent, write_page
-from symid.report.verdict import FitVerdict, judge_elastic, judge_friction, judge_identification
+from symid.report.pages import Page, describe_origin, format_percent, write_page
+from symid.report.verdict import (
+    AnyEstimate,
+    FitVerdict,
+    judge_elastic,
+    judge_friction,
+    judge_identification,
+)
 from symid.robot import Robot
-
-AnyEstimate = Estimate | ElasticEstimate | FrictionIdentification
 
 _MOST_PARAMETERS = 12
 """Parameters in the figure of the least certain ones."""
@@ -81,7 +86,7 @@ class WrittenPage:
     """A page that was written.
 
     Args:
-        file: where; robot: its name.
+        file: where; robot: its name; verdict: the page's headline.
         sources: the logs tried; processing: how each was processed, where that was chosen; lines: in words.
         diagnosis: of the fit by its own logs, None where not asked for.
         notices: what a reader should know.
@@ -89,6 +94,7 @@ class WrittenPage:
 
     file: Path
     robot: str
+    verdict: FitVerdict
     sources: tuple[str, ...] = ()
     processing: tuple[dict[str, object], ...] | None = None
     lines: tuple[str, ...] = ()
@@ -103,6 +109,7 @@ def write_fit_page(
     *,
     logs: Sequence[Path | Recording] = (),
     pairs: tuple[tuple[str, str], ...] = (),
+    test: Sequence[LogPart] = (),
     diagnose: bool = False,
     file: str = "",
 ) -> WrittenPage:
@@ -114,11 +121,13 @@ def write_fit_page(
         known: the robot as read, and what long work with it needs; None without logs and diagnosis.
         logs: held out, files or what was read from them.
         pairs: settings of the call, keys and values.
+        test: parts of these logs, one for all or one for each; empty for all of them.
         diagnose: whether the logs of the fit are read again.
         file: of the estimate, for messages.
 
     Raises:
-        UsageError: there are settings and no logs, or the kind of fit has no such logs, setting or diagnosis.
+        UsageError: there are settings or parts and no logs, or the kind of fit has no such logs, setting or
+            diagnosis.
         EstimateError: the estimate is of another model.
         LogError: a log does not fit the robot.
         OutputError: the page cannot be written.
@@ -126,27 +135,34 @@ def write_fit_page(
     if pairs and not logs:
         text = "settings apply to the logs of a validation, and none was given; give a log or leave them out"
         raise UsageError(Notice(code="usage.no-validation", text=text))
+    if test and not logs:
+        text = f"--test {test[0].text}: is a part of the logs of a validation, and none was given; give a log"
+        raise UsageError(Notice(code="usage.no-validation", text=text))
     if diagnose and not isinstance(estimate, Estimate):
         text = "--diagnose needs an estimate of base parameters; leave it out"
         raise UsageError(Notice(code="usage.no-diagnosis", text=text, file=file))
     if isinstance(estimate, Estimate):
-        return _write_rigid_page(path, estimate, known, logs, pairs, diagnose=diagnose, file=file)
+        return _write_rigid_page(path, estimate, known, logs, pairs, test=test, diagnose=diagnose, file=file)
     if isinstance(estimate, ElasticEstimate):
-        return _write_elastic_page(path, estimate, known, logs, pairs, file=file)
+        return _write_elastic_page(path, estimate, known, logs, pairs, test=test, file=file)
     if logs:
         text = (
             "--validation cannot be used with friction: laws are tested on held-out blocks when they are "
             "chosen (`symid identify --rows friction --model auto`); leave it out"
         )
         raise UsageError(Notice(code="usage.friction-validation", text=text))
-    return WrittenPage(file=write_page(path, build_friction_page(estimate)), robot=estimate.robot)
+    return _write(path, build_friction_page(estimate))
+
+
+def _write(path: Path, page: Page, **found: Any) -> WrittenPage:  # noqa: ANN401  fields of the record
+    return WrittenPage(file=write_page(path, page), robot=page.robot, verdict=page.verdict, **found)
 
 
 def _load_logs(
-    robot: Robot, logs: Sequence[Path | Recording], context: TaskContext
+    robot: Robot, logs: Sequence[Path | Recording], test: Sequence[LogPart], context: TaskContext
 ) -> tuple[Library, tuple[Recording, ...], tuple[Notice, ...], tuple[str, ...]]:
     """Return a library and recordings, the notices of both, and where a page comes from."""
-    recordings = read_recordings(logs, robot)
+    recordings = take_parts(read_recordings(logs, robot), test, "--test")
     library = context.prepare(robot)
     notices = (*robot.notices, *library.notices)
     for recording in recordings:
@@ -161,6 +177,7 @@ def _write_rigid_page(
     logs: Sequence[Path | Recording],
     pairs: tuple[tuple[str, str], ...],
     *,
+    test: Sequence[LogPart],
     diagnose: bool,
     file: str,
 ) -> WrittenPage:
@@ -174,7 +191,7 @@ def _write_rigid_page(
         # What was identified as rigid is tried as rigid, whatever the robot file says of its joints.
         rigid = build_rigid_variant(described)
         tried = build_rigid_estimate(estimate, described)
-        library, recordings, notices, origin = _load_logs(rigid, logs, context)
+        library, recordings, notices, origin = _load_logs(rigid, logs, test, context)
         check_model(tried, library.card, file)
         for recording in recordings:
             context.progress(f"validating on {recording.source}")
@@ -191,9 +208,9 @@ def _write_rigid_page(
     notices += tuple(notice for entry in validations for notice in entry.notices)
     page = build_identification_page(estimate, validations, notices, origin, diagnosis=diagnosis)
     settled = [(entry.source, entry.processing) for entry in validations if entry.processing is not None]
-    return WrittenPage(
-        file=write_page(path, page),
-        robot=estimate.robot,
+    return _write(
+        path,
+        page,
         sources=tuple(entry.source for entry in validations),
         processing=tuple({**asdict(entry.processing), "origin": dict(entry.origin)} for _, entry in settled),
         lines=tuple(f"{source}: {entry.describe()}" for source, entry in settled),
@@ -209,24 +226,26 @@ def _write_elastic_page(
     logs: Sequence[Path | Recording],
     pairs: tuple[tuple[str, str], ...],
     *,
+    test: Sequence[LogPart],
     file: str,
 ) -> WrittenPage:
     check_settings(pairs, "elastic")
     if known is None or not logs:
-        return WrittenPage(file=write_page(path, build_elastic_page(estimate)), robot=estimate.robot)
+        return _write(path, build_elastic_page(estimate))
     robot, context = known
     described = restore_robot(robot, estimate, pairs)
-    library, recordings, notices, origin = _load_logs(described, logs, context)
+    library, recordings, notices, origin = _load_logs(described, logs, test, context)
     check_model(estimate, library.card, file)
     context.progress(f"trying the model on {len(recordings)} log{'s'[: len(recordings) > 1]}")
     kept = cut_logs(recordings, described.processing)
     moved, _, aligned = prepare_aligned(library, kept)
-    notices += (*aligned, *(notice for entry in kept for notice in entry.notices if notice.code == "log.cut"))
+    found = (notice for entry in kept for notice in entry.notices if notice.code == "log.cut")
+    notices += (*aligned, *(notice for notice in found if notice not in notices))
     cutoff = get_stated_cutoff(described, pairs)
     trials = tuple(evaluate_elastic(estimate, library, entry, cutoff=cutoff) for entry in moved)
-    return WrittenPage(
-        file=write_page(path, build_elastic_page(estimate, trials, notices, origin)),
-        robot=estimate.robot,
+    return _write(
+        path,
+        build_elastic_page(estimate, trials, notices, origin),
         sources=tuple(entry.source for entry in trials),
         notices=notices,
     )

@@ -6,6 +6,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from symid.report.blocks import Block, Table, describe_outcome, select_fields, tabulate
+from symid.serialization import write_plain
 
 if TYPE_CHECKING:
     from symid.identification.diagnostics import BandResidual
@@ -30,6 +31,8 @@ def describe_estimate(estimate: "Estimate") -> dict[str, object]:
         "outcome": describe_outcome(estimate.outcome),
         "refused": _describe_refused(estimate.refused),
         **select_fields(estimate, "samples sources settings signature"),
+        "choice": write_plain(estimate.choice),
+        "evidence": write_plain(estimate.evidence),
     }
 
 
@@ -103,7 +106,18 @@ def describe_band(residual: "BandResidual") -> dict[str, object]:
         "frequency": residual.band,
         "residual": joints,
         "mean_relative_percent": residual.mean_relative_percent,
+        "stacked_percent": residual.stacked_percent,
     }
+
+
+def describe_band_metric(residual: "BandResidual") -> str:
+    """Return how torques within a band are compared, and the residual of all joints as one vector."""
+    text = (
+        f"measured and predicted torque: both low-pass at {residual.band:g} Hz (Butterworth, order 4, zero "
+        "phase), without 0.5 s at either end"
+    )
+    stacked = residual.stacked_percent
+    return text if stacked is None else f"{text}; all joints as one vector: {stacked:.4f} %"
 
 
 def show_band(residual: "BandResidual") -> Table:

@@ -225,7 +225,7 @@ def build_friction_study_page(study: FrictionStudy) -> Page:
         robot="Zhang, Hu and Zou (2021)",
         subject="the tables of joint friction",
         verdict=FitVerdict(
-            level="fair" if missed else "good",
+            level="usable" if missed else "good",
             headline=headline,
             details=tuple(f"{check.name}: {check.found}" for check in (*missed, *reported)),
         ),

@@ -20,8 +20,8 @@ from symid.report.fit_text import show_residual
 from symid.report.pages import Page, build_fit_page, format_digits, show_refused, tabulate_parameters
 from symid.report.verdict import QUANTITIES, judge_identification
 
-_SHOWN = 20
-"""Rows of a table of pairs, at most."""
+_CANDIDATES = 15
+"""Settings that are listed."""
 UNTESTED = "No held-out log was given: the model is untested. Validate it on another motion (`--validation`)."
 
 
@@ -56,6 +56,7 @@ def build_identification_page(
         *show_refused(estimate.refused),
         "== Residual of the fit ==",
         show_residual(estimate.residual, "What the model leaves unexplained of the logs of the fit."),
+        *_show_choice(estimate),
         *(() if diagnosis is None else _show_diagnosis(estimate, diagnosis)),
         "== Predicted logs ==",
         *(chain.from_iterable(map(_show_log, validations)) if validations else (UNTESTED,)),
@@ -71,11 +72,42 @@ def build_identification_page(
     )
 
 
+def _show_choice(estimate: Estimate) -> Iterator[Block]:
+    """Yield what held-out stretches say of every joint, and the settings that were compared."""
+    evidence, choice = estimate.evidence, estimate.choice
+    if evidence is not None:
+        yield "== Held-out stretches =="
+        parts = f"{evidence.logs} logs" if evidence.logs else f"{evidence.stretches} stretches"
+        columns = (
+            "joint; fit/%=fitted:.3g; held out/%=held_out:.3g; moving/%=moving:.3g; at rest/%=resting:.3g; "
+            "rows left out/%=slow:.3g; torque rms=torque:.3g"
+        )
+        title = f"Residual below {evidence.scoring:.3g} Hz, relative to the torque; {parts} held out in turn."
+        yield tabulate(evidence.joints, columns, title=title, slow=lambda entry: 100.0 * entry.share)
+    if choice is not None:
+        yield "== Choice of the settings =="
+        order = sorted(choice.candidates, key=lambda entry: (entry.behind, entry.held_out[-1]))
+        first = [choice.chosen, *(entry for entry in order if entry is not choice.chosen)]
+        columns = (
+            "rows up to/Hz=band:.3g; instruments/Hz=instruments:.3g; slow rows/%=slow:.3g; velocity; "
+            "held out/%=held:.3g; behind/se=behind:.2g; movement=movement:.2g; choice"
+        )
+        yield tabulate(
+            first[:_CANDIDATES],
+            columns,
+            (3, 7),
+            f"The best of {len(first)} settings that were compared, with the one taken.",
+            slow=lambda entry: 100.0 * entry.standstill,
+            held=lambda entry: entry.held_out[-1],
+            choice=lambda entry: "taken" if entry is choice.chosen else "" if entry.still else "moves",
+        )
+
+
 def _show_diagnosis(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]:
     essential, bootstrap = diagnosis.essential, diagnosis.bootstrap
     yield from ("== Identifiability ==", describe_rank(diagnosis), _draw_spectrum(diagnosis))
     if diagnosis.correlated:
-        pairs = [(a, b, f"{value:.3f}") for a, b, value in diagnosis.correlated[:_SHOWN]]
+        pairs = [(a, b, f"{value:.3f}") for a, b, value in diagnosis.correlated]
         yield Table(("one", "other", "correlation"), pairs, (0, 1), "Strongly correlated parameters.")
     if diagnosis.ellipse is not None:
         first, second, _ = diagnosis.correlated[0]

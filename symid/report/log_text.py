@@ -78,14 +78,8 @@ def describe_robot_check(robot: "Robot", checked: "LogsCheck") -> dict[str, obje
         found["dynamics"] = [
             {
                 "file": check.source,
-                "signs": [
-                    {**asdict(entry), "joint": names[entry.joint], "wrong": entry.wrong}
-                    for entry in check.signs
-                ],
-                "exchanges": [
-                    {**asdict(entry), "first": names[entry.first], "second": names[entry.second]}
-                    for entry in check.exchanges
-                ],
+                "signs": [{**asdict(entry), "joint": names[entry.joint]} for entry in check.signs],
+                "mistake": check.mistake and asdict(check.mistake),
                 "torque_delay": None
                 if check.delay is None
                 else {**asdict(check.delay), "late": check.delay.late},

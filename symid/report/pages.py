@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from symid import __version__
 from symid.codegen import Library
 from symid.environment import locate_resource_folder, write_file
-from symid.errors import Notice
+from symid.errors import Notice, merge_notices
 from symid.identification.elastic import ElasticEstimate
 from symid.identification.estimators import Estimate, ParameterEstimate
 from symid.identification.friction import FrictionIdentification
@@ -78,7 +78,7 @@ def build_fit_page(
         verdict=verdict,
         blocks=blocks,
         settings=(*_list_settings({**settings, **model}), *_list_settings(estimate.settings)),
-        notices=tuple(dict.fromkeys(map(str, (*estimate.notices, *notices)))),
+        notices=tuple(map(str, merge_notices((*estimate.notices, *notices), estimate.sources))),
         origin=(WRITTEN_BY, *origin),
         **options,
     )

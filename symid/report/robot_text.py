@@ -265,8 +265,6 @@ def describe_draft(draft: "Draft") -> dict[str, object]:
             "columns": {name: list(entry.columns) for name, entry in part.read.items()},
             "units": {name: ", ".join(part.units[name]) for name in part.read},
             "unused": list(part.unused),
-            "standstill": part.robot.processing.standstill,
-            "dropped": part.robot.processing.drop_first,
         }
     return {**result, "notices": len(draft.notices)}
 

@@ -13,6 +13,7 @@ from symid.report.elastic_page import draw_loops
 from symid.report.fit_text import (
     describe_alignment,
     describe_band,
+    describe_band_metric,
     describe_residual,
     describe_validation,
     show_band,
@@ -37,6 +38,7 @@ def show_trial(found: AnyValidation) -> tuple[Block, ...]:
             within = "" if found.band is None else f" within {found.band.band:g} Hz"
             table = show_residual(found.validation.residual) if found.band is None else show_band(found.band)
             more = f"\n{found.settled.describe()}"
+            more += "" if found.band is None else f"\n{describe_band_metric(found.band)}"
         case FrictionValidation():
             kind, within, more, laws = ", friction and rigid part", "", "", found.laws
             columns = "joint; law; relative/%=relative_percent:.4f; RMS=std; unit; rows=samples"
@@ -203,6 +205,7 @@ def show_diagnosis(diagnosis: "Diagnosis") -> tuple[Block, ...]:
 _SAME_FIT = 0.05
 """Standard deviations of a parameter below which a refit is the same."""
 _WIDTH = 44
+"""Letters of a group on one line of a table."""
 _TINY = 1e-12
 _TOO_SURE = 0.999
 _LIMITS = ((2.0, 0.9545), (3.0, 0.9973))
@@ -221,10 +224,10 @@ def _show_compared(ours: "EstimateSide", found: "Compared") -> tuple[Block, ...]
     read = any(entry.read_as for entry in found.groups)
     rows = [
         [
-            _shorten(value.group),
+            value.group,
             *(value.theirs, value.theirs_std, value.ours, value.ours_std),
             _format_deviations(value.deviations, "+", 2),
-            *([_shorten(value.read_as)] if read else []),
+            *([value.read_as] if read else []),
         ]
         for value in found.values
     ]
@@ -235,7 +238,7 @@ def _show_compared(ours: "EstimateSide", found: "Compared") -> tuple[Block, ...]
         mine, theirs = float(comparison.ours.values[place]), float(comparison.theirs.values[place])
         share = f" ({100.0 * (mine - theirs) / abs(theirs):+.3g} %)" if theirs else ""
         lines.append(
-            f"  {_shorten(found.groups[place].text)}: ours {mine:.4g} is {_format_deviations(abs(away))} "
+            f"  {found.groups[place].text}: ours {mine:.4g} is {_format_deviations(abs(away))} "
             f"deviations {'above' if away > 0 else 'below'} the other's {theirs:.4g}{share}"
         )
     with_these = " with these" if found.absent or found.neither else ""
@@ -251,15 +254,11 @@ def _show_compared(ours: "EstimateSide", found: "Compared") -> tuple[Block, ...]
     )
     return (
         f"{ours.identified.robot.name}: {show_path(ours.source)} beside {show_path(other.source)}{columns}",
-        Table(header, rows, left=(0, 6)),
+        Table(header, rows, left=(0, 6), fold=_WIDTH),
         _summarise_agreement(found),
         *(["\n".join(lines)] if len(lines) > 1 else []),
         "\n".join(f"{head}{', '.join(names)}" for head, names in left_out if names),
     )
-
-
-def _shorten(text: str) -> str:
-    return text if len(text) <= _WIDTH else f"{text[: _WIDTH - 3]}..."
 
 
 def _format_deviations(value: float, sign: str = "", digits: int = 1) -> str:

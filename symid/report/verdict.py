@@ -1,33 +1,52 @@
 """The verdict: what an identification is worth, in sentences.
 
 Estimate of rigid or elastic joints and what it predicts of held-out logs, or friction laws with their
-held-out blocks -> `FitVerdict`.
+held-out blocks -> `FitVerdict`; what was predicted of a log -> `FitVerdict`; verdict -> text, JSON, notices.
 
-The level starts from the prediction: is the model as good on held-out logs as on its own; of elastic joints,
-what springs and dynamics leave unexplained there. A large residual, a missed true value, many uncertain
-parameters, a large condition number, or an iteration that did not converge then limit it.
+The level starts from the prediction: of rigid joints what fits without a stretch of the logs leave of its
+torque, within the band of the motion; of elastic joints what springs and dynamics leave unexplained there. A
+held-out log that is predicted worse, a missed true value, a term that the model lacks, estimates that move
+with the band, or an iteration that did not converge then limit it.
+
+    good      at most 10 %: what sensors and simple friction laws leave of an arm that is modelled right
+    usable    at most 30 %: industrial arms with heavy gears and counterbalances reach 15 to 25 %
+    doubtful  at most 60 %
+    wrong     more, less than two thirds of the squared torque explained: columns, signs, units or the robot
+              are not what they seem; or a value that no robot has; or a single mistake that explains it
 
 Not supported: tests of the residual's whiteness; comparison between rows of different kinds.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import NormalDist
 
 import numpy as np
 
 from symid.arrays import FloatArray
+from symid.errors import Notice
+from symid.identification import AnyValidation, ElasticValidation, FrictionValidation, RigidValidation
 from symid.identification.elastic import ElasticEstimate, ElasticTrial, JointTrial
-from symid.identification.estimators import Estimate, ParameterEstimate, Validation
+from symid.identification.estimators import (
+    STILL,
+    Estimate,
+    Evidence,
+    ParameterEstimate,
+    Residual,
+    Validation,
+)
 from symid.identification.friction import FrictionIdentification, JointFriction
 from symid.ipopt import Ending
+from symid.report.blocks import select_fields
 
 _SAME, _WORSE = 1.2, 2.0
 _SHARP, _UNCERTAIN = 10.0, 30.0
 _CONDITION = 1000.0
 _LARGE, _HUGE = 10.0, 30.0
-"""Percent of a torque left unexplained beyond which a model is not good, and poor."""
+"""Percent of a torque left unexplained beyond which a model is not good, and doubtful."""
+_LOST = 100.0 * math.sqrt(0.5)
+"""The same beyond which it is wrong: more than half of the squared torque is left."""
 _UNCERTAIN_SHARE = 1.0 / 3.0
 _CHANCE = 0.01
 """A deviation less likely than this is no chance."""
@@ -35,7 +54,8 @@ _BETTER = 0.9
 """Part of the linear springs' residual that springs with memory must stay below to be called better."""
 _NEAR = 1.0
 """Percent of its true value within which a parameter of elastic joints counts as met."""
-_LEVELS = ("poor", "fair", "good")
+LEVELS = ("wrong", "doubtful", "usable", "good")
+"""Of a verdict, the worst first."""
 QUANTITIES = {
     "torque": "torque",
     "filtered": "filtered torque",
@@ -45,70 +65,221 @@ QUANTITIES = {
 }
 """What is measured and predicted, by the rows of a fit."""
 _FITTED = "A log given for validation is one of the fit; it does not count as a test."
+_LOST_CAUSE = (
+    "Columns of the log are exchanged, or have another sign, unit or time than the robot file says, or the "
+    "log is of another robot."
+)
+_LOST_REMEDY = "Run `symid check` on the robot file and the log, and plot measured and predicted torques."
 
+AnyEstimate = Estimate | ElasticEstimate | FrictionIdentification
+"""What is judged."""
 Caps = list[tuple[str, str]]
 """What limits a verdict: the best level that it allows, and why."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitVerdict:
-    """`level` is "good", "fair" or "poor"; `headline` one sentence, `details` the rest."""
+    """What a fit, or what it predicts of a log, is worth.
+
+    Attributes:
+        level: "good", "usable", "doubtful" or "wrong".
+        headline: one sentence.
+        details: further sentences.
+        cause: the likeliest single cause in a sentence; empty where there is nothing to explain.
+        remedy: what to do about it.
+    """
 
     level: str
     headline: str
     details: tuple[str, ...]
+    cause: str = ""
+    remedy: str = ""
+
+
+def describe_verdict(verdict: FitVerdict) -> dict[str, object]:
+    """Return the verdict as `--json` gives it."""
+    return select_fields(verdict, "level headline cause remedy details")
+
+
+def show_verdict(verdict: FitVerdict) -> str:
+    """Return the verdict in a line, with cause and remedy on lines of their own where there are any."""
+    lines = (("verdict", f"{verdict.level} - {verdict.headline}"), ("cause", verdict.cause))
+    return "\n".join(f"{name}: {text}" for name, text in (*lines, ("remedy", verdict.remedy)) if text)
+
+
+def list_verdict_notices(verdict: FitVerdict, file: str = "", *, tried: bool = False) -> tuple[Notice, ...]:
+    """Return the error of a wrong verdict, or the warning of a doubtful one; nothing for the others.
+
+    `file` is what was judged; `tried` marks the verdict on a held-out log.
+    """
+    verb = "validate" if tried else "identify"
+    what = "prediction" if tried else "fit"
+    if verdict.level == "wrong":
+        text = f"the {what} is wrong, as its verdict says: do not use it; --accept lets a script go on"
+        return (Notice(code=f"{verb}.wrong", text=text, file=file),)
+    if verdict.level == "doubtful":
+        text = f"the {what} is doubtful, as its verdict says: test it on another motion before you use it"
+        return (Notice(code=f"{verb}.doubtful", text=text, file=file),)
+    return ()
 
 
 def _limit(level: str, headline: str, details: Sequence[str], caps: Caps) -> FitVerdict:
     """Return the verdict of a level and of what limits it."""
-    if caps:
-        level = min((level, *(cap for cap, _ in caps)), key=_LEVELS.index)
+    level = min((level, *(cap for cap, _ in caps)), key=LEVELS.index)
+    reasons = [reason for cap, reason in caps if cap == "wrong"]
+    if reasons:
+        headline = f"{reasons[0][:1].upper()}{reasons[0][1:]}."
+    elif caps:
         headline = f"{headline} But {'; '.join(reason for _, reason in caps)}."
-    return FitVerdict(level=level, headline=headline, details=tuple(details))
+    cause, remedy = (_LOST_CAUSE, _LOST_REMEDY) if level == "wrong" else ("", "")
+    return FitVerdict(level=level, headline=headline, details=tuple(details), cause=cause, remedy=remedy)
 
 
 def _rate(percent: float) -> str:
     """Return the level of what is left unexplained."""
-    return "good" if percent <= _LARGE else "fair" if percent <= _HUGE else "poor"
+    return "good" if percent <= _LARGE else "usable" if percent <= _HUGE else "doubtful"
+
+
+def _find_lost(residual: Sequence[Residual], logs: str) -> Caps:
+    """Return the limit where less than half of the squared torque of the `logs` is explained.
+
+    A joint counts 100 % at most: one whose torque is all noise makes no fit of many joints wrong.
+    """
+    shares = [entry.relative_percent for entry in residual]
+    if not shares or not sum(min(100.0, share) for share in shares) > _LOST * len(shares):
+        return []
+    mean = sum(shares) / len(shares)
+    text = f"{mean:.3g} % of the torque" if math.isfinite(mean) else "more torque than there is"
+    return [("wrong", f"the model does not explain {logs}: {text} is left, on the mean of the joints")]
+
+
+_OWN = "the logs of the fit"
+_FOREIGN = 60.0
+"""Percent of held-out torque left unexplained beyond which the model is not that of the log."""
+_PLAIN = frozenset(("log.torque-sign", "log.position-sign", "log.swapped-joints", "log.wrong-unit"))
+"""Mistakes that are plain where undoing them helps; others are where they leave a third."""
+_CURED = 1.0 / 3.0
+_LACKING = 10.0
+"""Percent of a joint's held-out squares that a missing term explains, from which a model is not good."""
+_AT_REST, _LEAST_AT_REST = 3.0, 5.0
+"""Times the residual in motion, and percent of the torque: more at rest says that friction there differs."""
+
+
+def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
+    """Return level, headline and limits by the evidence of held-out stretches."""
+    percent = evidence.unexplained
+    parts = f"{evidence.logs} logs held out in turn" if evidence.logs else f"{evidence.stretches} stretches"
+    headline = (
+        f"Below {evidence.scoring:.3g} Hz {percent:.3g} % of the torque is left unexplained in {parts}, "
+        "predicted by fits to the others."
+    )
+    caps: Caps = [("wrong", entry) for entry in evidence.impossible]
+    if percent > _FOREIGN:
+        text = f"the model is not that of these logs: {percent:.3g} % of held-out torque is left"
+        caps.append(("wrong", text))
+    elif evidence.cured < float("inf"):
+        text = f"a quick fit leaves {evidence.cured:.3g} % of the torque with one mistake undone, much less"
+        plain = evidence.code in _PLAIN or evidence.cured < _CURED * percent
+        caps.append(("wrong" if plain and percent > _HUGE else "doubtful", text))
+    if evidence.movement > STILL:
+        text = (
+            f"the estimates move with the band, by {evidence.movement:.2g} of their deviations: noise of the "
+            "positions is in them"
+        )
+        caps.append(("doubtful", text))
+    caps += [
+        ("usable", f"{term.joint} lacks a term of {term.term} ({term.gain:.0f} % of its squared residual)")
+        for term in evidence.missing
+        if term.gain > _LACKING
+    ][:3]
+    slow = [
+        entry.joint
+        for entry in evidence.joints
+        if entry.share > 0.0 and max(_AT_REST * entry.moving, _LEAST_AT_REST) < entry.resting < float("inf")
+    ]
+    if slow:
+        caps.append(("usable", f"friction at low speed is not that of the model ({', '.join(slow)})"))
+    return _rate(percent), headline, caps
+
+
+def _list_evidence(evidence: Evidence) -> list[str]:
+    """Return what the evidence says of single joints, in sentences."""
+    worst = max(evidence.joints, key=lambda entry: entry.held_out)
+    text = (
+        f"The least predictable joint is {worst.joint}: {worst.held_out:.3g} % of its held-out torque is "
+        f"left ({worst.fitted:.3g} % in the fit, {worst.moving:.3g} % in motion)."
+    )
+    found = [text]
+    shares = [entry for entry in evidence.joints if entry.share > 0.0]
+    if shares:
+        most = max(shares, key=lambda entry: entry.share)
+        found.append(
+            f"Up to {100.0 * most.share:.3g} % of the rows of a joint are slow and were left out of the fit; "
+            "the residuals above count them."
+        )
+    return found
+
+
+def _list_validation_caps(held_out: Sequence[Validation]) -> Caps:
+    caps: Caps = []
+    for validation in held_out:
+        caps += _find_lost(validation.residual, f"the held-out log {validation.source}")
+    percent = max((validation.mean_relative_percent for validation in held_out), default=0.0)
+    if not percent <= _LARGE:
+        cap, limit = ("usable", _LARGE) if percent <= _HUGE else ("doubtful", _HUGE)
+        caps.append((cap, f"more than {limit:g} % of a held-out log is left unexplained"))
+    return caps
 
 
 def judge_identification(estimate: Estimate, validations: Sequence[Validation]) -> FitVerdict:
     """Return the verdict on `estimate`."""
     held_out = [validation for validation in validations if not validation.fitted]
-    level, headline = _judge_prediction(estimate, held_out)
+    evidence = estimate.evidence
     logs = "one log" if len(estimate.sources) == 1 else f"{len(estimate.sources)} logs"
     details = [
         (
             f"Fitted to {logs}, {estimate.samples} {estimate.rows} rows: "
-            f"{estimate.mean_relative_percent:.3g} % is left unexplained there."
+            f"{estimate.mean_relative_percent:.3g} % is left unexplained there, on the mean of the joints."
         )
     ]
     if len(held_out) < len(validations):
         details.append(_FITTED)
-    caps: Caps = []
-    percent = max((validation.mean_relative_percent for validation in held_out), default=0.0)
-    if not percent <= _LARGE:
-        cap, limit = ("fair", _LARGE) if percent <= _HUGE else ("poor", _HUGE)
-        caps.append((cap, f"more than {limit:g} % of a held-out log is left unexplained"))
     words, more = _judge_parameters(estimate.parameters, estimate.refused)
+    if evidence is None:
+        level, headline = _judge_prediction(estimate, held_out)
+        caps: Caps = [*_find_lost(estimate.residual, _OWN), *more]
+    else:
+        level, headline, caps = _judge_evidence(evidence)
+        # Small parameters of a large robot are uncertain in any log; their deviations say so.
+        caps += [entry for entry in more if "uncertain" not in entry[1]]
+        details += _list_evidence(evidence)
+        if held_out:
+            tried, sentence = _judge_prediction(estimate, held_out)
+            level, headline = min(level, tried, key=LEVELS.index), f"{sentence} {headline}"
+    caps += _list_validation_caps(held_out)
     details += words
-    caps += more
     if not estimate.condition <= _CONDITION:
-        caps.append(("fair", f"the condition number is {estimate.condition:.3g}"))
+        if evidence is None:
+            caps.append(("usable", f"the condition number is {estimate.condition:.3g}"))
         details.append(
             f"The condition number of the column-scaled regressor is {estimate.condition:.3g}: some "
             "parameters are hardly separated. Use a more exciting motion."
         )
-    return _limit(level, headline, details, caps)
+    verdict = _limit(level, headline, details, caps)
+    helps = evidence is not None and (verdict.level == "wrong" or evidence.cured < float("inf"))
+    if evidence is None or not evidence.cause or not helps or verdict.level not in {"wrong", "doubtful"}:
+        return verdict
+    cause = f"{evidence.cause[:1].upper()}{evidence.cause[1:]}."
+    return replace(verdict, cause=cause, remedy=f"{evidence.remedy[:1].upper()}{evidence.remedy[1:]}.")
 
 
 def _judge_prediction(estimate: Estimate, validations: Sequence[Validation]) -> tuple[str, str]:
     if not validations:
-        return "fair", "The parameters fit their own logs; no held-out log has tested them yet."
+        return "usable", "The parameters fit their own logs; no held-out log has tested them yet."
     same = [validation for validation in validations if validation.rows == estimate.rows]
     if not same:
         worst = max(validations, key=lambda validation: validation.mean_relative_percent)
-        return "fair", (
+        return "usable", (
             f"On held-out logs {worst.mean_relative_percent:.3g} % of the {QUANTITIES[worst.rows]} is left "
             f"unexplained; the fit was to {estimate.rows} rows, so the two residuals cannot be compared."
         )
@@ -118,23 +289,32 @@ def _judge_prediction(estimate: Estimate, validations: Sequence[Validation]) -> 
     if ratio <= _SAME:
         return "good", f"The model predicts held-out motions as well as those of the fit: {left}."
     if ratio <= _WORSE:
-        return "fair", (
+        return "usable", (
             f"The model predicts held-out motions less well than those of the fit: {left}, a residual "
             f"{ratio:.2g} times as large ({source})."
         )
-    return "poor", (
+    return "doubtful", (
         f"The model does not predict held-out motions: on {source} the residual is {ratio:.2g} times that of "
         f"the fit, {left}. A term is missing in the model."
     )
 
 
 def _compute_held_out_ratio(estimate: Estimate, validation: Validation) -> float:
-    """Return the largest ratio over joints of held-out to fitted deviation, of rows of the same kind."""
-    fitted = {entry.joint: entry.std for entry in estimate.residual}
-    ratios = [entry.std / fitted[entry.joint] for entry in validation.residual if fitted.get(entry.joint)]
+    """Return the largest ratio over joints of held-out to fitted rms, of rows of the same kind.
+
+    Both count all rows, slow ones too; the standard deviation of a fit counts those that it has.
+    """
+    fitted = {entry.joint: _compute_rms(entry) for entry in estimate.residual}
+    ratios = [
+        _compute_rms(entry) / fitted[entry.joint] for entry in validation.residual if fitted.get(entry.joint)
+    ]
     if not ratios and estimate.mean_relative_percent:
         return validation.mean_relative_percent / estimate.mean_relative_percent
     return max(ratios, default=1.0)
+
+
+def _compute_rms(residual: Residual) -> float:
+    return residual.norm / math.sqrt(max(residual.samples, 1))
 
 
 def _judge_parameters(
@@ -160,15 +340,15 @@ def _judge_parameters(
         details.append(f"{text}; not {', '.join(far)}." if far else f"{text}.")
     missed = _list_missed(known, tolerance)
     if missed:
-        level = "poor" if 2 * len(missed) > len(known) else "fair"
+        level = "doubtful" if 2 * len(missed) > len(known) else "usable"
         caps.append((level, f"true values are missed beyond chance: {', '.join(missed)}"))
     if len(uncertain) > _UNCERTAIN_SHARE * len(parameters):
         text = f"{len(uncertain)} of {len(parameters)} parameters are uncertain by more than {_UNCERTAIN:g} %"
-        caps.append(("fair", text))
+        caps.append(("usable", text))
     if refused:
         names = ", ".join(name for name, _ in refused)
         details.append(f"Not identifiable from these logs: {names}.")
-        caps.append(("fair", "some parameters are not identifiable from these logs"))
+        caps.append(("usable", "some parameters are not identifiable from these logs"))
     return details, caps
 
 
@@ -203,12 +383,15 @@ def judge_elastic(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
     details = [text]
     if len(held_out) < len(trials):
         details.append(_FITTED)
-    caps: Caps = []
+    caps: Caps = _find_lost(estimate.residual, _OWN)
+    for trial in held_out:
+        caps += _find_lost(trial.residuals[0][1], f"the held-out log {trial.source}")
     if not estimate.outcome.usable:
-        caps.append(("poor", f"the method failed: {estimate.outcome.value}"))
+        caps.append(("doubtful", f"the method failed: {estimate.outcome.value}"))
     elif estimate.outcome not in (Ending.SOLVED, Ending.CONVERGED):
-        caps.append(("fair", f"the iteration did not converge: {estimate.outcome.value}"))
-    level, headline = "fair", "Dynamics and springs fit their own logs; no held-out log has tested them yet."
+        caps.append(("usable", f"the iteration did not converge: {estimate.outcome.value}"))
+    level = "usable"
+    headline = "Dynamics and springs fit their own logs; no held-out log has tested them yet."
     if held_out:
         level, headline, text = _judge_springs(held_out)
         details.append(text)
@@ -224,16 +407,20 @@ def judge_elastic(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
 
 
 def _judge_springs(trials: Sequence[ElasticTrial]) -> tuple[str, str, str]:
-    """Return level, headline and a comparison with linear springs, by the worst of all joints and logs."""
+    """Return level, headline and a comparison with linear springs, by the worst of all joints and logs.
+
+    All figures but that of linear springs are those of the trials' tables.
+    """
     joints = [joint for trial in trials for joint in trial.joints]
     dynamics = max(entry.relative_percent for trial in trials for entry in trial.residuals[0][1])
     whole = f"{dynamics:.3g} % of a motor's torque"
-    shares = [_compute_share(joint, joint.final) for joint in joints if joint.final is not None]
-    if len(shares) < len(joints):
+    springs = [(joint, joint.final) for joint in joints if joint.final is not None]
+    if len(springs) < len(joints):
         headline = f"On held-out motions the model leaves at most {whole} unexplained."
         return _rate(dynamics), headline, "A joint has no identified spring: its torque cannot be predicted."
-    spring = max(shares)
-    linear = max(_compute_share(joint, joint.straight * joint.torsion) for joint in joints)
+    # By the link's torque, which has the noise of encoders alone; the motor's is noise for weak joints.
+    spring = max(_compute_share(joint.link, final) for joint, final in springs)
+    linear = max(map(_compute_linear_share, joints))
     headline = (
         f"On held-out motions the springs leave at most {spring:.3g} % of a joint's torque unexplained, the "
         f"dynamics {whole}."
@@ -243,10 +430,45 @@ def _judge_springs(trials: Sequence[ElasticTrial]) -> tuple[str, str, str]:
     return _rate(max(dynamics, spring)), headline, text
 
 
-def _compute_share(joint: JointTrial, values: FloatArray) -> float:
-    """Return the share in percent of a joint's torque by its motor that a spring leaves."""
-    whole = float(np.linalg.norm(joint.motor))
-    return 100.0 * float(np.linalg.norm(joint.motor - values)) / whole if whole else float("inf")
+def _compute_linear_share(joint: JointTrial) -> float:
+    """Return the share in percent of a joint's torque by its link that the best linear spring leaves."""
+    scale = float(joint.torsion @ joint.torsion)
+    stiffness = float(joint.torsion @ joint.link) / scale if scale else 0.0
+    return _compute_share(joint.link, stiffness * joint.torsion)
+
+
+def _compute_share(torque: FloatArray, predicted: FloatArray) -> float:
+    """Return the share in percent of a torque that a prediction leaves."""
+    whole = float(np.linalg.norm(torque))
+    return 100.0 * float(np.linalg.norm(torque - predicted)) / whole if whole else float("inf")
+
+
+def judge_trial(found: AnyValidation, estimate: AnyEstimate | None = None) -> FitVerdict:
+    """Return the verdict on what a fit predicts of a log, by the same limits as on a fit.
+
+    With the `estimate` its own residual counts too, where it is of rows of the same kind.
+    """
+    percent, own = found.mean_relative_percent, False
+    headline = f"{percent:.3g} % of the torque is left unexplained in the log, on the mean of the joints."
+    level = _rate(percent)
+    details: list[str] = []
+    match found:
+        case ElasticValidation():
+            own = found.trial.fitted
+            rated, headline, text = _judge_springs([found.trial])
+            level = min(level, rated, key=LEVELS.index)
+            details.append(text)
+        case RigidValidation(validation=validation, band=None) if (
+            isinstance(estimate, Estimate) and validation.rows == estimate.rows and not validation.fitted
+        ):
+            rated, headline = _judge_prediction(estimate, [validation])
+            level = min(level, rated, key=LEVELS.index)
+        case RigidValidation(validation=validation) | FrictionValidation(validation=validation):
+            own = validation.fitted
+    caps = _find_lost(found.residual, "the log")
+    if own:
+        caps.append(("usable", "the log is one of the fit, so this is no test"))
+    return _limit(level, headline, details, caps)
 
 
 def judge_friction(found: FrictionIdentification) -> FitVerdict:
@@ -255,19 +477,19 @@ def judge_friction(found: FrictionIdentification) -> FitVerdict:
     headline = f"{'; '.join(text for text, _ in laws)}."
     ratios = [ratio for _, ratio in laws if ratio is not None]
     if len(ratios) < len(laws) or not laws:
-        level, headline = "fair", f"{headline} No held-out data have tested them."
+        level, headline = "usable", f"{headline} No held-out data have tested them."
     elif max(ratios) <= _SAME:
         level = "good"
     else:
-        level = "fair"
+        level = "usable"
         headline += f" The held-out residual is {max(ratios):.2g} times that of the fit."
-    caps: Caps = []
+    caps: Caps = _find_lost([entry.residual for entry in found.joints], _OWN)
     worst = max(entry.residual.relative_percent for entry in found.joints)
     if worst > _LARGE:
         caps.append((_rate(worst), f"{worst:.3g} % of a torque is left unexplained"))
     lost = [f"{name} of {entry.joint}" for entry in found.joints for name, _ in entry.estimate.refused]
     if lost:
-        caps.append(("fair", f"not identifiable from these logs: {', '.join(lost)}"))
+        caps.append(("usable", f"not identifiable from these logs: {', '.join(lost)}"))
     details = [entry.selection.verdict for entry in found.joints if entry.selection is not None]
     details += [f"{entry.poses.verdict}." for entry in found.joints if entry.poses is not None]
     details += [f"{name}: {reason}." for name, reason in found.refused]

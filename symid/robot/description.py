@@ -89,12 +89,14 @@ class Processing:
     """From a recording to states: zero-phase Butterworth, central differences, cut ends, decimation.
 
     `filter_cutoff` in Hz, None for no filter; `filter_torque` whether the torque is filtered too;
-    `drop_first`, `drop_last` samples cut off after differentiation; `standstill` the speed (rad/s or m/s)
-    below which a joint's rows are left out, because dry friction there is not a function of velocity;
-    `noise_freedom` the degrees of freedom of the residual of m rows and k parameters: "band" m b - k, b the
-    part of the band that decimation lets pass (filtered rows are not independent), "parameters" m - k, "one"
-    m - 1, as some publications do; `automatic` that a cut-off and a decimation that are not stated follow
-    from the sample rate.
+    `drop_first`, `drop_last` samples cut off after differentiation; `standstill` the speed (rad/s or m/s,
+    one for all joints or one a joint, None for none) below which a joint's rows are left out, because dry
+    friction there is not a function of velocity; `instrument_cutoff` in Hz of the positions along which
+    instruments are computed; `velocity` whether states come from the "position" alone or, above it, from
+    the velocity of the "log". `noise_freedom` says how deviations follow from the residuals of m rows and k
+    parameters: "band" from their spectrum, with m b - k degrees of freedom, b the part of the band that
+    decimation lets pass, "parameters" as of white noise with m - k, "one" with m - 1, as some publications
+    do. `automatic` that what is not stated is chosen from the logs.
     """
 
     filter_order: int = 4
@@ -102,7 +104,9 @@ class Processing:
     filter_torque: bool = False
     drop_first: int = 0
     drop_last: int = 0
-    standstill: float = 0.0
+    standstill: float | tuple[float, ...] | None = None
+    instrument_cutoff: float | None = None
+    velocity: str = "position"
     noise_freedom: str = "band"
     automatic: bool = False
     decimation: Decimation = field(default_factory=Decimation)
@@ -110,8 +114,18 @@ class Processing:
     @property
     def left_open(self) -> tuple[str, ...]:
         """Return the settings that follow from the logs."""
-        free = {"filter_cutoff": self.filter_cutoff is None, "decimation.factor": self.decimation.factor == 1}
+        free = {
+            "filter_cutoff": self.filter_cutoff is None,
+            "decimation.factor": self.decimation.factor == 1,
+            "standstill": self.standstill is None,
+        }
         return tuple(name for name, is_free in free.items() if self.automatic and is_free)
+
+    def get_standstill(self, joint: int) -> float:
+        """Return the speed in rad/s or m/s below which rows of a joint, counted from zero, are left out."""
+        if isinstance(self.standstill, tuple):
+            return self.standstill[joint]
+        return self.standstill or 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,6 +149,16 @@ class Controller:
     velocity_filter: float | None = None
     offset: tuple[float, ...] | None = None
     torque: str = "command"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NamedSettings:
+    """Settings that a call can name: tables in place of the robot file's; one that is None stays as it is."""
+
+    name: str
+    log: LogMap | None = None
+    processing: Processing | None = None
+    controller: Controller | None = None
 
 
 class JointKind(Enum):
@@ -313,8 +337,9 @@ class Robot:
     """A robot description: everything later stages need, nothing derived.
 
     `gravity` is the gravity vector in the base frame (m/s^2), `symbols` the values of symbols (name, SI),
-    `convention` that of the file, `notices` the warnings and notes of its reader. Joints that follow no
-    other, `axes`, have a coordinate each, in the order of the joints. Joints and couplings together are
+    `convention` that of the file, `notices` the warnings and notes of its reader. `settings` are sets that
+    calls can name; `log`, `processing` and `controller` are those in use. Joints that follow no other,
+    `axes`, have a coordinate each, in the order of the joints. Joints and couplings together are
     numbered through (joints first); the number stands in the labels of their parameters.
     """
 
@@ -328,6 +353,7 @@ class Robot:
     log: LogMap = field(default_factory=LogMap)
     processing: Processing = field(default_factory=Processing)
     controller: Controller | None = None
+    settings: tuple[NamedSettings, ...] = ()
     path: str = ""
     notices: tuple[Notice, ...] = ()
     couplings: tuple[Coupling, ...] = ()

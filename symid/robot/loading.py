@@ -25,7 +25,12 @@ from symid.errors import Notice, RobotError, UsageError
 from symid.notation import get_unit_factor
 from symid.robot.description import Drive, FrictionValues, Robot
 from symid.robot.toml_drives import FRICTION_PARAMETERS, FRICTION_SHAPES
-from symid.robot.toml_settings import describe_settings, list_controller, read_settings
+from symid.robot.toml_settings import (
+    SETTING_TABLES,
+    describe_settings,
+    list_controller,
+    read_settings,
+)
 from symid.robot.toml_values import KeyPath, Place, Places, Section, suggest_names
 
 _SUFFIX = ".toml"
@@ -92,29 +97,42 @@ def _explain_missing_file(path: Path) -> str:
     return f"there is no robot '{path}'; {hint}known are {known}, or give the path of a .toml or .urdf file"
 
 
-_TABLES = ("log", "processing", "controller")
-
-
 def override_robot(robot: Robot, settings: Sequence[tuple[str, str]], friction: str | None = None) -> Robot:
     """Return `robot` with other settings.
 
     Args:
         robot: as read from its file.
         settings: pairs of a dotted key below `log`, `processing` or `controller`, or "friction", and a
-            value as in TOML; a text needs no quotes, a list no brackets.
+            value as in TOML; a text needs no quotes, a list no brackets. "settings" and a name put a set of
+            the robot file below all other keys.
         friction: the name of a friction model for all joints that follow no other. Values that the file
             states are dropped where the model differs.
 
     Raises:
-        UsageError: a key cannot be overridden, or there is no such friction model.
+        UsageError: a key cannot be overridden, or there is no such set or friction model.
         RobotError: the values do not fit; all mistakes at once.
     """
-    pairs = [(key, value) for key, value in settings if key != "friction"]
+    for name in (value for key, value in settings if key == "settings"):
+        robot = _apply_named_settings(robot, name)
+    pairs = [(key, value) for key, value in settings if key not in ("friction", "settings")]
     if pairs:
         robot = _replace_settings(robot, pairs)
     for kind in (friction, *(value for key, value in settings if key == "friction")):
         robot = robot if kind is None else _replace_friction(robot, kind)
     return robot
+
+
+def _apply_named_settings(robot: Robot, name: str) -> Robot:
+    """Return `robot` with the tables of its set `name` in place of its own."""
+    known = {entry.name: entry for entry in robot.settings}
+    if name not in known:
+        listed = f"it has {', '.join(known)}" if known else "it has none; they are tables [settings.NAME]"
+        hint = suggest_names(name, known, before="; ")
+        text = f"the robot file has no settings named '{name}': {listed}{hint}"
+        raise UsageError(Notice(code="usage.unknown-settings", text=text, file=robot.path))
+    stated = {table: getattr(known[name], table) for table in SETTING_TABLES}
+    changed: dict[str, Any] = {table: entry for table, entry in stated.items() if entry is not None}
+    return replace(robot, **changed)
 
 
 def _replace_settings(robot: Robot, pairs: Sequence[tuple[str, str]]) -> Robot:
@@ -124,8 +142,8 @@ def _replace_settings(robot: Robot, pairs: Sequence[tuple[str, str]]) -> Robot:
     places: dict[KeyPath, Place] = {}
     for key, value in pairs:
         path = tuple(key.split("."))
-        if path[0] not in _TABLES or not 1 < len(path) <= 3 or not all(path):
-            hint = suggest_names(path[0], (*_TABLES, "friction"))
+        if path[0] not in SETTING_TABLES or not 1 < len(path) <= 3 or not all(path):
+            hint = suggest_names(path[0], (*SETTING_TABLES, "friction"))
             text = (
                 f"'{key}' cannot be set here; {hint + ' ' if hint else ''}allowed are friction, "
                 "processing.KEY, controller.KEY and log.QUANTITY.KEY, such as processing.filter_cutoff=50; "

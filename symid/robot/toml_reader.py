@@ -29,12 +29,12 @@ from symid.robot.inertia import (
     move_by_placement,
 )
 from symid.robot.toml_drives import FRICTION_PARAMETERS, MOVING_KEYS, complete_joint, read_couplings
-from symid.robot.toml_settings import read_settings
+from symid.robot.toml_settings import read_named_settings, read_settings
 from symid.robot.toml_values import ANY, BASE, NOT_NEGATIVE, POSITIVE, Section, parse_toml, read_text_file
 
 _ROBOT_KEYS = (
     *("name", "description", "source", "convention", "gravity", "symbols"),
-    *("joint", "coupling", "log", "processing", "controller"),
+    *("joint", "coupling", "log", "processing", "controller", "settings"),
 )
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 # Letters of coordinates, functions and parameters would read as something else in a formula.
@@ -86,6 +86,7 @@ def build_robot(root: Section, file: str) -> Robot:
     if root.require("gravity", remedy) and root.has_list("gravity", 3, "numbers in m/s^2"):
         x, y, z = (read_linear_form(root, "gravity", "m/s^2", index) or ZERO for index in range(3))
     log, processing, controller = read_settings(root, joints)
+    settings = read_named_settings(root, joints)
     name = root.read_text("name")
     if name is not None and not _NAME.fullmatch(name):
         text = f"{root.show('name')} cannot name functions; use letters, digits and _, a letter first"
@@ -112,6 +113,7 @@ def build_robot(root: Section, file: str) -> Robot:
         log=log,
         processing=processing,
         controller=controller,
+        settings=settings,
         path=file,
         notices=notices,
     )

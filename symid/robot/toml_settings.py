@@ -1,6 +1,7 @@
 """Settings of a robot file: the `[log]`, `[processing]` and `[controller]` tables, both ways.
 
-Tables of a robot file, or of settings put over it -> `LogMap`, `Processing`, `Controller`, and back.
+Tables of a robot file, or of settings put over it -> `LogMap`, `Processing`, `Controller`, and back. The
+tables of `[settings.NAME]` are of the same form: a call that names the set has them in place of the file's.
 
 The transmission matrix of a log is square, and invertible by a margin that the digits of a log can pass.
 
@@ -10,13 +11,23 @@ Not supported: a unit for each joint (give a factor for each joint instead); tra
 depend on the position.
 """
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, fields, replace
 from functools import partial
 from typing import Any
 
 from symid.notation import adapt_unit, get_unit_factor, suggest_units
-from symid.robot.description import Controller, Joint, JointKind, LogMap, LogQuantity, Processing, Robot
+from symid.robot.description import (
+    Controller,
+    Joint,
+    JointKind,
+    LogMap,
+    LogQuantity,
+    NamedSettings,
+    Processing,
+    Robot,
+)
 from symid.robot.exact_values import read_constant
 from symid.robot.toml_values import ANY, NOT_NEGATIVE, POSITIVE, Range, Section, to_decimal
 
@@ -256,7 +267,9 @@ def read_processing(root: Section) -> Processing:
         "filter_torque": table.read_flag("filter_torque"),
         "drop_first": table.read_integer("drop_first", NOT_NEGATIVE),
         "drop_last": table.read_integer("drop_last", NOT_NEGATIVE),
-        "standstill": table.read_float("standstill", "rad/s or m/s", NOT_NEGATIVE),
+        "standstill": _read_standstill(table),
+        "instrument_cutoff": table.read_float("instrument_cutoff", "Hz", POSITIVE, word=_NONE),
+        "velocity": table.read_choice("velocity", ("position", "log")),
         "automatic": table.read_flag("automatic"),
         "noise_freedom": table.read_choice("noise_freedom", ("band", "parameters", "one")),
     }
@@ -270,6 +283,16 @@ def read_processing(root: Section) -> Processing:
         steps["band"] = inner.read_float("band", "", Range(low=0, high=1, open_low=True))
     stated, steps = ({key: x for key, x in each.items() if x is not None} for each in (found, steps))
     return Processing(**stated, decimation=replace(usual, **steps))
+
+
+def _read_standstill(table: Section) -> float | tuple[float, ...] | None:
+    """Return the speed of all joints, or of each; None where it is left open."""
+    stated = table.values.get("standstill")
+    if not isinstance(stated, list):
+        return table.read_float("standstill", "rad/s or m/s", NOT_NEGATIVE, word=_NONE)
+    found = [table.read_number("standstill", "rad/s or m/s", NOT_NEGATIVE, k) for k in range(len(stated))]
+    speeds = tuple(float(speed) for speed in found if speed is not None)
+    return speeds if len(speeds) == len(stated) else None
 
 
 def read_log(root: Section, joints: Sequence[Joint]) -> LogMap:
@@ -304,7 +327,9 @@ def read_log(root: Section, joints: Sequence[Joint]) -> LogMap:
 
 def list_processing(processing: Processing) -> dict[str, Any]:
     """Return the settings as a table that `read_processing` reads back."""
-    return {**asdict(processing), "filter_cutoff": processing.filter_cutoff or _NONE}
+    table = {key: _NONE if entry is None else entry for key, entry in asdict(processing).items()}
+    stated = processing.standstill
+    return {**table, "standstill": list(stated)} if isinstance(stated, tuple) else table
 
 
 def list_log(log: LogMap) -> dict[str, Any]:
@@ -355,6 +380,42 @@ def _read_controller(root: Section, joints: Sequence[Joint]) -> Controller | Non
 def read_settings(root: Section, joints: Sequence[Joint]) -> tuple[LogMap, Processing, Controller | None]:
     """Return the tables of settings of a file for a robot with these joints."""
     return read_log(root, joints), read_processing(root), _read_controller(root, joints)
+
+
+SETTING_TABLES = ("log", "processing", "controller")
+"""The tables of settings; a named set has one or more of them."""
+_SET_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
+
+
+def read_named_settings(root: Section, joints: Sequence[Joint]) -> tuple[NamedSettings, ...]:
+    """Return the sets of settings in `[settings.NAME]` for a robot with these joints."""
+    table = root.read_table("settings")
+    if table is None:
+        return ()
+    found = []
+    for name in table.values:
+        if name in SETTING_TABLES or not _SET_NAME.fullmatch(name):
+            text = "cannot name a set; use letters, digits, _ and -, a letter first"
+            if name in SETTING_TABLES:
+                text = f"{text}: write [settings.NAME.{name}], such as [settings.published.{name}]"
+            table.refuse_key("robot.bad-name", name, text)
+            continue
+        section = table.read_table(name, SETTING_TABLES)
+        if section is not None and not section.values:
+            text = f"an empty set changes nothing; add a table, such as [settings.{name}.processing]"
+            table.refuse_key("robot.missing-key", name, text)
+        if section is None:
+            continue
+        log, processing, controller = read_settings(section, joints)
+        found.append(
+            NamedSettings(
+                name=name,
+                log=log if "log" in section.values else None,
+                processing=processing if "processing" in section.values else None,
+                controller=controller,
+            )
+        )
+    return tuple(found)
 
 
 def list_controller(controller: Controller) -> dict[str, Any]:

@@ -18,7 +18,17 @@ from typing import Any
 import numpy as np
 
 from symid.notation import INERTIAL, adapt_unit, get_unit_factor
-from symid.robot.description import Drive, FrictionKind, FrictionValues, Joint, Limits, Processing, Robot
+from symid.robot.description import (
+    Controller,
+    Drive,
+    FrictionKind,
+    FrictionValues,
+    Joint,
+    Limits,
+    LogMap,
+    Processing,
+    Robot,
+)
 from symid.robot.elasticity import Elasticity, Knee
 from symid.robot.exact_values import (
     add_comment,
@@ -298,40 +308,59 @@ def _write_hints(joint: Joint, table: str, *, whole: bool) -> Iterator[str]:
 
 _MEANING = {
     "filter_cutoff": "Hz",
-    "automatic": "cut-off and decimation that are not stated follow from the log",
+    "automatic": "what is not stated is chosen from the log",
     "drop_first": "samples, after differentiation",
     "drop_last": "likewise",
     "standstill": "rad/s or m/s: slower rows of a joint are left out",
+    "instrument_cutoff": "Hz",
+    "velocity": "position, or log: that of the log in place of differentiated positions",
 }
 
 
 def _write_settings(robot: Robot) -> Iterator[str]:
-    """Yield the lines of the tables of settings; none of a table without settings of its own."""
-    if log := list_log(robot.log):
-        yield from ("", "[log]")
-        for key, entry in log.items():
-            yield f"{key} = {write_value(_shorten(robot, key, entry))}"
-    if robot.processing != Processing(automatic=True):
-        yield from ("", "[processing]")
+    """Yield the lines of the tables of settings, of the robot's own and then of each named set."""
+    log = robot.log if robot.log != LogMap() else None
+    processing = robot.processing if robot.processing != Processing(automatic=True) else None
+    yield from _write_tables(robot, "", log, processing, robot.controller)
+    for named in robot.settings:
+        yield from _write_tables(
+            robot, f"settings.{named.name}.", named.log, named.processing, named.controller
+        )
+
+
+def _write_tables(
+    robot: Robot,
+    prefix: str,
+    log: LogMap | None,
+    processing: Processing | None,
+    controller: Controller | None,
+) -> Iterator[str]:
+    """Yield the lines of tables whose names begin with `prefix`, each with what is not usual in it."""
+    if log is not None:
+        yield from ("", f"[{prefix}log]")
+        for key, entry in list_log(log).items():
+            yield f"{key} = {write_value(_shorten(robot, log, key, entry))}"
+    if processing is not None:
+        yield from ("", f"[{prefix}processing]")
         standard = list_processing(Processing())
-        settings = list_processing(robot.processing)
+        settings = list_processing(processing)
         kept = {key: entry for key, entry in settings.items() if entry != standard[key]}
         # A table without a key would not be there, and all would be automatic.
         for key, entry in (kept or {"automatic": False}).items():
             line = f"{key} = {write_value(entry)}"
             yield add_comment(line, _MEANING[key]) if key in _MEANING else line
-    if robot.controller is not None:
-        gains = list_controller(robot.controller).items()
-        yield from ("", "[controller]", *(f"{key} = {write_value(entry)}" for key, entry in gains))
+    if controller is not None:
+        gains = list_controller(controller).items()
+        yield from ("", f"[{prefix}controller]", *(f"{key} = {write_value(entry)}" for key, entry in gains))
 
 
-def _shorten(robot: Robot, key: str, entry: Any) -> Any:  # noqa: ANN401  whatever TOML has
-    """Return a quantity without the factor and side that it has anyway."""
+def _shorten(robot: Robot, log: LogMap, key: str, entry: Any) -> Any:  # noqa: ANN401  whatever TOML has
+    """Return a quantity of a log without the factor and side that it has anyway."""
     if not isinstance(entry, dict) or "factor" not in entry:
         return entry
-    quantity: Any = getattr(robot.log, key)
+    quantity: Any = getattr(log, key)
     usual = {"side": quantity.side == "joint", "factor": set(quantity.factor) == {1.0}}
-    coupled = robot.log.transmission is not None
+    coupled = log.transmission is not None
     # What torque constants and gears make of a current they will make again.
     if (
         get_unit_factor(quantity.unit)[0] == "current"

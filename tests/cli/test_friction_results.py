@@ -11,6 +11,7 @@ from symid.joint_models.friction_law import compute_friction_torque
 from symid.robot.toml_reader import read_robot
 from tests.cli.test_identify_friction import (
     AXIS_LAW,
+    EMPS_LAW,
     LAW,
     PLAIN_PROCESSING,
     arm_logs,
@@ -192,7 +193,7 @@ def test_a_missed_gate_is_exit_code_one(capsys, identify, other_log):
 def test_processing_of_the_fit_is_followed_and_may_be_set(capsys, identify, other_log):
     result = identify("coulomb-viscous-offset")
     _, answer = call_json(capsys, "validate", "emps", result, other_log)
-    # The robot file decimates by ten, the identification did not.
+    # The identification was in the published band, without its decimation; the robot file states neither.
     assert "estimate.settings-differ" in find_codes(answer)
     samples = answer["result"]["samples"]
     arguments = ("validate", "emps", result, other_log, "--set", "processing.decimation.factor=10")
@@ -210,7 +211,7 @@ def test_mean_periods_are_not_asked_of_another_log(capsys, other_log, tmp_path):
     code, answer = call_json(capsys, "validate", "emps", result, other_log)
     assert code == 0
     assert "validate.not-folded" in find_codes(answer)
-    # 49 samples are cut off at the start, as the robot file says, and none at the end.
+    # 49 samples are cut off at the start, as published, and none at the end.
     assert answer["result"]["samples"] >= 4000 - 49 - 10
 
 
@@ -258,7 +259,8 @@ def test_help_says_who_reads_the_result(capsys):
 @pytest.mark.parametrize(("model", "percent"), [("asymmetric", 5.3649), ("coulomb-viscous-offset", 5.9824)])
 def test_emps_foretells_its_pulses(capsys, shared_data, tmp_path, model, percent):
     folder, result = shared_data / "emps", tmp_path / "friction.json"
-    call_json(capsys, "identify", "emps", folder / "DATA_EMPS.mat", *LAW, "--model", model, "-o", result)
+    log = folder / "DATA_EMPS.mat"
+    call_json(capsys, "identify", "emps", log, *EMPS_LAW, "--model", model, "-o", result)
     pulses = folder / "DATA_EMPS_PULSES.mat"
     code, out, _ = call(capsys, "validate", "emps", result, pulses, "--gate", "5.5")
     assert f"mean relative residual {percent:.4f} %" in out

@@ -40,6 +40,8 @@ def two_sided(one_sided):
     with np.load(one_sided) as log:
         columns = dict(log)
     path = one_sided.parent / "both.npz"
+    # The same samples in another file would be one log given twice.
+    columns = {**columns, "t": columns["t"] + 10.0, "tau": 1.1 * columns["tau"]}
     np.savez(path, **columns, theta=columns["q"] + columns["tau"] / 500.0)
     return path
 
@@ -199,7 +201,9 @@ def test_one_method_as_tables(capsys, experiment):
     call = ["identify", "two_link_elastic", str(experiment), "--method", "linear-spring", "--window", "0.2"]
     assert run(call) == 0
     captured = capsys.readouterr()
-    assert captured.out.startswith("two_link_elastic: linear-spring, condition ")
+    verdict, _, text = captured.out.partition("\n\n")
+    assert verdict.startswith("verdict: ")
+    assert text.startswith("two_link_elastic: linear-spring, condition ")
     assert "k0 + stops" in captured.out
     assert re.search(r"moved by [0-9.]+ ms", " ".join(captured.err.split()))
 
@@ -365,10 +369,17 @@ def link_side(experiment, tmp_path):
 
 def test_positions_of_links_alone_are_no_motor_side(capsys, link_side):
     plain, named = link_side
-    code, answer = call_json(capsys, "identify", "two_link_elastic", plain)
-    assert code == 0
+    # A wide band: within a narrow one the rotors are met in spite of it.
+    wide = ("--cutoff", 100, "--decimate", 5, "--estimator", "wls")
+    code, answer = call_json(capsys, "identify", "two_link_elastic", plain, *wide)
+    assert code == 1
+    assert [entry["code"] for entry in answer["errors"]] == ["identify.wrong"]
     (notice,) = (entry for entry in answer["warnings"] if entry["code"] == "elastic.negative-rotor")
     assert "IA2" in notice["text"]
+    code, answer = call_json(capsys, "identify", "two_link_elastic", plain)
+    assert code == 0
+    rotor = next(entry for entry in answer["result"]["parameters"] if entry["name"] == "IA2")
+    assert rotor["value"] == pytest.approx(0.05, abs=3.0 * rotor["std"])
     code, answer = call_json(capsys, "identify", "two_link_elastic", named)
     assert code == 3
     assert {entry["code"] for entry in answer["errors"]} == {"log.missing-column", "log.one-side"}

@@ -9,8 +9,9 @@ from symid.cli.main import run
 from tests.unit.identification.friction.cosine_rigs import PLAIN, STRIBECK, record
 
 LAW = ("--rows", "friction")
-# Logs of the axis are at 250 Hz; the robot file's decimation is for 1 kHz.
-AXIS_LAW = (*LAW, "--decimate", "1")
+EMPS_LAW = (*LAW, "--settings", "published")
+# Logs of the axis are at 250 Hz; the published decimation is for 1 kHz.
+AXIS_LAW = (*EMPS_LAW, "--decimate", "1")
 PLAIN_PROCESSING = (
     *("--set", "processing.filter_cutoff=none", "--decimate", "1"),
     *("--set", "processing.standstill=0", "--drop-first", "20", "--drop-last", "20"),
@@ -271,7 +272,7 @@ def test_files_that_exist_are_kept(capsys, axis_log, tmp_path):
 
 def test_emps_takes_the_law_that_leaves_least(capsys, shared_data, tmp_path):
     log = shared_data / "emps" / "DATA_EMPS.mat"
-    arguments = ("identify", "emps", log, *LAW)
+    arguments = ("identify", "emps", log, *EMPS_LAW)
     for model, percent in (
         ("coulomb-viscous-offset", 4.0834),
         ("stribeck+offset", 3.9468),
@@ -287,7 +288,8 @@ def test_emps_takes_the_law_that_leaves_least(capsys, shared_data, tmp_path):
 
 @pytest.mark.slow
 def test_emps_chooses_the_richest_law_on_blocks_held_back(capsys, shared_data):
-    code, answer = call_json(capsys, "identify", "emps", shared_data / "emps" / "DATA_EMPS.mat", *LAW)
+    log = shared_data / "emps" / "DATA_EMPS.mat"
+    code, answer = call_json(capsys, "identify", "emps", log, *EMPS_LAW)
     assert code == 0
     (joint,) = answer["result"]["joints"]
     assert joint["law"] == "asymmetric-stribeck"

@@ -207,7 +207,7 @@ def test_a_slip_in_the_name_is_met_with_the_name(capsys, folder):
     )
     assert code == 2
     assert find_codes(answer) == {"usage.unknown-estimator"}
-    assert "sequential, output-error" in find_texts(answer)
+    assert "filtered-instrumental, output-error" in find_texts(answer)
 
 
 def change_reference(folder, out, change):

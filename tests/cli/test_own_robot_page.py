@@ -6,7 +6,7 @@ import shutil
 
 import numpy as np
 import pytest
-from scipy.signal import cheby1, sosfiltfilt
+from scipy.signal import butter, cheby1, sosfiltfilt
 
 from symid.dynamics.base_parameters import compute_parameter_values, derive_base_parameters
 from symid.logs.files import RawLog
@@ -91,8 +91,8 @@ torque = 48
 FILES = ("arm.urdf", "training.csv", "validation.csv")
 JOINTS = ("waist", "shoulder", "elbow")
 TORQUE_PER_AMPERE = np.array([0.11 * 100, 0.11 * 100, 0.062 * 80])
-KEPT = 40.0
-"""Hz: what the decimation that the page tells of lets pass."""
+PASSED = 0.4
+"""Of the rate of the rows that decimation keeps: what it lets pass."""
 
 
 @pytest.fixture(scope="module")
@@ -164,12 +164,17 @@ def test_the_truth_is_found(walk):
     assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 1.5
 
 
-def read_states(path):
-    """Return time, and positions, velocities, accelerations and torques in SI units, low-passed alike."""
+def read_states(path, cutoff, factor):
+    """Return positions, velocities, accelerations, torques in SI units, and the low-pass of decimation.
+
+    Positions pass a low-pass at `cutoff` in Hz before they are differentiated.
+    """
     table = np.loadtxt(path, delimiter=",", skiprows=1)
     step = table[1, 0] - table[0, 0]
     position, torque = np.radians(table[:, 1:4]), table[:, 4:7] * TORQUE_PER_AMPERE
-    sections = cheby1(8, 0.05, KEPT, fs=1.0 / step, output="sos")
+    sections = cheby1(8, 0.05, PASSED / step / factor, fs=1.0 / step, output="sos")
+    low = butter(4, cutoff, fs=1.0 / step, output="sos")
+    position = sosfiltfilt(low, position, axis=0, padlen=12)
     velocity = np.gradient(position, step, axis=0)
     acceleration = np.gradient(velocity, step, axis=0)
     return position, velocity, acceleration, torque, lambda values: sosfiltfilt(sections, values, axis=0)
@@ -195,18 +200,19 @@ def test_pinocchio_foretells_the_other_motion_as_validate_says(walk):
     data = model.createData()
     viscous, dry, offset, rotor = read_comments(folder)
     np.testing.assert_allclose(model.damping, viscous, rtol=1e-9)
-    position, velocity, acceleration, torque, smooth = read_states(folder / "validation.csv")
+    used = json.loads((folder / "estimate.json").read_text(encoding="utf-8"))["settings"]["processing"]
+    cutoff, factor = used["filter_cutoff"], used["decimation"]["factor"]
+    assert f"low-pass at {cutoff:g} Hz; decimation by {factor} " in steps[3][2]
+    position, velocity, acceleration, torque, smooth = read_states(folder / "validation.csv", cutoff, factor)
     rigid = np.array(
         [pin.rnea(model, data, *state) for state in zip(position, velocity, acceleration, strict=True)]
     )
     braked = viscous * velocity + dry * np.sign(velocity) + offset
-    slow = np.abs(smooth(velocity)) < 0.02
-    inside = slice(50, -50)
+    inside = slice(used["drop_first"], -used["drop_last"])
     for number, joint in enumerate(JOINTS):
         foretold = smooth((rigid + rotor * acceleration + braked)[:, number])
-        kept = ~slow[inside, number]
-        measured = smooth(torque[:, number])[inside][kept]
-        relative = 100.0 * np.linalg.norm(measured - foretold[inside][kept]) / np.linalg.norm(measured)
+        measured = smooth(torque[:, number])[inside]
+        relative = 100.0 * np.linalg.norm(measured - foretold[inside]) / np.linalg.norm(measured)
         (said,) = re.findall(rf"^{joint} +\S+ +(\S+) ", steps[3][2], re.MULTILINE)
-        # All rows, where symid takes one in five.
-        assert relative == pytest.approx(float(said), rel=0.05)
+        # All samples, where symid takes those that decimation keeps.
+        assert relative == pytest.approx(float(said), rel=0.02)

@@ -100,8 +100,10 @@ def test_a_page_without_logs_needs_no_robot(capsys, found, tmp_path):
 
 def test_a_page_with_a_log_has_its_loops(capsys, found, log, tmp_path):
     page = tmp_path / "page.html"
-    code, answer = call_json(capsys, "report", found, "--validation", log, "-o", page)
+    # The log's torques are no arm's: the page says so, and is written.
+    code, answer = call_json(capsys, "report", found, "--validation", log, "-o", page, "--accept")
     assert code == 0
+    assert answer["warnings"][0]["code"] == "identify.wrong"
     assert answer["result"]["validations"] == [str(log)]
     text = page.read_text(encoding="utf-8")
     assert "Hysteresis loops: " in text
@@ -139,9 +141,10 @@ def test_a_log_of_one_encoder_is_refused(capsys, found, log, tmp_path):
 def test_the_log_is_read_as_the_logs_of_the_fit_were(capsys, estimate, log, tmp_path):
     settings = {**estimate.settings, "log": {"torque": {"columns": ["tau"], "unit": "mN m"}}}
     other = write_fit(replace(estimate, settings=settings), tmp_path / "other.json")
-    code, answer = call_json(capsys, "report", other, "--validation", log, "-o", tmp_path / "a.html")
+    page = tmp_path / "a.html"
+    code, answer = call_json(capsys, "report", other, "--validation", log, "-o", page, "--accept")
     assert code == 0
-    assert "was multiplied by 0.001" in (tmp_path / "a.html").read_text(encoding="utf-8")
+    assert "was multiplied by 0.001" in page.read_text(encoding="utf-8")
     assert "estimate.settings-differ" in {entry["code"] for entry in answer["warnings"]}
 
 
@@ -151,8 +154,10 @@ def test_what_the_motor_side_told_is_tried_as_rigid(capsys, log, tmp_path):
     training, held_out, found = (tmp_path / name for name in ("one.npz", "two.npz", "found.json"))
     np.savez(training, **kept)
     np.savez(held_out, **{**kept, "t": kept["t"] + 1.0})
-    assert run(["identify", ROBOT, str(training), "-o", str(found), "-q"]) == 0
-    code, answer = call_json(capsys, "report", found, "--validation", held_out, "-o", tmp_path / "a.html")
+    # A torque without inertia is no arm's: symid says so, and goes on where it is told to.
+    assert run(["identify", ROBOT, str(training), "-o", str(found), "-q"]) == 1
+    page = tmp_path / "a.html"
+    code, answer = call_json(capsys, "report", found, "--validation", held_out, "-o", page, "--accept")
     assert code == 0
     assert answer["result"]["validations"] == [str(held_out)]
     assert "stiffness1" in (tmp_path / "a.html").read_text(encoding="utf-8")

@@ -113,7 +113,8 @@ EMPS, TX40, KR300 = (
     "data/kr300/run_a.npz data/kr300/run_b.npz",
 )
 KR300_C = "data/kr300/run_c.npz"
-LAW = f"identify emps {EMPS} --rows friction"
+PUBLISHED = "--settings published"
+LAW = f"identify emps {EMPS} --rows friction {PUBLISHED}"
 LOADED = "payload two_link two-loaded.npz --empty two.npz"
 EXCITE = "excite two_link --harmonics 2 --period 2 --candidates 20 --starts 2 --rate 50"
 ELASTIC = "identify two_link_elastic ta.npz tb.npz"
@@ -130,26 +131,26 @@ CALLS = {
     "derive-quadruped": "derive quadruped",
     "derive-two_link_elastic": "derive two_link_elastic",
     # Real recordings: estimators and kinds of rows.
-    "emps-check": f"check emps {EMPS}",
-    "emps-ols": f"identify emps {EMPS} -o emps-ols.json",
-    "emps-wls": f"identify emps {EMPS} --estimator wls --friction asymmetric -o emps-wls.json",
-    "emps-gls": f"identify emps {EMPS} --estimator gls",
-    "emps-huber": f"identify emps {EMPS} --estimator huber",
-    "emps-consistent": f"identify emps {EMPS} --estimator consistent",
-    "emps-ridge": f"identify emps {EMPS} --estimator ridge --prior emps-ols.json",
-    "emps-output-error": f"identify emps {EMPS} --estimator output-error --start emps-ols.json",
-    "emps-instrumental": f"identify emps {EMPS} --estimator instrumental --start emps-ols.json",
-    "emps-momentum": f"identify emps {EMPS} --rows momentum",
-    "emps-filtered": f"identify emps {EMPS} --rows filtered",
-    "emps-power": f"identify emps {EMPS} --rows power",
-    "emps-energy": f"identify emps {EMPS} --rows energy",
-    "emps-settings": f"identify emps {EMPS} --cutoff 60 --decimate 5 --drop-last 20",
-    "emps-validate": "validate emps emps-ols.json data/emps/DATA_EMPS_PULSES.mat",
-    "emps-validate-gate": "validate emps emps-wls.json data/emps/DATA_EMPS_PULSES.mat --gate 1",
-    "emps-cutoff": f"study cutoff emps {EMPS}",
+    "emps-check": f"check emps {EMPS} {PUBLISHED}",
+    "emps-ols": f"identify emps {EMPS} {PUBLISHED} -o emps-ols.json",
+    "emps-wls": f"identify emps {EMPS} {PUBLISHED} --estimator wls --friction asymmetric -o emps-wls.json",
+    "emps-gls": f"identify emps {EMPS} {PUBLISHED} --estimator gls",
+    "emps-huber": f"identify emps {EMPS} {PUBLISHED} --estimator huber",
+    "emps-consistent": f"identify emps {EMPS} {PUBLISHED} --estimator consistent",
+    "emps-ridge": f"identify emps {EMPS} {PUBLISHED} --estimator ridge --prior emps-ols.json",
+    "emps-output-error": f"identify emps {EMPS} {PUBLISHED} --estimator output-error --start emps-ols.json",
+    "emps-instrumental": f"identify emps {EMPS} {PUBLISHED} --estimator instrumental --start emps-ols.json",
+    "emps-momentum": f"identify emps {EMPS} {PUBLISHED} --rows momentum",
+    "emps-filtered": f"identify emps {EMPS} {PUBLISHED} --rows filtered",
+    "emps-power": f"identify emps {EMPS} {PUBLISHED} --rows power",
+    "emps-energy": f"identify emps {EMPS} {PUBLISHED} --rows energy",
+    "emps-settings": f"identify emps {EMPS} {PUBLISHED} --cutoff 60 --decimate 5 --drop-last 20",
+    "emps-validate": f"validate emps emps-ols.json data/emps/DATA_EMPS_PULSES.mat {PUBLISHED}",
+    "emps-validate-gate": f"validate emps emps-wls.json data/emps/DATA_EMPS_PULSES.mat {PUBLISHED} --gate 1",
+    "emps-cutoff": f"study cutoff emps {EMPS} {PUBLISHED}",
     "emps-friction": f"{LAW} -o emps-friction.json",
     "emps-friction-law": f"{LAW} --model stribeck+offset --known emps-ols.json",
-    "emps-friction-validate": "validate emps emps-friction.json data/emps/DATA_EMPS_PULSES.mat",
+    "emps-friction-validate": f"validate emps emps-friction.json data/emps/DATA_EMPS_PULSES.mat {PUBLISHED}",
     "emps-friction-export": "export emps emps-friction.json -o emps-friction.toml",
     "emps-export": "export emps emps-ols.json -o emps-ols.toml",
     "tx40-check": f"check tx40 {TX40}",

@@ -1,6 +1,8 @@
 """The demo, made once: its numbers, what it leaves behind, and its own verdict."""
 
+import html
 import json
+import re
 from contextlib import chdir
 
 import numpy as np
@@ -42,6 +44,20 @@ def test_it_ends_well(made):
     rigid, together, apart = result["tracking_rms"].values()
     assert max(together) < 1e-2 * min(rigid)
     assert max(together) < min(apart)
+
+
+def test_figures_of_the_headline_stand_in_the_tables(made):
+    page = (made[0] / "demo" / "report.html").read_text(encoding="utf-8")
+    headline = re.search(r'<p class="headline">(.*?)</p>', page)[1]
+    assert html.unescape(headline).endswith(made[1]["result"]["verdict"]["headline"])
+    spring, dynamics = re.findall(r"([0-9.]+) %", headline)
+    tables = [table for table in re.findall(r"<table>.*?</table>", page, re.DOTALL) if "relative/%" in table]
+    for text, title in ((spring, "less that of the springs"), (dynamics, "without springs")):
+        chosen = "".join(table for table in tables if title in table)
+        # The second cell behind the name of a joint.
+        shares = [float(cell) for cell in re.findall(r"</th><td>[^<]*</td><td>([0-9.]+)</td>", chosen)]
+        assert len(shares) == 4
+        assert f"{max(shares):.3g}" == text
 
 
 def test_its_folder_goes_on_and_is_not_written_over(made, capsys):

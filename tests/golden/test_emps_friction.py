@@ -21,12 +21,13 @@ from symid.identification.friction.problem import FrictionOptions
 from symid.identification.friction.selection import compute_relative_residual, select_law
 from symid.joint_models.friction_catalogue import get_law
 from symid.logs.reader import read_recording
+from symid.robot.loading import override_robot
 from symid.robot.toml_reader import read_robot
 
 
 @pytest.fixture(scope="module")
 def robot(robots_folder):
-    return read_robot(robots_folder / "emps.toml")
+    return override_robot(read_robot(robots_folder / "emps.toml"), [("settings", "published")])
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,8 @@ ASYMMETRIC = {"M": "95.1540", "Fvp": "166.7061", "Fcp": "20.1440", "Fvn": "240.4
 @pytest.fixture(scope="module")
 def identify(shared_data, robots_folder):
     def run(friction=None):
-        robot = override_robot(read_robot(robots_folder / "emps.toml"), (), friction)
+        stated = read_robot(robots_folder / "emps.toml")
+        robot = override_robot(stated, [("settings", "published")], friction)
         library = prepare_library(robot)
         fitted = read_recording(shared_data / "emps" / "DATA_EMPS.mat", robot)
         unseen = read_recording(shared_data / "emps" / "DATA_EMPS_PULSES.mat", robot)

@@ -14,6 +14,7 @@ from symid.identification.rigid.closed_loop_estimate import identify_closed_loop
 from symid.identification.rigid.fit import identify_parameters
 from symid.logs.reader import read_recording
 from symid.robot.description import Decimation
+from symid.robot.loading import override_robot
 from symid.robot.toml_reader import read_robot
 
 PUBLISHED = np.array([95.1089, 203.5034, 20.3935, -3.1648])
@@ -22,7 +23,7 @@ NAMES = ("M1", "Fv1", "Fc1", "offset1")
 
 @pytest.fixture(scope="module")
 def robot(robots_folder):
-    return read_robot(robots_folder / "emps.toml")
+    return override_robot(read_robot(robots_folder / "emps.toml"), [("settings", "published")])
 
 
 @pytest.fixture(scope="module")

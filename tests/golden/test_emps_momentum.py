@@ -7,12 +7,13 @@ from symid.codegen.cache import prepare_library
 from symid.identification.diagnostics.torque_prediction import compute_band_residual, predict_torques
 from symid.identification.rigid.fit import identify_parameters
 from symid.logs.reader import read_recording
+from symid.robot.loading import override_robot
 from symid.robot.toml_reader import read_robot
 
 
 @pytest.mark.parametrize("file", ["DATA_EMPS.mat", "DATA_EMPS_PULSES.mat"])
 def test_momentum_leaves_no_more(shared_data, robots_folder, file):
-    robot = read_robot(robots_folder / "emps.toml")
+    robot = override_robot(read_robot(robots_folder / "emps.toml"), [("settings", "published")])
     library = prepare_library(robot)
     names = tuple(entry.name for entry in (*library.card.beta, *library.card.friction))
     fitted = read_recording(shared_data / "emps" / "DATA_EMPS.mat", robot)

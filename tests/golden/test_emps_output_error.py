@@ -22,6 +22,7 @@ from symid.identification.rigid.fit import identify_parameters
 from symid.identification.rigid.validation import validate_estimate
 from symid.logs.reader import read_recording
 from symid.logs.recording import cut_recording
+from symid.robot.loading import override_robot
 from symid.robot.toml_reader import read_robot
 from symid.simulation.rigid_plant import RigidPlant, RigidPlantState
 
@@ -33,7 +34,7 @@ GIVEN = 20
 
 @pytest.fixture(scope="module")
 def robot(robots_folder):
-    return read_robot(robots_folder / "emps.toml")
+    return override_robot(read_robot(robots_folder / "emps.toml"), [("settings", "published")])
 
 
 @pytest.fixture(scope="module")

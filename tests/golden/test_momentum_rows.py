@@ -10,6 +10,7 @@ from symid.codegen.cache import prepare_library
 from symid.identification.diagnostics.torque_prediction import compute_band_residual, predict_torques
 from symid.identification.rigid.fit import identify_parameters
 from symid.logs.reader import read_recording
+from symid.robot.loading import override_robot
 from symid.robot.toml_reader import read_robot
 
 LOGS = {
@@ -36,6 +37,8 @@ class WithoutAcceleration:
 @pytest.mark.parametrize("name", LOGS)
 def test_they_leave_what_torque_rows_leave(name, shared_data, robots_folder):
     robot = read_robot(robots_folder / f"{name}.toml")
+    published = [("settings", entry.name) for entry in robot.settings if entry.name == "published"]
+    robot = override_robot(robot, published)
     library = prepare_library(robot)
     names = tuple(entry.name for entry in (*library.card.beta, *library.card.friction))
     for log in LOGS[name]:

@@ -19,6 +19,7 @@ from tests.chains import build_pinocchio, draw_parameters, order_regressor
 
 # Base parameters of links and rotors, and of friction.
 COUNTS = {
+    "double_pendulum": (7, 4),
     "emps": (1, 3),
     "iiwa14": (43, 0),
     "kr30": (38, 0),

@@ -55,6 +55,9 @@ torque = { columns = ["u"], unit = "V", factor = [2], side = "motor" }
 [processing]
 filter_cutoff = 50
 decimation = { factor = 10, band = 0.8 }
+[settings.other]
+processing = { filter_cutoff = 5, standstill = 0.1 }
+controller = { stiffness = 3, damping = [1] }
 """
 PLACES = locate_values(TEXT)
 # What a header opens cannot be replaced by a value.

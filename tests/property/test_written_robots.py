@@ -19,6 +19,7 @@ from symid.robot.description import (
     LogMap,
     LogQuantity,
     Mimic,
+    NamedSettings,
     Processing,
     Robot,
     Spring,
@@ -251,10 +252,14 @@ def test_symbols_of_links_and_settings_are_written():
     )
     processing = Processing(filter_cutoff=50.0, standstill=0.1, decimation=Decimation(factor=4))
     symbols = (("I1", 0.5), ("lc1", 0.1), ("m1", 2.0))
-    robot = Robot(name="arm", joints=(joint,), symbols=symbols, log=log, processing=processing)
+    named = (NamedSettings(name="lab", log=log), NamedSettings(name="plain", processing=Processing()))
+    robot = Robot(
+        name="arm", joints=(joint,), symbols=symbols, log=log, processing=processing, settings=named
+    )
     again = parse_robot(write_robot(robot))
     assert again.joints[0].form == form
     assert (again.log, again.processing, again.symbols) == (log, processing, symbols)
+    assert again.settings == named
 
 
 def test_values_that_no_body_has_are_written_as_they_are():

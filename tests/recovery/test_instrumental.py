@@ -129,15 +129,20 @@ def test_where_states_are_exact_it_is_wls(recording, library):
     np.testing.assert_array_equal(found.simulated.matrix, found.rows.matrix)
 
 
+def measure_bias(errors):
+    """Return mean errors (p,), and the same in standard deviations of a mean, as the errors scatter."""
+    mean, scatter = errors.mean(axis=0), errors.std(axis=0, ddof=1)
+    return mean, np.abs(mean) / (scatter / np.sqrt(len(errors)))
+
+
 def test_noise_of_encoders_biases_wls_and_not_this(trials, library):
-    found, usual = (find_errors(library, entries) for entries in trials)
-    far = np.abs(usual.mean(axis=0))
+    found, usual = (measure_bias(find_errors(library, entries)) for entries in trials)
     inertia = [k for k, name in enumerate(list_truth(library)) if name.startswith("ZZ")]
-    assert np.all(far[inertia] > 4.0)
-    # The mean of twelve, in standard deviations of that mean as the estimates scatter.
-    mean, scatter = found.mean(axis=0), found.std(axis=0, ddof=1)
-    assert np.all(np.abs(mean) < 3.0 * scatter / np.sqrt(SEEDS))
-    assert np.all(np.abs(mean) < 0.15)
+    assert np.all(usual[1][inertia] > 20.0)
+    # What errors that follow the motion add to stated deviations nearly covers the bias.
+    assert np.all(np.abs(usual[0][inertia]) < 4.0)
+    assert np.all(found[1] < 3.0)
+    assert np.all(np.abs(found[0]) < 0.15)
 
 
 def test_the_deviations_cover(trials, library):
@@ -179,7 +184,7 @@ def test_noise_that_leaves_wls_no_robot_is_no_hindrance(robot, library, recordin
     """With five times that noise the inertia that wls finds is negative: it cannot be simulated."""
     log = spoil(recording, 0, encoder=5e-4)
     usual = identify_parameters(library, [log], LATE, estimator="wls")
-    assert "identify.impossible-mass" in {notice.code for notice in usual.notices}
+    assert any("mass matrix is not positive definite" in text for text in usual.evidence.impossible)
     estimate = identify_closed_loop("instrumental", robot, library, [log])
     assert np.all(np.abs(find_errors(library, [estimate])) < 3.0)
     inertia = {entry.name: entry for entry in estimate.parameters}["ZZ2"]

@@ -3,16 +3,17 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from symid.identification.diagnostics.causes import LikelyCause as LikelyCause, find_cause as find_cause
     from symid.identification.diagnostics.fit_warnings import (
         build_warning as build_warning,
         compute_block_deviations as compute_block_deviations,
+        evaluate_inertia_columns as evaluate_inertia_columns,
         sum_block_scores as sum_block_scores,
         warn_of_correlated_residuals as warn_of_correlated_residuals,
         warn_of_mass_matrix as warn_of_mass_matrix,
         warn_of_moving_ends as warn_of_moving_ends,
         warn_of_poorly_identifiable as warn_of_poorly_identifiable,
         warn_of_processing as warn_of_processing,
-        warn_of_stiction as warn_of_stiction,
     )
     from symid.identification.diagnostics.log_channels import LogCheck as LogCheck
     from symid.identification.diagnostics.log_check import (
@@ -21,12 +22,32 @@ if TYPE_CHECKING:
         LogsCheck as LogsCheck,
         check_robot_logs as check_robot_logs,
     )
+    from symid.identification.diagnostics.quick_model import (
+        build_quick_logs as build_quick_logs,
+        fit_quick as fit_quick,
+    )
     from symid.identification.diagnostics.residual_structure import (
+        FAMILIES as FAMILIES,
+        OTHER_VALUES as OTHER_VALUES,
+        JointMotion as JointMotion,
         JointProfiles as JointProfiles,
         ResidualFinding as ResidualFinding,
         analyse_structure as analyse_structure,
         compute_profiles as compute_profiles,
-        warn_of_structure as warn_of_structure,
+        warn_of_missing as warn_of_missing,
+    )
+    from symid.identification.diagnostics.stretches import (
+        STRETCHES as STRETCHES,
+        Border as Border,
+        Stretches as Stretches,
+        compute_jackknife as compute_jackknife,
+        count_stretches as count_stretches,
+        determine_each_other as determine_each_other,
+        fit_stretches as fit_stretches,
+        measure_gain as measure_gain,
+        measure_scoring_band as measure_scoring_band,
+        smooth_rows as smooth_rows,
+        solve_sums as solve_sums,
     )
     from symid.identification.diagnostics.torque_prediction import (
         BandResidual as BandResidual,
@@ -38,14 +59,12 @@ if TYPE_CHECKING:
         Drift as Drift,
         Ellipse as Ellipse,
         Essential as Essential,
-        SingleLogFit as SingleLogFit,
         compute_bootstrap as compute_bootstrap,
         compute_ellipse as compute_ellipse,
         compute_mean_weights as compute_mean_weights,
         list_correlated as list_correlated,
         measure_drift as measure_drift,
         select_essential as select_essential,
-        warn_of_drift as warn_of_drift,
     )
 else:
     from symid.lazy import load_names

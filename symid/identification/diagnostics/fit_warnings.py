@@ -79,19 +79,9 @@ FIT_WARNINGS: Mapping[str, FitWarning] = {
         "the log {ends} in motion, where the filter at {cutoff:g} Hz extrapolates: accelerations are wrong",
         "leave {spoilt} samples out with {settings}",
     ),
-    "identify.sticking": FitWarning(
-        "rows slower than {percent:g} % of the top speed have larger residuals than faster ones: {joints}; "
-        "joints that stick bias all parameters",
-        "leave these rows out with --set processing.standstill={speed:.2g} (rad/s or m/s, of all joints)",
-    ),
     "identify.structure": FitWarning(
-        "{joint}: {share:.3g} % of the residual variance ({rms:.3g} {unit} RMS) {cause}",
+        "{joint}: a term of {term} explains {gain:.0f} % of the squared residual of held-out rows",
         "{advice}",
-    ),
-    "identify.drift": FitWarning(
-        "{logs} give different values of {names}, by more than their noise",
-        "the robot changed (temperature, payload, torque offset), or a term is missing: identify each log "
-        "alone and compare, or give each an offset of its own",
     ),
     "identify.tracking": FitWarning(
         "simulated and measured positions differ by more than {limit:g} % of the tracking error (in "
@@ -109,8 +99,8 @@ FIT_WARNINGS: Mapping[str, FitWarning] = {
         "a log has changed, or the estimate was made with other options or another version: identify again",
     ),
     "validate.fitted-log": FitWarning(
-        "the {what} was fitted to this log, so this is not a validation",
-        "validate on another motion",
+        "the {what} was fitted to this log, to {part}, so this is not a validation",
+        "validate on another motion, or on a part of the log that was left out of the fit (--train, --test)",
     ),
 }
 """By code."""
@@ -260,37 +250,3 @@ def warn_of_moving_ends(processing: Processing, recordings: Sequence[Recording])
                 )
             )
     return tuple(notices)
-
-
-_SLOW = 0.02
-"""Of the top speed, below which a joint may stick."""
-_TOP = 0.99
-"""Quantile of the speed that is called the top one."""
-_RATIO = 2.0
-_FEWEST = 30
-
-
-def warn_of_stiction(rows: Rows, fit: RegressionFit, library: Library) -> tuple[Notice, ...]:
-    """Return a notice where residuals of joints with friction are twice as large at standstill as in motion.
-
-    Velocities of the rows are those of joints, or means over windows.
-    """
-    braked = {joint.name for joint in library.card.joints if joint.friction != "none"}
-    found, limits = [], []
-    for index, name in enumerate(rows.group_names if rows.kind not in SCALAR_KINDS else ()):
-        members = rows.group == index
-        speed, residual = np.abs(rows.velocity[members]), fit.residuals[members]
-        if name not in braked or len(speed) < 2 * _FEWEST:
-            continue
-        limit = _SLOW * float(np.quantile(speed, _TOP))
-        slow = speed < limit
-        if min(int(slow.sum()), int((~slow).sum())) < _FEWEST:
-            continue
-        still, moving = (float(np.sqrt(np.mean(residual[part] ** 2))) for part in (slow, ~slow))
-        if still > _RATIO * moving > 0.0:
-            found.append(f"{name} ({still / moving:.1f} times)")
-            limits.append(limit)
-    if not found:
-        return ()
-    joints, percent = ", ".join(found), 100.0 * _SLOW
-    return (build_warning("identify.sticking", percent=percent, joints=joints, speed=min(limits)),)

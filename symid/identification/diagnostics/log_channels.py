@@ -1,21 +1,20 @@
-"""Sign, order and delay of the channels of a log, from a quick fit before any identification.
+"""Channels of a log before any identification: joints alone, single mistakes, the delay of the torque.
 
-Library, even recording -> `QuickFit` -> `JointSigns`, `Exchange`s, `TorqueDelay`, and notices.
+Library, even recording -> `QuickFit` -> `JointSigns`, `TorqueDelay`, and notices.
 
-Sign: the torque of each joint is fitted by its own rows. Its inertia must be positive, and its friction must
-dissipate. Both as shares of the torque, with the deviation of leaving out one block:
+The torque of each joint is fitted by its own rows; inertia and friction as shares of the torque, with the
+deviation of leaving out one block:
 
     inertia share   mean(M_jj ddq^2) / (rms(ddq) rms(tau))
     friction share  mean(tau_f dq) / (rms(dq) rms(tau))
 
-Order: pairs of torque columns, of position columns and of both are exchanged; the exchange with the smallest
-residual on held-out samples is kept, as long as the residual falls clearly. Delay: a torque channel that lags
-by d holds tau(t - d), so with rows A and the fitted torque s = A x, linear in x and d, iterated,
+Where the whole robot does not fit the log, single mistakes are undone one after the other (`causes`), and one
+is named where that helps. Delay: a torque channel that lags by d holds tau(t - d), so with rows A and the
+fitted torque s = A x, linear in x and d, iterated,
 
     tau = A x - d ds/dt
 
-Supported: permutations that are products of exchanges, each an improvement; delays of either sign up to 50
-ms. Not supported: elastic joints; signs of joints whose torque is nearly all gravity.
+Supported: delays of either sign up to 50 ms. Not supported: elastic joints; two mistakes at once.
 """
 
 from dataclasses import dataclass, replace
@@ -27,7 +26,10 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import IdentifiabilityError, Notice
+from symid.identification.diagnostics.causes import LikelyCause, find_cause
 from symid.identification.diagnostics.fit_warnings import evaluate_inertia_columns
+from symid.identification.diagnostics.quick_model import build_quick_logs, fit_quick
+from symid.identification.diagnostics.stretches import measure_scoring_band
 from symid.identification.regression import (
     choose_filters,
     compute_payload_torque,
@@ -113,7 +115,8 @@ def build_quick_fit(library: Library, recording: Recording, processing: Processi
     thin, blocks = _sample_blocks(columns, processing)
     q, dq, ddq, tau = (np.ascontiguousarray(part) for part in np.split(thin, 4, axis=1))
     card = library.card
-    slow = np.maximum(processing.standstill, _SLOW * np.sqrt(np.mean(dq**2, axis=0)))
+    stated = np.array([processing.get_standstill(joint) for joint in range(card.size)])
+    slow = np.maximum(stated, _SLOW * np.sqrt(np.mean(dq**2, axis=0)))
     braked = np.array([joint.friction != "none" for joint in card.joints])
     held = (np.abs(dq) < slow) & braked
     # A change of sign counts even where no sample falls on it.
@@ -175,13 +178,6 @@ class JointSigns:
     friction_std: float
     mass: float
 
-    @property
-    def wrong(self) -> bool:
-        """Return whether the torque goes against the motion, significantly."""
-        shares = ((self.inertia, self.inertia_std), (self.friction, self.friction_std))
-        clear = [share for share, std in shares if abs(share) > max(_CLEAR, _SIGN_SURE * std)]
-        return bool(clear) and max(clear) < 0.0
-
 
 def estimate_signs(fit: QuickFit, library: Library, robot: Robot) -> tuple[JointSigns, ...]:
     """Return shares of inertia and friction of every joint that moves."""
@@ -235,23 +231,6 @@ def _compute_rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def describe_signs(signs: tuple[JointSigns, ...], robot: Robot, file: str) -> tuple[Notice, ...]:
-    """Return a notice on every joint whose torque goes against its motion."""
-    notices = []
-    for entry in signs:
-        if not entry.wrong:
-            continue
-        shares = ((entry.inertia, "its inertia is negative"), (entry.friction, "its friction drives it"))
-        reason = " and ".join(text for share, text in shares if share < -_CLEAR)
-        text = (
-            f"the torque of joint {robot.axes[entry.joint].name!r} has the wrong sign: fitted alone, "
-            f"{reason}; change the sign of its torque or of its position (a factor of -1 in [log.torque] or "
-            "[log.position]), or of its gear"
-        )
-        notices.append(Notice(code="log.torque-sign", text=text, file=file))
-    return tuple(notices)
-
-
 def describe_sizes(signs: tuple[JointSigns, ...], robot: Robot, file: str) -> tuple[Notice, ...]:
     """Return a notice where the torques correspond to masses that no robot has."""
     clear = [entry for entry in signs if entry.inertia > max(_CLEAR, _SIGN_SURE * entry.inertia_std)]
@@ -269,111 +248,6 @@ def describe_sizes(signs: tuple[JointSigns, ...], robot: Robot, file: str) -> tu
         f"{worst.mass:.2g} kg, which is not plausible; {guess}"
     )
     return (Notice(code="log.torque-size", text=text, file=file),)
-
-
-_CLEARLY = 0.75
-_ALIKE = 1.3
-"""Times the smallest residual: exchanges below cannot be distinguished."""
-_SAMPLES = 500
-_CLEAN_RESIDUAL = 0.03
-"""With a relative residual as small as this the order is right."""
-
-_PIECES = 6
-_RIDGE = 1e-4
-"""Of the squared length of the columns."""
-
-Order = tuple[int, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Exchange:
-    """Columns `first` and `second` (joints) of `what` exchanged: relative residual `before` and `after`."""
-
-    what: str
-    first: int
-    second: int
-    before: float
-    after: float
-
-
-def detect_exchanges(fit: QuickFit, library: Library) -> tuple[Exchange, ...]:
-    """Return the exchanges of columns that explain the torque clearly better, in the order found."""
-    step = max(1, len(fit.q) // _SAMPLES)
-    states = tuple(part[::step] for part in (fit.q, fit.dq, fit.ddq, fit.tau))
-    size = fit.q.shape[1]
-    positions = torques = tuple(range(size))
-    best = _measure_residual(states, library, positions, torques)
-    found: list[Exchange] = []
-    while best > _CLEAN_RESIDUAL and len(found) < size:
-        trials = []
-        for pair in combinations(fit.moving, 2):
-            moved, turned = _swap(positions, pair), _swap(torques, pair)
-            for what, first, second in (
-                ("torque", positions, turned),
-                ("position", moved, torques),
-                ("position and torque", moved, turned),
-            ):
-                residual = _measure_residual(states, library, first, second)
-                trials.append((residual, what, pair, first, second))
-        if not trials:
-            break
-        residual, _, pair, moved, turned = min(trials, key=lambda trial: trial[0])
-        if residual > _CLEARLY * best:
-            break
-        # To exchange torques or to exchange positions may look alike: joints are then only renamed.
-        alike = [trial[1] for trial in trials if trial[2] == pair and trial[0] <= _ALIKE * residual]
-        what = " or ".join(alike)
-        found.append(Exchange(what=what, first=pair[0], second=pair[1], before=best, after=residual))
-        best, positions, torques = residual, moved, turned
-    return tuple(found)
-
-
-def _swap(order: Order, pair: tuple[int, int]) -> Order:
-    swapped = list(order)
-    swapped[pair[0]], swapped[pair[1]] = order[pair[1]], order[pair[0]]
-    return tuple(swapped)
-
-
-def _measure_residual(
-    states: tuple[FloatArray, ...], library: Library, positions: Order, torques: Order
-) -> float:
-    """Return the mean over joints of |e| / |tau| on held-out samples.
-
-    One fit of all joints, each weighted alike, without each of some pieces of the log in turn; a small ridge
-    keeps what they do not identify at zero.
-    """
-    moved = (np.ascontiguousarray(part[:, list(positions)]) for part in states[:3])
-    rows = evaluate_columns(library, *moved)
-    tau = states[3][:, list(torques)]
-    size = np.linalg.norm(tau, axis=0)
-    weights = 1.0 / np.where(size > 0.0, size, 1.0)
-    matrix, values = rows * weights[:, None], tau * weights
-    lengths = np.sqrt(np.sum(matrix**2, axis=(0, 1)))
-    matrix = matrix / np.where(lengths > 0.0, lengths, 1.0)
-    pieces = np.array_split(np.arange(len(tau)), _PIECES)
-    flat = [matrix[piece].reshape(-1, len(lengths)) for piece in pieces]
-    grams = [part.T @ part for part in flat]
-    sides = [part.T @ values[piece].ravel() for part, piece in zip(flat, pieces, strict=True)]
-    gram, side = sum(grams) + _RIDGE * np.eye(len(lengths)), sum(sides)
-    squares = np.zeros(len(size))
-    for piece, own, right in zip(pieces, grams, sides, strict=True):
-        solution = np.linalg.solve(gram - own, side - right)
-        squares += np.sum((values[piece] - matrix[piece] @ solution) ** 2, axis=0)
-    return float(np.mean(np.sqrt(squares)[size > 0.0])) if size.any() else 0.0
-
-
-def describe_exchanges(exchanges: tuple[Exchange, ...], robot: Robot, file: str) -> Notice:
-    """Return a notice that names the exchanges."""
-    names = [repr(joint.name) for joint in robot.axes]
-    listed = ", then ".join(
-        f"{entry.what} of {names[entry.first]} and {names[entry.second]}" for entry in exchanges
-    )
-    before, after = 100 * exchanges[0].before, 100 * exchanges[-1].after
-    text = (
-        f"columns of joints look exchanged: {listed}; exchanging them lowers the residual of a quick fit "
-        f"from {before:.3g} % to {after:.3g} %. Check the order of the columns in the log and under [log]"
-    )
-    return Notice(code="log.swapped-joints", text=text, file=file)
 
 
 _ROUNDS = 6
@@ -485,28 +359,74 @@ def describe_delay(found: TorqueDelay, file: str) -> Notice:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogCheck:
-    """The check of one log: signs of moving joints, exchanged columns, delay of the torque."""
+    """The check of one log: signs of moving joints, the likeliest single mistake, delay of the torque."""
 
     source: str
     signs: tuple[JointSigns, ...]
-    exchanges: tuple[Exchange, ...]
+    mistake: LikelyCause | None
     delay: TorqueDelay | None
     notices: tuple[Notice, ...]
+
+
+_SUSPICIOUS = 30.0
+"""Percent of held-out torque left unexplained, from which causes are looked for."""
+_PROPORTIONAL = 1e-6
+"""1 - |correlation| of two joints' speeds below which they move in proportion."""
+
+
+def describe_proportions(fit: QuickFit, robot: Robot, file: str) -> tuple[Notice, ...]:
+    """Return a notice on each pair of joints that move in proportion throughout the log."""
+    found = []
+    for first, second in combinations(fit.moving, 2):
+        pair = np.corrcoef(fit.dq[:, first], fit.dq[:, second])[0, 1]
+        if 1.0 - abs(float(pair)) < _PROPORTIONAL:
+            names = f"{robot.axes[first].name!r} and {robot.axes[second].name!r}"
+            text = (
+                f"joints {names} move in proportion throughout the log, so that their parameters cannot be "
+                "separated: move each joint on its own as well"
+            )
+            found.append(Notice(code="log.in-proportion", text=text, file=file))
+    return tuple(found)
+
+
+def find_mistake(
+    library: Library, recording: Recording, processing: Processing
+) -> tuple[LikelyCause, float] | None:
+    """Return the likeliest single mistake, and what a quick fit leaves with it in percent; None for none."""
+    usual = choose_filters(replace(processing, automatic=True), [recording]).processing
+    logs = build_quick_logs(library, [recording], usual, measure_scoring_band([recording]))
+    before = fit_quick(logs)
+    if before.percent <= _SUSPICIOUS and not before.impossible.any():
+        return None
+    found = find_cause(logs, before)
+    return (found, before.percent) if np.isfinite(found.percent) else None
+
+
+def describe_mistake(found: LikelyCause, before: float, file: str) -> Notice:
+    """Return a notice on a mistake; a quick fit leaves `before` percent with it."""
+    text = f"{found.cause}: undone, a quick fit leaves {found.percent:.3g} % of held-out torque"
+    text += f", not {before:.3g} %" if found.percent < before else " and inertia and friction are positive"
+    text = f"{text}; {found.remedy}"
+    return Notice(code=found.code, text=text, file=file)
 
 
 def check_channels(fit: QuickFit, library: Library, robot: Robot) -> LogCheck:
     """Return what is odd in the channels of the log behind `fit`."""
     file = fit.recording.source
+    notices = describe_proportions(fit, robot, file)
     signs = estimate_signs(fit, library, robot)
-    notices = describe_signs(signs, robot, file)
-    exchanges: tuple[Exchange, ...] = ()
+    mistake = None if notices else find_mistake(library, fit.recording, fit.processing)
+    if mistake is not None:
+        notices += (describe_mistake(*mistake, file),)
+    notices += describe_sizes(signs, robot, file) if not notices else ()
     delay: TorqueDelay | None = None
-    if not notices:
-        # With a wrong sign neither order nor delay means anything.
-        exchanges = detect_exchanges(fit, library)
-        swapped = [describe_exchanges(exchanges, robot, file)] if exchanges else []
-        notices = (*swapped, *describe_sizes(signs, robot, file))
     if not notices:
         delay = estimate_torque_delay(fit)
         notices = (describe_delay(delay, file),) if delay.late else ()
-    return LogCheck(source=file, signs=signs, exchanges=exchanges, delay=delay, notices=notices)
+    return LogCheck(
+        source=file,
+        signs=signs,
+        mistake=None if mistake is None else mistake[0],
+        delay=delay,
+        notices=notices,
+    )

@@ -26,6 +26,7 @@ from symid.arrays import FloatArray
 from symid.codegen import JointCard, Library
 from symid.errors import Notice
 from symid.identification.diagnostics.fit_warnings import build_warning
+from symid.identification.estimators import Evidence
 from symid.identification.regression import (
     choose_filters,
     evaluate_columns,
@@ -380,23 +381,15 @@ def compute_profile(x: FloatArray, error: FloatArray, bins: int = 24) -> Profile
     )
 
 
-def warn_of_structure(found: Sequence[ResidualFinding]) -> tuple[Notice, ...]:
-    """Return a notice for every joint whose residual a missing term explains, naming the likeliest."""
-    first: dict[str, ResidualFinding] = {}
-    # A missing term may itself cause values that do not fit, so it comes first.
-    for finding in sorted(found, key=lambda entry: entry.family == OTHER_VALUES):
-        first.setdefault(finding.joint, finding)
+def warn_of_missing(evidence: Evidence) -> tuple[Notice, ...]:
+    """Return a notice for each term that, added to the model, predicts held-out rows better."""
     return tuple(
         build_warning(
             "identify.structure",
-            joint=finding.joint,
-            share=finding.share_percent,
-            rms=finding.rms,
-            unit=finding.unit,
-            cause="could be removed by other parameter values"
-            if finding.family == OTHER_VALUES
-            else f"is a function of {finding.family}",
-            advice=finding.advice[:1].upper() + finding.advice[1:],
+            joint=term.joint,
+            term=term.term,
+            gain=term.gain,
+            advice=FAMILIES[term.term].advice[:1].upper() + FAMILIES[term.term].advice[1:],
         )
-        for finding in first.values()
+        for term in evidence.missing
     )

@@ -4,9 +4,11 @@ Parameters, the library of their model, a recording -> `TorquePrediction` -> `Ba
 
     e = L tau - L [Y | Yf] x,    relative residual of a joint: |e|_2 / |L tau|_2
 
-L is a zero-phase Butterworth low-pass of order 4, applied at the full sample rate; states come from the
-filtered position. Half a second at either end is left out, where the filter extrapolates, and joints with
-friction that do not move, because dry friction or a brake may hold any torque.
+L is a zero-phase Butterworth low-pass of order 4, applied at the full sample rate to the measured torque and
+to the torque that the states predict, so that both are filtered alike. The states come from the position with
+the filter of the fit: a filter of the band there too would smooth what dry friction does where a velocity
+changes its sign, and judge another model. Half a second at either end is left out, where the filter
+extrapolates, and joints with friction that do not move, because dry friction or a brake may hold any torque.
 """
 
 from dataclasses import dataclass
@@ -55,12 +57,15 @@ class TorquePrediction(FrozenArrays):
 class BandResidual:
     """The residual of a model on a log within a band in Hz, of each joint that counts.
 
-    `std` of `joints` is the root mean square, `range_percent` that over the range of the measured torque.
+    `std` of `joints` is the root mean square, `range_percent` that over the range of the measured torque;
+    `stacked_percent` is the relative residual of all joints as one vector, None for one joint and
+    where units differ.
     """
 
     joints: tuple[Residual, ...]
     range_percent: tuple[float, ...]
     band: float
+    stacked_percent: float | None = None
 
     @property
     def mean_relative_percent(self) -> float:
@@ -128,4 +133,13 @@ def compute_band_residual(prediction: TorquePrediction) -> BandResidual:
         spread = float(np.ptp(measured))
         joints.append(found)
         ranges.append(100.0 * found.std / spread if spread else float("inf"))
-    return BandResidual(joints=tuple(joints), range_percent=tuple(ranges), band=prediction.band)
+    counted = list(prediction.counted)
+    whole = float(np.linalg.norm(prediction.measured[:, counted]))
+    left = float(np.linalg.norm((prediction.measured - prediction.predicted)[:, counted]))
+    alike = len(joints) > 1 and len({entry.unit for entry in joints}) == 1 and whole > 0.0
+    return BandResidual(
+        joints=tuple(joints),
+        range_percent=tuple(ranges),
+        band=prediction.band,
+        stacked_percent=100.0 * left / whole if alike else None,
+    )

@@ -15,9 +15,8 @@ Not supported: more than two correlated parameters at once (singular values show
 than a block; constraints; changes within a log.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import product
 from typing import NamedTuple
 
@@ -25,11 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays
-from symid.errors import IdentifiabilityError, Notice
-from symid.identification.diagnostics.fit_warnings import build_warning, compute_block_deviations
+from symid.errors import IdentifiabilityError
+from symid.identification.diagnostics.fit_warnings import compute_block_deviations
 from symid.identification.estimators import RegressionFit, fit_weighted
 from symid.identification.regression import (
-    SCALAR_KINDS,
     Identifiability,
     Rows,
     analyse_identifiability,
@@ -319,17 +317,10 @@ class SingleLogFit(NamedTuple):
     identifiability: Identifiability
 
 
-SingleLogFitter = Callable[[int, FloatArray], SingleLogFit | None]
-"""From the number of a log and the weights of joints (g,) to its fit; None where nothing is identifiable."""
-
-
-def measure_drift(
-    rows: Rows, fit: RegressionFit, freedom: str = "band", fit_log: SingleLogFitter | None = None
-) -> Drift:
+def measure_drift(rows: Rows, fit: RegressionFit, freedom: str = "band") -> Drift:
     """Return the differences between the logs behind `rows`; none where there is only one.
 
-    `freedom` says how the variance of the noise is estimated, see `Processing.noise_freedom`; `fit_log` fits
-    one log alone, where `rows` have no matrix.
+    `freedom` says how the variance of the noise is estimated, see `Processing.noise_freedom`.
     """
     runs = tuple(int(run) for run in np.unique(rows.run))
     residual: list[tuple[int, str, float, float]] = []
@@ -342,8 +333,7 @@ def measure_drift(
     if len(runs) < 2:
         return Drift(runs=runs, changed=(), compared=0, residual=tuple(residual))
     weights = compute_mean_weights(rows, fit)
-    fit_log = fit_log or partial(_fit_alone, rows, freedom)
-    alone = {run: found for run in runs if (found := fit_log(run, weights)) is not None}
+    alone = {run: found for run in runs if (found := _fit_alone(rows, freedom, run, weights)) is not None}
     changes = []
     for index, name in enumerate(rows.names):
         known = [found for found in alone.values() if found.identifiability.identifiable[index]]
@@ -390,23 +380,3 @@ def _compute_chance(values: FloatArray, deviations: FloatArray) -> float:
     freedom = len(values) - 1
     square = float(np.sum(((values - mean) / safe) ** 2))
     return float(fdtrc(freedom, _BLOCKS - 1, square / freedom))
-
-
-def warn_of_drift(
-    rows: Rows,
-    fit: RegressionFit,
-    sources: Sequence[str],
-    freedom: str = "band",
-    *,
-    fit_log: SingleLogFitter | None = None,
-) -> tuple[Notice, ...]:
-    """Return a notice where the logs behind `rows`, from `sources`, differ; else as `measure_drift`."""
-    if len(sources) < 2 or rows.kind in SCALAR_KINDS:
-        return ()
-    drift = measure_drift(rows, fit, freedom, fit_log)
-    if not drift.changed:
-        return ()
-    names = ", ".join(entry.name for entry in drift.changed[:8])
-    more = f" and {len(drift.changed) - 8} more" if len(drift.changed) > 8 else ""
-    logs = ", ".join(sources[run] for run in drift.runs)
-    return (build_warning("identify.drift", names=f"{names}{more}", logs=logs),)

@@ -33,7 +33,7 @@ from symid.identification.elastic.regression import (
 )
 from symid.identification.estimators import Residual
 from symid.joint_models import compute_hysteresis_torque
-from symid.logs import Recording, is_log_of_fit
+from symid.logs import Recording, measure_overlap
 from symid.robot import Elasticity, Knee, Robot, Stop
 from symid.simulation import ElasticExperimentOptions, MotorReference, simulate_elastic
 
@@ -128,7 +128,7 @@ def evaluate_elastic(
         initial=initial,
         identifiable=[spring.told for spring in estimate.springs],
         truth=[spring.truth for spring in estimate.springs],
-        fitted=is_log_of_fit(recording, estimate.sources, estimate.settings),
+        fitted=measure_overlap(recording, estimate.sources, estimate.settings) > 0.0,
     )
 
 

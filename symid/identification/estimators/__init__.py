@@ -3,6 +3,11 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from symid.identification.estimators.coloured_noise import (
+        Influence as Influence,
+        compute_coloured_covariance as compute_coloured_covariance,
+        measure_influence as measure_influence,
+    )
     from symid.identification.estimators.consistent import (
         Bodies as Bodies,
         build_bodies as build_bodies,
@@ -23,6 +28,14 @@ if TYPE_CHECKING:
         check_robot as check_robot,
         compute_mean_relative as compute_mean_relative,
         list_parameters as list_parameters,
+    )
+    from symid.identification.estimators.evidence import (
+        STILL as STILL,
+        Candidate as Candidate,
+        Evidence as Evidence,
+        JointEvidence as JointEvidence,
+        ModelTerm as ModelTerm,
+        SettingsChoice as SettingsChoice,
     )
     from symid.identification.estimators.instrumental import (
         InstrumentalSolution as InstrumentalSolution,

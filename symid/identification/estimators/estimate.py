@@ -15,6 +15,7 @@ import numpy as np
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import ModelCard, ParameterCard
 from symid.errors import EstimateError, Notice
+from symid.identification.estimators.evidence import Evidence, SettingsChoice
 from symid.identification.regression import ROW_KINDS
 from symid.robot import CurvedFriction, FrictionKind, Processing
 from symid.serialization import Finite
@@ -252,6 +253,8 @@ class Estimate(DynamicsRecord):
         samples: rows of the fit.
         unresolved: values of least norm for refused parameters that act only together. They complete a
             prediction of motions like those of the log; a single one has no physical meaning.
+        choice: how settings were chosen that were left open; evidence: what speaks for the estimate. None
+            where neither was looked at.
     """
 
     kind: ClassVar[str] = "rigid"
@@ -260,6 +263,8 @@ class Estimate(DynamicsRecord):
     outcome: Outcome
     samples: int
     unresolved: tuple[tuple[str, Finite], ...] = ()
+    choice: SettingsChoice | None = None
+    evidence: Evidence | None = None
 
     def assemble(self, names: Sequence[str]) -> FloatArray:
         """Return the parameters in the order of `names`, zero where nothing is known: (p,)."""

@@ -57,28 +57,59 @@ class InstrumentalSolution(FrozenArrays):
         fit: its residuals are those of the measured rows.
         identifiability: of Y and Z together.
         explained: (m, p) Z (Z' W Z)^-1 Z' W Y, the part of Y that instruments explain.
+        frame: (m, k) Q; gain: (p, k), x = gain Q' W^(1/2) tau.
         correlation: c, from zero to one; strength: F, infinite where Z explains Y wholly.
     """
 
     fit: RegressionFit
     identifiability: Identifiability
     explained: FloatArray
+    frame: FloatArray
+    gain: FloatArray
     correlation: float
     strength: float
 
 
 def fit_instruments(
-    rows: Rows, instruments: Rows, rule: RankRule | None = None, freedom: str = "band"
+    rows: Rows,
+    instruments: Rows,
+    rule: RankRule | None = None,
+    freedom: str = "band",
+    *,
+    simulated: bool = True,
 ) -> InstrumentalSolution:
     """Return the parameters by instrumental variables.
 
     `rows` have the measured Y (m, p) and tau (m,), `instruments` Z (m, p) in the same order; `freedom` says
-    how the variance of the noise is estimated, see `Processing.noise_freedom`.
+    how the variance of the noise is estimated, see `Processing.noise_freedom`. States of the instruments are
+    `simulated`, or measured and smooth.
 
     Raises:
         IdentifiabilityError: no parameter is identifiable from rows and instruments together.
     """
     measured = analyse_identifiability(rows, rule)
+    try:
+        return _solve_instruments(rows, instruments, measured, rule, freedom, simulated=simulated)
+    except IdentifiabilityError as error:
+        if simulated or error.notices[0].code != _BLIND:
+            raise
+        text = (
+            "the instruments, along positions below processing.instrument_cutoff, do not determine the "
+            "parameters: state a higher one, or take another estimator (--estimator wls)"
+        )
+        raise IdentifiabilityError(Notice(code=_BLIND, text=text)) from error
+
+
+def _solve_instruments(
+    rows: Rows,
+    instruments: Rows,
+    measured: Identifiability,
+    rule: RankRule | None,
+    freedom: str,
+    *,
+    simulated: bool,
+) -> InstrumentalSolution:
+    """Return the parameters; `measured` is what the rows identify, the rest as for `fit_instruments`."""
     identifiability = _analyse_instruments(rows, measured, instruments, rule)
     basis = identifiability.basis
     columns, count = instruments.matrix @ basis, int(basis.shape[1])
@@ -86,7 +117,7 @@ def fit_instruments(
 
     condensed = condense_rows(rows)
     weights = iterate_weights(condensed, lambda guess: _solve_stages(rows, columns, basis, guess)[0], used)
-    values, root, factors, frame, matrix = _solve_stages(rows, columns, basis, weights)
+    values, gain, factors, frame, matrix = _solve_stages(rows, columns, basis, weights)
     residuals = rows.values - rows.matrix @ values
     weighted = residuals * factors
     variance = float(weighted @ weighted) / (independent * len(weighted) - used)
@@ -99,17 +130,19 @@ def fit_instruments(
     spectrum = compute_spectrum(matrix)
     fit = RegressionFit(
         values=values,
-        covariance=variance * (root @ root.T),
+        covariance=variance * (gain @ gain.T),
         residuals=residuals,
         spent=used,
         condition=float(spectrum.singular[0] / spectrum.singular[count - 1]),
         weights=factors,
-        notices=_list_warnings(rows, measured, identifiability, strength),
+        notices=_list_warnings(rows, measured, identifiability, strength, simulated=simulated),
     )
     return InstrumentalSolution(
         fit=fit,
         identifiability=identifiability,
         explained=(frame @ matrix) / factors[:, None],
+        frame=frame,
+        gain=gain,
         correlation=correlation,
         strength=strength,
     )
@@ -136,7 +169,7 @@ def _analyse_instruments(
 def _solve_stages(
     rows: Rows, instruments: FloatArray, basis: FloatArray, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return x (p,), root of its covariance (p, r), row factors (m,), Q (m, k) and Q' W^(1/2) Y (k, p)."""
+    """Return x (p,), its gain (p, k), row factors (m,), Q (m, k) and Q' W^(1/2) Y (k, p)."""
     factors = weights[rows.group] * np.sqrt(rows.weight)
     frame, _ = np.linalg.qr(instruments * factors[:, None])
     matrix = frame.T @ (rows.matrix * factors[:, None])
@@ -147,28 +180,35 @@ def _solve_stages(
             "another run, or the controller is not that of the log"
         )
         raise IdentifiabilityError(Notice(code=_BLIND, text=text))
-    root = basis @ (right.T / singular)
-    return root @ (left.T @ (frame.T @ (rows.values * factors))), root, factors, frame, matrix
+    gain: FloatArray = basis @ (right.T / singular) @ left.T
+    return gain @ (frame.T @ (rows.values * factors)), gain, factors, frame, matrix
 
 
 def _list_warnings(
-    rows: Rows, measured: Identifiability, identifiability: Identifiability, strength: float
+    rows: Rows,
+    measured: Identifiability,
+    identifiability: Identifiability,
+    strength: float,
+    *,
+    simulated: bool,
 ) -> tuple[Notice, ...]:
     """Return warnings of parameters that only Y identifies, and of weak instruments."""
     notices = []
     hidden = np.flatnonzero(measured.identifiable & ~identifiability.identifiable)
+    states = "simulated" if simulated else "smooth"
     if len(hidden):
+        rests = ", or because a joint that moves in the log rests in the simulation" if simulated else ""
         text = (
-            f"the simulated states do not identify {', '.join(rows.names[k] for k in hidden)}, the measured "
-            "ones do: only by their noise, or because a joint that moves in the log rests in the simulation; "
-            "the other parameters may be biased"
+            f"the {states} states do not identify {', '.join(rows.names[k] for k in hidden)}, the measured "
+            f"ones do: only by their noise{rests}; the other parameters may be biased"
         )
         notices.append(Notice(code=_BLIND, text=text))
     if strength < _WEAK:
+        cause = "the controller of the log" if simulated else "processing.instrument_cutoff"
         text = (
             f"the instruments are weak (F of the first stage is {strength:.3g}, below {_WEAK:g}): the result "
-            "is close to wls, and its standard deviations are too small; check the controller of the log, "
-            "and the noise of the positions"
+            f"is close to wls, and its standard deviations are too small; check {cause}, and the noise of "
+            "the positions"
         )
         notices.append(Notice(code="identify.weak-instruments", text=text))
     return tuple(notices)

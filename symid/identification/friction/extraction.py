@@ -326,7 +326,7 @@ def extract_joint(
         samples = logs.build_samples(joint, chosen, [*rigid, *fitted])
         load = _estimate_load(samples.extra[:, : len(rigid)], samples.velocity, samples.torque)
         samples = replace(samples, load=load)
-    samples, notices = _leave_out_slow(samples, logs.processing.standstill)
+    samples, notices = _leave_out_slow(samples, logs.processing.get_standstill(joint))
     if beta is None and len(rigid) > 6:
         text = (
             f"joint {card.name!r}: {len(rigid)} columns of the rigid part were fitted along, which "

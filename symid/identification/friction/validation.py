@@ -24,7 +24,7 @@ from symid.identification.friction.results import FrictionIdentification, JointF
 from symid.identification.friction.samples import FrictionSamples
 from symid.identification.friction.selection import predict_rows
 from symid.joint_models import FrictionLaw, get_law
-from symid.logs import Recording, is_log_of_fit
+from symid.logs import Recording, describe_overlap, measure_overlap
 from symid.robot import Processing
 
 _PHYSICAL = ("J", "a", "b")
@@ -54,9 +54,12 @@ def validate_friction(
     if not trials:
         raise IdentifiabilityError(*lost)
     residuals, series, notices = zip(*trials, strict=True)
-    fitted = is_log_of_fit(recording, found.sources, found.settings)
-    if fitted:
-        lost.insert(0, build_warning("validate.fitted-log", file=recording.source, what="friction"))
+    cut = (processing.drop_first, processing.drop_last)
+    overlap = measure_overlap(recording, found.sources, found.settings, cut=cut)
+    if overlap:
+        part = describe_overlap(overlap, recording, cut)
+        warning = build_warning("validate.fitted-log", file=recording.source, what="friction", part=part)
+        lost.insert(0, warning)
     return Validation(
         robot=found.robot,
         signature=found.signature,
@@ -65,7 +68,7 @@ def validate_friction(
         residual=residuals,
         series=series,
         samples=sum(residual.samples for residual in residuals),
-        fitted=fitted,
+        fitted=overlap > 0.0,
         notices=(*lost, *(notice for part in notices for notice in part)),
     )
 
@@ -106,7 +109,7 @@ def _validate_joint(
         fitted = samples.extra[:, inertial]
         samples = replace(samples, load=fitted @ np.array(entry.estimate.other)[inertial])
         notices = _check_rigid(entry, card, rigid, fitted, [names[k] for k in inertial])
-    samples, found = _choose_rows(samples, entry, law, logs.processing.standstill)
+    samples, found = _choose_rows(samples, entry, law, logs.processing.get_standstill(joint))
     left = samples.build_rows()
     predicted = predict_rows(samples, law, entry.estimate)
     residual = Residual.measure(entry.joint, left.torque - predicted, left.torque, entry.unit)

@@ -6,9 +6,9 @@ Library, recordings, processing -> LongRows -> Condensed.
     segments    stretches of time of one joint in one run: the triangle of [A y]
 
 Fits, standard deviations and warnings are computed from the triangles; residuals take another pass.
-Segments begin wherever a block of `compute_block_deviations` begins, in a fit to all runs or to one.
+Segments begin wherever a block of `compute_block_deviations` or a run begins.
 
-Supported: torque and momentum rows, with 100 equations or more of every joint in every run it moves in.
+Supported: torque and momentum rows, with 100 equations or more of every joint.
 Not supported: power and energy rows, whose covariance needs every row.
 """
 
@@ -84,17 +84,17 @@ class LongRows:
     triangles: FloatArray
     starts: NDArray[np.intp]
 
-    def condense(self, run: int | None = None) -> Condensed:
-        """Return the condensed equations of all runs, weighed; or those of one run, not weighed."""
+    def condense(self) -> Condensed:
+        """Return the condensed equations of all runs, weighed."""
         groups, size = len(self.outline.group_names), self.triangles.shape[1]
         factors, counts = np.zeros((groups, size, size)), np.zeros(groups, dtype=np.intp)
         for group in range(groups):
-            members = self._mask(group, run)
-            factors[group] = self._join(members[self.starts[:-1]], weighed=run is None)
+            members = self.outline.group == group
+            factors[group] = self._join(members[self.starts[:-1]])
             counts[group] = members.sum()
         return Condensed(factors=factors, counts=counts, independent=self.outline.independent)
 
-    def sketch(self, run: int | None = None) -> Rows:
+    def sketch(self) -> Rows:
         """Return p + 1 equations for each of 100 blocks of time of every joint, with the block's squares.
 
         A'A and A'y of every block are those of its equations, so `compute_block_deviations` gives the same.
@@ -102,10 +102,10 @@ class LongRows:
         outline, first, size = self.outline, self.starts[:-1], self.triangles.shape[1]
         parts, groups = [], []
         for group in np.unique(outline.group):
-            members = self._mask(group, run)
-            for block in np.array_split(np.flatnonzero(members), _BLOCKS) if members.any() else ():
+            members = outline.group == group
+            for block in np.array_split(np.flatnonzero(members), _BLOCKS):
                 inside = members[first] & (first >= block[0]) & (first <= block[-1])
-                parts.append(self._join(inside, weighed=run is None))
+                parts.append(self._join(inside))
                 groups.append(group)
         table, count = np.vstack(parts), len(parts) * size
         return replace(
@@ -119,13 +119,9 @@ class LongRows:
             weight=np.ones(count),
         )
 
-    def _mask(self, group: int, run: int | None) -> NDArray[np.bool_]:
-        members: NDArray[np.bool_] = self.outline.group == group
-        return members if run is None else members & (self.outline.run == run)
-
-    def _join(self, inside: NDArray[np.bool_], *, weighed: bool) -> FloatArray:
+    def _join(self, inside: NDArray[np.bool_]) -> FloatArray:
         size = self.triangles.shape[1]
-        roots = np.sqrt(self.outline.weight[self.starts[:-1][inside]]) if weighed else np.ones(inside.sum())
+        roots = np.sqrt(self.outline.weight[self.starts[:-1][inside]])
         stacked = (self.triangles[inside] * roots[:, None, None]).reshape(-1, size)
         blocks = (stacked[start : start + BLOCK] for start in range(0, len(stacked), BLOCK))
         return extend_triangle(np.zeros((0, size)), blocks)
@@ -142,12 +138,12 @@ def condense_recordings(
     # Where segments begin, and the end.
     begins = {len(outline.values)}
     for group in np.unique(outline.group):
-        whole = outline.group == group
-        parts = (whole & (outline.run == run) for run in range(int(outline.run.max(initial=0)) + 1))
-        for members in (np.flatnonzero(mask) for mask in (whole, *parts) if mask.any()):
-            if len(members) < _BLOCKS:
-                return None
-            begins |= {int(block[0]) for block in np.array_split(members, _BLOCKS)}
+        members = np.flatnonzero(outline.group == group)
+        if len(members) < _BLOCKS:
+            return None
+        begins |= {int(block[0]) for block in np.array_split(members, _BLOCKS)}
+        _, firsts = np.unique(outline.run[members], return_index=True)
+        begins |= {*members[firsts].tolist()}
     starts = np.array(sorted(begins), dtype=np.intp)
     size = len(outline.names) + 1
     triangles = np.zeros((len(starts) - 1, size, size))

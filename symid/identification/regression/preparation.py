@@ -143,14 +143,37 @@ def choose_filters(processing: Processing, recordings: Sequence[Recording]) -> F
     )
 
 
-def choose_window(kind: str, processing: Processing, period: float) -> float:
+_PERIODS = 2.0
+"""Of the cut-off that are wrong at an end in motion."""
+_MOVING = 0.05
+"""Of the top speed, beyond which a joint moves."""
+
+
+def measure_moving_ends(processing: Processing, recordings: Sequence[Recording]) -> tuple[int, int]:
+    """Return how many samples are wrong at start and end of the logs, 0 where all of them rest there.
+
+    A filter extrapolates there; `processing` is the one used, its cut-off in Hz. The speed at an end is the
+    mean over one period of it.
+    """
+    cutoff, found = processing.filter_cutoff, [0, 0]
+    for recording in recordings if cutoff is not None else ():
+        spoilt = math.ceil(_PERIODS / (cutoff or 1.0) / recording.period)
+        span = max(1, round(spoilt / _PERIODS))
+        speed = np.abs(recording.position[span:] - recording.position[:-span])
+        if len(speed):
+            moving = np.any(speed[[0, -1]] > _MOVING * speed.max(axis=0), axis=1)
+            found = [max(one, spoilt if moves else 0) for one, moves in zip(found, moving, strict=True)]
+    return found[0], found[1]
+
+
+def choose_window(kind: str, processing: Processing, period: float, *, chosen: bool = False) -> float:
     """Return the length in s of the windows of rows of a kind, by default.
 
-    `processing` has its decimation chosen; `period` of the samples in s.
+    `processing` has its decimation settled, `chosen` from the logs or not; `period` of the samples in s.
     """
     factor = processing.decimation.factor
     # Longer windows would damp what torque rows keep: heavy and light joints of a fast motion differ there.
-    return factor * period if kind == "momentum" and factor > 1 else WINDOW
+    return max(factor, 2) * period if kind == "momentum" and (chosen or factor > 1) else WINDOW
 
 
 def subtract_payload_torque(library: Library, signals: Signals, recording: Recording) -> Signals:
@@ -218,13 +241,14 @@ def prepare_states(library: Library, recording: Recording, processing: Processin
 
 def leave_out_rows(rows: Rows, library: Library, recording: Recording, processing: Processing) -> Rows:
     """Leave out rows of slow joints, and of joints at rest that dry friction or a brake may hold."""
-    slow = np.abs(rows.velocity) < processing.standstill
+    speeds = np.array([processing.get_standstill(joint) for joint in range(library.card.size)])
+    slow = np.abs(rows.velocity) < speeds[rows.group]
     notices = []
     for index in np.unique(rows.group[slow]):
         own = rows.group == index
         text = (
             f"joint {rows.group_names[index]!r}: {int(np.sum(slow & own))} of {int(np.sum(own))} rows slower "
-            f"than processing.standstill = {processing.standstill:g} were left out"
+            f"than processing.standstill = {speeds[index]:g} were left out"
         )
         notices.append(Notice(code="identify.slow-rows", text=text, file=recording.source))
     rows = select_rows(rows, ~slow) if slow.any() else rows

@@ -25,14 +25,14 @@ if TYPE_CHECKING:
         Diagnosis as Diagnosis,
         diagnose_estimate as diagnose_estimate,
     )
-    from symid.identification.rigid.fit import (
+    from symid.identification.rigid.fit import identify_parameters as identify_parameters
+    from symid.identification.rigid.options import (
         PRIOR_OF_ROBOT as PRIOR_OF_ROBOT,
         SIMULATING as SIMULATING,
         RigidOptions as RigidOptions,
         build_estimator_options as build_estimator_options,
         check_estimator as check_estimator,
         check_rigid_options as check_rigid_options,
-        identify_parameters as identify_parameters,
     )
     from symid.identification.rigid.validation import (
         get_fit_overlap as get_fit_overlap,

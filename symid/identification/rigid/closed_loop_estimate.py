@@ -35,7 +35,9 @@ from symid.identification.rigid.closed_loop_fit import (
     fit_instrumental,
     fit_output_error,
 )
-from symid.identification.rigid.fit import INSTRUMENTAL, FittedRows, build_estimate, identify_parameters
+from symid.identification.rigid.fit import build_estimate, identify_parameters
+from symid.identification.rigid.long_fit import FittedRows
+from symid.identification.rigid.options import INSTRUMENTAL
 from symid.logs import Recording, decimate
 from symid.robot import Controller, Robot, list_controller
 
@@ -73,14 +75,15 @@ def identify_closed_loop(
     """
     controller = check_closed_loop(robot, recordings)
     limits = np.array([np.inf if axis.limits.torque is None else axis.limits.torque for axis in robot.axes])
+    filters = choose_filters(robot.processing, recordings)
     first = identify_parameters(
-        library, recordings, robot.processing, estimator="wls", rule=rule, weights=weights, echo=echo
+        library, recordings, filters.processing, estimator="wls", rule=rule, weights=weights, echo=echo
     )
     problem = ClosedLoopProblem(
         library=library,
         recordings=recordings,
         loops=[build_closed_loop(recording, controller, limits) for recording in recordings],
-        processing=choose_filters(robot.processing, recordings).processing,
+        processing=filters.processing,
         weights=weights,
     )
     given = start or first
@@ -88,9 +91,9 @@ def identify_closed_loop(
     known = dict(given.unresolved) | {entry.name: entry.value for entry in given.parameters}
     cards = (*library.card.beta, *library.card.friction)
     begun = {card.name: known.get(card.name, card.value or 0.0) for card in cards}
-    begun_with, kept = start_name or "torque rows by wls", {JOINT_AT_REST}
+    begun_with = start_name or "torque rows by wls"
+    chosen = filters.notices if estimator == INSTRUMENTAL else ()
     if estimator == INSTRUMENTAL:
-        kept.add("identify.automatic")
         own = estimate_start(problem) if start is None else None
         if own is not None:
             begun, begun_with = {**begun, **own}, "instruments along the references"
@@ -106,9 +109,12 @@ def identify_closed_loop(
         "controller_residual_percent": unexplained,
     }
     fitted = FittedRows(found.rows, found.identifiability, found.fit)
-    estimate = build_estimate(library.card, fitted, estimator, recordings, {**first.settings, "fit": report})
+    left = robot.processing.left_open
+    settings = {**first.settings, **({"chosen": list(left)} if left else {}), "fit": report}
+    estimate = build_estimate(library.card, fitted, estimator, recordings, settings)
     notices = (
-        *(notice for notice in first.notices if notice.code in kept),
+        *chosen,
+        *(notice for notice in first.notices if notice.code == JOINT_AT_REST),
         *found.rows.notices,
         *found.identifiability.notices,
         *found.fit.notices,

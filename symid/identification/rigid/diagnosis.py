@@ -43,21 +43,21 @@ from symid.identification.estimators import (
     RegressionFit,
     check_model,
     estimate_group_weights,
-    fit_rows,
     fit_weighted,
 )
 from symid.identification.regression import (
     Identifiability,
     LongRows,
+    RankRule,
     RowBuilder,
     Rows,
-    analyse_identifiability,
     compute_spectrum,
     condense_recordings,
     count_freedom,
-    stack_rows,
 )
-from symid.identification.rigid.fit import compute_long_covariance
+from symid.identification.rigid.fit import LARGEST, fit_in_memory
+from symid.identification.rigid.long_fit import compute_long_covariance, is_long
+from symid.identification.rigid.plan import FILTERED_INSTRUMENTAL, FitPlan
 from symid.identification.rigid.validation import (
     get_fit_overlap,
     get_fit_window,
@@ -141,7 +141,7 @@ def _weigh(
 _KINDS = ("torque", "momentum")
 _FREE = 1e-6
 """Percent below which a price is rounding."""
-_ALONE = ("ols", "wls", "huber", "sequential")
+_ALONE = ("ols", "wls", "huber", "sequential", FILTERED_INSTRUMENTAL)
 """Estimators that need nothing but rows."""
 _CHANGED = 1e-6
 """Deviations by which a fit made again may differ from the estimate."""
@@ -200,8 +200,16 @@ def diagnose_estimate(
     processing, weights = settled.processing, get_run_weights(estimate.settings, len(recordings))
     window, overlap = get_fit_window(estimate.settings), get_fit_overlap(estimate.settings)
     builder = RowBuilder(estimate.rows, library, processing, window, overlap)
-    rows = stack_rows([builder.prepare(entry) for entry in recordings], weights)
-    identifiability = analyse_identifiability(rows)
+    alone = estimate.estimator in _ALONE
+    # The choice says by which speed a row is slow, but not to fits of logs that are too long for memory.
+    long = is_long(builder, recordings, estimate.estimator, LARGEST)
+    plan = FitPlan(
+        processing=processing,
+        estimator=estimate.estimator if alone else "wls",
+        choice=None if long else estimate.choice,
+    )
+    fitted = fit_in_memory(builder, recordings, plan, rule=RankRule(), weights=weights).fitted
+    rows, identifiability = fitted.rows, fitted.identifiability
     fit = _rebuild_fit(estimate, rows, identifiability, processing.noise_freedom)
     covariance = np.array(estimate.covariance)
     names = tuple(entry.name for entry in estimate.parameters)
@@ -211,7 +219,7 @@ def diagnose_estimate(
         pair = [names.index(name) for name in correlated[0][:2]]
         chosen = [estimate.parameters[k].value for k in pair]
         ellipse = compute_ellipse(chosen, covariance[np.ix_(pair, pair)])
-    refit = _measure_refit(estimate, rows, identifiability, processing.noise_freedom)
+    refit = _measure_refit(estimate, rows.names, fitted.fit.values) if alone else None
     changed = refit is not None and refit > _CHANGED
     warnings = (build_warning("diagnosis.other-values", refit=refit),) if changed else ()
     return Diagnosis(
@@ -262,15 +270,9 @@ def _rebuild_fit(
     )
 
 
-def _measure_refit(
-    estimate: Estimate, rows: Rows, identifiability: Identifiability, freedom: str
-) -> float | None:
+def _measure_refit(estimate: Estimate, names: Sequence[str], values: FloatArray) -> float:
     """Return the largest difference between the estimate and the same fit made again, in its deviations."""
-    if estimate.estimator not in _ALONE:
-        return None
-    again = dict(
-        zip(rows.names, fit_rows(estimate.estimator, rows, identifiability, freedom).values, strict=True)
-    )
+    again = dict(zip(names, values, strict=True))
     away = [
         abs(float(again[entry.name]) - entry.value) / max(entry.std, np.finfo(float).eps * abs(entry.value))
         for entry in estimate.parameters

@@ -34,7 +34,7 @@ from symid.identification.estimators import (
     compute_residuals,
 )
 from symid.identification.regression import SAME_PERIOD, WINDOW, choose_filters, count_pieces, prepare_rows
-from symid.logs import Recording, is_log_of_fit
+from symid.logs import Ends, Recording, describe_overlap, measure_overlap
 from symid.robot import (
     Decimation,
     Places,
@@ -60,23 +60,32 @@ def resolve_processing(
     """
     left = processing.left_open
     stated = dict.fromkeys(OPEN_SETTINGS, "stated")
+    told = [name for name in OPEN_SETTINGS if name in left]
     if not left:
         return ResolvedProcessing(processing=replace(processing, automatic=False), origin=stated)
     period = estimate.settings.get("sample_period")
     if _is_positive(period) and math.isclose(period, recording.period, rel_tol=SAME_PERIOD):
         fitted = read_fit_processing(estimate.settings)
-        settled = replace(processing, automatic=False)
+        settled = replace(
+            processing,
+            drop_first=max(processing.drop_first, fitted.drop_first),
+            drop_last=max(processing.drop_last, fitted.drop_last),
+            standstill=fitted.standstill if "standstill" in left else processing.standstill,
+            instrument_cutoff=processing.instrument_cutoff or fitted.instrument_cutoff,
+            velocity=fitted.velocity if recording.velocity is not None else processing.velocity,
+            automatic=False,
+        )
         if "filter_cutoff" in left:
             settled = replace(settled, filter_cutoff=fitted.filter_cutoff)
         if "decimation.factor" in left:
             settled = replace(
                 settled, decimation=replace(settled.decimation, factor=fitted.decimation.factor)
             )
-        return ResolvedProcessing(processing=settled, origin=stated | dict.fromkeys(left, "fit"))
+        return ResolvedProcessing(processing=settled, origin=stated | dict.fromkeys(told, "fit"))
     choice = choose_filters(processing, [recording])
     return ResolvedProcessing(
         processing=choice.processing,
-        origin=stated | dict.fromkeys(left, "log"),
+        origin=stated | dict.fromkeys(told, "log"),
         notices=tuple(replace(notice, file=recording.source) for notice in choice.notices),
     )
 
@@ -89,6 +98,8 @@ def read_fit_processing(settings: Mapping[str, object]) -> Processing:
     """
     stored = settings.get("processing")
     table: dict[str, Any] = dict(stored) if isinstance(stored, Mapping) else {"": stored}
+    if isinstance(table.get("standstill"), list):
+        table["standstill"] = tuple(table["standstill"])
     try:
         decimation = Decimation(**table.get("decimation", {}))
         found = Processing(**{**table, "decimation": decimation})
@@ -99,6 +110,14 @@ def read_fit_processing(settings: Mapping[str, object]) -> Processing:
     if not _is_positive(decimation.factor) or not isinstance(decimation.factor, int):
         _refuse("decimation.factor", "a positive whole number", decimation.factor)
     return found
+
+
+def _get_fit_cut(estimate: Estimate) -> Ends:
+    """Return the samples that the processing of a fit cut off at both ends of its logs."""
+    stored = estimate.settings.get("processing")
+    found = [stored.get(name) for name in ("drop_first", "drop_last")] if isinstance(stored, Mapping) else []
+    first, last = (entry if isinstance(entry, int) else 0 for entry in (*found, 0, 0)[:2])
+    return first, last
 
 
 def get_fit_window(settings: Mapping[str, object]) -> float:
@@ -185,7 +204,7 @@ def restore_robot(robot: Robot, estimate: FitRecord, settings: Sequence[tuple[st
     # Joints with different models have them from the file: an option sets one for all.
     described = override_settings(robot, (), kinds[0] if len(kinds) == 1 else None)
     restored = _restore_settings(described, estimate.settings)
-    notices = _compare_settings(described, restored, {key for key, _ in settings})
+    notices = _compare_settings(described, restored, settings, estimate.settings.get("chosen"))
     restored = replace(restored, notices=(*restored.notices, *notices))
     if not settings:
         return restored
@@ -212,6 +231,8 @@ def _restore_settings(robot: Robot, settings: Mapping[str, object]) -> Robot:
         processing = {**processing, "automatic": True}
         if "filter_cutoff" in chosen:
             processing["filter_cutoff"] = "none"
+        if "standstill" in chosen:
+            processing["standstill"] = "none"
         if "decimation.factor" in chosen and isinstance(processing.get("decimation"), Mapping):
             processing["decimation"] = {**processing["decimation"], "factor": 1}
     values = {"processing": _make_exact(processing)}
@@ -240,9 +261,28 @@ def _make_exact(value: object) -> object:
     return value
 
 
-def _compare_settings(described: Robot, restored: Robot, overridden: set[str]) -> tuple[Notice, ...]:
-    """Return the settings that differ between the estimate and the robot file, but for overridden ones."""
-    of_file, of_estimate = _flatten(describe_settings(described)), _flatten(describe_settings(restored))
+_CHOSEN_TOO = tuple(
+    f"processing.{name}" for name in ("drop_first", "drop_last", "instrument_cutoff", "velocity")
+)
+
+
+def _compare_settings(
+    described: Robot, restored: Robot, settings: Sequence[tuple[str, str]], chosen: object
+) -> tuple[Notice, ...]:
+    """Return the settings that differ between the estimate and the robot file, but for overridden ones.
+
+    Those of a named set in the file differ together, and are named once. Where the fit has `chosen` some from
+    its logs, ends that it cut, instruments and velocities are chosen too.
+    """
+    overridden = {key for key, _ in settings} | ({*_CHOSEN_TOO} if chosen else set())
+    of_estimate = _flatten(describe_settings(restored))
+    for entry in described.settings:
+        of_set = _flatten(describe_settings(override_settings(described, [("settings", entry.name)])))
+        if of_set == of_estimate and describe_settings(described) != describe_settings(restored):
+            text = f"the estimate has the settings '{entry.name}' of the robot file, and they are used"
+            named = Notice(code="estimate.settings-differ", text=text)
+            return () if "settings" in overridden else (named,)
+    of_file = _flatten(describe_settings(described))
     notices = []
     for key in sorted({*of_file, *of_estimate} - overridden):
         mine, other = of_estimate.get(key, "nothing"), of_file.get(key, "nothing")
@@ -280,9 +320,12 @@ def validate_estimate(
         IdentifiabilityError: no joint moves in it.
     """
     check_model(estimate, library.card)
-    fitted = is_log_of_fit(recording, estimate.sources, estimate.settings)
     settled = resolve_processing(estimate, processing, recording)
-    built = prepare_rows(rows, library, recording, settled.processing, window=window, overlap=overlap)
+    cut, fitted_cut = (settled.processing.drop_first, settled.processing.drop_last), _get_fit_cut(estimate)
+    # Slow rows count, as in the residual of the fit.
+    counted = replace(settled.processing, standstill=None)
+    built = prepare_rows(rows, library, recording, counted, window=window, overlap=overlap)
+    shared = measure_overlap(recording, estimate.sources, estimate.settings, cut=cut, fitted_cut=fitted_cut)
     predicted = built.matrix @ estimate.assemble(built.names)
     masks = [(index, built.group == index) for index in range(len(built.group_names))]
     series = tuple(
@@ -298,9 +341,10 @@ def validate_estimate(
         for index, mask in masks
         if np.any(mask)
     )
-    warnings = (
-        [build_warning("validate.fitted-log", file=recording.source, what="estimate")] if fitted else []
-    )
+    warnings = []
+    if shared:
+        part = describe_overlap(shared, recording, cut)
+        warnings = [build_warning("validate.fitted-log", file=recording.source, what="estimate", part=part)]
     return Validation(
         robot=estimate.robot,
         signature=estimate.signature,
@@ -309,7 +353,7 @@ def validate_estimate(
         residual=compute_residuals(built, built.values - predicted, 0),
         series=series,
         samples=len(built.values),
-        fitted=fitted,
+        fitted=shared > 0.0,
         notices=(*settled.notices, *built.notices, *warnings),
         processing=settled,
     )

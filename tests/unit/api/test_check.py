@@ -5,6 +5,7 @@ import pytest
 
 import symid
 from symid.errors import UsageError
+from tests.recovery.closed_form import TWO_LINK_TRUTH, find_friction, find_two_link_torque
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +45,28 @@ def test_a_log_at_rest_is_refused(robot):
     assert found.errors[0].code == "identify.standstill"
     assert found.excitation is None
     assert "excitation" not in found.to_dict()
+
+
+@pytest.mark.parametrize("own", [0.0, 0.02])
+def test_joints_that_move_in_proportion_are_named(robot, own):
+    """Where the second joint has a small motion of its own, nothing is said."""
+    time = 1e-3 * np.arange(6001)
+    rates = 2.0 * np.pi * np.array([0.3, 0.7, 1.1])
+    first = np.sin(np.outer(time, rates)).sum(axis=1)
+    q = np.column_stack([first, 0.3 - 0.5 * first + own * np.sin(5.0 * time)])
+    dq = np.gradient(q, 1e-3, axis=0)
+    ddq = np.gradient(dq, 1e-3, axis=0)
+    rigid, friction = find_two_link_torque(q, dq, ddq)[0], find_friction(dq)[0]
+    tau = np.concatenate([rigid, friction], axis=2) @ TWO_LINK_TRUTH
+    tau += 0.02 * np.random.default_rng(0).normal(size=tau.shape)
+    log = symid.build_log(robot, time=time, q=q, tau=tau)
+    codes = {notice.code: notice.text for notice in robot.check(log).notices}
+    if own:
+        assert "log.in-proportion" not in codes
+        return
+    assert "'shoulder' and 'elbow'" in codes["log.in-proportion"]
+    # No mistake is looked for among columns that cannot be told apart.
+    assert "log.swapped-joints" not in codes
 
 
 def test_an_even_copy_is_written(robot, log, tmp_path):

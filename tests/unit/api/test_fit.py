@@ -8,6 +8,7 @@ import pytest
 
 import symid
 from symid.cli.main import run
+from symid.errors import sort_notices
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +40,9 @@ def test_a_fit_is_what_identify_prints_and_gives(capsys, fit, logs):
     assert code == 0
     result = {name: value for name, value in answer["result"].items() if name != "file"}
     assert result == json.loads(json.dumps(fit.to_dict()))
-    assert [entry["text"] for entry in answer["warnings"]] == [entry.text for entry in fit.notices]
+    assert [entry["text"] for entry in answer["warnings"]] == [
+        entry.text for entry in sort_notices(fit.notices)
+    ]
     assert run([*map(str, arguments), "-q"]) == 0
     assert capsys.readouterr().out == f"{fit.to_text()}\n"
     assert str(fit).startswith(fit.to_text())

@@ -120,6 +120,8 @@ def test_payloads_do_not_mix(make_robot, write):
         ("[[run]]\nfile = 3\n", "runs.wrong-type", (2, 8), "run 1: file: "),
         (HEAD + "weight = 0\n", "runs.out-of-range", (3, 10), "run 1: weight: "),
         (HEAD + "drop_first = -1\n", "runs.out-of-range", (3, 14), "run 1: drop_first: "),
+        (HEAD + "train = '60%'\n", "runs.log-part", (3, 9), "run 1: train: '60%': expected START:END"),
+        (HEAD + "train = 3\n", "runs.wrong-type", (3, 9), "run 1: train: "),
         (HEAD + "offset = [1, 2, 3]\n", "runs.column-count", (3, 10), "3 offsets for 2 joints"),
         (HEAD + 'offset = [1, "x"]\n', "runs.wrong-type", (3, 14), 'got "x"'),
         (HEAD + "wieght = 2\n", "runs.unknown-key", (3, 1), "weight"),

@@ -202,7 +202,7 @@ def test_sections_without_data_are_left_out(estimate):
         "Settings",
     ]
     assert "--validation" in text
-    assert 'class="verdict fair"' in text
+    assert 'class="verdict usable"' in text
     assert (read(text).open, read(text).wrong) == ([], [])
 
 
@@ -325,9 +325,9 @@ def test_tracking_has_the_rms_of_every_joint(estimate, tracking):
     assert "== Tracking ==" not in build_elastic_page(estimate).blocks
 
 
-@pytest.mark.parametrize(("share", "level"), [(0.01, "good"), (0.2, "fair"), (0.5, "poor")])
+@pytest.mark.parametrize(("share", "level"), [(0.01, "good"), (0.2, "usable"), (0.5, "doubtful")])
 def test_the_verdict_follows_what_springs_leave(estimate, trial, share, level):
-    joints = tuple(replace(joint, final=(1.0 - share) * joint.motor) for joint in trial.joints)
+    joints = tuple(replace(joint, final=(1.0 - share) * joint.link) for joint in trial.joints)
     verdict = judge(estimate, replace(trial, joints=joints))
     assert verdict.level == level
     assert f"at most {100 * share:.3g} % of a joint's torque" in verdict.headline
@@ -357,7 +357,7 @@ def test_the_verdict_without_springs_speaks_of_the_dynamics(estimate, trial):
 
 @pytest.mark.parametrize(
     ("outcome", "level"),
-    [(Ending.CONVERGED, "good"), (Ending.LIMIT, "fair"), (Ending.DIVERGED, "poor")],
+    [(Ending.CONVERGED, "good"), (Ending.LIMIT, "usable"), (Ending.DIVERGED, "doubtful")],
 )
 def test_the_verdict_follows_how_the_iteration_ended(estimate, trial, outcome, level):
     good = tuple(replace(joint, final=joint.motor) for joint in trial.joints)
@@ -367,7 +367,7 @@ def test_the_verdict_follows_how_the_iteration_ended(estimate, trial, outcome, l
 
 def test_a_log_of_the_fit_is_no_test(estimate, trial):
     page = build_elastic_page(estimate, (replace(trial, fitted=True),))
-    assert page.verdict.level == "fair"
+    assert page.verdict.level == "usable"
     assert page.verdict.headline == build_elastic_page(estimate).verdict.headline
     assert "log of the fit" in page.blocks[1]
 
@@ -381,7 +381,7 @@ def test_a_truth_that_is_met_within_a_percent_is_met(estimate, trial):
     assert any("0.86 % (ZZ" in text for text in verdict.details)
     far = tuple(replace(entry, value=0.36) for entry in sharp)
     verdict = judge(replace(estimate, parameters=(*kept[:2], *far)), good)
-    assert verdict.level == "fair"
+    assert verdict.level == "usable"
     assert "ZZ2, IA1" in verdict.headline
 
 

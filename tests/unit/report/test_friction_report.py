@@ -97,14 +97,14 @@ def test_the_verdict_weighs_what_was_held_back_and_refused(found):
     (joint,) = found.joints
     named = replace(found, joints=(replace(joint, selection=None),))
     verdict = build_friction_page(named).verdict
-    assert verdict.level == "fair"
+    assert verdict.level == "usable"
     assert "RMS" not in verdict.headline
     assert "RMS" in build_friction_page(found).verdict.headline
     large = replace(joint, residual=replace(joint.residual, relative_percent=40.0))
-    assert build_friction_page(replace(found, joints=(large,))).verdict.level == "poor"
+    assert build_friction_page(replace(found, joints=(large,))).verdict.level == "doubtful"
     less = replace(joint, estimate=replace(joint.estimate, refused=(("vs", "too fast"),)))
     verdict = build_friction_page(replace(found, joints=(less,))).verdict
-    assert verdict.level == "fair"
+    assert verdict.level == "usable"
     assert "vs of joint1" in verdict.headline
 
 

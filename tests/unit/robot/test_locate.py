@@ -34,7 +34,7 @@ def test_a_path_is_taken_as_it_is(tmp_path):
     [
         ("two_lnk", "did you mean two_link"),
         ("PANDA", "did you mean panda?"),
-        ("xyz", "known are emps, "),
+        ("xyz", "known are double_pendulum, emps, "),
     ],
 )
 def test_an_unknown_name_gets_the_nearest_names(tmp_path, monkeypatch, name, words):

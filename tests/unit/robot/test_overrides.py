@@ -23,7 +23,7 @@ def test_settings_replace_those_of_the_file(emps):
         ("log.position.unit", "mm"),
     ]
     robot = override_robot(emps, settings)
-    assert (robot.processing.filter_cutoff, robot.processing.drop_first) == (50.0, 49)
+    assert (robot.processing.filter_cutoff, robot.processing.filter_order) == (50.0, 4)
     assert (robot.processing.decimation.factor, robot.processing.decimation.order) == (4, 8)
     assert robot.processing.filter_torque
     assert (robot.log.torque.columns, robot.log.torque.factor) == (("u",), (35.15065188,))

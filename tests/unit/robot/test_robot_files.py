@@ -2,10 +2,11 @@
 
 import pytest
 
-from symid.robot.description import Decimation, FrictionKind, JointKind
+from symid.robot.description import Decimation, FrictionKind, JointKind, Processing
 from symid.robot.toml_reader import read_robot
 
 SHIPPED = [
+    ("double_pendulum", 2),
     ("emps", 1),
     ("iiwa14", 7),
     ("kr30", 6),
@@ -61,9 +62,22 @@ def test_emps_states_the_published_processing(robots_folder):
     assert sum(a * g.to_float() for a, g in zip(axis, emps.gravity, strict=True)) == 0
     assert emps.joints[0].friction.kind is FrictionKind.VISCOUS_COULOMB_OFFSET
     assert emps.log.torque.factor == (35.15065188,)
-    assert (emps.processing.filter_order, emps.processing.filter_cutoff) == (4, 100.0)
-    assert emps.processing.drop_first == 49
-    assert emps.processing.decimation == Decimation(factor=10, order=8, ripple_db=0.05, band=0.8)
+    (published,) = emps.settings
+    assert (published.name, published.log, published.controller) == ("published", None, None)
+    found = published.processing
+    assert (found.filter_order, found.filter_cutoff, found.filter_torque) == (4, 100.0, False)
+    assert (found.drop_first, found.drop_last, found.noise_freedom) == (49, 0, "one")
+    assert found.decimation == Decimation(factor=10, order=8, ripple_db=0.05, band=0.8)
+    assert not found.automatic
+
+
+@pytest.mark.parametrize("name", ["emps", "tx40", "kr300", "double_pendulum", "panda", "ur10"])
+def test_no_robot_with_real_logs_is_tuned_to_them(robots_folder, name):
+    robot = read_robot(robots_folder / f"{name}.toml")
+    assert robot.processing == Processing(automatic=True)
+    linear = (FrictionKind.NONE, FrictionKind.VISCOUS_COULOMB, FrictionKind.VISCOUS_COULOMB_OFFSET)
+    assert {joint.friction.kind for joint in robot.joints} <= {*linear}
+    assert all(joint.friction.values is None for joint in robot.joints)
 
 
 def test_two_link_states_all_its_values(robots_folder):

@@ -13,7 +13,6 @@ from symid.identification.diagnostics.uncertainty import (
     list_correlated,
     measure_drift,
     select_essential,
-    warn_of_drift,
 )
 from symid.identification.estimators.least_squares import fit_ols, fit_wls
 from symid.identification.regression.equations import Rows, stack_rows
@@ -175,7 +174,6 @@ def test_one_log_tells_nothing_of_drift():
     rows = build_rows()
     found = measure_drift(rows, fit(rows)[0])
     assert (found.changed, found.compared, found.runs) == ((), 0, (0,))
-    assert warn_of_drift(rows, fit(rows)[0], ["one"]) == ()
 
 
 def test_equal_logs_agree_and_a_changed_parameter_is_named():
@@ -191,10 +189,6 @@ def test_equal_logs_agree_and_a_changed_parameter_is_named():
     (changed,) = measure_drift(rows, fit(rows)[0]).changed
     assert changed.name == "b"
     assert changed.values[1] - changed.values[0] == pytest.approx(0.5, abs=0.2)
-    (notice,) = warn_of_drift(rows, fit(rows)[0], ["x.csv", "y.csv", "z.csv"])
-    assert notice.code == "identify.drift"
-    assert "x.csv, y.csv, z.csv" in notice.text
-    assert " of b, " in notice.text
 
 
 def test_drift_names_where_torque_is_missing():

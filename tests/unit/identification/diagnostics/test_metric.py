@@ -58,6 +58,16 @@ def test_the_figures_are_those_of_their_definitions():
     assert found.mean_relative_percent == pytest.approx(
         np.mean([joint.relative_percent for joint in found.joints])
     )
+    whole = np.linalg.norm(prediction.measured)
+    stacked = 100.0 * np.linalg.norm(prediction.measured - prediction.predicted) / whole
+    assert found.stacked_percent == pytest.approx(stacked)
+
+
+def test_measured_and_predicted_torques_pass_the_same_filter():
+    """With the true parameters a band that damps the motion's torques leaves as little as a wide one."""
+    recording = build_recording(build_library(), TWO_LINK_TRUTH)
+    for band in (3.0, 5.0, 20.0):
+        assert measure(recording, band).mean_relative_percent < 0.1
 
 
 def test_cut_ends_are_cut_before_the_band():

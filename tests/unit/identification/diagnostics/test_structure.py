@@ -20,12 +20,12 @@ PROCESSING = Processing(filter_cutoff=100.0, drop_first=300, drop_last=300, deci
 SAMPLES = 20001
 
 
-def build(seed=0, noise=(0.05, 0.05), **terms):
+def build(seed=0, noise=(0.05, 0.05), samples=SAMPLES, **terms):
     """Return a log whose torques have further terms: joint -> function of the exact signals."""
     library = build_two_link()
-    options = {"samples": SAMPLES, "seed": seed, "noise": np.array(noise)}
+    options = {"samples": samples, "seed": seed, "noise": np.array(noise)}
     recording = build_recording(library, TWO_LINK_TRUTH, **options)
-    signals = build_signals(library, TWO_LINK_TRUTH, samples=SAMPLES, seed=seed)
+    signals = build_signals(library, TWO_LINK_TRUTH, samples=samples, seed=seed)
     torque = recording.torque.copy()
     for joint, term in terms.items():
         index = int(joint[-1]) - 1
@@ -59,7 +59,10 @@ def test_white_noise_has_no_structure():
     ],
 )
 def test_a_missing_term_is_named_at_its_joint(family, term):
-    estimate, found = diagnose(build(joint2=term))
+    # In 20 s there is hardly a reversal in each of the stretches that are held out.
+    estimate, found = diagnose(
+        build(samples=2 * SAMPLES if family == "slow motion" else SAMPLES, joint2=term)
+    )
     first = next(entry for entry in found if entry.joint == "joint2" and entry.family != OTHER_VALUES)
     assert first.family == family
     assert first.share_percent > 10.0
@@ -67,7 +70,7 @@ def test_a_missing_term_is_named_at_its_joint(family, term):
     (notice,) = (
         entry for entry in estimate.notices if entry.code == "identify.structure" and "joint2" in entry.text
     )
-    assert f" {family}. " in notice.text
+    assert f" a term of {family} explains " in notice.text
     assert notice.text.endswith(FAMILIES[family].advice[1:])
 
 

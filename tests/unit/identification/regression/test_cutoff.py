@@ -82,10 +82,14 @@ def test_windows_of_momentum_rows_are_as_long_as_torque_rows_are_apart():
     factor = estimate.settings["processing"]["decimation"]["factor"]
     assert factor > 1
     assert estimate.settings["window"] == pytest.approx(factor * recording.period)
-    torque = identify_parameters(build_two_link(), [recording], AUTOMATIC)
+    # Windows are made of pairs of samples.
+    even = Processing(filter_cutoff=100.0, decimation=Decimation(factor=4))
+    estimate = identify_parameters(build_two_link(), [recording], even, rows="momentum")
+    torque = identify_parameters(build_two_link(), [recording], even)
     assert estimate.samples == pytest.approx(torque.samples, rel=0.01)
     # Where every sample counts, or where long windows are the point, a tenth of a second.
     assert choose_window("momentum", Processing(), 1e-3) == 0.1
+    assert choose_window("momentum", Processing(), 1e-3, chosen=True) == pytest.approx(2e-3)
     thinned = Processing(decimation=Decimation(factor=10))
     assert [choose_window(kind, thinned, 1e-3) for kind in ("momentum", "energy", "filtered")] == [
         pytest.approx(0.01),

@@ -7,7 +7,9 @@ import pytest
 
 from symid.errors import EstimateError, UsageError
 from symid.identification.diagnostics.torque_prediction import predict_torques
+from symid.identification.estimators.least_squares import fit_ols
 from symid.identification.regression.equations import stack_rows
+from symid.identification.regression.identifiability import analyse_identifiability
 from symid.identification.regression.preparation import choose_filters, prepare_rows
 from symid.identification.rigid.diagnosis import diagnose_estimate
 from symid.identification.rigid.fit import identify_parameters
@@ -18,11 +20,13 @@ from symid.identification.rigid.validation import (
     get_usable_window,
     read_fit_processing,
     resolve_processing,
+    restore_robot,
     validate_estimate,
 )
 from symid.logs.recording import Recording, cut_recording
 from symid.logs.signals import choose_processing
 from symid.robot.description import Decimation, Processing
+from symid.robot.loading import load_robot
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
 
 AUTOMATIC = Processing(automatic=True)
@@ -57,12 +61,18 @@ def estimate(noisy):
 
 
 def test_the_estimate_says_what_was_chosen(noisy, estimate):
-    assert estimate.settings["chosen"] == ["filter_cutoff", "decimation.factor"]
+    assert estimate.settings["chosen"] == ["filter_cutoff", "decimation.factor", "standstill"]
     assert estimate.settings["sample_period"] == noisy.period
-    chosen = choose_filters(AUTOMATIC, [noisy]).processing
-    assert read_fit_processing(estimate.settings) == chosen
-    stated = identify_parameters(LIBRARY, [noisy], chosen)
+    used, taken = read_fit_processing(estimate.settings), estimate.choice.chosen
+    assert used.left_open == ()
+    # Decimation passes what lies within 0.4 of the rate of the rows.
+    assert 0.4 / noisy.period / used.decimation.factor == pytest.approx(taken.band, rel=0.25)
+    assert (used.instrument_cutoff is not None) == (taken.instruments > 0.0)
+    assert (used.standstill is not None) == (taken.standstill > 0.0)
+    stated = identify_parameters(LIBRARY, [noisy], used)
     assert "chosen" not in stated.settings
+    assert stated.choice is None
+    assert stated.estimator == estimate.estimator
     assert stated.parameters == estimate.parameters
 
 
@@ -85,6 +95,42 @@ def test_the_fit_and_its_validation_leave_the_same(noisy, estimate):
     assert again.samples == estimate.samples
     for mine, other in zip(again.residual, estimate.residual, strict=True):
         assert mine.norm == pytest.approx(other.norm, rel=1e-12)
+
+
+def test_a_validation_counts_rows_that_the_fit_leaves_out(noisy):
+    """Slow rows, moving ends cut alike."""
+    stated = replace(AUTOMATIC, standstill=0.4)
+    found = identify_parameters(LIBRARY, [noisy], stated)
+    again = validate_estimate(found, LIBRARY, noisy, stated)
+    assert again.samples == sum(entry.samples for entry in found.residual) > 1.05 * found.samples
+    for mine, other in zip(again.residual, found.residual, strict=True):
+        assert mine.norm == pytest.approx(other.norm, rel=1e-9)
+
+
+def test_ends_instruments_and_velocities_are_those_of_the_fit(noisy, estimate):
+    table = {**estimate.settings["processing"], "drop_first": 30, "drop_last": 0}
+    table |= {"instrument_cutoff": 3.0, "velocity": "log", "standstill": [0.1, 0.2]}
+    fitted = replace(estimate, settings={**estimate.settings, "processing": table})
+    moving = replace(noisy, velocity=np.gradient(noisy.position, noisy.period, axis=0))
+    found = resolve_processing(fitted, replace(AUTOMATIC, drop_first=10, drop_last=20), moving).processing
+    assert (found.drop_first, found.drop_last) == (30, 20)
+    assert (found.instrument_cutoff, found.velocity) == (3.0, "log")
+    assert [found.get_standstill(joint) for joint in (0, 1)] == [0.1, 0.2]
+    # This log has no velocity.
+    assert resolve_processing(fitted, AUTOMATIC, noisy).processing.velocity == "position"
+
+
+def test_what_a_fit_chose_is_open_again_and_no_difference_to_the_robot_file(noisy, estimate):
+    robot = replace(load_robot("two_link"), processing=AUTOMATIC)
+    table = {**estimate.settings["processing"], "instrument_cutoff": 3.0, "standstill": [0.1, 0.2]}
+    fitted = replace(estimate, settings={**estimate.settings, "processing": table})
+    restored = restore_robot(robot, fitted)
+    assert restored.processing.left_open == ("filter_cutoff", "decimation.factor", "standstill")
+    assert not [entry for entry in restored.notices if entry.code == "estimate.settings-differ"]
+    stated = replace(fitted, settings={"processing": {**table, "automatic": False}})
+    assert restore_robot(robot, stated).processing.standstill == (0.1, 0.2)
+    differ = [entry.text for entry in restore_robot(robot, stated).notices]
+    assert any(text.startswith("processing.instrument_cutoff: the estimate has 3.0, ") for text in differ)
 
 
 def test_what_is_stated_wins_entry_by_entry(noisy, estimate):
@@ -171,22 +217,25 @@ def find_held(recordings, weights, judged, fitted):
     return np.sqrt(left)
 
 
-@pytest.mark.parametrize("freedom", ["band", "one"])
-def test_the_price_of_decimation_is_that_of_stated_deviations(noisy, freedom):
+@pytest.mark.parametrize("freedom", ["band", "parameters", "one"])
+def test_the_price_of_decimation_is_that_of_deviations_for_white_noise(noisy, freedom):
     """The oracle: the same fit to every sample, in memory."""
     recordings, weights = [noisy, record(1e-3, 3)], (1.0, 0.25)
-    processing = replace(AUTOMATIC, noise_freedom=freedom)
-    some = identify_parameters(LIBRARY, recordings, processing, weights=weights)
+    processing = replace(AUTOMATIC, standstill=0.0, noise_freedom=freedom)
+    some = identify_parameters(LIBRARY, recordings, processing, estimator="ols", weights=weights)
     held, price = diagnose_estimate(some, LIBRARY, recordings, processing).prices
-    assert "standard deviation" in price.of
+    assert "standard deviation (for white noise)" in price.of
     fitted = read_fit_processing(some.settings)
     assert price.what.endswith(f" {fitted.decimation.factor}")
     every = replace(fitted, decimation=Decimation())
-    all_rows = identify_parameters(LIBRARY, recordings, every, weights=weights)
-    ratios = [
-        ours.std / theirs.std for ours, theirs in zip(some.parameters, all_rows.parameters, strict=True)
-    ]
-    assert price.percent == pytest.approx(100.0 * (np.median(ratios) - 1.0), rel=1e-6)
+    deviations = []
+    for how in (fitted, every):
+        rows = [prepare_rows("torque", LIBRARY, entry, how, window=0.1) for entry in recordings]
+        whole = stack_rows(rows, weights)
+        fit = fit_ols(whole, analyse_identifiability(whole), freedom)
+        deviations.append(np.sqrt(np.diag(fit.covariance)))
+    ratio = np.median(deviations[0] / deviations[1])
+    assert price.percent == pytest.approx(100.0 * (ratio - 1.0), rel=1e-6)
     assert "held-out" in held.of
     left = [find_held(recordings, weights, fitted, entry) for entry in (fitted, every)]
     assert held.percent == pytest.approx(100.0 * (left[0] / left[1] - 1.0), abs=1e-5)

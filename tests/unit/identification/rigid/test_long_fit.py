@@ -9,20 +9,15 @@ import pytest
 from symid.errors import IdentifiabilityError
 from symid.identification.diagnostics.fit_warnings import compute_block_deviations
 from symid.identification.diagnostics.residual_structure import analyse_structure
-from symid.identification.diagnostics.uncertainty import compute_mean_weights, measure_drift
+from symid.identification.diagnostics.uncertainty import compute_mean_weights
 from symid.identification.estimators.least_squares import RegressionFit
 from symid.identification.estimators.linear_estimators import fit_rows
 from symid.identification.regression.equations import stack_rows
 from symid.identification.regression.identifiability import RankRule, analyse_identifiability
 from symid.identification.regression.long_logs import RowBuilder, condense_recordings
 from symid.identification.regression.preparation import prepare_rows
-from symid.identification.rigid.fit import (
-    compute_long_covariance,
-    fit_long,
-    fit_run,
-    identify_parameters,
-    is_long,
-)
+from symid.identification.rigid.fit import identify_parameters
+from symid.identification.rigid.long_fit import compute_long_covariance, fit_long, is_long
 from symid.logs.recording import Recording
 from symid.logs.signals import decimate, decimate_blocks
 from symid.robot.description import Decimation, Processing
@@ -55,19 +50,29 @@ def recordings():
     return [record(1), record(2, 24601, spring=40.0)]
 
 
-def compare(one, other):
-    """Compare two estimates to 1e-9 of their values, all else exactly."""
+def compare(one, other, *, deviations=True):
+    """Compare two estimates to 1e-9 of their values, all else exactly.
+
+    Evidence of held-out stretches, and deviations from it, are of rows in memory alone.
+    """
     for first, second in zip(one.parameters, other.parameters, strict=True):
         assert first.name == second.name
         assert second.value == pytest.approx(first.value, rel=1e-9)
-        assert second.std == pytest.approx(first.std, rel=1e-9)
+        if deviations:
+            assert second.std == pytest.approx(first.std, rel=1e-9)
     for first, second in zip(one.residual, other.residual, strict=True):
         assert (first.joint, first.samples, first.unit) == (second.joint, second.samples, second.unit)
         for name in ("norm", "relative_percent", "std"):
             assert getattr(second, name) == pytest.approx(getattr(first, name), rel=1e-9)
-    np.testing.assert_allclose(other.covariance, one.covariance, rtol=1e-9, atol=1e-12)
+    if deviations:
+        np.testing.assert_allclose(other.covariance, one.covariance, rtol=1e-9, atol=1e-12)
     assert other.condition == pytest.approx(one.condition, rel=1e-9)
-    assert other.notices == one.notices
+    # In memory evidence speaks for these.
+    apart = {"identify.structure", "identify.impossible-mass"}
+    apart |= set() if deviations else {"identify.pattern", "identify.vague"}
+    listed = ([entry for entry in found.notices if entry.code not in apart] for found in (one, other))
+    assert next(listed) == next(listed)
+    assert other.evidence is None
     same = ("samples", "settings", "refused", "outcome", "sources")
     assert [getattr(one, name) for name in same] == [getattr(other, name) for name in same]
 
@@ -83,15 +88,20 @@ def test_blocks_give_what_memory_gives(recordings, estimator, freedom, rows):
     processing = replace(PROCESSING, noise_freedom=freedom)
     call = (LIBRARY, recordings, processing)
     options = {"estimator": estimator, "weights": (1.0, 0.3), **rows}
-    whole = identify_parameters(*call, **options)
-    compare(whole, identify_parameters(*call, **options, largest=0.0))
-    codes = {notice.code for notice in whole.notices}
-    assert {"identify.slow-rows", "identify.pattern", "identify.structure"} <= codes
+    whole, blocks = (identify_parameters(*call, **options, largest=size) for size in (1e9, 0.0))
+    compare(whole, blocks, deviations=freedom != "band")
+    assert {"identify.slow-rows", "identify.pattern"} <= {notice.code for notice in blocks.notices}
+    # A spring that the model has not: those that are too small in blocks are larger in memory.
+    (pattern,) = (notice.text for notice in blocks.notices if notice.code == "identify.pattern")
+    named = pattern.partition(" deviations of ")[2].partition(" are ")[0].split(", ")
+    for first, second in zip(whole.parameters, blocks.parameters, strict=True):
+        if freedom == "band" and first.name in named:
+            assert first.std > second.std
 
 
 @pytest.mark.parametrize("freedom", ["band", "one"])
 @pytest.mark.parametrize("kind", ["torque", "momentum"])
-def test_deviations_of_blocks_and_of_single_logs(kind, freedom):
+def test_deviations_of_blocks(kind, freedom):
     """The friction of the first joint has grown by half between the logs."""
     recordings = [record(1), record(2, 24601, friction=1.5)]
     maker = RowBuilder(kind, LIBRARY, PROCESSING, 0.04, 0.5)
@@ -113,22 +123,12 @@ def test_deviations_of_blocks_and_of_single_logs(kind, freedom):
     np.testing.assert_allclose(
         compute_block_deviations(sketch, small, seen), compute_block_deviations(rows, fit, seen), rtol=1e-9
     )
-    whole = measure_drift(rows, fit, freedom)
-    blocks = measure_drift(
-        long.outline, fit, freedom, lambda run, groups: fit_run(long, run, groups, freedom)
-    )
-    assert (whole.runs, whole.compared, whole.residual) == (blocks.runs, blocks.compared, blocks.residual)
-    assert [entry.name for entry in whole.changed] == [entry.name for entry in blocks.changed]
-    assert whole.changed
-    for one, other in zip(whole.changed, blocks.changed, strict=True):
-        np.testing.assert_allclose(other.values, one.values, rtol=1e-9)
-        np.testing.assert_allclose(other.deviations, one.deviations, rtol=1e-9)
 
 
 def test_every_sample_without_decimation(recordings):
     plain = replace(PROCESSING, decimation=Decimation(), filter_torque=True)
     call = (LIBRARY, recordings[:1], plain)
-    compare(identify_parameters(*call), identify_parameters(*call, largest=0.0))
+    compare(identify_parameters(*call), identify_parameters(*call, largest=0.0), deviations=False)
 
 
 def test_joints_at_rest_and_refused_parameters(recordings):
@@ -141,7 +141,7 @@ def test_joints_at_rest_and_refused_parameters(recordings):
     for some in (logs, logs[:1]):
         whole = identify_parameters(LIBRARY, some, PROCESSING)
         assert "identify.joint-at-rest" in {notice.code for notice in whole.notices}
-        compare(whole, identify_parameters(LIBRARY, some, PROCESSING, largest=0.0))
+        compare(whole, identify_parameters(LIBRARY, some, PROCESSING, largest=0.0), deviations=False)
     with pytest.raises(IdentifiabilityError) as caught:
         identify_parameters(LIBRARY, logs[:1], PROCESSING, rule=RankRule(least=1.0), largest=0.0)
     assert "identify.poor-log" in {notice.code for notice in caught.value.notices}

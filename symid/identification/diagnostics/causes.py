@@ -1,0 +1,270 @@
+"""Why a log does not fit: single mistakes undone one after the other, and kept where the fit becomes right.
+
+QuickLogs -> `LikelyCause`, or None where no single mistake explains the result.
+
+Every hypothesis is tried in fact: the samples are changed as if the mistake were undone, and fitted. It
+counts if held-out stretches are predicted clearly better, or nothing impossible is left while they are
+predicted as well; the one that leaves least is named.
+
+Supported: signs, order and units of columns, a delay of all torques, times scaled, a wrong zero of a joint.
+Not supported: two mistakes at once; what no torque can show (all torques scaled, times by a few percent, the
+zero of a first vertical or a last joint), which needs a known mass, payload or CAD value.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from symid.arrays import FloatArray
+from symid.identification.diagnostics.quick_model import QuickLogs, QuickResult, fit_quick
+
+_CLEARLY, _MOST = 0.7, 40.0
+"""Times the held-out residual before, and percent: a mistake undone leaves less."""
+_SURE = 4.0
+"""Standard errors, over the stretches, by which it must leave less."""
+_SAME = 1.1
+"""Times the held-out residual before: what leaves no more predicts as well."""
+_TURN = 0.5 * np.pi
+_DELAYS = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
+_DELAYED = 0.1
+"""Of the logs: delays beyond it leave too little of the torques."""
+_TIMES = (2.0, 0.5, 1e3, 1e-3, 1.5, 1.0 / 1.5, 1.2, 1.0 / 1.2)
+_ZEROS = (-0.3, 0.3, -0.8, 0.8, -_TURN, _TURN, 2.0 * _TURN)
+_UNRELATED = 85.0
+"""Percent left unexplained from which on torques have nothing to do with the motion."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LikelyCause:
+    """The likeliest single cause: a code, a sentence, what to do, and percent that is left without it."""
+
+    code: str
+    cause: str
+    remedy: str
+    percent: float
+
+
+class Hypothesis(NamedTuple):
+    """A mistake (code and sentence), its remedy, and the samples as they would be without it."""
+
+    code: str
+    cause: str
+    remedy: str
+    logs: QuickLogs
+
+
+def find_cause(
+    logs: QuickLogs, before: QuickResult, most: float = _MOST, *, cures: bool = True
+) -> LikelyCause:
+    """Return the likeliest single cause of a wrong fit; its `percent` is infinite where none helps.
+
+    A mistake undone must leave `most` percent or less, and 40; or, if `cures`, nothing impossible.
+    """
+    best: tuple[int, float, Hypothesis] | None = None
+    for trial in list_hypotheses(logs):
+        try:
+            found = fit_quick(trial.logs)
+        except np.linalg.LinAlgError:
+            continue
+        rest, percent = int(found.impossible.sum()), found.percent
+        better = percent <= min(_CLEARLY * before.percent, most, _MOST) and _is_certain(before, found)
+        better = better and rest <= int(before.impossible.sum())
+        cured = cures and before.impossible.any() and not rest and percent <= _SAME * before.percent
+        if (better or cured) and (best is None or (rest, percent) < best[:2]):
+            best = rest, percent, trial
+    if best is not None:
+        trial = best[2]
+        return LikelyCause(code=trial.code, cause=trial.cause, remedy=trial.remedy, percent=best[1])
+    if before.percent >= _UNRELATED:
+        return LikelyCause(
+            code="log.foreign-torque",
+            cause="the torques have nothing to do with this motion",
+            remedy="check that torque and position columns are of the same run and of this robot",
+            percent=float("inf"),
+        )
+    names = [joint.name for joint in logs.library.card.joints]
+    odd = [name for name, bad in zip(names, before.impossible, strict=True) if bad]
+    if odd:
+        return LikelyCause(
+            code="log.impossible",
+            cause=f"inertia or friction of {', '.join(odd)} comes out negative, which no robot has",
+            remedy="check sign, unit and zero of position and torque of these joints, and the robot file",
+            percent=float("inf"),
+        )
+    return LikelyCause(
+        code="log.other-robot",
+        cause="the model explains only part of the torque, and no single mistake in the log explains why",
+        remedy="check dimensions and gravity of the robot file, and that the log is of this robot",
+        percent=float("inf"),
+    )
+
+
+def _is_certain(before: QuickResult, after: QuickResult) -> bool:
+    """Return whether stretches are predicted better throughout: by the log of their losses' ratio."""
+    tiny = np.finfo(float).tiny
+    ratios = np.log(np.maximum(before.losses, tiny) / np.maximum(after.losses, tiny))
+    spread = float(np.std(ratios, ddof=1)) / np.sqrt(len(ratios))
+    return bool(ratios.mean() > _SURE * spread)
+
+
+def list_hypotheses(logs: QuickLogs) -> Iterator[Hypothesis]:
+    """Yield what the logs would be without each single mistake."""
+    names = [joint.name for joint in logs.library.card.joints]
+    if not logs.library.card.friction:
+        yield Hypothesis(
+            "robot.no-friction",
+            "the robot file states no friction, and the joints have some",
+            "give each joint a friction model ([joint.friction], or --friction viscous_coulomb)",
+            replace(logs, friction=True),
+        )
+    yield from _list_signs(logs, names)
+    yield from _list_motor_signs(logs, names)
+    yield from _list_exchanges(logs, names)
+    yield from _list_units(logs, names)
+    for factor in _TIMES:
+        scaled = replace(logs, dq=logs.dq / factor, ddq=logs.ddq / factor**2)
+        yield Hypothesis(
+            "log.time-scale",
+            f"the times of the log are {1.0 / factor:g} times what they should be",
+            f"multiply them by {factor:g} (unit of [log.time])",
+            scaled,
+        )
+    for delay in _DELAYS:
+        if delay > _DELAYED * logs.period * len(logs.tau):
+            break
+        for sign, side in ((1.0, "after"), (-1.0, "before")):
+            moved = _shift(logs, sign * delay)
+            yield Hypothesis(
+                "log.torque-delay",
+                f"torques are logged about {1e3 * delay:g} ms {side} the motion",
+                "shift them in the log; `symid check` states the delay",
+                moved,
+            )
+    for joint, name in enumerate(names):
+        for zero in _ZEROS:
+            yield Hypothesis(
+                "log.joint-zero",
+                f"the zero of joint {name!r} is off by about {zero:.2g} rad",
+                "state it as offset of [log.position], or correct theta of the robot file",
+                replace(logs, q=_change(logs.q, joint, lambda x, zero=zero: x - zero)),
+            )
+
+
+def _change(values: FloatArray, joint: int, change: object) -> FloatArray:
+    changed = values.copy()
+    changed[:, joint] = change(values[:, joint])  # type: ignore[operator]  # a function of a column
+    return changed
+
+
+def _scale_position(logs: QuickLogs, joints: list[int], factor: float) -> QuickLogs:
+    scale = np.ones(logs.q.shape[1])
+    scale[joints] = factor
+    return replace(logs, q=logs.q * scale, dq=logs.dq * scale, ddq=logs.ddq * scale)
+
+
+def _list_signs(logs: QuickLogs, names: list[str]) -> Iterator[Hypothesis]:
+    yield Hypothesis(
+        "log.torque-sign",
+        "all torques have the wrong sign",
+        "state a factor of -1 in [log.torque]",
+        replace(logs, tau=-logs.tau),
+    )
+    for joint, name in enumerate(names):
+        yield Hypothesis(
+            "log.torque-sign",
+            f"the torque of joint {name!r} has the wrong sign",
+            "state its factor -1 in [log.torque], or turn its gear",
+            replace(logs, tau=_change(logs.tau, joint, np.negative)),
+        )
+        yield Hypothesis(
+            "log.position-sign",
+            f"the position of joint {name!r} has the wrong sign",
+            "state its factor -1 in [log.position]",
+            _scale_position(logs, [joint], -1.0),
+        )
+
+
+def _list_motor_signs(logs: QuickLogs, names: list[str]) -> Iterator[Hypothesis]:
+    """Yield the logs with the torque of one motor inverted, where that turns no joint's torque alone."""
+    if logs.transmission is None:
+        return
+    matrix = logs.transmission
+    for motor in range(len(matrix)):
+        flip = np.eye(len(matrix))
+        flip[motor, motor] = -1.0
+        turn = np.linalg.solve(matrix, flip @ matrix)
+        if np.allclose(turn, np.diag(np.diag(turn))):
+            continue
+        moved = " and ".join(repr(names[joint]) for joint in np.flatnonzero(matrix[motor]))
+        yield Hypothesis(
+            "log.torque-sign",
+            f"the torque of motor {motor + 1}, which moves {moved}, has the wrong sign",
+            "state its factor -1 in [log.torque]",
+            replace(logs, tau=logs.tau @ turn),
+        )
+
+
+def _list_exchanges(logs: QuickLogs, names: list[str]) -> Iterator[Hypothesis]:
+    for first, second in combinations(range(len(names)), 2):
+        order = list(range(len(names)))
+        order[first], order[second] = second, first
+        pair = f"{names[first]!r} and {names[second]!r}"
+        turned = replace(logs, tau=logs.tau[:, order], kept=logs.kept)
+        moved = replace(
+            logs, q=logs.q[:, order], dq=logs.dq[:, order], ddq=logs.ddq[:, order], kept=logs.kept[:, order]
+        )
+        for what, other in (("torques", turned), ("positions", moved)):
+            yield Hypothesis(
+                "log.swapped-joints",
+                f"the {what} of {pair} are exchanged",
+                f"correct the order of columns in [log.{what[:-1]}]",
+                other,
+            )
+        yield Hypothesis(
+            "log.swapped-joints",
+            f"the joints {pair} are exchanged",
+            "correct the order of columns in [log]",
+            replace(moved, tau=logs.tau[:, order]),
+        )
+
+
+def _list_units(logs: QuickLogs, names: list[str]) -> Iterator[Hypothesis]:
+    everything = list(range(len(names)))
+    for factor, said in ((np.pi / 180.0, "degrees"), (180.0 / np.pi, "radians")):
+        yield Hypothesis(
+            "log.wrong-unit",
+            f"positions are in {said}",
+            f'state unit = "{said[:3]}" in [log.position]',
+            _scale_position(logs, everything, factor),
+        )
+        for joint, name in enumerate(names):
+            yield Hypothesis(
+                "log.wrong-unit",
+                f"positions of joint {name!r} are in {said}",
+                "state its factor in [log.position]",
+                _scale_position(logs, [joint], factor),
+            )
+    for factor in (1e-3, 1e3):
+        for joint, name in enumerate(names):
+            yield Hypothesis(
+                "log.wrong-unit",
+                f"the torque of joint {name!r} is {1.0 / factor:g} times what it should be",
+                "state its unit or factor in [log.torque]",
+                replace(logs, tau=_change(logs.tau, joint, lambda x, factor=factor: factor * x)),
+            )
+
+
+def _shift(logs: QuickLogs, delay: float) -> QuickLogs:
+    """Return the logs with torques taken `delay` s later; rows without such a torque do not count."""
+    tau, kept = logs.tau.copy(), logs.kept.copy()
+    for run in np.unique(logs.run):
+        own = np.flatnonzero(logs.run == run)
+        time = np.arange(len(own)) * logs.period
+        there = (time + delay >= 0.0) & (time + delay <= time[-1])
+        kept[own] &= there[:, None]
+        for joint in range(tau.shape[1]):
+            tau[own, joint] = np.interp(time + delay, time, logs.tau[own, joint])
+    return replace(logs, tau=tau, kept=kept)

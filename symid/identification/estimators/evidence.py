@@ -1,0 +1,128 @@
+"""What speaks for an estimate: how its settings were chosen, and what it predicts of held-out stretches.
+
+Records of results only; they are made by `identification.rigid` and judged by `report.verdict`.
+"""
+
+from dataclasses import dataclass
+
+STILL = 1.5
+"""Movement up to which an estimate counts as standing still."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Candidate:
+    """One setting that was tried.
+
+    Args:
+        band: Hz, of the rows; instruments: Hz, band of the instruments, 0 for least squares.
+        standstill: part of the top speed below which rows are left out.
+        held_out: percent of the torque within B/2 and B left unexplained, mean over joints.
+        behind: standard errors of the held-out loss behind the best that stands still; infinite for others.
+        movement: largest rms over parameters of the difference to an estimate of a lower band, in standard
+            deviations of that one.
+        velocity: "position", or "log" where states come from the logged velocity.
+    """
+
+    band: float
+    instruments: float
+    standstill: float
+    held_out: tuple[float, ...]
+    behind: float
+    movement: float
+    velocity: str = "position"
+
+    @property
+    def still(self) -> bool:
+        """Return whether the estimate does not move with the band."""
+        return self.movement <= STILL
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SettingsChoice:
+    """What was chosen: scoring band B in Hz, all candidates, the place of the one taken; top speeds (n,)."""
+
+    scoring: float
+    candidates: tuple[Candidate, ...]
+    taken: int
+    top: tuple[float, ...]
+
+    @property
+    def chosen(self) -> Candidate:
+        """Return the candidate that was taken."""
+        return self.candidates[self.taken]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointEvidence:
+    """What is left unexplained of one joint within the scoring band: rms, in percent of that of the torque.
+
+    `fitted` on the rows of the fit by the fit itself; `held_out` by fits without the stretch of the row, of
+    all rows, slow ones too; `moving` and `resting` the same of rows faster and slower than a twentieth of the
+    top speed (infinite where there are none). `share` is the part of the rows that the fit left out as slow,
+    `torque` the rms of the torque in N m or N.
+    """
+
+    joint: str
+    fitted: float
+    held_out: float
+    moving: float
+    resting: float
+    share: float
+    torque: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelTerm:
+    """A term that the model lacks.
+
+    `gain` in percent, by which it lowers the held-out squares of a joint; `errors` is how sure that is, in
+    standard errors over stretches.
+    """
+
+    joint: str
+    term: str
+    gain: float
+    errors: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Evidence:
+    """What speaks for and against an estimate.
+
+    Args:
+        joints: what is left unexplained of each joint that has rows.
+        scoring: Hz, within which that was measured.
+        stretches: number of held-out stretches; logs: whole logs that were held out, 0 for stretches.
+        movement: of the settings chosen, see `Candidate`; 0 where nothing was chosen.
+        impossible: what no robot can have, in words.
+        missing: terms that would help on held-out rows, the largest first.
+        code, cause, remedy: the likeliest single mistake in the logs, and what to do; empty for none.
+        cured: percent that a quick fit leaves unexplained with the cause undone, infinite where none helps.
+    """
+
+    joints: tuple[JointEvidence, ...]
+    scoring: float
+    stretches: int
+    logs: int = 0
+    movement: float = 0.0
+    impossible: tuple[str, ...] = ()
+    missing: tuple[ModelTerm, ...] = ()
+    code: str = ""
+    cause: str = ""
+    remedy: str = ""
+    cured: float = float("inf")
+
+    @property
+    def held_out(self) -> float:
+        """Return the mean over joints of what is left unexplained of held-out rows, in percent."""
+        return sum(entry.held_out for entry in self.joints) / len(self.joints)
+
+    @property
+    def unexplained(self) -> float:
+        """Return the same, each joint counted for 100 % at most: one that needs little torque is noise."""
+        return sum(min(100.0, entry.held_out) for entry in self.joints) / len(self.joints)
+
+    @property
+    def fitted(self) -> float:
+        """Return the mean over joints of what is left unexplained of the rows of the fit, in percent."""
+        return sum(entry.fitted for entry in self.joints) / len(self.joints)

@@ -1,0 +1,229 @@
+"""What speaks for and against a fit: held-out prediction, impossible values, missing terms, a likely mistake.
+
+Rows of a fit, slow ones too, what it kept, fits without each stretch -> `Evidence`.
+
+    r = y - A x_(-s),    100 |L r| / |L y|
+
+x_(-s) are the parameters without the stretch (or, of several logs, without the log) of the row; L is a
+zero-phase Butterworth low-pass of order 4 at the scoring band. Every row counts; those in motion and those
+nearly at rest count apart as well.
+
+A fit is suspicious where much is left unexplained, or a value is impossible: a negative friction or rotor
+inertia, or a mass matrix that is not positive definite, by more than four deviations and two percent of a
+joint's torque. Then single mistakes of the log are tried (`find_cause`).
+
+Supported: rows of single joints at even times. Not supported: power and energy rows.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symid.arrays import FloatArray
+from symid.codegen import Library
+from symid.identification.diagnostics import (
+    LikelyCause,
+    Stretches,
+    build_quick_logs,
+    evaluate_inertia_columns,
+    find_cause,
+    fit_quick,
+    measure_scoring_band,
+    smooth_rows,
+)
+from symid.identification.estimators import Evidence, JointEvidence, ModelTerm, RegressionFit
+from symid.identification.regression import Rows, prepare_states
+from symid.identification.rigid.long_fit import FittedRows
+from symid.identification.rigid.missing_terms import list_missing_terms
+from symid.identification.rigid.plan import FitBasis
+
+RESTING = 0.05
+"""Of the top speed, below which a row counts as nearly at rest."""
+_TOP = 0.99
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class JudgedRows:
+    """Rows of a fit.
+
+    Args:
+        rows: all of them, m; speed: (m,) of smooth positions, rad/s or m/s.
+        kept: (m,) whether the fit has them; residuals: (m,) of the fit.
+    """
+
+    rows: Rows
+    speed: FloatArray
+    kept: NDArray[np.bool_]
+    residuals: FloatArray
+
+
+def mask_resting(rows: Rows, speed: FloatArray) -> NDArray[np.bool_]:
+    """Return the rows (m,) that are slower than a twentieth of the top speed of their joint."""
+    resting = np.zeros(len(speed), dtype=np.bool_)
+    for group in np.unique(rows.group):
+        own = rows.group == group
+        resting[own] = np.abs(speed[own]) < RESTING * np.quantile(np.abs(speed[own]), _TOP)
+    return resting
+
+
+ENDS, PART = 0.5, 0.05
+"""s, and part of a log, that do not count at either end, where filters extrapolate."""
+
+
+def mask_inner(rows: Rows) -> NDArray[np.bool_]:
+    """Return the rows (m,) that are not near an end of their log."""
+    inner = np.zeros(len(rows.time), dtype=np.bool_)
+    for run in np.unique(rows.run):
+        own = rows.run == run
+        first, last = float(rows.time[own].min()), float(rows.time[own].max())
+        left = min(ENDS, PART * (last - first))
+        inner |= own & (rows.time >= first + left) & (rows.time <= last - left)
+    return inner
+
+
+def list_joint_evidence(
+    judged: JudgedRows, stretches: Stretches, scoring: float
+) -> tuple[JointEvidence, ...]:
+    """Return what is left unexplained of every joint within the `scoring` band in Hz."""
+    rows = judged.rows
+    errors = rows.values - stretches.predict(rows)
+    table = smooth_rows(rows, np.column_stack([rows.values, errors, judged.residuals]), scoring)
+    resting, inner = mask_resting(rows, judged.speed), mask_inner(rows)
+    found = []
+    for group in np.unique(rows.group):
+        own = rows.group == group
+
+        counted = own & inner
+        torque = float(np.sqrt(np.mean(table[counted, 0] ** 2))) if counted.any() else 0.0
+
+        def share(column: int, mask: NDArray[np.bool_], torque: float = torque) -> float:
+            if not torque or not mask.any():
+                return float("inf")
+            return 100.0 * float(np.sqrt(np.mean(table[mask, column] ** 2))) / torque
+
+        found.append(
+            JointEvidence(
+                joint=rows.group_names[group],
+                fitted=share(2, counted & judged.kept),
+                held_out=share(1, counted),
+                moving=share(1, counted & ~resting),
+                resting=share(1, counted & resting),
+                share=float(np.mean(~judged.kept[own])),
+                torque=torque,
+            )
+        )
+    return tuple(found)
+
+
+_SURE = 4.0
+"""Deviations beyond which an impossible value is no chance."""
+_MATTERS = 0.02
+"""Of the root mean square of a joint's torque: an impossible value that does less is no mistake."""
+_SUSPICIOUS = 30.0
+"""Percent of held-out torque left unexplained, from which causes are looked for."""
+_HELPS = 0.7
+"""Times the held-out residual: what must be left at most with a mistake undone."""
+_POSES = 60
+_FRICTION = ("Fv", "Fc")
+
+
+def collect_evidence(
+    basis: FitBasis, judged: JudgedRows, fitted: FittedRows, stretches: Stretches
+) -> Evidence:
+    """Return the evidence for a fit in memory."""
+    rows, fit, plan = judged.rows, fitted.fit, basis.plan
+    scoring = plan.choice.scoring if plan.choice is not None else measure_scoring_band(basis.recordings)
+    joints = list_joint_evidence(judged, stretches, scoring)
+    whole = not fitted.identifiability.refused
+    impossible = list_impossible(basis, fitted.rows, fit, whole=whole)
+    missing: tuple[ModelTerm, ...] = ()
+    held_out = float(np.mean([min(100.0, entry.held_out) for entry in joints]))
+    if rows.kind == "torque" and held_out <= _SUSPICIOUS:
+        missing = list_missing_terms(basis, rows, stretches.weights, fit.values, scoring)
+    # A quick fit may itself be poor: undoing a mistake must leave less than the fit does.
+    cause: LikelyCause | None = look_for_cause(basis, scoring, _HELPS * held_out, cures=bool(impossible))
+    if cause is not None and not (np.isfinite(cause.percent) or held_out > _SUSPICIOUS or impossible):
+        cause = None
+    return Evidence(
+        joints=joints,
+        scoring=scoring,
+        stretches=len(stretches.logs),
+        logs=len(stretches.logwise),
+        movement=plan.choice.chosen.movement if plan.choice is not None else 0.0,
+        impossible=impossible,
+        missing=missing,
+        code="" if cause is None else cause.code,
+        cause="" if cause is None else cause.cause,
+        remedy="" if cause is None else cause.remedy,
+        cured=float("inf") if cause is None else cause.percent,
+    )
+
+
+def look_for_cause(basis: FitBasis, scoring: float, most: float, *, cures: bool) -> LikelyCause:
+    """Return the likeliest single mistake in the logs; other arguments as for `find_cause`."""
+    logs = build_quick_logs(basis.library, basis.recordings, basis.plan.processing, scoring)
+    return find_cause(logs, fit_quick(logs), most, cures=cures)
+
+
+def list_impossible(
+    basis: FitBasis, rows: Rows, fit: RegressionFit, *, whole: bool = True
+) -> tuple[str, ...]:
+    """Return in words what no robot can have; mass matrices count where the parameters are `whole`."""
+    card, deviations = basis.library.card, np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+    found = []
+    sizes = np.zeros(len(rows.names))
+    for group in np.unique(rows.group):
+        own = rows.group == group
+        torque = float(np.sqrt(np.mean(rows.values[own] ** 2))) or 1.0
+        part = np.sqrt(np.mean((rows.matrix[own] * fit.values) ** 2, axis=0)) / torque
+        sizes = np.maximum(sizes, part)
+    for place, entry in enumerate((*card.beta, *card.friction)):
+        friction = place >= len(card.beta) and entry.name.startswith(_FRICTION)
+        rotor = place < len(card.beta) and entry.name.startswith("IA")
+        surely = fit.values[place] < -_SURE * deviations[place] and sizes[place] > _MATTERS
+        if (friction or rotor) and deviations[place] > 0.0 and surely:
+            what = "friction drives the joint" if friction else "a rotor has a negative inertia"
+            found.append(f"{entry.name} = {fit.values[place]:.3g} {entry.unit}: {what}")
+    bad = _count_indefinite(basis, fit.values, fit.covariance) if whole else 0
+    if bad:
+        found.append(f"the mass matrix is not positive definite at {bad} of {_POSES} poses of the logs")
+    return tuple(found)
+
+
+def _count_indefinite(basis: FitBasis, values: FloatArray, covariance: FloatArray) -> int:
+    """Return at how many poses the mass matrix is surely not positive definite, 0 if it does not matter."""
+    positions = np.vstack([recording.position for recording in basis.recordings])
+    places = np.linspace(0, len(positions) - 1, _POSES).astype(int)
+    count = len(basis.library.card.beta)
+    mass, least, vectors = _analyse_mass(basis.library, positions[places], values[:count])
+    weakest = vectors[:, :, 0]
+    row = np.einsum("ti,tijk,tj->tk", weakest, mass, weakest)
+    deviation = np.sqrt(np.maximum(np.einsum("tk,kl,tl->t", row, covariance[:count, :count], row), 0.0))
+    found = int(np.sum(least[:, 0] < -_SURE * deviation))
+    return found if found and _measure_negative_torque(basis, values[:count]) > _MATTERS else 0
+
+
+def _analyse_mass(
+    library: Library, poses: FloatArray, values: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return dM/dbeta (t, n, n, p) at poses (t, n), and eigenvalues (t, n) and vectors (t, n, n) of M."""
+    # (t, i, j, k): row i of column j of M at pose t.
+    mass = np.stack(list(evaluate_inertia_columns(library, np.ascontiguousarray(poses))), axis=2)
+    matrices = mass @ values
+    least, vectors = np.linalg.eigh((matrices + matrices.swapaxes(1, 2)) / 2.0)
+    return mass, least, vectors
+
+
+def _measure_negative_torque(basis: FitBasis, values: FloatArray) -> float:
+    """Return the largest part of a joint's torque, in root mean squares, that negative inertia takes."""
+    most = 0.0
+    for recording in basis.recordings:
+        signals = prepare_states(basis.library, recording, basis.plan.processing)
+        places = np.linspace(0, len(signals.time) - 1, _POSES).astype(int)
+        _, least, vectors = _analyse_mass(basis.library, signals.q[places], values)
+        negative = np.minimum(least, 0.0)
+        torque = np.einsum("tij,tj,tkj,tk->ti", vectors, negative, vectors, signals.ddq[places])
+        part, whole = (np.sqrt(np.mean(entry**2, axis=0)) for entry in (torque, signals.tau))
+        most = max(most, float(np.max(part / np.where(whole > 0.0, whole, np.inf))))
+    return most

@@ -1,0 +1,179 @@
+"""What a fit leaves open is settled from the logs: band, standstill, instruments, ends, estimator.
+
+Library, recordings, Processing, options -> `FitPlan`.
+
+    estimator   wls of several joints, ols of one; instruments where the choice takes them
+    rows        one sample in r = 0.4 rate / band, so that decimation passes what lies within the band
+    cut-off     min(5 band, 0.4 rate): high enough that it damps nothing that the rows keep
+    ends        two periods of the cut-off, where a log begins or ends in motion
+
+Supported: any settings stated, the others chosen around them.
+Not supported: a choice for power and energy rows and for short logs (`choose_filters` takes its place).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+from symid.codegen import Library
+from symid.errors import Notice
+from symid.identification.estimators import Candidate, SettingsChoice
+from symid.identification.regression import SCALAR_KINDS, Rows, choose_filters, measure_moving_ends
+from symid.identification.rigid.settings_choice import ROW_RATE, choose_settings
+from symid.logs import Recording
+from symid.robot import Processing
+
+FILTERED_INSTRUMENTAL = "filtered-instrumental"
+"""The estimator with instruments along positions that pass a low-pass."""
+_PASSED = 0.4
+"""Of the rate of rows: what decimation passes."""
+_STATES = 5.0
+_LEAST_FACTOR = 2.5
+"""Times the band: cut-off below which a stated one damps the rows."""
+_PART = 0.05
+_FEWEST = 4
+"""Rows a parameter, at least, for held-out stretches to mean something."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FitPlan:
+    """Settings with nothing open, the estimator, the choice behind them (None for none), notices on it."""
+
+    processing: Processing
+    estimator: str
+    choice: SettingsChoice | None = None
+    notices: tuple[Notice, ...] = ()
+
+
+class FitBasis(NamedTuple):
+    """What is judged: the functions, the logs, the settings, and the rows of the instruments."""
+
+    library: Library
+    recordings: Sequence[Recording]
+    plan: FitPlan
+    instruments: Rows | None
+
+
+def plan_fit(
+    library: Library,
+    recordings: Sequence[Recording],
+    processing: Processing,
+    *,
+    rows: str,
+    estimator: str | None,
+    long: bool = False,
+) -> FitPlan:
+    """Return settings and estimator with nothing left open.
+
+    `estimator` None is chosen; `long` logs do without instruments.
+
+    Raises:
+        LogError: the recordings are not sampled alike, or one does not fit the robot.
+        IdentifiabilityError: no joint moves in a recording.
+    """
+    usual = "wls" if library.card.size > 1 else "ols"
+    if processing.instrument_cutoff and estimator is None and not long:
+        usual = FILTERED_INSTRUMENTAL
+    if not processing.left_open:
+        settled = replace(processing, automatic=False)
+        return FitPlan(processing=settled, estimator=estimator or usual)
+    filters = choose_filters(processing, recordings)
+    width = len(library.card.beta) + len(library.card.friction)
+    count = library.card.size * sum((entry.time[-1] - entry.time[0]) * ROW_RATE for entry in recordings)
+    if rows in SCALAR_KINDS or count < _FEWEST * width:
+        settled = cut_moving_ends(filters.processing, recordings)
+        return FitPlan(processing=settled, estimator=estimator or usual, notices=filters.notices)
+    rate = 1.0 / recordings[0].period
+    choice = choose_settings(
+        library,
+        recordings,
+        processing,
+        band=None if processing.decimation.factor == 1 else _PASSED * rate / processing.decimation.factor,
+        widest=None if processing.filter_cutoff is None else processing.filter_cutoff / _LEAST_FACTOR,
+        instruments=estimator in {None, FILTERED_INSTRUMENTAL} and rows == "torque" and not long,
+    )
+    settled = cut_moving_ends(_settle(processing, choice, rate), recordings)
+    if estimator is None:
+        estimator = FILTERED_INSTRUMENTAL if settled.instrument_cutoff else usual
+    note = Notice(code="identify.automatic", text=_describe(choice, settled, estimator))
+    return FitPlan(processing=settled, estimator=estimator, choice=choice, notices=(note,))
+
+
+def drop_instruments(plan: FitPlan, library: Library) -> FitPlan:
+    """Return the plan with least squares in place of instruments, and a note that says so."""
+    usual = "wls" if library.card.size > 1 else "ols"
+    text = f"the instruments do not determine all parameters, so that the estimator is {usual} instead"
+    return replace(
+        plan,
+        processing=replace(plan.processing, instrument_cutoff=None),
+        estimator=usual,
+        notices=(*plan.notices, Notice(code="identify.automatic", text=text)),
+    )
+
+
+def _settle(processing: Processing, choice: SettingsChoice, rate: float) -> Processing:
+    taken, decimation = choice.chosen, processing.decimation
+    if decimation.factor == 1:
+        decimation = replace(decimation, factor=max(1, math.floor(_PASSED * rate / taken.band + 1e-6)))
+    kept = _PASSED * rate / decimation.factor
+    standstill = processing.standstill
+    if standstill is None:
+        standstill = tuple(float(f"{taken.standstill * speed:.3g}") for speed in choice.top)
+        standstill = standstill if any(standstill) else None
+    return replace(
+        processing,
+        filter_cutoff=processing.filter_cutoff or float(f"{min(_STATES * kept, _PASSED * rate):.3g}"),
+        decimation=decimation,
+        standstill=standstill,
+        velocity=taken.velocity,
+        instrument_cutoff=processing.instrument_cutoff or float(f"{taken.instruments:.3g}") or None,
+        automatic=False,
+    )
+
+
+def cut_moving_ends(processing: Processing, recordings: Sequence[Recording]) -> Processing:
+    """Return the settings with ends cut off where a log moves there, by the lowest cut-off that is used.
+
+    Instruments lose a twentieth of the shortest log at most; what is stated is never cut less.
+    """
+    cutoff = processing.instrument_cutoff or processing.filter_cutoff
+    ends = measure_moving_ends(replace(processing, filter_cutoff=cutoff), recordings)
+    if processing.instrument_cutoff:
+        most = round(_PART * min(len(entry.time) for entry in recordings))
+        usual = measure_moving_ends(processing, recordings)
+        ends = max(usual[0], min(ends[0], most)), max(usual[1], min(ends[1], most))
+    first, last = ends
+    return replace(
+        processing,
+        drop_first=max(first, processing.drop_first or 0),
+        drop_last=max(last, processing.drop_last or 0),
+    )
+
+
+def _describe(choice: SettingsChoice, processing: Processing, estimator: str) -> str:
+    taken = choice.chosen
+    others = [entry for entry in choice.candidates if entry is not taken]
+    text = (
+        f"chosen from the logs among {len(others) + 1} settings: one row in {processing.decimation.factor}, "
+        f"positions pass a low-pass at {processing.filter_cutoff:g} Hz, estimator {estimator}"
+    )
+    if taken.instruments:
+        text += f" with instruments along positions that pass {processing.instrument_cutoff:g} Hz"
+    if taken.velocity == "log":
+        text += ", states from the logged velocity"
+    if taken.standstill:
+        text += f", rows slower than {100.0 * taken.standstill:g} % of each joint's top speed left out"
+    return (
+        f"{text}. Fits without a stretch leave {taken.held_out[-1]:.3g} % of its torque below "
+        f"{choice.scoring:.3g} Hz unexplained, {_describe_widest(choice)}. To set them, state them under "
+        "[processing]"
+    )
+
+
+def _describe_widest(choice: SettingsChoice) -> str:
+    def key(entry: Candidate) -> tuple[float, float, float]:
+        return (-entry.instruments, entry.band, -entry.standstill)
+
+    widest = max(choice.candidates, key=key)
+    return f"those with all rows of the widest band and least squares {widest.held_out[-1]:.3g} %"

@@ -1,0 +1,378 @@
+"""Band, instruments and standstill speed chosen from the logs, by prediction of held-out stretches.
+
+Library, recordings, Processing -> `SettingsChoice`: the processing, and what every candidate predicted.
+
+    scoring band B    twice the band that holds 99 % of the velocities' power, from the positions' spectra
+    candidates        rows within bands B 2^k; least squares, or instruments: the same rows along positions
+                      that pass a low-pass at a lower band, whose noise the rows do not share; rows below a
+                      part of the joint's top speed left out
+    held out          |y - A x|^2 of every stretch, x from the others, within B/2 and B, of joint and band
+                      relative to |y|^2; every row counts, slow ones too
+    movement          rms over parameters of |x - x'| over the deviation of x', x' from one octave less
+
+A candidate stands still where its movement is below 1.5: noise alone moves an estimate by less than the
+deviation of the one with less data (Hausman 1978, Econometrica 46), noise in the regressor by more. Of all
+that stand still and whose held-out loss is within half a standard error, or five percent, of the best, the
+one with the widest rows is taken; where none stands still, the best of all, and the estimate is doubtful.
+
+Columns and torques pass the same linear-phase filter (a windowed ideal low-pass), so that a model that is
+linear in its parameters stays true. Deviations are of the jackknife over the stretches.
+
+Supported: several logs, then whole logs are held out as well, unless one moves what the others do not; known
+payloads; joints at rest.
+Not supported: a band for each joint; rows of windows; logs of different sample rates.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise, product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symid.arrays import FloatArray
+from symid.codegen import Library
+from symid.identification.diagnostics import (
+    STRETCHES,
+    compute_jackknife,
+    count_stretches,
+    determine_each_other,
+    measure_scoring_band,
+    solve_sums,
+)
+from symid.identification.estimators import Candidate, SettingsChoice
+from symid.identification.regression import (
+    evaluate_columns,
+    list_resting_joints,
+    measure_behind,
+    prepare_states,
+)
+from symid.logs import Recording, Signals, cut_recording
+from symid.robot import Processing
+
+ROW_RATE = 200.0
+"""Hz of the rows that are compared."""
+SHARES = (0.0, 0.02, 0.05, 0.1)
+"""Of the top speed, below which rows may be left out."""
+_MOST_BAND = 80.0
+_OCTAVES = 2
+"""Below the scoring band, down to which instruments go; one less may be chosen."""
+_STATES = 5.0
+"""Times the band: cut-off of the positions, which damps nothing within the band."""
+_RATE = 20.0
+"""Times the band: rate at which columns are evaluated."""
+_TAPS = 2.0
+"""Periods of the band on either side of the filter's middle."""
+_TOP = 0.99
+_WIDER = 2
+"""Octaves by which rows are wider than their instruments at most: more adds noise only."""
+_ENDS, _PART = 0.5, 0.05
+"""s, and part of a log, left out at either end."""
+_ALIKE = 1.05
+"""Times the best residual: others up to here are as good in practice."""
+_SMALL = 0.02
+"""Of a value: a movement that does no harm."""
+_MARGIN = 0.5
+"""Standard errors of the held-out loss within which the widest band is taken."""
+_ROUNDS = 3
+_PIECE = 20.0
+"""s, of a long log at a time."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Level:
+    """Rows of one log: matrix and `smooth`, along smooth states, (T, n, p); torque and velocity (T, n)."""
+
+    matrix: FloatArray
+    torque: FloatArray
+    smooth: FloatArray
+    velocity: FloatArray
+
+
+def _build_level(
+    library: Library, recording: Recording, processing: Processing, band: float, places: NDArray[np.intp]
+) -> _Level:
+    """Return the rows of a log at samples `places` (T,) that are at even distances."""
+    rate, step = 1.0 / recording.period, int(places[1] - places[0])
+    signals = _prepare(library, recording, processing, min(_STATES * band, 0.4 * rate))
+    fast = max(_RATE * band, ROW_RATE)
+    thin = max(k for k in range(1, step + 1) if step % k == 0 and k <= max(1.0, rate / fast))
+    columns = evaluate_columns(library, *(_thin(part, thin) for part in (signals.q, signals.dq, signals.ddq)))
+    count, joints, width = columns.shape
+    flat = columns.reshape(count, -1)
+    matrix = _filter_rows(flat, band * recording.period * thin, places // thin)
+    slow = _prepare(library, recording, processing, min(band, 0.4 * rate))
+    smooth = evaluate_columns(library, *(part[places] for part in (slow.q, slow.dq, slow.ddq)))
+    return _Level(
+        matrix=matrix.reshape(-1, joints, width),
+        torque=_filter_rows(signals.tau, band * recording.period, places),
+        smooth=smooth,
+        velocity=slow.dq[places],
+    )
+
+
+def _prepare(library: Library, recording: Recording, processing: Processing, cutoff: float) -> Signals:
+    return prepare_states(library, recording, replace(processing, filter_cutoff=cutoff, automatic=False))
+
+
+def _thin(values: FloatArray, step: int) -> FloatArray:
+    return np.ascontiguousarray(values[::step])
+
+
+def _filter_rows(values: FloatArray, band: float, places: NDArray[np.intp]) -> FloatArray:
+    """Return low-passed `values` (N, k) at `places` (T,); `band` in cycles a sample, ends reflected oddly."""
+    from scipy.signal import firwin
+    from scipy.sparse import csr_matrix
+
+    half = round(_TAPS / band)
+    if band >= 0.45 or not half:
+        return values[places]
+    half = min(half, len(values) - 1)
+    taps = firwin(2 * half + 1, 2.0 * band)
+    padded = np.concatenate(
+        [
+            2.0 * values[:1] - values[half:0:-1],
+            values,
+            2.0 * values[-1:] - values[-2 : -half - 2 : -1],
+        ]
+    )
+    where = (places[:, None] + np.arange(len(taps))).ravel()
+    starts = np.arange(0, len(where) + 1, len(taps))
+    weights = csr_matrix((np.tile(taps, len(places)), where, starts), shape=(len(places), len(padded)))
+    return np.asarray(weights @ padded)
+
+
+def pick_pieces(recordings: Sequence[Recording]) -> list[tuple[int, Recording]]:
+    """Return each log with its number, of long ones six pieces of twenty seconds at even distances."""
+    pieces = []
+    for run, recording in enumerate(recordings):
+        count, most = len(recording.time), round(_PIECE / recording.period)
+        if count <= STRETCHES * most:
+            pieces.append((run, recording))
+            continue
+        starts = np.linspace(0, count - most, STRETCHES).astype(int).tolist()
+        pieces += [(run, cut_recording(recording, slice(start, start + most))) for start in starts]
+    return pieces
+
+
+class _Study:
+    """Sums of all levels of all logs, and fits to them."""
+
+    def __init__(
+        self,
+        library: Library,
+        pieces: Sequence[tuple[int, Recording]],
+        processing: Processing,
+        bands: Sequence[float],
+        scoring: int = _OCTAVES,
+    ) -> None:
+        """Build the rows of all bands, and sum their products by stretch and speed."""
+        self.bands, self.processing = tuple(bands), processing
+        self.scoring = scoring
+        self.pairs = [(k, z) for k in range(len(bands)) for z in range(k + 1)]
+        friction = np.array([joint.friction != "none" for joint in library.card.joints])
+        parts: list[dict[tuple[int, int], FloatArray]] = []
+        runs, tops, levels = [], [], []
+        count = count_stretches(len(pieces))
+        for run, recording in pieces:
+            samples = len(recording.time) - (processing.drop_first or 0) - (processing.drop_last or 0)
+            step = max(1, round(1.0 / (recording.period * ROW_RATE)))
+            # Where filters extrapolate.
+            ends = round(min(_ENDS / recording.period, _PART * samples) / step) * step
+            places = np.arange(ends, samples - ends, step)
+            levels.append([_build_level(library, recording, processing, band, places) for band in bands])
+            tops.append(np.quantile(np.abs(levels[-1][self.scoring].velocity), _TOP, axis=0))
+            runs += [run] * count
+        self.top: FloatArray = np.max(tops, axis=0)
+        for (_, recording), own in zip(pieces, levels, strict=True):
+            out = np.isin(np.arange(library.card.size), list_resting_joints(recording)) & friction
+            speed = np.abs(own[self.scoring].velocity) / np.where(self.top > 0.0, self.top, 1.0)
+            kind = np.searchsorted(SHARES, speed, side="right") - 1
+            kind[:, out] = -1
+            parts += self._sum_stretches(own, kind, count)
+        self.runs = np.array(runs)
+        self.count = len(runs)
+        self.sums = {pair: np.stack([part[pair] for part in parts]) for pair in self.pairs}
+        squares = self.sums[self.scoring, self.scoring].sum(axis=1)
+        logs = np.stack([squares[self.runs == run].sum(axis=0) for run in range(runs[-1] + 1)])
+        torque = logs[:, :, -1, -1].sum(axis=0)
+        self.logwise = determine_each_other(logs, 1.0 / np.where(torque > 0.0, torque, 1.0))
+
+    def _sum_stretches(
+        self, levels: Sequence[_Level], kind: NDArray[np.intp], count: int
+    ) -> list[dict[tuple[int, int], FloatArray]]:
+        """Return the sums of each stretch of a log; `kind` (T, n) is the class of speed, -1 to leave out."""
+        samples, joints, width = levels[0].matrix.shape
+        edges = np.linspace(0, samples, count + 1).astype(int)
+        found = []
+        for low, high in pairwise(edges.tolist()):
+            own: dict[tuple[int, int], FloatArray] = {
+                pair: np.zeros((len(SHARES), joints, width + 1, width + 1)) for pair in self.pairs
+            }
+            for share, joint in product(range(len(SHARES)), range(joints)):
+                chosen = low + np.flatnonzero(kind[low:high, joint] == share)
+                if not len(chosen):
+                    continue
+                tables = [
+                    np.column_stack([level.matrix[chosen, joint], level.torque[chosen, joint]])
+                    for level in levels
+                ]
+                smooth = [
+                    np.column_stack([level.smooth[chosen, joint], level.torque[chosen, joint]])
+                    for level in levels
+                ]
+                for k, z in self.pairs:
+                    left = tables[k] if k == z else smooth[z]
+                    own[k, z][share, joint] = left.T @ tables[k]
+            found.append(own)
+        return found
+
+    def fit(self, pair: tuple[int, int], share: int) -> tuple[FloatArray, FloatArray]:
+        """Return the parameters of all stretches (p,), and those without each stretch and each log (h, p)."""
+        sums = self.sums[pair][:, share:].sum(axis=1)
+        squares = self.sums[pair[0], pair[0]][:, share:].sum(axis=1)
+        whole, counted = sums.sum(axis=0), squares.sum(axis=0)
+        torque = counted[:, -1, -1]
+        # A joint without torque, or at rest in all logs, has no rows that count.
+        size = np.where(torque > 0.0, torque, 1.0)
+        weights = 1.0 / size
+        values = solve_sums(whole, weights)
+        for _ in range(_ROUNDS):
+            left = np.einsum("k,jkl,l->j", np.append(values, -1.0), counted, np.append(values, -1.0))
+            weights = 1.0 / np.maximum(left, 1e-12 * size)
+            values = solve_sums(whole, weights)
+        folds = [whole - own for own in sums]
+        if self.logwise:
+            folds += [sums[self.runs != run].sum(axis=0) for run in range(self.runs[-1] + 1)]
+        return values, np.stack([solve_sums(fold, weights) for fold in folds])
+
+    def measure(self, folds: FloatArray) -> FloatArray:
+        """Return the loss (folds, bands, n) of every fold on what it leaves out, relative to the torque."""
+        stretches = len(self.runs)
+        found = []
+        for level in (self.scoring - 1, self.scoring):
+            squares = self.sums[level, level].sum(axis=1)
+            whole = squares[:, :, -1, -1].sum(axis=0)
+            rows = []
+            for fold, values in enumerate(folds):
+                held = [fold] if fold < stretches else np.flatnonzero(self.runs == fold - stretches)
+                errors = np.append(values, -1.0)
+                left = np.einsum("k,bjkl,l->j", errors, squares[held], errors)
+                rows.append(np.maximum(left, 0.0) / np.where(whole > 0.0, whole, np.inf))
+            found.append(rows)
+        return np.swapaxes(np.array(found), 0, 1)
+
+
+def _measure_movement(values: FloatArray, lower: FloatArray, folds: FloatArray) -> float:
+    """Return rms |x - x'| over the deviations of x', from its fits (h, p) without each stretch."""
+    deviations = np.sqrt(compute_jackknife(folds) + (_SMALL * lower) ** 2)
+    alive = deviations > 0.0
+    if not alive.any():
+        return 0.0
+    return float(np.sqrt(np.mean(((values - lower)[alive] / deviations[alive]) ** 2)))
+
+
+def choose_settings(
+    library: Library,
+    recordings: Sequence[Recording],
+    processing: Processing,
+    *,
+    band: float | None = None,
+    widest: float | None = None,
+    instruments: bool = True,
+) -> SettingsChoice:
+    """Return the band, instruments and standstill that predict held-out stretches and stand still.
+
+    Args:
+        library: the robot's functions.
+        recordings: at least one, sampled alike.
+        processing: order of the filter, cut ends, and a standstill speed, where they are stated.
+        band: Hz, of the rows, where it is stated.
+        widest: Hz, where a stated cut-off damps more.
+        instruments: whether instruments may be taken.
+
+    Raises:
+        LogError: a recording does not fit the robot.
+        IdentifiabilityError: no joint moves in a recording.
+    """
+    pieces = pick_pieces(recordings)
+    scoring = measure_scoring_band(recordings)
+    most = band or min(_MOST_BAND, 0.4 * min(1.0 / recordings[0].period, ROW_RATE), widest or math.inf)
+    scoring = min(scoring, most if band else 0.5 * most)
+    above = max(0, math.floor(math.log2(most / scoring) + 1e-9))
+    bands = [scoring * 2.0**k for k in range(-_OCTAVES, above + 1)]
+    if band:
+        bands = [*(entry for entry in bands if entry < 0.8 * band), band]
+    study = _Study(library, pieces, replace(processing, standstill=None), bands)
+    shares = range(len(SHARES)) if processing.standstill is None else range(1)
+    last = len(bands) - 1
+    tried = [
+        (k, z, share)
+        for k, z in study.pairs
+        for share in shares
+        # The lowest level has nothing below it to compare with.
+        if z > 0 and (z == k or instruments) and (k == last if band else k - z <= _WIDER)
+    ]
+    candidates, losses = _try_settings(study, tried, shares)
+    costs = [last - k + 0.25 * (k - z) + 0.5 * share for k, z, share in tried]
+    still = np.array([entry.still for entry in candidates])
+    pool = np.flatnonzero(still) if still.any() else np.arange(len(candidates))
+    table, totals = losses[pool], losses[pool].sum(axis=1)
+    behind = measure_behind(table, int(np.argmin(totals)))
+    close = np.flatnonzero((behind <= _MARGIN) | (totals <= _ALIKE**2 * totals.min()))
+    taken = min(close.tolist(), key=lambda place: (costs[pool[place]], totals[place]))
+    for place, far in zip(pool.tolist(), behind.tolist(), strict=True):
+        candidates[place] = replace(candidates[place], behind=far)
+    chosen = int(pool[taken])
+    if processing.velocity == "position" and all(log.velocity is not None for log in recordings):
+        other = _try_velocities(library, pieces, study, candidates[chosen])
+        candidates.append(other)
+        if _ALIKE * np.mean(other.held_out) < np.mean(candidates[chosen].held_out):
+            chosen = len(candidates) - 1
+    return SettingsChoice(
+        scoring=scoring,
+        candidates=tuple(candidates),
+        taken=chosen,
+        top=tuple(study.top.tolist()),
+    )
+
+
+def _try_settings(
+    study: _Study, tried: Sequence[tuple[int, int, int]], shares: range
+) -> tuple[list[Candidate], FloatArray]:
+    """Return the candidates (rows k, instruments z, share) and their held-out losses (c, folds)."""
+    fits = {(k, z, share): study.fit((k, z), share) for k, z in study.pairs for share in shares}
+    candidates, losses = [], []
+    for k, z, share in tried:
+        values, folds = fits[k, z, share]
+        below = (fits[(k, y, share) if k > z else (y, y, share)] for y in range(z))
+        movement = max(_measure_movement(values, other, others[: study.count]) for other, others in below)
+        loss = study.measure(folds)
+        held = (loss if len(loss) == study.count else loss[study.count :]).sum(axis=0)
+        losses.append(loss.mean(axis=(1, 2)))
+        candidates.append(
+            Candidate(
+                band=study.bands[k],
+                instruments=study.bands[z] if z < k else 0.0,
+                standstill=SHARES[share],
+                held_out=tuple((100.0 * np.sqrt(held).mean(axis=1)).tolist()),
+                behind=math.inf,
+                movement=movement,
+            )
+        )
+    return candidates, np.array(losses)
+
+
+def _try_velocities(
+    library: Library, pieces: Sequence[tuple[int, Recording]], study: _Study, taken: Candidate
+) -> Candidate:
+    """Return the candidate that was taken with states from the logged velocities."""
+    bands = [taken.instruments, taken.band] if taken.instruments else [taken.band]
+    settings = replace(study.processing, velocity="log")
+    other = _Study(library, pieces, settings, bands, 0)
+    _, folds = other.fit((len(bands) - 1, 0), SHARES.index(taken.standstill))
+    loss = study.measure(folds)
+    held = (loss if len(loss) == study.count else loss[study.count :]).sum(axis=0)
+    percents = tuple((100.0 * np.sqrt(held).mean(axis=1)).tolist())
+    return replace(taken, velocity="log", held_out=percents, behind=math.inf)

@@ -1,0 +1,171 @@
+"""A single mistake in a log is named by undoing it, and a log without one names nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symid.codegen.cache import prepare_library
+from symid.identification.diagnostics.causes import find_cause
+from symid.identification.diagnostics.quick_model import build_quick_logs, fit_quick
+from symid.identification.diagnostics.stretches import measure_scoring_band
+from symid.identification.rigid.plan import cut_moving_ends
+from symid.robot.description import Processing
+from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
+from tests.unit.identification.pinocchio_arm import ARM, record_arm
+
+LATE = 20
+"""Samples, 100 ms."""
+
+
+@pytest.fixture(scope="module")
+def library():
+    return prepare_library(ARM)
+
+
+@pytest.fixture(scope="module")
+def logs():
+    return [record_arm(seed) for seed in (1, 2)]
+
+
+def diagnose(library, *recordings):
+    """Return the quick fit of logs and the likeliest cause."""
+    scoring = measure_scoring_band(recordings)
+    cutoff = min(scoring, 0.4 / recordings[0].period)
+    settings = cut_moving_ends(Processing(filter_cutoff=cutoff), recordings)
+    quick = build_quick_logs(library, recordings, settings, scoring)
+    fit = fit_quick(quick)
+    return fit, find_cause(quick, fit)
+
+
+def change(name, joint, function):
+    """Return what changes one column of a channel."""
+
+    def spoil(log):
+        values = getattr(log, name).copy()
+        values[:, joint] = function(values[:, joint])
+        return replace(log, **{name: values})
+
+    return spoil
+
+
+def exchange(first, second, *names):
+    def spoil(log):
+        order = [0, 1, 2]
+        order[first], order[second] = second, first
+        return replace(log, **{name: getattr(log, name)[:, order] for name in names})
+
+    return spoil
+
+
+def delay(log, samples=LATE):
+    """Return the log with torques that come so many samples after the motion."""
+    return replace(
+        log, time=log.time[:-samples], position=log.position[samples:], torque=log.torque[:-samples]
+    )
+
+
+def advance(log, samples=LATE):
+    return replace(
+        log, time=log.time[:-samples], position=log.position[:-samples], torque=log.torque[samples:]
+    )
+
+
+MISTAKES = {
+    "all torques": (lambda log: replace(log, torque=-log.torque), "log.torque-sign", "all torques"),
+    "torque 2": (change("torque", 1, np.negative), "log.torque-sign", "torque of joint 'joint2'"),
+    "torque 3": (change("torque", 2, np.negative), "log.torque-sign", "torque of joint 'joint3'"),
+    "position 2": (change("position", 1, np.negative), "log.position-sign", "position of joint 'joint2'"),
+    "position 3": (change("position", 2, np.negative), "log.position-sign", "position of joint 'joint3'"),
+    "torques 1 2": (exchange(0, 1, "torque"), "log.swapped-joints", "torques of 'joint1' and 'joint2'"),
+    "torques 2 3": (exchange(1, 2, "torque"), "log.swapped-joints", "torques of 'joint2' and 'joint3'"),
+    "positions 1 3": (
+        exchange(0, 2, "position"),
+        "log.swapped-joints",
+        "positions of 'joint1' and 'joint3'",
+    ),
+    "joints 2 3": (
+        exchange(1, 2, "position", "torque"),
+        "log.swapped-joints",
+        "joints 'joint2' and 'joint3' are",
+    ),
+    "degrees": (
+        lambda log: replace(log, position=np.degrees(log.position)),
+        "log.wrong-unit",
+        "positions are in degrees",
+    ),
+    "radians": (
+        lambda log: replace(log, position=np.radians(log.position)),
+        "log.wrong-unit",
+        "positions are in radians",
+    ),
+    "degrees 3": (change("position", 2, np.degrees), "log.wrong-unit", "joint 'joint3' are in degrees"),
+    "millinewton": (
+        change("torque", 2, lambda x: 1e3 * x),
+        "log.wrong-unit",
+        "torque of joint 'joint3' is 1000 times",
+    ),
+    "slower": (lambda log: replace(log, time=2.0 * log.time), "log.time-scale", " 2 times "),
+    "milliseconds": (lambda log: replace(log, time=1e3 * log.time), "log.time-scale", " 1000 times "),
+    "late": (delay, "log.torque-delay", "about 100 ms after"),
+    "early": (advance, "log.torque-delay", "about 100 ms before"),
+    "zero": (change("position", 1, lambda x: x + 0.8), "log.joint-zero", "zero of joint 'joint2'"),
+    "quarter turn": (
+        change("position", 1, lambda x: x + np.pi / 2),
+        "log.joint-zero",
+        "'joint2' is off by about 1.6 rad",
+    ),
+}
+
+
+@pytest.mark.parametrize(("place", "mistake"), list(enumerate(MISTAKES)))
+def test_a_single_mistake_is_named(library, logs, place, mistake):
+    spoil, code, words = MISTAKES[mistake]
+    log = logs[place % 2]
+    clean, _ = diagnose(library, log)
+    found, cause = diagnose(library, spoil(log))
+    assert (cause.code, words in cause.cause) == (code, True), cause.cause
+    assert cause.remedy
+    # Undone, the log is about as good as without the mistake.
+    assert cause.percent < 0.6 * found.percent or found.impossible.any()
+    assert cause.percent < 1.6 * clean.percent
+
+
+def test_an_upright_first_axis_leaves_open_which_sign_is_wrong(library, logs):
+    for name in ("torque", "position"):
+        _, cause = diagnose(library, change(name, 0, np.negative)(logs[0]))
+        assert cause.code in {"log.torque-sign", "log.position-sign"}
+        assert "of joint 'joint1' has the wrong sign" in cause.cause
+
+
+def test_logs_without_a_mistake_name_none(library, logs):
+    for recordings in ([logs[0]], [logs[1]], logs):
+        found, cause = diagnose(library, *recordings)
+        assert found.percent < 6.0
+        assert not found.impossible.any()
+        # No mistake undone makes them better: all that could be said is that the model is not exact.
+        assert (cause.code, cause.percent) == ("log.other-robot", float("inf"))
+
+
+def test_what_no_torque_shows_is_not_named(library, logs):
+    """A zero of the upright axis, or of the last joint, goes into the parameters."""
+    for joint in (0, 2):
+        found, cause = diagnose(library, change("position", joint, lambda x: x + 0.8)(logs[0]))
+        assert cause.code == "log.other-robot"
+        np.testing.assert_allclose(found.held_out, diagnose(library, logs[0])[0].held_out, rtol=1e-3)
+
+
+def test_noise_for_torque_is_foreign(library, logs):
+    noise = np.random.default_rng(3).normal(size=logs[0].torque.shape)
+    found, cause = diagnose(library, replace(logs[0], torque=noise))
+    assert np.all(found.held_out > 95.0)
+    assert (cause.code, cause.percent) == ("log.foreign-torque", float("inf"))
+
+
+def test_a_delay_longer_than_the_log_explains_nothing():
+    """Times a thousand times too small: 20 ms of motion, which no delay of 20 ms may undo."""
+    library = build_two_link()
+    log = build_recording(library, TWO_LINK_TRUTH, samples=4001, period=5e-3, seed=1)
+    _, cause = diagnose(library, replace(log, time=1e-3 * log.time))
+    assert cause.code != "log.torque-delay"
+    assert cause.code in {"log.time-scale", "log.other-robot"}

@@ -1,0 +1,134 @@
+"""What speaks for a fit: against explicit fits without each stretch, and truths that no robot has."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import butter, sosfiltfilt
+
+from symid.identification.regression.equations import stack_rows
+from symid.identification.regression.preparation import prepare_rows
+from symid.identification.rigid.fit import identify_parameters
+from symid.robot.description import Decimation, Processing
+from tests.recovery.closed_form import TWO_LINK_TRUTH
+from tests.unit.identification.rigid.two_link_logs import LIBRARY, record
+
+STATED = Processing(filter_cutoff=50.0, drop_first=50, drop_last=50, decimation=Decimation(factor=5))
+AUTOMATIC = Processing(automatic=True)
+SCORING = 2.5
+
+
+def smooth(values, rows):
+    """Return values (m,) of rows, low-passed at the scoring band, joint by joint and log by log."""
+    found = np.empty(len(values))
+    for run in np.unique(rows.run):
+        for group in (0, 1):
+            own = (rows.run == run) & (rows.group == group)
+            step = np.median(np.diff(rows.time[own]))
+            sections = butter(4, 2.0 * SCORING * step, output="sos")
+            found[own] = sosfiltfilt(sections, values[own], padtype="odd", padlen=12)
+    return found
+
+
+def is_inner(rows):
+    inner = np.zeros(len(rows.time), dtype=bool)
+    for run in np.unique(rows.run):
+        own = rows.run == run
+        first, last = rows.time[own].min(), rows.time[own].max()
+        cut = min(0.5, 0.05 * (last - first))
+        inner |= own & (rows.time >= first + cut) & (rows.time <= last - cut)
+    return inner
+
+
+@pytest.mark.parametrize("seeds", [(0,), (0, 1, 2)])
+@pytest.mark.parametrize("standstill", [None, 0.15])
+def test_what_is_held_out_is_that_of_explicit_fits(seeds, standstill):
+    """Slow rows that the fit leaves out count where it is judged; of several logs whole logs are held out."""
+    logs = [record(seed, encoder=1e-5, torque=0.5) for seed in seeds]
+    processing = replace(STATED, standstill=standstill)
+    estimate = identify_parameters(LIBRARY, logs, processing, estimator="ols")
+    rows = stack_rows([prepare_rows("torque", LIBRARY, log, STATED, window=0.1) for log in logs])
+    kept = (
+        np.ones(len(rows.values), dtype=bool) if standstill is None else np.abs(rows.velocity) >= standstill
+    )
+    held = rows.run
+    if len(seeds) == 1:
+        span = rows.time.max() - rows.time.min()
+        held = np.minimum((6 * (rows.time - rows.time.min()) / span).astype(int), 5)
+    predicted = np.empty(len(rows.values))
+    for fold in np.unique(held):
+        used = kept & (held != fold)
+        values = np.linalg.lstsq(rows.matrix[used], rows.values[used])[0]
+        predicted[held == fold] = rows.matrix[held == fold] @ values
+    plain = np.linalg.lstsq(rows.matrix[kept], rows.values[kept])[0]
+    torque, left, fitted = (
+        smooth(part, rows)
+        for part in (rows.values, rows.values - predicted, rows.values - rows.matrix @ plain)
+    )
+    inner = is_inner(rows)
+    for group, entry in enumerate(estimate.evidence.joints):
+        own = rows.group == group
+        slow = np.abs(rows.velocity) < 0.05 * np.quantile(np.abs(rows.velocity[own]), 0.99)
+        some = own & inner
+        whole = np.sqrt(np.mean(torque[some] ** 2))
+        expected = {
+            "held_out": (left, some),
+            "moving": (left, some & ~slow),
+            "resting": (left, some & slow),
+            "fitted": (fitted, some & kept),
+        }
+        for name, (part, mask) in expected.items():
+            percent = 100.0 * np.sqrt(np.mean(part[mask] ** 2)) / whole
+            assert getattr(entry, name) == pytest.approx(percent, rel=1e-6), name
+        assert entry.share == pytest.approx(1.0 - kept[own].mean())
+        assert entry.torque == pytest.approx(whole, rel=1e-6)
+    assert estimate.evidence.scoring == pytest.approx(SCORING)
+    assert estimate.evidence.logs == (0 if len(seeds) == 1 else 3)
+    assert estimate.evidence.stretches == 6
+    assert estimate.evidence.held_out == pytest.approx(
+        np.mean([entry.held_out for entry in estimate.evidence.joints])
+    )
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_robot_that_exists_has_nothing_impossible(seed):
+    evidence = identify_parameters(LIBRARY, [record(seed)], AUTOMATIC).evidence
+    assert evidence.impossible == ()
+    assert evidence.cause == ""
+    assert evidence.unexplained < 2.0
+
+
+def test_friction_that_drives_is_impossible():
+    for name, place in (("Fc1", 7), ("Fv2", 9)):
+        truth = TWO_LINK_TRUTH.copy()
+        truth[place] *= -1.0
+        evidence = identify_parameters(LIBRARY, [record(0, truth=truth)], AUTOMATIC).evidence
+        (said,) = (text for text in evidence.impossible if text.startswith(f"{name} = "))
+        assert said.endswith(": friction drives the joint")
+        # No mistake in the log makes such a log: its model is exact.
+        assert evidence.unexplained < 2.0
+
+
+def test_a_mass_matrix_that_is_not_positive_definite_is_impossible():
+    truth = TWO_LINK_TRUTH.copy()
+    truth[3] *= -1.0
+    evidence = identify_parameters(LIBRARY, [record(0, truth=truth)], AUTOMATIC).evidence
+    (said,) = evidence.impossible
+    assert said == "the mass matrix is not positive definite at 60 of 60 poses of the logs"
+
+
+def test_small_negative_friction_is_no_mistake():
+    """Within its deviation, or too small to matter."""
+    truth = TWO_LINK_TRUTH.copy()
+    truth[6], truth[7] = -1e-3, -1e-3
+    assert identify_parameters(LIBRARY, [record(0, truth=truth)], AUTOMATIC).evidence.impossible == ()
+
+
+def test_the_likeliest_mistake_is_in_the_evidence():
+    log = record(1)
+    torque = log.torque * np.array([1.0, -1.0])
+    evidence = identify_parameters(LIBRARY, [replace(log, torque=torque)], AUTOMATIC).evidence
+    assert "joint2' has the wrong sign" in evidence.cause
+    assert "-1" in evidence.remedy
+    assert evidence.cured < 5.0 < evidence.unexplained
+    assert evidence.impossible

@@ -1,0 +1,169 @@
+"""Band, instruments and standstill that are chosen: on logs whose truth, noise and stops are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symid.identification.rigid import settings_choice
+from symid.identification.rigid.fit import identify_parameters
+from symid.identification.rigid.settings_choice import choose_settings, pick_pieces
+from symid.logs.recording import Recording
+from symid.robot.description import Decimation, Processing
+from tests.recovery.closed_form import TWO_LINK_TRUTH
+from tests.unit.identification.rigid.two_link_logs import LIBRARY, NAMES, record, record_sticking
+
+AUTOMATIC = Processing(automatic=True)
+WIDE = replace(AUTOMATIC, decimation=Decimation(factor=3))
+"""Rows at 83 Hz, which keep 33 Hz."""
+FRICTION = slice(6, 12)
+
+
+def choose(*logs, processing=AUTOMATIC, **options):
+    return choose_settings(LIBRARY, logs, processing, **options)
+
+
+def assemble(estimate):
+    """Return values and deviations (p,)."""
+    found = {entry.name: (entry.value, entry.std) for entry in estimate.parameters}
+    return np.array([found[name] for name in NAMES]).T
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_clean_log_is_fitted_with_all_its_rows(seed):
+    estimate = identify_parameters(LIBRARY, [record(seed)], AUTOMATIC)
+    chosen = estimate.choice.chosen
+    assert (chosen.band, chosen.instruments, chosen.standstill) == (80.0, 0.0, 0.0)
+    assert chosen.still
+    assert estimate.estimator == "wls"
+    assert np.abs(np.array(chosen.held_out)).max() < 1.0
+    values, _ = assemble(estimate)
+    np.testing.assert_allclose(values, TWO_LINK_TRUTH, rtol=0.01, atol=0.01)
+    # What follows: two and a half rows a period of the band, and what was open is filled in.
+    processing = estimate.settings["processing"]
+    assert processing["decimation"]["factor"] == 1
+    assert processing["standstill"] is None
+    assert processing["instrument_cutoff"] is None
+    assert estimate.settings["chosen"] == ["filter_cutoff", "decimation.factor", "standstill"]
+    assert all(entry.share == 0.0 for entry in estimate.evidence.joints)
+
+
+@pytest.mark.parametrize(("seed", "encoder"), [(0, 1e-4), (1, 2e-4)])
+def test_noise_of_positions_is_met_with_instruments(seed, encoder):
+    """Least squares of the same rows shrinks the inertias by a tenth or more, and knows that it moves."""
+    log = record(seed, encoder=encoder)
+    usual = identify_parameters(LIBRARY, [log], WIDE, estimator="ols")
+    estimate = identify_parameters(LIBRARY, [log], WIDE)
+    assert estimate.estimator == "filtered-instrumental"
+    assert estimate.choice.chosen.instruments > 0.0
+    assert estimate.choice.chosen.band == usual.choice.chosen.band == pytest.approx(33.3, rel=0.01)
+    assert estimate.choice.chosen.still
+    assert not usual.choice.chosen.still
+    assert usual.choice.chosen.movement > 5.0
+    place = NAMES.index("ZZR1")
+    (values, deviations), (plain, _) = assemble(estimate), assemble(usual)
+    assert plain[place] < 0.9 * TWO_LINK_TRUTH[place]
+    assert values[place] == pytest.approx(TWO_LINK_TRUTH[place], rel=0.03)
+    assert np.sqrt(np.mean(((values - TWO_LINK_TRUTH) / deviations) ** 2)) < 2.0
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_rows_at_which_joints_stick_are_left_out(seed):
+    log, resting = record_sticking(seed)
+    assert 0.2 < resting.mean() < 0.4
+    estimate = identify_parameters(LIBRARY, [log], AUTOMATIC)
+    kept = identify_parameters(LIBRARY, [log], replace(AUTOMATIC, standstill=0.0))
+    assert estimate.choice.chosen.standstill > 0.0
+    assert kept.choice.chosen.standstill == 0.0
+    for joint in estimate.evidence.joints:
+        assert resting.mean() < joint.share < 1.5 * resting.mean()
+        # The rows that the fit leaves out still count where it is judged.
+        assert joint.resting > 5.0 * joint.moving
+    truth = TWO_LINK_TRUTH[FRICTION]
+    errors = [np.abs(assemble(found)[0][FRICTION] - truth).max() for found in (estimate, kept)]
+    assert errors[0] < 0.02
+    assert errors[1] > 3.0 * errors[0]
+    assert {notice.code for notice in estimate.notices} >= {"identify.automatic", "identify.slow-rows"}
+
+
+def vary_scoring(monkeypatch, log, find):
+    """Return what `find` gives where the scoring band is half, once, and twice what was measured."""
+    measure = settings_choice.measure_scoring_band
+    found = []
+    for factor in (0.5, 1.0, 2.0):
+        with monkeypatch.context() as patch:
+            patch.setattr(
+                settings_choice, "measure_scoring_band", lambda logs, factor=factor: factor * measure(logs)
+            )
+            found.append(find(log))
+    return found
+
+
+@pytest.mark.parametrize(("seed", "encoder"), [(0, 1e-6), (3, 3e-5)])
+def test_another_scoring_band_makes_the_same_choice(monkeypatch, seed, encoder):
+    chosen = [found.chosen for found in vary_scoring(monkeypatch, record(seed, encoder=encoder), choose)]
+    assert len({(entry.band, entry.instruments, entry.standstill) for entry in chosen}) == 1
+
+
+def test_with_more_noise_another_scoring_band_moves_no_value_beyond_deviations(monkeypatch):
+    found = [
+        assemble(estimate)
+        for estimate in vary_scoring(
+            monkeypatch,
+            record(1, encoder=1e-3),
+            lambda log: identify_parameters(LIBRARY, [log], AUTOMATIC),
+        )
+    ]
+    for values, deviations in (found[0], found[2]):
+        between = np.maximum(deviations, found[1][1])
+        assert np.sqrt(np.mean(((values - found[1][0]) / between) ** 2)) < 2.0
+    for values, deviations in found:
+        assert np.sqrt(np.mean(((values - TWO_LINK_TRUTH) / deviations) ** 2)) < 2.0
+
+
+def test_the_same_log_makes_the_same_choice():
+    log = record(2, encoder=1e-4, samples=2501)
+    assert choose(log) == choose(log)
+    assert repr(choose(log)) == repr(choose(log))
+
+
+def test_what_is_stated_is_not_chosen():
+    log = record(1, encoder=1e-4, samples=2501)
+    found = choose(log, band=20.0)
+    assert {entry.band for entry in found.candidates} == {20.0}
+    found = choose(log, instruments=False)
+    assert {entry.instruments for entry in found.candidates} == {0.0}
+    found = choose(log, processing=replace(AUTOMATIC, standstill=0.05))
+    assert {entry.standstill for entry in found.candidates} == {0.0}
+    assert max(entry.band for entry in choose(log, widest=15.0).candidates) <= 15.0
+
+
+def test_several_logs_are_held_out_one_by_one():
+    """One log with a torque of its own is predicted badly by the others, however long its stretches."""
+    logs = [record(seed, samples=2501) for seed in (4, 5)]
+    alike = choose(*logs).chosen.held_out[-1]
+    offset = replace(logs[1], torque=logs[1].torque + np.array([0.0, 2.0]))
+    assert choose(logs[0], offset).chosen.held_out[-1] > 5.0 * alike
+
+
+def test_logged_velocities_are_taken_where_they_are_better():
+    """A slow encoder, and a tachometer without noise; and the other way round."""
+    log = record(0, encoder=3e-3, samples=2501)
+    exact = np.gradient(record(0, encoder=0.0, samples=2501).position, log.period, axis=0)
+    assert choose(replace(log, velocity=exact)).chosen.velocity == "log"
+    noisy = exact + 0.3 * np.random.default_rng(1).normal(size=exact.shape)
+    clean = record(0, samples=2501)
+    assert choose(replace(clean, velocity=noisy)).chosen.velocity == "position"
+
+
+def test_of_long_logs_six_pieces_are_compared():
+    time = 1e-2 * np.arange(30001)
+    position = np.column_stack([np.sin(time), np.cos(time)])
+    long = Recording(time=time, position=position, torque=position, source="long")
+    short = replace(long, time=time[:5001], position=position[:5001], torque=position[:5001])
+    pieces = pick_pieces([short, long])
+    assert [run for run, _ in pieces] == [0, *[1] * 6]
+    assert pieces[0][1] is short
+    assert [len(piece.time) for _, piece in pieces[1:]] == [2000] * 6
+    assert pieces[1][1].time[0] == 0.0
+    assert pieces[-1][1].time[-1] == pytest.approx(300.0, abs=0.02)

@@ -1,0 +1,90 @@
+"""Which notices are printed, in which order, and what is the same for several logs."""
+
+import re
+
+import pytest
+
+from symid.errors import (
+    MILD,
+    MOST_WARNINGS,
+    NOTES,
+    SEVERE,
+    Notice,
+    arrange_notices,
+    merge_notices,
+    rank_notice,
+    sort_notices,
+)
+from tests.architecture.source import PROJECT
+
+LOGS = ("a.csv", "b.csv", "c.csv")
+
+
+def note(text="columns were converted", **place):
+    return Notice(code="log.converted", text=text, **place)
+
+
+def test_the_table_of_codes_is_of_codes_that_exist():
+    texts = "".join(path.read_text(encoding="utf-8") for path in (PROJECT / "symid").rglob("*.py"))
+    verdicts = {f"{verb}.{level}" for verb in ("identify", "validate") for level in ("wrong", "doubtful")}
+    codes = {*SEVERE, *MILD}
+    assert len(codes) == len(SEVERE) + len(MILD)
+    assert not codes & NOTES
+    written = set(re.findall(r"[\"']([a-z]+\.[a-z-]+)[\"']", texts.partition("SEVERE = (")[0]))
+    written |= set(re.findall(r"[\"']([a-z]+\.[a-z-]+)[\"']", texts.partition("MOST_WARNINGS")[2]))
+    # This one is put together from a part of its code.
+    assert codes - written - verdicts == {"friction.refused"}
+
+
+def test_severe_warnings_stand_before_others_and_notes_last():
+    vague, sign = Notice(code="identify.vague", text="v"), Notice(code="log.torque-sign", text="s")
+    other = Notice(code="export.spring", text="o")
+    doubt = Notice(code="identify.doubtful", text="d")
+    given = (note(), vague, other, sign, doubt, vague)
+    assert sort_notices(given) == (doubt, sign, other, vague, note())
+    assert min(given, key=rank_notice) is doubt
+
+
+def test_notices_of_equal_weight_keep_their_order():
+    entries = tuple(Notice(code=f"export.k{k}", text="t") for k in (3, 1, 2))
+    assert sort_notices(entries) == entries
+
+
+def test_what_is_the_same_for_all_logs_is_one_notice():
+    notices = [note(file=log, line=4) for log in LOGS]
+    (whole,) = merge_notices(notices, LOGS)
+    assert str(whole) == "columns were converted (all 3 logs)"
+    (some,) = merge_notices(notices[:2], LOGS)
+    assert str(some) == "columns were converted (a.csv, b.csv)"
+    many = [note(file=f"{k}.csv") for k in range(5)]
+    assert str(merge_notices(many)[0]) == "columns were converted (0.csv, 1.csv, 2.csv and 2 more)"
+
+
+def test_where_only_numbers_differ_the_first_is_kept_and_counted():
+    texts = ("17 of 480 rows were left out", "9 of 300 rows were left out", "1.5e-3 of 2 rows were left out")
+    notices = [note(text, file=log) for text, log in zip(texts, LOGS, strict=True)]
+    (merged,) = merge_notices(notices, LOGS)
+    assert str(merged) == f"a.csv: {texts[0]} (and with other numbers in 2 more files)"
+
+
+def test_two_findings_of_one_log_stay_two():
+    gaps = [Notice(code="log.gap", text=f"a gap of {k} samples", file="a.csv", line=k) for k in (3, 7)]
+    assert merge_notices(gaps) == tuple(gaps)
+    plain = [Notice(code="log.gap", text=f"a gap of {k} samples") for k in (3, 7)]
+    assert merge_notices(plain) == tuple(plain)
+    names = [note(f"joint 'joint{k}' was turned", file=log) for k, log in zip((1, 2), LOGS, strict=False)]
+    assert merge_notices(names) == tuple(names)
+
+
+@pytest.mark.parametrize(
+    ("count", "last"), [(3, ""), (4, "and 1 more warning: HOW"), (6, "and 3 more warnings: HOW")]
+)
+def test_three_warnings_are_printed_and_the_rest_is_counted(count, last):
+    warnings = [Notice(code=f"export.k{k}", text=f"w{k}") for k in range(count)]
+    arranged = arrange_notices([note(), *warnings])
+    assert arranged.warnings == tuple(warnings[:MOST_WARNINGS])
+    assert arranged.more == count - MOST_WARNINGS
+    lines = list(arranged.list_lines("HOW"))
+    assert lines[3:] == [*([("warning", last)] if last else []), ("note", "columns were converted")]
+    every = arrange_notices([note(), *warnings], most=None)
+    assert (len(every.warnings), every.more) == (count, 0)

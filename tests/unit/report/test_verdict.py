@@ -1,0 +1,199 @@
+"""Verdicts: their levels, what is printed and stored of them, and what a held-out log is judged by."""
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import symid
+from symid.identification import RigidValidation
+from symid.identification.estimators import Residual, Validation
+from symid.report.blocks import Table
+from symid.report.verdict import (
+    LEVELS,
+    FitVerdict,
+    describe_verdict,
+    judge_identification,
+    judge_trial,
+    list_verdict_notices,
+    show_verdict,
+)
+from tests.estimates import build_estimate
+
+VERDICT = FitVerdict(
+    level="wrong", headline="It is off.", details=("a", "b"), cause="A sign.", remedy="Turn it."
+)
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return symid.load("two_link").description
+
+
+@pytest.fixture(scope="module")
+def estimate(robot):
+    return build_estimate(robot)
+
+
+def set_residual(record, *percents):
+    residual = tuple(
+        replace(entry, relative_percent=percent)
+        for entry, percent in zip(record.residual, percents, strict=True)
+    )
+    return replace(record, residual=residual)
+
+
+def make_trial(robot, percent, *, std=0.1, fitted=False, rows="torque", band=None):
+    residual = tuple(
+        Residual(
+            joint=joint.name, norm=10.0 * std, relative_percent=percent, std=std, samples=100, unit="N m"
+        )
+        for joint in robot.joints
+    )
+    validation = Validation(
+        robot=robot.name,
+        signature="",
+        source="<held out>",
+        rows=rows,
+        residual=residual,
+        series=(),
+        samples=200,
+        fitted=fitted,
+    )
+    return RigidValidation(
+        robot=robot,
+        source="<held out>",
+        tables=(("", residual),),
+        notices=(),
+        validation=validation,
+        settled=None,
+        band=band,
+    )
+
+
+def test_a_verdict_is_printed_on_lines_of_its_own():
+    assert show_verdict(VERDICT) == "verdict: wrong - It is off.\ncause: A sign.\nremedy: Turn it."
+    assert show_verdict(replace(VERDICT, cause="", remedy="")) == "verdict: wrong - It is off."
+    assert list(describe_verdict(VERDICT)) == ["level", "headline", "cause", "remedy", "details"]
+
+
+@pytest.mark.parametrize(
+    ("level", "code"),
+    [("wrong", "identify.wrong"), ("doubtful", "identify.doubtful"), ("usable", None), ("good", None)],
+)
+def test_wrong_and_doubtful_have_a_notice(level, code):
+    notices = list_verdict_notices(replace(VERDICT, level=level), "fit.json")
+    assert [entry.code for entry in notices] == ([] if code is None else [code])
+    tried = list_verdict_notices(replace(VERDICT, level=level), "log.csv", tried=True)
+    assert [entry.code for entry in tried] == ([] if code is None else [code.replace("identify", "validate")])
+    assert all(entry.file == "fit.json" and not entry.is_note for entry in notices)
+
+
+def test_a_fit_that_leaves_half_of_the_squared_torque_is_wrong(estimate):
+    limit = 100.0 * math.sqrt(0.5)
+    verdict = judge_identification(set_residual(estimate, limit + 1.0, limit + 1.0), ())
+    assert verdict.level == "wrong"
+    assert f"{limit + 1.0:.3g} %" in verdict.headline
+    assert verdict.cause
+    assert "symid check" in verdict.remedy
+    below = judge_identification(set_residual(estimate, limit - 1.0, limit - 1.0), ())
+    assert below.level != "wrong"
+    assert (below.cause, below.remedy) == ("", "")
+
+
+def test_one_joint_of_noise_makes_no_fit_wrong(estimate):
+    assert judge_identification(set_residual(estimate, 5.0, math.inf), ()).level != "wrong"
+    assert judge_identification(set_residual(estimate, math.inf, math.inf), ()).level == "wrong"
+
+
+@pytest.mark.parametrize(
+    ("percent", "level"), [(5.0, "good"), (20.0, "usable"), (50.0, "doubtful"), (90.0, "wrong")]
+)
+def test_a_held_out_log_is_judged_by_the_same_limits(robot, estimate, percent, level):
+    verdict = judge_trial(make_trial(robot, percent), estimate)
+    assert verdict.level == level
+    assert f"{percent:g} %" in verdict.headline
+    assert judge_trial(make_trial(robot, percent)).level == level
+    trial = make_trial(robot, percent)
+    both = judge_identification(estimate, (trial.validation,))
+    assert LEVELS.index(both.level) <= LEVELS.index(level)
+    assert (both.level == "wrong") == (level == "wrong")
+
+
+def test_a_residual_larger_than_that_of_the_fit_counts(robot, estimate):
+    assert judge_trial(make_trial(robot, 5.0, std=0.15), estimate).level == "usable"
+    assert judge_trial(make_trial(robot, 5.0, std=0.3), estimate).level == "doubtful"
+    # Residuals of other rows, or of a band, cannot be compared with those of the fit.
+    assert judge_trial(make_trial(robot, 5.0, std=0.3, rows="momentum"), estimate).level == "good"
+    assert (
+        judge_trial(make_trial(robot, 5.0, std=0.3, band=SimpleNamespace(band=20.0)), estimate).level
+        == "good"
+    )
+
+
+def test_a_log_of_the_fit_is_no_test(robot, estimate):
+    verdict = judge_trial(make_trial(robot, 1.0, fitted=True), estimate)
+    assert verdict.level == "usable"
+    assert "no test" in verdict.headline
+
+
+def test_a_fit_carries_its_verdict_everywhere(robot, estimate, tmp_path):
+    good = symid.load_fit(_store(estimate, tmp_path / "good.json"))
+    assert good.verdict.level == "usable"
+    assert (good.errors, good.accepted) == ((), True)
+    assert str(good).startswith("verdict: usable - ")
+    assert next(iter(good.to_dict())) == "verdict"
+    bad = symid.load_fit(_store(set_residual(estimate, 99.0, 98.0), tmp_path / "bad.json"))
+    assert [entry.code for entry in bad.errors] == ["identify.wrong"]
+    assert not bad.accepted
+    assert str(bad).splitlines()[-1].startswith("error: ")
+    assert '"symid fail"' in bad._repr_html_()
+    assert f"{bad.verdict.headline}" in bad._repr_html_()
+    page = bad.report(tmp_path / "page.html")
+    assert [entry.code for entry in page.errors] == ["identify.wrong"]
+    assert '<p class="headline">Wrong - The model does not explain' in page.file.read_text(encoding="utf-8")
+    with pytest.raises(symid.EstimateError) as caught:
+        bad.export(tmp_path / "arm.toml")
+    assert caught.value.notices[0].code == "export.wrong"
+    assert not (tmp_path / "arm.toml").exists()
+    written = bad.export(tmp_path / "arm.toml", accept=True)
+    assert written.file.exists()
+    assert written.notices[0].code == "identify.wrong"
+
+
+def _store(estimate, path):
+    verdict = describe_verdict(judge_identification(estimate, ()))
+    from symid.identification import write_fit
+
+    return write_fit(estimate, path, verdict=verdict)
+
+
+def test_the_stored_verdict_is_read_over(estimate, tmp_path):
+    fit = symid.load_fit(_store(estimate, tmp_path / "fit.json"))
+    assert fit.estimate == estimate
+    text = fit.save(tmp_path / "again.json").read_text(encoding="utf-8")
+    assert text == (tmp_path / "fit.json").read_text(encoding="utf-8")
+    assert f'"level": "{fit.verdict.level}"' in text
+
+
+def test_a_doubtful_fit_warns_and_is_accepted(robot, estimate, tmp_path):
+    high = replace(estimate, parameters=tuple(replace(entry, truth=9.0) for entry in estimate.parameters))
+    assert judge_identification(high, ()).level == "doubtful"
+    fit = symid.load_fit(_store(high, tmp_path / "fit.json"))
+    assert fit.notices[0].code == "identify.doubtful"
+    assert fit.accepted
+    assert np.isfinite(fit.covariance).all()
+
+
+def test_long_cells_of_a_table_are_folded_and_never_cut():
+    group = " + ".join(f"ZZ{k}" for k in range(1, 30))
+    table = Table(("group", "value"), [(group, 1.5), ("M1", 2.0)], fold=40)
+    lines = str(table).splitlines()
+    assert max(map(len, lines)) < 60
+    assert " ".join(line[:40].strip() for line in lines[2:-1]) == group.replace("\n", " ")
+    assert lines[2].endswith("1.5")
+    assert lines[-1].split() == ["M1", "2"]
+    assert group in table.write_html()
+    assert group in str(replace(table, fold=0))

@@ -1,0 +1,173 @@
+"""Named sets of settings: read and checked like the file's own, put over it, written again."""
+
+import pytest
+
+import symid
+from symid.errors import RobotError, UsageError
+from symid.robot.description import Controller, Decimation, NamedSettings, Processing
+from symid.robot.loading import load_robot, override_robot
+from symid.robot.toml_reader import parse_robot, read_robot
+from symid.robot.toml_writer import write_robot
+
+JOINT = """
+convention = "modified"
+gravity = [0, 0, -9.81]
+[[joint]]
+name = "axis"
+kind = "revolute"
+[processing]
+standstill = 0.5
+[log]
+torque = { columns = ["i"], unit = "N m" }
+"""
+SETS = """
+[settings.slow.processing]
+filter_cutoff = 5
+decimation = { factor = 20 }
+[settings.lab-2.log]
+position = { columns = ["counts"], unit = "count", factor = 0.001, offset = 0.25 }
+torque = { columns = ["u"], unit = "V", factor = 3 }
+[settings.lab-2.controller]
+stiffness = 100
+damping = [2]
+velocity_filter = 175
+[settings.bare]
+processing = {}
+log = {}
+"""
+
+
+@pytest.fixture
+def robot():
+    return parse_robot(JOINT + SETS, "arm.toml")
+
+
+def test_sets_are_kept_and_change_nothing_by_themselves(robot):
+    assert [entry.name for entry in robot.settings] == ["slow", "lab-2", "bare"]
+    slow, lab, bare = robot.settings
+    assert slow == NamedSettings(
+        name="slow", processing=Processing(filter_cutoff=5.0, decimation=Decimation(factor=20))
+    )
+    assert lab.processing is None
+    assert lab.controller == Controller(stiffness=(100.0,), damping=(2.0,), velocity_filter=175.0)
+    assert lab.log.position.offset == (0.25,)
+    assert bare.processing == Processing()
+    plain = parse_robot(JOINT, "arm.toml")
+    assert (robot.log, robot.processing, robot.controller) == (plain.log, plain.processing, None)
+
+
+def test_a_set_replaces_whole_tables(robot):
+    slow = override_robot(robot, [("settings", "slow")])
+    assert slow.processing == robot.settings[0].processing
+    # The file's own table is not mixed with that of the set; tables that the set lacks stay.
+    assert not slow.processing.get_standstill(0)
+    assert slow.log == robot.log
+    lab = override_robot(robot, [("settings", "lab-2")])
+    assert (lab.log, lab.controller) == (robot.settings[1].log, robot.settings[1].controller)
+    assert lab.processing == robot.processing
+    assert override_robot(robot, [("settings", "bare")]).log.torque is None
+    assert slow.settings == robot.settings
+
+
+def test_single_settings_win(robot):
+    pairs = [("processing.filter_cutoff", "9"), ("settings", "slow"), ("log.torque.unit", "mN m")]
+    found = override_robot(robot, pairs)
+    assert (found.processing.filter_cutoff, found.processing.decimation.factor) == (9.0, 20)
+    assert found.log.torque.unit == "mN m"
+
+
+def test_sets_are_written_again(robot):
+    again = parse_robot(write_robot(robot), "arm.toml")
+    assert again.settings == robot.settings
+    assert (again.log, again.processing, again.controller) == (robot.log, robot.processing, robot.controller)
+    chosen = override_robot(robot, [("settings", "lab-2")])
+    again = parse_robot(write_robot(chosen), "arm.toml")
+    assert (again.settings, again.log, again.controller) == (robot.settings, chosen.log, chosen.controller)
+
+
+@pytest.mark.parametrize("name", ["emps", "ur10", "panda"])
+def test_shipped_sets_are_written_again(robots_folder, name):
+    robot = read_robot(robots_folder / f"{name}.toml")
+    assert robot.settings
+    assert parse_robot(write_robot(robot)).settings == robot.settings
+
+
+def test_all_mistakes_of_all_sets_are_told_at_their_places():
+    text = """
+[settings.one.processing]
+filter_cutof = 5
+standstill = -1
+[settings.two.controller]
+stiffness = 1
+[settings.two.log]
+torque = { columns = ["a", "b"], unit = "N" }
+[settings.three]
+friction = "asymmetric"
+[settings.processing]
+filter_cutoff = 5
+[settings.empty]
+[settings."4th".log]
+[settings]
+five = 5
+"""
+    with pytest.raises(RobotError) as caught:
+        parse_robot(JOINT + text, "arm.toml")
+    first = JOINT.count("\n") + 1
+    found = [(notice.line - first, notice.code) for notice in caught.value.notices]
+    assert found == [
+        (2, "robot.unknown-key"),
+        (3, "robot.out-of-range"),
+        (4, "robot.missing-key"),
+        (7, "robot.column-count"),
+        (7, "robot.missing-factor"),
+        (9, "robot.unknown-key"),
+        (10, "robot.bad-name"),
+        (12, "robot.missing-key"),
+        (13, "robot.bad-name"),
+        (15, "robot.wrong-type"),
+    ]
+    texts = [notice.text for notice in caught.value.notices]
+    assert texts[0].startswith("settings: one: processing: filter_cutof: no such key here; did you mean")
+    assert "settings: three: friction: no such key here; allowed are log, processing, controller" in texts
+    assert "[settings.NAME.processing]" in texts[6]
+    with pytest.raises(RobotError) as caught:
+        parse_robot("settings = 3\n" + JOINT, "arm.toml")
+    assert [notice.code for notice in caught.value.notices] == ["robot.wrong-type"]
+
+
+def test_an_unknown_set_is_refused_with_those_that_there_are(robot, robots_folder):
+    with pytest.raises(UsageError) as caught:
+        override_robot(robot, [("settings", "slwo")])
+    (notice,) = caught.value.notices
+    assert (notice.code, notice.file) == ("usage.unknown-settings", "arm.toml")
+    assert "it has slow, lab-2, bare; did you mean slow?" in notice.text
+    with pytest.raises(UsageError, match="named 'published': it has none") as caught:
+        load_robot(str(robots_folder / "two_link.toml"), [("settings", "published")])
+    assert caught.value.notices[0].file.endswith("two_link.toml")
+
+
+class TestPython:
+    def test_a_text_names_a_set(self):
+        robot = symid.load("emps", settings="published")
+        assert robot.description.processing.filter_cutoff == 100.0
+        assert robot.description == symid.load("emps").override(settings="published").description
+
+    def test_a_set_and_single_settings_go_together(self):
+        both = {"processing.drop_first": 7, "settings": "published"}
+        found = symid.load("emps", settings=both).description.processing
+        assert (found.drop_first, found.filter_cutoff) == (7, 100.0)
+
+    def test_a_log_that_was_read_otherwise_is_refused(self, tmp_path):
+        file = tmp_path / "arm.toml"
+        file.write_text(JOINT + SETS)
+        table = "\n".join(f"{0.001 * k},{k},1,1" for k in range(100))
+        (tmp_path / "log.csv").write_text(f"t,counts,i,u\n{table}\n")
+        lab = symid.load(file, settings="lab-2")
+        log = symid.read_log(tmp_path / "log.csv", lab)
+        assert (log.q[4, 0], log.tau[4, 0]) == (pytest.approx(0.254), 3.0)
+        with pytest.raises(UsageError, match="settings 'bare': the log is already read") as caught:
+            lab.identify(log, settings="bare")
+        assert caught.value.notices[0].code == "usage.read-before"
+        # A set that reads the log as it was read, or another table, says nothing of the columns.
+        for name in ("lab-2", "slow"):
+            assert symid.api.log.list_logs(log, [("settings", name)]) == (log.recording,)
