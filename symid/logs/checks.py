@@ -38,6 +38,7 @@ def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:
     for index, (joint, summary) in enumerate(zip(robot.axes, summaries, strict=True)):
         found += _check_position(recording.position[:, index], joint)
         found += _check_jumps(recording.time, recording.position[:, index], joint)
+        found += _check_stuck(recording, index, joint)
         found += _check_torque(recording.torque[:, index], summary, joint)
         if summary.low < summary.high and summary.standstill > _STANDSTILL:
             text = f"joint {joint.name!r} stands still during {100 * summary.standstill:.0f} % of the log"
@@ -71,6 +72,35 @@ def _check_jumps(time: FloatArray, position: FloatArray, joint: Joint) -> Iterat
         f"{time[first]:.6g} s ({len(places)} jumps); {why}"
     )
     yield "log.position-jump", text
+
+
+_STUCK = 0.05
+"""Of a log: shortest time for which a position that does not change at all is looked at."""
+_AT_WORK = 0.5
+"""Times the torque's deviation elsewhere: a joint at work is not at rest."""
+
+
+def _check_stuck(recording: Recording, index: int, joint: Joint) -> Iterator[tuple[str, str]]:
+    """Yield a warning where a position stays the same to the bit while the torque goes on as before."""
+    position, torque = recording.position[:, index], recording.torque[:, index]
+    changes = np.flatnonzero(np.diff(position))
+    if not len(changes):
+        return
+    edges = np.concatenate([[0], changes + 1, [len(position)]])
+    longest = int(np.argmax(np.diff(edges)))
+    low, high = int(edges[longest]), int(edges[longest + 1])
+    if high - low < _STUCK * len(position) or high - low >= len(position) - 2:
+        return
+    elsewhere = float(np.std(np.delete(torque, np.s_[low:high])))
+    if float(np.std(torque[low:high])) < _AT_WORK * elsewhere:
+        return
+    first, last = float(recording.time[low]), float(recording.time[high - 1])
+    text = (
+        f"the position of joint {joint.name!r} is the same to the last bit from {first:.6g} s to {last:.6g} "
+        "s, while its torque goes on as before: the encoder is stuck, or samples were repeated; leave this "
+        "part out"
+    )
+    yield "log.stuck-encoder", text
 
 
 def get_second_encoder_side(recording: Recording) -> str | None:

@@ -117,3 +117,19 @@ def test_a_biased_and_noisy_velocity_is_no_mistake(check):
     noise = np.random.default_rng(0).normal(size=RATE.shape)
     assert check(velocity=RATE + 0.05 + 0.2 * noise) == {}
     assert check(velocity=np.where(T[:, None] == 0.5, np.nan, 9.0 * RATE)) == {}
+
+
+def test_a_stuck_encoder_is_found_where_the_torque_goes_on(check):
+    stuck = change(GOOD.position, np.s_[2000:, 0], GOOD.position[2000, 0])
+    assert "from 2 s to 3.999 s" in check(position=stuck)["log.stuck-encoder"]
+    # A joint at rest: its torque rests too.
+    still = change(GOOD.torque, np.s_[2000:, 0], GOOD.torque[2000, 0])
+    assert "log.stuck-encoder" not in check(position=stuck, torque=still)
+
+
+@pytest.mark.parametrize(("size", "why"), [(2.0 * np.pi, "wraps"), (0.4, "samples are missing")])
+def test_a_position_that_jumps(check, size, why):
+    jumps = change(GOOD.position, np.s_[1500:, 1], GOOD.position[1500:, 1] + size)
+    text = check(position=jumps)["log.position-jump"]
+    assert "at 1.499 s (1 jumps)" in text
+    assert why in text
