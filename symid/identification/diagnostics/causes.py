@@ -27,6 +27,8 @@ _SURE = 4.0
 """Standard errors, over the stretches, by which it must leave less."""
 _SAME = 1.1
 """Times the held-out residual before: what leaves no more predicts as well."""
+_TURNED = frozenset(("log.torque-sign", "log.position-sign", "log.swapped-joints"))
+"""Mistakes that make friction and inertia negative; others may cure these by chance."""
 _TURN = 0.5 * np.pi
 _DELAYS = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 _DELAYED = 0.1
@@ -72,7 +74,8 @@ def find_cause(
         rest, percent = int(found.impossible.sum()), found.percent
         better = percent <= min(_CLEARLY * before.percent, most, _MOST) and _is_certain(before, found)
         better = better and rest <= int(before.impossible.sum())
-        cured = cures and before.impossible.any() and not rest and percent <= _SAME * before.percent
+        cured = cures and before.impossible.any() and not rest and trial.code in _TURNED
+        cured = cured and percent <= _SAME * before.percent
         if (better or cured) and (best is None or (rest, percent) < best[:2]):
             best = rest, percent, trial
     if best is not None:

@@ -398,7 +398,8 @@ def find_mistake(
     before = fit_quick(logs)
     if before.percent <= _SUSPICIOUS and not before.impossible.any():
         return None
-    found = find_cause(logs, before)
+    # A log that fits badly has negative values by chance, too.
+    found = find_cause(logs, before, cures=before.percent <= _SUSPICIOUS)
     return (found, before.percent) if np.isfinite(found.percent) else None
 
 
