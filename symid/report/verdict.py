@@ -244,14 +244,14 @@ def judge_identification(estimate: Estimate, validations: Sequence[Validation]) 
     ]
     if len(held_out) < len(validations):
         details.append(_FITTED)
-    words, more = _judge_parameters(estimate.parameters, estimate.refused)
+    # Small parameters of a large robot are uncertain in any log; their deviations say so.
+    words, more = _judge_parameters(estimate.parameters, estimate.refused, small=evidence is not None)
     if evidence is None:
         level, headline = _judge_prediction(estimate, held_out)
         caps: Caps = [*_find_lost(estimate.residual, _OWN), *more]
     else:
         level, headline, caps = _judge_evidence(evidence)
-        # Small parameters of a large robot are uncertain in any log; their deviations say so.
-        caps += [entry for entry in more if "uncertain" not in entry[1]]
+        caps += more
         details += _list_evidence(evidence)
         if held_out:
             tried, sentence = _judge_prediction(estimate, held_out)
@@ -318,11 +318,16 @@ def _compute_rms(residual: Residual) -> float:
 
 
 def _judge_parameters(
-    parameters: Sequence[ParameterEstimate], refused: Sequence[tuple[str, str]], tolerance: float = 0.0
+    parameters: Sequence[ParameterEstimate],
+    refused: Sequence[tuple[str, str]],
+    tolerance: float = 0.0,
+    *,
+    small: bool = False,
 ) -> tuple[list[str], Caps]:
     """Return how well parameters are known and how near the truth they are, and what that limits.
 
-    Within `tolerance` percent a true value counts as met, whatever its standard deviation.
+    Within `tolerance` percent a true value counts as met, whatever its standard deviation; where parameters
+    may be `small`, uncertain ones limit nothing.
     """
     details, caps = [], []
     uncertain = [entry.name for entry in parameters if not entry.relative_std_percent <= _UNCERTAIN]
@@ -342,7 +347,7 @@ def _judge_parameters(
     if missed:
         level = "doubtful" if 2 * len(missed) > len(known) else "usable"
         caps.append((level, f"true values are missed beyond chance: {', '.join(missed)}"))
-    if len(uncertain) > _UNCERTAIN_SHARE * len(parameters):
+    if not small and len(uncertain) > _UNCERTAIN_SHARE * len(parameters):
         text = f"{len(uncertain)} of {len(parameters)} parameters are uncertain by more than {_UNCERTAIN:g} %"
         caps.append(("usable", text))
     if refused:

@@ -37,8 +37,9 @@ if TYPE_CHECKING:
         warn_of_missing as warn_of_missing,
     )
     from symid.identification.diagnostics.stretches import (
+        ENDS as ENDS,
+        PART as PART,
         STRETCHES as STRETCHES,
-        Border as Border,
         Stretches as Stretches,
         compute_jackknife as compute_jackknife,
         count_stretches as count_stretches,

@@ -7,7 +7,6 @@ periods of the cut-off are wrong. A joint that sticks holds any torque up to its
 Not supported: naming the missing term (see `residual_structure`); accelerations at an end at rest.
 """
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
@@ -18,7 +17,13 @@ from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import Notice
 from symid.identification.estimators import ParameterEstimate, RegressionFit
-from symid.identification.regression import SCALAR_KINDS, Identifiability, Rows, compute_inverse_root
+from symid.identification.regression import (
+    SCALAR_KINDS,
+    Identifiability,
+    Rows,
+    compute_inverse_root,
+    measure_moving_ends,
+)
 from symid.logs import Recording
 from symid.robot import Processing
 
@@ -216,28 +221,17 @@ def warn_of_poorly_identifiable(parameters: Sequence[ParameterEstimate]) -> tupl
     return (build_warning("identify.vague", percent=_POOR_PERCENT, names=poor),) if poor else ()
 
 
-_PERIODS = 2.0
-"""Of the cut-off that are wrong at an end."""
-_MOVING = 0.05
-"""Of the top speed, beyond which a joint moves."""
-
-
 def warn_of_moving_ends(processing: Processing, recordings: Sequence[Recording]) -> tuple[Notice, ...]:
     """Return which logs begin or end in motion with nothing cut off there.
 
-    `processing` is the one used, its cut-off in Hz. The speed at an end is the mean over one period of it.
+    `processing` is the one used, its cut-off in Hz; see `measure_moving_ends`.
     """
     notices = []
     cutoff = processing.filter_cutoff
-    for recording in recordings if cutoff is not None else ():
-        spoilt = math.ceil(_PERIODS / (cutoff or 1.0) / recording.period)
-        span = max(1, round(spoilt / _PERIODS))
-        speed = np.abs(recording.position[span:] - recording.position[:-span])
-        if not len(speed):
-            continue
-        moving = np.any(speed[[0, -1]] > _MOVING * speed.max(axis=0), axis=1)
-        ends = zip(("begins", "ends"), ("drop_first", "drop_last"), moving, strict=True)
-        bad = [(verb, name) for verb, name, moves in ends if moves and getattr(processing, name) < spoilt]
+    for recording in recordings:
+        spoilt = measure_moving_ends(processing, [recording])
+        ends = zip(("begins", "ends"), ("drop_first", "drop_last"), spoilt, strict=True)
+        bad = [(verb, name) for verb, name, least in ends if getattr(processing, name) < least]
         if bad:
             notices.append(
                 build_warning(
@@ -245,8 +239,8 @@ def warn_of_moving_ends(processing: Processing, recordings: Sequence[Recording])
                     file=recording.source,
                     ends=" and ".join(verb for verb, _ in bad),
                     cutoff=cutoff,
-                    spoilt=spoilt,
-                    settings=" ".join(f"--set processing.{name}={spoilt}" for _, name in bad),
+                    spoilt=max(spoilt),
+                    settings=" ".join(f"--set processing.{name}={max(spoilt)}" for _, name in bad),
                 )
             )
     return tuple(notices)

@@ -43,7 +43,7 @@ class QuickLogs:
     Args:
         q, dq, ddq, tau: (T, n); kept: (T, n) whether a joint's row counts.
         stretch: (T,) number of its stretch; run: (T,) of its log.
-        period: s, between samples.
+        period: s, between samples; friction: whether every joint gets viscous and dry friction of its own.
         transmission: (n, n) angles of the motors over those of the joints, None where each moves one joint.
     """
 

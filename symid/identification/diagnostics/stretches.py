@@ -5,8 +5,9 @@ Rows, instruments -> `Stretches` -> parameters without each stretch, residuals o
     x_(-s) = (sum over other stretches of Z'W A)^-1 sum of Z'W y
 
 A stretch is a contiguous part of a log; of several logs, whole logs are held out, unless one of them moves
-what the others do not. The jackknife of a group of
-rows is that of Quenouille (1956): var x = (S - 1) / S sum_s (x_(-s) - mean)^2.
+what the others do not. The jackknife of a group of rows is that of Quenouille (1956):
+
+    var x = (S - 1) / S sum_s (x_(-s) - mean)^2
 
 Supported: least squares and instruments, any rows of single joints.
 Not supported: estimators that are not linear in the torque; they are judged by wls of the same rows.
@@ -25,10 +26,10 @@ from symid.logs import Recording, low_pass
 
 STRETCHES = 6
 """Of all logs together; two a log at least."""
+ENDS, PART = 0.5, 0.05
+"""s, and part of a log, that do not count at either end, where filters extrapolate."""
 _RIDGE = 1e-11
 """Of the squared length of columns: keeps what the rows do not identify at zero."""
-
-
 _LEAST_BAND = 2.5
 """Hz: no scoring band is narrower."""
 _HELD = 0.99
@@ -210,50 +211,41 @@ def fit_stretches(
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Border:
-    """Further columns `right` (k, c) of one joint at its rows `own` (k,), and their instruments `left`."""
-
-    own: NDArray[np.intp]
-    right: FloatArray
-    left: FloatArray
-
-
 def measure_gain(
-    stretches: Stretches, rows: Rows, instruments: Rows | None, border: Border
+    stretches: Stretches, rows: Rows, own: NDArray[np.intp], columns: FloatArray
 ) -> tuple[float, float]:
-    """Return what further columns of a joint gain on its held-out rows, and how sure that is.
+    """Return what further `columns` (k, c) of a joint, at its rows `own` (k,), gain on its held-out rows.
 
-    The gain is relative to the squares that are left without the columns; all parameters are fitted anew. It
-    is as sure as the mean over stretches of the logarithm of squares without over squares with them, in
-    standard errors: what helps in every stretch is sure, however much the stretches differ in size.
+    The first number is the gain, relative to the squares that are left without the columns; all parameters
+    are fitted anew, by least squares. The second is how sure that is: the mean over stretches of the
+    logarithm of squares without over squares with them, in standard errors. What helps in every stretch is
+    sure, however much the stretches differ in size.
     """
-    own, right, count = border.own, border.right, border.right.shape[1]
+    count = columns.shape[1]
     weight = float(stretches.weights[rows.group[own[0]]])
     matrix, values = rows.matrix[own], rows.values[own]
-    smooth = matrix if instruments is None else instruments.matrix[own]
     fitted, place = stretches.kept[own] * rows.weight[own], stretches.stretch[own]
     sums = []
     for stretch in range(len(stretches.logs)):
         part = place == stretch
-        table = np.column_stack([matrix[part], right[part], values[part]])
-        first, second = (side[part] * fitted[part, None] for side in (border.left, smooth))
-        sums.append((second.T @ right[part], first.T @ table))
+        table = np.column_stack([matrix[part], columns[part], values[part]])
+        weighed = columns[part] * fitted[part, None]
+        sums.append((matrix[part].T @ weighed, weighed.T @ table))
     whole = [sum(entry[k] for entry in sums) for k in (0, 1)]
     before, after = np.zeros(len(sums)), np.zeros(len(sums))
     for stretch, (upper, lower) in enumerate(sums):
         held = place == stretch
         if not held.any():
             continue
-        columns, bottom = weight * (whole[0] - upper), weight * (whole[1] - lower)
+        side, bottom = weight * (whole[0] - upper), weight * (whole[1] - lower)
         inverse, base = stretches.inverses[stretch], stretches.folds[stretch]
         cross = bottom[:, : len(base)]
-        inner = bottom[:, len(base) : -1] - cross @ inverse @ columns
+        inner = bottom[:, len(base) : -1] - cross @ inverse @ side
         inner = inner + 1e-9 * np.abs(np.diag(inner)).mean() * np.eye(count)
         added = np.linalg.solve(inner, bottom[:, -1] - cross @ base)
-        moved = base - inverse @ (columns @ added)
+        moved = base - inverse @ (side @ added)
         before[stretch] = np.sum((values[held] - matrix[held] @ base) ** 2)
-        after[stretch] = np.sum((values[held] - matrix[held] @ moved - right[held] @ added) ** 2)
+        after[stretch] = np.sum((values[held] - matrix[held] @ moved - columns[held] @ added) ** 2)
     total = float(before.sum())
     there = before > 0.0
     if there.sum() < 2:

@@ -18,6 +18,7 @@ import numpy as np
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library
 from symid.errors import LogError, Notice
+from symid.identification.diagnostics.stretches import ENDS
 from symid.identification.estimators import Residual, compute_mean_relative
 from symid.identification.regression import (
     choose_filters,
@@ -29,8 +30,6 @@ from symid.identification.regression import (
 from symid.logs import Recording, low_pass, prepare_signals
 from symid.robot import Processing
 
-ENDS = 0.5
-"""Seconds at either end that do not count."""
 _ORDER = 4
 _FEWEST = 20
 """Samples that must be left."""

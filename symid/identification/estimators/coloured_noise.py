@@ -11,7 +11,7 @@ theirs: with h_j(f) = |Q_j(f)|^2 / N, Q orthonormal columns of the fit, the peri
 by 1 - h_j(f), as HC2 divides squares of residuals by 1 - h_i (MacKinnon and White 1985).
 
 Supported: rows at even times with some left out; several logs; least squares and instruments.
-Not supported: noise whose size follows the motion (see the jackknife over stretches in `held_out`).
+Not supported: noise whose size follows the motion, as errors of the model do (a jackknife holds for them).
 """
 
 from collections.abc import Iterator

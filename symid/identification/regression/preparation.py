@@ -45,7 +45,7 @@ from symid.identification.regression.identifiability import (
     hold_resting_joints,
     list_resting_joints,
 )
-from symid.logs import Recording, Signals, choose_processing, prepare_signals
+from symid.logs import Recording, Signals, choose_cutoff, choose_processing, prepare_signals
 from symid.robot import Processing
 
 NOISE_SHARE = 0.01
@@ -127,7 +127,7 @@ def choose_filters(processing: Processing, recordings: Sequence[Recording]) -> F
         factor = max(decimation.factor, math.floor(0.5 * decimation.band * rate / band))
         decimation = replace(decimation, factor=factor)
         kept = 0.5 * decimation.band * rate / factor
-    cutoff = processing.filter_cutoff or float(f"{min(5.0 * kept, 0.4 * rate):.3g}")
+    cutoff = processing.filter_cutoff or choose_cutoff(kept, rate)
     noisy = decimation.factor > usual.decimation.factor
     bands = ", ".join(f"{limit:.3g}" if limit else "-" for limit in clean)
     text = (

@@ -15,7 +15,7 @@ joint's torque. Then single mistakes of the log are tried (`find_cause`).
 Supported: rows of single joints at even times. Not supported: power and energy rows.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.identification.diagnostics import (
+    ENDS,
+    PART,
     LikelyCause,
     Stretches,
     build_quick_logs,
@@ -32,7 +34,7 @@ from symid.identification.diagnostics import (
     measure_scoring_band,
     smooth_rows,
 )
-from symid.identification.estimators import Evidence, JointEvidence, ModelTerm, RegressionFit
+from symid.identification.estimators import Evidence, JointEvidence, RegressionFit
 from symid.identification.regression import Rows, prepare_states
 from symid.identification.rigid.long_fit import FittedRows
 from symid.identification.rigid.missing_terms import list_missing_terms
@@ -65,10 +67,6 @@ def mask_resting(rows: Rows, speed: FloatArray) -> NDArray[np.bool_]:
         own = rows.group == group
         resting[own] = np.abs(speed[own]) < RESTING * np.quantile(np.abs(speed[own]), _TOP)
     return resting
-
-
-ENDS, PART = 0.5, 0.05
-"""s, and part of a log, that do not count at either end, where filters extrapolate."""
 
 
 def mask_inner(rows: Rows) -> NDArray[np.bool_]:
@@ -137,27 +135,22 @@ def collect_evidence(
     joints = list_joint_evidence(judged, stretches, scoring)
     whole = not fitted.identifiability.refused
     impossible = list_impossible(basis, fitted.rows, fit, whole=whole)
-    missing: tuple[ModelTerm, ...] = ()
-    held_out = float(np.mean([min(100.0, entry.held_out) for entry in joints]))
-    if rows.kind == "torque" and held_out <= _SUSPICIOUS:
-        missing = list_missing_terms(basis, rows, stretches.weights, fit.values, scoring)
-    # A quick fit may itself be poor: undoing a mistake must leave less than the fit does.
-    cause: LikelyCause | None = look_for_cause(basis, scoring, _HELPS * held_out, cures=bool(impossible))
-    if cause is not None and not (np.isfinite(cause.percent) or held_out > _SUSPICIOUS or impossible):
-        cause = None
-    return Evidence(
+    found = Evidence(
         joints=joints,
         scoring=scoring,
         stretches=len(stretches.logs),
         logs=len(stretches.logwise),
         movement=plan.choice.chosen.movement if plan.choice is not None else 0.0,
         impossible=impossible,
-        missing=missing,
-        code="" if cause is None else cause.code,
-        cause="" if cause is None else cause.cause,
-        remedy="" if cause is None else cause.remedy,
-        cured=float("inf") if cause is None else cause.percent,
     )
+    if rows.kind == "torque" and found.unexplained <= _SUSPICIOUS:
+        missing = list_missing_terms(basis, rows, stretches.weights, fit.values, scoring)
+        found = replace(found, missing=missing)
+    # A quick fit may itself be poor: undoing a mistake must leave less than the fit does.
+    cause = look_for_cause(basis, scoring, _HELPS * found.unexplained, cures=bool(impossible))
+    if not (np.isfinite(cause.percent) or found.unexplained > _SUSPICIOUS or impossible):
+        return found
+    return replace(found, code=cause.code, cause=cause.cause, remedy=cause.remedy, cured=cause.percent)
 
 
 def look_for_cause(basis: FitBasis, scoring: float, most: float, *, cures: bool) -> LikelyCause:

@@ -73,13 +73,12 @@ from symid.identification.rigid.plan import (
     drop_instruments,
     plan_fit,
 )
-from symid.logs import Recording
+from symid.identification.rigid.settings_choice import ROW_RATE
+from symid.logs import Recording, choose_processing
 from symid.robot import Processing
 
 LARGEST = 2e8
 """Bytes of equations that are held in memory."""
-_SLOW_BAND = 5.0
-"""Hz of the positions whose speed says which rows are slow, where no scoring band was measured."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -129,7 +128,9 @@ def identify_parameters(
         IdentifiabilityError: no parameter is identifiable.
     """
     _check_call(rows, estimator, recordings)
-    usual = RowBuilder(rows, library, processing, window or WINDOW, overlap)
+    # As many rows as can be chosen at most.
+    thinned = choose_processing(processing, recordings[0].period, ROW_RATE)
+    usual = RowBuilder(rows, library, thinned, window or WINDOW, overlap)
     long = is_long(usual, recordings, estimator or "wls", largest)
     plan = plan_fit(library, recordings, processing, rows=rows, estimator=estimator, long=long)
     used, rule = plan.processing, rule or RankRule()
@@ -223,8 +224,8 @@ def fit_in_memory(
     whole = stack_rows([moving.prepare(entry) for entry in recordings], weights)
     instruments, speed = None, whole.velocity
     if plan.estimator == FILTERED_INSTRUMENTAL:
-        cutoff = used.instrument_cutoff or _SLOW_BAND
-        smooth = moving._replace(processing=replace(moving.processing, filter_cutoff=cutoff))
+        settings = replace(moving.processing, filter_cutoff=used.instrument_cutoff)
+        smooth = moving._replace(processing=settings)
         instruments = stack_rows([smooth.prepare(entry) for entry in recordings], weights)
         speed = instruments.velocity
     elif plan.choice is not None and builder.kind not in SCALAR_KINDS:

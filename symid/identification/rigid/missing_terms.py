@@ -23,7 +23,6 @@ from symid.arrays import FloatArray
 from symid.identification.diagnostics import (
     FAMILIES,
     OTHER_VALUES,
-    Border,
     JointMotion,
     fit_stretches,
     measure_gain,
@@ -72,8 +71,7 @@ def list_missing_terms(
             columns = smooth_rows(select_rows(rows, whole), columns, band)[thin[whole]]
             size = np.sqrt(np.mean(columns**2, axis=0))
             columns = columns[:, size > _TINY] / size[size > _TINY]
-            border = Border(own=own, right=columns, left=columns)
-            gain, errors = measure_gain(stretches, smooth, None, border)
+            gain, errors = measure_gain(stretches, smooth, own, columns)
             sure = errors > (_SURE if gain < _LARGE else _SURE_OF_LARGE)
             if gain > _LEAST_GAIN and sure and (best is None or 100.0 * gain > best.gain):
                 best = ModelTerm(joint=rows.group_names[group], term=name, gain=100.0 * gain, errors=errors)

@@ -17,21 +17,20 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from symid.codegen import Library
-from symid.errors import Notice
+from symid.errors import Notice, UsageError
+from symid.identification.diagnostics import PART
 from symid.identification.estimators import Candidate, SettingsChoice
 from symid.identification.regression import SCALAR_KINDS, Rows, choose_filters, measure_moving_ends
 from symid.identification.rigid.settings_choice import ROW_RATE, choose_settings
-from symid.logs import Recording
+from symid.logs import Recording, choose_cutoff
 from symid.robot import Processing
 
 FILTERED_INSTRUMENTAL = "filtered-instrumental"
 """The estimator with instruments along positions that pass a low-pass."""
 _PASSED = 0.4
 """Of the rate of rows: what decimation passes."""
-_STATES = 5.0
 _LEAST_FACTOR = 2.5
 """Times the band: cut-off below which a stated one damps the rows."""
-_PART = 0.05
 _FEWEST = 4
 """Rows a parameter, at least, for held-out stretches to mean something."""
 
@@ -69,21 +68,23 @@ def plan_fit(
     `estimator` None is chosen; `long` logs do without instruments.
 
     Raises:
+        UsageError: instruments are wanted, and their cut-off is neither stated nor chosen.
         LogError: the recordings are not sampled alike, or one does not fit the robot.
         IdentifiabilityError: no joint moves in a recording.
     """
-    usual = "wls" if library.card.size > 1 else "ols"
+    usual = _get_least_squares(library)
     if processing.instrument_cutoff and estimator is None and not long:
         usual = FILTERED_INSTRUMENTAL
     if not processing.left_open:
         settled = replace(processing, automatic=False)
-        return FitPlan(processing=settled, estimator=estimator or usual)
+        return _check_instruments(FitPlan(processing=settled, estimator=estimator or usual))
     filters = choose_filters(processing, recordings)
     width = len(library.card.beta) + len(library.card.friction)
     count = library.card.size * sum((entry.time[-1] - entry.time[0]) * ROW_RATE for entry in recordings)
     if rows in SCALAR_KINDS or count < _FEWEST * width:
         settled = cut_moving_ends(filters.processing, recordings)
-        return FitPlan(processing=settled, estimator=estimator or usual, notices=filters.notices)
+        plan = FitPlan(processing=settled, estimator=estimator or usual, notices=filters.notices)
+        return _check_instruments(plan)
     rate = 1.0 / recordings[0].period
     choice = choose_settings(
         library,
@@ -91,7 +92,7 @@ def plan_fit(
         processing,
         band=None if processing.decimation.factor == 1 else _PASSED * rate / processing.decimation.factor,
         widest=None if processing.filter_cutoff is None else processing.filter_cutoff / _LEAST_FACTOR,
-        instruments=estimator in {None, FILTERED_INSTRUMENTAL} and rows == "torque" and not long,
+        instruments=_list_instruments(processing, rows, estimator, long=long),
     )
     settled = cut_moving_ends(_settle(processing, choice, rate), recordings)
     if estimator is None:
@@ -100,9 +101,34 @@ def plan_fit(
     return FitPlan(processing=settled, estimator=estimator, choice=choice, notices=(note,))
 
 
+def _get_least_squares(library: Library) -> str:
+    """Return the name of the usual least squares."""
+    return "wls" if library.card.size > 1 else "ols"
+
+
+def _list_instruments(
+    processing: Processing, rows: str, estimator: str | None, *, long: bool
+) -> tuple[bool, ...]:
+    """Return whether candidates have instruments: all where the call wants them, none where none can."""
+    if estimator == FILTERED_INSTRUMENTAL and processing.instrument_cutoff is None:
+        return (True,)
+    return (False, True) if estimator is None and rows == "torque" and not long else (False,)
+
+
+def _check_instruments(plan: FitPlan) -> FitPlan:
+    """Return the plan; raise UsageError where it wants instruments, and their cut-off is nowhere stated."""
+    if plan.estimator == FILTERED_INSTRUMENTAL and plan.processing.instrument_cutoff is None:
+        text = (
+            f"--estimator {FILTERED_INSTRUMENTAL} needs the cut-off of its instruments where it is not "
+            "chosen from the log; state it in Hz, as --set processing.instrument_cutoff=3"
+        )
+        raise UsageError(Notice(code="usage.no-instruments", text=text))
+    return plan
+
+
 def drop_instruments(plan: FitPlan, library: Library) -> FitPlan:
     """Return the plan with least squares in place of instruments, and a note that says so."""
-    usual = "wls" if library.card.size > 1 else "ols"
+    usual = _get_least_squares(library)
     text = f"the instruments do not determine all parameters, so that the estimator is {usual} instead"
     return replace(
         plan,
@@ -123,7 +149,7 @@ def _settle(processing: Processing, choice: SettingsChoice, rate: float) -> Proc
         standstill = standstill if any(standstill) else None
     return replace(
         processing,
-        filter_cutoff=processing.filter_cutoff or float(f"{min(_STATES * kept, _PASSED * rate):.3g}"),
+        filter_cutoff=processing.filter_cutoff or choose_cutoff(kept, rate),
         decimation=decimation,
         standstill=standstill,
         velocity=taken.velocity,
@@ -140,7 +166,7 @@ def cut_moving_ends(processing: Processing, recordings: Sequence[Recording]) -> 
     cutoff = processing.instrument_cutoff or processing.filter_cutoff
     ends = measure_moving_ends(replace(processing, filter_cutoff=cutoff), recordings)
     if processing.instrument_cutoff:
-        most = round(_PART * min(len(entry.time) for entry in recordings))
+        most = round(PART * min(len(entry.time) for entry in recordings))
         usual = measure_moving_ends(processing, recordings)
         ends = max(usual[0], min(ends[0], most)), max(usual[1], min(ends[1], most))
     first, last = ends

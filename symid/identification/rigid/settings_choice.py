@@ -8,7 +8,8 @@ Library, recordings, Processing -> `SettingsChoice`: the processing, and what ev
                       part of the joint's top speed left out
     held out          |y - A x|^2 of every stretch, x from the others, within B/2 and B, of joint and band
                       relative to |y|^2; every row counts, slow ones too
-    movement          rms over parameters of |x - x'| over the deviation of x', x' from one octave less
+    movement          rms over parameters of |x - x'| over the deviation of x', the largest over all x' of
+                      less band
 
 A candidate stands still where its movement is below 1.5: noise alone moves an estimate by less than the
 deviation of the one with less data (Hausman 1978, Econometrica 46), noise in the regressor by more. Of all
@@ -34,6 +35,8 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.identification.diagnostics import (
+    ENDS,
+    PART,
     STRETCHES,
     compute_jackknife,
     count_stretches,
@@ -67,8 +70,6 @@ _TAPS = 2.0
 _TOP = 0.99
 _WIDER = 2
 """Octaves by which rows are wider than their instruments at most: more adds noise only."""
-_ENDS, _PART = 0.5, 0.05
-"""s, and part of a log, left out at either end."""
 _ALIKE = 1.05
 """Times the best residual: others up to here are as good in practice."""
 _SMALL = 0.02
@@ -179,7 +180,7 @@ class _Study:
             samples = len(recording.time) - (processing.drop_first or 0) - (processing.drop_last or 0)
             step = max(1, round(1.0 / (recording.period * ROW_RATE)))
             # Where filters extrapolate.
-            ends = round(min(_ENDS / recording.period, _PART * samples) / step) * step
+            ends = round(min(ENDS / recording.period, PART * samples) / step) * step
             places = np.arange(ends, samples - ends, step)
             levels.append([_build_level(library, recording, processing, band, places) for band in bands])
             tops.append(np.quantile(np.abs(levels[-1][self.scoring].velocity), _TOP, axis=0))
@@ -280,7 +281,7 @@ def choose_settings(
     *,
     band: float | None = None,
     widest: float | None = None,
-    instruments: bool = True,
+    instruments: tuple[bool, ...] = (False, True),
 ) -> SettingsChoice:
     """Return the band, instruments and standstill that predict held-out stretches and stand still.
 
@@ -290,7 +291,7 @@ def choose_settings(
         processing: order of the filter, cut ends, and a standstill speed, where they are stated.
         band: Hz, of the rows, where it is stated.
         widest: Hz, where a stated cut-off damps more.
-        instruments: whether instruments may be taken.
+        instruments: whether candidates have instruments: some, all of them, or none.
 
     Raises:
         LogError: a recording does not fit the robot.
@@ -312,7 +313,7 @@ def choose_settings(
         for k, z in study.pairs
         for share in shares
         # The lowest level has nothing below it to compare with.
-        if z > 0 and (z == k or instruments) and (k == last if band else k - z <= _WIDER)
+        if z > 0 and (z < k) in instruments and (k == last if band else k - z <= _WIDER)
     ]
     candidates, losses = _try_settings(study, tried, shares)
     costs = [last - k + 0.25 * (k - z) + 0.5 * share for k, z, share in tried]
@@ -353,6 +354,7 @@ def _try_settings(
         losses.append(loss.mean(axis=(1, 2)))
         candidates.append(
             Candidate(
+                velocity=study.processing.velocity,
                 band=study.bands[k],
                 instruments=study.bands[z] if z < k else 0.0,
                 standstill=SHARES[share],

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from symid.errors import UsageError
 from symid.identification.rigid import settings_choice
 from symid.identification.rigid.fit import identify_parameters
 from symid.identification.rigid.settings_choice import choose_settings, pick_pieces
@@ -131,8 +132,10 @@ def test_what_is_stated_is_not_chosen():
     log = record(1, encoder=1e-4, samples=2501)
     found = choose(log, band=20.0)
     assert {entry.band for entry in found.candidates} == {20.0}
-    found = choose(log, instruments=False)
+    found = choose(log, instruments=(False,))
     assert {entry.instruments for entry in found.candidates} == {0.0}
+    found = choose(log, instruments=(True,))
+    assert min(entry.instruments for entry in found.candidates) > 0.0
     found = choose(log, processing=replace(AUTOMATIC, standstill=0.05))
     assert {entry.standstill for entry in found.candidates} == {0.0}
     assert max(entry.band for entry in choose(log, widest=15.0).candidates) <= 15.0
@@ -167,3 +170,26 @@ def test_of_long_logs_six_pieces_are_compared():
     assert [len(piece.time) for _, piece in pieces[1:]] == [2000] * 6
     assert pieces[1][1].time[0] == 0.0
     assert pieces[-1][1].time[-1] == pytest.approx(300.0, abs=0.02)
+
+
+def test_a_stated_velocity_is_that_of_the_choice():
+    log = record(1, samples=2501)
+    moving = replace(log, velocity=np.gradient(log.position, log.period, axis=0))
+    found = choose(moving, processing=replace(AUTOMATIC, velocity="log"))
+    assert {entry.velocity for entry in found.candidates} == {"log"}
+
+
+def test_instruments_without_a_cutoff_are_refused():
+    settled = Processing(filter_cutoff=40.0, standstill=0.0, decimation=Decimation(factor=3))
+    with pytest.raises(UsageError, match=r"set processing\.instrument_cutoff") as caught:
+        identify_parameters(LIBRARY, [record(0)], settled, estimator="filtered-instrumental")
+    assert caught.value.notices[0].code == "usage.no-instruments"
+    stated = replace(settled, instrument_cutoff=3.0)
+    estimate = identify_parameters(LIBRARY, [record(0)], stated, estimator="filtered-instrumental")
+    assert estimate.choice is None
+
+
+def test_rows_are_held_in_memory_and_not_samples():
+    """All samples would be 1.04 MB of rows, those at 125 Hz are half of it: not too much for instruments."""
+    estimate = identify_parameters(LIBRARY, [record(1, encoder=1e-3)], AUTOMATIC, largest=8e5)
+    assert max(entry.instruments for entry in estimate.choice.candidates) > 0.0
