@@ -3,6 +3,7 @@
     python benchmarks/corrupted_logs.py [--data ../shared/data] [--processes 1] [--output RAW.json]
         [--only TEXT]       entries whose name contains TEXT
         [--kept]            the half that is not for design: names whose SHA-256 is odd
+        [--drawn SEED]      forty others, drawn at random: kind, joints, size, arm
         [--clean]           twenty clean logs in place of corrupted ones
         [--list]            names and what is expected, nothing is fitted
         [--write FOLDER]    robot files and logs, nothing is fitted
@@ -706,6 +707,44 @@ def list_corrupted() -> tuple[Entry, ...]:
     return tuple(table.entries)
 
 
+DRAWN = 40
+SIZES = {"tx40": 6, "kr300": 6, "pendulum": 2, "panda": 7, "z1": 6}
+"""Joints of each arm."""
+
+
+def draw_corruptions(seed: int) -> tuple[Entry, ...]:
+    """Return corruptions of random kind, joints and size; their names end with the seed."""
+    rng, table = np.random.default_rng([3, seed]), Table()
+    kinds = (
+        lambda one, other: ("torque columns {} and {} exchanged", exchange("torque", one, other)),
+        lambda one, other: ("position columns {} and {} exchanged", exchange("position", one, other)),
+        lambda one, other: ("joints {} and {} exchanged", exchange("both", one, other)),
+        lambda one, _: ("torque {} inverted", scale_torque(one, -1.0)),
+        lambda one, _: ("position {} inverted", scale_position(one, -1.0)),
+        lambda one, _: ("degrees in joint {}", scale_position(one, 180.0 / np.pi)),
+        lambda one, _: ("torque {} times {size:.3g}", scale_torque(one, size)),
+        lambda *_: ("time times {pace:.3g}", scale_time(pace)),
+        lambda *_: ("torque {late:.3g} s late", delay_torque(late)),
+        lambda one, _: ("position {} off by {offset:.3g} rad", shift_position(one, offset)),
+        lambda one, _: ("encoder {} stuck from {share:.3g}", stick(one, share)),
+    )
+    while len(table.entries) < DRAWN:
+        base = str(rng.choice(BASES))
+        one, other = sorted((1 + rng.permutation(SIZES[base])[:2]).tolist())
+        size = float(10.0 ** (rng.choice([-1.0, 1.0]) * rng.uniform(1.0, 3.0)))
+        pace = float(np.exp(rng.choice([-1.0, 1.0]) * rng.uniform(0.5, 1.2)))
+        late = float(rng.choice([-1.0, 1.0]) * np.exp(rng.uniform(np.log(0.03), np.log(0.5))))
+        offset = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.5, 1.5))
+        share = float(rng.uniform(0.3, 0.7))
+        kind = int(rng.integers(len(kinds)))
+        text, change = kinds[kind](one, other)
+        sizes = {"size": size, "pace": pace, "late": late, "offset": offset, "share": share}
+        title = f"{text.format(one, other, **sizes)} [{seed}]"
+        if f"{base}: {title}" not in {entry.name for entry in table.entries}:
+            table.each(base, title, "seen" if kind not in (8, 9) else "noticed", change)
+    return tuple(table.entries)
+
+
 # Clean logs.
 
 REAL = {
@@ -740,6 +779,8 @@ def list_names(given: argparse.Namespace) -> dict[str, str]:
     """Return the names that are asked for, with what is expected."""
     if given.clean:
         found = dict.fromkeys((*REAL, CUT, *SIMULATED), "clean")
+    elif given.drawn is not None:
+        found = {entry.name: entry.expected for entry in draw_corruptions(given.drawn)}
     else:
         found = {entry.name: entry.expected for entry in list_corrupted() if entry.kept == given.kept}
     return {name: expected for name, expected in found.items() if given.only in name}
@@ -772,7 +813,9 @@ def make_sample(name: str, data: Path, folder: Path) -> tuple[Path, list[Path]]:
         return write_sample(Base(text=text, runs=(run,), foreign=()), folder)
     if name in BASES:
         return write_sample(load_base(data, name), folder)
-    entry = next(entry for entry in list_corrupted() if entry.name == name)
+    drawn = re.search(r"\[(\d+)\]$", name)
+    entries = draw_corruptions(int(drawn[1])) if drawn else list_corrupted()
+    entry = next(entry for entry in entries if entry.name == name)
     seed = int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "big")
     return write_sample(entry.make(load_base(data, entry.base), np.random.default_rng(seed)), folder)
 
@@ -875,6 +918,7 @@ def read_arguments() -> argparse.Namespace:
     parser.add_argument("--data", type=Path, default=HERE.parent.parent / "shared" / "data")
     parser.add_argument("--only", default="")
     parser.add_argument("--kept", action="store_true")
+    parser.add_argument("--drawn", type=int)
     parser.add_argument("--clean", action="store_true")
     parser.add_argument("--list", action="store_true")
     parser.add_argument("--processes", type=int, default=1)

@@ -94,6 +94,11 @@ class Log(Measurements):
         return self.recording.velocity
 
     @property
+    def ddq(self) -> "FloatArray | None":
+        """Return the joint accelerations in rad/s^2 or m/s^2: (N, n); None if the log has none."""
+        return self.recording.acceleration
+
+    @property
     def period(self) -> float:
         """Return the mean sample period in s."""
         return self.recording.period
@@ -340,6 +345,7 @@ def build_log(
     q: "ArrayLike",
     tau: "ArrayLike",
     dq: "ArrayLike | None" = None,
+    ddq: "ArrayLike | None" = None,
     theta: "ArrayLike | None" = None,
     source: str = "arrays",
 ) -> Log:
@@ -351,6 +357,7 @@ def build_log(
         q: (N, n) rad or m; positions of the links if `theta` is given.
         tau: (N, n) N m or N.
         dq: (N, n) rad/s or m/s, if measured.
+        ddq: (N, n) rad/s^2 or m/s^2, if measured.
         theta: (N, n) rad or m, motor positions on the joint side, for elastic robots.
         source: name of the log in messages.
 
@@ -369,7 +376,7 @@ def build_log(
 
     from symid.logs import Recording
 
-    arrays = {"q": q, "tau": tau, "dq": dq, "theta": theta}
+    arrays = {"q": q, "tau": tau, "dq": dq, "ddq": ddq, "theta": theta}
     try:
         given = {name: np.asarray(value, dtype=float) for name, value in arrays.items() if value is not None}
         stamps = np.asarray(time, dtype=float)
@@ -396,6 +403,7 @@ def build_log(
         position=given["q"],
         torque=given["tau"],
         velocity=given.get("dq"),
+        acceleration=given.get("ddq"),
         motor_position=given.get("theta"),
         source=source,
     )

@@ -36,10 +36,12 @@ if TYPE_CHECKING:
     )
     from symid.logs.reader import read_raw as read_raw
     from symid.logs.recording import (
+        STATES as STATES,
         Recording as Recording,
         Signals as Signals,
         cut_ends as cut_ends,
         cut_recording as cut_recording,
+        has_states as has_states,
     )
     from symid.logs.runs import (
         IN_MEMORY_PREFIX as IN_MEMORY_PREFIX,
@@ -65,6 +67,7 @@ if TYPE_CHECKING:
         measure_timing as measure_timing,
         resample_if_uneven as resample_if_uneven,
         resample_log as resample_log,
+        undo_resampling as undo_resampling,
     )
     from symid.logs.signals import (
         choose_cutoff as choose_cutoff,

@@ -314,10 +314,11 @@ def shift_link_channel(recording: Recording, alignment: Alignment, *, run: int) 
     moved = np.where(alignment.present, moved, pair.q)
     if recording.motor_position is None:
         return replace(recording, link_position=moved)
-    velocity = recording.velocity
-    if velocity is not None:
-        velocity = shift_channel(recording.time, velocity, delay)
-    return replace(recording, position=moved, velocity=velocity)
+    velocity, acceleration = (
+        None if values is None else shift_channel(recording.time, values, delay)
+        for values in (recording.velocity, recording.acceleration)
+    )
+    return replace(recording, position=moved, velocity=velocity, acceleration=acceleration)
 
 
 def align(recording: Recording, alignment: Alignment, *, run: int) -> Recording:

@@ -326,6 +326,7 @@ def _flatten_structures(content: dict[str, object], prefix: str = "") -> Iterato
 _WRITTEN = {
     "q": ("position", "q"),
     "dq": ("velocity", "dq"),
+    "ddq": ("acceleration", "ddq"),
     "tau": ("torque", "tau"),
     "theta": ("motor_position", "theta"),
     "link_position": ("link_position", "q"),

@@ -133,9 +133,10 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
     samples = None if time is None else len(time)
     values: dict[str, FloatArray | None] = {}
     columns: dict[str, tuple[str, ...]] = {}
-    for name in ("position", "velocity", "torque", *_ENCODERS, *CONTROL_CHANNELS):
+    for name in ("position", "velocity", "acceleration", "torque", *_ENCODERS, *CONTROL_CHANNELS):
         values[name], columns[name] = extract_quantity(raw, robot, name, samples, findings)
-    # Holes in a velocity are accepted, no stage uses it; so are those of a controller's channels.
+    # Holes in a velocity or an acceleration are accepted, states then come from the position; so are those
+    # of a controller's channels.
     needed = (column for name in ("position", "torque", *_ENCODERS) for column in columns[name])
     _check_numbers(raw, (*used, *needed), findings)
     _check_encoders(columns, findings, no_position=values["position"] is None)
@@ -148,9 +149,10 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
     unused = tuple(name for name in raw.columns if name not in known)
     left_out = ", ".join((*unused, *raw.others))
     parts = [f"columns that were not used: {left_out}"] if left_out else []
-    if columns["velocity"]:
-        text = "velocity was read; it is used where it predicts better than the filtered position"
-        parts.append(f"{text} (columns {', '.join(columns['velocity'])})")
+    for name in ("velocity", "acceleration"):
+        if columns[name]:
+            text = f"{name} was read; it is used where it predicts better than the filtered position"
+            parts.append(f"{text} (columns {', '.join(columns[name])})")
     if parts:
         findings.remark("log.unused-columns", "; ".join(parts))
     channels: dict[str, Any] = {name: values[name] for name in OPTIONAL_CHANNELS}

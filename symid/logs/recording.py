@@ -11,13 +11,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from symid.arrays import FloatArray, FrozenArrays, freeze, freeze_fields
 from symid.errors import LogError, Notice
 from symid.serialization import compute_signature
 
 CONTROL_CHANNELS = ("reference", "reference_velocity", "feedforward")
 """Channels of the controller, which are optional even where the robot file names their columns."""
-OPTIONAL_CHANNELS = ("velocity", "motor_position", "link_position", *CONTROL_CHANNELS)
+OPTIONAL_CHANNELS = ("velocity", "acceleration", "motor_position", "link_position", *CONTROL_CHANNELS)
 """Channels that are None where the log does not have them, unless the robot file names their columns."""
 
 
@@ -66,13 +68,15 @@ class Recording:
         time: (N,) s, strictly increasing.
         position: (N, n) rad or m, joint side.
         torque: (N, n) N m or N, joint side.
-        velocity: (N, n) rad/s or m/s where the log has it.
+        velocity: (N, n) rad/s or m/s where the log has it; acceleration: (N, n) rad/s^2 or m/s^2, likewise.
         motor_position: (N, n) theta, rad or m, joint side, of a second encoder; `position` is then that of
             the links.
         link_position: (N, n) q, rad or m, of a second encoder; `position` is then that of the motors. At most
             one of the two is there.
         reference: (N, n) rad or m, of the controller; reference_velocity: (N, n); feedforward: (N, n) N m or
             N.
+        stamps: (N,) s, where it was resampled: when the samples were taken that would stand at `time` if all
+            samples of the log were taken to be at even times; None where it was not.
         source: the file it was read from, or what made it.
         notices: conversions made, columns not used.
         extras: other numeric columns of the log, as logged.
@@ -86,11 +90,13 @@ class Recording:
     position: FloatArray
     torque: FloatArray
     velocity: FloatArray | None = None
+    acceleration: FloatArray | None = None
     motor_position: FloatArray | None = None
     link_position: FloatArray | None = None
     reference: FloatArray | None = None
     reference_velocity: FloatArray | None = None
     feedforward: FloatArray | None = None
+    stamps: FloatArray | None = None
     source: str = ""
     notices: tuple[Notice, ...] = ()
     extras: Mapping[str, FloatArray] = field(default_factory=dict)
@@ -129,6 +135,16 @@ class Signals(FrozenArrays):
     ddq: FloatArray
     tau: FloatArray
     period: float
+
+
+STATES = ("position", "velocity", "acceleration")
+"""What a log may have of the states, the others are differences."""
+
+
+def has_states(recording: Recording, name: str) -> bool:
+    """Return whether the log has the channel of `STATES`, without holes."""
+    values = getattr(recording, name)
+    return values is not None and bool(np.all(np.isfinite(values)))
 
 
 FEWEST = 3
@@ -175,7 +191,7 @@ def cut_recording(recording: Recording, kept: slice) -> Recording:
 def change_channels(recording: Recording, change: Callable[[FloatArray], FloatArray]) -> Recording:
     """Return the recording with `change` made to its times and all its channels."""
     changed: dict[str, Any] = {}
-    for name in ("time", "position", "torque", *OPTIONAL_CHANNELS):
+    for name in ("time", "stamps", "position", "torque", *OPTIONAL_CHANNELS):
         values = getattr(recording, name)
         if values is not None:
             changed[name] = change(values)

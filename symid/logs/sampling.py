@@ -174,7 +174,9 @@ def plan_resampling(time: FloatArray, file: str = "") -> Resampling:
 
 def resample_recording(recording: Recording, plan: Resampling) -> Recording:
     """Return the recording at even times, with a notice, and a warning where samples were left out."""
-    moved = replace(change_channels(recording, plan.move), time=plan.after, extras={})
+    index = np.linspace(0.0, len(plan.before) - 1.0, len(plan.after))
+    stamps = np.interp(index, np.arange(len(plan.before)), plan.before)
+    moved = replace(change_channels(recording, plan.move), time=plan.after, stamps=stamps, extras={})
     notices = (*recording.notices, plan.notice)
     lost = float(np.ptp(recording.time) - np.ptp(plan.after))
     if lost > _BRIDGED * recording.period:
@@ -184,6 +186,18 @@ def resample_recording(recording: Recording, plan: Resampling) -> Recording:
         )
         notices += (Notice(code="log.gap", text=text, file=recording.source),)
     return replace(moved, notices=notices)
+
+
+def undo_resampling(recording: Recording) -> Recording:
+    """Return a resampled recording as it would be if its samples were taken to be at even times."""
+    from scipy.interpolate import PchipInterpolator
+
+    if recording.stamps is None:
+        return recording
+    time = recording.time
+    places = np.clip(recording.stamps, time[0], time[-1])
+    found = change_channels(recording, lambda values: PchipInterpolator(time, values, axis=0)(places))
+    return replace(found, time=time, stamps=None)
 
 
 def resample_log(raw: RawLog, robot: Robot, file: str = "") -> tuple[RawLog, Notice]:

@@ -7,8 +7,10 @@ Recording, Processing -> Signals at full rate; matrices of fewer rows, whole or 
 Low-pass: Butterworth; decimation: Chebyshev I; both forward and backward, as second-order sections, with ends
 continued by odd reflection over 3 (order) samples.
 
-Supported: uniform sampling, see `describe_uneven`.
-Not supported: online filtering, logged accelerations.
+Logged velocities and accelerations take the place of differences where `Processing.states` says so, through
+the same low-pass.
+
+Supported: uniform sampling, see `describe_uneven`. Not supported: online filtering.
 """
 
 import math
@@ -143,11 +145,11 @@ def prepare_signals(recording: Recording, processing: Processing) -> Signals:
     except LogError as error:
         raise LogError(*(replace(notice, file=recording.source) for notice in error.notices)) from error
     dq = differentiate(q, period)
-    if processing.velocity == "log" and recording.velocity is not None:
-        dq = recording.velocity
-        if processing.filter_cutoff is not None:
-            dq = low_pass(dq, period=period, cutoff=processing.filter_cutoff, order=processing.filter_order)
+    if processing.states != "position" and recording.velocity is not None:
+        dq = _smooth(recording, "velocity", processing)
     ddq = differentiate(dq, period)
+    if processing.states == "acceleration" and recording.acceleration is not None:
+        ddq = _smooth(recording, "acceleration", processing)
     kept = slice(processing.drop_first, len(recording.time) - processing.drop_last)
     return Signals(
         time=recording.time[kept], q=q[kept], dq=dq[kept], ddq=ddq[kept], tau=tau[kept], period=period
@@ -212,6 +214,21 @@ def decimate_blocks(
         away = last - len(rows[0])
         kept_rows = [part[start - away : stop - away] for part in rows]
         yield slice(start, stop), kept_rows[0] if values.ndim < 3 else np.stack(kept_rows, axis=1)
+
+
+def _smooth(recording: Recording, name: str, processing: Processing) -> FloatArray:
+    """Return a channel (N, n) of a log through the low-pass of the positions (LogError if it has holes)."""
+    values: FloatArray = getattr(recording, name)
+    if not np.all(np.isfinite(values)):
+        text = (
+            f"{name} has values that are not finite, and processing.states = {processing.states!r} uses it; "
+            'state "position", or repair the log'
+        )
+        raise LogError(Notice(code="log.not-finite", text=text, file=recording.source))
+    if processing.filter_cutoff is None:
+        return values
+    cutoff, order = processing.filter_cutoff, processing.filter_order
+    return low_pass(values, period=recording.period, cutoff=cutoff, order=order)
 
 
 def compute_least_samples(processing: Processing) -> int:

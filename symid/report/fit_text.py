@@ -45,7 +45,20 @@ def describe_validation(validation: "Validation") -> dict[str, object]:
     return {
         **select_fields(validation, "robot log=source rows samples mean_relative_percent"),
         "residual": describe_residual(validation.residual),
+        "scoring": validation.scoring or None,
+        "all_rows": describe_residual(validation.all_rows),
     }
+
+
+def show_all_rows(validation: "Validation") -> str:
+    """Return the residual of all rows in a line, where others count; empty where they do."""
+    if not validation.scoring:
+        return ""
+    parts = ", ".join(f"{entry.joint} {entry.relative_percent:.4f} %" for entry in validation.all_rows)
+    return (
+        f"torques and what is predicted: both low-pass at {validation.scoring:.3g} Hz, the band that the fit "
+        f"was chosen by; of all rows, without that low-pass: {parts}"
+    )
 
 
 def describe_residual(residual: Sequence["Residual"]) -> list[dict[str, object]]:

@@ -16,7 +16,7 @@ from symid.identification.estimators import Estimate, Series, Validation
 from symid.identification.rigid import Diagnosis
 from symid.report.blocks import Block, Drawing, Table, tabulate
 from symid.report.figures import Line, build_curve_figure, build_histogram, build_line_figure
-from symid.report.fit_text import show_residual
+from symid.report.fit_text import show_all_rows, show_residual
 from symid.report.pages import Page, build_fit_page, format_digits, show_refused, tabulate_parameters
 from symid.report.verdict import QUANTITIES, judge_identification
 
@@ -89,7 +89,7 @@ def _show_choice(estimate: Estimate) -> Iterator[Block]:
         order = sorted(choice.candidates, key=lambda entry: (entry.behind, entry.held_out[-1]))
         first = [choice.chosen, *(entry for entry in order if entry is not choice.chosen)]
         columns = (
-            "rows up to/Hz=band:.3g; instruments/Hz=instruments:.3g; slow rows/%=slow:.3g; velocity; "
+            "rows up to/Hz=band:.3g; instruments/Hz=instruments:.3g; slow rows/%=slow:.3g; states; "
             "held out/%=held:.3g; behind/se=behind:.2g; movement=movement:.2g; choice"
         )
         yield tabulate(
@@ -257,6 +257,8 @@ def _show_log(validation: Validation) -> Iterator[Block]:
     mean = f"Mean over joints of the relative residual: {validation.mean_relative_percent:.4f} %"
     yield f"=== {validation.source} ==="
     yield show_residual(validation.residual, f"{caption} {mean}")
+    if validation.scoring:
+        yield f"{show_all_rows(validation)}."
     for series in validation.series:
         error, joint, unit = series.measured - series.predicted, series.joint, series.unit
         yield f"=== {joint} ==="

@@ -16,6 +16,7 @@ from symid.report.fit_text import (
     describe_band_metric,
     describe_residual,
     describe_validation,
+    show_all_rows,
     show_band,
     show_residual,
 )
@@ -35,10 +36,12 @@ def show_trial(found: AnyValidation) -> tuple[Block, ...]:
             return _show_elastic(found)
         case RigidValidation():
             kind = " (joints taken as rigid)" if any(found.robot.elastic) else ""
-            within = "" if found.band is None else f" within {found.band.band:g} Hz"
-            table = show_residual(found.validation.residual) if found.band is None else show_band(found.band)
-            more = f"\n{found.settled.describe()}"
-            more += "" if found.band is None else f"\n{describe_band_metric(found.band)}"
+            band = found.validation.scoring if found.band is None else found.band.band
+            within = f" within {band:.3g} Hz" if band else ""
+            table = show_residual(found.residual) if found.band is None else show_band(found.band)
+            rows, band_residual = show_all_rows(found.validation), found.band
+            metric = rows if band_residual is None else describe_band_metric(band_residual)
+            more = "".join(f"\n{text}" for text in (found.settled.describe(), metric) if text)
         case FrictionValidation():
             kind, within, more, laws = ", friction and rigid part", "", "", found.laws
             columns = "joint; law; relative/%=relative_percent:.4f; RMS=std; unit; rows=samples"
@@ -57,6 +60,8 @@ def describe_trial(found: AnyValidation) -> dict[str, object]:
         case RigidValidation():
             return {
                 **describe_validation(found.validation),
+                "mean_relative_percent": found.mean_relative_percent,
+                "residual": describe_residual(found.residual),
                 **({} if found.band is None else {"band": describe_band(found.band)}),
                 "processing": {**asdict(found.settled.processing), "origin": dict(found.settled.origin)},
             }

@@ -158,7 +158,7 @@ _FOREIGN = 60.0
 """Percent of held-out torque left unexplained beyond which the model is not that of the log."""
 _PLAIN = frozenset(("log.torque-sign", "log.position-sign", "log.swapped-joints", "log.wrong-unit"))
 """Mistakes that are plain where undoing them helps; others are where they leave a third."""
-_CURED = 1.0 / 3.0
+_CLEARLY, _CURED = 0.7, 1.0 / 3.0
 _LACKING = 10.0
 """Percent of a joint's held-out squares that a missing term explains, from which a model is not good."""
 _AT_REST, _LEAST_AT_REST = 3.0, 5.0
@@ -178,8 +178,9 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
         text = f"the model is not that of these logs: {percent:.3g} % of held-out torque is left"
         caps.append(("wrong", text))
     elif evidence.cured < float("inf"):
-        text = f"a quick fit leaves {evidence.cured:.3g} % of the torque with one mistake undone, much less"
-        plain = evidence.code in _PLAIN or evidence.cured < _CURED * percent
+        text = f"with one mistake undone {evidence.effect}"
+        plain = evidence.code in _PLAIN and evidence.cured < _CLEARLY * percent
+        plain = plain or evidence.cured < _CURED * percent
         caps.append(("wrong" if plain and percent > _HUGE else "doubtful", text))
     if evidence.movement > STILL:
         text = (
@@ -280,31 +281,40 @@ def _judge_prediction(estimate: Estimate, validations: Sequence[Validation]) -> 
     if not same:
         worst = max(validations, key=lambda validation: validation.mean_relative_percent)
         return "usable", (
-            f"On held-out logs {worst.mean_relative_percent:.3g} % of the {QUANTITIES[worst.rows]} is left "
-            f"unexplained; the fit was to {estimate.rows} rows, so the two residuals cannot be compared."
+            f"On held-out logs {worst.mean_relative_percent:.3g} % of the {QUANTITIES[worst.rows]}"
+            f"{_name_band(worst)} is left unexplained; the fit was to {estimate.rows} rows, so the two "
+            "residuals cannot be compared."
         )
     ratio, source = max((_compute_held_out_ratio(estimate, entry), entry.source) for entry in same)
     percent = max(validation.mean_relative_percent for validation in same)
-    left = f"{percent:.3g} % of the {QUANTITIES[estimate.rows]} is left unexplained"
+    left = f"{percent:.3g} % of the {QUANTITIES[estimate.rows]}{_name_band(same[0])} is left unexplained"
     if ratio <= _SAME:
         return "good", f"The model predicts held-out motions as well as those of the fit: {left}."
-    if ratio <= _WORSE:
-        return "usable", (
-            f"The model predicts held-out motions less well than those of the fit: {left}, a residual "
-            f"{ratio:.2g} times as large ({source})."
-        )
+    larger = f"{left}, a residual {ratio:.2g} times as large ({source})"
+    if ratio <= _WORSE and percent <= _LARGE:
+        return "good", f"The model predicts held-out motions nearly as well as those of the fit: {larger}."
+    if ratio <= _WORSE or percent <= _LARGE:
+        return "usable", f"The model predicts held-out motions less well than those of the fit: {larger}."
     return "doubtful", (
         f"The model does not predict held-out motions: on {source} the residual is {ratio:.2g} times that of "
         f"the fit, {left}. A term is missing in the model."
     )
 
 
+def _name_band(validation: Validation) -> str:
+    return f" below {validation.scoring:.3g} Hz" if validation.scoring else ""
+
+
 def _compute_held_out_ratio(estimate: Estimate, validation: Validation) -> float:
     """Return the largest ratio over joints of held-out to fitted rms, of rows of the same kind.
 
-    Both count all rows, slow ones too; the standard deviation of a fit counts those that it has.
+    Both count all rows, slow ones too. Within the scoring band it is the rms of the log over that of the
+    stretches that were held out in the fit.
     """
     fitted = {entry.joint: _compute_rms(entry) for entry in estimate.residual}
+    if validation.scoring and estimate.evidence is not None:
+        parts = estimate.evidence.joints
+        fitted = {entry.joint: 0.01 * entry.held_out * entry.torque for entry in parts}
     ratios = [
         _compute_rms(entry) / fitted[entry.joint] for entry in validation.residual if fitted.get(entry.joint)
     ]
@@ -453,8 +463,12 @@ def judge_trial(found: AnyValidation, estimate: AnyEstimate | None = None) -> Fi
 
     With the `estimate` its own residual counts too, where it is of rows of the same kind.
     """
-    percent, own = found.mean_relative_percent, False
-    headline = f"{percent:.3g} % of the torque is left unexplained in the log, on the mean of the joints."
+    percent, own, band = found.mean_relative_percent, False, ""
+    if isinstance(found, RigidValidation):
+        band = _name_band(found.validation) if found.band is None else f" below {found.band.band:.3g} Hz"
+    headline = (
+        f"{percent:.3g} % of the torque{band} is left unexplained in the log, on the mean of the joints."
+    )
     level = _rate(percent)
     details: list[str] = []
     match found:

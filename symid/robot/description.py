@@ -61,6 +61,7 @@ class LogMap:
     time: LogQuantity | None = None
     position: LogQuantity | None = None
     velocity: LogQuantity | None = None
+    acceleration: LogQuantity | None = None
     torque: LogQuantity | None = None
     motor_position: LogQuantity | None = None
     link_position: LogQuantity | None = None
@@ -92,11 +93,11 @@ class Processing:
     `drop_first`, `drop_last` samples cut off after differentiation; `standstill` the speed (rad/s or m/s,
     one for all joints or one a joint, None for none) below which a joint's rows are left out, because dry
     friction there is not a function of velocity; `instrument_cutoff` in Hz of the positions along which
-    instruments are computed; `velocity` whether states come from the "position" alone or, above it, from
-    the velocity of the "log". `noise_freedom` says how deviations follow from the residuals of m rows and k
-    parameters: "band" from their spectrum, with m b - k degrees of freedom, b the part of the band that
-    decimation lets pass, "parameters" as of white noise with m - k, "one" with m - 1, as some publications
-    do. `automatic` that what is not stated is chosen from the logs.
+    instruments are computed; `states` up to which columns of the log the states are used, "position",
+    "velocity" or "acceleration": the others are differences. `noise_freedom` says how deviations follow
+    from the residuals of m rows and k parameters: "band" from their spectrum, with m b - k degrees of
+    freedom, b the part of the band that decimation lets pass, "parameters" as of white noise with m - k,
+    "one" with m - 1, as some publications do. `automatic` that what is not stated is chosen from the logs.
     """
 
     filter_order: int = 4
@@ -106,7 +107,7 @@ class Processing:
     drop_last: int = 0
     standstill: float | tuple[float, ...] | None = None
     instrument_cutoff: float | None = None
-    velocity: str = "position"
+    states: str = "position"
     noise_freedom: str = "band"
     automatic: bool = False
     decimation: Decimation = field(default_factory=Decimation)

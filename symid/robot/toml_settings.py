@@ -94,6 +94,7 @@ def _read_transmission(table: Section, joints: Sequence[Joint]) -> TransmissionM
 JOINT_DIMENSIONS = {
     "position": {JointKind.REVOLUTE: "angle", JointKind.PRISMATIC: "length"},
     "velocity": {JointKind.REVOLUTE: "angular velocity", JointKind.PRISMATIC: "velocity"},
+    "acceleration": {JointKind.REVOLUTE: "angular acceleration", JointKind.PRISMATIC: "acceleration"},
     "torque": {JointKind.REVOLUTE: "torque", JointKind.PRISMATIC: "force"},
 }
 """The dimension of each quantity of a log, by the kind of its joint."""
@@ -101,6 +102,7 @@ JOINT_DIMENSIONS = {
 _CONVERTIBLE = {
     "position": ("angle", "length", "voltage", "number"),
     "velocity": ("angular velocity", "velocity", "voltage", "number"),
+    "acceleration": ("angular acceleration", "acceleration", "voltage", "number"),
     "torque": ("torque", "force", "voltage", "current", "number"),
 }
 for _name, _alike in (
@@ -112,7 +114,7 @@ for _name, _alike in (
 ):
     JOINT_DIMENSIONS[_name], _CONVERTIBLE[_name] = JOINT_DIMENSIONS[_alike], _CONVERTIBLE[_alike]
 
-_SI_UNITS = {"position": "rad", "velocity": "rad/s", "torque": "N m"}
+_SI_UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2", "torque": "N m"}
 
 
 def _read_quantity(
@@ -269,7 +271,7 @@ def read_processing(root: Section) -> Processing:
         "drop_last": table.read_integer("drop_last", NOT_NEGATIVE),
         "standstill": _read_standstill(table),
         "instrument_cutoff": table.read_float("instrument_cutoff", "Hz", POSITIVE, word=_NONE),
-        "velocity": table.read_choice("velocity", ("position", "log")),
+        "states": table.read_choice("states", ("position", "velocity", "acceleration")),
         "automatic": table.read_flag("automatic"),
         "noise_freedom": table.read_choice("noise_freedom", ("band", "parameters", "one")),
     }

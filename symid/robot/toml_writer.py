@@ -313,7 +313,7 @@ _MEANING = {
     "drop_last": "likewise",
     "standstill": "rad/s or m/s: slower rows of a joint are left out",
     "instrument_cutoff": "Hz",
-    "velocity": "position, or log: that of the log in place of differentiated positions",
+    "states": "position, velocity or acceleration: up to which columns of the log are used",
 }
 
 

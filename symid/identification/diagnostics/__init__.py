@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from symid.identification.diagnostics.causes import LikelyCause as LikelyCause, find_cause as find_cause
+    from symid.identification.diagnostics.causes import find_cause as find_cause
     from symid.identification.diagnostics.fit_warnings import (
         build_warning as build_warning,
         compute_block_deviations as compute_block_deviations,
@@ -45,6 +45,7 @@ if TYPE_CHECKING:
         count_stretches as count_stretches,
         determine_each_other as determine_each_other,
         fit_stretches as fit_stretches,
+        mask_inner as mask_inner,
         measure_gain as measure_gain,
         measure_scoring_band as measure_scoring_band,
         smooth_rows as smooth_rows,

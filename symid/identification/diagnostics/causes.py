@@ -3,8 +3,9 @@
 QuickLogs -> `LikelyCause`, or None where no single mistake explains the result.
 
 Every hypothesis is tried in fact: the samples are changed as if the mistake were undone, and fitted. It
-counts if held-out stretches are predicted clearly better, or nothing impossible is left while they are
-predicted as well; the one that leaves least is named.
+counts if held-out stretches are predicted clearly better, or those of one joint and no other is explained
+worse, or nothing impossible is left while they are predicted as well; the one that leaves least is named. The
+fit of all samples must leave less, too: with few samples fits of stretches are poor, and differ by chance.
 
 Supported: signs, order and units of columns, a delay of all torques, times scaled, a wrong zero of a joint.
 Not supported: two mistakes at once; what no torque can show (all torques scaled, times by a few percent, the
@@ -29,6 +30,15 @@ _SAME = 1.1
 """Times the held-out residual before: what leaves no more predicts as well."""
 _TURNED = frozenset(("log.torque-sign", "log.position-sign", "log.swapped-joints"))
 """Mistakes that make friction and inertia negative; others may cure these by chance."""
+_FITTED = 0.9
+"""Times the residual of the fit, the mean of joints, that it leaves at most."""
+_JOINT, _SURELY = 0.75, 3.5
+"""Times the residuals of one joint, and standard errors, where it helps one."""
+_WORSE = 1.15
+"""Times the residual of the fit of any other joint, and the mean of what is held out, that it leaves then."""
+_FLOOR = 0.02
+"""Of a joint's mean loss: parts with less say nothing."""
+_FEWEST = 8
 _TURN = 0.5 * np.pi
 _DELAYS = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 _DELAYED = 0.1
@@ -41,12 +51,27 @@ _UNRELATED = 85.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LikelyCause:
-    """The likeliest single cause: a code, a sentence, what to do, and percent that is left without it."""
+    """The likeliest single cause: a code, a sentence, what to do, and percent that is left without it.
+
+    `joint` names the one joint that undoing it helps, empty where it helps the mean of all; `leaves` are the
+    percents left, of that joint or of the mean, with the mistake and without it.
+    """
 
     code: str
     cause: str
     remedy: str
     percent: float
+    joint: str = ""
+    leaves: tuple[float, float] = (float("inf"), float("inf"))
+
+    @property
+    def effect(self) -> str:
+        """Return in words what undoing it does to a quick fit."""
+        before, after = self.leaves
+        if after >= before:
+            return "a quick fit has no negative inertia or friction"
+        what = f"the held-out torque of {self.joint}" if self.joint else "held-out torque"
+        return f"a quick fit leaves {after:.3g} % of {what}, not {before:.3g} %"
 
 
 class Hypothesis(NamedTuple):
@@ -59,13 +84,19 @@ class Hypothesis(NamedTuple):
 
 
 def find_cause(
-    logs: QuickLogs, before: QuickResult, most: float = _MOST, *, cures: bool = True
+    logs: QuickLogs,
+    before: QuickResult,
+    most: float = _MOST,
+    *,
+    cures: bool = True,
+    held_out: FloatArray | None = None,
 ) -> LikelyCause:
     """Return the likeliest single cause of a wrong fit; its `percent` is infinite where none helps.
 
-    A mistake undone must leave `most` percent or less, and 40; or, if `cures`, nothing impossible.
+    A mistake undone must leave `most` percent or less, and 40; or clearly less of one joint, also than a
+    better fit leaves `held_out` (n,) in percent; or, if `cures`, nothing impossible.
     """
-    best: tuple[int, float, Hypothesis] | None = None
+    best: tuple[int, float, LikelyCause] | None = None
     for trial in list_hypotheses(logs):
         try:
             found = fit_quick(trial.logs)
@@ -73,14 +104,26 @@ def find_cause(
             continue
         rest, percent = int(found.impossible.sum()), found.percent
         better = percent <= min(_CLEARLY * before.percent, most, _MOST) and _is_certain(before, found)
-        better = better and rest <= int(before.impossible.sum())
+        better = better and float(np.mean(found.fitted)) <= _FITTED * float(np.mean(before.fitted))
+        helped = None if better else _find_helped_joint(before, found, held_out)
+        better = (better or helped is not None) and rest <= int(before.impossible.sum())
         cured = cures and before.impossible.any() and not rest and trial.code in _TURNED
         cured = cured and percent <= _SAME * before.percent
         if (better or cured) and (best is None or (rest, percent) < best[:2]):
-            best = rest, percent, trial
+            leaves = before.percent, percent
+            if helped is not None:
+                leaves = float(before.held_out[helped]), float(found.held_out[helped])
+            cause = LikelyCause(
+                code=trial.code,
+                cause=trial.cause,
+                remedy=trial.remedy,
+                percent=percent,
+                joint="" if helped is None else logs.moving[helped],
+                leaves=leaves,
+            )
+            best = rest, percent, cause
     if best is not None:
-        trial = best[2]
-        return LikelyCause(code=trial.code, cause=trial.cause, remedy=trial.remedy, percent=best[1])
+        return best[2]
     if before.percent >= _UNRELATED:
         return LikelyCause(
             code="log.foreign-torque",
@@ -106,11 +149,32 @@ def find_cause(
 
 
 def _is_certain(before: QuickResult, after: QuickResult) -> bool:
-    """Return whether stretches are predicted better throughout: by the log of their losses' ratio."""
-    tiny = np.finfo(float).tiny
-    ratios = np.log(np.maximum(before.losses, tiny) / np.maximum(after.losses, tiny))
-    spread = float(np.std(ratios, ddof=1)) / np.sqrt(len(ratios))
-    return bool(ratios.mean() > _SURE * spread)
+    """Return whether held-out parts are predicted better throughout."""
+    return _compare(before.losses.mean(axis=1), after.losses.mean(axis=1)) > _SURE
+
+
+def _find_helped_joint(before: QuickResult, after: QuickResult, held_out: FloatArray | None) -> int | None:
+    """Return the joint of which much less is left, while no other is explained worse; None for none."""
+    if len(before.held_out) != len(after.held_out) or after.percent > _WORSE * before.percent:
+        return None
+    ratios = after.fitted / np.maximum(before.fitted, np.finfo(float).tiny)
+    joint = int(np.argmin(ratios))
+    usual = np.inf if held_out is None else held_out[joint]
+    less = after.held_out[joint] <= _JOINT * min(before.held_out[joint], usual)
+    if not less or ratios[joint] > _JOINT or ratios.max() > _WORSE:
+        return None
+    return joint if _compare(before.losses[:, joint], after.losses[:, joint]) > _SURELY else None
+
+
+def _compare(before: FloatArray, after: FloatArray) -> float:
+    """Return the mean log of the ratio of losses (w,) in standard errors; tiny ones do not count."""
+    floor = _FLOOR * float(before.mean())
+    told = (before > floor) | (after > floor)
+    if told.sum() < _FEWEST:
+        return 0.0
+    ratios = np.log((before[told] + floor) / (after[told] + floor))
+    mean, error = float(ratios.mean()), float(np.std(ratios, ddof=1)) / np.sqrt(len(ratios))
+    return mean / error if error else np.inf * np.sign(mean) if mean else 0.0
 
 
 def list_hypotheses(logs: QuickLogs) -> Iterator[Hypothesis]:

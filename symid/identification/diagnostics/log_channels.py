@@ -389,26 +389,19 @@ def describe_proportions(fit: QuickFit, robot: Robot, file: str) -> tuple[Notice
     return tuple(found)
 
 
-def find_mistake(
-    library: Library, recording: Recording, processing: Processing
-) -> tuple[LikelyCause, float] | None:
-    """Return the likeliest single mistake, and what a quick fit leaves with it in percent; None for none."""
+def find_mistake(library: Library, recording: Recording, processing: Processing) -> LikelyCause | None:
+    """Return the likeliest single mistake, None for none."""
     usual = choose_filters(replace(processing, automatic=True), [recording]).processing
     logs = build_quick_logs(library, [recording], usual, measure_scoring_band([recording]))
     before = fit_quick(logs)
-    if before.percent <= _SUSPICIOUS and not before.impossible.any():
-        return None
     # A log that fits badly has negative values by chance, too.
     found = find_cause(logs, before, cures=before.percent <= _SUSPICIOUS)
-    return (found, before.percent) if np.isfinite(found.percent) else None
+    return found if np.isfinite(found.percent) else None
 
 
-def describe_mistake(found: LikelyCause, before: float, file: str) -> Notice:
-    """Return a notice on a mistake; a quick fit leaves `before` percent with it."""
-    text = f"{found.cause}: undone, a quick fit leaves {found.percent:.3g} % of held-out torque"
-    text += f", not {before:.3g} %" if found.percent < before else " and inertia and friction are positive"
-    text = f"{text}; {found.remedy}"
-    return Notice(code=found.code, text=text, file=file)
+def describe_mistake(found: LikelyCause, file: str) -> Notice:
+    """Return a notice on a mistake."""
+    return Notice(code=found.code, text=f"{found.cause}: undone, {found.effect}; {found.remedy}", file=file)
 
 
 def check_channels(fit: QuickFit, library: Library, robot: Robot) -> LogCheck:
@@ -418,7 +411,7 @@ def check_channels(fit: QuickFit, library: Library, robot: Robot) -> LogCheck:
     signs = estimate_signs(fit, library, robot)
     mistake = None if notices else find_mistake(library, fit.recording, fit.processing)
     if mistake is not None:
-        notices += (describe_mistake(*mistake, file),)
+        notices += (describe_mistake(mistake, file),)
     notices += describe_sizes(signs, robot, file) if not notices else ()
     delay: TorqueDelay | None = None
     if not notices:
@@ -427,7 +420,7 @@ def check_channels(fit: QuickFit, library: Library, robot: Robot) -> LogCheck:
     return LogCheck(
         source=file,
         signs=signs,
-        mistake=None if mistake is None else mistake[0],
+        mistake=mistake,
         delay=delay,
         notices=notices,
     )

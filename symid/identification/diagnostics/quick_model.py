@@ -20,7 +20,13 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
-from symid.identification.diagnostics.stretches import compute_jackknife, count_stretches, solve_sums
+from symid.identification.diagnostics.stretches import (
+    ENDS,
+    PART,
+    compute_jackknife,
+    count_stretches,
+    solve_sums,
+)
 from symid.identification.regression import evaluate_columns, list_resting_joints, prepare_states
 from symid.logs import Recording, low_pass
 from symid.robot import Processing
@@ -30,6 +36,8 @@ _RATE = 4.0
 _MOST = 3000
 """Samples of all logs together."""
 _ORDER = 4
+PARTS = 4
+"""Of every held-out stretch, whose squares are compared."""
 _SURE = 5.0
 _CLEAR = 0.02
 _SLOW = 0.05
@@ -59,16 +67,24 @@ class QuickLogs:
     friction: bool = False
     transmission: FloatArray | None = None
 
+    @property
+    def moving(self) -> tuple[str, ...]:
+        """Return the names of the joints that have rows."""
+        joints = self.library.card.joints
+        return tuple(joint.name for k, joint in enumerate(joints) if self.kept[:, k].any())
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class QuickResult:
-    """A fit: held-out residual of each joint in percent (n,), parameters (p,), without each stretch (s, p).
+    """A fit: parameters (p,), and those without each stretch (s, p).
 
-    `losses` (s,) are the squares of held-out stretches relative to the whole torque, mean over joints;
+    `held_out`, `fitted` (n,) are the residuals in percent of held-out and of all samples of the joints that
+    have rows, `losses` (w, n) the squares of the parts of held-out stretches relative to the whole torque;
     `impossible` (n,) says which joints are driven by their friction or have a negative inertia.
     """
 
     held_out: FloatArray
+    fitted: FloatArray
     values: FloatArray
     folds: FloatArray
     losses: FloatArray
@@ -95,7 +111,8 @@ def build_quick_logs(
         signals = prepare_states(library, recording, settings)
         tau = low_pass(signals.tau, period=signals.period, cutoff=cutoff, order=_ORDER)
         step = max(1, round(1.0 / (rate * signals.period)))
-        places = np.arange(step // 2, len(signals.time), step)
+        ends = round(min(ENDS / signals.period, PART * len(signals.time)))
+        places = np.arange(ends, len(signals.time) - ends, step)
         speed = np.abs(signals.dq[places])
         slow = speed < _SLOW * np.quantile(speed, 0.99, axis=0)
         kept = ~(slow & friction)
@@ -131,32 +148,40 @@ def fit_quick(logs: QuickLogs) -> QuickResult:
         columns = np.concatenate([columns, added], axis=2)
     joints, width = columns.shape[1:]
     count = int(logs.stretch.max()) + 1
-    sums = np.zeros((count, joints, width + 1, width + 1))
-    for joint in range(joints):
-        table = np.column_stack([columns[:, joint], logs.tau[:, joint]]) * logs.kept[:, joint, None]
-        for place in range(count):
-            own = table[logs.stretch == place]
-            sums[place, joint] = own.T @ own
-    whole = sums.sum(axis=0)
+    sums = np.zeros((count, PARTS, joints, width + 1, width + 1))
+    for place in range(count):
+        samples = np.flatnonzero(logs.stretch == place)
+        for part, own in enumerate(np.array_split(samples, PARTS)):
+            for joint in range(joints):
+                table = np.column_stack([columns[own, joint], logs.tau[own, joint]])
+                table = table[logs.kept[own, joint]]
+                sums[place, part, joint] = table.T @ table
+    stretches = sums.sum(axis=1)
+    whole = stretches.sum(axis=0)
     size = np.where(whole[:, -1, -1] > 0.0, whole[:, -1, -1], 1.0)
     weights = 1.0 / size
     for _ in range(2):
         values = solve_sums(whole, weights)
-        errors = np.append(values, -1.0)
-        left = np.einsum("k,jkl,l->j", errors, whole, errors)
-        weights = 1.0 / np.maximum(left, 1e-6 * size)
+        weights = 1.0 / np.maximum(_compute_left(values, whole), 1e-6 * size)
     values = solve_sums(whole, weights)
-    folds = np.stack([solve_sums(whole - own, weights) for own in sums])
+    folds = np.stack([solve_sums(whole - own, weights) for own in stretches])
     pairs = np.column_stack([folds, -np.ones(count)])
-    squares = np.maximum(np.einsum("sk,sjkl,sl->sj", pairs, sums, pairs), 0.0)
+    squares = np.maximum(np.einsum("sk,swjkl,sl->swj", pairs, sums, pairs), 0.0).reshape(-1, joints)
     moving = whole[:, -1, -1] > 0.0
     return QuickResult(
         held_out=100.0 * np.sqrt(squares.sum(axis=0) / size)[moving],
+        fitted=100.0 * np.sqrt(np.maximum(_compute_left(values, whole), 0.0) / size)[moving],
         values=values,
         folds=folds,
-        losses=np.mean((squares / size)[:, moving], axis=1),
+        losses=(squares / size)[:, moving],
         impossible=_mask_impossible(logs, columns, values, folds),
     )
+
+
+def _compute_left(values: FloatArray, sums: FloatArray) -> FloatArray:
+    """Return the squares (n,) that parameters (p,) leave of sums (n, p + 1, p + 1)."""
+    errors = np.append(values, -1.0)
+    return np.asarray(np.einsum("k,jkl,l->j", errors, sums, errors))
 
 
 def _mask_impossible(

@@ -79,6 +79,17 @@ def smooth_rows(rows: Rows, values: FloatArray, band: float) -> FloatArray:
     return found
 
 
+def mask_inner(rows: Rows) -> NDArray[np.bool_]:
+    """Return the rows (m,) that are not near an end of their log."""
+    inner = np.zeros(len(rows.time), dtype=np.bool_)
+    for run in np.unique(rows.run):
+        own = rows.run == run
+        first, last = float(rows.time[own].min()), float(rows.time[own].max())
+        left = min(ENDS, PART * (last - first))
+        inner |= own & (rows.time >= first + left) & (rows.time <= last - left)
+    return inner
+
+
 def solve_sums(sums: FloatArray, weights: FloatArray) -> FloatArray:
     """Return x (p,) of sum_j w_j Z_j'A_j x = sum_j w_j Z_j'y_j; sums (n, p + 1, p + 1) have y last."""
     whole = np.tensordot(weights, sums, axes=1)

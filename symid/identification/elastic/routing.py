@@ -116,6 +116,7 @@ def build_motor_recording(recording: Recording, robot: Robot) -> Recording:
         recording,
         position=np.where(taken, recording.motor_position, recording.position),
         velocity=None,
+        acceleration=None,
         motor_position=None,
         notices=(*recording.notices, notice),
     )

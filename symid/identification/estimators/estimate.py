@@ -334,6 +334,8 @@ class Validation:
     """What an estimate explains of a log.
 
     `fitted` where it was fitted to that very log, which is no test; `processing` how the log was processed.
+    `residual` is that within the `scoring` band in Hz of a fit that chose its settings, and then `all_rows`
+    has that of the rows as they are; of other fits `scoring` is 0, and `residual` is that of the rows.
     """
 
     robot: str
@@ -346,6 +348,8 @@ class Validation:
     fitted: bool = False
     notices: tuple[Notice, ...] = ()
     processing: ResolvedProcessing | None = None
+    scoring: float = 0.0
+    all_rows: tuple[Residual, ...] = ()
 
     @property
     def mean_relative_percent(self) -> float:

@@ -20,7 +20,7 @@ class Candidate:
         behind: standard errors of the held-out loss behind the best that stands still; infinite for others.
         movement: largest rms over parameters of the difference to an estimate of a lower band, in standard
             deviations of that one.
-        velocity: "position", or "log" where states come from the logged velocity.
+        states: up to which columns of the log they are used, "position", "velocity" or "acceleration".
     """
 
     band: float
@@ -29,7 +29,7 @@ class Candidate:
     held_out: tuple[float, ...]
     behind: float
     movement: float
-    velocity: str = "position"
+    states: str = "position"
 
     @property
     def still(self) -> bool:
@@ -58,7 +58,8 @@ class JointEvidence:
 
     `fitted` on the rows of the fit by the fit itself; `held_out` by fits without the stretch of the row, of
     all rows, slow ones too; `moving` and `resting` the same of rows faster and slower than a twentieth of the
-    top speed (infinite where there are none). `share` is the part of the rows that the fit left out as slow,
+    top speed (infinite where there are none), the latter along the states of the instruments where there are
+    any. `share` is the part of the rows that the fit left out as slow,
     `torque` the rms of the torque in N m or N.
     """
 
@@ -96,8 +97,11 @@ class Evidence:
         movement: of the settings chosen, see `Candidate`; 0 where nothing was chosen.
         impossible: what no robot can have, in words.
         missing: terms that would help on held-out rows, the largest first.
+        resampled: percent that a quick fit leaves unexplained at even times, and with samples of uneven logs
+            as they come; empty where no log was moved to even times.
         code, cause, remedy: the likeliest single mistake in the logs, and what to do; empty for none.
-        cured: percent that a quick fit leaves unexplained with the cause undone, infinite where none helps.
+        cured: percent that a quick fit leaves unexplained with the cause undone, infinite where none helps;
+            effect: what undoing it does to that fit, in words.
     """
 
     joints: tuple[JointEvidence, ...]
@@ -107,10 +111,12 @@ class Evidence:
     movement: float = 0.0
     impossible: tuple[str, ...] = ()
     missing: tuple[ModelTerm, ...] = ()
+    resampled: tuple[float, ...] = ()
     code: str = ""
     cause: str = ""
     remedy: str = ""
     cured: float = float("inf")
+    effect: str = ""
 
     @property
     def held_out(self) -> float:

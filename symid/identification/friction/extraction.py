@@ -62,6 +62,8 @@ def fold_recording(recording: Recording, period: float, *, margin: int | None = 
         position=position.mean(axis=0)[places % samples],
         torque=torque.mean(axis=0)[places % samples],
         velocity=None,
+        acceleration=None,
+        stamps=None,
         motor_position=None,
         link_position=None,
         extras={},

@@ -22,15 +22,14 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
+from symid.errors import Notice
 from symid.identification.diagnostics import (
-    ENDS,
-    PART,
-    LikelyCause,
     Stretches,
     build_quick_logs,
     evaluate_inertia_columns,
     find_cause,
     fit_quick,
+    mask_inner,
     measure_scoring_band,
     smooth_rows,
 )
@@ -39,6 +38,7 @@ from symid.identification.regression import Rows, prepare_states
 from symid.identification.rigid.long_fit import FittedRows
 from symid.identification.rigid.missing_terms import list_missing_terms
 from symid.identification.rigid.plan import FitBasis
+from symid.logs import undo_resampling
 
 RESTING = 0.05
 """Of the top speed, below which a row counts as nearly at rest."""
@@ -52,12 +52,14 @@ class JudgedRows:
     Args:
         rows: all of them, m; speed: (m,) of smooth positions, rad/s or m/s.
         kept: (m,) whether the fit has them; residuals: (m,) of the fit.
+        smooth: the same along the states of the instruments, None where there are none.
     """
 
     rows: Rows
     speed: FloatArray
     kept: NDArray[np.bool_]
     residuals: FloatArray
+    smooth: Rows | None = None
 
 
 def mask_resting(rows: Rows, speed: FloatArray) -> NDArray[np.bool_]:
@@ -69,29 +71,19 @@ def mask_resting(rows: Rows, speed: FloatArray) -> NDArray[np.bool_]:
     return resting
 
 
-def mask_inner(rows: Rows) -> NDArray[np.bool_]:
-    """Return the rows (m,) that are not near an end of their log."""
-    inner = np.zeros(len(rows.time), dtype=np.bool_)
-    for run in np.unique(rows.run):
-        own = rows.run == run
-        first, last = float(rows.time[own].min()), float(rows.time[own].max())
-        left = min(ENDS, PART * (last - first))
-        inner |= own & (rows.time >= first + left) & (rows.time <= last - left)
-    return inner
-
-
 def list_joint_evidence(
     judged: JudgedRows, stretches: Stretches, scoring: float
 ) -> tuple[JointEvidence, ...]:
     """Return what is left unexplained of every joint within the `scoring` band in Hz."""
     rows = judged.rows
     errors = rows.values - stretches.predict(rows)
-    table = smooth_rows(rows, np.column_stack([rows.values, errors, judged.residuals]), scoring)
+    # Near rest, noise turns the sign of a velocity: that is no friction of another kind.
+    slow = errors if judged.smooth is None else rows.values - stretches.predict(judged.smooth)
+    table = smooth_rows(rows, np.column_stack([rows.values, errors, judged.residuals, slow]), scoring)
     resting, inner = mask_resting(rows, judged.speed), mask_inner(rows)
     found = []
     for group in np.unique(rows.group):
         own = rows.group == group
-
         counted = own & inner
         torque = float(np.sqrt(np.mean(table[counted, 0] ** 2))) if counted.any() else 0.0
 
@@ -106,7 +98,7 @@ def list_joint_evidence(
                 fitted=share(2, counted & judged.kept),
                 held_out=share(1, counted),
                 moving=share(1, counted & ~resting),
-                resting=share(1, counted & resting),
+                resting=share(3, counted & resting),
                 share=float(np.mean(~judged.kept[own])),
                 torque=torque,
             )
@@ -130,8 +122,9 @@ def collect_evidence(
     basis: FitBasis, judged: JudgedRows, fitted: FittedRows, stretches: Stretches
 ) -> Evidence:
     """Return the evidence for a fit in memory."""
-    rows, fit, plan = judged.rows, fitted.fit, basis.plan
-    scoring = plan.choice.scoring if plan.choice is not None else measure_scoring_band(basis.recordings)
+    library, recordings, plan = basis.library, basis.recordings, basis.plan
+    rows, fit = judged.rows, fitted.fit
+    scoring = plan.choice.scoring if plan.choice is not None else measure_scoring_band(recordings)
     joints = list_joint_evidence(judged, stretches, scoring)
     whole = not fitted.identifiability.refused
     impossible = list_impossible(basis, fitted.rows, fit, whole=whole)
@@ -146,17 +139,39 @@ def collect_evidence(
     if rows.kind == "torque" and found.unexplained <= _SUSPICIOUS:
         missing = list_missing_terms(basis, rows, stretches.weights, fit.values, scoring)
         found = replace(found, missing=missing)
+    logs = build_quick_logs(library, recordings, plan.processing, scoring)
+    quick = fit_quick(logs)
+    if any(recording.stamps is not None for recording in recordings):
+        before = [undo_resampling(recording) for recording in recordings]
+        other = fit_quick(build_quick_logs(library, before, plan.processing, scoring))
+        found = replace(found, resampled=(quick.percent, other.percent))
     # A quick fit may itself be poor: undoing a mistake must leave less than the fit does.
-    cause = look_for_cause(basis, scoring, _HELPS * found.unexplained, cures=bool(impossible))
+    left = {entry.joint: entry.held_out for entry in joints}
+    held_out = np.array([left.get(name, np.inf) for name in logs.moving])
+    most = _HELPS * found.unexplained
+    cause = find_cause(logs, quick, most, cures=bool(impossible), held_out=held_out)
     if not (np.isfinite(cause.percent) or found.unexplained > _SUSPICIOUS or impossible):
         return found
-    return replace(found, code=cause.code, cause=cause.cause, remedy=cause.remedy, cured=cause.percent)
+    return replace(
+        found,
+        code=cause.code,
+        cause=cause.cause,
+        remedy=cause.remedy,
+        cured=cause.percent,
+        effect=cause.effect,
+    )
 
 
-def look_for_cause(basis: FitBasis, scoring: float, most: float, *, cures: bool) -> LikelyCause:
-    """Return the likeliest single mistake in the logs; other arguments as for `find_cause`."""
-    logs = build_quick_logs(basis.library, basis.recordings, basis.plan.processing, scoring)
-    return find_cause(logs, fit_quick(logs), most, cures=cures)
+def describe_resampling(evidence: Evidence) -> tuple[Notice, ...]:
+    """Return a note on what it does to the residual that uneven logs were moved to even times."""
+    if not evidence.resampled:
+        return ()
+    after, before = evidence.resampled
+    text = (
+        f"uneven logs were moved to even times: a quick fit leaves {after:.3g} % of held-out torque, "
+        f"with the samples as they come {before:.3g} %"
+    )
+    return (Notice(code="identify.resampled", text=text),)
 
 
 def list_impossible(

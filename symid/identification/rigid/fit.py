@@ -63,7 +63,7 @@ from symid.identification.regression import (
     select_rows,
     stack_rows,
 )
-from symid.identification.rigid.evidence import JudgedRows, collect_evidence
+from symid.identification.rigid.evidence import JudgedRows, collect_evidence, describe_resampling
 from symid.identification.rigid.long_fit import FittedRows, fit_long, is_long, mask_fast
 from symid.identification.rigid.options import list_unknown
 from symid.identification.rigid.plan import (
@@ -180,7 +180,7 @@ def identify_parameters(
         choice=plan.choice,
         evidence=evidence,
         residual=_measure_all((full.judged.rows, full.judged.residuals), estimate),
-        notices=(*notices, *warn_of_missing(evidence)),
+        notices=(*notices, *warn_of_missing(evidence), *describe_resampling(evidence)),
     )
 
 
@@ -255,7 +255,7 @@ def fit_in_memory(
         pattern = warn_of_correlated_residuals(built, fit, identifiability)
     fitted = FittedRows(built, identifiability, fit, pattern)
     residuals = whole.values - whole.matrix @ fit.values
-    judged = JudgedRows(rows=whole, speed=speed, kept=kept, residuals=residuals)
+    judged = JudgedRows(rows=whole, speed=speed, kept=kept, residuals=residuals, smooth=instruments)
     return FullFit(fitted=fitted, judged=judged, stretches=stretches, instruments=instruments)
 
 

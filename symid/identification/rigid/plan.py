@@ -152,7 +152,7 @@ def _settle(processing: Processing, choice: SettingsChoice, rate: float) -> Proc
         filter_cutoff=processing.filter_cutoff or choose_cutoff(kept, rate),
         decimation=decimation,
         standstill=standstill,
-        velocity=taken.velocity,
+        states=taken.states,
         instrument_cutoff=processing.instrument_cutoff or float(f"{taken.instruments:.3g}") or None,
         automatic=False,
     )
@@ -186,8 +186,8 @@ def _describe(choice: SettingsChoice, processing: Processing, estimator: str) ->
     )
     if taken.instruments:
         text += f" with instruments along positions that pass {processing.instrument_cutoff:g} Hz"
-    if taken.velocity == "log":
-        text += ", states from the logged velocity"
+    if taken.states != "position":
+        text += f", states with the logged {taken.states}"
     if taken.standstill:
         text += f", rows slower than {100.0 * taken.standstill:g} % of each joint's top speed left out"
     return (

@@ -51,7 +51,7 @@ from symid.identification.regression import (
     measure_behind,
     prepare_states,
 )
-from symid.logs import Recording, Signals, cut_recording
+from symid.logs import STATES, Recording, Signals, cut_recording, has_states
 from symid.robot import Processing
 
 ROW_RATE = 200.0
@@ -173,6 +173,7 @@ class _Study:
         self.scoring = scoring
         self.pairs = [(k, z) for k in range(len(bands)) for z in range(k + 1)]
         friction = np.array([joint.friction != "none" for joint in library.card.joints])
+        self.dry = bool(friction.any())
         parts: list[dict[tuple[int, int], FloatArray]] = []
         runs, tops, levels = [], [], []
         count = count_stretches(len(pieces))
@@ -305,16 +306,47 @@ def choose_settings(
     bands = [scoring * 2.0**k for k in range(-_OCTAVES, above + 1)]
     if band:
         bands = [*(entry for entry in bands if entry < 0.8 * band), band]
-    study = _Study(library, pieces, replace(processing, standstill=None), bands)
     shares = range(len(SHARES)) if processing.standstill is None else range(1)
     last = len(bands) - 1
-    tried = [
-        (k, z, share)
-        for k, z in study.pairs
-        for share in shares
-        # The lowest level has nothing below it to compare with.
-        if z > 0 and (z < k) in instruments and (k == last if band else k - z <= _WIDER)
-    ]
+    parts: list[tuple[list[Candidate], int, tuple[float, ...]]] = []
+    for states in _list_states(processing, recordings):
+        study = _Study(library, pieces, replace(processing, standstill=None, states=states), bands)
+        tried = [
+            (k, z, share)
+            for k, z in study.pairs
+            for share in shares
+            # The lowest level has nothing below it to compare with. Along smooth velocities a noisy one has
+            # the wrong sign on average near zero, and instruments make dry friction too large.
+            if z > 0 and (z < k) in instruments and (k == last if band else k - z <= _WIDER)
+            if z == k or share > 0 or len(shares) == 1 or not study.dry
+        ]
+        parts.append((*_choose(study, tried, shares), tuple(study.top.tolist())))
+    chosen = 0
+    for place, (candidates, taken, _) in enumerate(parts):
+        best, own, _ = parts[chosen]
+        if _ALIKE * np.mean(candidates[taken].held_out) < np.mean(best[own].held_out):
+            chosen = place
+    before = sum(len(candidates) for candidates, _, _ in parts[:chosen])
+    return SettingsChoice(
+        scoring=scoring,
+        candidates=tuple(entry for candidates, _, _ in parts for entry in candidates),
+        taken=before + parts[chosen][1],
+        top=parts[chosen][2],
+    )
+
+
+def _list_states(processing: Processing, recordings: Sequence[Recording]) -> list[str]:
+    """Return up to which columns of all logs states may be used, the stated one alone where there is one."""
+    if processing.states != "position":
+        return [processing.states]
+    return [name for name in STATES if all(has_states(recording, name) for recording in recordings)]
+
+
+def _choose(
+    study: _Study, tried: Sequence[tuple[int, int, int]], shares: range
+) -> tuple[list[Candidate], int]:
+    """Return the candidates (rows k, instruments z, share), and the place of the one to take."""
+    last = len(study.bands) - 1
     candidates, losses = _try_settings(study, tried, shares)
     costs = [last - k + 0.25 * (k - z) + 0.5 * share for k, z, share in tried]
     still = np.array([entry.still for entry in candidates])
@@ -325,18 +357,7 @@ def choose_settings(
     taken = min(close.tolist(), key=lambda place: (costs[pool[place]], totals[place]))
     for place, far in zip(pool.tolist(), behind.tolist(), strict=True):
         candidates[place] = replace(candidates[place], behind=far)
-    chosen = int(pool[taken])
-    if processing.velocity == "position" and all(log.velocity is not None for log in recordings):
-        other = _try_velocities(library, pieces, study, candidates[chosen])
-        candidates.append(other)
-        if _ALIKE * np.mean(other.held_out) < np.mean(candidates[chosen].held_out):
-            chosen = len(candidates) - 1
-    return SettingsChoice(
-        scoring=scoring,
-        candidates=tuple(candidates),
-        taken=chosen,
-        top=tuple(study.top.tolist()),
-    )
+    return candidates, int(pool[taken])
 
 
 def _try_settings(
@@ -354,7 +375,7 @@ def _try_settings(
         losses.append(loss.mean(axis=(1, 2)))
         candidates.append(
             Candidate(
-                velocity=study.processing.velocity,
+                states=study.processing.states,
                 band=study.bands[k],
                 instruments=study.bands[z] if z < k else 0.0,
                 standstill=SHARES[share],
@@ -364,17 +385,3 @@ def _try_settings(
             )
         )
     return candidates, np.array(losses)
-
-
-def _try_velocities(
-    library: Library, pieces: Sequence[tuple[int, Recording]], study: _Study, taken: Candidate
-) -> Candidate:
-    """Return the candidate that was taken with states from the logged velocities."""
-    bands = [taken.instruments, taken.band] if taken.instruments else [taken.band]
-    settings = replace(study.processing, velocity="log")
-    other = _Study(library, pieces, settings, bands, 0)
-    _, folds = other.fit((len(bands) - 1, 0), SHARES.index(taken.standstill))
-    loss = study.measure(folds)
-    held = (loss if len(loss) == study.count else loss[study.count :]).sum(axis=0)
-    percents = tuple((100.0 * np.sqrt(held).mean(axis=1)).tolist())
-    return replace(taken, velocity="log", held_out=percents, behind=math.inf)

@@ -20,21 +20,32 @@ from typing import Any, NoReturn, TypeGuard
 
 import numpy as np
 
+from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import EstimateError, Notice
-from symid.identification.diagnostics import build_warning
+from symid.identification.diagnostics import build_warning, mask_inner, smooth_rows
 from symid.identification.estimators import (
     OPEN_SETTINGS,
     Estimate,
     FitRecord,
+    Residual,
     ResolvedProcessing,
     Series,
     Validation,
     check_model,
     compute_residuals,
 )
-from symid.identification.regression import SAME_PERIOD, WINDOW, choose_filters, count_pieces, prepare_rows
-from symid.logs import Ends, Recording, describe_overlap, measure_overlap
+from symid.identification.regression import (
+    SAME_PERIOD,
+    SCALAR_KINDS,
+    WINDOW,
+    Rows,
+    choose_filters,
+    count_pieces,
+    prepare_rows,
+    select_rows,
+)
+from symid.logs import Ends, Recording, describe_overlap, has_states, measure_overlap
 from symid.robot import (
     Decimation,
     Places,
@@ -72,7 +83,7 @@ def resolve_processing(
             drop_last=max(processing.drop_last, fitted.drop_last),
             standstill=fitted.standstill if "standstill" in left else processing.standstill,
             instrument_cutoff=processing.instrument_cutoff or fitted.instrument_cutoff,
-            velocity=fitted.velocity if recording.velocity is not None else processing.velocity,
+            states=fitted.states if has_states(recording, fitted.states) else processing.states,
             automatic=False,
         )
         if "filter_cutoff" in left:
@@ -262,7 +273,7 @@ def _make_exact(value: object) -> object:
 
 
 _CHOSEN_TOO = tuple(
-    f"processing.{name}" for name in ("drop_first", "drop_last", "instrument_cutoff", "velocity")
+    f"processing.{name}" for name in ("drop_first", "drop_last", "instrument_cutoff", "states")
 )
 
 
@@ -312,7 +323,8 @@ def validate_estimate(
     """Return residuals and series of `recording` under the estimate; nothing is fitted.
 
     What `processing` leaves open is as in the fit, see `resolve_processing`. `rows` is one of `ROW_KINDS`,
-    `window` the length of windows in s, `overlap` the part of one that the next one shares.
+    `window` the length of windows in s, `overlap` the part of one that the next one shares. Where the fit
+    chose its settings, residuals count within the band that these were chosen by.
 
     Raises:
         EstimateError: the estimate belongs to another model than the library.
@@ -345,15 +357,28 @@ def validate_estimate(
     if shared:
         part = describe_overlap(shared, recording, cut)
         warnings = [build_warning("validate.fitted-log", file=recording.source, what="estimate", part=part)]
+    residual = compute_residuals(built, built.values - predicted, 0)
+    scoring = estimate.choice.scoring if estimate.choice is not None and rows not in SCALAR_KINDS else 0.0
     return Validation(
         robot=estimate.robot,
         signature=estimate.signature,
         source=recording.source,
         rows=rows,
-        residual=compute_residuals(built, built.values - predicted, 0),
+        residual=_score(built, predicted, scoring) if scoring else residual,
+        scoring=scoring,
+        all_rows=residual if scoring else (),
         series=series,
         samples=len(built.values),
         fitted=shared > 0.0,
         notices=(*settled.notices, *built.notices, *warnings),
         processing=settled,
     )
+
+
+def _score(rows: Rows, predicted: FloatArray, scoring: float) -> tuple[Residual, ...]:
+    """Return the residuals of rows and what is predicted of them (m,), both low-passed at `scoring` Hz."""
+    table = smooth_rows(rows, np.column_stack([rows.values, rows.values - predicted]), scoring)
+    inner = mask_inner(rows)
+    inner = inner if inner.any() else np.ones_like(inner)
+    smooth = replace(select_rows(rows, inner), values=table[inner, 0])
+    return compute_residuals(smooth, table[inner, 1], 0)

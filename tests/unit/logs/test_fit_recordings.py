@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
-from symid.errors import UsageError
+from symid.errors import LogError, UsageError
 from symid.identification.identify import IdentifyTask, TaskContext, identify_robot
 from symid.logs.recording import Recording
 from symid.logs.runs import read_fit_recordings
@@ -116,7 +116,7 @@ def test_logged_velocities_take_the_place_of_differences(cutoff):
     log = Recording(time=time, position=position, torque=position, velocity=velocity, source="made")
     stated = Processing(filter_cutoff=cutoff, drop_first=100, drop_last=100)
     kept = slice(100, -100)
-    found = prepare_signals(log, replace(stated, velocity="log"))
+    found = prepare_signals(log, replace(stated, states="velocity"))
     np.testing.assert_allclose(found.dq, velocity[kept], atol=1e-4)
     exact = np.column_stack([5.0 * np.cos(5.0 * time), 0.2 * time])[kept]
     np.testing.assert_allclose(found.ddq, exact, atol=2e-3)
@@ -127,5 +127,26 @@ def test_logged_velocities_take_the_place_of_differences(cutoff):
     np.testing.assert_allclose(usual.dq[:, 0], 3.0 * np.cos(3.0 * time)[kept], atol=2e-3)
     np.testing.assert_array_equal(usual.q, found.q)
     # Without logged velocities there is nothing but differences.
-    bare = prepare_signals(replace(log, velocity=None), replace(stated, velocity="log"))
+    bare = prepare_signals(replace(log, velocity=None), replace(stated, states="velocity"))
     np.testing.assert_array_equal(bare.dq, usual.dq)
+
+
+def test_logged_accelerations_take_the_place_of_differences():
+    time = PERIOD * np.arange(2001)
+    position = np.column_stack([np.sin(3.0 * time), np.cos(2.0 * time)])
+    other = np.column_stack([np.sin(5.0 * time), 0.1 * time**2])
+    log = Recording(time=time, position=position, torque=position, acceleration=other, source="made")
+    stated = Processing(filter_cutoff=20.0, drop_first=100, drop_last=100)
+    found = prepare_signals(log, replace(stated, states="acceleration"))
+    smooth = low_pass(other, period=PERIOD, cutoff=20.0, order=4)
+    np.testing.assert_allclose(found.ddq, smooth[100:-100], rtol=1e-12)
+    usual = prepare_signals(log, stated)
+    # Without logged velocities these are differences.
+    np.testing.assert_array_equal(found.dq, usual.dq)
+    np.testing.assert_allclose(usual.ddq[:, 0], -9.0 * np.sin(3.0 * time)[100:-100], atol=2e-3)
+    holes = other.copy()
+    holes[7, 0] = np.nan
+    with pytest.raises(LogError, match=r"acceleration has values that are not finite") as caught:
+        prepare_signals(replace(log, acceleration=holes), replace(stated, states="acceleration"))
+    assert caught.value.notices[0].code == "log.not-finite"
+    prepare_signals(replace(log, acceleration=holes), stated)

@@ -34,9 +34,12 @@ def test_arrays_under_their_own_names(make_robot, columns, write_npz):
 
 
 def test_a_velocity_is_read_where_there_is_one(make_robot, columns, write_npz):
-    recording = read_recording(write_npz(**columns, dq=2.0 * columns["q"]), make_robot())
-    np.testing.assert_array_equal(recording.velocity, 2.0 * columns["q"])
+    more = {"dq": 2.0 * columns["q"], "ddq": 3.0 * columns["q"]}
+    recording = read_recording(write_npz(**columns, **more), make_robot())
+    np.testing.assert_array_equal(recording.velocity, more["dq"])
+    np.testing.assert_array_equal(recording.acceleration, more["ddq"])
     assert "(columns dq)" in remarks(recording)["log.unused-columns"]
+    assert "(columns ddq)" in remarks(recording)["log.unused-columns"]
 
 
 def test_a_hole_in_a_logged_velocity_stops_nothing(make_robot, columns, write_npz):

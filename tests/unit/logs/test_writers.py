@@ -19,6 +19,7 @@ def record(velocity=None):
         position=rng.normal(size=(30, 2)),
         torque=rng.normal(size=(30, 2)),
         velocity=velocity,
+        acceleration=None if velocity is None else 3.0 * velocity,
     )
 
 
@@ -36,6 +37,7 @@ def test_what_is_written_is_read_again_to_the_last_bit(make_robot, tmp_path, suf
     assert (again.velocity is None) == (velocity is None)
     if velocity is not None:
         np.testing.assert_array_equal(again.velocity, velocity)
+        np.testing.assert_array_equal(again.acceleration, 3.0 * velocity)
     assert all(notice.code == "log.unused-columns" for notice in again.notices)
     assert len(again.notices) == (velocity is not None)
 

@@ -123,8 +123,14 @@ def test_a_held_out_log_is_judged_by_the_same_limits(robot, estimate, percent, l
 
 
 def test_a_residual_larger_than_that_of_the_fit_counts(robot, estimate):
-    assert judge_trial(make_trial(robot, 5.0, std=0.15), estimate).level == "usable"
-    assert judge_trial(make_trial(robot, 5.0, std=0.3), estimate).level == "doubtful"
+    # Of little that is left, twice as much is good, and more does not make the log doubtful.
+    for percent, std, level in (
+        (5.0, 0.15, "good"),
+        (5.0, 0.3, "usable"),
+        (11.0, 0.15, "usable"),
+        (11.0, 0.3, "doubtful"),
+    ):
+        assert judge_trial(make_trial(robot, percent, std=std), estimate).level == level
     # Residuals of other rows, or of a band, cannot be compared with those of the fit.
     assert judge_trial(make_trial(robot, 5.0, std=0.3, rows="momentum"), estimate).level == "good"
     assert (

@@ -10,6 +10,7 @@ from symid.identification.diagnostics.causes import find_cause
 from symid.identification.diagnostics.quick_model import build_quick_logs, fit_quick
 from symid.identification.diagnostics.stretches import measure_scoring_band
 from symid.identification.rigid.plan import cut_moving_ends
+from symid.logs.signals import low_pass
 from symid.robot.description import Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
 from tests.unit.identification.pinocchio_arm import ARM, record_arm
@@ -129,6 +130,32 @@ def test_a_single_mistake_is_named(library, logs, place, mistake):
     # Undone, the log is about as good as without the mistake.
     assert cause.percent < 0.6 * found.percent or found.impossible.any()
     assert cause.percent < 1.6 * clean.percent
+
+
+def test_a_mistake_that_hides_in_the_mean_is_named_by_the_joint_that_it_spoils(library, logs):
+    """The torques of two joints are mostly noise, so that the mean of all changes little."""
+    noise = np.random.default_rng(3).normal(size=(len(logs[0].time), 2))
+    noise = low_pass(noise, period=logs[0].period, cutoff=1.0, order=4)
+    torque = logs[0].torque.copy()
+    torque[:, :2] += 1.3 * np.sqrt(np.mean(torque[:, :2] ** 2, axis=0)) * noise / np.std(noise, axis=0)
+    log = replace(logs[0], torque=torque)
+    clean, none = diagnose(library, log)
+    assert none.joint == ""
+    assert not np.isfinite(none.percent)
+    found, cause = diagnose(library, change("torque", 2, lambda x: 1e3 * x)(log))
+    assert cause.percent > 0.7 * found.percent
+    assert cause.percent == pytest.approx(clean.percent, rel=0.01)
+    assert (cause.code, cause.joint) == ("log.wrong-unit", "joint3")
+    assert "torque of joint 'joint3' is 1000 times" in cause.cause
+    before, after = cause.leaves
+    assert after < 0.3 * before
+    assert "of the held-out torque of joint3, not" in cause.effect
+    # A better fit that leaves as little has no need of the mistake.
+    scoring = measure_scoring_band([log])
+    settings = cut_moving_ends(Processing(filter_cutoff=scoring), [log])
+    quick = build_quick_logs(library, [change("torque", 2, lambda x: 1e3 * x)(log)], settings, scoring)
+    better = np.array([100.0, 100.0, after])
+    assert find_cause(quick, fit_quick(quick), held_out=better).joint == ""
 
 
 def test_an_upright_first_axis_leaves_open_which_sign_is_wrong(library, logs):

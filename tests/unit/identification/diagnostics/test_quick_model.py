@@ -36,8 +36,8 @@ def test_a_clean_log_gives_the_truth():
 def test_samples_are_thinned_cut_and_slow_ones_do_not_count(quick):
     assert len(quick.q) == len(quick.tau) == len(quick.run)
     assert np.bincount(quick.run).tolist() == [len(quick.q) // 2] * 2
-    # Forty a second, of 20 s less the ends.
-    assert len(quick.q) == pytest.approx(2 * 40.0 * 19.6, abs=4)
+    # Forty a second, of 20 s less the ends, where filters extrapolate.
+    assert len(quick.q) == pytest.approx(2 * 40.0 * 18.6, abs=4)
     assert quick.period == pytest.approx(0.025)
     assert np.unique(quick.stretch).tolist() == list(range(6))
     assert np.unique(quick.stretch[quick.run == 1]).tolist() == [3, 4, 5]
@@ -83,7 +83,8 @@ def test_what_is_held_out_is_predicted_by_fits_to_the_rest(quick):
         left[stretch] = np.sum(np.where(kept, quick.tau - columns @ found.folds[stretch], 0.0)[held] ** 2, 0)
     whole = np.sum(np.where(kept, quick.tau, 0.0) ** 2, axis=0)
     np.testing.assert_allclose(found.held_out, 100.0 * np.sqrt(left.sum(axis=0) / whole), rtol=1e-6)
-    np.testing.assert_allclose(found.losses, np.mean(left / whole, axis=1), rtol=1e-6)
+    np.testing.assert_allclose(found.losses.reshape(6, -1, 2).sum(axis=1), left / whole, rtol=1e-6)
+    np.testing.assert_allclose(found.fitted, 100.0 * np.sqrt(np.sum(errors**2, axis=0) / whole), rtol=1e-6)
     assert found.percent == pytest.approx(found.held_out.mean())
 
 

@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfiltfilt
 
+from symid.identification.diagnostics.stretches import fit_stretches
 from symid.identification.regression.equations import stack_rows
 from symid.identification.regression.preparation import prepare_rows
+from symid.identification.rigid.evidence import JudgedRows, list_joint_evidence
 from symid.identification.rigid.fit import identify_parameters
+from symid.logs.sampling import resample_if_uneven
 from symid.robot.description import Decimation, Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH
-from tests.unit.identification.rigid.two_link_logs import LIBRARY, record
+from tests.unit.identification.rigid.two_link_logs import LIBRARY, NAMES, record
 
 STATED = Processing(filter_cutoff=50.0, drop_first=50, drop_last=50, decimation=Decimation(factor=5))
 AUTOMATIC = Processing(automatic=True)
@@ -132,3 +135,45 @@ def test_the_likeliest_mistake_is_in_the_evidence():
     assert "-1" in evidence.remedy
     assert evidence.cured < 5.0 < evidence.unexplained
     assert evidence.impossible
+
+
+def test_what_even_times_do_to_the_residual_is_said():
+    """A log of five steps a period of its motion, each at a random time, is useless as it comes."""
+    even = record(2, samples=5001)
+    rng = np.random.default_rng(1)
+    slow = replace(even, time=even.time, source="uneven")
+    stamps = even.time + 0.04 * np.sin(2.0 * np.pi * 0.9 * even.time) + 1e-4 * rng.uniform(size=5001)
+    torque, position = (
+        np.column_stack([np.interp(stamps, even.time, column) for column in part.T])
+        for part in (even.torque, even.position)
+    )
+    inner = slice(50, -50)
+    uneven = replace(slow, time=stamps[inner], position=position[inner], torque=torque[inner])
+    estimate = identify_parameters(LIBRARY, [resample_if_uneven(uneven)], AUTOMATIC)
+    after, before = estimate.evidence.resampled
+    assert after < 0.5 * before
+    (text,) = (entry.text for entry in estimate.notices if entry.code == "identify.resampled")
+    assert f"leaves {after:.3g} % of held-out torque, with the samples as they come {before:.3g} %" in text
+    assert identify_parameters(LIBRARY, [even], AUTOMATIC).evidence.resampled == ()
+
+
+def test_noise_of_a_velocity_near_rest_is_no_friction():
+    """Rows at rest are predicted along the states of the instruments, where the sign is right."""
+    log = record(0, torque=0.05)
+    rows = prepare_rows("torque", LIBRARY, log, STATED, window=0.1)
+    noisy = rows.matrix.copy()
+    slow = np.abs(rows.velocity) < 0.1
+    turned = np.random.default_rng(0).permutation(np.flatnonzero(slow))[::2]
+    dry = [NAMES.index(name) for name in ("Fc1", "Fc2")]
+    noisy[np.ix_(turned, dry)] *= -1.0
+    kept = ~slow
+    rows_as_read = replace(rows, matrix=noisy)
+    stretches = fit_stretches(rows_as_read, None, kept, np.ones(2))
+    plain = JudgedRows(
+        rows=rows_as_read, speed=rows.velocity, kept=kept, residuals=np.zeros(len(rows.values))
+    )
+    alone = list_joint_evidence(plain, stretches, 20.0)
+    beside = list_joint_evidence(replace(plain, smooth=rows), stretches, 20.0)
+    for one, other in zip(alone, beside, strict=True):
+        assert other.resting < 0.5 * one.resting
+        assert (other.moving, other.held_out) == (one.moving, one.held_out)

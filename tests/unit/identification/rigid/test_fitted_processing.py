@@ -4,6 +4,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from scipy.signal import butter, sosfiltfilt
 
 from symid.errors import EstimateError, UsageError
 from symid.identification.diagnostics.torque_prediction import predict_torques
@@ -93,7 +94,7 @@ def test_a_log_of_the_same_period_is_processed_as_the_fit(noisy, estimate):
 def test_the_fit_and_its_validation_leave_the_same(noisy, estimate):
     again = validate_estimate(estimate, LIBRARY, noisy, AUTOMATIC)
     assert again.samples == estimate.samples
-    for mine, other in zip(again.residual, estimate.residual, strict=True):
+    for mine, other in zip(again.all_rows, estimate.residual, strict=True):
         assert mine.norm == pytest.approx(other.norm, rel=1e-12)
 
 
@@ -103,21 +104,47 @@ def test_a_validation_counts_rows_that_the_fit_leaves_out(noisy):
     found = identify_parameters(LIBRARY, [noisy], stated)
     again = validate_estimate(found, LIBRARY, noisy, stated)
     assert again.samples == sum(entry.samples for entry in found.residual) > 1.05 * found.samples
-    for mine, other in zip(again.residual, found.residual, strict=True):
+    for mine, other in zip(again.all_rows, found.residual, strict=True):
         assert mine.norm == pytest.approx(other.norm, rel=1e-9)
+
+
+def test_a_log_is_judged_within_the_band_that_the_settings_were_chosen_by(estimate):
+    """Against a filter of SciPy's on the series; all rows stand beside."""
+    log = record(1e-4, 5)
+    found = validate_estimate(estimate, LIBRARY, log, AUTOMATIC)
+    assert found.scoring == estimate.choice.scoring > 0.0
+    for entry, rows, series in zip(found.residual, found.all_rows, found.series, strict=True):
+        period = float(np.median(np.diff(series.time)))
+        sections = butter(4, 2.0 * found.scoring * period, output="sos")
+        measured, error = (
+            sosfiltfilt(sections, values, padtype="odd", padlen=12)
+            for values in (series.measured, series.measured - series.predicted)
+        )
+        cut = min(0.5, 0.05 * float(np.ptp(series.time)))
+        inner = (series.time >= series.time[0] + cut) & (series.time <= series.time[-1] - cut)
+        share = np.linalg.norm(error[inner]) / np.linalg.norm(measured[inner])
+        assert entry.relative_percent == pytest.approx(100.0 * share, rel=1e-6)
+        plain = np.linalg.norm(series.measured - series.predicted) / np.linalg.norm(series.measured)
+        assert rows.relative_percent == pytest.approx(100.0 * plain, rel=1e-9)
+        assert entry.relative_percent < rows.relative_percent
+    # Settings that were stated are judged as they stand.
+    stated = replace(estimate, choice=None)
+    again = validate_estimate(stated, LIBRARY, log, AUTOMATIC)
+    assert (again.scoring, again.all_rows) == (0.0, ())
+    assert again.residual == found.all_rows
 
 
 def test_ends_instruments_and_velocities_are_those_of_the_fit(noisy, estimate):
     table = {**estimate.settings["processing"], "drop_first": 30, "drop_last": 0}
-    table |= {"instrument_cutoff": 3.0, "velocity": "log", "standstill": [0.1, 0.2]}
+    table |= {"instrument_cutoff": 3.0, "states": "velocity", "standstill": [0.1, 0.2]}
     fitted = replace(estimate, settings={**estimate.settings, "processing": table})
     moving = replace(noisy, velocity=np.gradient(noisy.position, noisy.period, axis=0))
     found = resolve_processing(fitted, replace(AUTOMATIC, drop_first=10, drop_last=20), moving).processing
     assert (found.drop_first, found.drop_last) == (30, 20)
-    assert (found.instrument_cutoff, found.velocity) == (3.0, "log")
+    assert (found.instrument_cutoff, found.states) == (3.0, "velocity")
     assert [found.get_standstill(joint) for joint in (0, 1)] == [0.1, 0.2]
     # This log has no velocity.
-    assert resolve_processing(fitted, AUTOMATIC, noisy).processing.velocity == "position"
+    assert resolve_processing(fitted, AUTOMATIC, noisy).processing.states == "position"
 
 
 def test_what_a_fit_chose_is_open_again_and_no_difference_to_the_robot_file(noisy, estimate):

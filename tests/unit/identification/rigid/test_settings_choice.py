@@ -153,10 +153,29 @@ def test_logged_velocities_are_taken_where_they_are_better():
     """A slow encoder, and a tachometer without noise; and the other way round."""
     log = record(0, encoder=3e-3, samples=2501)
     exact = np.gradient(record(0, encoder=0.0, samples=2501).position, log.period, axis=0)
-    assert choose(replace(log, velocity=exact)).chosen.velocity == "log"
+    assert choose(replace(log, velocity=exact)).chosen.states == "velocity"
     noisy = exact + 0.3 * np.random.default_rng(1).normal(size=exact.shape)
     clean = record(0, samples=2501)
-    assert choose(replace(clean, velocity=noisy)).chosen.velocity == "position"
+    assert choose(replace(clean, velocity=noisy)).chosen.states == "position"
+
+
+def test_logged_accelerations_are_taken_where_they_are_better():
+    log = record(0, encoder=3e-3, samples=2501)
+    exact = record(0, encoder=0.0, samples=2501).position
+    rate = np.gradient(exact, log.period, axis=0)
+    noisy = rate + 0.2 * np.random.default_rng(1).normal(size=rate.shape)
+    change = np.gradient(rate, log.period, axis=0)
+    found = choose(replace(log, velocity=noisy, acceleration=change))
+    assert {entry.states for entry in found.candidates} == {"position", "velocity", "acceleration"}
+    assert found.chosen.states == "acceleration"
+    assert found.chosen.held_out[-1] < min(
+        entry.held_out[-1] for entry in found.candidates if entry.states != "acceleration"
+    )
+    # Holes leave no choice.
+    holes = change.copy()
+    holes[100] = np.nan
+    found = choose(replace(log, acceleration=holes))
+    assert {entry.states for entry in found.candidates} == {"position"}
 
 
 def test_of_long_logs_six_pieces_are_compared():
@@ -175,8 +194,8 @@ def test_of_long_logs_six_pieces_are_compared():
 def test_a_stated_velocity_is_that_of_the_choice():
     log = record(1, samples=2501)
     moving = replace(log, velocity=np.gradient(log.position, log.period, axis=0))
-    found = choose(moving, processing=replace(AUTOMATIC, velocity="log"))
-    assert {entry.velocity for entry in found.candidates} == {"log"}
+    found = choose(moving, processing=replace(AUTOMATIC, states="velocity"))
+    assert {entry.states for entry in found.candidates} == {"velocity"}
 
 
 def test_instruments_without_a_cutoff_are_refused():
