@@ -258,7 +258,8 @@ def _show_log(validation: Validation) -> Iterator[Block]:
     yield f"=== {validation.source} ==="
     yield show_residual(validation.residual, f"{caption} {mean}")
     if validation.scoring:
-        yield f"{show_all_rows(validation)}."
+        text = show_all_rows(validation)
+        yield f"{text[:1].upper()}{text[1:]}."
     for series in validation.series:
         error, joint, unit = series.measured - series.predicted, series.joint, series.unit
         yield f"=== {joint} ==="

@@ -189,6 +189,10 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
         )
         caps.append(("doubtful", text))
     caps += [
+        ("usable", f"{first} and {second} move in proportion: what belongs to which cannot be seen")
+        for first, second in evidence.in_proportion
+    ]
+    caps += [
         ("usable", f"{term.joint} lacks a term of {term.term} ({term.gain:.0f} % of its squared residual)")
         for term in evidence.missing
         if term.gain > _LACKING

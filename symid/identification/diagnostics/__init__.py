@@ -15,7 +15,11 @@ if TYPE_CHECKING:
         warn_of_poorly_identifiable as warn_of_poorly_identifiable,
         warn_of_processing as warn_of_processing,
     )
-    from symid.identification.diagnostics.log_channels import LogCheck as LogCheck
+    from symid.identification.diagnostics.log_channels import (
+        LogCheck as LogCheck,
+        describe_proportion as describe_proportion,
+        list_proportions as list_proportions,
+    )
     from symid.identification.diagnostics.log_check import (
         CheckedLog as CheckedLog,
         LogExcitation as LogExcitation,

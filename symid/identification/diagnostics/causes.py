@@ -14,7 +14,7 @@ zero of a first vertical or a last joint), which needs a known mass, payload or 
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
@@ -34,8 +34,9 @@ _FITTED = 0.9
 """Times the residual of the fit, the mean of joints, that it leaves at most."""
 _JOINT, _SURELY = 0.75, 3.5
 """Times the residuals of one joint, and standard errors, where it helps one."""
-_WORSE = 1.15
-"""Times the residual of the fit of any other joint, and the mean of what is held out, that it leaves then."""
+_WORSE, _MUCH_WORSE = 1.15, 1.3
+"""Times the residual of the fit of any other joint, and the mean of what is held out, that it leaves then;
+the second where the mean of the joints is explained better."""
 _FLOOR = 0.02
 """Of a joint's mean loss: parts with less say nothing."""
 _FEWEST = 8
@@ -43,7 +44,8 @@ _TURN = 0.5 * np.pi
 _DELAYS = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 _DELAYED = 0.1
 """Of the logs: delays beyond it leave too little of the torques."""
-_TIMES = (2.0, 0.5, 1e3, 1e-3, 1.5, 1.0 / 1.5, 1.2, 1.0 / 1.2)
+_TIMES = (3.0, 1.0 / 3.0, 2.0, 0.5, 1e3, 1e-3, 1.5, 1.0 / 1.5, 1.2, 1.0 / 1.2)
+_TORQUES = (1e-3, 1e3, 1e-2, 1e2)
 _ZEROS = (-0.3, 0.3, -0.8, 0.8, -_TURN, _TURN, 2.0 * _TURN)
 _UNRELATED = 85.0
 """Percent left unexplained from which on torques have nothing to do with the motion."""
@@ -161,7 +163,8 @@ def _find_helped_joint(before: QuickResult, after: QuickResult, held_out: FloatA
     joint = int(np.argmin(ratios))
     usual = np.inf if held_out is None else held_out[joint]
     less = after.held_out[joint] <= _JOINT * min(before.held_out[joint], usual)
-    if not less or ratios[joint] > _JOINT or ratios.max() > _WORSE:
+    most = _MUCH_WORSE if ratios.mean() <= _FITTED else _WORSE
+    if not less or ratios[joint] > _JOINT or ratios.max() > most:
         return None
     return joint if _compare(before.losses[:, joint], after.losses[:, joint]) > _SURELY else None
 
@@ -195,8 +198,8 @@ def list_hypotheses(logs: QuickLogs) -> Iterator[Hypothesis]:
         scaled = replace(logs, dq=logs.dq / factor, ddq=logs.ddq / factor**2)
         yield Hypothesis(
             "log.time-scale",
-            f"the times of the log are {1.0 / factor:g} times what they should be",
-            f"multiply them by {factor:g} (unit of [log.time])",
+            f"the times of the log are about {1.0 / factor:.4g} times what they should be",
+            f"multiply them by {factor:.4g} (unit of [log.time])",
             scaled,
         )
     for delay in _DELAYS:
@@ -314,14 +317,13 @@ def _list_units(logs: QuickLogs, names: list[str]) -> Iterator[Hypothesis]:
                 "state its factor in [log.position]",
                 _scale_position(logs, [joint], factor),
             )
-    for factor in (1e-3, 1e3):
-        for joint, name in enumerate(names):
-            yield Hypothesis(
-                "log.wrong-unit",
-                f"the torque of joint {name!r} is {1.0 / factor:g} times what it should be",
-                "state its unit or factor in [log.torque]",
-                replace(logs, tau=_change(logs.tau, joint, lambda x, factor=factor: factor * x)),
-            )
+    for factor, joint in product(_TORQUES, everything):
+        yield Hypothesis(
+            "log.wrong-unit",
+            f"the torque of joint {names[joint]!r} is about {1.0 / factor:g} times what it should be",
+            "state its unit, factor or gear in [log.torque]",
+            replace(logs, tau=_change(logs.tau, joint, lambda x, factor=factor: factor * x)),
+        )
 
 
 def _shift(logs: QuickLogs, delay: float) -> QuickLogs:

@@ -17,6 +17,7 @@ fitted torque s = A x, linear in x and d, iterated,
 Supported: delays of either sign up to 50 ms. Not supported: elastic joints; two mistakes at once.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 
@@ -374,19 +375,23 @@ _PROPORTIONAL = 1e-6
 """1 - |correlation| of two joints' speeds below which they move in proportion."""
 
 
-def describe_proportions(fit: QuickFit, robot: Robot, file: str) -> tuple[Notice, ...]:
-    """Return a notice on each pair of joints that move in proportion throughout the log."""
+def list_proportions(velocity: FloatArray, moving: Sequence[int]) -> tuple[tuple[int, int], ...]:
+    """Return the pairs of `moving` joints whose velocities (T, n) are in proportion."""
     found = []
-    for first, second in combinations(fit.moving, 2):
-        pair = np.corrcoef(fit.dq[:, first], fit.dq[:, second])[0, 1]
+    for first, second in combinations(moving, 2):
+        pair = np.corrcoef(velocity[:, first], velocity[:, second])[0, 1]
         if 1.0 - abs(float(pair)) < _PROPORTIONAL:
-            names = f"{robot.axes[first].name!r} and {robot.axes[second].name!r}"
-            text = (
-                f"joints {names} move in proportion throughout the log, so that their parameters cannot be "
-                "separated: move each joint on its own as well"
-            )
-            found.append(Notice(code="log.in-proportion", text=text, file=file))
+            found.append((first, second))
     return tuple(found)
+
+
+def describe_proportion(first: str, second: str, file: str = "") -> Notice:
+    """Return a notice on two joints that move in proportion."""
+    text = (
+        f"joints {first!r} and {second!r} move in proportion throughout the log, so that their parameters "
+        "cannot be separated: move each joint on its own as well"
+    )
+    return Notice(code="log.in-proportion", text=text, file=file)
 
 
 def find_mistake(library: Library, recording: Recording, processing: Processing) -> LikelyCause | None:
@@ -407,7 +412,10 @@ def describe_mistake(found: LikelyCause, file: str) -> Notice:
 def check_channels(fit: QuickFit, library: Library, robot: Robot) -> LogCheck:
     """Return what is odd in the channels of the log behind `fit`."""
     file = fit.recording.source
-    notices = describe_proportions(fit, robot, file)
+    notices = tuple(
+        describe_proportion(robot.axes[first].name, robot.axes[second].name, file)
+        for first, second in list_proportions(fit.dq, fit.moving)
+    )
     signs = estimate_signs(fit, library, robot)
     mistake = None if notices else find_mistake(library, fit.recording, fit.processing)
     if mistake is not None:

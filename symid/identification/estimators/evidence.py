@@ -97,6 +97,7 @@ class Evidence:
         movement: of the settings chosen, see `Candidate`; 0 where nothing was chosen.
         impossible: what no robot can have, in words.
         missing: terms that would help on held-out rows, the largest first.
+        in_proportion: pairs of joints that move in proportion throughout all logs.
         resampled: percent that a quick fit leaves unexplained at even times, and with samples of uneven logs
             as they come; empty where no log was moved to even times.
         code, cause, remedy: the likeliest single mistake in the logs, and what to do; empty for none.
@@ -111,6 +112,7 @@ class Evidence:
     movement: float = 0.0
     impossible: tuple[str, ...] = ()
     missing: tuple[ModelTerm, ...] = ()
+    in_proportion: tuple[tuple[str, str], ...] = ()
     resampled: tuple[float, ...] = ()
     code: str = ""
     cause: str = ""

@@ -26,9 +26,11 @@ from symid.errors import Notice
 from symid.identification.diagnostics import (
     Stretches,
     build_quick_logs,
+    describe_proportion,
     evaluate_inertia_columns,
     find_cause,
     fit_quick,
+    list_proportions,
     mask_inner,
     measure_scoring_band,
     smooth_rows,
@@ -141,6 +143,10 @@ def collect_evidence(
         found = replace(found, missing=missing)
     logs = build_quick_logs(library, recordings, plan.processing, scoring)
     quick = fit_quick(logs)
+    moving = np.flatnonzero(logs.kept.any(axis=0)).tolist()
+    names = [joint.name for joint in library.card.joints]
+    alike = tuple((names[one], names[other]) for one, other in list_proportions(logs.dq, moving))
+    found = replace(found, in_proportion=alike)
     if any(recording.stamps is not None for recording in recordings):
         before = [undo_resampling(recording) for recording in recordings]
         other = fit_quick(build_quick_logs(library, before, plan.processing, scoring))
@@ -162,16 +168,17 @@ def collect_evidence(
     )
 
 
-def describe_resampling(evidence: Evidence) -> tuple[Notice, ...]:
-    """Return a note on what it does to the residual that uneven logs were moved to even times."""
+def describe_motion(evidence: Evidence) -> tuple[Notice, ...]:
+    """Return warnings of joints in proportion, and a note on what it does that uneven logs were resampled."""
+    found = tuple(describe_proportion(*pair) for pair in evidence.in_proportion)
     if not evidence.resampled:
-        return ()
+        return found
     after, before = evidence.resampled
     text = (
         f"uneven logs were moved to even times: a quick fit leaves {after:.3g} % of held-out torque, "
         f"with the samples as they come {before:.3g} %"
     )
-    return (Notice(code="identify.resampled", text=text),)
+    return (*found, Notice(code="identify.resampled", text=text))
 
 
 def list_impossible(

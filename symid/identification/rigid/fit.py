@@ -63,7 +63,7 @@ from symid.identification.regression import (
     select_rows,
     stack_rows,
 )
-from symid.identification.rigid.evidence import JudgedRows, collect_evidence, describe_resampling
+from symid.identification.rigid.evidence import JudgedRows, collect_evidence, describe_motion
 from symid.identification.rigid.long_fit import FittedRows, fit_long, is_long, mask_fast
 from symid.identification.rigid.options import list_unknown
 from symid.identification.rigid.plan import (
@@ -180,7 +180,7 @@ def identify_parameters(
         choice=plan.choice,
         evidence=evidence,
         residual=_measure_all((full.judged.rows, full.judged.residuals), estimate),
-        notices=(*notices, *warn_of_missing(evidence), *describe_resampling(evidence)),
+        notices=(*notices, *warn_of_missing(evidence), *describe_motion(evidence)),
     )
 
 

@@ -61,10 +61,14 @@ def test_joints_that_move_in_proportion_are_named(robot, own):
     tau += 0.02 * np.random.default_rng(0).normal(size=tau.shape)
     log = symid.build_log(robot, time=time, q=q, tau=tau)
     codes = {notice.code: notice.text for notice in robot.check(log).notices}
+    fit = robot.identify(log)
+    fitted = {notice.code: notice.text for notice in fit.notices}
     if own:
-        assert "log.in-proportion" not in codes
+        assert "log.in-proportion" not in {*codes, *fitted}
         return
     assert "'shoulder' and 'elbow'" in codes["log.in-proportion"]
+    assert fitted["log.in-proportion"] == codes["log.in-proportion"]
+    assert fit.verdict.level != "good"
     # No mistake is looked for among columns that cannot be told apart.
     assert "log.swapped-joints" not in codes
 
