@@ -324,7 +324,7 @@ def validate_estimate(
 
     What `processing` leaves open is as in the fit, see `resolve_processing`. `rows` is one of `ROW_KINDS`,
     `window` the length of windows in s, `overlap` the part of one that the next one shares. Where the fit
-    chose its settings, residuals count within the band that these were chosen by.
+    chose its settings and the log has them, residuals count within the band that they were chosen by.
 
     Raises:
         EstimateError: the estimate belongs to another model than the library.
@@ -358,7 +358,10 @@ def validate_estimate(
         part = describe_overlap(shared, recording, cut)
         warnings = [build_warning("validate.fitted-log", file=recording.source, what="estimate", part=part)]
     residual = compute_residuals(built, built.values - predicted, 0)
-    scoring = estimate.choice.scoring if estimate.choice is not None and rows not in SCALAR_KINDS else 0.0
+    # Who states filter and decimation of the log compares its rows, as publications do.
+    scoring = 0.0
+    if estimate.choice is not None and {*settled.origin.values()} != {"stated"} and rows not in SCALAR_KINDS:
+        scoring = estimate.choice.scoring
     return Validation(
         robot=estimate.robot,
         signature=estimate.signature,

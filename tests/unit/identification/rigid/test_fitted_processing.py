@@ -86,7 +86,7 @@ def test_a_log_of_the_same_period_is_processed_as_the_fit(noisy, estimate):
     settled = resolve_processing(estimate, AUTOMATIC, clean)
     assert settled.processing == fitted
     assert settled.origin == {"filter_cutoff": "fit", "decimation.factor": "fit"}
-    assert validate_estimate(estimate, LIBRARY, clean, AUTOMATIC).residual == (
+    assert validate_estimate(estimate, LIBRARY, clean, AUTOMATIC).all_rows == (
         validate_estimate(estimate, LIBRARY, clean, fitted).residual
     )
 
@@ -127,7 +127,9 @@ def test_a_log_is_judged_within_the_band_that_the_settings_were_chosen_by(estima
         plain = np.linalg.norm(series.measured - series.predicted) / np.linalg.norm(series.measured)
         assert rows.relative_percent == pytest.approx(100.0 * plain, rel=1e-9)
         assert entry.relative_percent < rows.relative_percent
-    # Settings that were stated are judged as they stand.
+    # Settings that were stated are judged as they stand, those of the log too.
+    rows = validate_estimate(estimate, LIBRARY, log, read_fit_processing(estimate.settings))
+    assert (rows.scoring, rows.residual) == (0.0, found.all_rows)
     stated = replace(estimate, choice=None)
     again = validate_estimate(stated, LIBRARY, log, AUTOMATIC)
     assert (again.scoring, again.all_rows) == (0.0, ())
