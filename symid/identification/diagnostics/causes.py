@@ -28,8 +28,8 @@ _SURE = 4.0
 """Standard errors, over the stretches, by which it must leave less."""
 _SAME = 1.1
 """Times the held-out residual before: what leaves no more predicts as well."""
-_TURNED = frozenset(("log.torque-sign", "log.position-sign", "log.swapped-joints"))
-"""Mistakes that make friction and inertia negative; others may cure these by chance."""
+_TURNED = frozenset(("log.torque-sign", "log.position-sign"))
+"""Mistakes that make friction and inertia negative and may leave as much; others cure these by chance."""
 _FITTED = 0.9
 """Times the residual of the fit, the mean of joints, that it leaves at most."""
 _JOINT, _SURELY = 0.75, 3.5
@@ -95,8 +95,8 @@ def find_cause(
 ) -> LikelyCause:
     """Return the likeliest single cause of a wrong fit; its `percent` is infinite where none helps.
 
-    A mistake undone must leave `most` percent or less, and 40; or clearly less of one joint, also than a
-    better fit leaves `held_out` (n,) in percent; or, if `cures`, nothing impossible.
+    A mistake undone must leave `most` percent or less, and 40; or clearly less of one joint, also than a fit
+    leaves `held_out` (n,) in percent, where there is one; or, if `cures`, nothing impossible.
     """
     best: tuple[int, float, LikelyCause] | None = None
     for trial in list_hypotheses(logs):
@@ -107,7 +107,9 @@ def find_cause(
         rest, percent = int(found.impossible.sum()), found.percent
         better = percent <= min(_CLEARLY * before.percent, most, _MOST) and _is_certain(before, found)
         better = better and float(np.mean(found.fitted)) <= _FITTED * float(np.mean(before.fitted))
-        helped = None if better else _find_helped_joint(before, found, held_out)
+        helped = None
+        if not better and held_out is not None:
+            helped = _find_helped_joint(before, found, held_out)
         better = (better or helped is not None) and rest <= int(before.impossible.sum())
         cured = cures and before.impossible.any() and not rest and trial.code in _TURNED
         cured = cured and percent <= _SAME * before.percent
@@ -155,14 +157,13 @@ def _is_certain(before: QuickResult, after: QuickResult) -> bool:
     return _compare(before.losses.mean(axis=1), after.losses.mean(axis=1)) > _SURE
 
 
-def _find_helped_joint(before: QuickResult, after: QuickResult, held_out: FloatArray | None) -> int | None:
+def _find_helped_joint(before: QuickResult, after: QuickResult, held_out: FloatArray) -> int | None:
     """Return the joint of which much less is left, while no other is explained worse; None for none."""
     if len(before.held_out) != len(after.held_out) or after.percent > _WORSE * before.percent:
         return None
     ratios = after.fitted / np.maximum(before.fitted, np.finfo(float).tiny)
     joint = int(np.argmin(ratios))
-    usual = np.inf if held_out is None else held_out[joint]
-    less = after.held_out[joint] <= _JOINT * min(before.held_out[joint], usual)
+    less = after.held_out[joint] <= _JOINT * min(before.held_out[joint], held_out[joint])
     most = _MUCH_WORSE if ratios.mean() <= _FITTED else _WORSE
     if not less or ratios[joint] > _JOINT or ratios.max() > most:
         return None
@@ -317,7 +318,12 @@ def _list_units(logs: QuickLogs, names: list[str]) -> Iterator[Hypothesis]:
                 "state its factor in [log.position]",
                 _scale_position(logs, [joint], factor),
             )
+    # A joint whose torque is made tiny is cut off from the others, which may help any wrong model.
+    size = np.log(np.maximum(np.sqrt(np.mean(logs.tau**2, axis=0)), np.finfo(float).tiny))
     for factor, joint in product(_TORQUES, everything):
+        away = size[joint] - float(np.mean(np.delete(size, joint))) if len(size) > 1 else 0.0
+        if abs(away + np.log(factor)) >= abs(away):
+            continue
         yield Hypothesis(
             "log.wrong-unit",
             f"the torque of joint {names[joint]!r} is about {1.0 / factor:g} times what it should be",

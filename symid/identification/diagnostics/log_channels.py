@@ -399,6 +399,8 @@ def find_mistake(library: Library, recording: Recording, processing: Processing)
     usual = choose_filters(replace(processing, automatic=True), [recording]).processing
     logs = build_quick_logs(library, [recording], usual, measure_scoring_band([recording]))
     before = fit_quick(logs)
+    if before.percent <= _SUSPICIOUS and not before.impossible.any():
+        return None
     # A log that fits badly has negative values by chance, too.
     found = find_cause(logs, before, cures=before.percent <= _SUSPICIOUS)
     return found if np.isfinite(found.percent) else None
