@@ -188,7 +188,7 @@ DEFAULT_NAMES = {
     "time": ("t", "time"),
     "position": ("q", "position"),
     "velocity": ("dq", "velocity"),
-    "acceleration": ("ddq", "acceleration"),
+    "acceleration": ("ddq",),
     "torque": ("tau", "torque"),
     "motor_position": ("theta", "motor_position"),
     "link_position": ("link_position",),

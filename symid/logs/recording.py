@@ -142,9 +142,11 @@ STATES = ("position", "velocity", "acceleration")
 
 
 def has_states(recording: Recording, name: str) -> bool:
-    """Return whether the log has the channel of `STATES`, without holes."""
-    values = getattr(recording, name)
-    return values is not None and bool(np.all(np.isfinite(values)))
+    """Return whether the log has the channel of `STATES`, and that it has and a velocity have no holes."""
+    used = [getattr(recording, name)]
+    if name == "acceleration" and recording.velocity is not None:
+        used.append(recording.velocity)
+    return all(values is not None and bool(np.all(np.isfinite(values))) for values in used)
 
 
 FEWEST = 3

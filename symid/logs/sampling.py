@@ -136,11 +136,26 @@ class Resampling:
     notice: Notice
 
     def move(self, values: FloatArray) -> FloatArray:
-        """Return `values` (N, ...) of the log's samples at the even times."""
-        from scipy.interpolate import PchipInterpolator
+        """Return `values` (N, ...) of the log's samples at the even times; beside holes they are holes."""
+        return _interpolate(self.before, values[self.kept], self.after)
 
-        moved: FloatArray = PchipInterpolator(self.before, values[self.kept], axis=0)(self.after)
-        return np.ascontiguousarray(moved)
+
+def _interpolate(before: FloatArray, values: FloatArray, after: FloatArray) -> FloatArray:
+    """Return `values` (K, ...) at times `before` (K,) at times `after` (M,); holes stay holes."""
+    from scipy.interpolate import PchipInterpolator
+
+    holes = ~np.isfinite(values)
+    moved: FloatArray = PchipInterpolator(before, np.where(holes, 0.0, values), axis=0)(after)
+    if holes.any():
+        # A cubic uses two samples on either side.
+        flat = holes.reshape(len(before), -1)
+        wide = flat.copy()
+        for shift in (1, 2):
+            wide[shift:] |= flat[:-shift]
+            wide[:-shift] |= flat[shift:]
+        places = np.clip(np.searchsorted(before, after), 0, len(before) - 1)
+        moved[wide.reshape(holes.shape)[places]] = np.nan
+    return np.ascontiguousarray(moved)
 
 
 def plan_resampling(time: FloatArray, file: str = "") -> Resampling:
@@ -190,13 +205,11 @@ def resample_recording(recording: Recording, plan: Resampling) -> Recording:
 
 def undo_resampling(recording: Recording) -> Recording:
     """Return a resampled recording as it would be if its samples were taken to be at even times."""
-    from scipy.interpolate import PchipInterpolator
-
     if recording.stamps is None:
         return recording
     time = recording.time
     places = np.clip(recording.stamps, time[0], time[-1])
-    found = change_channels(recording, lambda values: PchipInterpolator(time, values, axis=0)(places))
+    found = change_channels(recording, lambda values: _interpolate(time, values, places))
     return replace(found, time=time, stamps=None)
 
 

@@ -318,7 +318,7 @@ def _compute_held_out_ratio(estimate: Estimate, validation: Validation) -> float
     fitted = {entry.joint: _compute_rms(entry) for entry in estimate.residual}
     if validation.scoring and estimate.evidence is not None:
         parts = estimate.evidence.joints
-        fitted = {entry.joint: 0.01 * entry.held_out * entry.torque for entry in parts}
+        fitted = {entry.joint: 0.01 * entry.held_out * entry.torque for entry in parts if entry.torque}
     ratios = [
         _compute_rms(entry) / fitted[entry.joint] for entry in validation.residual if fitted.get(entry.joint)
     ]

@@ -98,6 +98,7 @@ def find_cause(
     A mistake undone must leave `most` percent or less, and 40; or clearly less of one joint, also than a fit
     leaves `held_out` (n,) in percent, where there is one; or, if `cures`, nothing impossible.
     """
+    names = [joint.name for joint in logs.library.card.joints]
     best: tuple[int, float, LikelyCause] | None = None
     for trial in list_hypotheses(logs):
         try:
@@ -122,7 +123,7 @@ def find_cause(
                 cause=trial.cause,
                 remedy=trial.remedy,
                 percent=percent,
-                joint="" if helped is None else logs.moving[helped],
+                joint="" if helped is None else names[before.moving[helped]],
                 leaves=leaves,
             )
             best = rest, percent, cause
@@ -135,7 +136,6 @@ def find_cause(
             remedy="check that torque and position columns are of the same run and of this robot",
             percent=float("inf"),
         )
-    names = [joint.name for joint in logs.library.card.joints]
     odd = [name for name, bad in zip(names, before.impossible, strict=True) if bad]
     if odd:
         return LikelyCause(
@@ -159,7 +159,7 @@ def _is_certain(before: QuickResult, after: QuickResult) -> bool:
 
 def _find_helped_joint(before: QuickResult, after: QuickResult, held_out: FloatArray) -> int | None:
     """Return the joint of which much less is left, while no other is explained worse; None for none."""
-    if len(before.held_out) != len(after.held_out) or after.percent > _WORSE * before.percent:
+    if before.moving != after.moving or after.percent > _WORSE * before.percent:
         return None
     ratios = after.fitted / np.maximum(before.fitted, np.finfo(float).tiny)
     joint = int(np.argmin(ratios))

@@ -378,7 +378,8 @@ _PROPORTIONAL = 1e-6
 def list_proportions(velocity: FloatArray, moving: Sequence[int]) -> tuple[tuple[int, int], ...]:
     """Return the pairs of `moving` joints whose velocities (T, n) are in proportion."""
     found = []
-    for first, second in combinations(moving, 2):
+    turning = [joint for joint in moving if float(np.ptp(velocity[:, joint])) > 0.0]
+    for first, second in combinations(turning, 2):
         pair = np.corrcoef(velocity[:, first], velocity[:, second])[0, 1]
         if 1.0 - abs(float(pair)) < _PROPORTIONAL:
             found.append((first, second))
@@ -388,7 +389,7 @@ def list_proportions(velocity: FloatArray, moving: Sequence[int]) -> tuple[tuple
 def describe_proportion(first: str, second: str, file: str = "") -> Notice:
     """Return a notice on two joints that move in proportion."""
     text = (
-        f"joints {first!r} and {second!r} move in proportion throughout the log, so that their parameters "
+        f"joints {first!r} and {second!r} move in proportion throughout, so that their parameters "
         "cannot be separated: move each joint on its own as well"
     )
     return Notice(code="log.in-proportion", text=text, file=file)

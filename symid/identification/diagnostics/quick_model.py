@@ -67,22 +67,18 @@ class QuickLogs:
     friction: bool = False
     transmission: FloatArray | None = None
 
-    @property
-    def moving(self) -> tuple[str, ...]:
-        """Return the names of the joints that have rows."""
-        joints = self.library.card.joints
-        return tuple(joint.name for k, joint in enumerate(joints) if self.kept[:, k].any())
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class QuickResult:
     """A fit: parameters (p,), and those without each stretch (s, p).
 
-    `held_out`, `fitted` (n,) are the residuals in percent of held-out and of all samples of the joints that
-    have rows, `losses` (w, n) the squares of the parts of held-out stretches relative to the whole torque;
-    `impossible` (n,) says which joints are driven by their friction or have a negative inertia.
+    `moving` (k,) are the joints that have rows with a torque; `held_out`, `fitted` (k,) their residuals in
+    percent of held-out and of all samples, `losses` (w, k) the squares of the parts of held-out stretches
+    relative to the whole torque; `impossible` (n,) says which joints are driven by their friction or have a
+    negative inertia.
     """
 
+    moving: tuple[int, ...]
     held_out: FloatArray
     fitted: FloatArray
     values: FloatArray
@@ -169,6 +165,7 @@ def fit_quick(logs: QuickLogs) -> QuickResult:
     squares = np.maximum(np.einsum("sk,swjkl,sl->swj", pairs, sums, pairs), 0.0).reshape(-1, joints)
     moving = whole[:, -1, -1] > 0.0
     return QuickResult(
+        moving=tuple(np.flatnonzero(moving).tolist()),
         held_out=100.0 * np.sqrt(squares.sum(axis=0) / size)[moving],
         fitted=100.0 * np.sqrt(np.maximum(_compute_left(values, whole), 0.0) / size)[moving],
         values=values,

@@ -143,9 +143,8 @@ def collect_evidence(
         found = replace(found, missing=missing)
     logs = build_quick_logs(library, recordings, plan.processing, scoring)
     quick = fit_quick(logs)
-    moving = np.flatnonzero(logs.kept.any(axis=0)).tolist()
     names = [joint.name for joint in library.card.joints]
-    alike = tuple((names[one], names[other]) for one, other in list_proportions(logs.dq, moving))
+    alike = tuple((names[one], names[other]) for one, other in list_proportions(logs.dq, quick.moving))
     found = replace(found, in_proportion=alike)
     if any(recording.stamps is not None for recording in recordings):
         before = [undo_resampling(recording) for recording in recordings]
@@ -153,7 +152,7 @@ def collect_evidence(
         found = replace(found, resampled=(quick.percent, other.percent))
     # A quick fit may itself be poor: undoing a mistake must leave less than the fit does.
     left = {entry.joint: entry.held_out for entry in joints}
-    held_out = np.array([left.get(name, np.inf) for name in logs.moving])
+    held_out = np.array([left.get(names[joint], np.inf) for joint in quick.moving])
     most = _HELPS * found.unexplained
     cause = find_cause(logs, quick, most, cures=bool(impossible), held_out=held_out)
     if not (np.isfinite(cause.percent) or found.unexplained > _SUSPICIOUS or impossible):
@@ -169,7 +168,7 @@ def collect_evidence(
 
 
 def describe_motion(evidence: Evidence) -> tuple[Notice, ...]:
-    """Return warnings of joints in proportion, and a note on what it does that uneven logs were resampled."""
+    """Return warnings of joints that move in proportion, and a note on the effect of resampling."""
     found = tuple(describe_proportion(*pair) for pair in evidence.in_proportion)
     if not evidence.resampled:
         return found

@@ -323,8 +323,8 @@ def choose_settings(
         parts.append((*_choose(study, tried, shares), tuple(study.top.tolist())))
     chosen = 0
     for place, (candidates, taken, _) in enumerate(parts):
-        best, own, _ = parts[chosen]
-        if _ALIKE * np.mean(candidates[taken].held_out) < np.mean(best[own].held_out):
+        other, best = candidates[taken], parts[chosen][0][parts[chosen][1]]
+        if _ALIKE * np.mean(other.held_out) < np.mean(best.held_out) and other.still >= best.still:
             chosen = place
     before = sum(len(candidates) for candidates, _, _ in parts[:chosen])
     return SettingsChoice(
@@ -339,7 +339,9 @@ def _list_states(processing: Processing, recordings: Sequence[Recording]) -> lis
     """Return up to which columns of all logs states may be used, the stated one alone where there is one."""
     if processing.states != "position":
         return [processing.states]
-    return [name for name in STATES if all(has_states(recording, name) for recording in recordings)]
+    found = [name for name in STATES if all(has_states(recording, name) for recording in recordings)]
+    alike = len({recording.velocity is None for recording in recordings}) == 1
+    return [name for name in found if alike or name == "position"]
 
 
 def _choose(

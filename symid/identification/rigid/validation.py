@@ -239,7 +239,7 @@ def _restore_settings(robot: Robot, settings: Mapping[str, object]) -> Robot:
         raise EstimateError(Notice(code="estimate.settings", text=text))
     if isinstance(chosen, Sequence) and chosen:
         # What the fit chose from its logs is left open.
-        processing = {**processing, "automatic": True}
+        processing = {**processing, "automatic": True, "states": "position"}
         if "filter_cutoff" in chosen:
             processing["filter_cutoff"] = "none"
         if "standstill" in chosen:
@@ -324,7 +324,8 @@ def validate_estimate(
 
     What `processing` leaves open is as in the fit, see `resolve_processing`. `rows` is one of `ROW_KINDS`,
     `window` the length of windows in s, `overlap` the part of one that the next one shares. Where the fit
-    chose its settings and the log has them, residuals count within the band that they were chosen by.
+    chose its settings and `processing` leaves a filter or a decimation open, residuals of torque, momentum
+    and filtered rows count within the band that they were chosen by.
 
     Raises:
         EstimateError: the estimate belongs to another model than the library.
@@ -359,9 +360,11 @@ def validate_estimate(
         warnings = [build_warning("validate.fitted-log", file=recording.source, what="estimate", part=part)]
     residual = compute_residuals(built, built.values - predicted, 0)
     # Who states filter and decimation of the log compares its rows, as publications do.
-    scoring = 0.0
-    if estimate.choice is not None and {*settled.origin.values()} != {"stated"} and rows not in SCALAR_KINDS:
-        scoring = estimate.choice.scoring
+    choice, scoring = estimate.choice, 0.0
+    left_open = {*settled.origin.values()} != {"stated"}
+    # Without held-out stretches, as of long logs, the fit has nothing to compare with.
+    if choice is not None and estimate.evidence is not None and left_open and rows not in SCALAR_KINDS:
+        scoring = choice.scoring
     return Validation(
         robot=estimate.robot,
         signature=estimate.signature,

@@ -106,6 +106,22 @@ def test_what_resampling_did_can_be_undone():
     assert undo_resampling(log) is log
 
 
+def test_holes_of_a_velocity_stay_holes():
+    time = np.cumsum(1e-3 * (1.0 + 0.2 * np.random.default_rng(4).uniform(-1.0, 1.0, 501)))
+    position = np.column_stack([np.sin(5.0 * time), np.cos(3.0 * time)])
+    velocity = np.column_stack([5.0 * np.cos(5.0 * time), -3.0 * np.sin(3.0 * time)])
+    velocity[100, 0] = np.nan
+    log = Recording(time=time, position=position, torque=position, velocity=velocity, source="made")
+    for found in (resample_if_uneven(log), undo_resampling(resample_if_uneven(log))):
+        holes = np.isnan(found.velocity)
+        assert 0 < holes[:, 0].sum() < 12
+        assert np.all(np.abs(found.time[holes[:, 0]] - time[100]) < 6e-3)
+        assert not holes[:, 1].any()
+    moved = resample_if_uneven(log)
+    kept = ~np.isnan(moved.velocity[:, 0])
+    np.testing.assert_allclose(moved.velocity[kept, 0], 5.0 * np.cos(5.0 * moved.time[kept]), atol=1e-3)
+
+
 def test_even_recordings_stay():
     recording = make_recording(T)
     assert resample_if_uneven(recording) is recording

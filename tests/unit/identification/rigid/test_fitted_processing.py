@@ -127,6 +127,8 @@ def test_a_log_is_judged_within_the_band_that_the_settings_were_chosen_by(estima
         plain = np.linalg.norm(series.measured - series.predicted) / np.linalg.norm(series.measured)
         assert rows.relative_percent == pytest.approx(100.0 * plain, rel=1e-9)
         assert entry.relative_percent < rows.relative_percent
+    # Long logs have no held-out stretches to compare with.
+    assert validate_estimate(replace(estimate, evidence=None), LIBRARY, log, AUTOMATIC).scoring == 0.0
     # Settings that were stated are judged as they stand, those of the log too.
     rows = validate_estimate(estimate, LIBRARY, log, read_fit_processing(estimate.settings))
     assert (rows.scoring, rows.residual) == (0.0, found.all_rows)
@@ -160,6 +162,21 @@ def test_what_a_fit_chose_is_open_again_and_no_difference_to_the_robot_file(nois
     assert restore_robot(robot, stated).processing.standstill == (0.1, 0.2)
     differ = [entry.text for entry in restore_robot(robot, stated).notices]
     assert any(text.startswith("processing.instrument_cutoff: the estimate has 3.0, ") for text in differ)
+
+
+def test_a_log_without_velocities_is_predicted_from_its_positions(noisy, estimate):
+    robot = replace(load_robot("two_link"), processing=AUTOMATIC)
+    table = {**estimate.settings["processing"], "states": "velocity"}
+    fitted = replace(estimate, settings={**estimate.settings, "processing": table})
+    restored = restore_robot(robot, fitted).processing
+    velocity = np.gradient(noisy.position, noisy.period, axis=0)
+    with_rates = replace(noisy, velocity=velocity)
+    assert resolve_processing(fitted, restored, with_rates).processing.states == "velocity"
+    holes = velocity.copy()
+    holes[3] = np.nan
+    for log in (noisy, replace(noisy, velocity=holes)):
+        assert resolve_processing(fitted, restored, log).processing.states == "position"
+        assert validate_estimate(fitted, LIBRARY, log, restored).samples
 
 
 def test_what_is_stated_wins_entry_by_entry(noisy, estimate):

@@ -176,6 +176,15 @@ def test_logged_accelerations_are_taken_where_they_are_better():
     holes[100] = np.nan
     found = choose(replace(log, acceleration=holes))
     assert {entry.states for entry in found.candidates} == {"position"}
+    # Accelerations go with the velocities of the log, if it has some.
+    rates = rate.copy()
+    rates[7] = np.nan
+    found = choose(replace(log, velocity=rates, acceleration=change))
+    assert {entry.states for entry in found.candidates} == {"position"}
+    assert {entry.states for entry in choose(replace(log, acceleration=change)).candidates} == {
+        "position",
+        "acceleration",
+    }
 
 
 def test_of_long_logs_six_pieces_are_compared():
