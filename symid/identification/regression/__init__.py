@@ -58,6 +58,7 @@ if TYPE_CHECKING:
         choose_filters as choose_filters,
         choose_window as choose_window,
         compute_payload_torque as compute_payload_torque,
+        mask_fast as mask_fast,
         measure_moving_ends as measure_moving_ends,
         prepare_rows as prepare_rows,
         prepare_states as prepare_states,

@@ -27,6 +27,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
@@ -239,19 +240,33 @@ def prepare_states(library: Library, recording: Recording, processing: Processin
     return subtract_payload_torque(library, signals, recording)
 
 
+def mask_fast(
+    rows: Rows, speed: FloatArray, processing: Processing, file: str = ""
+) -> tuple[NDArray[np.bool_], tuple[Notice, ...]]:
+    """Return the rows (m,) whose joint is not slow, and a notice for each joint that loses some.
+
+    `speed` (m,) in rad/s or m/s is what is compared with the standstill speeds.
+    """
+    if rows.kind in SCALAR_KINDS or not processing.standstill:
+        return np.ones(len(speed), dtype=np.bool_), ()
+    limits = np.array([processing.get_standstill(joint) for joint in range(len(rows.group_names))])
+    slow = np.abs(speed) < limits[rows.group]
+    notices = []
+    for group in np.unique(rows.group[slow]):
+        own = rows.group == group
+        text = (
+            f"joint {rows.group_names[group]!r}: {int(np.sum(slow & own))} of {int(np.sum(own))} rows slower "
+            f"than processing.standstill = {limits[group]:g} were left out of the fit"
+        )
+        notices.append(Notice(code="identify.slow-rows", text=text, file=file))
+    return ~slow, tuple(notices)
+
+
 def leave_out_rows(rows: Rows, library: Library, recording: Recording, processing: Processing) -> Rows:
     """Leave out rows of slow joints, and of joints at rest that dry friction or a brake may hold."""
-    speeds = np.array([processing.get_standstill(joint) for joint in range(library.card.size)])
-    slow = np.abs(rows.velocity) < speeds[rows.group]
-    notices = []
-    for index in np.unique(rows.group[slow]):
-        own = rows.group == index
-        text = (
-            f"joint {rows.group_names[index]!r}: {int(np.sum(slow & own))} of {int(np.sum(own))} rows slower "
-            f"than processing.standstill = {speeds[index]:g} were left out"
-        )
-        notices.append(Notice(code="identify.slow-rows", text=text, file=recording.source))
-    rows = select_rows(rows, ~slow) if slow.any() else rows
+    fast, slow_notices = mask_fast(rows, rows.velocity, processing, recording.source)
+    notices = list(slow_notices)
+    rows = rows if fast.all() else select_rows(rows, fast)
     joints = library.card.joints
     held = [joint for joint in list_resting_joints(recording) if joints[joint].friction != "none"]
     for joint in held:

@@ -60,11 +60,12 @@ from symid.identification.regression import (
     Rows,
     analyse_identifiability,
     choose_window,
+    mask_fast,
     select_rows,
     stack_rows,
 )
 from symid.identification.rigid.evidence import JudgedRows, collect_evidence, describe_motion
-from symid.identification.rigid.long_fit import FittedRows, fit_long, is_long, mask_fast
+from symid.identification.rigid.long_fit import FittedRows, fit_long, is_long
 from symid.identification.rigid.options import list_unknown
 from symid.identification.rigid.plan import (
     FILTERED_INSTRUMENTAL,

@@ -10,7 +10,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.errors import Notice
@@ -20,7 +19,6 @@ from symid.identification.diagnostics import (
 from symid.identification.estimators import RegressionFit, fit_condensed
 from symid.identification.regression import (
     LONG_KINDS,
-    SCALAR_KINDS,
     Identifiability,
     LongRows,
     RankRule,
@@ -29,30 +27,11 @@ from symid.identification.regression import (
     analyse_condensed,
     check_identifiable_share,
     condense_recordings,
+    mask_fast,
     predict_rows,
     stack_rows,
 )
 from symid.logs import Recording
-from symid.robot import Processing
-
-
-def mask_fast(
-    rows: Rows, speed: FloatArray, processing: Processing
-) -> tuple[NDArray[np.bool_], tuple[Notice, ...]]:
-    """Return the rows (m,) whose joint is not slow, and a notice for each joint that loses some."""
-    if rows.kind in SCALAR_KINDS or not processing.standstill:
-        return np.ones(len(speed), dtype=np.bool_), ()
-    limits = np.array([processing.get_standstill(joint) for joint in range(len(rows.group_names))])
-    slow = np.abs(speed) < limits[rows.group]
-    notices = []
-    for group in np.unique(rows.group[slow]):
-        own = rows.group == group
-        text = (
-            f"joint {rows.group_names[group]!r}: {int(np.sum(slow & own))} of {int(np.sum(own))} rows slower "
-            f"than processing.standstill = {limits[group]:g} were left out of the fit"
-        )
-        notices.append(Notice(code="identify.slow-rows", text=text))
-    return ~slow, tuple(notices)
 
 
 class FittedRows(NamedTuple):
