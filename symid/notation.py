@@ -79,6 +79,11 @@ SYMBOLS: tuple[Symbol, ...] = (
 _BY_NAME = {symbol.name: symbol for symbol in SYMBOLS}
 
 
+def join_name(letters: str, end: str | int) -> str:
+    """Return the name of a parameter: letters and the joint's number, apart where the letters end in one."""
+    return f"{letters}{'_' if letters[-1].isdigit() else ''}{end}"
+
+
 def adapt_unit(unit: str, *, prismatic: bool) -> str:
     """Return the unit of a revolute joint, or the same of a prismatic one: N for N m, m for rad."""
     return unit.replace("N*m", "N").replace("N m", "N").replace("rad", "m") if prismatic else unit
@@ -135,6 +140,7 @@ _FACTORS = {
     "frequency": {"Hz": 1.0, "kHz": 1e3},
     "torque constant": {"N m/A": 1.0, "Nm/A": 1.0},
     "viscous friction": {"N m s/rad": 1.0, "N s/m": 1.0},
+    "temperature": {"degC": 1.0},
 }
 UNITS: dict[str, tuple[str, float]] = {
     unit: (dimension, factor) for dimension, units in _FACTORS.items() for unit, factor in units.items()

@@ -13,22 +13,15 @@ from sympy import QQ
 from symid.codegen.programs import Op
 from symid.codegen.routes import ROUTES
 from symid.codegen.workspace import build_workspace
+from symid.joint_models import FrictionValues
 from symid.notation import INERTIAL
-from symid.robot.description import (
-    Coupling,
-    Drive,
-    FrictionKind,
-    FrictionValues,
-    Joint,
-    JointKind,
-    Mimic,
-    Robot,
-    Spring,
-)
+from symid.robot.description import Coupling, Drive, Joint, JointKind, Mimic, Robot, Spring
 from symid.robot.geometry import Angle, Exact, Placement, build_exact_angle, place_modified_dh
 
 # Pinocchio orders m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz; ours is XX XY XZ YY YZ ZZ MX MY MZ M.
 FROM_PINOCCHIO = [4, 5, 7, 6, 8, 9, 1, 2, 3, 0]
+PLAIN_LAWS = ("none", "coulomb-viscous", "coulomb-viscous-offset", "asymmetric")
+"""Friction that is a sum of v, |v|, sign(v) and one."""
 
 
 def build_joint(index: int, row: Sequence[object], *, parent: int | None = None, **fields) -> Joint:
@@ -54,11 +47,11 @@ def build_chain(
     *,
     gravity: tuple[str, str, str] = ("0", "0", "-9.81"),
     rotors: bool = False,
-    friction: FrictionKind = FrictionKind.NONE,
+    friction: str = "none",
     name: str = "chain",
 ) -> Robot:
     """Return a chain of modified DH rows."""
-    fields = {"drive": Drive(has_rotor=rotors), "friction": FrictionValues(kind=friction)}
+    fields = {"drive": Drive(has_rotor=rotors), "friction": FrictionValues(law=friction)}
     joints = tuple(build_joint(index, row, **fields) for index, row in enumerate(rows))
     return Robot(name=name, joints=joints, gravity=tuple(Exact.of(value) for value in gravity))
 
@@ -182,7 +175,7 @@ def _draw_couplings(draw, size: int, kinds) -> tuple[Coupling, ...]:
                 name=f"m{number + 1}",
                 terms=terms,
                 has_rotor=draw(st.booleans()),
-                friction=FrictionValues(kind=draw(kinds)),
+                friction=FrictionValues(law=draw(kinds)),
             )
         )
     return tuple(couplings)
@@ -208,7 +201,7 @@ def trees(
     """
     size = draw(st.integers(1, most))
     joints = []
-    kinds = st.sampled_from(FrictionKind) if friction else st.just(FrictionKind.NONE)
+    kinds = st.sampled_from(PLAIN_LAWS) if friction else st.just("none")
     mimics = _draw_mimics(draw, size) if followers else [None] * size
     for index in range(size):
         alpha, theta = draw(angles), draw(angles)
@@ -226,7 +219,7 @@ def trees(
                 parent=draw(st.integers(-1, index - 1)),
                 placement=placement,
                 drive=Drive(has_rotor=rotors and draw(st.booleans())),
-                friction=FrictionValues(kind=kind),
+                friction=FrictionValues(law=kind),
                 mimic=mimics[index],
                 spring=Spring() if springs and draw(st.booleans()) else None,
             )
@@ -275,10 +268,10 @@ _FRICTION = {
     "Fcn": lambda v: -float(v < 0),
 }
 _FRICTION_NAMES = {
-    FrictionKind.NONE: (),
-    FrictionKind.VISCOUS_COULOMB: ("Fv", "Fc"),
-    FrictionKind.VISCOUS_COULOMB_OFFSET: ("Fv", "Fc", "offset"),
-    FrictionKind.ASYMMETRIC: ("Fvp", "Fcp", "Fvn", "Fcn"),
+    "none": (),
+    "coulomb-viscous": ("Fv", "Fc"),
+    "coulomb-viscous-offset": ("Fv", "Fc", "offset"),
+    "asymmetric": ("Fvp", "Fcp", "Fvn", "Fcn"),
 }
 
 
@@ -309,7 +302,7 @@ def regress(robot: Robot, q, dq, ddq, *, friction: bool = True) -> dict[tuple[in
         if coupling.has_rotor:
             columns[number, "IA"] = matrix[number] * rates[number]
     for index, part in enumerate((*robot.joints, *robot.couplings) if friction else ()):
-        for name in _FRICTION_NAMES[part.friction.kind]:
+        for name in _FRICTION_NAMES[part.friction.law]:
             columns[index, name] = matrix[index] * _FRICTION[name](speeds[index])
     return columns
 

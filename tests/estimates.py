@@ -9,7 +9,7 @@ from symid.codegen.catalogue import build_model_card
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.identification.estimators.estimate import Estimate, Outcome, ParameterEstimate, Residual
 from symid.identification.stored import write_fit
-from symid.joint_models.friction_models import FRICTION_MODELS
+from symid.joint_models import list_value_names
 from symid.robot.toml_settings import list_processing
 from tests.chains import draw_parameters
 
@@ -22,7 +22,7 @@ def fill_robot(robot, seed=1):
     bodies = draw_parameters(rng, robot.size)
 
     def fill_friction(friction):
-        count = len(FRICTION_MODELS[friction.kind].parameters)
+        count = len(list_value_names(friction))
         values = tuple(map(float, rng.uniform(0.2, 1.0, count)))
         return dataclasses.replace(friction, values=values) if count else friction
 

@@ -37,7 +37,7 @@ def draw_samples(
     count = len(velocity)
     linear, shape = law.from_physical(physical)
     inputs = {"velocity": velocity}
-    inputs |= {name: given[name] for name in ("load", "position") if name in given}
+    inputs |= {name: given[name] for name in ("load", "position", "temperature") if name in given}
     torque = compute_friction_torque(law, inputs, linear, shape)
     torque = torque + noise * np.random.default_rng(seed).standard_normal(count)
     given = {"extra": np.zeros((count, 0)), **given}

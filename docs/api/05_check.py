@@ -4,7 +4,7 @@ import symid
 
 constants = [0.11, 0.11, 0.062]  # N m/A of the motors
 draft = symid.new_robot(urdf="arm.urdf", log="training.csv", rotors=True, torque_constant=constants)
-robot = symid.load(draft.save("arm.toml"), friction="viscous_coulomb_offset")
+robot = symid.load(draft.save("arm.toml"), friction="coulomb-viscous-offset")
 found = robot.check("training.csv")
 print(found)
 print(found.accepted, len(found.notices))

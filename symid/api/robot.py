@@ -476,7 +476,8 @@ class RobotModel:
                 among the first three by default.
             method: of elastic joints: "automatic" (the default), "two-step", "linear-spring", "elimination",
                 "weighted", "nlp" or "independent".
-            friction: the friction model of all joints, in place of the robot file's.
+            friction: the friction law of all joints, in place of the robot file's, its shape values found
+                from the logs; "auto" for the law of each joint that predicts held-out torque best.
             settings: replace those of the robot file: a set by its name, or values by dotted key.
             cutoff: Hz, of the low-pass filter.
             decimate: keep one sample in so many.
@@ -511,7 +512,7 @@ class RobotModel:
             True
         """
         from symid.api.fit import ElasticFit, RigidFit, take_estimate
-        from symid.identification import IdentifyTask, identify_robot
+        from symid.identification import IdentifyTask, identify_robot, needs_search
         from symid.identification.elastic import ElasticEstimate
         from symid.identification.rigid import RigidOptions
 
@@ -529,8 +530,12 @@ class RobotModel:
         )
         given = {"tolerance": tolerance, "thresholds": thresholds, "knees": knees, "rate": rate}
         plain = {name: _to_plain(value) for name, value in (*given.items(), ("window", window))}
-        task = IdentifyTask(pairs=pairs, rigid=options, method=method, elastic=plain, options=elastic)
-        found = identify_robot(*self._gather(logs, pairs, friction, train), task, self.context)
+        searched = friction if needs_search(friction) else None
+        task = IdentifyTask(
+            pairs=pairs, rigid=options, method=method, elastic=plain, options=elastic, friction=searched
+        )
+        stated = None if searched else friction
+        found = identify_robot(*self._gather(logs, pairs, stated, train), task, self.context)
         extra, notices = {"backend": found.backend}, found.notices
         if isinstance(found.estimate, ElasticEstimate):
             fit = ElasticFit(estimate=found.estimate, model=self, remarks=notices, extra=extra)
@@ -1087,8 +1092,8 @@ def load(
         robot: the path of a robot file (.toml), a URDF or a table of rows (.csv), or the name of a robot in
             ./robots or of those that come with symid.
         settings: replace those of the file: a set of the file by its name, or values by dotted key.
-        friction: the friction model of all joints: "none", "viscous_coulomb", "viscous_coulomb_offset",
-            "asymmetric".
+        friction: the friction law of all joints: "none", or one without shape values, such as
+            "coulomb-viscous-offset".
         base: for a URDF: first link of the robot; its root by default.
         tip: for a URDF: last link of the robot; other branches are removed.
         snap: for a URDF: angles within this distance (rad) of a quarter turn are rounded to it; 1e-5 by

@@ -160,7 +160,7 @@ def identify_command(
     shared = {key: value for key, value in further.items() if key not in (*RIGID, *ELASTIC, *FRICTION)}
     shared["settings"] = settings
     # Wrong settings are refused before anything else.
-    model = robot.load(console, settings=shared["settings"], friction=shared["friction"])
+    model = robot.load(console, settings=shared["settings"])
     check_output(output, force=force, inputs=(model.path, *logs))
     shared["train"], tests = pair_parts(train, test, logs)
     if rows == "friction":

@@ -14,7 +14,6 @@ from symid.cli.verbs import INPUT, METHOD, MODEL, OUTPUT, PROCESSING, Decorator,
 from symid.errors import Notice, UsageError
 
 R = TypeVar("R")
-_FRICTION = ("none", "viscous_coulomb", "viscous_coulomb_offset", "asymmetric")
 _AUTO = BACKENDS[0]
 
 force_option = OUTPUT.option("--force", "Overwrite an existing output file, whoever wrote it.", is_flag=True)
@@ -22,7 +21,10 @@ _force_folder_option = OUTPUT.option(
     "--force", "Overwrite files that symid wrote; other files are still refused.", is_flag=True
 )
 friction_option = MODEL.option(
-    "--friction", "Friction model of all joints; replaces that of the robot file.", click.Choice(_FRICTION)
+    "--friction",
+    "Friction law of all joints, such as coulomb-viscous-offset or none, in place of the robot file's; "
+    "identify finds the shape values of others, as stribeck, and with auto chooses the law of each joint.",
+    metavar="LAW",
 )
 
 

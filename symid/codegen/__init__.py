@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         JointCard as JointCard,
         ModelCard as ModelCard,
         ParameterCard as ParameterCard,
+        compute_model_signature as compute_model_signature,
     )
     from symid.codegen.generation import (
         CodeRequest as CodeRequest,

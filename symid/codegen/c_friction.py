@@ -20,7 +20,12 @@ from symid.codegen.programs import ExpressionTable, Program, ValueAlgebra
 from symid.codegen.source_text import clean_text, write_template
 from symid.joint_models import DynamicLaw, FrictionLaw, compute_bristle_step
 
-_INPUT_UNITS = {"velocity": "rad/s or m/s", "load": "N m or N", "position": "rad or m"}
+_INPUT_UNITS = {
+    "velocity": "rad/s or m/s",
+    "load": "N m or N",
+    "position": "rad or m",
+    "temperature": "degC",
+}
 
 
 def build_law_program(law: FrictionLaw) -> Program:
@@ -83,7 +88,9 @@ def generate_friction_laws(
         body = print_c(build_law_program(law), precision)
         helpers.update(body.helpers)
         # The program's inputs and output are arrays, those of the function numbers.
-        lines = [re.sub(r"\b(velocity|load|position)\[0\]", r"\1", line) for line in body.statements]
+        lines = [
+            re.sub(r"\b(velocity|load|position|temperature)\[0\]", r"\1", line) for line in body.statements
+        ]
         inputs = "".join(f"{precision} {name}, " for name in law.inputs)
         name = f"{prefix}_friction_{_build_law_name(law)}"
         function: Fields = {

@@ -30,7 +30,7 @@ from symid.codegen.programs import Program
 from symid.codegen.references import ANGLE_LIMITS, FLOOR, NEGLIGIBLE, PER_UNIT, WEIGHTS, ReferenceRows
 from symid.codegen.source_folder import SourceSet
 from symid.codegen.source_text import GenerateOptions, write_template
-from symid.joint_models import FRICTION_LAWS
+from symid.joint_models import FRICTION_LAWS, REFERENCE_TEMPERATURE
 
 # Parts that sum up to pi/2, of which all but the last have exact products with n; coefficients of S and of C.
 _TRIGONOMETRY = {
@@ -368,7 +368,8 @@ def _write_control_loop(material: Material) -> str | None:
     vectors |= {"rotor": card.rotors} if "IA" in taken and card.springs else {}
     vectors |= {"f": card.friction} if "f" in taken else {}
     vectors |= {"h": card.springs} if "h" in taken and card.springs else {}
-    template, numbers, own = "c/control_loop.c.jinja", _RIGID_NUMBERS, {}
+    template, numbers = "c/control_loop.c.jinja", _RIGID_NUMBERS
+    own: Fields = {"reads_load": "load" in card.friction_inputs}
     if card.springs:
         template, numbers = "c/elastic_loop.c.jinja", _ELASTIC_NUMBERS
         rotors = ", ".join(write_literal(rotor.value or 0.0, real) for rotor in card.rotors)
@@ -376,11 +377,12 @@ def _write_control_loop(material: Material) -> str | None:
             "constants": "".join(f"{name}, " for name in vectors if name != "h"),
             "rotor_values": [] if "rotor" in vectors else [f"{{{rotors}}}"],
         }
-    suffix = "f" if real == "float" else ""
+    suffix, warm = "f" if real == "float" else "", write_literal(REFERENCE_TEMPERATURE, real)
     return material.write(
         template,
         beta="beta, " if "beta" in vectors else "",
-        friction_arguments=["f, " if "f" in vectors else ""] if card.friction else [],
+        friction_arguments=_list_friction_arguments(card, "f, " if "f" in vectors else ""),
+        warm_values=[f"{{{', '.join([warm] * card.size)}}}"] if "temperature" in card.friction_inputs else [],
         zero=f"{{{write_literal(0.0, real)}}}",
         sine=f"sin{suffix}",
         cosine=f"cos{suffix}",
@@ -388,6 +390,23 @@ def _write_control_loop(material: Material) -> str | None:
         **_write_parameters(material, vectors),
         **own,
     )
+
+
+def _list_friction_arguments(card: ModelCard, values: str) -> list[dict[str, str]]:
+    """Return what the example's calls of friction take besides the velocity; nothing without friction.
+
+    `values` is how friction parameters are passed.
+    """
+    if not card.friction:
+        return []
+    places = {
+        "wanted": {"q": "qd, ", "load": "tau, ", "temperature": "temperature, "},
+        "moving": {"q": "q, ", "load": "load, ", "temperature": "temperature, "},
+        "motor": {"q": "robot->theta, ", "load": "spring, ", "temperature": "temperature, "},
+    }
+    return [
+        {key: "".join(names[name] for name in card.friction_inputs) + values for key, names in places.items()}
+    ]
 
 
 def _write_sources(material: Material) -> list[tuple[str, str]]:

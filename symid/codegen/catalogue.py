@@ -28,8 +28,12 @@ from symid.codegen.functions import (
     compute_model_signature,
 )
 from symid.errors import Notice, UsageError
+from symid.joint_models import NO_FRICTION, Elasticity, get_friction_law
 from symid.notation import get_unit
-from symid.robot import Elasticity, FrictionKind, JointKind, Robot
+from symid.robot import (
+    JointKind,
+    Robot,
+)
 
 if TYPE_CHECKING:
     from symid.dynamics import BaseParameters
@@ -66,7 +70,7 @@ def count_elastic_sizes(robot: Robot) -> ElasticSizes | None:
     invertible = not any(spring.cubic for spring in found)
     # What follows is a link without a motor: it must not brake one, nor give.
     alone = not robot.couplings and all(
-        joint.elasticity is None and joint.friction.kind is FrictionKind.NONE
+        joint.elasticity is None and joint.friction.law == NO_FRICTION
         for joint in robot.joints
         if joint.mimic is not None
     )
@@ -153,6 +157,8 @@ _INPUTS = {
     "beta": ("b", "mixed", "base inertial parameters"),
     "pi": ("b", "mixed", "standard parameters of links, drives and springs"),
     "f": ("p", "mixed", "friction parameters"),
+    "load": ("n", "N m", "torques that the gears carry: those of links and rotors, without friction"),
+    "temperature": ("n", "degC", "temperatures of the joints"),
     "dddq": ("n", "rad/s^3", "third derivatives of the joint coordinates"),
     "ddddq": ("n", "rad/s^4", "fourth derivatives of the joint coordinates"),
     "phi": ("n", "rad", "torsions theta - q"),
@@ -212,14 +218,15 @@ _ENTRIES = {
     "lagrange_regressor: q dq -> YL": "dL/dq = dT/dq - dV/dq per base parameter",
     "torque_regressor: q dq ddq -> Y": "joint torque per base parameter",
     "slotine_li_regressor: q dq dqr ddqr -> Yr": "M ddqr + C dqr + g per base parameter",
-    "friction: dq f -> tau_f": "friction torque, positive against positive velocity",
-    "friction_regressor: dq -> Yf": "friction torque per friction parameter",
+    "friction: dq q load temperature f -> tau_f": "friction torque, positive against positive velocity",
+    "friction_regressor: dq q load temperature -> Yf": "friction torque per friction parameter",
     "hysteresis_step: phi P h -> tau_J P_next": "torque of the springs when the torsion has gone to phi, "
     "without turning back on the way",
     "hysteresis_inverse_step: tau_J Q h -> phi Q_next": "torsion of the springs when their torque has gone "
     "to tau_J, without turning back on the way",
-    "elastic_inverse_dynamics: q dq ddq dddq ddddq beta IA f h Q -> tau_m theta dtheta Q_next": "torque of "
-    "the motors under which the links move as wanted, friction included",
+    "elastic_inverse_dynamics: q dq ddq dddq ddddq temperature beta IA f h Q "
+    "-> tau_m theta dtheta Q_next": "torque of the motors under which the links move as wanted, with "
+    "friction",
 }
 
 
@@ -231,11 +238,13 @@ def list_specs(
     links: int | None = None,
     vector: str = "beta",
     elastic: ElasticSizes | None = None,
+    inputs: Collection[str] = (),
 ) -> tuple[FunctionSpec, ...]:
     """Return the catalogue for numbers of coordinates, of inertial and of friction parameters.
 
     Functions and vectors that would be empty (no friction, no stops) are left out. `links` are the moving
-    ones, by default as many as joints; `vector` is the name of the inertial parameters, beta or pi.
+    ones, by default as many as joints; `vector` is the name of the inertial parameters, beta or pi;
+    `inputs` what friction depends on besides the velocity: "q", "load", "temperature".
     """
     sizes = {"n": joints, "l": joints if links is None else links, "b": parameters, "p": friction}
     sizes |= {"s": elastic.stops if elastic else 0, "h": elastic.springs if elastic else 0}
@@ -261,9 +270,26 @@ def list_specs(
         name, ports = entry.split(": ")
         if offered.get(name, True):
             given, found = ports.replace("beta", vector).split(" -> ")
-            inputs, outputs = build_ports(given, _INPUTS), build_ports(found, _OUTPUTS)
-            specs.append(FunctionSpec(name=name, inputs=inputs, outputs=outputs, meaning=meaning))
+            given = " ".join(port for port in given.split() if port not in _list_unread(name, inputs))
+            ports_in, ports_out = build_ports(given, _INPUTS), build_ports(found, _OUTPUTS)
+            specs.append(FunctionSpec(name=name, inputs=ports_in, outputs=ports_out, meaning=meaning))
     return tuple(specs)
+
+
+def _list_unread(function: str, inputs: Collection[str]) -> set[str]:
+    """Return the inputs that a function does not have, as no friction law reads them."""
+    unread = {"load", "temperature"} - set(inputs)
+    return unread | ({"q"} - set(inputs) if function in {"friction", "friction_regressor"} else set())
+
+
+FRICTION_INPUTS = {"position": "q", "load": "load", "temperature": "temperature"}
+"""What laws read besides the velocity, and the input of functions that it is."""
+
+
+def list_friction_inputs(robot: Robot) -> tuple[str, ...]:
+    """Return the inputs of the functions of friction besides dq, in their order."""
+    laws = [law for joint in robot.joints if (law := get_friction_law(joint.friction)) is not None]
+    return tuple(port for name, port in FRICTION_INPUTS.items() if any(name in law.inputs for law in laws))
 
 
 def list_robot_specs(
@@ -283,6 +309,7 @@ def list_robot_specs(
         links=robot.size,
         vector=base.vector,
         elastic=count_elastic_sizes(robot),
+        inputs=list_friction_inputs(robot),
     )
     known = [spec.name for spec in specs]
     for name in names or ():
@@ -327,7 +354,7 @@ def build_model_card(robot: Robot, base: "BaseParameters", specs: tuple[Function
                 number=number,
                 name=joint.name,
                 kind=joint.kind.value,
-                friction=joint.friction.kind.value,
+                friction=joint.friction.law,
                 smoothing=joint.friction.smoothing,
             )
             for number, joint in numbered
@@ -355,6 +382,7 @@ def build_model_card(robot: Robot, base: "BaseParameters", specs: tuple[Function
         ),
         elasticity=tuple(joint.elasticity for joint in robot.axes) if any(robot.elastic) else (),
         springs=tuple(list_spring_parameters(robot)) if all(robot.elastic) else (),
+        friction_inputs=list_friction_inputs(robot),
     )
 
 

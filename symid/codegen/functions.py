@@ -6,10 +6,19 @@ leading axis.
 
 import json
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from enum import Enum
 
-from symid.robot import Coupling, Elasticity, Joint, Robot
+from symid.arrays import FloatArray
+from symid.errors import Notice, UsageError
+from symid.joint_models import Elasticity, FrictionValues
+from symid.robot import (
+    Coupling,
+    Joint,
+    Robot,
+)
 from symid.serialization import compute_signature
 
 
@@ -99,6 +108,8 @@ class ModelCard:
         friction: the friction parameters in the order of the vector f. springs: the same of the vector h.
         elasticity: the spring of every coordinate in the robot file, empty where no joint is elastic.
         rotors: rotor inertias of elastic joints, which move with the motors and so are not in `beta`.
+        friction_inputs: what friction depends on besides dq: q, load, temperature.
+        searched: shape values of friction laws that a fit refines, with the values it starts from.
     """
 
     robot: str
@@ -112,6 +123,28 @@ class ModelCard:
     rotors: tuple[ParameterCard, ...] = ()
     elasticity: tuple[Elasticity | None, ...] = ()
     springs: tuple[ParameterCard, ...] = ()
+    friction_inputs: tuple[str, ...] = ()
+    searched: tuple[ParameterCard, ...] = ()
+
+    @property
+    def fitted(self) -> tuple[ParameterCard, ...]:
+        """Return the unknowns of equations: base and friction parameters, shape values that are searched."""
+        return (*self.beta, *self.friction, *self.searched)
+
+    def gather_friction_inputs(self, dq: FloatArray, **given: FloatArray | None) -> tuple[FloatArray, ...]:
+        """Return the motion that friction depends on, in the order of its functions' inputs.
+
+        Velocities, and of what is given - positions q, `load`, `temperature` - what laws read, all of one
+        shape. A UsageError where a law reads what is not given.
+        """
+        missing = [name for name in self.friction_inputs if given.get(name) is None]
+        if missing:
+            text = (
+                f"the friction of robot {self.robot!r} depends on the {' and the '.join(missing)} of the "
+                "joints, which is not known here: give it in the log, or use another friction law"
+            )
+            raise UsageError(Notice(code="friction.input", text=text))
+        return (dq, *(value for name in self.friction_inputs if (value := given[name]) is not None))
 
     @property
     def elastic(self) -> bool:
@@ -142,18 +175,26 @@ def compute_model_signature(robot: Robot, parameters: Sequence[tuple[str, str]])
 
     def describe(joint: Joint) -> tuple[object, ...]:
         friction, driven = joint.friction, joint.drive.has_rotor
-        fixed = (joint.name, joint.kind, joint.parent, joint.placement, driven, friction.kind)
+        fixed = (
+            joint.name,
+            joint.kind,
+            joint.parent,
+            joint.placement,
+            driven,
+            _name_for_signature(friction)[0],
+        )
         elastic = (joint.mimic, joint.spring is not None, joint.elasticity is not None)
         return (*fixed, friction.smoothing), elastic
 
     joints = tuple(map(describe, robot.joints))
     couplings = tuple(
-        (entry.name, entry.terms, entry.has_rotor, entry.friction.kind) for entry in robot.couplings
+        (entry.name, entry.terms, entry.has_rotor, _name_for_signature(entry.friction)[0])
+        for entry in robot.couplings
     )
     # Only where there are any, so that models without them keep the signature of old estimates.
     owners: tuple[Joint | Coupling, ...] = (*robot.joints, *robot.couplings)
     curved = tuple(
-        (owner.name, owner.friction.shape, owner.friction.smoothing)
+        (owner.name, _name_for_signature(owner.friction)[1], owner.friction.smoothing)
         for owner in owners
         if owner.friction.shape
     )
@@ -161,3 +202,42 @@ def compute_model_signature(robot: Robot, parameters: Sequence[tuple[str, str]])
     return compute_signature(
         robot.name, joints, couplings, robot.gravity, robot.symbols, tuple(parameters), *shapes
     )
+
+
+class FrictionKind(Enum):
+    """Laws of the first robot files as they stand in signatures, which stored estimates have."""
+
+    NONE = "none"
+    VISCOUS_COULOMB = "viscous_coulomb"
+    VISCOUS_COULOMB_OFFSET = "viscous_coulomb_offset"
+    ASYMMETRIC = "asymmetric"
+
+
+class CurvedFriction(Enum):
+    """The same of curved laws."""
+
+    STRIBECK = "stribeck"
+    STRIBECK_OFFSET = "stribeck_offset"
+    IMPROVED_STRIBECK = "improved_stribeck"
+    ASYMMETRIC_STRIBECK = "asymmetric_stribeck"
+    CUBIC = "cubic"
+    STRIBECK_CUBIC = "stribeck_cubic"
+    POWER_LAW = "power_law"
+    MAKKAR = "makkar"
+
+
+_OLD_NAMES: dict[str, Enum] = {entry.value: entry for entry in (*FrictionKind, *CurvedFriction)}
+
+
+def _name_for_signature(friction: FrictionValues) -> tuple[object, tuple[float, ...]]:
+    """Return the law and its shape values as signatures have them: an exponent among the values."""
+    name = friction.law
+    gamma: tuple[float, ...] = (2.0,)
+    if "-exponent" in name:
+        name, gamma = name.replace("-exponent", ""), ()
+    elif "tustin" in name or re.search(r"-1(?=\+|$)", name):
+        name, gamma = re.sub(r"-1(?=\+|$)", "", name.replace("tustin", "stribeck")), (1.0,)
+    plain = name.replace("coulomb-viscous", "viscous_coulomb").replace("+", "_").replace("-", "_")
+    if plain not in _OLD_NAMES:
+        return friction.law, friction.shape
+    return _OLD_NAMES[plain], (*friction.shape, *gamma) if "stribeck" in plain else friction.shape

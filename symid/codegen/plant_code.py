@@ -24,6 +24,7 @@ from symid.codegen.library import Library, open_shared
 from symid.codegen.source_text import build_library_prefix
 from symid.environment import locate_resource_folder
 from symid.errors import GenerationError, Notice
+from symid.joint_models import REFERENCE_TEMPERATURE
 from symid.serialization import compute_signature
 
 
@@ -124,6 +125,7 @@ class PlantLog:
 
 
 _PLANT_BINARY = "plant.so"
+_READS = {"q": 1, "load": 2, "temperature": 4}
 _SIZES = ("n", "m", "l")
 _TABLES = ("rotor", "stiffness", "cubic", "damping", "radius", "weight", "knee", "slope")
 _REFERENCES = ("angle", "speed", "torque", "stiffness", "damping", "limit", "step")
@@ -133,7 +135,9 @@ _LOGGED = ("q", "dq", "theta", "dtheta", "spring", "torque", "work", "friction",
 class _RobotStruct(ctypes.Structure):
     _fields_ = (
         *((name, ctypes.c_size_t) for name in _SIZES),
-        *((name, ctypes.c_void_p) for name in ("forward", "friction", "beta", "f", *_TABLES)),
+        *((name, ctypes.c_void_p) for name in ("forward", "friction")),
+        ("reads", ctypes.c_size_t),
+        *((name, ctypes.c_void_p) for name in ("temperature", "beta", "f", *_TABLES)),
     )
 
 
@@ -163,7 +167,7 @@ class CompiledPlant:
         Raises:
             GenerationError: the library is none of compiled functions in double precision.
         """
-        shape = (order.ticks, robot.size)
+        shape, warm = (order.ticks, robot.size), np.full(robot.size, REFERENCE_TEMPERATURE)
         arrays = {name: np.zeros(shape) for name in _LOGGED}
         size = ctypes.c_size_t
         sizes = (size(robot.size), size(robot.radius.shape[1]))
@@ -174,6 +178,8 @@ class CompiledPlant:
             **dict(zip(_SIZES, (*sizes, robot.knee.shape[1]), strict=True)),
             forward=_get_function_address(library, "forward_dynamics"),
             friction=_get_function_address(library, "friction") if robot.friction.size else None,
+            reads=sum(_READS[name] for name in library.card.friction_inputs),
+            temperature=warm.ctypes.data,
             beta=robot.beta.ctypes.data,
             f=robot.friction.ctypes.data,
             **_get_pointers(robot, _TABLES),

@@ -17,7 +17,7 @@ import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from symid.codegen.catalogue import Constants, list_robot_specs
+from symid.codegen.catalogue import FRICTION_INPUTS, Constants, list_robot_specs
 from symid.codegen.functions import FunctionSpec
 from symid.codegen.programs import (
     Op,
@@ -39,6 +39,7 @@ from symid.dynamics import (
     compute_body_energy,
     compute_drive_energy,
     compute_energy_regressor,
+    compute_friction_columns,
     compute_inverse_dynamics,
     compute_jacobian,
     compute_lagrange_columns,
@@ -50,18 +51,17 @@ from symid.dynamics import (
     derive_base_parameters,
     fold_matrix,
     gather_body,
+    get_friction,
     list_constant_rotations,
     spread_coordinates,
 )
 from symid.joint_models import (
-    FRICTION_MODELS,
     SpringTerms,
     advance_inverse_spring,
     advance_spring,
-    compute_friction_columns,
     compute_outer_function,
-    get_friction,
     invert_spring,
+    list_value_names,
 )
 from symid.notation import INERTIAL
 from symid.robot import ZERO, Exact, Robot
@@ -83,13 +83,18 @@ def _emit_jacobian(workspace: RouteWorkspace) -> tuple[Elements, ...]:
 def _list_friction_columns(workspace: RouteWorkspace) -> list[list[int]]:
     """Return the friction regressor by columns; friction acts on the coordinates that turn its drive."""
     robot, algebra = workspace.robot, workspace.algebra
-    speeds = spread_coordinates(robot, algebra, workspace.inputs["dq"])
+    given = {"velocity": "dq", **FRICTION_INPUTS}
+    spread = {
+        name: spread_coordinates(robot, algebra, workspace.inputs[port])
+        for name, port in given.items()
+        if port in workspace.inputs
+    }
     columns = []
     for parameter in workspace.base.friction:
         index, name = parameter.label
         friction = get_friction(robot, index)
-        columns_of_model = compute_friction_columns(friction, algebra, speeds[index])
-        entry = columns_of_model[FRICTION_MODELS[friction.kind].parameters.index(name)]
+        inputs = {input_name: values[index] for input_name, values in spread.items()}
+        entry = compute_friction_columns(friction, algebra, inputs)[list_value_names(friction).index(name)]
         column = [algebra.zero] * robot.freedom
         for position, factor in robot.transmission[index]:
             column[position] = algebra.mul(algebra.constant(Exact.of(factor)), entry)
@@ -435,7 +440,8 @@ def _build_feed_forward_route(torques: RouteBuilder) -> RouteBuilder:
         ]
         theta = [algebra.add(q, torsion[0]) for q, torsion in zip(inputs["q"], torsions, strict=True)]
         dtheta = [algebra.add(dq, torsion[1]) for dq, torsion in zip(inputs["dq"], torsions, strict=True)]
-        (friction,) = _emit_friction(replace(workspace, inputs={**inputs, "dq": tuple(dtheta)}, built={}))
+        motion = {"dq": tuple(dtheta), "q": tuple(theta), "load": tuple(values)}
+        (friction,) = _emit_friction(replace(workspace, inputs={**inputs, **motion}, built={}))
         motors = []
         for k, torsion in enumerate(torsions):
             inertial = algebra.mul(inputs["IA"][k], algebra.add(inputs["ddq"][k], torsion[2]))

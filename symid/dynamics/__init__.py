@@ -46,6 +46,10 @@ if TYPE_CHECKING:
         shift_origins as shift_origins,
         shift_parameters as shift_parameters,
     )
+    from symid.dynamics.friction_effects import (
+        compute_friction_columns as compute_friction_columns,
+        get_friction as get_friction,
+    )
     from symid.dynamics.lagrange import (
         ExactEnergy as ExactEnergy,
         derive_energy as derive_energy,

@@ -31,9 +31,10 @@ from symid.dynamics.exact_algebra import (
     reduce_rows,
 )
 from symid.dynamics.explanations import explain_elimination, explain_grouping, write_combination, write_label
+from symid.dynamics.friction_effects import list_friction_parameters
 from symid.dynamics.observable_subspace import ObservableSubspace, derive_observable_subspace
 from symid.errors import Notice, RobotError
-from symid.joint_models import FRICTION_MODELS, list_friction_parameters
+from symid.joint_models import list_value_names
 from symid.notation import INERTIAL
 from symid.robot import Coupling, Exact, Joint, Placement, Robot, SymbolicInertia
 
@@ -235,7 +236,7 @@ def list_known_values(robot: Robot) -> dict[Label, float]:
         rotor = owner.drive.rotor_inertia if isinstance(owner, Joint) else owner.rotor_inertia
         if rotor is not None:
             known[index, "IA"] = rotor
-        names = FRICTION_MODELS[owner.friction.kind].parameters
+        names = list_value_names(owner.friction)
         known |= {(index, name): v for name, v in zip(names, owner.friction.values or (), strict=False)}
     return known
 

@@ -11,7 +11,9 @@ from decimal import Decimal, localcontext
 from sympy import Expr, Rational
 
 from symid.dynamics.algebra import Label
-from symid.notation import INERTIAL, get_unit
+from symid.dynamics.friction_effects import get_friction
+from symid.joint_models import get_friction_law
+from symid.notation import INERTIAL, get_unit, join_name
 from symid.robot import JointKind, Robot
 
 _LONGEST = 24
@@ -39,12 +41,16 @@ def write_label(robot: Robot, label: Label, *, grouped: bool = False) -> str:
     """Return the parameter as text, for example ZZ2, ZZR2 for the head of a group, IAm6."""
     index, name = label
     end = str(index + 1) if index < robot.size else robot.couplings[index - robot.size].name
-    return f"{name}{'R' if grouped else ''}{end}"
+    return join_name(f"{name}{'R' if grouped else ''}", end)
 
 
 def get_label_unit(robot: Robot, label: Label) -> str:
     """Return the SI unit of a parameter."""
-    return get_unit(label[1], prismatic=is_prismatic(robot, label[0]))
+    prismatic, law = is_prismatic(robot, label[0]), get_friction_law(get_friction(robot, label[0]))
+    for entry in law.linear if law else ():
+        if entry.name == label[1]:
+            return entry.unit_prismatic if prismatic else entry.unit
+    return get_unit(label[1], prismatic=prismatic)
 
 
 def is_prismatic(robot: Robot, index: int) -> bool:

@@ -35,6 +35,7 @@ from symid.dynamics.exact_algebra import (
     list_symbols,
     reduce_rows,
 )
+from symid.dynamics.friction_effects import build_friction_rows, compute_constant_torques
 from symid.dynamics.recursion import LinkMotion, Recursion, build_frames, compute_motions, fold_vector
 from symid.dynamics.regressors import compute_momentum_columns
 from symid.dynamics.trigonometric_basis import (
@@ -45,7 +46,6 @@ from symid.dynamics.trigonometric_basis import (
     split_polynomial,
 )
 from symid.errors import Notice, RobotError
-from symid.joint_models import build_friction_rows, compute_constant_torques
 from symid.notation import INERTIAL
 from symid.robot import Joint, Robot
 

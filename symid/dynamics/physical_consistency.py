@@ -25,6 +25,7 @@ import numpy as np
 from symid.arrays import FloatArray, freeze
 from symid.dynamics.algebra import Label
 from symid.dynamics.base_parameters import BaseParameters, Grouping, build_grouping, list_known_values
+from symid.dynamics.friction_effects import get_friction
 from symid.dynamics.nearest_bodies import (
     BodyProblem,
     NearestBodies,
@@ -39,11 +40,9 @@ from symid.dynamics.pseudo_inertia import (
     compute_standard_parameters,
 )
 from symid.errors import Notice, SolverError, UsageError
-from symid.joint_models import FRICTION_MODELS, get_friction
+from symid.joint_models import Elasticity, FrictionValues, list_value_names
 from symid.notation import INERTIAL
 from symid.robot import (
-    Elasticity,
-    FrictionValues,
     JointKind,
     Robot,
     Spring,
@@ -353,7 +352,7 @@ def build_identified_robot(
 
 def _change_friction(robot: Robot, index: int, known: Mapping[Label, float]) -> FrictionValues:
     friction = get_friction(robot, index)
-    names = FRICTION_MODELS[friction.kind].parameters
+    names = list_value_names(friction)
     old = friction.values or (None,) * len(names)
     found = [known.get((index, name), value) for name, value in zip(names, old, strict=True)]
     numbers = tuple(value for value in found if value is not None)

@@ -20,7 +20,10 @@ from typing import Any, final
 import numpy as np
 
 from symid.arrays import FloatArray, freeze
-from symid.robot import FrictionKind, FrictionValues, Robot
+from symid.joint_models import NO_FRICTION, FrictionValues, get_friction_law
+from symid.robot import (
+    Robot,
+)
 
 _SMOOTHING = 0.02
 """Width of the sign change of friction for the optimiser, relative to the velocity limit."""
@@ -32,7 +35,11 @@ def smooth_friction(robot: Robot) -> Robot:
     """Return the robot with friction that has a slope everywhere."""
 
     def smooth(friction: FrictionValues, velocity: float | None) -> FrictionValues:
-        if friction.kind is FrictionKind.NONE or friction.smoothing > 0.0:
+        law = get_friction_law(friction)
+        if law is not None and {"load", "temperature"} & set(law.inputs):
+            # Neither is known before the robot moves; what the motion must show of them is less.
+            law, friction = None, FrictionValues(law="coulomb-viscous-offset", smoothing=friction.smoothing)
+        if friction.law == NO_FRICTION or friction.smoothing > 0.0:
             return friction
         return replace(friction, smoothing=_SLOW if velocity is None else _SMOOTHING * velocity)
 
@@ -53,7 +60,7 @@ def _build_columns(robot: Robot) -> tuple[tuple[str, ...], Any, Any]:
     from symid.codegen import build_functions
 
     frictions = [*(joint.friction for joint in robot.joints), *(one.friction for one in robot.couplings)]
-    has_friction = any(friction.kind is not FrictionKind.NONE for friction in frictions)
+    has_friction = any(friction.law != NO_FRICTION for friction in frictions)
     wanted = ("torque_regressor", "friction_regressor") if has_friction else ("torque_regressor",)
     made = build_functions(robot, names=wanted)
     found = {spec.name: entry for spec, entry in zip(made.card.functions, made.functions, strict=True)}
@@ -61,7 +68,8 @@ def _build_columns(robot: Robot) -> tuple[tuple[str, ...], Any, Any]:
     blocks = [found["torque_regressor"](*states)]
     names = tuple(entry.name for entry in made.card.beta)
     if has_friction:
-        blocks.append(found["friction_regressor"](states[1]))
+        read = found["friction_regressor"].n_in()
+        blocks.append(found["friction_regressor"](states[1], *states[: read - 1]))
         names += tuple(entry.name for entry in made.card.friction)
     state, flat = ca.vertcat(*states), ca.densify(ca.vec(ca.horzcat(*blocks).T))
     factors = ca.SX.sym("L", flat.numel())

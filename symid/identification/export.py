@@ -24,9 +24,9 @@ from symid.identification.friction import (
     set_identified_friction,
 )
 from symid.identification.identified import Identified, build_robot, list_warnings
+from symid.joint_models import FrictionValues
 from symid.robot import (
     PRECISIONS,
-    FrictionValues,
     Robot,
     RobotValues,
     ValueRow,

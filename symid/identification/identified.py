@@ -14,7 +14,10 @@ from symid.errors import Notice
 from symid.identification.elastic import ElasticEstimate, build_rigid_estimate, build_rigid_variant
 from symid.identification.estimators import Estimate, ParameterEstimate, check_model
 from symid.identification.rigid import restore_robot
-from symid.robot import Elasticity, Robot
+from symid.joint_models import Elasticity
+from symid.robot import (
+    Robot,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,14 +59,19 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
         "the springs of the robot file are left out, because these values do not hold with them"
     )
     notices = (Notice(code="export.rigid-variant", text=text, file=str(source)),)
+    # Shape values are part of the robot, as lengths are.
+    shape = {name for law in found.laws for name in law.names}
+    kept = [k for k, entry in enumerate(found.parameters) if entry.name not in shape]
+    covariance = tuple(tuple(found.covariance[k][j] for j in kept) for k in kept) if found.covariance else ()
+    values = tuple(found.parameters[k] for k in kept)
     return Identified(
         robot=robot,
         base=base,
         sources=found.sources,
-        values=found.parameters,
-        missing=_list_missing(base, found.parameters),
+        values=values,
+        missing=_list_missing(base, values),
         notices=notices if any(described.elastic) else (),
-        covariance=found.covariance,
+        covariance=covariance,
     )
 
 

@@ -39,6 +39,7 @@ from symid.identification.friction import (
     FrictionTask,
     identify_friction,
 )
+from symid.identification.friction_search import identify_loaded, refuse_search, search_friction
 from symid.identification.regression import WHOLE_MODEL, RankRule
 from symid.identification.rigid import (
     PRIOR_OF_ROBOT,
@@ -88,6 +89,8 @@ class IdentifyTask:
         method: of elastic joints, None for the automatic choice.
         elastic: options of elastic joints that were given: tolerance, thresholds, knees, window, rate.
         options: all options of elastic joints, in place of the defaults; `elastic` wins over them.
+        friction: a law whose shape values are to be found, or "auto" for the choice of a law; None where the
+            robot has its laws.
     """
 
     pairs: tuple[tuple[str, str], ...] = ()
@@ -95,6 +98,7 @@ class IdentifyTask:
     method: str | None = None
     elastic: Mapping[str, object] = field(default_factory=dict)
     options: ElasticOptions | None = None
+    friction: str | None = None
 
     def __post_init__(self) -> None:
         """Refuse an unknown estimator before a log is read.
@@ -141,6 +145,9 @@ def identify_robot(
         refuse_known_payloads(recordings, f"--estimator {estimator}")
     given = task.rigid.list_given()
     route = choose_route(robot, recordings, method=task.method, elastic=task.elastic, rigid=given)
+    if task.friction is not None and (route.kind == "elastic" or estimator in SIMULATING):
+        where = "elastic joints are" if route.kind == "elastic" else f"--estimator {estimator} is"
+        raise refuse_search(task.friction, f"is not done where {where} identified")
     if route.kind == "elastic":
         return _identify_elastic(robot, recordings, route.method, task, context)
     if task.options is not None:
@@ -151,7 +158,8 @@ def identify_robot(
         raise UsageError(Notice(code="usage.mixed-options", text=text))
     window = task.elastic.get("window")
     options = replace(task.rigid, window=window if isinstance(window, int | float) else None)
-    return _identify_rigid(robot, recordings, options, context, motor_side=route.kind == "motor-side")
+    motor_side = route.kind == "motor-side"
+    return _identify_rigid(robot, recordings, options, context, task.friction, motor_side=motor_side)
 
 
 def _list_log_notices(robot: Robot, recordings: Sequence[Recording]) -> tuple[Notice, ...]:
@@ -171,6 +179,7 @@ def _identify_rigid(
     recordings: Sequence[Recording],
     options: RigidOptions,
     context: TaskContext,
+    friction: str | None,
     *,
     motor_side: bool,
 ) -> Identification[Estimate]:
@@ -185,9 +194,16 @@ def _identify_rigid(
 
         # What cannot be simulated is refused before anything is compiled.
         check_closed_loop(robot, recordings)
-    library = context.prepare(rigid)
     context.progress(f"identifying {robot.name} from {_count_logs(recordings)}")
-    estimate = _fit_rigid(rigid, library, recordings, options, context.progress)
+    if friction is None:
+        library = context.prepare(rigid)
+
+        def fit(logs: Sequence[Recording]) -> Estimate:
+            return _fit_rigid(rigid, library, logs, options, context.progress)
+
+        estimate = identify_loaded(library, recordings, rigid.processing, fit)
+    else:
+        estimate, library = _search_rigid(rigid, recordings, options, friction, context)
     if motor_side:
         estimate = refuse_elasticity(estimate, robot, both=both)
         warnings += tuple(
@@ -248,6 +264,33 @@ def _fit_rigid(
         weights=weights,
         echo=echo,
     )
+
+
+def _search_rigid(
+    robot: Robot,
+    recordings: Sequence[Recording],
+    options: RigidOptions,
+    friction: str,
+    context: TaskContext,
+) -> tuple[Estimate, Library]:
+    """Return the estimate of a robot whose friction is to be found, and the functions of the robot found."""
+    if options.prior is not None or options.estimator == "ridge":
+        raise refuse_search(friction, "a prior does not know")
+    estimate, _, library = search_friction(
+        robot,
+        recordings,
+        friction,
+        context.prepare,
+        progress=context.progress,
+        rows=options.rows or "torque",
+        estimator=options.estimator,
+        window=options.window,
+        overlap=options.overlap or 0.0,
+        rule=RankRule(least=0.0 if options.partial else WHOLE_MODEL),
+        weights=get_run_weights(recordings),
+        echo=describe_logs(robot, recordings),
+    )
+    return estimate, library
 
 
 def _identify_elastic(

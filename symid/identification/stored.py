@@ -23,7 +23,8 @@ from symid.serialization import list_unusable, read_record, write_plain
 
 StoredResult = Estimate | ElasticEstimate | FrictionIdentification
 _FORMAT = "symid fit"
-_VERSION = 2
+_VERSION, _READ = 3, (2, 3)
+"""The version that is written, and those that are read: 2 has no friction laws of its own."""
 _ABOUT = frozenset({"format", "version", "kind", "verdict"})
 """Entries of a file that are not fields of the record."""
 _MOST = 20
@@ -209,9 +210,11 @@ def _split(path: Path, data: object) -> tuple[str, dict[str, Any], bool]:
         saw = "" if name is None else f": its format is {name!r:.60}"
         raise _refuse(path, f"this is JSON, but not an estimate written by symid{saw}")
     body = {key: value for key, value in data.items() if key not in _ABOUT}
-    version, kind = (_VERSION, str(data.get("kind"))) if name == _FORMAT else (1, _BEFORE[str(name)])
-    if type(data.get("version")) is not int or data["version"] != version:
-        raise _refuse(path, f"version {data.get('version')!r} of the format; this symid reads {version}")
+    version, kind = data.get("version"), str(data.get("kind")) if name == _FORMAT else _BEFORE[str(name)]
+    known = _READ if name == _FORMAT else (1,)
+    if type(version) is not int or version not in known:
+        read = " and ".join(map(str, known))
+        raise _refuse(path, f"version {version!r} of the format; this symid reads {read}")
     if kind not in _KINDS:
         raise _refuse(path, f"kind: expected one of {', '.join(_KINDS)}, got {kind!r}")
     if version == 1 and kind == "elastic":

@@ -48,6 +48,7 @@ from symid.identification.estimators import (
 )
 from symid.identification.friction import FrictionIdentification, set_identified_friction, validate_friction
 from symid.identification.identify import TaskContext
+from symid.identification.regression import fill_loads
 from symid.identification.rigid import (
     Diagnosis,
     diagnose_estimate,
@@ -253,6 +254,8 @@ def _validate_rigid(
     check_model(found, card, file)
     context.progress(f"validating on {recording.source}")
     settled = resolve_processing(found, described.processing, recording)
+    beta = found.assemble([entry.name for entry in card.beta])
+    (recording,) = fill_loads(library, [recording], settled.processing, beta)
     validation = validate_estimate(found, library, recording, described.processing)
     within = None
     if band is not None:
@@ -455,5 +458,7 @@ def diagnose_fit(robot: Robot, estimate: Estimate, context: TaskContext) -> Diag
     read = read_recorded_runs(estimate.sources, estimate.settings.get("runs"), fitted)
     recordings = [build_motor_recording(entry, fitted) for entry in read]
     context.progress(f"diagnosing the fit to {len(recordings)} log{'s'[: len(recordings) > 1]}")
+    beta = tried.assemble([entry.name for entry in library.card.beta])
+    recordings = fill_loads(library, recordings, fitted.processing, beta)
     found = diagnose_estimate(tried, library, recordings, fitted.processing)
     return replace(found, notices=(*notices, *found.notices))

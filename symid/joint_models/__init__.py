@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     )
     from symid.joint_models.carriers import (
         Carrier as Carrier,
+        OperatorCarrier as OperatorCarrier,
         build_casadi_carrier as build_casadi_carrier,
         build_float_carrier as build_float_carrier,
         build_numpy_carrier as build_numpy_carrier,
@@ -30,23 +31,38 @@ if TYPE_CHECKING:
         simulate_dynamic_friction as simulate_dynamic_friction,
         write_dynamic_latex as write_dynamic_latex,
     )
-    from symid.joint_models.friction_catalogue import FRICTION_LAWS as FRICTION_LAWS, get_law as get_law
+    from symid.joint_models.elasticity import (
+        Elasticity as Elasticity,
+        Knee as Knee,
+        Stop as Stop,
+        compute_catalogue_knees as compute_catalogue_knees,
+    )
+    from symid.joint_models.friction_catalogue import (
+        FRICTION_LAWS as FRICTION_LAWS,
+        fix_exponent as fix_exponent,
+        free_exponent as free_exponent,
+        get_friction_law as get_friction_law,
+        get_law as get_law,
+        has_sign as has_sign,
+        is_braking as is_braking,
+        list_shape_names as list_shape_names,
+        list_value_names as list_value_names,
+        name_shape as name_shape,
+        name_values as name_values,
+        rename_law as rename_law,
+    )
     from symid.joint_models.friction_columns import (
+        REFERENCE_TEMPERATURE as REFERENCE_TEMPERATURE,
         compute_stribeck_derivatives as compute_stribeck_derivatives,
     )
     from symid.joint_models.friction_law import (
+        NO_FRICTION as NO_FRICTION,
         FrictionLaw as FrictionLaw,
+        FrictionValues as FrictionValues,
+        LawParameter as LawParameter,
         compute_column_derivatives as compute_column_derivatives,
         compute_columns as compute_columns,
         compute_friction_torque as compute_friction_torque,
-    )
-    from symid.joint_models.friction_models import (
-        FRICTION_MODELS as FRICTION_MODELS,
-        build_friction_rows as build_friction_rows,
-        compute_constant_torques as compute_constant_torques,
-        compute_friction_columns as compute_friction_columns,
-        get_friction as get_friction,
-        list_friction_parameters as list_friction_parameters,
     )
     from symid.joint_models.hysteresis import (
         MaxwellElement as MaxwellElement,

@@ -8,8 +8,9 @@ Name, or the options of a law -> `FrictionLaw`.
 Linear parameters begin with a capital F, the same as papers print them with a small f; where both are one
 number, their bounds agree.
 
-Supported: any exponent, orders, reading of the improved law; offset and smoothing on top.
-Not supported: temperature; laws with a state (`dynamic_friction`).
+Supported: any exponent, orders, reading of the improved law; offset and smoothing on top; the names of
+earlier robot files, as viscous_coulomb.
+Not supported: laws with a state (`dynamic_friction`).
 """
 
 import difflib
@@ -17,14 +18,20 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 from symid.errors import Notice, UsageError
 from symid.joint_models import friction_columns as columns
-from symid.joint_models.carriers import smooth
+from symid.joint_models.carriers import build_float_carrier, smooth
 from symid.joint_models.dynamic_friction import DYNAMIC_LAWS
-from symid.joint_models.friction_law import FrictionLaw, LawParameter, build_parameter
+from symid.joint_models.friction_law import (
+    NO_FRICTION,
+    FrictionLaw,
+    FrictionValues,
+    LawParameter,
+    build_parameter,
+)
 
 _ANY = -math.inf
 # Parameters that laws have as linear ones, F.., and as printed ones, f..; and their lower bounds.
@@ -39,17 +46,20 @@ _TWINS = (
     ("D", r"\delta", "level", "friction that grows with a power of the velocity, at 1 rad/s or m/s", 0.0),
     ("L", "L", "number", "Coulomb friction per torque of the load", 0.0),
     ("M", "M", "level", "rise of dry friction before it falls again", 0.0),
+    ("CT", "{CT}", "level per kelvin", "change of Coulomb friction with the temperature", _ANY),
+    ("VT", "{VT}", "viscous per kelvin", "change of viscous friction with the temperature", _ANY),
+    ("VL", "{VL}", "viscous", "viscous friction that warmth takes away, at 0 degC", 0.0),
 )
 _OTHERS: tuple[tuple[Any, ...], ...] = (
     ("fS", "f_S", "level", "static friction, at the start of motion"),
-    ("Fs", "F_s", "level", "static friction beyond Coulomb friction", _ANY),
+    ("Fe", "F_e", "level", "static friction beyond Coulomb friction", _ANY),
     ("fE", "f_E", "level", "static friction beyond Coulomb friction", _ANY),
     ("fSp", "f_S^+", "level", "static friction, positive velocity"),
     ("fSn", "f_S^-", "level", "static friction, negative velocity"),
-    ("Fsp", "F_s^+", "level", "static beyond Coulomb friction, positive velocity", _ANY),
-    ("Fsn", "F_s^-", "level", "static beyond Coulomb friction, negative velocity", _ANY),
+    ("Fep", "F_e^+", "level", "static beyond Coulomb friction, positive velocity", _ANY),
+    ("Fen", "F_e^-", "level", "static beyond Coulomb friction, negative velocity", _ANY),
     ("fLS", "f_{LS}", "number", "static friction per torque of the load"),
-    ("Fls", "F_{ls}", "number", "static beyond Coulomb friction per torque of the load", _ANY),
+    ("Fle", "F_{le}", "number", "static beyond Coulomb friction per torque of the load", _ANY),
     ("offset", r"\tau_0", "level", "constant torque: drive offset, asymmetry", _ANY),
     ("gamma", r"\gamma", "number", "Stribeck exponent", 0.5, 4.0, 2.0),
     ("dqs", r"\dot q_0", "speed", "velocity at which friction changes its sign", 0.0, math.inf, 0.0),
@@ -61,6 +71,7 @@ _POSITIVE: tuple[tuple[Any, ...], ...] = (
     ("g2", r"\gamma_2", "slope", "slope of the rise at standstill", 0.0, math.inf, 100.0),
     ("g3", r"\gamma_3", "slope", "slope of the fall after it", 0.0, math.inf, 10.0),
     ("g5", r"\gamma_5", "slope", "slope of Coulomb friction", 0.0, math.inf, 100.0),
+    ("TV", "T_V", "kelvin", "temperature over which cold friction falls to 1/e", 0.0, math.inf, 20.0),
 )
 
 _PARAMETERS: dict[str, LawParameter] = {
@@ -81,8 +92,11 @@ def _build_power_parameters(order: int) -> tuple[LawParameter, LawParameter]:
     """Return the coefficient of |v|^(order - 1) v, linear and as printed."""
     units = (f"N m s^{order}/rad^{order}", f"N s^{order}/m^{order}")
     meaning = f"friction that grows with the velocity to the power of {order}"
-    linear = LawParameter(f"Fv{order}", f"F_{{V{order}}}", *units, meaning)
+    linear = LawParameter(_POWERS.get(order, f"Fv{order}"), f"F_{{V{order}}}", *units, meaning)
     return linear, replace(linear, name=f"fV{order}", latex=f"f_{{V{order}}}")
+
+
+_POWERS = {2: "Fvq", 3: "Fvc"}
 
 
 _GAUSSIAN = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083-1138"
@@ -110,9 +124,14 @@ def _get_stribeck_source(exponent: float | None) -> str:
 
 
 DEFAULT_EXPONENT = 2.0
-_LINEAR = {f"f{end}": f"F{end.lower()}" for end, *_ in _TWINS} | {"fE": "Fs"}
+_WARM = f"{columns.REFERENCE_TEMPERATURE:g}"
+_LINEAR = {f"f{end}": f"F{end.lower()}" for end, *_ in _TWINS} | {"fE": "Fe"}
 # Static levels are printed whole; their linear parameters are what they have beyond Coulomb friction.
-_BEYOND = {"fS": ("Fc", "Fs"), "fSp": ("Fcp", "Fsp"), "fSn": ("Fcn", "Fsn"), "fLS": ("Fl", "Fls")}
+_BEYOND = {"fS": ("Fc", "Fe"), "fSp": ("Fcp", "Fep"), "fSn": ("Fcn", "Fen"), "fLS": ("Fl", "Fle")}
+
+
+_PLAIN = ("Fv", "Fc", "Fvp", "Fcp", "Fvn", "Fcn", "Fp", "offset")
+"""Parameters whose columns most laws make of v, |v|, sign(v) and one."""
 
 
 def build_law(
@@ -126,6 +145,7 @@ def build_law(
     linear, shape, physical = (part.split() for part in parameters.split("|"))
     names = [*linear, *(own.name for own, _ in further), *shape]
     of_further = {printed.name: own.name for own, printed in further}
+    fields = {"own": tuple(name for name in names[: len(names) - len(shape)] if name not in _PLAIN), **fields}
     mixing = []
     for printed in (*physical, *of_further):
         parts = _BEYOND.get(printed) or (of_further.get(printed) or _LINEAR.get(printed, printed),)
@@ -152,7 +172,7 @@ def build_stribeck(*, exponent: float | None = DEFAULT_EXPONENT, orders: tuple[i
     name = _name_exponent("stribeck", exponent) + ("+cubic" if orders else "")
     return build_law(
         name,
-        f"Fv Fc Fs | vs{free} | fC fS vs{free} fV",
+        f"Fv Fc Fe | vs{free} | fC fS vs{free} fV",
         columns=partial(columns.compute_stribeck_columns, exponent=exponent, orders=orders),
         formula=f"[fC + (fS - fC) {_write_fall(exponent)}] sign(dq) + fV dq{_write_further(orders)}",
         source=_get_stribeck_source(exponent),
@@ -180,13 +200,13 @@ _READINGS: dict[str, tuple[str, str, str, dict[str, Any]]] = {
         "",
         " dq0",
         "fP + g(dq) sign(dq) for |dq| >= dq0, fP + g(dq0) dq / dq0 within",
-        {"smoothness": _ZONE, "passivity": _UNBIASED},
+        {"smoothness": _ZONE, "passivity": _UNBIASED, "own": ("Fc", "Fe")},
     ),
     "H2": (
         "-h2",
         " dq0",
         "g(dq) sign(dq) for |dq| >= dq0, straight lines from fP at rest to +-g(dq0) within",
-        {"smoothness": _ZONE, "passivity": _UNBIASED},
+        {"smoothness": _ZONE, "passivity": _UNBIASED, "own": ("Fc", "Fe", "Fp")},
     ),
     "H3": (
         "-h3",
@@ -201,6 +221,7 @@ _READINGS: dict[str, tuple[str, str, str, dict[str, Any]]] = {
         {
             "smoothness": "Jumps at dq0, in the velocity and in dq0; smooth elsewhere.",
             "passivity": "Not dissipative between standstill and dq0.",
+            "own": ("Fc", "Fe"),
         },
     ),
 }
@@ -221,7 +242,7 @@ def build_improved(*, reading: str = "H1", exponent: float | None = DEFAULT_EXPO
     curve = f"g(v) = fC + (fS - fC) exp(-{_write_power('(|v| / vs)', exponent)}) + fV |v|"
     return build_law(
         _name_exponent(f"improved-stribeck{ending}", exponent),
-        f"Fv Fc Fs Fp | vs{edge}{free} | fC fS vs{free} fV fP{edge}",
+        f"Fv Fc Fe Fp | vs{edge}{free} | fC fS vs{free} fV fP{edge}",
         columns=find,
         formula=f"{formula}; {curve}",
         source=f"reading {reading}, {_ZHANG}",
@@ -236,9 +257,9 @@ def build_asymmetric_stribeck(*, exponent: float | None = DEFAULT_EXPONENT, bump
     parts = ("fE", "fE") if one else ("(fSp - fCp)", "(fSn - fCn)")
     return build_law(
         _name_exponent("asymmetric-stribeck" if one else "asymmetric-stribeck-both", exponent),
-        f"Fvp Fcp Fvn Fcn Fs | vs{free} | fCp fVp fCn fVn fE vs{free}"
+        f"Fvp Fcp Fvn Fcn Fe | vs{free} | fCp fVp fCn fVn fE vs{free}"
         if one
-        else f"Fvp Fcp Fsp Fvn Fcn Fsn | vs{free} | fCp fSp fVp fCn fSn fVn vs{free}",
+        else f"Fvp Fcp Fep Fvn Fcn Fen | vs{free} | fCp fSp fVp fCn fSn fVn vs{free}",
         columns=partial(columns.compute_asymmetric_stribeck_columns, exponent=exponent, bumps=bumps),
         formula=f"fCp + {parts[0]} {fall} + fVp dq for dq > 0, -fCn - {parts[1]} {fall} + fVn dq for dq < 0",
         source=_get_stribeck_source(exponent) + "; by direction as EMPS",
@@ -256,7 +277,7 @@ def build_load_dependent(*, exponent: float | None = None, falls: bool = False) 
         source += ", without temperature"
     return build_law(
         _name_exponent("load-dependent-stribeck", exponent) if falls else "load-dependent",
-        f"Fv Fc Fl Fs Fls | vs{free} | fC fS vs{free} fV fL fLS" if falls else "Fv Fc Fl | | fC fV fL",
+        f"Fv Fc Fl Fe Fle | vs{free} | fC fS vs{free} fV fL fLS" if falls else "Fv Fc Fl | | fC fV fL",
         columns=partial(columns.compute_load_dependent_columns, exponent=exponent, falls=falls),
         formula=formula,
         source=source,
@@ -359,7 +380,7 @@ FRICTION_LAWS: dict[str, FrictionLaw] = {
         build_stribeck(exponent=None),
         build_law(
             "lorentzian",
-            "Fv Fc Fs | vs | fC fS vs fV",
+            "Fv Fc Fe | vs | fC fS vs fV",
             columns=columns.compute_lorentzian_columns,
             formula="[fC + (fS - fC) / (1 + (dq / vs)^2)] sign(dq) + fV dq",
             source="Hess, Soom, Journal of Tribology 112 (1990) 147-152",
@@ -386,12 +407,31 @@ FRICTION_LAWS: dict[str, FrictionLaw] = {
             source="Makkar, Dixon, Sawyer, Hu, AIM 2005, 600-605",
             smoothness="Smooth in the velocity and in all parameters.",
             passivity="Dissipative where no coefficient is negative and g2 >= g3.",
+            own=("Fm", "Fc"),
         ),
         build_load_dependent(),
         build_load_dependent(falls=True, exponent=DEFAULT_EXPONENT),
         build_position_dependent(),
         build_position_dependent(dry=False),
         build_stribeck(orders=(2, 3)),
+        build_law(
+            "temperature",
+            "Fv Fc Fvt Fct |  | fC fV fCT fVT",
+            columns=columns.compute_temperature_columns,
+            formula=f"[fC + fCT (T - {_WARM})] sign(dq) + [fV + fVT (T - {_WARM})] dq, T in degC",
+            source="lines of the temperature; coefficients that change with it as in Simoni, Beschi, "
+            "Visioli, Legnani, Robotica 35 (2017)",
+            passivity="Dissipative at temperatures where both brackets are positive.",
+            inputs=("velocity", "temperature"),
+        ),
+        build_law(
+            "temperature-viscous",
+            "Fv Fc Fvl | TV | fC fV fVL TV",
+            columns=columns.compute_thermal_viscous_columns,
+            formula="fC sign(dq) + [fV + fVL exp(-T / TV)] dq, T in degC",
+            source="viscous part of Bittencourt, Gunnarsson, J. Dyn. Sys. Meas. Control 134 (2012) 051013",
+            inputs=("velocity", "temperature"),
+        ),
     )
 }
 
@@ -439,8 +479,21 @@ _PATTERNS: tuple[tuple[str, Callable[[re.Match[str]], FrictionLaw]], ...] = (
 )
 
 
+_OTHER_NAMES = {
+    "viscous-coulomb": "coulomb-viscous",
+    "viscous-coulomb-offset": "coulomb-viscous-offset",
+    "coulomb-viscous+offset": "coulomb-viscous-offset",
+    "stribeck-offset": "stribeck+offset",
+    "stribeck-cubic": "stribeck+cubic",
+    "stribeck-1": "tustin",
+    "stribeck-1+offset": "tustin+offset",
+}
+"""Names of earlier robot files, with _ for -, and others that mean a law of the catalogue."""
+
+
 def _match_law(name: str) -> tuple[FrictionLaw | None, str]:
     """Return the law of a name; None and why where there is none."""
+    name = _OTHER_NAMES.get(name, name)
     if name in FRICTION_LAWS:
         return FRICTION_LAWS[name], ""
     if name in DYNAMIC_LAWS:
@@ -473,12 +526,13 @@ def _describe_mistake(match: re.Match[str]) -> str:
     return "" if len(set(listed)) == len(listed) else "its orders must differ from each other"
 
 
+@cache
 def get_law(name: str, *, smoothing: float = 0.0) -> FrictionLaw:
     """Return the law of a name; `smoothing` in rad/s or m/s replaces its sign by tanh(v / smoothing).
 
     A UsageError where there is no such law, or its exponent, gear or orders are out of range.
     """
-    law, reason = _match_law(name.lower())
+    law, reason = _match_law(name.lower().replace("_", "-"))
     if law is None:
         text = (
             f"unknown friction law {name!r}{reason}{'' if reason.endswith('?') else '.'} "
@@ -487,3 +541,73 @@ def get_law(name: str, *, smoothing: float = 0.0) -> FrictionLaw:
         )
         raise UsageError(Notice(code="usage.unknown-friction-law", text=text))
     return with_smoothing(law, smoothing)
+
+
+_PARTS = {entry.name: entry for law in FRICTION_LAWS.values() for entry in law.linear}
+
+
+def is_braking(name: str) -> bool:
+    """Return whether a friction parameter, as Fv or Fv2, drives its joint where it is negative."""
+    part = max((part for part in _PARTS if name.startswith(part)), key=len, default="")
+    return bool(part) and _PARTS[part].lower == 0.0
+
+
+def rename_law(name: str) -> str:
+    """Return the name of the catalogue for a law's name, those of earlier files included, or `NO_FRICTION`.
+
+    A UsageError where there is no such law.
+    """
+    return name if name == NO_FRICTION else get_law(name).name
+
+
+def free_exponent(law: FrictionLaw) -> FrictionLaw | None:
+    """Return the same law with a searched exponent gamma; None where its name has none, or states one."""
+    head, plus, tail = law.name.partition("+")
+    return _match_law(f"{head}-exponent{plus}{tail}")[0]
+
+
+def fix_exponent(law: FrictionLaw, gamma: float) -> str:
+    """Return the name of a law with a searched exponent, or that with gamma = 1 or 2 where it has this."""
+    if "-exponent" not in law.name or gamma not in {1.0, DEFAULT_EXPONENT}:
+        return law.name
+    return get_law(law.name.replace("-exponent", "" if gamma == DEFAULT_EXPONENT else "-1")).name
+
+
+def has_sign(law: FrictionLaw) -> bool:
+    """Return whether a law takes the sign of the velocity, which smoothing replaces."""
+    taken: list[float] = []
+
+    def take(value: float) -> float:
+        taken.append(value)
+        return 1.0
+
+    carrier = replace(build_float_carrier(), sign=take)
+    law.columns(carrier, dict.fromkeys(law.inputs, 1.0), [1.0] * len(law.shape))
+    return bool(taken)
+
+
+def get_friction_law(friction: FrictionValues) -> FrictionLaw | None:
+    """Return the law of a joint's friction with its smoothing; None for no friction."""
+    return None if friction.law == NO_FRICTION else get_law(friction.law, smoothing=friction.smoothing)
+
+
+def list_value_names(friction: FrictionValues) -> tuple[str, ...]:
+    """Return the names of the linear parameters of a joint's friction."""
+    law = get_friction_law(friction)
+    return () if law is None else tuple(entry.name for entry in law.linear)
+
+
+def list_shape_names(friction: FrictionValues) -> tuple[str, ...]:
+    """Return the names of the shape values of a joint's friction."""
+    law = get_friction_law(friction)
+    return () if law is None else tuple(entry.name for entry in law.shape)
+
+
+def name_values(friction: FrictionValues) -> dict[str, float]:
+    """Return the linear values of a joint's friction by name; none where they are unknown."""
+    return dict(zip(list_value_names(friction), friction.values, strict=True)) if friction.values else {}
+
+
+def name_shape(friction: FrictionValues) -> dict[str, float]:
+    """Return the shape values of a joint's friction by name; none where they are unknown."""
+    return dict(zip(list_shape_names(friction), friction.shape, strict=True)) if friction.shape else {}

@@ -221,3 +221,22 @@ def compute_position_dependent_columns(
         waves = (carrier.cos(angle), carrier.sin(angle))
         columns += [carrier.mul(wave, sign) if dry else wave for wave in waves]
     return tuple(columns)
+
+
+REFERENCE_TEMPERATURE = 40.0
+"""In degC: what friction at other temperatures is compared with."""
+
+
+def compute_temperature_columns(carrier: Carrier[V], inputs: Inputs[V], _shape: Values[V]) -> Columns[V]:
+    """Return v, sign(v), and both times T - T0."""
+    velocity = inputs["velocity"]
+    warmer = carrier.sub(inputs["temperature"], carrier.scale(REFERENCE_TEMPERATURE, carrier.one))
+    sign = carrier.sign(velocity)
+    return velocity, sign, carrier.mul(warmer, velocity), carrier.mul(warmer, sign)
+
+
+def compute_thermal_viscous_columns(carrier: Carrier[V], inputs: Inputs[V], shape: Values[V]) -> Columns[V]:
+    """Return v, sign(v), exp(-T / TV) v."""
+    velocity = inputs["velocity"]
+    cold = carrier.exp(carrier.scale(-1.0, carrier.div(inputs["temperature"], shape[0])))
+    return velocity, carrier.sign(velocity), carrier.mul(cold, velocity)

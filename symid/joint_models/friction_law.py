@@ -57,6 +57,9 @@ _UNITS = {
     "speed": ("rad/s", "m/s"),
     "slope": ("s/rad", "s/m"),
     "number": ("1", "1"),
+    "level per kelvin": ("N m/K", "N/K"),
+    "viscous per kelvin": ("N m s/(rad K)", "N s/(m K)"),
+    "kelvin": ("K", "K"),
 }
 
 
@@ -91,8 +94,9 @@ class FrictionLaw:
         name: under which `get_law` finds it.
         linear: parameters that the torque is linear in, in the order of the columns.
         shape: parameters inside the columns, at most three.
-        inputs: of the columns: "velocity", and "load" (N m, N) or "position" (rad, m).
+        inputs: of the columns: "velocity", and "load" (N m, N), "position" (rad, m) or "temperature" (degC).
         columns: (carrier, inputs, shape values) -> one column per linear parameter.
+        own: linear parameters whose column is no sum of v, |v|, sign(v) and one.
         physical: the same number of parameters in all, under the names that papers print.
         mixing: physical = mixing [linear, shape], an integer matrix whose inverse has integers too.
         formula: in words and letters, in the physical parameters.
@@ -111,6 +115,7 @@ class FrictionLaw:
     formula: str
     source: str
     inputs: tuple[str, ...] = ("velocity",)
+    own: tuple[str, ...] = ()
     smoothness: str = "Jumps at zero velocity (sign), smooth elsewhere and in all parameters."
     passivity: str = "Dissipative where no coefficient is negative."
     smoothing: float = 0.0
@@ -148,6 +153,28 @@ class FrictionLaw:
         return rf"\tau_f = {total.text if total else '0'}"
 
 
+NO_FRICTION = "none"
+"""In place of the name of a law."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrictionValues:
+    """The friction law of a joint or drive and, where they are known, its numbers.
+
+    Args:
+        law: its name in the catalogue, or `NO_FRICTION`.
+        values: of the linear parameters, in the law's order; None where they are unknown.
+        shape: shape values in the law's order; empty where the law has none, or they are unknown.
+        smoothing: the speed v0 (rad/s or m/s) over which dry friction changes its sign, tanh(v / v0) in
+            place of sign(v); 0 is the step itself.
+    """
+
+    law: str = NO_FRICTION
+    values: tuple[float, ...] | None = None
+    shape: tuple[float, ...] = ()
+    smoothing: float = 0.0
+
+
 def compute_columns(law: FrictionLaw, inputs: Mapping[str, FloatArray], shape: Sequence[float]) -> FloatArray:
     """Return the columns (N, p) at inputs (N,) each, for shape values (s,)."""
     lifted = [np.float64(value) for value in shape]
@@ -182,7 +209,7 @@ def compute_column_derivatives(
 
 _SUM, _PRODUCT, _ATOM = range(3)
 
-_INPUTS = {"velocity": r"\dot q", "load": r"\tau_l", "position": "q"}
+_INPUTS = {"velocity": r"\dot q", "load": r"\tau_l", "position": "q", "temperature": "T"}
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ from typing import Generic, TypeVar
 
 from symid.errors import Notice, RobotError
 from symid.joint_models.carriers import Carrier
-from symid.robot import Elasticity, Stop
+from symid.joint_models.elasticity import Elasticity, Stop
 
 V = TypeVar("V")
 Terms = tuple[tuple[V, V], ...]

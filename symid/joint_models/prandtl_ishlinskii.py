@@ -25,6 +25,7 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.errors import Notice, RobotError
 from symid.joint_models.carriers import OperatorCarrier, build_float_carrier, build_numpy_carrier
+from symid.joint_models.elasticity import Elasticity, Stop
 from symid.joint_models.hysteresis import (
     Plays,
     SpringTerms,
@@ -33,7 +34,6 @@ from symid.joint_models.hysteresis import (
     invert_plays,
     invert_plays_memory,
 )
-from symid.robot import Elasticity, Stop
 
 _FLOATS = build_float_carrier()
 _ARRAYS: OperatorCarrier[Any] = build_numpy_carrier()

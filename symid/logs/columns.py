@@ -45,7 +45,7 @@ class Findings:
         self.remarks.append(Notice(code=code, text=text, file=self.file))
 
 
-_TORQUES = ("torque", "feedforward")
+_TORQUES = ("torque", "feedforward", "load")
 # A factor may have any of these on the raw side: encoder counts, sensor and command voltages.
 _CONVERTIBLE = ("number", "voltage", "current")
 
@@ -192,6 +192,8 @@ DEFAULT_NAMES = {
     "torque": ("tau", "torque"),
     "motor_position": ("theta", "motor_position"),
     "link_position": ("link_position",),
+    "load": ("tau_load",),
+    "temperature": ("temperature",),
     "reference": ("q_ref", "reference"),
     "reference_velocity": ("dq_ref", "reference_velocity"),
     "feedforward": ("tau_ff", "feedforward"),
@@ -254,6 +256,7 @@ def extract_quantity(
             return None, names
         findings.remark("log.transposed", f"{name}: {join_names(names)} has a row a joint and was transposed")
         array = array.T
+    array = _spread_temperature(name, array, robot.freedom)
     if array.shape[1] != robot.freedom:
         text = f"{name} has {array.shape[1]} columns ({join_names(names)}), the robot {robot.freedom} joints"
         findings.refuse("log.joint-count", text)
@@ -275,6 +278,11 @@ def extract_quantity(
         turned = values @ rows if name in _TORQUES else np.linalg.solve(rows, values.T).T
         values = np.ascontiguousarray(turned)
     return (values + offset if offset.any() else values), names
+
+
+def _spread_temperature(name: str, values: FloatArray, joints: int) -> FloatArray:
+    """Return the values (N, n) of a quantity; one temperature is that of all joints."""
+    return np.tile(values, (1, joints)) if name == "temperature" and values.shape[1] == 1 else values
 
 
 def _choose_default_names(raw: RawLog, name: str) -> tuple[str, ...]:

@@ -17,6 +17,7 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
 from symid.errors import LogError, Notice, RobotError, UsageError
+from symid.joint_models import NO_FRICTION
 from symid.logs.checks import check_recording
 from symid.logs.columns import Findings, join_names
 from symid.logs.files import RawLog
@@ -34,7 +35,6 @@ from symid.notation import UNITS, get_unit_factor
 from symid.robot import (
     DEFAULT_GRAVITY,
     Completion,
-    FrictionKind,
     LogMap,
     LogQuantity,
     Robot,
@@ -252,11 +252,11 @@ def _split_names(option: str, given: NamesByQuantity) -> dict[str, tuple[str, ..
 def _note_missing_friction(robot: Robot) -> tuple[Notice, ...]:
     """Return notices on joints without friction or rotors, with which no log fits."""
     texts = {}
-    plain = [joint.name for joint in robot.axes if joint.friction.kind is FrictionKind.NONE]
+    plain = [joint.name for joint in robot.axes if joint.friction.law == NO_FRICTION]
     if plain:
         texts["new.no-friction"] = (
             f"no friction is stated for {', '.join(plain)}, but real joints have some: give --friction "
-            "viscous_coulomb_offset, or write it into the file"
+            "coulomb-viscous-offset, or write it into the file"
         )
     still = [joint.name for joint in robot.axes if joint.drive.gear != 1 and not joint.drive.has_rotor]
     if still:

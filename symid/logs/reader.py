@@ -20,7 +20,7 @@ from symid.arrays import FloatArray
 from symid.errors import LogError
 from symid.logs.columns import Findings, extract_quantity, extract_time, get_torque_transmission
 from symid.logs.files import RawLog, build_file_error, read_csv, read_hdf5, read_mat, read_npz
-from symid.logs.recording import CONTROL_CHANNELS, OPTIONAL_CHANNELS, Recording
+from symid.logs.recording import OPTIONAL_CHANNELS, Recording
 from symid.logs.signals import choose_processing, compute_least_samples, describe_too_short, describe_uneven
 from symid.robot import Joint, LogQuantity, Processing, Robot, compute_current_factor
 
@@ -115,6 +115,7 @@ READERS: dict[str, Callable[[Path], RawLog]] = {
 """Readers by suffix."""
 
 _ENCODERS = ("motor_position", "link_position")
+_GAPLESS = ("position", "torque", *_ENCODERS, "load", "temperature")
 
 _LARGEST = 1e100
 """Largest value of a sensor; squares of larger ones overflow."""
@@ -133,11 +134,11 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
     samples = None if time is None else len(time)
     values: dict[str, FloatArray | None] = {}
     columns: dict[str, tuple[str, ...]] = {}
-    for name in ("position", "velocity", "acceleration", "torque", *_ENCODERS, *CONTROL_CHANNELS):
+    for name in ("position", "torque", *OPTIONAL_CHANNELS):
         values[name], columns[name] = extract_quantity(raw, robot, name, samples, findings)
     # Holes in a velocity or an acceleration are accepted, states then come from the position; so are those
     # of a controller's channels.
-    needed = (column for name in ("position", "torque", *_ENCODERS) for column in columns[name])
+    needed = (column for name in _GAPLESS for column in columns[name])
     _check_numbers(raw, (*used, *needed), findings)
     _check_encoders(columns, findings, no_position=values["position"] is None)
     if time is not None and not uneven:

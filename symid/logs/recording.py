@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays, freeze, freeze_fields
 from symid.errors import LogError, Notice
@@ -19,7 +20,10 @@ from symid.serialization import compute_signature
 
 CONTROL_CHANNELS = ("reference", "reference_velocity", "feedforward")
 """Channels of the controller, which are optional even where the robot file names their columns."""
-OPTIONAL_CHANNELS = ("velocity", "acceleration", "motor_position", "link_position", *CONTROL_CHANNELS)
+OPTIONAL_CHANNELS = (
+    *("velocity", "acceleration", "motor_position", "link_position", "load", "temperature"),
+    *CONTROL_CHANNELS,
+)
 """Channels that are None where the log does not have them, unless the robot file names their columns."""
 
 
@@ -73,6 +77,8 @@ class Recording:
             the links.
         link_position: (N, n) q, rad or m, of a second encoder; `position` is then that of the motors. At most
             one of the two is there.
+        load: (N, n) N m or N that the gears carry, of joint torque sensors where `torque` is that of the
+            motors; temperature: (N, n) degC.
         reference: (N, n) rad or m, of the controller; reference_velocity: (N, n); feedforward: (N, n) N m or
             N.
         stamps: (N,) s, where it was resampled: when the samples were taken that would stand at `time` if all
@@ -93,6 +99,8 @@ class Recording:
     acceleration: FloatArray | None = None
     motor_position: FloatArray | None = None
     link_position: FloatArray | None = None
+    load: FloatArray | None = None
+    temperature: FloatArray | None = None
     reference: FloatArray | None = None
     reference_velocity: FloatArray | None = None
     feedforward: FloatArray | None = None
@@ -127,6 +135,7 @@ class Signals(FrozenArrays):
 
     Args:
         time: (N,) s; q, dq, ddq, tau: (N, n) in SI units; period: s.
+        load: (N, n) N m or N that the gears carry; temperature: (N, n) degC; None where they are not known.
     """
 
     time: FloatArray
@@ -135,6 +144,15 @@ class Signals(FrozenArrays):
     ddq: FloatArray
     tau: FloatArray
     period: float
+    load: FloatArray | None = None
+    temperature: FloatArray | None = None
+
+    def pick_states(
+        self, places: slice | NDArray[np.intp]
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None, FloatArray | None]:
+        """Return q, dq, ddq, load and temperature at some samples, None for those that are not known."""
+        load, warmth = (None if part is None else part[places] for part in (self.load, self.temperature))
+        return self.q[places], self.dq[places], self.ddq[places], load, warmth
 
 
 STATES = ("position", "velocity", "acceleration")

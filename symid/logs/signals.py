@@ -151,8 +151,16 @@ def prepare_signals(recording: Recording, processing: Processing) -> Signals:
     if processing.states == "acceleration" and recording.acceleration is not None:
         ddq = _smooth(recording, "acceleration", processing)
     kept = slice(processing.drop_first, len(recording.time) - processing.drop_last)
+    load, temperature = recording.load, recording.temperature
     return Signals(
-        time=recording.time[kept], q=q[kept], dq=dq[kept], ddq=ddq[kept], tau=tau[kept], period=period
+        time=recording.time[kept],
+        q=q[kept],
+        dq=dq[kept],
+        ddq=ddq[kept],
+        tau=tau[kept],
+        period=period,
+        load=None if load is None else _smooth(recording, "load", processing)[kept],
+        temperature=None if temperature is None else temperature[kept],
     )
 
 

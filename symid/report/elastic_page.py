@@ -23,7 +23,7 @@ from symid.identification.elastic import (
     JointTrial,
     SpringEstimate,
 )
-from symid.joint_models import compute_first_curve, compute_hysteresis_torque, compute_spring_work
+from symid.joint_models import Elasticity, compute_first_curve, compute_hysteresis_torque, compute_spring_work
 from symid.report.blocks import Block, Drawing, Table
 from symid.report.figures import (
     STYLES,
@@ -38,7 +38,6 @@ from symid.report.fit_text import show_residual
 from symid.report.identification_page import UNTESTED
 from symid.report.pages import Page, build_fit_page, format_error, show_refused, tabulate_parameters
 from symid.report.verdict import judge_elastic
-from symid.robot import Elasticity
 
 if TYPE_CHECKING:
     from symid.identification.elastic import TrackingRun

@@ -11,12 +11,24 @@ from symid.serialization import write_plain
 if TYPE_CHECKING:
     from symid.identification.diagnostics import BandResidual
     from symid.identification.elastic import ElasticEstimate, StiffnessEstimate
-    from symid.identification.estimators import Estimate, ParameterEstimate, Residual, Validation
-    from symid.identification.friction import FrictionIdentification, JointFriction, LawSelection, PoseTest
+    from symid.identification.estimators import (
+        Estimate,
+        FittedLaw,
+        LawSelection,
+        LawTrial,
+        ParameterEstimate,
+        Residual,
+        Validation,
+    )
+    from symid.identification.friction import FrictionIdentification, JointFriction, PoseTest
     from symid.logs import Alignment
 
 
 _PARAMETER = "name value std relative_std_percent unit"
+_TRIAL = (
+    "law unknowns fitted_percent held_percent held_rms squared_error_ratio=ratio "
+    "standard_errors_behind=behind aicc reason"
+)
 
 
 def describe_estimate(estimate: "Estimate") -> dict[str, object]:
@@ -31,9 +43,55 @@ def describe_estimate(estimate: "Estimate") -> dict[str, object]:
         "outcome": describe_outcome(estimate.outcome),
         "refused": _describe_refused(estimate.refused),
         **select_fields(estimate, "samples sources settings signature"),
+        "laws": [_describe_law(entry) for entry in estimate.laws],
         "choice": write_plain(estimate.choice),
         "evidence": write_plain(estimate.evidence),
     }
+
+
+def _describe_law(entry: "FittedLaw") -> dict[str, object]:
+    shape = dict(zip(entry.names, entry.shape, strict=True))
+    selection = entry.selection
+    return {
+        **select_fields(entry, "joint law smoothing"),
+        "shape": shape,
+        "selection": None
+        if selection is None
+        else {
+            **select_fields(selection, "chosen verdict blocks"),
+            "trials": [select_fields(trial, _TRIAL) for trial in selection.trials],
+        },
+    }
+
+
+def tabulate_laws(laws: "Sequence[FittedLaw]") -> tuple[Block, ...]:
+    """Return what was found of the friction laws of all joints; nothing where none were searched."""
+    if not laws:
+        return ()
+
+    def get_trial(entry: "FittedLaw", law: str) -> "LawTrial | None":
+        trials = entry.selection.trials if entry.selection is not None else ()
+        return next((trial for trial in trials if trial.law == law), None)
+
+    def write_percent(trial: "LawTrial | None") -> str:
+        return "" if trial is None or trial.held_percent is None else f"{trial.held_percent:.3g}"
+
+    def write_next(entry: "FittedLaw") -> str:
+        trials = entry.selection.trials if entry.selection is not None else ()
+        other = next((one for one in trials if one.law != entry.law and not one.reason), None)
+        return "" if other is None else f"{other.law} {write_percent(other)}"
+
+    table = tabulate(
+        laws,
+        "joint; friction law=law; held out/%=own; plain/%=plain; best other law, %=other",
+        (0, 1, 4),
+        "Friction laws: what each leaves of the torque of held-out windows in motion; plain is "
+        "coulomb-viscous-offset.",
+        own=lambda entry: write_percent(get_trial(entry, entry.law)),
+        plain=lambda entry: write_percent(get_trial(entry, "coulomb-viscous-offset")),
+        other=write_next,
+    )
+    return (table,)
 
 
 def _describe_refused(refused: "Sequence[tuple[str, str]]", key: str = "name") -> list[dict[str, str]]:
@@ -93,7 +151,7 @@ def show_estimate(estimate: "Estimate") -> tuple[Block, ...]:
             lines.append(fit["wls"]["verdict"])
     refused = "\n".join(f"refused: {name}: {reason}" for name, reason in estimate.refused)
     texts = filter(None, ("\n".join(lines), refused))
-    return (headline, table, show_residual(estimate.residual), *texts)
+    return (headline, table, *tabulate_laws(estimate.laws), show_residual(estimate.residual), *texts)
 
 
 def _tabulate_parameters(parameters: "Sequence[ParameterEstimate]", columns: str, true: str) -> Table:
@@ -296,10 +354,6 @@ def describe_friction(found: "FrictionIdentification") -> dict[str, object]:
 def _describe_joint_friction(entry: "JointFriction") -> dict[str, object]:
     estimate, selection, poses = entry.estimate, entry.selection, entry.poses
     parameter = f"{_PARAMETER} meaning=expression remark=reason"
-    trial_fields = (
-        "law unknowns fitted_percent held_percent held_rms squared_error_ratio=ratio "
-        "standard_errors_behind=behind aicc reason"
-    )
     pose_fields = "name unit values std=stds interval_95=intervals chance degrees_of_freedom=freedom"
     figures = "objective sigma aicc bic condition evaluations solves iterations ended"
     return {
@@ -316,7 +370,7 @@ def _describe_joint_friction(entry: "JointFriction") -> dict[str, object]:
         "selection": selection
         and {
             **select_fields(selection, "chosen verdict blocks"),
-            "trials": [select_fields(trial, trial_fields) for trial in selection.trials],
+            "trials": [select_fields(trial, _TRIAL) for trial in selection.trials],
         },
         "poses": poses
         and {

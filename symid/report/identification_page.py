@@ -16,7 +16,7 @@ from symid.identification.estimators import Estimate, Series, Validation
 from symid.identification.rigid import Diagnosis
 from symid.report.blocks import Block, Drawing, Table, tabulate
 from symid.report.figures import Line, build_curve_figure, build_histogram, build_line_figure
-from symid.report.fit_text import show_all_rows, show_residual
+from symid.report.fit_text import show_all_rows, show_law_trials, show_residual, tabulate_laws
 from symid.report.pages import Page, build_fit_page, format_digits, show_refused, tabulate_parameters
 from symid.report.verdict import QUANTITIES, judge_identification
 
@@ -54,6 +54,7 @@ def build_identification_page(
         "== Parameters ==",
         tabulate_parameters(estimate.parameters),
         *show_refused(estimate.refused),
+        *_show_laws(estimate),
         "== Residual of the fit ==",
         show_residual(estimate.residual, "What the model leaves unexplained of the logs of the fit."),
         *_show_choice(estimate),
@@ -70,6 +71,19 @@ def build_identification_page(
         notices=notices,
         origin=origin,
     )
+
+
+def _show_laws(estimate: Estimate) -> Iterator[Block]:
+    """Yield the friction laws found, and how that of each joint was chosen."""
+    if not estimate.laws:
+        return
+    yield "== Friction laws =="
+    yield from tabulate_laws(estimate.laws)
+    for entry in estimate.laws:
+        if entry.selection is not None and len(entry.selection.trials) > 1:
+            yield f"=== {entry.joint}: {entry.law} ==="
+            yield entry.selection.verdict
+            yield show_law_trials(entry.selection)
 
 
 def _show_choice(estimate: Estimate) -> Iterator[Block]:

@@ -65,7 +65,7 @@ def describe_robot_check(robot: "Robot", checked: "LogsCheck") -> dict[str, obje
     found: dict[str, object] = {
         **select_fields(robot, "robot=name file=path convention"),
         "joints": [
-            {"name": joint.name, "kind": joint.kind.value, "friction": joint.friction.kind.value}
+            {"name": joint.name, "kind": joint.kind.value, "friction": joint.friction.law}
             for joint in robot.joints
         ],
         "logs": [describe_log(log.recording, log.timing, log.joints) for log in checked.logs],

@@ -7,8 +7,8 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from symid.environment import show_path
+from symid.joint_models import name_shape, name_values
 from symid.report.blocks import Block, Table, select_fields, write_html
-from symid.robot import FRICTION_PARAMETERS, FRICTION_SHAPES
 
 if TYPE_CHECKING:
     from symid.codegen import GeneratedFolder, RouteCount
@@ -276,9 +276,7 @@ def show_export(found: "FileExport") -> tuple[Block, ...]:
         lines.append(found.standard.outcome.value)
     if found.friction is not None:
         laws = found.friction.laws
-        lines += [
-            f"{joint}: {laws[joint]} as {entry.kind.value}" for joint, entry in found.friction.values.items()
-        ]
+        lines += [f"{joint}: {laws[joint]} as {entry.law}" for joint, entry in found.friction.values.items()]
     return ("\n".join(lines),)
 
 
@@ -291,12 +289,9 @@ def describe_export(found: "FileExport") -> dict[str, object]:
             "written": {
                 joint: {
                     "law": found.friction.laws[joint],
-                    "model": values.kind.value,
-                    "values": dict(zip(FRICTION_PARAMETERS[values.kind], values.values or (), strict=True)),
-                    "shape": {
-                        key.name: value
-                        for key, value in zip(FRICTION_SHAPES.get(values.kind, ()), values.shape, strict=True)
-                    },
+                    "model": values.law,
+                    "values": name_values(values),
+                    "shape": name_shape(values),
                     "smoothing": values.smoothing,
                 }
                 for joint, values in found.friction.values.items()

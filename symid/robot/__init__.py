@@ -6,10 +6,7 @@ if TYPE_CHECKING:
     from symid.robot.description import (
         Controller as Controller,
         Coupling as Coupling,
-        CurvedFriction as CurvedFriction,
         Decimation as Decimation,
-        FrictionKind as FrictionKind,
-        FrictionValues as FrictionValues,
         Joint as Joint,
         JointKind as JointKind,
         Limits as Limits,
@@ -21,7 +18,6 @@ if TYPE_CHECKING:
         SymbolicInertia as SymbolicInertia,
     )
     from symid.robot.dh_table import read_dh_table as read_dh_table
-    from symid.robot.elasticity import Elasticity as Elasticity, Knee as Knee, Stop as Stop
     from symid.robot.geometry import (
         ONE as ONE,
         ZERO as ZERO,
@@ -55,11 +51,6 @@ if TYPE_CHECKING:
     from symid.robot.published_values import (
         TableColumns as TableColumns,
         read_value_table as read_value_table,
-    )
-    from symid.robot.toml_drives import (
-        FRICTION_PARAMETERS as FRICTION_PARAMETERS,
-        FRICTION_SHAPES as FRICTION_SHAPES,
-        ShapeKey as ShapeKey,
     )
     from symid.robot.toml_reader import (
         parse_robot as parse_robot,

@@ -25,7 +25,7 @@ from enum import Enum
 from fractions import Fraction
 
 from symid.errors import Notice, RobotError
-from symid.robot.elasticity import Elasticity
+from symid.joint_models import Elasticity, FrictionValues
 from symid.robot.geometry import IDENTITY, ZERO, Exact, Placement
 
 
@@ -54,8 +54,9 @@ class LogMap:
     `transmission` is the matrix T (n, n) of motors that move more than one joint: angles of the motors =
     T (angles of the joints), torques of the joints = T' (torques of the motors). None: gear ratios.
     `preset` names the program that wrote the log, whose columns stand in for quantities that are None.
-    `reference`, `reference_velocity` are the controller's setpoints, `feedforward` the torque added to
-    its own.
+    `load` is the torque of sensors behind the gears where `torque` is that of the motors, `temperature` that
+    of the joints. `reference`, `reference_velocity` are the controller's setpoints, `feedforward` the torque
+    added to its own.
     """
 
     time: LogQuantity | None = None
@@ -65,6 +66,8 @@ class LogMap:
     torque: LogQuantity | None = None
     motor_position: LogQuantity | None = None
     link_position: LogQuantity | None = None
+    load: LogQuantity | None = None
+    temperature: LogQuantity | None = None
     reference: LogQuantity | None = None
     reference_velocity: LogQuantity | None = None
     feedforward: LogQuantity | None = None
@@ -167,45 +170,6 @@ class JointKind(Enum):
 
     REVOLUTE = "revolute"
     PRISMATIC = "prismatic"
-
-
-class FrictionKind(Enum):
-    """Joint friction that is linear in its parameters; the value names it in robot files."""
-
-    NONE = "none"
-    VISCOUS_COULOMB = "viscous_coulomb"
-    VISCOUS_COULOMB_OFFSET = "viscous_coulomb_offset"
-    ASYMMETRIC = "asymmetric"
-
-
-class CurvedFriction(Enum):
-    """Joint friction that is linear in its parameters only; the value names it in robot files.
-
-    Its shape values (as the Stribeck velocity) are constants of the robot, as its lengths are.
-    """
-
-    STRIBECK = "stribeck"
-    STRIBECK_OFFSET = "stribeck_offset"
-    IMPROVED_STRIBECK = "improved_stribeck"
-    ASYMMETRIC_STRIBECK = "asymmetric_stribeck"
-    CUBIC = "cubic"
-    STRIBECK_CUBIC = "stribeck_cubic"
-    POWER_LAW = "power_law"
-    MAKKAR = "makkar"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrictionValues:
-    """The friction model of a joint and, where known, its values and shape values in the model's own order.
-
-    `smoothing` is the speed v0 (rad/s or m/s) over which dry friction changes its sign: tanh(v / v0) in place
-    of sign(v). 0 is the step itself.
-    """
-
-    kind: FrictionKind | CurvedFriction = FrictionKind.NONE
-    values: tuple[float, ...] | None = None
-    smoothing: float = 0.0
-    shape: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -22,9 +22,12 @@ from typing import Any
 
 from symid.environment import locate_resource_folder
 from symid.errors import Notice, RobotError, UsageError
+from symid.joint_models import NO_FRICTION, FrictionValues, get_law
 from symid.notation import get_unit_factor
-from symid.robot.description import Drive, FrictionValues, Robot
-from symid.robot.toml_drives import FRICTION_PARAMETERS, FRICTION_SHAPES
+from symid.robot.description import (
+    Drive,
+    Robot,
+)
 from symid.robot.toml_settings import (
     SETTING_TABLES,
     describe_settings,
@@ -191,22 +194,23 @@ def _drop_stale_factor(values: dict[str, Any], path: tuple[str, ...], value: str
 
 
 def _replace_friction(robot: Robot, name: str) -> Robot:
-    kinds = {kind.value: kind for kind in FRICTION_PARAMETERS}
-    if name not in kinds:
-        hint = suggest_names(name, kinds, otherwise="allowed are")
-        text = f"there is no friction model '{name}'; {hint}"
-        raise UsageError(Notice(code="usage.unknown-friction", text=text))
-    kind = kinds[name]
-    changed = [joint.name for joint in robot.axes if joint.friction.kind is not kind]
-    if kind in FRICTION_SHAPES and changed:
-        shape = ", ".join(key.name for key in FRICTION_SHAPES[kind])
+    if name == "auto":
+        text = (
+            "laws are chosen from logs: 'auto' is a friction of `symid identify` and `robot.identify` alone"
+        )
+        raise UsageError(Notice(code="usage.friction-auto", text=text))
+    law = None if name == NO_FRICTION else get_law(name)
+    wanted = NO_FRICTION if law is None else law.name
+    changed = [joint.name for joint in robot.axes if joint.friction.law != wanted]
+    if law is not None and law.shape and changed:
+        shape = ", ".join(entry.name for entry in law.shape)
         text = (
             f"the friction model '{name}' needs {shape} of joint {changed[0]!r}, which no option gives; "
             "write it into the robot file"
         )
         raise UsageError(Notice(code="usage.friction-shape", text=text))
     joints = tuple(
-        replace(joint, friction=FrictionValues(kind=kind)) if joint.name in changed else joint
+        replace(joint, friction=FrictionValues(law=wanted)) if joint.name in changed else joint
         for joint in robot.joints
     )
     return replace(robot, joints=joints)

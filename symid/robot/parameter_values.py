@@ -16,10 +16,10 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 
+from symid.joint_models import list_value_names, name_shape, name_values
 from symid.notation import INERTIAL
 from symid.robot.description import Coupling, Joint, Robot
 from symid.robot.inertia import split_body
-from symid.robot.toml_drives import FRICTION_PARAMETERS, name_shape, name_values
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,8 +105,8 @@ def _describe_drive(owner: Joint | Coupling, moves: dict[str, object]) -> dict[s
         **moves,
         "rotor_inertia": (owner.drive if isinstance(owner, Joint) else owner).rotor_inertia,
         "friction": {
-            "model": friction.kind.value,
-            "values": dict.fromkeys(FRICTION_PARAMETERS[friction.kind]) | name_values(friction),
+            "model": friction.law,
+            "values": dict.fromkeys(list_value_names(friction)) | name_values(friction),
             "shape": name_shape(friction),
             "smoothing": friction.smoothing,
         },

@@ -1,6 +1,6 @@
 """The tables of a joint that moves: `drive`, `friction`, `limits`, `spring`, `elasticity`; `[[coupling]]`.
 
-Supported: rotor inertias on either side of the gear; the models of `FrictionKind` and `CurvedFriction`, with
+Supported: rotor inertias on either side of the gear; every static friction law of the catalogue, with
 all values or none where they are unknown, and a speed over which dry friction changes its sign; elastic
 joints with stiffness, damping, a cubic part, stops, knees on both sides or written for one and mirrored,
 catalogue values of harmonic drives; stiffnesses and rotor inertias that are "unknown", to be identified.
@@ -10,201 +10,200 @@ part together with knees.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 
-from symid.arrays import FloatArray
-from symid.errors import RobotError
-from symid.notation import adapt_unit, get_unit
+from symid.errors import RobotError, UsageError
+from symid.joint_models import (
+    FRICTION_LAWS,
+    NO_FRICTION,
+    REFERENCE_TEMPERATURE,
+    Elasticity,
+    FrictionLaw,
+    FrictionValues,
+    Knee,
+    LawParameter,
+    Stop,
+    compute_catalogue_knees,
+    compute_friction_torque,
+    fix_exponent,
+    free_exponent,
+    get_friction_law,
+    get_law,
+    has_sign,
+    name_shape,
+    name_values,
+)
+from symid.notation import adapt_unit
 from symid.robot.description import (
     Coupling,
-    CurvedFriction,
     Drive,
-    FrictionKind,
-    FrictionValues,
     Joint,
     JointKind,
     Limits,
     Spring,
 )
-from symid.robot.elasticity import Elasticity, Knee, Stop, compute_catalogue_knees
 from symid.robot.exact_values import read_fraction
-from symid.robot.toml_values import NOT_NEGATIVE, POSITIVE, Range, Section, explain_wide_limits, suggest_names
-
-Kind = FrictionKind | CurvedFriction
-
-FRICTION_PARAMETERS: dict[Kind, tuple[str, ...]] = {
-    FrictionKind.NONE: (),
-    FrictionKind.VISCOUS_COULOMB: ("Fv", "Fc"),
-    FrictionKind.VISCOUS_COULOMB_OFFSET: ("Fv", "Fc", "offset"),
-    FrictionKind.ASYMMETRIC: ("Fvp", "Fcp", "Fvn", "Fcn"),
-    CurvedFriction.STRIBECK: ("Fv", "Fc", "Fe"),
-    CurvedFriction.STRIBECK_OFFSET: ("Fv", "Fc", "Fe", "offset"),
-    CurvedFriction.IMPROVED_STRIBECK: ("Fv", "Fc", "Fe", "Fp"),
-    CurvedFriction.ASYMMETRIC_STRIBECK: ("Fvp", "Fcp", "Fvn", "Fcn", "Fe"),
-    CurvedFriction.CUBIC: ("Fv", "Fc", "Fvq", "Fvc"),
-    CurvedFriction.STRIBECK_CUBIC: ("Fv", "Fc", "Fe", "Fvq", "Fvc"),
-    CurvedFriction.POWER_LAW: ("Fc", "Fd"),
-    CurvedFriction.MAKKAR: ("Fm", "Fc", "Fv"),
-}
-"""The parameters of each friction model, in the order of its values."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ShapeKey:
-    """A shape value: its key, its unit at a joint that turns, its range, its default where it has one."""
-
-    name: str
-    unit: str
-    allowed: Range = POSITIVE
-    default: float | None = None
-
+from symid.robot.toml_values import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    Range,
+    Section,
+    explain_wide_limits,
+    suggest_names,
+)
 
 _EXPONENT = Range(low=0, high=10, open_low=True)
-_VS, _EDGE = ShapeKey(name="vs", unit="rad/s"), ShapeKey(name="dq0", unit="rad/s")
-_GAMMA = ShapeKey(name="gamma", unit="", allowed=_EXPONENT, default=2.0)
-
-FRICTION_SHAPES: dict[Kind, tuple[ShapeKey, ...]] = {
-    CurvedFriction.STRIBECK: (_VS, _GAMMA),
-    CurvedFriction.STRIBECK_OFFSET: (_VS, _GAMMA),
-    CurvedFriction.IMPROVED_STRIBECK: (_VS, _EDGE, _GAMMA),
-    CurvedFriction.ASYMMETRIC_STRIBECK: (_VS, _GAMMA),
-    CurvedFriction.STRIBECK_CUBIC: (_VS, _GAMMA),
-    CurvedFriction.POWER_LAW: (ShapeKey(name="delta", unit="", allowed=_EXPONENT),),
-    CurvedFriction.MAKKAR: tuple(ShapeKey(name=name, unit="s/rad") for name in ("g2", "g3", "g5")),
-}
-"""The shape values of each curved model that has any, in their order."""
-
-
-def name_values(friction: FrictionValues) -> dict[str, float]:
-    """Return the values of a friction model by name; none where they are unknown."""
-    if not friction.values:
-        return {}
-    return dict(zip(FRICTION_PARAMETERS[friction.kind], friction.values, strict=True))
-
-
-def name_shape(friction: FrictionValues) -> dict[str, float]:
-    """Return the shape values of a friction model by name; none where they are unknown."""
-    keys = FRICTION_SHAPES.get(friction.kind, ())
-    return {key.name: value for key, value in zip(keys, friction.shape, strict=False)}
-
-
-_WITHOUT_STEP: dict[Kind, str] = {
-    FrictionKind.NONE: "dry friction",
-    CurvedFriction.IMPROVED_STRIBECK: "step at standstill",
-    CurvedFriction.MAKKAR: "step at standstill",
-}
-# Of either sign; what is negative here need not push.
-_SIGNED = ("offset", "Fp", "Fe", "Fvq", "Fvc")
+FRICTION_PARTS = tuple(dict.fromkeys(entry.name for law in FRICTION_LAWS.values() for entry in law.linear))
+"""Names of the linear values of all laws."""
+_SHAPES = tuple(dict.fromkeys(entry.name for law in FRICTION_LAWS.values() for entry in law.shape))
+_CONSTANT = ("offset", "Fp")
+_DEFAULT_GAMMA = 2.0
 # The speeds at which curves are evaluated: a hundred a decade.
 _SLOWEST, _FASTEST, _SPEED_COUNT = 1e-9, 1e6, 1500
 
 
-def _read_friction(section: Section, fastest: float = math.inf) -> FrictionValues:
-    """Return the friction of a joint's or coupling's table, up to the speed `fastest`; none without one."""
-    names = sorted({name for group in FRICTION_PARAMETERS.values() for name in group})
-    shapes = {key.name: key for keys in FRICTION_SHAPES.values() for key in keys}
-    table = section.read_table("friction", ("model", *names, *shapes, "smoothing"))
+def _read_friction(section: Section, fastest: float = math.inf, *, shared: bool = False) -> FrictionValues:
+    """Return the friction of a joint's or drive's table, up to the speed `fastest`; none without one.
+
+    `shared`: of a drive of several joints, or a joint that follows another one.
+    """
+    table = section.read_table("friction")
     if table is None:
         return FrictionValues()
-    table.require("model", 'write model = "viscous_coulomb"')
-    kinds = {kind.value: kind for kind in FRICTION_PARAMETERS}
-    model = table.read_choice("model", kinds)
+    table.require("model", 'write model = "coulomb-viscous"')
+    model = table.read_text("model")
+    law = _find_law(table, model) if model is not None and model != NO_FRICTION else None
     smoothing = table.read_float("smoothing", "rad/s", POSITIVE)
-    kind = kinds[model] if model else None
-    wanted = names if kind is None else FRICTION_PARAMETERS[kind]
-    keys = tuple(shapes.values()) if kind is None else FRICTION_SHAPES.get(kind, ())
-    given = {name: table.read_float(name, get_unit(name).replace(" ", "*")) for name in wanted}
-    shape = {key.name: table.read_float(key.name, key.unit, key.allowed) for key in keys}
-    if kind is None:
+    names = FRICTION_PARTS if law is None else tuple(entry.name for entry in law.linear)
+    given = {name: table.read_float(name, _get_file_unit(law, name)) for name in names}
+    if law is None:
+        if model == NO_FRICTION:
+            _check_keys(table, NO_FRICTION, (), (), has_step=False)
+        else:
+            table.refuse_unknown_keys(("model", *FRICTION_PARTS, *_SHAPES, "smoothing"))
         return FrictionValues()
-    _check_keys(table, kind, (*names, *shapes), keys)
-    for name, value in given.items():
-        if name not in _SIGNED and value is not None and value < 0:
-            text = f"{table.show(name)} drives the joint instead of braking it; write a positive coefficient"
-            table.warn("robot.negative-friction", name, text)
+    # An exponent may be stated beside the model, and then is part of the law's name.
+    keys = tuple(entry.name for entry in law.shape)
+    stated = keys if model is None or free_exponent(get_law(model)) is None else (*keys, "gamma")
+    shape = [_read_shape(table, entry) for entry in law.shape]
+    _check_keys(table, law.name, names, tuple(dict.fromkeys(stated)), has_step=has_sign(law))
+    if shared and law.inputs != ("velocity",):
+        text = (
+            f'"{law.name}" depends on the {" and the ".join(law.inputs[1:])} of one joint, and this friction '
+            "acts on several; choose a model of the velocity alone"
+        )
+        table.refuse("robot.friction-model", "model", text)
+    for entry in law.linear:
+        value = given[entry.name]
+        if entry.lower == 0.0 and value is not None and value < 0:
+            text = (
+                f"{table.show(entry.name)} drives the joint instead of braking it; write a positive "
+                "coefficient"
+            )
+            table.warn("robot.negative-friction", entry.name, text)
     values = tuple(value for value in given.values() if value is not None)
-    filled = [key.default if (value := shape[key.name]) is None else value for key in keys]
+    filled = tuple(value for value in shape if value is not None)
     found = FrictionValues(
-        kind=kind,
-        values=values if values and len(values) == len(wanted) else None,
+        law=law.name,
+        values=values if values and len(values) == len(names) else None,
         smoothing=smoothing or 0.0,
-        shape=tuple(value for value in filled if value is not None) if None not in filled else (),
+        shape=filled if len(filled) == len(keys) else (),
     )
-    _warn_of_driving_friction(table, found, fastest)
+    if len(filled) == len(keys):
+        _warn_of_driving_friction(table, found, fastest)
     return found
 
 
-def _check_keys(table: Section, kind: Kind, names: tuple[str, ...], keys: tuple[ShapeKey, ...]) -> None:
+def _find_law(table: Section, model: str) -> FrictionLaw | None:
+    """Return the law of a model's name, with a searched exponent where the table gives one; refuse others."""
+    try:
+        law = get_law(model)
+    except UsageError as error:
+        table.refuse("robot.friction-model", "model", error.notices[0].text)
+        return None
+    free = free_exponent(law)
+    gamma = None if free is None else table.read_float("gamma", "", _EXPONENT)
+    if free is None or gamma is None or gamma == _DEFAULT_GAMMA:
+        return law
+    return get_law(fix_exponent(free, gamma))
+
+
+def _get_file_unit(law: FrictionLaw | None, name: str) -> str:
+    entries = law.linear if law else (entry for one in FRICTION_LAWS.values() for entry in one.linear)
+    return next(entry.unit for entry in entries if entry.name == name).replace(" ", "*")
+
+
+def _read_shape(table: Section, entry: LawParameter) -> float | None:
+    allowed = _EXPONENT if entry.unit == "1" else NOT_NEGATIVE if entry.lower_is_allowed else POSITIVE
+    unit = "" if entry.unit == "1" else entry.unit
+    if entry.name == "gamma" and entry.name not in table.values:
+        return _DEFAULT_GAMMA
+    value = table.read_float(entry.name, unit, allowed)
+    in_unit = f" in {adapt_unit(unit, prismatic=table.prismatic)}" if unit else ""
+    table.require(entry.name, f"the model needs it as a number{in_unit}")
+    return value
+
+
+def _check_keys(
+    table: Section, law: str, wanted: Sequence[str], shape: Sequence[str], *, has_step: bool
+) -> None:
     """Refuse values that the model does not have, and a part of its values in place of all."""
-    wanted, shape = FRICTION_PARAMETERS[kind], tuple(key.name for key in keys)
     code = "robot.friction-values"
-    if kind in _WITHOUT_STEP and "smoothing" in table.values:
-        text = f'has nothing to smooth: the model "{kind.value}" has no {_WITHOUT_STEP[kind]}; leave it out'
+    if not has_step and "smoothing" in table.values:
+        nothing = "friction" if law == NO_FRICTION else "step at standstill"
+        text = f'has nothing to smooth: the model "{law}" has no {nothing}; leave it out'
         table.refuse_key(code, "smoothing", text)
-    for name in names:
-        if name in table.values and name not in (*wanted, *shape):
+    known = ("model", *wanted, *shape, "smoothing")
+    for name in table.values:
+        if name in (*FRICTION_PARTS, *_SHAPES) and name not in known:
             listed = f"its values are {', '.join(wanted)}" if wanted else "it has no values"
             listed += f", its shape values {', '.join(shape)}" if shape else ""
-            table.refuse_key(code, name, f'not a value of the model "{kind.value}"; {listed}')
+            table.refuse_key(code, name, f'not a value of the model "{law}"; {listed}')
+    table.refuse_unknown_keys(dict.fromkeys((*known, *FRICTION_PARTS, *_SHAPES)))
     missing = [name for name in wanted if name not in table.values]
     if missing and len(missing) < len(wanted):
         text = (
             f"without {', '.join(missing)}; give all of {', '.join(wanted)}, or none where they are unknown"
         )
         table.refuse_key(code, next(name for name in wanted if name in table.values), text)
-    for key in keys:
-        if key.default is None:
-            unit = adapt_unit(key.unit, prismatic=table.prismatic)
-            in_unit = f" in {unit}" if unit else ""
-            table.require(key.name, f'the model "{kind.value}" needs it as a number{in_unit}')
 
 
 def _warn_of_driving_friction(table: Section, friction: FrictionValues, fastest: float) -> None:
     """Warn of a curve that drives the joint although no coefficient on its own does.
 
-    It does where its least braking torques up to a speed, one way and the other, have a negative sum.
+    It does where its least braking torques up to a speed, one way and the other, have a negative sum. Load
+    and waves of the position are left out.
     """
-    named, shape = name_values(friction), name_shape(friction)
-    known = named and len(shape) == len(FRICTION_SHAPES.get(friction.kind, ()))
-    if not known or not isinstance(friction.kind, CurvedFriction):
+    law, named = get_friction_law(friction), name_values(friction)
+    if law is None or not named or not law.own:
         return
-    named |= shape
-    if any(value < 0.0 for name, value in named.items() if name not in _SIGNED):
+    if any(entry.lower == 0.0 and named[entry.name] < 0.0 for entry in law.linear):
         return
     speeds = np.geomspace(_SLOWEST, max(min(fastest, _FASTEST), _SLOWEST), _SPEED_COUNT + 1)
-    least = sum(np.minimum.accumulate(_compute_brake(friction, named, side, speeds)) for side in ("p", "n"))
-    pushing = np.flatnonzero(least < 0.0)
+    values = [0.0 if name in _CONSTANT else value for name, value in named.items()]
+    zero = np.zeros_like(speeds)
+    inputs = {"load": zero, "position": zero, "temperature": zero + REFERENCE_TEMPERATURE}
+    with np.errstate(over="ignore"):
+        sides = [
+            side * compute_friction_torque(law, inputs | {"velocity": side * speeds}, values, friction.shape)
+            for side in (1.0, -1.0)
+        ]
+    pushing = np.flatnonzero(sum(map(np.minimum.accumulate, sides)) < 0.0)
     if not len(pushing):
         return
     speed, unit = float(speeds[pushing[0]]), adapt_unit("rad/s", prismatic=table.prismatic)
     start = f"from about {speed:.2g} {unit} on" if speed > _SLOWEST else "as motion begins"
-    key = next((name for name in _SIGNED[2:] if named.get(name, 0.0) < 0.0), "Fc")
+    negative = (name for name, value in named.items() if value < 0.0 and name not in _CONSTANT)
+    key = next(negative, next(iter(named)))
     hint = "simulation refuses that"
-    if friction.kind is CurvedFriction.MAKKAR:
+    if "g2" in name_shape(friction):
         key, hint = "Fm", "Fc or Fv must outweigh Fm, or g2 be at least g3"
     text = f"{named[key]:g} drives the joint {start} instead of braking it; {hint}"
     table.warn("robot.negative-friction", key, text)
-
-
-def _compute_brake(
-    friction: FrictionValues, named: Mapping[str, float], side: str, v: FloatArray
-) -> FloatArray:
-    """Return what a curve brakes with at speeds v (N,) in the direction "p" or "n", offset and bias apart."""
-    names = ("Fv", "Fc", "Fe", "Fd", "Fvq", "Fvc", "Fm")
-    fv, fc, fe, fd, fvq, fvc, fm = (named.get(key, named.get(f"{key}{side}", 0.0)) for key in names)
-    if friction.kind is CurvedFriction.MAKKAR:
-        bump = np.tanh(named["g2"] * v) - np.tanh(named["g3"] * v)
-        return fm * bump + fc * np.tanh(named["g5"] * v) + fv * v
-    vs, edge, width = named.get("vs", 1.0), named.get("dq0", 0.0), friction.smoothing
-    sign = np.tanh(v / width) if width else np.minimum(1.0, v / edge) if edge else 1.0
-    # Beyond ten decades nothing is left of the fall.
-    fall = np.exp(-(np.minimum(np.maximum(v, edge) / vs, 1e10) ** named.get("gamma", 2.0)))
-    dry = fc + fe * fall + fd * v ** named.get("delta", 1.0)
-    return dry * sign + fv * v + fvq * v * v + fvc * v**3
 
 
 UNKNOWN = "unknown"
@@ -221,7 +220,7 @@ def complete_joint(section: Section, joint: Joint, *, fixed: bool) -> Joint:
         return replace(
             joint,
             drive=_read_drive(section),
-            friction=_read_friction(section, limits.velocity or math.inf),
+            friction=_read_friction(section, limits.velocity or math.inf, shared="mimic" in section.values),
             limits=limits,
             spring=_read_spring(section),
             elasticity=_read_elasticity(section),
@@ -322,7 +321,7 @@ def read_couplings(
                 terms=terms,
                 has_rotor="rotor_inertia" in section.values,
                 rotor_inertia=section.read_float("rotor_inertia", unit, NOT_NEGATIVE, word=UNKNOWN),
-                friction=_read_friction(replace(section, prismatic=prismatic)),
+                friction=_read_friction(replace(section, prismatic=prismatic), shared=True),
             )
         )
     return tuple(couplings)

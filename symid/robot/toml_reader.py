@@ -28,7 +28,7 @@ from symid.robot.inertia import (
     lump_fixed_joints,
     move_by_placement,
 )
-from symid.robot.toml_drives import FRICTION_PARAMETERS, MOVING_KEYS, complete_joint, read_couplings
+from symid.robot.toml_drives import FRICTION_PARTS, MOVING_KEYS, complete_joint, read_couplings
 from symid.robot.toml_settings import read_named_settings, read_settings
 from symid.robot.toml_values import ANY, BASE, NOT_NEGATIVE, POSITIVE, Section, parse_toml, read_text_file
 
@@ -41,7 +41,7 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _LETTERS = (
     *INERTIAL,
     *("IA", "KS", "KR"),
-    *dict.fromkeys(name for names in FRICTION_PARAMETERS.values() for name in names),
+    *(name for name in FRICTION_PARTS if not name[-1].isdigit()),
 )
 _RESERVED = re.compile(rf"(?:pi|tau|theta|sqrt|atan|[sc]\d+|d{{0,2}}q\d*|(?:{'|'.join(_LETTERS)})R?\d+)")
 

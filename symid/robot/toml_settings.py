@@ -96,6 +96,7 @@ JOINT_DIMENSIONS = {
     "velocity": {JointKind.REVOLUTE: "angular velocity", JointKind.PRISMATIC: "velocity"},
     "acceleration": {JointKind.REVOLUTE: "angular acceleration", JointKind.PRISMATIC: "acceleration"},
     "torque": {JointKind.REVOLUTE: "torque", JointKind.PRISMATIC: "force"},
+    "temperature": dict.fromkeys(JointKind, "temperature"),
 }
 """The dimension of each quantity of a log, by the kind of its joint."""
 # What a factor may turn into the quantity: encoder counts, sensor voltages, motor angles of a spindle.
@@ -104,6 +105,7 @@ _CONVERTIBLE = {
     "velocity": ("angular velocity", "velocity", "voltage", "number"),
     "acceleration": ("angular acceleration", "acceleration", "voltage", "number"),
     "torque": ("torque", "force", "voltage", "current", "number"),
+    "temperature": ("temperature", "voltage", "number"),
 }
 for _name, _alike in (
     ("motor_position", "position"),
@@ -111,10 +113,17 @@ for _name, _alike in (
     ("reference", "position"),
     ("reference_velocity", "velocity"),
     ("feedforward", "torque"),
+    ("load", "torque"),
 ):
     JOINT_DIMENSIONS[_name], _CONVERTIBLE[_name] = JOINT_DIMENSIONS[_alike], _CONVERTIBLE[_alike]
 
-_SI_UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2", "torque": "N m"}
+_SI_UNITS = {
+    "position": "rad",
+    "velocity": "rad/s",
+    "acceleration": "rad/s^2",
+    "torque": "N m",
+    "temperature": "degC",
+}
 
 
 def _read_quantity(

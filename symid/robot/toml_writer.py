@@ -17,19 +17,17 @@ from typing import Any
 
 import numpy as np
 
+from symid.joint_models import NO_FRICTION, Elasticity, FrictionValues, Knee, name_shape, name_values
 from symid.notation import INERTIAL, adapt_unit, get_unit_factor
 from symid.robot.description import (
     Controller,
     Drive,
-    FrictionKind,
-    FrictionValues,
     Joint,
     Limits,
     LogMap,
     Processing,
     Robot,
 )
-from symid.robot.elasticity import Elasticity, Knee
 from symid.robot.exact_values import (
     add_comment,
     write_exact,
@@ -45,7 +43,6 @@ from symid.robot.exact_values import (
 )
 from symid.robot.geometry import IDENTITY, compose_placements, invert_placement, to_floats
 from symid.robot.inertia import explain_impossible_inertia, move_by_placement, move_parameters, split_body
-from symid.robot.toml_drives import name_shape, name_values
 from symid.robot.toml_settings import compute_current_factor, list_controller, list_log, list_processing
 from symid.robot.toml_values import BASE
 
@@ -219,9 +216,9 @@ def _write_drive(drive: Drive) -> Iterator[str]:
 
 
 def _write_friction(owner: str, friction: FrictionValues) -> Iterator[str]:
-    if friction.kind is FrictionKind.NONE:
+    if friction.law == NO_FRICTION:
         return
-    yield from ("", f"[{owner}.friction]", f'model = "{friction.kind.value}"')
+    yield from ("", f"[{owner}.friction]", f'model = "{friction.law}"')
     for name, value in (name_values(friction) | name_shape(friction)).items():
         yield f"{name} = {write_number(value)}"
     if friction.smoothing:
@@ -269,7 +266,7 @@ _HINTS = {
         ("torque_constant", "torque_constant = 0.1", "N m/A, for logs of motor currents"),
     ),
     "friction": (
-        ("", 'model = "viscous_coulomb_offset"', "with all of these values, or none: unknown"),
+        ("", 'model = "coulomb-viscous-offset"', "with all of these values, or none: unknown"),
         ("", "Fv = 1.0", "N m s/rad"),
         ("", "Fc = 2.0", "N m"),
         ("", "offset = 0.0", "N m"),

@@ -22,7 +22,11 @@ from fractions import Fraction
 import numpy as np
 
 from symid.errors import Notice
-from symid.robot.description import Drive, FrictionKind, FrictionValues, Limits
+from symid.joint_models import FrictionValues
+from symid.robot.description import (
+    Drive,
+    Limits,
+)
 from symid.robot.geometry import IDENTITY, Exact, Placement, build_axis_frame, build_exact_angle, rotate_rpy
 from symid.robot.inertia import compute_standard_parameters, explain_impossible_inertia, move_parameters
 from symid.robot.toml_values import Place, explain_wide_limits, show, sort_notices, suggest_names, to_decimal
@@ -450,7 +454,7 @@ def _read_dynamics(joint: UrdfPart) -> FrictionValues:
         values.append(float(value or 0))
     if not any(values):
         return FrictionValues()
-    return FrictionValues(kind=FrictionKind.VISCOUS_COULOMB, values=(values[0], values[1]))
+    return FrictionValues(law="coulomb-viscous", values=(values[0], values[1]))
 
 
 def _read_limits(joint: UrdfPart, type_: str) -> Limits:

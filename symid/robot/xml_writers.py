@@ -17,10 +17,21 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from xml.sax.saxutils import escape, quoteattr
 
-from symid.robot.description import Coupling, FrictionKind, FrictionValues, Joint, JointKind, Robot
+from symid.joint_models import (
+    NO_FRICTION,
+    FrictionValues,
+    list_shape_names,
+    list_value_names,
+    name_values,
+)
+from symid.robot.description import (
+    Coupling,
+    Joint,
+    JointKind,
+    Robot,
+)
 from symid.robot.geometry import Placement, compute_quaternion, to_floats
 from symid.robot.inertia import move_by_placement, split_body
-from symid.robot.toml_drives import FRICTION_PARAMETERS, FRICTION_SHAPES, name_values
 from symid.robot.toml_values import BASE
 from symid.robot.urdf_parts import ROTORS
 from symid.robot.urdf_xml import XmlDocument, XmlElement, parse_document
@@ -60,7 +71,7 @@ def _get_plain_friction(friction: FrictionValues) -> tuple[float, float] | None:
 
     Of a model that tells directions apart it is their mean.
     """
-    if friction.kind is FrictionKind.NONE or friction.values is None:
+    if friction.law == NO_FRICTION or friction.values is None:
         return None
     named = name_values(friction)
     groups = (("Fv", "Fvp", "Fvn"), ("Fc", "Fcp", "Fcn"))
@@ -70,15 +81,15 @@ def _get_plain_friction(friction: FrictionValues) -> tuple[float, float] | None:
 
 def _list_friction_omissions(owner: str, friction: FrictionValues) -> Iterator[str]:
     """Yield what a friction model has beyond damping and dry friction, with all its values."""
-    if friction.kind is not FrictionKind.NONE and friction.values is None:
-        yield f"{owner}: friction of unknown size ({friction.kind.value})"
-    elif friction.kind not in (FrictionKind.NONE, FrictionKind.VISCOUS_COULOMB):
-        names = [", ".join(FRICTION_PARAMETERS[friction.kind])]
+    if friction.law != NO_FRICTION and friction.values is None:
+        yield f"{owner}: friction of unknown size ({friction.law})"
+    elif friction.law not in (NO_FRICTION, "coulomb-viscous"):
+        names = [", ".join(list_value_names(friction))]
         values = _write_decimals(friction.values or ())
-        text = f"{owner}: friction model {friction.kind.value}, values {values}"
+        text = f"{owner}: friction model {friction.law}, values {values}"
         if friction.shape:
             text += f", shape {_write_decimals(friction.shape)}"
-            names.append(", ".join(key.name for key in FRICTION_SHAPES[friction.kind]))
+            names.append(", ".join(list_shape_names(friction)))
         text += f" ({'; '.join(names)})"
         yield f"{text}; only its damping and dry friction, alike in both directions, are written"
     if friction.smoothing:
@@ -141,7 +152,7 @@ def list_urdf_omissions(robot: Robot) -> Iterator[str]:
             text += f", rotor inertia {coupling.rotor_inertia}"
         if coupling.friction.values:
             values = _write_decimals(coupling.friction.values)
-            text += f", friction {values} ({', '.join(FRICTION_PARAMETERS[coupling.friction.kind])})"
+            text += f", friction {values} ({', '.join(list_value_names(coupling.friction))})"
         yield text
 
 

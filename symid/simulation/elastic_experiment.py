@@ -24,6 +24,7 @@ from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library, PlantExperiment
 from symid.errors import Notice, SolverError, UsageError
 from symid.excitation import ReferenceMotion
+from symid.joint_models import REFERENCE_TEMPERATURE
 from symid.logs import Recording
 from symid.robot import Robot
 from symid.simulation import experiment
@@ -232,7 +233,13 @@ def simulate_elastic(
     pose = desired[:1]
     hold = weight = library.evaluate("gravity", pose, stated.beta)[0][0]
     if stated.friction.size:
-        hold = weight + library.evaluate("friction", np.zeros_like(pose), stated.friction)[0][0]
+        still = library.card.gather_friction_inputs(
+            np.zeros_like(pose),
+            q=pose,
+            load=weight[None],
+            temperature=np.full_like(pose, REFERENCE_TEMPERATURE),
+        )
+        hold = weight + library.evaluate("friction", *still, stated.friction)[0][0]
     plant = build_plant_robot(stated)
     rest = compute_rest(plant, weight, tuple(joint.name for joint in robot.axes))
     # Motors follow the trajectory shifted by the first torsion, and carry the weight.

@@ -29,7 +29,10 @@ from symid.codegen import (
     load_plant_code,
 )
 from symid.errors import GenerationError, Notice, SolverError, UsageError
-from symid.robot import Elasticity, Robot
+from symid.joint_models import REFERENCE_TEMPERATURE, Elasticity
+from symid.robot import (
+    Robot,
+)
 from symid.simulation.sensors import quantise
 
 
@@ -229,6 +232,7 @@ class _ElasticStepper:
         self._robot = robot
         self._forward: Callable[..., tuple[FloatArray, ...]] = library.bind("forward_dynamics")
         self._friction = library.bind("friction") if robot.friction.size else None
+        self._card, self._warm = library.card, np.full(robot.size, REFERENCE_TEMPERATURE)
 
     def compute_springs(self, x: FloatArray, play: FloatArray) -> FloatArray:
         phi = x[2] - x[0]
@@ -238,8 +242,10 @@ class _ElasticStepper:
 
     def _compute_slope(self, x: FloatArray, play: FloatArray, torque: FloatArray) -> FloatArray:
         robot, twist = self._robot, x[3] - x[1]
-        drag = np.zeros(robot.size) if self._friction is None else self._friction(x[3], robot.friction)[0]
-        push = self.compute_springs(x, play)
+        drag, push = np.zeros(robot.size), self.compute_springs(x, play)
+        if self._friction is not None:
+            given = self._card.gather_friction_inputs(x[3], q=x[2], load=push, temperature=self._warm)
+            (drag,) = self._friction(*given, robot.friction)
         (acceleration,) = self._forward(x[0], x[1], push, robot.beta)
         spin = (torque - push - drag) / robot.rotor
         return np.array([x[1], acceleration, x[3], spin, drag * x[3], robot.damping * twist * twist])
@@ -350,7 +356,11 @@ def count_substeps(
     if values.friction.size:
         # Friction stops a rotor.
         speeds = _SMALL * np.vstack([np.eye(len(values.rotor)), -np.eye(len(values.rotor))])
-        (drag,) = library.evaluate("friction", speeds, values.friction)
+        zero = np.zeros_like(speeds)
+        given = library.card.gather_friction_inputs(
+            speeds, q=zero, load=zero, temperature=zero + REFERENCE_TEMPERATURE
+        )
+        (drag,) = library.evaluate("friction", *given, values.friction)
         ahead, back = np.split(np.asarray(drag), 2)
         slope = np.diagonal(ahead - back) / (2.0 * _SMALL)
         rate = max(rate, float(np.max(slope / values.rotor)))

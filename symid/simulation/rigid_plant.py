@@ -6,6 +6,8 @@ Library with values, state, a torque held for some time -> the next state.
     dq > 0: tau_f = viscous_p dq + level_p;  dq < 0: tau_f = viscous_n dq + level_n
     dq = 0: any tau_f within [level_n, level_p] that holds the joint
     curved: tau_f(dq) itself; level_p, level_n are its limits at standstill, viscous is zero
+    varying: tau_f = A(dq, q) + B(dq, q) |load|, load = tau - tau_f, so that with r = tau - A
+             load = r / (1 + B sgn(r)); at standstill the load is what holds the joint
 
 Classical Runge-Kutta steps with fixed modes, cut where a sliding velocity crosses zero; there the modes are
 chosen anew. While a step locates that instant, a curve is continued beyond standstill by its mirror image
@@ -15,7 +17,8 @@ agrees with that of the third-order formula of the same stages, dq + h/6 (a1 + 2
 end of the step. Friction must oppose motion, up to a constant torque: its least value ahead is not below
 its largest back.
 
-Supported: several joints held at once; all friction models of joints and couplings.
+Supported: several joints held at once; all static friction laws of joints and couplings, those of the
+temperature at its reference.
 Not supported: elastic joints, contact, position limits, pre-sliding, friction of a drive that turns with
 several coordinates; a held joint breaks away at the beginning of a step only (it does no work).
 """
@@ -23,6 +26,7 @@ several coordinates; a held joint breaks away at the beginning of a step only (i
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import final
 
 import numpy as np
@@ -31,7 +35,8 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import JointCard, Library, ModelCard, ParameterCard
 from symid.errors import Notice, SolverError, UsageError
-from symid.joint_models import FRICTION_MODELS
+from symid.joint_models import FRICTION_LAWS, NO_FRICTION, REFERENCE_TEMPERATURE, FrictionLaw, get_law
+from symid.notation import join_name
 
 _SPEEDS = (1.0, 2.0, -1.0, -2.0)
 _STANDSTILL = 1e-300
@@ -50,24 +55,63 @@ class FrictionLines(FrozenArrays):
     Args:
         viscous: (3, n) N m s/rad or N s/m. level: (3, n) N m or N; the first row of both is zero.
         curved: (n,) which coordinates have a curve.
-        curve: friction (n,) at velocities (n,); None where no coordinate is curved.
+        varying: (n,) which depend on position or load; they are curved, and their level is zero here.
+        curve: friction (n,) at velocities, positions and loads, (n,) each; None where no coordinate is
+            curved.
     """
 
     viscous: FloatArray
     level: FloatArray
     curved: NDArray[np.bool_]
-    curve: Callable[[FloatArray], FloatArray] | None = None
+    varying: NDArray[np.bool_]
+    curve: Callable[[FloatArray, FloatArray, FloatArray], FloatArray] | None = None
 
-    def compute_drag(self, modes: Sequence[int], dq: FloatArray) -> FloatArray:
-        """Return what sliding adds to the level of each mode, (n,) N m or N; zero at standstill."""
+    def compute_drag(
+        self,
+        modes: Sequence[int],
+        dq: FloatArray,
+        q: FloatArray | None = None,
+        torque: FloatArray | None = None,
+    ) -> FloatArray:
+        """Return what sliding adds to the level of each mode, (n,) N m or N; zero at standstill.
+
+        `q`, `torque` (n,) of the drives are read where friction varies.
+        """
         rows, columns = np.array(modes), np.arange(len(modes))
         drag: FloatArray = self.viscous[rows, columns] * dq
         if self.curve is None:
             return drag
-        ahead = self.curve(rows * np.abs(dq)) - self.level[rows, columns]
+        level, speeds = self.level[rows, columns], rows * np.abs(dq)
+        if q is None or torque is None or not self.varying.any():
+            ahead, base = self.curve(speeds, level, level), level
+        else:
+            start = self._solve_load(rows * _STANDSTILL, q, torque)
+            ahead = self._solve_load(np.where(dq == 0.0, rows * _STANDSTILL, speeds), q, torque)
+            base = np.where(self.varying, start, level)
         side = np.where(rows * dq >= 0.0, 1.0, -1.0)
         moving = self.curved & (rows != 0) & (dq != 0.0)
-        return np.where(moving, side * ahead, drag)
+        drag = np.where(moving, side * (ahead - base), drag)
+        return np.where(self.varying & (rows != 0), base + drag, drag)
+
+    def _solve_load(self, speeds: FloatArray, q: FloatArray, torque: FloatArray) -> FloatArray:
+        """Return friction (n,) at speeds other than zero, where torques less friction are the loads."""
+        if self.curve is None:
+            return np.zeros(len(speeds))
+        free = self.curve(speeds, q, np.zeros(len(speeds)))
+        share = self.curve(speeds, q, np.ones(len(speeds))) - free
+        rest = torque - free
+        return np.asarray(torque - rest / (1.0 + share * np.sign(rest)))
+
+    def compute_band(self, q: FloatArray, load: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the largest and the least friction (n,) of joints held at `q` (n,) under loads (n,)."""
+        _, upper, lower = self.level
+        if self.curve is None or not self.varying.any():
+            return upper, lower
+        ends = (self.curve(np.full(len(q), side * _STANDSTILL), q, load) for side in (1.0, -1.0))
+        above, below = (
+            np.where(self.varying, end, own) for end, own in zip(ends, (upper, lower), strict=True)
+        )
+        return above, below
 
 
 def get_parameter_values(parameters: tuple[ParameterCard, ...], robot: str) -> FloatArray:
@@ -86,8 +130,17 @@ def _compute_columns(library: Library, values: FloatArray, speeds: Sequence[floa
     """Return torque (n moved, speeds, n felt, p) of each parameter, one coordinate moved at a time."""
     size = library.card.size
     dq = np.einsum("k,ij->ikj", np.array(speeds), np.eye(size)).reshape(-1, size)
-    (columns,) = library.evaluate("friction_regressor", dq)
+    columns = _evaluate_regressor(library, dq)
     return columns.reshape(size, len(speeds), size, -1) * values
+
+
+def _evaluate_regressor(library: Library, dq: FloatArray) -> FloatArray:
+    """Return the friction regressor (N, n, p) at dq (N, n), without load, at zero position."""
+    zero = np.zeros_like(dq)
+    inputs = library.card.gather_friction_inputs(
+        dq, q=zero, load=zero, temperature=zero + REFERENCE_TEMPERATURE
+    )
+    return library.evaluate("friction_regressor", *inputs)[0]
 
 
 def _refuse_shared(card: ModelCard, columns: FloatArray, rest: FloatArray, start: FloatArray | None) -> None:
@@ -126,10 +179,11 @@ def build_friction_lines(library: Library, speeds: FloatArray | None = None) -> 
     card = library.card
     viscous, level = np.zeros((3, card.size)), np.zeros((3, card.size))
     if not card.friction:
-        return FrictionLines(viscous=viscous, level=level, curved=np.zeros(card.size, dtype=bool))
+        none = np.zeros(card.size, dtype=bool)
+        return FrictionLines(viscous=viscous, level=level, curved=none, varying=none)
     values = get_parameter_values(card.friction, card.robot)
     columns = _compute_columns(library, values, _SPEEDS)
-    (rest,) = library.evaluate("friction_regressor", np.zeros((1, card.size)))
+    rest = _evaluate_regressor(library, np.zeros((1, card.size)))
     _refuse_shared(card, columns, rest[0] * values, None)
     own = np.arange(card.size)
     at = columns[own, :, own]
@@ -140,20 +194,35 @@ def build_friction_lines(library: Library, speeds: FloatArray | None = None) -> 
     curved = _list_curved(library)
     if not curved.any():
         _check_signs(card, viscous, level)
-        return FrictionLines(viscous=viscous, level=level, curved=curved)
+        return FrictionLines(viscous=viscous, level=level, curved=curved, varying=np.zeros_like(curved))
     start = _compute_columns(library, values, (_STANDSTILL, -_STANDSTILL))
     _refuse_shared(card, columns, rest[0] * values, start)
     viscous[:, curved] = 0.0
     for row, place in ((1, 0), (2, 1)):
         level[row, curved] = start[own, place, own].sum(axis=1)[curved]
     _check_signs(card, viscous * ~curved, level * ~curved)
-    friction = library.bind("friction")
+    varying = _list_coordinates(card, lambda law: bool({"position", "load"} & set(law.inputs)))
+    level[:, varying] = 0.0
     lines = FrictionLines(
-        viscous=viscous, level=level, curved=curved, curve=lambda dq: friction(dq, values)[0].copy()
+        viscous=viscous, level=level, curved=curved, varying=varying, curve=_bind_curve(library, values)
     )
     fastest = np.full((1, card.size), np.inf) if speeds is None else speeds[None]
     check_friction_at_speeds(lines, card.joints, np.concatenate([fastest, -fastest]))
     return lines
+
+
+def _bind_curve(
+    library: Library, values: FloatArray
+) -> Callable[[FloatArray, FloatArray, FloatArray], FloatArray]:
+    """Return the friction (n,) of a library with values (p,), of dq, q and load (n,)."""
+    friction, card = library.bind("friction"), library.card
+    warm = np.full(card.size, REFERENCE_TEMPERATURE)
+
+    def compute(dq: FloatArray, q: FloatArray, load: FloatArray) -> FloatArray:
+        inputs = card.gather_friction_inputs(dq, q=q, load=load, temperature=warm)
+        return friction(*inputs, values)[0].copy()
+
+    return compute
 
 
 def build_curved_friction(library: Library, speeds: FloatArray) -> FrictionLines | None:
@@ -181,18 +250,50 @@ def check_friction_at_speeds(lines: FrictionLines, joints: Sequence[JointCard], 
         raise UsageError(*notices)
 
 
+_POSITIONS = 8
+"""At which friction that depends on position is checked."""
+
+
 def _locate_push(lines: FrictionLines, joint: int, back: float, ahead: float) -> float | None:
     """Return the least speed at which a coordinate's friction drives it, None if it never does."""
     if lines.curve is None:
         return None
+    size, varies = lines.curved.size, bool(lines.varying[joint])
+    positions = np.arange(_POSITIONS if varies else 1) / (0.5 * (1.0 + math.sqrt(5.0)))
+    found = []
+    for position, load in product(2.0 * math.pi * (positions % 1.0), _LOADS if varies else _LOADS[:1]):
+        state = (np.full(size, position), np.full(size, load))
+        upper, lower = lines.compute_band(*state)
+        ends = float(upper[joint]), float(lower[joint])
+        speed = _locate_push_at(lines, joint, (back, ahead), state, ends)
+        found += [] if speed is None else [speed]
+    return min(found, default=None)
+
+
+_LOADS = (0.0, 1e6)
+"""At which friction that depends on the load is checked, N m or N."""
+
+
+def _locate_push_at(
+    lines: FrictionLines,
+    joint: int,
+    limits: tuple[float, float],
+    state: tuple[FloatArray, FloatArray],
+    ends: tuple[float, float],
+) -> float | None:
+    """Return the same at positions and loads (n,), with the ends of the joint's band at standstill."""
+    (back, ahead), (least, largest) = limits, ends
+    if lines.curve is None:
+        return None
+    if lines.varying[joint] and least < largest - _ROUNDING * max(abs(least), abs(largest)):
+        return 0.0
     grid = np.geomspace(_SLOWEST, min(max(back, ahead, _SLOWEST), _FASTEST), _SPEED_COUNT)
-    least, largest = lines.level[1, joint], lines.level[2, joint]
     dq = np.zeros(lines.curved.size)
     for speed in grid.tolist():
         for side, limit in ((1.0, ahead), (-1.0, back)):
             if speed <= limit:
                 dq[joint] = side * speed
-                torque = float(lines.curve(dq)[joint])
+                torque = float(lines.curve(dq, *state)[joint])
                 least = min(least, torque) if side > 0.0 else least
                 largest = largest if side > 0.0 else max(largest, torque)
         if least < largest - _ROUNDING * max(abs(least), abs(largest)):
@@ -200,16 +301,34 @@ def _locate_push(lines: FrictionLines, joint: int, back: float, ahead: float) ->
     return None
 
 
+def _list_coordinates(card: ModelCard, takes: Callable[[FrictionLaw], bool]) -> NDArray[np.bool_]:
+    """Return which coordinates (n,) have a friction law of their own of some kind."""
+    laws = (None if joint.friction == NO_FRICTION else get_law(joint.friction) for joint in card.joints)
+    return np.array([law is not None and takes(law) for law in laws], dtype=np.bool_)
+
+
 def _list_curved(library: Library) -> NDArray[np.bool_]:
     """Return which coordinates (n,) feel friction whose column is curved."""
     card = library.card
-    names = tuple(name for model in FRICTION_MODELS.values() for name in model.own if name != "Fc")
-    bent = [bool(names) and parameter.name.startswith(names) for parameter in card.friction]
+    varying = _list_coordinates(card, lambda law: law.inputs != ("velocity",))
+    own = {
+        join_name(name, joint.number)
+        for joint in card.joints
+        if joint.friction != NO_FRICTION
+        for name in get_law(joint.friction).own
+    }
+    # Of a coupled drive the card has no law: the names of curved parameters are its own.
+    joints = {joint.name for joint in card.joints}
+    names = tuple({name for law in FRICTION_LAWS.values() for name in law.own if name not in {"Fv", "Fc"}})
+    bent = [
+        entry.name in own or (entry.joint not in joints and entry.name.startswith(names))
+        for entry in card.friction
+    ]
     if not any(bent):
-        return np.zeros(card.size, dtype=bool)
+        return varying
     columns = _compute_columns(library, np.array(bent, dtype=np.float64), _PROBES)
     felt: NDArray[np.bool_] = np.any(columns != 0.0, axis=(0, 1, 3))
-    return felt
+    return felt | varying
 
 
 def _check_signs(card: ModelCard, viscous: FloatArray, level: FloatArray) -> None:
@@ -328,7 +447,7 @@ class RigidPlant:
         for tries in range(1, _MOST_STRIDES + 1):
             with np.errstate(over="ignore", invalid="ignore"):
                 after, last = self._stride(state, torque, h)
-                push = torque - level - self.friction.compute_drag(after.modes, after.dq)
+                push = torque - level - self.friction.compute_drag(after.modes, after.dq, after.q, torque)
                 # The error of the velocities, relative to the one allowed.
                 error = (h / 6.0) * np.abs(self._accelerate(after.q, after.dq, push, held) - last)
                 excess = float(np.max(error / (_STRIDE_ERROR * np.abs(after.dq) + _STRIDE_FLOOR)))
@@ -353,7 +472,9 @@ class RigidPlant:
         held = [joint for joint, mode in enumerate(state.modes) if mode == 0]
 
         def slope(q: FloatArray, dq: FloatArray) -> Derivative:
-            drag = viscous * dq if lines.curve is None else lines.compute_drag(state.modes, dq)
+            drag = viscous * dq
+            if lines.curve is not None:
+                drag = lines.compute_drag(state.modes, dq, q, torque)
             return dq, self._accelerate(q, dq, push - drag, held), float(drag @ dq)
 
         q, dq = state.q, state.dq
@@ -411,12 +532,14 @@ class RigidPlant:
         net = torque - self._bias(state.q, state.dq, self.beta)[0]
         for _ in range(4 * 3 ** len(resting)):
             rows = np.array(modes)
-            friction = self.friction.compute_drag(modes, state.dq) + self.friction.level[rows, columns]
+            drag = self.friction.compute_drag(modes, state.dq, state.q, torque)
+            friction = drag + self.friction.level[rows, columns]
             free = np.flatnonzero(rows)
             acceleration = np.zeros(self.size)
             if free.size:
                 acceleration[free] = np.linalg.solve(mass[np.ix_(free, free)], (net - friction)[free])
-            need, (_, upper, lower) = net - mass @ acceleration, self.friction.level
+            need = net - mass @ acceleration
+            upper, lower = self.friction.compute_band(state.q, torque - need)
             # A torque this far beyond the band still counts as within it.
             slack = _SLACK * (np.abs(need) + upper - lower)
             pushed = (need > upper + slack).astype(int) - (need < lower - slack)

@@ -14,6 +14,7 @@ import numpy as np
 from symid.codegen import Library
 from symid.errors import Notice, RobotError, UsageError
 from symid.excitation import ReferenceMotion
+from symid.joint_models import NO_FRICTION
 from symid.logs import Recording
 from symid.robot import Coupling, Joint, Robot
 from symid.simulation.elastic_experiment import build_clean_options, build_noisy_options, simulate_elastic
@@ -118,8 +119,8 @@ def _list_gaps(part: Joint | Coupling) -> Iterator[str]:
             yield "the stiffness of [joint.elasticity] and of its stops"
         if part.elasticity is not None and not part.drive.has_rotor:
             yield "the rotor_inertia of [joint.drive], which an elastic joint needs"
-    if part.friction.kind.value != "none" and part.friction.values is None:
-        yield f"the values of friction {part.friction.kind.value}"
+    if part.friction.law != NO_FRICTION and part.friction.values is None:
+        yield f"the values of friction {part.friction.law}"
 
 
 def check_stated_values(robot: Robot) -> None:

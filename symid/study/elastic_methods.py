@@ -36,9 +36,11 @@ from symid.identification.elastic import (
     fit_independent,
     fit_method,
 )
-from symid.joint_models import compute_hysteresis_torque
+from symid.joint_models import Elasticity, compute_hysteresis_torque
 from symid.logs import Recording
-from symid.robot import Elasticity, Robot
+from symid.robot import (
+    Robot,
+)
 from symid.simulation import (
     ElasticExperimentOptions,
     ElasticRun,

@@ -15,13 +15,25 @@
 #include <string.h>
 
 typedef int (*forward_call)(const double *q, const double *dq, const double *tau, const double *beta, double *ddq);
+/* Friction of dq alone, and of one to three more of: positions, loads, temperatures. */
 typedef int (*friction_call)(const double *dq, const double *f, double *tau_f);
+typedef int (*friction_call_1)(const double *dq, const double *a, const double *f, double *tau_f);
+typedef int (*friction_call_2)(const double *dq, const double *a, const double *b, const double *f, double *tau_f);
+typedef int (*friction_call_3)(const double *dq, const double *a, const double *b, const double *c, const double *f, double *tau_f);
+typedef union {
+    friction_call none;
+    friction_call_1 one;
+    friction_call_2 two;
+    friction_call_3 three;
+} friction_pointer;
 
 /* n joints with m stops and l knees each; those that a joint lacks have a weight or slope of zero. */
 typedef struct {
     size_t n, m, l;
     forward_call forward;
-    friction_call friction; /* NULL where there is none */
+    friction_pointer friction; /* NULL where there is none */
+    size_t reads; /* what it reads besides dq: 1 positions, 2 loads, 4 temperatures, or their sum */
+    const double *temperature;
     const double *beta, *f;
     const double *rotor, *stiffness, *cubic, *damping; /* n */
     const double *radius, *weight;                     /* n x m */
@@ -167,21 +179,52 @@ static double integrate(const plant_robot *r, const double *play, size_t i, doub
     return sum;
 }
 
+static void find_drag(const plant_robot *r, const double *theta, const double *dtheta, const double *load, double *drag)
+{
+    const double *given[3] = {NULL, NULL, NULL};
+    size_t count = 0;
+    if (r->reads & 1u) {
+        given[count++] = theta;
+    }
+    if (r->reads & 2u) {
+        given[count++] = load;
+    }
+    if (r->reads & 4u) {
+        given[count++] = r->temperature;
+    }
+    switch (count) {
+    case 0:
+        (void)r->friction.none(dtheta, r->f, drag);
+        break;
+    case 1:
+        (void)r->friction.one(dtheta, given[0], r->f, drag);
+        break;
+    case 2:
+        (void)r->friction.two(dtheta, given[0], given[1], r->f, drag);
+        break;
+    default:
+        (void)r->friction.three(dtheta, given[0], given[1], given[2], r->f, drag);
+        break;
+    }
+}
+
 static void find_slope(const plant_robot *r, const plant_scratch *w, const double *torque, const double *x, double *d)
 {
     const size_t n = r->n;
     const double *q = x, *dq = x + n, *theta = x + 2 * n, *dtheta = x + 3 * n;
-    if (r->friction != NULL) {
-        (void)r->friction(dtheta, r->f, w->drag);
-    }
     for (size_t i = 0; i < n; ++i) {
         const double twist = dtheta[i] - dq[i], damp = r->damping[i] * twist;
         w->push[i] = spring(r, w->play, i, theta[i] - q[i]) + damp;
         d[i] = dq[i];
         d[2 * n + i] = dtheta[i];
+        d[5 * n + i] = damp * twist;
+    }
+    if (r->friction.none != NULL) {
+        find_drag(r, theta, dtheta, w->push, w->drag);
+    }
+    for (size_t i = 0; i < n; ++i) {
         d[3 * n + i] = (torque[i] - w->push[i] - w->drag[i]) / r->rotor[i];
         d[4 * n + i] = w->drag[i] * dtheta[i];
-        d[5 * n + i] = damp * twist;
     }
     (void)r->forward(q, dq, w->push, r->beta, d + n);
 }

@@ -10,8 +10,8 @@ PROJECT = Path(__file__).resolve().parents[2]
 PACKAGE = PROJECT / "symid"
 ROOMS = (
     "kernel",
-    "robot",
     "joint_models",
+    "robot",
     "dynamics",
     "codegen",
     "lessons",

@@ -15,7 +15,7 @@ from symid.identification.elastic.routing import build_rigid_variant
 from symid.identification.estimators.estimate import ParameterEstimate, Residual
 from symid.identification.stored import write_fit
 from symid.ipopt import Ending
-from symid.robot.description import FrictionKind, FrictionValues
+from symid.joint_models import FrictionValues
 from symid.robot.toml_reader import read_robot
 from symid.robot.toml_settings import list_processing
 from symid.robot.toml_writer import write_robot
@@ -275,8 +275,7 @@ def arm(tmp_path_factory):
     """Return a folder with a robot file, and the robot with values."""
     folder = tmp_path_factory.mktemp("arm")
     joints = tuple(
-        dataclasses.replace(joint, friction=FrictionValues(kind=FrictionKind.VISCOUS_COULOMB))
-        for joint in PUMA560.joints
+        dataclasses.replace(joint, friction=FrictionValues(law="coulomb-viscous")) for joint in PUMA560.joints
     )
     robot = fill_robot(dataclasses.replace(PUMA560, joints=joints))
     (folder / "arm.toml").write_text(write_robot(robot), encoding="utf-8")
@@ -352,8 +351,7 @@ def test_estimates_from_the_same_log_are_not_independent(capsys, arm, tmp_path):
 def test_an_estimate_with_another_friction_model_shares_its_bodies(capsys, arm, tmp_path):
     folder, robot = arm
     joints = tuple(
-        dataclasses.replace(joint, friction=FrictionValues(kind=FrictionKind.ASYMMETRIC))
-        for joint in robot.joints
+        dataclasses.replace(joint, friction=FrictionValues(law="asymmetric")) for joint in robot.joints
     )
     bodies = fill_robot(dataclasses.replace(robot, joints=joints))
     store_estimate(robot, tmp_path / "ours.json", sources=("a.npz",))

@@ -247,9 +247,9 @@ def test_estimates_of_other_models_are_refused(capsys, folder, estimate, motor_s
 
 def test_a_friction_of_the_command_line_is_remembered(capsys, folder, tmp_path):
     found = tmp_path / "offset.json"
-    friction = ("--friction", "viscous_coulomb_offset", "--method", "elimination")
+    friction = ("--friction", "coulomb-viscous-offset", "--method", "elimination")
     do("identify", ROBOT, folder / "ta.npz", *friction, "-o", found)
-    assert read_fit(found).friction == ("viscous_coulomb_offset",) * 2
+    assert read_fit(found).friction == ("coulomb-viscous-offset",) * 2
     code, answer = call_json(capsys, "validate", ROBOT, found, folder / "tc.npz")
     assert code == 0
     assert answer["result"]["mean_relative_percent"] < 5.0

@@ -100,7 +100,7 @@ def test_mujoco_has_the_identified_torques(capsys, wrist, tmp_path, suffix):
     # The constant torques are all that an MJCF model cannot have.
     assert "export.left-out" in find_codes(answer)
     assert len(answer["result"]["left_out"]) == sum(
-        joint.friction.kind.value == "viscous_coulomb_offset" for joint in (*robot.joints, *robot.couplings)
+        joint.friction.law == "coulomb-viscous-offset" for joint in (*robot.joints, *robot.couplings)
     )
     text = file.read_text(encoding="utf-8")
     assert "values identified from log.npz" in text
@@ -296,7 +296,7 @@ def test_the_json_has_values_bodies_and_what_was_identified(capsys, wrist, tmp_p
         assert eigenvalues[0] > 0
         assert eigenvalues[2] < eigenvalues[0] + eigenvalues[1]
         assert link["standard"]["MX"] == pytest.approx(link["mass"] * link["com"][0])
-    assert found["drives"][5]["friction"]["model"] == robot.joints[5].friction.kind.value
+    assert found["drives"][5]["friction"]["model"] == robot.joints[5].friction.law
     assert found["drives"][6]["turns_with"] == {"joint5": 1.0, "joint6": 1.0}
 
 

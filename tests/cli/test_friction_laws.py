@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from symid.cli.main import run
-from symid.joint_models.friction_catalogue import FRICTION_LAWS
+from symid.joint_models.friction_catalogue import FRICTION_LAWS, get_law
+from tests.friction_forms import OLD_NAMES
 
 
 def call_json(capsys, *arguments):
@@ -87,3 +88,109 @@ def test_curved_friction_is_simulated_and_identified(capsys, tmp_path):
     for name, value in (("Fv1", 203.0), ("Fc1", 20.0), ("Fe1", 8.0)):
         assert found[name] == pytest.approx(value, rel=0.05)
     assert np.isfinite(list(found.values())).all()
+
+
+FURTHER = {
+    "lorentzian": ("Fe = 8\nvs = 0.05", {"Fv1": 203.0, "Fc1": 20.0, "Fe1": 8.0}),
+    "load-dependent": ("Fl = 0.05", {"Fv1": 203.0, "Fc1": 20.0, "Fl1": 0.05}),
+    "position-dependent-1x40": ("A1 = 5\nB1 = -3", {"Fv1": 203.0, "Fc1": 20.0, "A1_1": 5.0, "B1_1": -3.0}),
+    "position-torque-1x40": ("A1 = 5\nB1 = -3", {"Fv1": 203.0, "Fc1": 20.0, "A1_1": 5.0, "B1_1": -3.0}),
+}
+# Simulated logs do not have the load of the gears.
+UNLOADED = [model for model in FURTHER if "load" not in get_law(model).inputs]
+
+
+@pytest.mark.parametrize("model", FURTHER)
+@pytest.mark.parametrize("target", ["c", "python"])
+def test_a_robot_with_any_law_is_generated(capsys, tmp_path, model, target):
+    write_slide(tmp_path / "slide.toml", model)
+    call = ("generate", tmp_path / "slide.toml", "--target", target, "-o", tmp_path / "code")
+    code, answer = call_json(capsys, *call)
+    assert code == 0, answer
+    assert answer["result"]["selftest"] == "passed" or answer["warnings"]
+
+
+@pytest.mark.parametrize("model", FURTHER)
+def test_any_law_is_simulated_and_identified(capsys, tmp_path, model):
+    robot, log = tmp_path / "slide.toml", tmp_path / "log.npz"
+    write_slide(robot, model)
+    code, answer = call_json(capsys, "simulate", robot, "-o", log, "--seed", "1", "--duration", "12")
+    assert code == 0, answer
+    code, answer = call_json(capsys, "identify", robot, log, "-o", tmp_path / "estimate.json")
+    assert code == 0, answer
+    found = {entry["name"]: entry["value"] for entry in answer["result"]["parameters"]}
+    for name, value in FURTHER[model][1].items():
+        assert found[name] == pytest.approx(value, rel=0.1)
+
+
+def write_slide(path, model):
+    text = CURVED.replace('"stribeck"', f'"{model}"')
+    path.write_text(text.replace("Fe = 8\nvs = 0.05", FURTHER[model][0]))
+
+
+@pytest.mark.parametrize("model", FURTHER)
+def test_motions_are_designed_for_any_law(capsys, tmp_path, model):
+    write_slide(tmp_path / "slide.toml", model)
+    options = ("--harmonics", "2", "--candidates", "1", "--starts", "1", "--period", "2")
+    call = ("excite", tmp_path / "slide.toml", "-o", tmp_path / "motion.csv", *options)
+    code, answer = call_json(capsys, *call)
+    assert code == 0, answer
+
+
+@pytest.mark.parametrize("model", UNLOADED)
+def test_a_law_is_fitted_to_logs_of_a_robot_with_any_law(capsys, tmp_path, model):
+    """The friction that the robot file states is not taken for what is to be found."""
+    robot, log = tmp_path / "slide.toml", tmp_path / "log.npz"
+    write_slide(robot, model)
+    assert run(["simulate", str(robot), "-o", str(log), "--seed", "1", "--duration", "12", "-q"]) == 0
+    capsys.readouterr()
+    call = ("identify", robot, log, "--rows", "friction", "--model", "coulomb-viscous")
+    code, answer = call_json(capsys, *call, "-o", tmp_path / "friction.json")
+    assert code == 0, answer
+    found = {entry["name"]: entry["value"] for entry in answer["result"]["joints"][0]["parameters"]}
+    assert found["fC"] == pytest.approx(20.0, abs=8.0)
+    assert found["fV"] == pytest.approx(203.0, rel=0.2)
+
+
+def test_a_temperature_must_be_in_the_log(capsys, tmp_path):
+    """The load of a gear follows from the dynamics that are found, a temperature from nothing."""
+    robot, log = tmp_path / "slide.toml", tmp_path / "log.npz"
+    table = "Fvt = -1\nFct = -0.1"
+    robot.write_text(CURVED.replace('"stribeck"', '"temperature"').replace("Fe = 8\nvs = 0.05", table))
+    code, answer = call_json(capsys, "simulate", robot, "-o", log, "--seed", "1", "--duration", "12")
+    assert code == 0, answer
+    with np.load(log) as data:
+        recorded = {name: data[name] for name in data.files if name != "temperature"}
+    np.savez(log, **recorded)
+    code, answer = call_json(capsys, "identify", robot, log, "-o", tmp_path / "estimate.json")
+    assert (code, answer["errors"][0]["code"]) == (2, "friction.input")
+    assert "depends on the temperature of the joints" in answer["errors"][0]["text"]
+
+
+@pytest.mark.parametrize("name", [name for name in OLD_NAMES if not get_law(OLD_NAMES[name]).shape])
+def test_a_law_is_chosen_by_its_name_of_today_and_by_that_of_earlier_versions(capsys, name):
+    found = []
+    for option in (name, OLD_NAMES[name]):
+        code, answer = call_json(capsys, "base", "two_link", "--friction", option)
+        assert code == 0
+        found.append(answer["result"])
+    assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("name", [name for name in OLD_NAMES if not get_law(OLD_NAMES[name]).shape])
+def test_what_is_written_has_the_name_of_today(capsys, tmp_path, name):
+    call = ("new", tmp_path / "arm.toml", "--from-dh", tmp_path / "arm.csv", "--convention", "modified")
+    (tmp_path / "arm.csv").write_text("alpha,a,d,theta\n0,0,0,q\n")
+    code, answer = call_json(capsys, *call, "--friction", name)
+    assert code == 0, answer
+    assert f'model = "{OLD_NAMES[name]}"' in (tmp_path / "arm.toml").read_text()
+    code, answer = call_json(capsys, "check", tmp_path / "arm.toml")
+    assert (code, answer["result"]["joints"][0]["friction"]) == (0, OLD_NAMES[name])
+
+
+def test_a_law_that_does_not_exist_is_refused_with_the_nearest(capsys):
+    code, answer = call_json(capsys, "base", "emps", "--friction", "viscous_coulom")
+    assert (code, answer["errors"][0]["code"]) == (2, "usage.unknown-friction-law")
+    assert "did you mean " in answer["errors"][0]["text"]
+    code, answer = call_json(capsys, "base", "emps", "--friction", "stribeck")
+    assert (code, answer["errors"][0]["code"]) == (2, "usage.friction-shape")

@@ -8,6 +8,7 @@ import pytest
 from symid.codegen.cache import prepare_library
 from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import compute_friction_torque
+from symid.robot.loading import load_robot
 from symid.robot.toml_reader import read_robot
 from tests.cli.test_identify_friction import (
     AXIS_LAW,
@@ -66,7 +67,7 @@ def test_the_robot_file_has_the_torque_of_the_law(capsys, identify, tmp_path):
     code, answer = call_json(capsys, "export", "emps", result, "-o", file)
     assert code == 0
     written = answer["result"]["written"]["axis"]
-    assert (written["law"], written["model"]) == ("stribeck+offset", "stribeck_offset")
+    assert (written["law"], written["model"]) == ("stribeck+offset", "stribeck+offset")
     assert answer["result"]["kept"] == {}
     robot = read_robot(file)
     friction = robot.joints[0].friction
@@ -83,20 +84,24 @@ def test_the_robot_file_has_the_torque_of_the_law(capsys, identify, tmp_path):
     torque = columns[:, 0] @ np.array(friction.values)
     assert np.max(np.abs(torque - expected)) <= 1e-12 * np.max(np.abs(expected))
     code, out, _ = call(capsys, "export", "emps", result, "-o", file, "--force")
-    assert (code, "axis: stribeck+offset as stribeck_offset" in out) == (0, True)
+    assert (code, "axis: stribeck+offset" in out) == (0, True)
     assert call_json(capsys, "check", file)[0] == 0
 
 
-@pytest.mark.parametrize("model", ["lorentzian", "cubic+offset"])
-def test_friction_that_no_file_has_stays_as_it_was(capsys, identify, tmp_path, model):
+@pytest.mark.parametrize("model", ["coulomb", "tustin", "lorentzian", "cubic+offset", "position-torque-1"])
+def test_any_law_becomes_part_of_the_robot_file(capsys, identify, tmp_path, model):
     result, file = identify(model), tmp_path / "robot.toml"
     code, answer = call_json(capsys, "export", "emps", result, "-o", file)
     assert code == 0
-    assert answer["result"]["written"] == {}
-    (warning,) = (entry for entry in answer["warnings"] if entry["code"] == "export.friction-kept")
-    assert "'axis'" in warning["text"]
-    assert repr(model) in warning["text"]
-    assert read_robot(file).joints[0].friction.kind.value == "viscous_coulomb_offset"
+    written = answer["result"]["written"]["axis"]
+    assert (written["law"], written["model"], answer["result"]["kept"]) == (model, model, {})
+    assert "export.friction-kept" not in find_codes(answer)
+    estimate = json.loads(result.read_text())["joints"][0]["estimate"]
+    friction = read_robot(file).joints[0].friction
+    assert friction.law == model
+    assert list(friction.values) == list(written["values"].values()) == estimate["linear"]
+    assert list(friction.shape) == list(written["shape"].values()) == estimate["shape"]
+    assert call_json(capsys, "check", file)[0] == 0
 
 
 def test_refused_parameters_keep_the_files_friction(capsys, identify, tmp_path):
@@ -106,7 +111,11 @@ def test_refused_parameters_keep_the_files_friction(capsys, identify, tmp_path):
     reason = answer["result"]["kept"]["axis"]
     assert "fS was refused" in reason
     assert "vs was refused" in reason
-    assert "export.friction-kept" in find_codes(answer)
+    assert answer["result"]["written"] == {}
+    (warning,) = (entry for entry in answer["warnings"] if entry["code"] == "export.friction-kept")
+    assert "'axis'" in warning["text"]
+    before = load_robot("emps").joints[0].friction
+    assert read_robot(tmp_path / "robot.toml").joints[0].friction == before
 
 
 def test_what_drives_the_joint_is_told_of_the_written_file(capsys, identify, tmp_path):
@@ -120,7 +129,7 @@ def test_what_drives_the_joint_is_told_of_the_written_file(capsys, identify, tmp
 def test_an_arm_keeps_what_did_not_move(capsys, arm_logs, tmp_path):
     result, file = tmp_path / "friction.json", tmp_path / "arm.toml"
     arguments = ("identify", "two_link", *arm_logs[:2], *LAW, "--model", "stribeck+offset")
-    call_json(capsys, *arguments, *PLAIN_PROCESSING, "--friction", "viscous_coulomb", "-o", result)
+    call_json(capsys, *arguments, *PLAIN_PROCESSING, "--friction", "coulomb-viscous", "-o", result)
     code, answer = call_json(capsys, "export", "two_link", result, "-o", file)
     assert code == 0
     assert list(answer["result"]["written"]) == ["shoulder"]
@@ -154,7 +163,7 @@ def test_dynamics_and_friction_become_one_file(capsys, arm_logs, tmp_path):
     code, answer = call_json(capsys, "export", dynamics, result, "-o", identified)
     assert (code, list(answer["result"]["written"])) == (0, ["shoulder"])
     before, after = read_robot(dynamics), read_robot(identified)
-    assert after.joints[0].friction.kind.value == "asymmetric"
+    assert after.joints[0].friction.law == "asymmetric"
     assert after.joints[1] == before.joints[1]
     assert after.joints[0].inertial == before.joints[0].inertial
 

@@ -9,7 +9,7 @@ from symid.cli.main import run
 from symid.logs.files import RawLog
 from symid.logs.headings import read_headings
 from symid.logs.reader import read_recording
-from symid.robot.description import Drive, FrictionKind, Processing
+from symid.robot.description import Drive, Processing
 from symid.robot.toml_reader import read_robot
 
 TABLE = "joint,alpha,a,d,theta\nshoulder,0,0,0,q\nelbow_joint,0,0.5,0,q\nslide,0,0.3,q,0\n"
@@ -50,7 +50,7 @@ def find_only(answer):
 
 def test_columns_are_known_by_names_of_joints_and_by_numbers(capsys, folder):
     values = write_log(folder, PLAIN)
-    code, answer = call_new(capsys, "--friction", "viscous_coulomb")
+    code, answer = call_new(capsys, "--friction", "coulomb-viscous")
     assert code == 0
     assert answer["result"]["log"] == {
         "file": "log.csv",
@@ -74,7 +74,7 @@ def test_columns_are_known_by_names_of_joints_and_by_numbers(capsys, folder):
 
 def test_what_was_assumed_stands_in_the_file(capsys, folder):
     write_log(folder, PLAIN)
-    assert call_new(capsys, "--friction", "viscous_coulomb", "--gear", "50,-30,200", "--rotors")[0] == 0
+    assert call_new(capsys, "--friction", "coulomb-viscous", "--gear", "50,-30,200", "--rotors")[0] == 0
     text = " ".join((folder / "arm.toml").read_text().partition("name =")[0].replace("#", "").split())
     assert "0 is 'shoulder'" in text
     assert "positions and torques are assumed to be on the joint side" in text
@@ -82,7 +82,7 @@ def test_what_was_assumed_stands_in_the_file(capsys, folder):
     assert [joint.drive for joint in robot.joints] == [
         Drive(gear=gear, has_rotor=True) for gear in (50.0, -30.0, 200.0)
     ]
-    assert {joint.friction.kind for joint in robot.joints} == {FrictionKind.VISCOUS_COULOMB}
+    assert {joint.friction.law for joint in robot.joints} == {"coulomb-viscous"}
     # What was found by hand for one log does not belong into a robot file: it is chosen from each log.
     assert robot.processing == Processing(automatic=True)
     assert "[processing]" not in (folder / "arm.toml").read_text()

@@ -173,7 +173,7 @@ def test_friction_that_no_plant_holds_is_refused(capsys, folder, tmp_path):
 name = "m2"
 terms = { shoulder = 1, elbow = 1 }
 [coupling.friction]
-model = "viscous_coulomb"
+model = "coulomb-viscous"
 Fv = 0.2
 Fc = 0.3
 """

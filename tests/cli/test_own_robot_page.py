@@ -33,7 +33,7 @@ gear = 100
 rotor_inertia = 2.4e-5
 rotor_inertia_side = "motor"
 [joint.friction]
-model = "viscous_coulomb_offset"
+model = "coulomb-viscous-offset"
 Fv = 4.2
 Fc = 3.1
 offset = 0.15
@@ -55,7 +55,7 @@ gear = 100
 rotor_inertia = 2.4e-5
 rotor_inertia_side = "motor"
 [joint.friction]
-model = "viscous_coulomb_offset"
+model = "coulomb-viscous-offset"
 Fv = 5.1
 Fc = 3.8
 offset = -0.4
@@ -77,7 +77,7 @@ gear = 80
 rotor_inertia = 9e-6
 rotor_inertia_side = "motor"
 [joint.friction]
-model = "viscous_coulomb_offset"
+model = "coulomb-viscous-offset"
 Fv = 1.6
 Fc = 1.9
 offset = 0.1
@@ -186,7 +186,7 @@ def read_comments(folder):
     found = []
     for joint in JOINTS:
         (values,) = re.findall(
-            rf"joint {joint}: friction model viscous_coulomb_offset, values (.*?) \(", text
+            rf"joint {joint}: friction model coulomb-viscous-offset, values (.*?) \(", text
         )
         (rotor,) = re.findall(rf"joint {joint}: rotor inertia (\S+) on the joint's side", text)
         found.append((*map(float, values.split()), float(rotor)))

@@ -14,7 +14,7 @@ from symid.identification.elastic.routing import build_rigid_variant
 from symid.identification.estimators.estimate import ParameterEstimate, Residual
 from symid.identification.stored import write_fit
 from symid.ipopt import Ending
-from symid.robot.description import FrictionKind, FrictionValues
+from symid.joint_models import FrictionValues
 from symid.robot.inertia import compute_standard_parameters
 from symid.robot.toml_reader import read_robot
 from symid.robot.toml_settings import list_processing
@@ -64,8 +64,7 @@ def arm(tmp_path_factory):
     """Return a folder with a robot file and estimates of it, loaded and empty, and the robot."""
     folder = tmp_path_factory.mktemp("payload")
     joints = tuple(
-        dataclasses.replace(joint, friction=FrictionValues(kind=FrictionKind.VISCOUS_COULOMB))
-        for joint in PUMA560.joints
+        dataclasses.replace(joint, friction=FrictionValues(law="coulomb-viscous")) for joint in PUMA560.joints
     )
     robot = fill_robot(dataclasses.replace(PUMA560, joints=joints))
     (folder / "arm.toml").write_text(write_robot(robot), encoding="utf-8")

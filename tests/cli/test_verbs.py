@@ -338,7 +338,7 @@ def test_simulate_names_every_value_that_is_not_stated(capsys, tmp_path):
     assert error["text"].partition("not stated: ")[2].split("; ") == [
         "joint 'j2': [joint.link] mass, com and inertia",
         "joint 'j2': stiffness and rest of [joint.spring]",
-        "joint 'j2': the values of friction viscous_coulomb",
+        "joint 'j2': the values of friction coulomb-viscous",
         "coupling 'm': the rotor_inertia",
         "coupling 'm': the values of friction asymmetric",
     ]
@@ -359,7 +359,7 @@ kind = "revolute"
 a = 0.3
 mimic = { joint = "j1", multiplier = -2 }
 spring = { stiffness = 10, rest = "unknown" }
-friction = { model = "viscous_coulomb" }
+friction = { model = "coulomb-viscous" }
 [[joint]]
 name = "j3"
 kind = "revolute"

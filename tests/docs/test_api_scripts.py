@@ -74,7 +74,7 @@ def test_short_blocks_run(page, tmp_path, c_compiler):
     draft = symid.new_robot(
         urdf=tmp_path / "arm.urdf",
         log=tmp_path / "training.csv",
-        friction="viscous_coulomb_offset",
+        friction="coulomb-viscous-offset",
         rotors=True,
         torque_constant=[0.11, 0.11, 0.062],
     )

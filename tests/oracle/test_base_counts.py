@@ -8,19 +8,20 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from sympy import QQ, Matrix
 
+from symid.dynamics import compute_friction_columns
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.dynamics.exact_algebra import reduce_rows
 from symid.dynamics.lagrange import derive_energy
 from symid.dynamics.recursion import build_recursion
 from symid.dynamics.regressors import compute_torque_columns
+from symid.joint_models import FrictionValues, list_value_names
 from symid.joint_models.carriers import build_numpy_carrier
-from symid.joint_models.friction_models import FRICTION_MODELS, compute_friction_columns
 from symid.notation import INERTIAL
-from symid.robot.description import FrictionKind
 from symid.robot.geometry import ONE, ZERO, Exact
 from tests.chains import (
     PANDA,
     PI,
+    PLAIN_LAWS,
     PUMA560,
     STANFORD,
     TWO_LINK,
@@ -31,6 +32,7 @@ from tests.chains import (
     trees,
 )
 from tests.float_algebra import FloatAlgebra, build_float_state
+from tests.friction_forms import EVERY_LAW, give_shape
 
 # Any angle is right for drives and friction; right angles keep the field small.
 RIGHT_ANGLES = st.sampled_from([0.0, PI / 2, -PI / 2, PI])
@@ -78,15 +80,18 @@ def test_count_equals_the_exact_rank_on_random_trees(robot):
 def find_sampled_rank(robot, seed):
     """Rank of the torques of all parameters, friction included, at random states: a numeric oracle."""
     base = derive_base_parameters(robot)
-    states = np.random.default_rng(seed).uniform(-2, 2, (3, robot.size, 80))
+    rng = np.random.default_rng(seed)
+    states, others = rng.uniform(-2, 2, (3, robot.size, 80)), rng.uniform(20, 50, (2, robot.size, 80))
+    given = dict(zip(("position", "velocity", "load", "temperature"), (*states[:2], *others), strict=True))
     algebra = FloatAlgebra()
     inertial = [label for label in base.labels if label[1] in (*INERTIAL, "IA")]
     columns = compute_torque_columns(build_recursion(robot, algebra, build_float_state(*states)), inertial)
     for joint, name in base.labels:
         if (joint, name) not in columns:
             friction = robot.joints[joint].friction
-            entries = compute_friction_columns(friction, build_numpy_carrier(), states[1, joint])
-            column = entries[FRICTION_MODELS[friction.kind].parameters.index(name)]
+            inputs = {name: values[joint] for name, values in given.items()}
+            entries = compute_friction_columns(friction, build_numpy_carrier(), inputs)
+            column = entries[list_value_names(friction).index(name)]
             columns[joint, name] = [column if k == joint else 0.0 for k in range(robot.size)]
     stacked = [np.concatenate([np.broadcast_to(e, 80) for e in columns[label]]) for label in base.labels]
     values = np.linalg.svd(np.array(stacked), compute_uv=False)
@@ -100,12 +105,22 @@ def test_drives_and_friction_count_right_on_random_trees(robot):
     assert base.count + len(base.friction) == find_sampled_rank(robot, 1)
 
 
-@pytest.mark.parametrize("kind", list(FrictionKind))
+@pytest.mark.parametrize("kind", PLAIN_LAWS)
 @pytest.mark.parametrize("rotors", [False, True])
 def test_friction_of_a_vertical_slide(kind, rotors):
     slide = build_chain([(0.0, 0, "q", 0.0)], rotors=rotors, friction=kind)
     base = derive_base_parameters(slide)
     assert base.count + len(base.friction) == find_sampled_rank(slide, 2)
+
+
+@pytest.mark.parametrize("name", EVERY_LAW)
+@pytest.mark.parametrize("row", [(0.0, 0, "q", 0.0), (PI / 2, 0, 0, "q")], ids=["slide", "pendulum"])
+def test_every_law_at_a_joint_that_feels_its_weight(name, row):
+    chain = build_chain([row], rotors=True)
+    friction = FrictionValues(law=name, shape=give_shape(name, 10.0))
+    robot = dataclasses.replace(chain, joints=(dataclasses.replace(chain.joints[0], friction=friction),))
+    base = derive_base_parameters(robot)
+    assert base.count + len(base.friction) == find_sampled_rank(robot, 2)
 
 
 @settings(max_examples=25, deadline=None)
@@ -185,7 +200,7 @@ def test_drives_and_friction_belong_to_the_set():
                 ]
             ],
             rotors=True,
-            friction=FrictionKind.VISCOUS_COULOMB_OFFSET,
+            friction="coulomb-viscous-offset",
         )
     )
     assert len(base.labels) == 98
@@ -193,7 +208,7 @@ def test_drives_and_friction_belong_to_the_set():
 
 
 def test_an_offset_on_a_vertical_slide_with_rotor_is_a_weight():
-    slide = build_chain([(0.0, 0, "q", 0.0)], rotors=True, friction=FrictionKind.VISCOUS_COULOMB_OFFSET)
+    slide = build_chain([(0.0, 0, "q", 0.0)], rotors=True, friction="coulomb-viscous-offset")
     base = derive_base_parameters(slide)
     # Force M (ddq + g) + IA ddq + offset + Fv dq + Fc sign dq: ddq, 1, dq, sign dq are all there is.
     assert base.count + len(base.friction) == 4

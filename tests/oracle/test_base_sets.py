@@ -13,11 +13,13 @@ from hypothesis import given, settings, strategies as st
 
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.dynamics.lagrange import derive_energy
-from symid.robot.description import Coupling, Drive, FrictionKind, FrictionValues, JointKind, Mimic, Spring
+from symid.joint_models import FrictionValues
+from symid.robot.description import Coupling, Drive, JointKind, Mimic, Spring
 from symid.robot.geometry import ZERO, Exact, build_exact_angle, compose_placements, place_modified_dh
 from tests.chains import (
     PANDA,
     PI,
+    PLAIN_LAWS,
     PUMA560,
     RATIONAL_ANGLES,
     RATIONAL_LENGTHS,
@@ -167,22 +169,22 @@ def test_a_parallelogram_keeps_its_third_link_upright():
     assert not {(2, "XX"), (2, "XY"), (2, "ZZ"), (2, "XZ")} & heads
 
 
-def couple(robot, *terms, rotor=True, friction=FrictionKind.NONE, name="m"):
+def couple(robot, *terms, rotor=True, friction="none", name="m"):
     coupling = Coupling(
         name=name,
         terms=tuple((index, Fraction(factor)) for index, factor in terms),
         has_rotor=rotor,
-        friction=FrictionValues(kind=friction),
+        friction=FrictionValues(law=friction),
     )
     return dataclasses.replace(robot, couplings=(*robot.couplings, coupling))
 
 
 def test_a_coupled_wrist_adds_one_rotor_and_its_friction():
     """As in a Staubli TX40: the drive of joint 6 turns with joints 5 and 6."""
-    kind = FrictionKind.VISCOUS_COULOMB
+    kind = "coulomb-viscous"
     arm = dataclasses.replace(PUMA560)
     joints = tuple(
-        dataclasses.replace(joint, drive=Drive(has_rotor=True), friction=FrictionValues(kind=kind))
+        dataclasses.replace(joint, drive=Drive(has_rotor=True), friction=FrictionValues(law=kind))
         for joint in arm.joints
     )
     arm = dataclasses.replace(arm, joints=joints)
@@ -201,7 +203,7 @@ def test_a_coupling_to_one_joint_is_its_own_rotor():
     assert derive_base_parameters(couple(arm, (1, 3))).count == derive_base_parameters(arm).count
 
 
-@pytest.mark.parametrize("kind", list(FrictionKind))
+@pytest.mark.parametrize("kind", PLAIN_LAWS)
 def test_friction_of_followers_and_couplings(kind):
     """A follower's friction adds to that of its master; a negative multiplier turns it round."""
     arm = build_chain([(0.0, 0, 0, "q"), (PI / 2, 0.3, 0, "q"), (0.0, 0.4, "q", 0.0)], friction=kind)
@@ -212,7 +214,7 @@ def test_friction_of_followers_and_couplings(kind):
         assert_base_set(couple(robot, (1, 1), (2, "1/2"), rotor=False, friction=kind))
 
 
-@pytest.mark.parametrize("kind", list(FrictionKind))
+@pytest.mark.parametrize("kind", PLAIN_LAWS)
 def test_springs_next_to_weights_and_offsets(kind):
     """On a slope a slide feels weight, offset and the spring's own constant as one force."""
     for rows in (

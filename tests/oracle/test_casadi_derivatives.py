@@ -10,10 +10,11 @@ import pytest
 from symid.codegen.casadi_functions import build_casadi_function, build_functions
 from symid.codegen.catalogue import build_spring_vector
 from symid.errors import UsageError
+from symid.joint_models import FrictionValues
 from symid.notation import INERTIAL
-from symid.robot.description import CurvedFriction, FrictionKind
 from symid.robot.toml_reader import read_robot
 from tests.chains import PANDA, PUMA560, STANFORD, build_chain, build_pinocchio, draw_parameters
+from tests.friction_forms import EVERY_LAW, give_shape
 
 
 def find_jacobian(function, place, inputs, output=0):
@@ -151,26 +152,28 @@ def test_the_inverse_step_has_the_inverse_slope(arm):
         assert_close(found, find_differences(inverse, 2, (torque, rest, h), 1e-7), 1e-6)
 
 
-KINDS = (
-    *((kind, ()) for kind in FrictionKind if kind is not FrictionKind.NONE),
-    (CurvedFriction.STRIBECK, (0.05, 1.4)),
-    (CurvedFriction.CUBIC, ()),
-    (CurvedFriction.STRIBECK_CUBIC, (0.05, 2.0)),
-)
+# Gentle enough that differences over 2e-5 are exact to 1e-8.
+SCALE = 3.0
+# A power of the speed below one has no slope at rest.
+STEEP = ("power-law", "power-law+offset", "stribeck-0.7", "asymmetric-stribeck-0.7")
 
 
 @pytest.mark.parametrize("smoothing", [0.0, 0.01])
-@pytest.mark.parametrize(("kind", "shape"), KINDS, ids=lambda entry: getattr(entry, "value", ""))
-def test_derivatives_of_friction_exist_at_rest_as_well(kind, shape, smoothing):
-    robot = build_chain([(0.0, 0, 0, "q")], friction=FrictionKind.VISCOUS_COULOMB, name="one")
-    friction = replace(robot.joints[0].friction, kind=kind, shape=shape, smoothing=smoothing)
+@pytest.mark.parametrize("name", EVERY_LAW)
+def test_derivatives_of_friction_exist_at_rest_as_well(name, smoothing):
+    robot = build_chain([(0.0, 0, 0, "q")], name="one")
+    friction = FrictionValues(law=name, shape=give_shape(name, SCALE), smoothing=smoothing)
     robot = replace(robot, joints=(replace(robot.joints[0], friction=friction),))
     function = build_casadi_function(robot, "friction")
-    f = np.linspace(1.0, 2.0, function.size1_in(1))
-    assert np.isfinite(find_jacobian(function, 0, ([0.0], f))).all()
-    for speed in (-0.4, 0.02, 0.7):
-        found = find_jacobian(function, 0, ([speed], f))
-        assert_close(found, find_differences(function, 0, ([speed], f), 2e-5), 1e-8)
+    # Position, load and temperature, where the law reads them.
+    others = [[value] for value in (0.3, 7.0, 31.0)[: function.n_in() - 2]]
+    f = np.linspace(1.0, 2.0, function.numel_in(function.n_in() - 1))
+    for place in range(1 + len(others)):
+        assert name in STEEP or np.isfinite(find_jacobian(function, place, ([0.0], *others, f))).all()
+        for speed in (-0.4, 0.02, 0.7):
+            inputs = ([speed], *others, f)
+            found = find_jacobian(function, place, inputs)
+            assert_close(found, find_differences(function, place, inputs, 2e-5), 1e-8)
 
 
 def test_vectors_are_columns_and_matrices_have_their_shape(arm):

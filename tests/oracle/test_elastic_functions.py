@@ -18,6 +18,7 @@ from symid.codegen.python_targets import generate_python_module
 from symid.codegen.source_folder import write_sources
 from symid.codegen.source_text import GenerateOptions
 from symid.errors import UsageError
+from symid.joint_models.elasticity import Elasticity, Knee, Stop
 from symid.joint_models.prandtl_ishlinskii import (
     build_play_model,
     compute_hysteresis_torque,
@@ -27,7 +28,6 @@ from symid.joint_models.prandtl_ishlinskii import (
     invert_play_model,
     read_spring_terms,
 )
-from symid.robot.elasticity import Elasticity, Knee, Stop
 from symid.robot.toml_reader import parse_robot, read_robot
 from tests.sx_programs import read_sx_program
 
@@ -357,7 +357,7 @@ def test_slides_followers_and_unknown_values_have_springs_too(c_compiler, tmp_pa
         subprocess.run(["./control_loop"], cwd=tmp_path / "c", check=False, capture_output=True).returncode
         == 2
     )
-    braked = ODD + 'friction = { model = "viscous_coulomb" }\n'
+    braked = ODD + 'friction = { model = "coulomb-viscous" }\n'
     names = [spec.name for spec in build_functions(parse_robot(braked)).card.functions]
     assert "hysteresis_inverse_step" in names
     assert "elastic_inverse_dynamics" not in names

@@ -10,15 +10,14 @@ import pytest
 from symid.codegen.c_friction import build_law_program, generate_friction_laws
 from symid.codegen.compiler import locate_compiler
 from symid.joint_models.carriers import OperatorCarrier
-from symid.joint_models.friction_catalogue import FRICTION_LAWS, get_law, with_offset
+from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import compute_columns
+from tests.friction_forms import EVERY_LAW
 
 STRICT = "-std=c99 -O2 -fPIC -shared -Wall -Wextra -Wpedantic -Wconversion -Wshadow -Wdouble-promotion"
-FURTHER = ("stribeck-2.09", "improved-stribeck-h4-exponent", "position-dependent-1,3x100.5")
 LAWS = (
-    *FRICTION_LAWS.values(),
-    *map(get_law, FURTHER),
-    with_offset(get_law("makkar")),
+    *map(get_law, EVERY_LAW),
+    get_law("stribeck-2.09"),
     get_law("stribeck", smoothing=0.02),
     get_law("asymmetric", smoothing=0.003),
 )
@@ -59,7 +58,7 @@ def draw(law, rng, count):
     """Return inputs (count,) and physical values, speeds over all scales of the law, rest and edges too."""
     special = {"vs": (0.005, 0.1), "gamma": (0.5, 4.0), "dq0": (0.002, 0.03), "dqs": (0.0, 0.03)}
     special |= {"delta": (0.2, 2.0), "g2": (50, 200), "g3": (5, 50), "g5": (50, 200), "fL": (0, 0.1)}
-    special |= {"fLS": (0, 0.1)}
+    special |= {"fLS": (0, 0.1), "TV": (10, 40)}
     values = [rng.uniform(*special.get(p.name, (0.5, 40.0))) for p in law.physical]
     speeds = rng.choice([-1.0, 1.0], count) * 10.0 ** rng.uniform(-5, 0.5, count)
     named = {p.name: value for p, value in zip(law.physical, values, strict=True)}
@@ -67,7 +66,7 @@ def draw(law, rng, count):
     # Of a motor's angle only some turns: an angle's own rounding grows with the turns.
     turn = 0.04 if "x100" in law.name else 4.0
     inputs = {"velocity": speeds, "load": rng.uniform(-50, 50, count)}
-    inputs["position"] = rng.uniform(-turn, turn, count)
+    inputs |= {"position": rng.uniform(-turn, turn, count), "temperature": rng.uniform(0, 80, count)}
     return {name: inputs[name] for name in law.inputs}, values
 
 
@@ -79,7 +78,7 @@ def call(library, law, inputs, values):
     return np.array([function(*map(ctypes.c_double, row), parameters) for row in zip(*arrays, strict=True)])
 
 
-@pytest.mark.parametrize("law", LAWS, ids=lambda law: name_of(law, ""))
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: f"{law.name}-{law.smoothing:g}")
 def test_c_equals_numpy_and_forty_digits(compiled, law):
     rng = np.random.default_rng(7)
     for _ in range(20):

@@ -15,6 +15,7 @@ from hypothesis import given, settings
 
 from symid.errors import RobotError
 from symid.joint_models.carriers import OperatorCarrier
+from symid.joint_models.elasticity import Elasticity, Knee, Stop
 from symid.joint_models.hysteresis import (
     Plays,
     SpringTerms,
@@ -45,7 +46,6 @@ from symid.joint_models.prandtl_ishlinskii import (
     invert_play_model,
     read_spring_terms,
 )
-from symid.robot.elasticity import Elasticity, Knee, Stop
 
 ROUNDING = 1e-13
 HARDENING = (Knee(threshold=-3.0, slope=0.5), Knee(threshold=3.0, slope=0.5))

@@ -20,8 +20,9 @@ from symid.codegen.routes import choose_route
 from symid.codegen.symbolic import derive_symbolic
 from symid.dynamics.base_parameters import build_standard_parameters, derive_base_parameters
 from symid.errors import UsageError
+from symid.joint_models import FrictionValues
 from symid.notation import INERTIAL
-from symid.robot.description import Coupling, Drive, FrictionKind, FrictionValues, Mimic, Spring
+from symid.robot.description import Coupling, Drive, Mimic, Spring
 from symid.robot.toml_reader import read_robot
 from tests.chains import PANDA, TWO_LINK, build_chain, build_pinocchio, draw_parameters, run_program
 
@@ -42,13 +43,13 @@ WRITTEN_OUT = 300_000
 
 def build_coupled():
     """Return twisted axes: one follows another, a coupled drive, rotors, a spring, friction, a length."""
-    robot = build_chain(ROWS, rotors=True, friction=FrictionKind.VISCOUS_COULOMB_OFFSET, name="coupled")
+    robot = build_chain(ROWS, rotors=True, friction="coulomb-viscous-offset", name="coupled")
     joints = list(robot.joints)
     joints[1] = replace(joints[1], spring=Spring())
     joints[3] = replace(
         joints[3],
         mimic=Mimic(master=1, multiplier=Fraction(-63, 100)),
-        friction=FrictionValues(kind=FrictionKind.NONE),
+        friction=FrictionValues(law="none"),
         drive=Drive(),
     )
     joints[0] = replace(joints[0], friction=replace(joints[0].friction, smoothing=0.03))

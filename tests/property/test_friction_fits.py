@@ -107,6 +107,8 @@ def test_no_motion_gives_numbers_that_are_none(name, kind, count, sizes, seed):
     )
     torque = 10.0**reach * (np.sign(velocity) + rng.standard_normal(count))
     inputs = {"load": rng.standard_normal(count), "position": rng.standard_normal(count)}
+    if "temperature" in FRICTION_LAWS[name].inputs:
+        inputs["temperature"] = 30.0 + 10.0 * rng.standard_normal(count)
     fit = fit_friction(build(velocity, torque, **inputs), FRICTION_LAWS[name])
     assert fit.solves <= 150
     entries = [number for entry in fit.parameters for number in (entry.value, entry.std)]

@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import given, settings
 
 from symid.notation import INERTIAL
-from symid.robot.description import FrictionKind, Spring
+from symid.robot.description import Spring
 from symid.robot.xml_writers import write_mjcf
 from tests.chains import RATIONAL_ANGLES, draw_parameters, fold, regress, spread, trees
 from tests.mujocos import find_mujoco_torques
@@ -28,7 +28,7 @@ def fill(robot, rng):
             joint = dataclasses.replace(joint, spring=Spring(stiffness=values[index, "KS"], rest=rest))  # noqa: PLW2901
         drive = dataclasses.replace(joint.drive, rotor_inertia=values.get((index, "IA")))
         friction = joint.friction
-        if friction.kind is FrictionKind.VISCOUS_COULOMB:
+        if friction.law == "coulomb-viscous":
             values[index, "Fv"], values[index, "Fc"] = float(rng.uniform(0, 1)), 0.0
             friction = dataclasses.replace(friction, values=(values[index, "Fv"], 0.0))
         joints.append(dataclasses.replace(joint, inertial=tuple(body), drive=drive, friction=friction))

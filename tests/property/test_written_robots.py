@@ -6,13 +6,12 @@ from fractions import Fraction
 import numpy as np
 from hypothesis import given, settings, strategies as st
 
+from symid.joint_models import FrictionValues, get_law, has_sign
+from symid.joint_models.elasticity import Elasticity, Knee, Stop
 from symid.robot.description import (
     Coupling,
-    CurvedFriction,
     Decimation,
     Drive,
-    FrictionKind,
-    FrictionValues,
     Joint,
     JointKind,
     Limits,
@@ -25,7 +24,6 @@ from symid.robot.description import (
     Spring,
     SymbolicInertia,
 )
-from symid.robot.elasticity import Elasticity, Knee, Stop
 from symid.robot.geometry import (
     IDENTITY,
     ZERO,
@@ -43,9 +41,9 @@ from symid.robot.geometry import (
     rotate_z,
     translate,
 )
-from symid.robot.toml_drives import FRICTION_PARAMETERS, FRICTION_SHAPES
 from symid.robot.toml_reader import parse_robot
 from symid.robot.toml_writer import write_robot
+from tests.friction_forms import EVERY_LAW
 
 FRACTIONS = st.fractions(-3, 3, max_denominator=1000)
 NUMBERS = st.floats(-100, 100, allow_nan=False).filter(lambda x: x == 0 or abs(x) > 1e-20)
@@ -75,6 +73,9 @@ TURNS = st.one_of(
 )
 
 
+SHARED_LAWS = tuple(name for name in EVERY_LAW if get_law(name).inputs == ("velocity",))
+
+
 @st.composite
 def placements(draw):
     turn = draw(TURNS)
@@ -96,16 +97,18 @@ def test_roll_pitch_and_yaw_are_found_where_they_were(angles):
 
 
 @st.composite
-def frictions(draw):
-    kind = draw(st.sampled_from([*FrictionKind, *CurvedFriction]))
-    count = len(FRICTION_PARAMETERS[kind])
-    values = draw(st.one_of(st.none(), st.tuples(*[NUMBERS] * count))) if count else None
-    # These have no step at standstill to smooth.
-    steps = count and kind not in {CurvedFriction.IMPROVED_STRIBECK, CurvedFriction.MAKKAR}
-    smoothing = draw(st.one_of(st.just(0.0), POSITIVE)) if steps else 0.0
+def frictions(draw, *, shared=False):
+    """Any static law; that of `shared` drives depends on the velocity alone."""
+    name = draw(st.sampled_from(["none", *(SHARED_LAWS if shared else EVERY_LAW)]))
+    if name == "none":
+        return FrictionValues()
+    law = get_law(name)
+    values = draw(st.one_of(st.none(), st.tuples(*[NUMBERS] * len(law.linear))))
+    # Some have no step at standstill to smooth.
+    smoothing = draw(st.one_of(st.just(0.0), POSITIVE)) if has_sign(law) else 0.0
     numbers = st.floats(1e-3, 9.0)
-    shape = draw(st.tuples(*[numbers] * len(FRICTION_SHAPES.get(kind, ()))))
-    return FrictionValues(kind=kind, values=values, smoothing=smoothing, shape=shape)
+    shape = draw(st.tuples(*[numbers] * len(law.shape)))
+    return FrictionValues(law=name, values=values, smoothing=smoothing, shape=shape)
 
 
 SLOPES = st.floats(-0.3, 2.0).filter(lambda x: abs(x) > 1e-20)
@@ -170,7 +173,7 @@ def joints(draw, index):
         frame=draw(st.one_of(st.just(IDENTITY), placements())),
         inertial=draw(st.one_of(st.none(), bodies())),
         drive=draw(drives()),
-        friction=draw(frictions()),
+        friction=draw(frictions(shared=follows)),
         limits=limits,
         mimic=Mimic(master=0, multiplier=draw(FRACTIONS.filter(bool))) if follows else None,
         spring=draw(st.one_of(st.none(), st.builds(Spring, stiffness=unknown, rest=unknown))),
@@ -182,7 +185,8 @@ def joints(draw, index):
 def robots(draw):
     found = tuple(draw(joints(index)) for index in range(draw(st.integers(1, 3))))
     terms = tuple((index, draw(FRACTIONS.filter(bool))) for index in range(len(found)))
-    coupling = Coupling(name="m6", terms=terms, has_rotor=draw(st.booleans()), friction=draw(frictions()))
+    shared = draw(frictions(shared=True))
+    coupling = Coupling(name="m6", terms=terms, has_rotor=draw(st.booleans()), friction=shared)
     return Robot(
         name="arm",
         description=draw(st.text(st.characters(codec="utf-8"), max_size=9)),

@@ -179,7 +179,7 @@ def _build_card(robot, names, units, *, kind, joints, truth):
         for k, name in enumerate(("Fv", "Fc", "offset"))
     )
     cards = tuple(
-        JointCard(number=j + 1, name=f"joint{j + 1}", kind=kind, friction="viscous_coulomb_offset")
+        JointCard(number=j + 1, name=f"joint{j + 1}", kind=kind, friction="coulomb-viscous-offset")
         for j in range(joints)
     )
     return ModelCard(

@@ -31,9 +31,9 @@ from symid.identification.elastic.regression import prepare_elastic_signals
 from symid.identification.elastic.uncertainty import compute_elimination_bound
 from symid.identification.elastic.validation import predict_elastic
 from symid.identification.stored import is_fit, read_fit, write_fit
+from symid.joint_models.elasticity import Elasticity
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
 from symid.logs.recording import Recording
-from symid.robot.elasticity import Elasticity
 from symid.robot.toml_reader import read_robot
 from symid.simulation.elastic_experiment import (
     build_clean_options,

@@ -40,13 +40,13 @@ kind = "revolute"
 alpha = "pi/2"
 {link}
 spring = {{ stiffness = 20, rest = 0.1 }}
-friction = {{ model = "viscous_coulomb_offset", Fv = 0.5, Fc = 0.7, offset = 0.4 }}
+friction = {{ model = "coulomb-viscous-offset", Fv = 0.5, Fc = 0.7, offset = 0.4 }}
 [[joint]]
 name = "j2"
 kind = "prismatic"
 alpha = "-pi/2"
 {link}
-friction = {{ model = "viscous_coulomb_offset", Fv = 0.9, Fc = 0.6, offset = -0.3 }}
+friction = {{ model = "coulomb-viscous-offset", Fv = 0.9, Fc = 0.6, offset = -0.3 }}
 """
 UPRIGHT = """
 [[joint]]
@@ -57,12 +57,12 @@ drive = {{ gear = 1, rotor_inertia = 0.5, rotor_inertia_side = "joint" }}
 friction = {{ model = "{model}", {first} }}
 """
 MODELS = {
-    "viscous_coulomb": ("Fv = 0.1, Fc = 0.2", "Fv = 0.3, Fc = 0.15"),
+    "coulomb-viscous": ("Fv = 0.1, Fc = 0.2", "Fv = 0.3, Fc = 0.15"),
     "asymmetric": (
         "Fvp = 0.1, Fcp = 0.2, Fvn = 0.3, Fcn = 0.4",
         "Fvp = 0.5, Fcp = 0.6, Fvn = 0.25, Fcn = 0.7",
     ),
-    "viscous_coulomb_offset": ("Fv = 0.1, Fc = 0.2, offset = 0.05", "Fv = 0.3, Fc = 0.15, offset = -0.02"),
+    "coulomb-viscous-offset": ("Fv = 0.1, Fc = 0.2, offset = 0.05", "Fv = 0.3, Fc = 0.15, offset = -0.02"),
 }
 
 # What the plant, the energy balance and the torque rows call; other functions need no compiler here.
@@ -112,7 +112,7 @@ def test_a_plant_brakes_as_the_library_says(tmp_path, model, multiplier):
 
 
 def test_the_friction_of_both_drives_acts_on_their_coordinate(tmp_path):
-    library = prepare_library(read_behind(tmp_path, "viscous_coulomb", 3), names=CALLED)
+    library = prepare_library(read_behind(tmp_path, "coulomb-viscous", 3), names=CALLED)
     # tau_f = 3 (Fv1 3 dq + Fc1 sign(3 dq)) + Fv2 dq + Fc2 sign(dq)
     for dq in (-0.7, 1.3):
         expected = (9 * 0.1 + 0.3) * dq + (3 * 0.2 + 0.15) * np.sign(dq)
@@ -145,7 +145,7 @@ def assert_comes_back(robot, library, tolerance):
 
 
 def test_a_log_gives_back_the_friction_of_a_group(tmp_path):
-    robot = read_behind(tmp_path, "viscous_coulomb", 3)
+    robot = read_behind(tmp_path, "coulomb-viscous", 3)
     found = assert_comes_back(robot, prepare_library(robot, names=FITTED), 2e-3)
     np.testing.assert_allclose(found["FvR1"], 0.1 + 0.3 / 9, rtol=0.02)
     np.testing.assert_allclose(found["FcR1"], 0.2 + 0.15 / 3, rtol=0.02)
@@ -161,9 +161,9 @@ def test_an_offset_beside_a_spring_is_part_of_it(tmp_path):
     np.testing.assert_allclose(found["KRR1"], -1.6, rtol=0.02)
 
 
-@pytest.mark.parametrize("model", ["viscous_coulomb_offset", "asymmetric"])
+@pytest.mark.parametrize("model", ["coulomb-viscous-offset", "asymmetric"])
 def test_an_offset_on_a_vertical_slide_is_part_of_its_weight(tmp_path, model):
-    robot = read(tmp_path, UPRIGHT, f"upright_{model}", model=model, first=MODELS[model][0])
+    robot = read(tmp_path, UPRIGHT, f"upright_{model}".replace("-", "_"), model=model, first=MODELS[model][0])
     library = prepare_library(robot, names=FITTED)
     assert_brakes_as_the_library(library)
     assert_comes_back(robot, library, 2e-3)

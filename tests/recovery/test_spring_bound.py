@@ -7,8 +7,8 @@ import pytest
 
 from symid.identification.elastic.regression import ElasticSignals
 from symid.identification.elastic.uncertainty import compute_elimination_bound, compute_spring_bound
+from symid.joint_models.elasticity import Stop
 from symid.logs.signals import differentiate
-from symid.robot.elasticity import Stop
 from tests.recovery.elastic_runs import find_truth, prepare_arm, run_arm
 
 SIGMA = np.array([0.2, 0.05])

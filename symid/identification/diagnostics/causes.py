@@ -188,7 +188,7 @@ def list_hypotheses(logs: QuickLogs) -> Iterator[Hypothesis]:
         yield Hypothesis(
             "robot.no-friction",
             "the robot file states no friction, and the joints have some",
-            "give each joint a friction model ([joint.friction], or --friction viscous_coulomb)",
+            "give each joint a friction model ([joint.friction], or --friction coulomb-viscous-offset)",
             replace(logs, friction=True),
         )
     yield from _list_signs(logs, names)

@@ -39,6 +39,7 @@ from symid.identification.regression import (
     list_resting_joints,
     solve_scaled,
 )
+from symid.joint_models import REFERENCE_TEMPERATURE
 from symid.logs import Recording, decimate, prepare_signals, shift_channel
 from symid.robot import JointKind, Processing, Robot
 
@@ -133,10 +134,10 @@ def build_quick_fit(library: Library, recording: Recording, processing: Processi
         dq=dq,
         ddq=ddq,
         tau=tau,
-        rows=evaluate_columns(library, q, dq, ddq),
+        rows=evaluate_columns(library, q, dq, ddq, np.zeros_like(q), np.full_like(q, REFERENCE_TEMPERATURE)),
         keep=np.where(left_out, 0.0, 1.0),
         blocks=blocks,
-        names=tuple(entry.name for entry in (*card.beta, *card.friction)),
+        names=tuple(entry.name for entry in card.fitted),
         inertial=len(card.beta),
         moving=moving,
         period=signals.period * processing.decimation.factor,

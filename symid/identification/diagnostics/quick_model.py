@@ -28,6 +28,7 @@ from symid.identification.diagnostics.stretches import (
     solve_sums,
 )
 from symid.identification.regression import evaluate_columns, list_resting_joints, prepare_states
+from symid.joint_models import REFERENCE_TEMPERATURE
 from symid.logs import Recording, low_pass
 from symid.robot import Processing
 
@@ -136,7 +137,9 @@ def build_quick_logs(
 def fit_quick(logs: QuickLogs) -> QuickResult:
     """Return the fit of all samples, and what fits without each stretch predict of it."""
     q, dq, ddq = (np.ascontiguousarray(part) for part in (logs.q, logs.dq, logs.ddq))
-    columns = evaluate_columns(logs.library, q, dq, ddq)
+    columns = evaluate_columns(
+        logs.library, q, dq, ddq, np.zeros_like(q), np.full_like(q, REFERENCE_TEMPERATURE)
+    )
     if logs.friction:
         each = np.arange(dq.shape[1])
         added = np.zeros((*dq.shape, 2 * dq.shape[1]))

@@ -81,16 +81,15 @@ FAMILIES: dict[str, Family] = {
     ),
     "velocity": Family(
         lambda m: [np.abs(m.dq) * m.dq, m.dq**3, np.abs(m.dq), np.sign(m.dq)],
-        'try friction model "asymmetric" or "cubic" ([joint.friction]); compare laws with --rows friction',
+        "the friction law is another: --friction auto chooses one for each joint",
     ),
     "slow motion": Family(
         _build_bumps,
-        'try friction model "stribeck" ([joint.friction]), or leave slow rows out (processing.standstill)',
+        "choose friction laws with --friction auto, or leave slow rows out (processing.standstill)",
     ),
     "load": Family(
         lambda m: [np.abs(m.load) * np.sign(m.dq), np.abs(m.load) * m.dq],
-        "friction depends on the load of the gear, which no model of [joint.friction] has: standard "
-        "deviations are too small, and larger loads are predicted badly",
+        "friction depends on the load of the gear: --friction auto tries such laws",
     ),
     "scale": Family(
         lambda m: [m.load],
@@ -219,7 +218,7 @@ def _tabulate(
     """Return [Y | Yf] of a joint and its torque: (M, p + 1)."""
 
     def evaluate(part: slice) -> FloatArray:
-        rows = evaluate_columns(library, signals.q[part], signals.dq[part], signals.ddq[part])
+        rows = evaluate_columns(library, *signals.pick_states(part))
         return np.column_stack([rows[:, joint], signals.tau[part, joint]])
 
     blocks = decimate_blocks(evaluate, len(signals.time), decimation)

@@ -13,8 +13,7 @@ from symid.codegen import ModelCard
 from symid.errors import Notice
 from symid.identification.estimators import DynamicsRecord, Residual
 from symid.ipopt import Ending
-from symid.joint_models import FRICTION_MODELS
-from symid.robot import Elasticity
+from symid.joint_models import NO_FRICTION, Elasticity, get_law
 from symid.serialization import Finite
 
 
@@ -174,11 +173,18 @@ class ElasticEstimate(DynamicsRecord):
         )
 
 
+_LAWS = (
+    *("coulomb-viscous", "coulomb-viscous-offset", "asymmetric", "stribeck", "stribeck+offset"),
+    *("improved-stribeck", "asymmetric-stribeck", "cubic", "stribeck+cubic", "power-law", "makkar"),
+)
+"""Of robot files when estimates did not have the names of laws."""
+
+
 def name_friction(parameters: Sequence[str]) -> tuple[str, ...]:
     """Return the friction models of joints whose parameters have these names; empty if unknown."""
     numbers = [name.removeprefix("IA") for name in parameters if re.fullmatch(r"IA\d+", name)]
-    letters = {letter for model in FRICTION_MODELS.values() for letter in model.parameters}
-    kinds = {model.parameters: kind.value for kind, model in FRICTION_MODELS.items()}
+    kinds = {tuple(entry.name for entry in get_law(law).linear): law for law in _LAWS} | {(): NO_FRICTION}
+    letters = {letter for names in kinds for letter in names}
     found = [
         tuple(name.removesuffix(number) for name in parameters if name in {f"{x}{number}" for x in letters})
         for number in numbers

@@ -33,7 +33,7 @@ from symid.identification.elastic.spring_fit import compute_place_limits
 from symid.identification.elastic.two_step import fit_linear_spring
 from symid.identification.hysteresis import SpringWeights, build_knee_grid
 from symid.ipopt import Ending, IpoptOptions, SmoothProblem, keep_last, minimise
-from symid.robot import Elasticity
+from symid.joint_models import Elasticity
 
 _AT_BOUND = 1e-9
 """Distance in scaled unknowns below which a bound that the gradient pushes against is active."""

@@ -27,8 +27,7 @@ from symid.identification.elastic.nlp_rows import KneeSteps, NlpRecording, RowBl
 from symid.identification.elastic.options import NlpOptions
 from symid.identification.elastic.regression import average_steps, list_lower_bounds
 from symid.identification.hysteresis import build_stops
-from symid.joint_models import build_numpy_carrier, compute_stribeck_derivatives
-from symid.robot import Elasticity, Knee
+from symid.joint_models import Elasticity, Knee, build_numpy_carrier, compute_stribeck_derivatives
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

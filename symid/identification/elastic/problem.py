@@ -22,7 +22,7 @@ from symid.identification.elastic.regression import (
 )
 from symid.identification.elastic.spring_fit import SpringData, fit_spring, refine_spring
 from symid.identification.hysteresis import SpringWeights, build_elasticity, build_knee_grid
-from symid.robot import Elasticity
+from symid.joint_models import Elasticity
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -25,9 +25,8 @@ from symid.codegen import Library, ModelCard
 from symid.errors import LogError, Notice, UsageError
 from symid.identification.elastic.options import ElasticOptions, check_grids
 from symid.identification.regression import RankRule, list_resting_joints
-from symid.joint_models import compute_spring_work, compute_work_columns
+from symid.joint_models import Elasticity, compute_spring_work, compute_work_columns, is_braking
 from symid.logs import Recording, describe_uneven, differentiate, low_pass
-from symid.robot import Elasticity
 
 _ORDER = 4
 _CUTOFF = 25.0
@@ -201,7 +200,7 @@ def build_equations(
         differentiate_rows(signals.dtheta)[:, :, None] * np.eye(library.card.size),
     ]
     if library.card.friction:
-        (friction,) = library.evaluate("friction_regressor", signals.dtheta)
+        (friction,) = evaluate_motor_friction(library, signals)
         columns.append(average_rows(friction))
     return np.concatenate(columns, axis=2)
 
@@ -335,11 +334,18 @@ def build_energy_windows(library: Library, signals: ElasticSignals, length: floa
     kinetic, potential = library.evaluate("energy_regressor", signals.q[ends], signals.dq[ends])
     columns = [np.diff(kinetic + potential, axis=0), np.diff(signals.dtheta[ends] ** 2, axis=0) / 2.0]
     if library.card.friction:
-        (friction,) = library.evaluate("friction_regressor", signals.dtheta)
+        (friction,) = evaluate_motor_friction(library, signals)
         columns.append(add(np.einsum("ij,ijk->ik", turn, average_steps(friction))))
     # The work of a held torque is exact with the torque of the step's start.
     supplied = add(np.sum(signals.step_torque * turn, axis=1))
     return EnergyWindows(supplied=supplied, design=np.hstack(columns), ends=ends)
+
+
+def evaluate_motor_friction(library: Library, signals: ElasticSignals) -> tuple[FloatArray, ...]:
+    """Return the friction regressor (N, n, pf) at the motors; their loads are not known before a fit."""
+    return library.evaluate(
+        "friction_regressor", *library.card.gather_friction_inputs(signals.dtheta, q=signals.theta)
+    )
 
 
 def list_lower_bounds(card: ModelCard, extra: int = 0) -> FloatArray:
@@ -348,7 +354,7 @@ def list_lower_bounds(card: ModelCard, extra: int = 0) -> FloatArray:
     Zero bounds rotor inertias, friction other than an offset, and the `extra` stiffnesses at the end.
     """
     free = [-np.inf] * len(card.beta)
-    friction = [0.0 if entry.name.startswith(("Fv", "Fc")) else -np.inf for entry in card.friction]
+    friction = [0.0 if is_braking(entry.name) else -np.inf for entry in card.friction]
     return np.array(free + [0.0] * card.size + friction + [0.0] * extra)
 
 

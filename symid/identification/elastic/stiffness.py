@@ -109,8 +109,9 @@ def build_rigid_rows(library: Library, recording: Recording) -> RigidRows:
         extra.append(acceleration[:, :, None] * np.eye(theta.shape[1]))
     if library.card.friction:
         # Dry friction changes its sign faster than the low-pass lets pass: friction first, then the filter.
-        quick = differentiate(low(found.theta, 4.0 * _CUTOFF), period)
-        extra.append(low(library.evaluate("friction_regressor", quick)[0]))
+        angle = low(found.theta, 4.0 * _CUTOFF)
+        given = library.card.gather_friction_inputs(differentiate(angle, period), q=angle)
+        extra.append(low(library.evaluate("friction_regressor", *given)[0]))
     return RigidRows(
         gap=theta - q,
         speed=speed,

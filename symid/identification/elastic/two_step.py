@@ -26,7 +26,7 @@ from symid.identification.elastic.spring_fit import SpringData, fit_spring, foll
 from symid.identification.hysteresis import SpringWeights, build_elasticity, build_stops
 from symid.identification.regression import solve_scaled
 from symid.ipopt import Ending
-from symid.robot import Elasticity
+from symid.joint_models import Elasticity
 
 _RISE = 0.01
 _HALVINGS = 4

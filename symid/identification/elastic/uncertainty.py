@@ -24,9 +24,8 @@ from symid.identification.elastic.regression import ElasticSignals, average_step
 from symid.identification.elastic.spring_fit import compute_slips, compute_spring_slopes
 from symid.identification.hysteresis import read_weights
 from symid.identification.regression import RankRule, compute_spectrum
-from symid.joint_models import compute_stop_basis
+from symid.joint_models import Elasticity, compute_stop_basis
 from symid.logs import differentiate
-from symid.robot import Elasticity
 
 _BLOCKS = 100
 _RULE = RankRule()

@@ -32,9 +32,11 @@ from symid.identification.elastic.regression import (
     prepare_elastic_signals,
 )
 from symid.identification.estimators import Residual
-from symid.joint_models import compute_hysteresis_torque
+from symid.joint_models import Elasticity, Knee, Stop, compute_hysteresis_torque
 from symid.logs import Recording, measure_overlap
-from symid.robot import Elasticity, Knee, Robot, Stop
+from symid.robot import (
+    Robot,
+)
 from symid.simulation import ElasticExperimentOptions, MotorReference, simulate_elastic
 
 _FILTERS = ("stops", "rate", "cutoff")
@@ -299,7 +301,8 @@ def simulate_tracking(
     q, dq, ddq = trajectory.evaluate(time)
     torque = library.evaluate("inverse_dynamics", q, dq, ddq, first.beta)[0] + first.rotor * ddq
     if library.card.friction:
-        torque = torque + library.evaluate("friction", dq, first.friction)[0]
+        given = library.card.gather_friction_inputs(dq, q=q, load=torque)
+        torque = torque + library.evaluate("friction", *given, first.friction)[0]
     references = {RIGID: MotorReference(angle=q, speed=dq, torque=torque)}
     if models:
         counts = list(map(_count, zip(*(fit.elasticity for fit in models.values()), strict=True)))

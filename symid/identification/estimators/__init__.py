@@ -18,6 +18,7 @@ if TYPE_CHECKING:
         DynamicsRecord as DynamicsRecord,
         Estimate as Estimate,
         FitRecord as FitRecord,
+        FittedLaw as FittedLaw,
         Outcome as Outcome,
         ParameterEstimate as ParameterEstimate,
         Residual as Residual,
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
         Candidate as Candidate,
         Evidence as Evidence,
         JointEvidence as JointEvidence,
+        LawSelection as LawSelection,
+        LawTrial as LawTrial,
         ModelTerm as ModelTerm,
         SettingsChoice as SettingsChoice,
     )

@@ -38,6 +38,7 @@ from symid.dynamics import (
 from symid.errors import Notice, SolverError
 from symid.identification.estimators.least_squares import RegressionFit, estimate_group_weights, fit_weighted
 from symid.identification.regression import Identifiability, Rows, condense_rows, stack_condensed
+from symid.joint_models import is_braking
 from symid.notation import INERTIAL
 from symid.robot import Robot
 
@@ -77,7 +78,7 @@ def build_bodies(robot: Robot) -> Bodies:
     used = [label for label in grouping.labels if grouping.matrix[:, column[label]].any()]
     places = [[column[index, name] for name in INERTIAL] for index in range(robot.size)]
     rotors = [label for label in used if label[1] == "IA"]
-    bounded = [label for label in used if label[1].startswith(("Fv", "Fc"))]
+    bounded = [label for label in used if is_braking(label[1])]
     others = [label for label in used if label[1] not in (*INERTIAL, "IA") and label not in bounded]
 
     def take(labels: list[tuple[int, str]]) -> FloatArray:

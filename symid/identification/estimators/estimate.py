@@ -14,10 +14,11 @@ import numpy as np
 
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import ModelCard, ParameterCard
-from symid.errors import EstimateError, Notice
-from symid.identification.estimators.evidence import Evidence, SettingsChoice
+from symid.errors import EstimateError, Notice, UsageError
+from symid.identification.estimators.evidence import Evidence, LawSelection, SettingsChoice
 from symid.identification.regression import ROW_KINDS
-from symid.robot import CurvedFriction, FrictionKind, Processing
+from symid.joint_models import rename_law
+from symid.robot import Processing
 from symid.serialization import Finite
 
 OPEN_SETTINGS = ("filter_cutoff", "decimation.factor")
@@ -170,12 +171,13 @@ def check_model(record: FitRecord, card: ModelCard, file: str = "") -> None:
         return
     check_robot(record, card.robot, file)
     friction = tuple(joint.friction for joint in card.joints)
+    own = tuple(map(rename_law, record.friction))
     difference = (
         f"the model of robot {card.robot!r} has changed since: its signature is {card.signature[:12]}, "
         f"that of the fit {record.signature[:12]}"
     )
-    if record.friction and record.friction != friction:
-        models = ", ".join(record.friction)
+    if own and own != friction:
+        models = ", ".join(own)
         difference = f"its friction models are {models}, those of the robot {', '.join(friction)}"
     raise _refuse_model(difference, file)
 
@@ -216,17 +218,16 @@ class DynamicsRecord(FitRecord):
 
     def list_mistakes(self) -> list[str]:
         """Return what is wrong with a record from a file: entries that do not fit each other."""
-        count, friction = len(self.parameters), [kind.value for kind in (*FrictionKind, *CurvedFriction)]
-        mistakes = []
+        count, mistakes = len(self.parameters), []
         if self.covariance and [len(row) for row in self.covariance] != [count] * count:
             mistakes.append(f"covariance: expected {count} rows of {count} numbers, one for each parameter")
         if not self.residual:
             mistakes.append("residual: expected one entry for each joint, got none")
-        mistakes += [
-            f"friction: expected one of {', '.join(friction)}, got {name!r}"
-            for name in self.friction
-            if name not in friction
-        ]
+        for name in dict.fromkeys(self.friction):
+            try:
+                rename_law(name)
+            except UsageError as error:
+                mistakes += [f"friction: {notice.text}" for notice in error.notices]
         if not self.sources:
             mistakes.append("sources: expected at least one log, got none")
         if not self.condition >= 0.0:
@@ -243,6 +244,24 @@ class DynamicsRecord(FitRecord):
         ]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FittedLaw:
+    """The friction law of a joint that was chosen, or whose shape values were fitted.
+
+    Args:
+        joint, law: their names; shape: its shape values, in the law's order.
+        names: of these among the parameters; smoothing: v0 of its sign in rad/s or m/s, 0 for the sign.
+        selection: how the law was chosen, None where it was named.
+    """
+
+    joint: str
+    law: str
+    shape: tuple[float, ...] = ()
+    names: tuple[str, ...] = ()
+    smoothing: float = 0.0
+    selection: LawSelection | None = None
+
+
 @final
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate(DynamicsRecord):
@@ -255,6 +274,8 @@ class Estimate(DynamicsRecord):
             prediction of motions like those of the log; a single one has no physical meaning.
         choice: how settings were chosen that were left open; evidence: what speaks for the estimate. None
             where neither was looked at.
+        laws: friction laws that were chosen or fitted with their shape values; empty where the robot file
+            states them.
     """
 
     kind: ClassVar[str] = "rigid"
@@ -265,6 +286,7 @@ class Estimate(DynamicsRecord):
     unresolved: tuple[tuple[str, Finite], ...] = ()
     choice: SettingsChoice | None = None
     evidence: Evidence | None = None
+    laws: tuple[FittedLaw, ...] = ()
 
     def assemble(self, names: Sequence[str]) -> FloatArray:
         """Return the parameters in the order of `names`, zero where nothing is known: (p,)."""
@@ -285,7 +307,9 @@ class Estimate(DynamicsRecord):
         expected = {entry.name for entry in (*card.beta, *card.friction)}
         found = [entry.name for entry in self.parameters] + [name for name, _ in self.refused]
         problems = [f"{name!r} is given twice" for name in dict.fromkeys(found) if found.count(name) > 1]
-        strange = [name for name, _ in self.unresolved if name not in expected]
+        shape = {name for law in self.laws for name in law.names}
+        found = [name for name in found if name not in shape]
+        strange = [name for name, _ in self.unresolved if name not in (expected | shape)]
         problems += [
             f"{name!r} is not a parameter of it" for name in (*found, *strange) if name not in expected
         ]

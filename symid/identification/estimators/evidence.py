@@ -134,3 +134,37 @@ class Evidence:
     def fitted(self) -> float:
         """Return the mean over joints of what is left unexplained of the rows of the fit, in percent."""
         return sum(entry.fitted for entry in self.joints) / len(self.joints)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LawTrial:
+    """A law that was tried.
+
+    Args:
+        unknowns: the number of the law's parameters.
+        fitted_percent: residual of the fit to all rows, |e| / |tau| in percent.
+        held_percent: the same of the held-out rows, in percent; held_rms: in N m or N.
+        ratio: squared error of the held-out rows, relative to Coulomb, viscous and constant friction.
+        behind: mean difference of the squared error from the best law, in its standard errors.
+        aicc: of the fit to all rows; reason: why it was not tried, or cannot be taken; else empty.
+    """
+
+    law: str
+    unknowns: int
+    fitted_percent: float | None = None
+    held_percent: float | None = None
+    held_rms: float | None = None
+    ratio: float | None = None
+    behind: float | None = None
+    aicc: float | None = None
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LawSelection:
+    """Trials of all laws; `chosen` is the law taken, `verdict` why, `blocks` how many there were."""
+
+    trials: tuple[LawTrial, ...]
+    chosen: str
+    verdict: str
+    blocks: int

@@ -46,7 +46,6 @@ if TYPE_CHECKING:
     )
     from symid.identification.friction.samples import FrictionSamples as FrictionSamples
     from symid.identification.friction.selection import (
-        LawSelection as LawSelection,
         compute_relative_residual as compute_relative_residual,
     )
     from symid.identification.friction.validation import validate_friction as validate_friction

@@ -198,7 +198,7 @@ def list_fit_notices(
     found += [("at-bound", f"{name} is {text}") for name, text in held.items() if name not in refused]
     # Static friction less Coulomb friction.
     named = zip(law.linear, search.linear, strict=True)
-    bumps = [value for entry, value in named if entry.name in {"Fs", "Fsp", "Fsn", "Fls"}]
+    bumps = [value for entry, value in named if entry.name in {"Fe", "Fep", "Fen", "Fle"}]
     if min(bumps, default=0.0) < 0.0 and not any(name.startswith(("fS", "fE")) for name in refused):
         text = (
             "static friction is estimated below Coulomb friction. This joint may have no break-away "

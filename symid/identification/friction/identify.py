@@ -13,8 +13,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import IdentifiabilityError, Notice, UsageError
@@ -32,7 +30,7 @@ from symid.identification.friction.problem import FrictionOptions
 from symid.identification.friction.results import FrictionIdentification, JointFriction
 from symid.identification.friction.samples import FrictionSamples, compute_velocity_map
 from symid.identification.friction.selection import CANDIDATE_LAWS, predict_rows, select_law
-from symid.joint_models import FrictionLaw, compute_columns, get_law
+from symid.joint_models import FrictionLaw, get_law, has_sign
 from symid.logs import Recording, cut_ends
 from symid.robot import Processing
 from symid.serialization import write_json
@@ -223,13 +221,7 @@ def check_inputs(samples: FrictionSamples, law: FrictionLaw) -> None:
 
 def _warn_of_smoothing(law: FrictionLaw) -> tuple[Notice, ...]:
     """Return a warning where smoothing has no effect on a law."""
-    if not law.smoothing:
-        return ()
-    near = np.array([-2.0, -0.5, 0.5, 2.0]) * law.smoothing
-    inputs = {name: np.ones(len(near)) for name in law.inputs} | {"velocity": near}
-    shape = [min(max(1.0, entry.lower), entry.upper) for entry in law.shape]
-    smooth, sharp = (compute_columns(entry, inputs, shape) for entry in (law, get_law(law.name)))
-    if not np.array_equal(smooth, sharp):
+    if not law.smoothing or has_sign(get_law(law.name)):
         return ()
     text = f"--smoothing has no effect on law {law.name!r}, which is continuous at zero speed"
     return (Notice(code="friction.smoothing-unused", text=text),)

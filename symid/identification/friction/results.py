@@ -2,34 +2,22 @@
 
 Fits, choices, tests -> FrictionIdentification; JointFriction -> FrictionValues, or why there are none.
 
-Robot files name friction relative to its Coulomb level, as the columns of the laws do: Fe = fS - fC, offset
-= fP where friction has no zone about standstill. Laws whose columns are those of a model of robot files can
-be exported, without refused values.
+Robot files name friction relative to its Coulomb level, as the columns of the laws do: Fe = fS - fC. All laws
+can be exported, without refused values.
 """
 
 import math
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple, final
+from typing import ClassVar, final
 
 from symid.codegen import ModelCard
-from symid.identification.estimators import FitRecord, Residual
+from symid.identification.estimators import FitRecord, LawSelection, Residual
 from symid.identification.friction.estimate import FrictionEstimate
 from symid.identification.friction.poses import PoseTest
 from symid.identification.friction.samples import VelocityMap
-from symid.identification.friction.selection import LawSelection
-from symid.joint_models import get_law
-from symid.robot import (
-    FRICTION_PARAMETERS,
-    FRICTION_SHAPES,
-    CurvedFriction,
-    FrictionKind,
-    FrictionValues,
-    Robot,
-    ShapeKey,
-    override_robot,
-)
+from symid.joint_models import NO_FRICTION, FrictionValues, get_law, has_sign, rename_law
+from symid.robot import Robot, override_robot
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -130,37 +118,6 @@ def _list_mistakes(joint: JointFriction) -> list[str]:
     return mistakes
 
 
-_EXPONENT = r"(?:-(?P<gamma>exponent|[\d.e-]+))?"
-_NAMES, _NAMES_H3 = {"Fs": "Fe", "Fv2": "Fvq", "Fv3": "Fvc"}, {"Fs": "Fe", "Fp": "offset"}
-
-
-class _Family(NamedTuple):
-    """Laws of a model: a pattern of their names, the model, that with an offset, other names."""
-
-    pattern: str
-    kind: FrictionKind | CurvedFriction
-    with_offset: FrictionKind | CurvedFriction | None = None
-    names: Mapping[str, str] = _NAMES
-    gamma: str = "2"
-    has_sign: bool = True
-
-
-_FAMILIES = (
-    _Family(r"coulomb(?:-viscous)?", FrictionKind.VISCOUS_COULOMB, FrictionKind.VISCOUS_COULOMB_OFFSET),
-    _Family(r"coulomb-viscous-offset", FrictionKind.VISCOUS_COULOMB_OFFSET),
-    _Family(r"asymmetric", FrictionKind.ASYMMETRIC),
-    _Family(r"tustin", CurvedFriction.STRIBECK, CurvedFriction.STRIBECK_OFFSET, gamma="1"),
-    _Family(rf"stribeck{_EXPONENT}", CurvedFriction.STRIBECK, CurvedFriction.STRIBECK_OFFSET),
-    _Family(rf"improved-stribeck-h3{_EXPONENT}", CurvedFriction.STRIBECK_OFFSET, names=_NAMES_H3),
-    _Family(rf"improved-stribeck{_EXPONENT}", CurvedFriction.IMPROVED_STRIBECK, has_sign=False),
-    _Family(rf"asymmetric-stribeck{_EXPONENT}", CurvedFriction.ASYMMETRIC_STRIBECK),
-    _Family(r"cubic|polynomial-(?:2|3|2,3|3,2)", CurvedFriction.CUBIC),
-    _Family(rf"stribeck{_EXPONENT}\+cubic", CurvedFriction.STRIBECK_CUBIC),
-    _Family(r"power-law", CurvedFriction.POWER_LAW),
-    _Family(r"makkar", CurvedFriction.MAKKAR, has_sign=False),
-)
-
-
 def describe_obstacle(joint: JointFriction) -> str:
     """Return why no robot file can have the identified friction of a joint; empty where one can."""
     try:
@@ -178,56 +135,21 @@ def build_robot_friction(joint: JointFriction) -> FrictionValues:
     wrong = [f"{name} was refused: {reason}" for name, reason in estimate.refused if name in physical]
     if wrong:
         raise ValueError("; ".join(wrong))
-    found = _get_family(law.name)
-    if found is None:
-        further, plain = [name for name in law.inputs if name != "velocity"], law.name.removesuffix("+offset")
-        text = f"robot files have no model of the law {law.name!r}"
-        if further:
-            text += f": it reads the {' and the '.join(further)} besides the velocity"
-        elif _get_family(plain) is not None:
-            text += f"; they have {plain!r}, without an offset"
-        raise ValueError(text)
-    family, kind, gamma = found
-    linear = zip(law.linear, estimate.linear, strict=True)
-    values = {family.names.get(entry.name, entry.name): value for entry, value in linear}
-    shape = {entry.name: value for entry, value in zip(law.shape, estimate.shape, strict=True)}
-    if "gamma" not in shape and gamma != "exponent":
-        shape["gamma"] = float(gamma)
-    keys: Sequence[ShapeKey] = FRICTION_SHAPES.get(kind, ())
-    wrong = [
-        f"{key.name} = {shape[key.name]:g}, and robot files allow {key.allowed}"
-        for key in keys
-        if shape[key.name] not in key.allowed
-    ]
-    if wrong:
-        raise ValueError("; ".join(wrong))
     return FrictionValues(
-        kind=kind,
-        values=tuple(values.get(name, 0.0) for name in FRICTION_PARAMETERS[kind]),
+        law=law.name,
+        values=estimate.linear,
+        shape=estimate.shape,
         # Robot files refuse a smoothing where there is no sign.
-        smoothing=joint.smoothing if family.has_sign else 0.0,
-        shape=tuple(shape[key.name] for key in keys),
+        smoothing=joint.smoothing if has_sign(get_law(law.name)) else 0.0,
     )
-
-
-def _get_family(name: str) -> tuple[_Family, FrictionKind | CurvedFriction, str] | None:
-    """Return the family of a law, the model, and the exponent that the law's name fixes."""
-    plain = name.removesuffix("+offset")
-    for family in _FAMILIES:
-        match = re.fullmatch(family.pattern, plain)
-        if match is None:
-            continue
-        kind = family.kind if plain == name else family.with_offset
-        gamma = match.groupdict().get("gamma") or family.gamma
-        return None if kind is None else (family, kind, gamma)
-    return None
 
 
 def set_identified_friction(robot: Robot, found: FrictionIdentification) -> Robot:
     """Return the robot with the friction model that the identification gave to all joints, if any."""
     kinds = found.settings.get("friction")
-    asked = set(kinds) if isinstance(kinds, Sequence) else set()
-    own = {joint.friction.kind.value for joint in robot.axes}
-    if len(asked) != 1 or asked == own or not asked <= {kind.value for kind in FrictionKind}:
+    asked = {rename_law(kind) for kind in kinds} if isinstance(kinds, Sequence) else set()
+    own = {joint.friction.law for joint in robot.axes}
+    law = asked.pop() if len(asked) == 1 else NO_FRICTION
+    if law == NO_FRICTION or own == {law} or get_law(law).shape:
         return robot
-    return override_robot(robot, (), asked.pop())
+    return override_robot(robot, (), law)

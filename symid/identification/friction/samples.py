@@ -25,7 +25,7 @@ from symid.robot import Decimation
 
 Reduction = Callable[[FloatArray], FloatArray]
 """A linear operator on columns: (N, c) -> (M, c)."""
-_VECTORS = ("time", "velocity", "torque", "load", "position", "run")
+_VECTORS = ("time", "velocity", "torque", "load", "position", "temperature", "run")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -37,7 +37,8 @@ class FrictionSamples:
         torque: (N,) N m or N; positive where it drives towards positive velocity.
         extra: (N, k) columns beside friction, as ddq, sin q, cos q; (N, 0) for none.
         extra_names, extra_units: of the factors of these columns; no units where they are not known.
-        load: (N,) torque that the gear carries, N m or N; position: (N,) rad or m; None where not known.
+        load: (N,) torque that the gear carries, N m or N; position: (N,) rad or m;
+            temperature: (N,) degC; None where not known.
         run: (N,) recording of a sample, from zero; None: all of one.
         reduce: R; None for the identity. prismatic: whether the joint moves along its axis.
 
@@ -54,6 +55,7 @@ class FrictionSamples:
     extra_units: tuple[str, ...] = ()
     load: FloatArray | None = None
     position: FloatArray | None = None
+    temperature: FloatArray | None = None
     run: NDArray[np.int64] | None = None
     reduce: Reduction | None = None
     prismatic: bool = False
@@ -88,7 +90,12 @@ class FrictionSamples:
     @property
     def inputs(self) -> dict[str, FloatArray]:
         """Return the inputs of laws, (N,) each: velocity, and load and position where they are known."""
-        given = {"velocity": self.velocity, "load": self.load, "position": self.position}
+        given = {
+            "velocity": self.velocity,
+            "load": self.load,
+            "position": self.position,
+            "temperature": self.temperature,
+        }
         return {name: values for name, values in given.items() if values is not None}
 
     def pass_columns(self, columns: FloatArray) -> FloatArray:

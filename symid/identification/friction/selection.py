@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.errors import IdentifiabilityError, Notice, SymidError
+from symid.identification.estimators import LawSelection, LawTrial
 from symid.identification.friction.estimate import FrictionEstimate
 from symid.identification.friction.estimators import fit_friction
 from symid.identification.friction.problem import FrictionOptions, VariableProjectionOptions
@@ -52,40 +53,6 @@ _NARROW = 4.0
 _WHOLE = VariableProjectionOptions(grid=((12,), (5, 4), (4, 3, 3)), starts=2, solves=80)
 _PART = VariableProjectionOptions(grid=((3,), (3, 2), (2, 2, 2)), starts=1, solves=30)
 """Less effort than in a final fit: laws differ by far more than the last digits of an optimum."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LawTrial:
-    """A law that was tried.
-
-    Args:
-        unknowns: the number of the law's parameters.
-        fitted_percent: residual of the fit to all rows, |e| / |tau| in percent.
-        held_percent: the same of the held-out rows, in percent; held_rms: in N m or N.
-        ratio: squared error of the held-out rows, relative to Coulomb, viscous and constant friction.
-        behind: mean difference of the squared error from the best law, in its standard errors.
-        aicc: of the fit to all rows; reason: why it was not tried, or cannot be taken; else empty.
-    """
-
-    law: str
-    unknowns: int
-    fitted_percent: float | None = None
-    held_percent: float | None = None
-    held_rms: float | None = None
-    ratio: float | None = None
-    behind: float | None = None
-    aicc: float | None = None
-    reason: str = ""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LawSelection:
-    """Trials of all laws; `chosen` is the law taken, `verdict` why, `blocks` how many there were."""
-
-    trials: tuple[LawTrial, ...]
-    chosen: str
-    verdict: str
-    blocks: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.errors import Notice, UsageError
 from symid.identification.regression import solve_scaled
-from symid.joint_models import compute_stop_basis
-from symid.robot import Elasticity, Knee, Stop
+from symid.joint_models import Elasticity, Knee, Stop, compute_stop_basis
 
 LEAST_KNEE = 0.03
 """Of the largest torque on its side: a knee nearer to zero would undo the slope of one there, which fixes the

@@ -18,7 +18,7 @@ that share their ends, or overlap by equal parts.
 Not supported: elastic joints; samples at uneven times.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -28,7 +28,9 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray, freeze_fields
 from symid.codegen import Library, ModelCard
 from symid.errors import Notice, UsageError
+from symid.joint_models import compute_column_derivatives, get_law
 from symid.logs import Signals, compute_noise_bandwidth, decimate, decimate_blocks
+from symid.notation import join_name
 from symid.robot import Processing
 
 
@@ -142,7 +144,7 @@ def cut_matrix(
     if kind == "torque":
 
         def evaluate(part: slice) -> FloatArray:
-            return evaluate_columns(library, signals.q[part], signals.dq[part], signals.ddq[part])
+            return evaluate_columns(library, *signals.pick_states(part))
 
         yield from decimate_blocks(evaluate, len(signals.time), processing.decimation)
         return
@@ -151,24 +153,32 @@ def cut_matrix(
         q, dq = signals.q[part], signals.dq[part]
         (momentum,) = library.evaluate("momentum_regressor", q[block.ends], dq[block.ends])
         (lagrange,) = library.evaluate("lagrange_regressor", q, dq)
-        columns = np.concatenate([-lagrange, *_evaluate_friction(library, dq)], axis=2)
+        columns = np.concatenate([-lagrange, *_pick_friction(library, signals, part)], axis=2)
         matrix = integrate_windows(columns, block)
         matrix[:, :, : momentum.shape[2]] += np.diff(momentum, axis=0)
         yield rows, _merge(matrix, pieces)
 
 
-def evaluate_columns(library: Library, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
-    """Return [Y | Yf] at states (N, n): (N, n, p)."""
+def evaluate_columns(  # noqa: PLR0917 - the states of a sample, in the order of `Signals.pick_states`
+    library: Library,
+    q: FloatArray,
+    dq: FloatArray,
+    ddq: FloatArray,
+    load: FloatArray | None = None,
+    temperature: FloatArray | None = None,
+) -> FloatArray:
+    """Return [Y | Yf] at states (N, n): (N, n, p); a UsageError where friction needs a load that is None."""
     (rigid,) = library.evaluate("torque_regressor", q, dq, ddq)
-    return np.concatenate([rigid, *_evaluate_friction(library, dq)], axis=2)
+    states = {"q": q, "load": load, "temperature": temperature}
+    return np.concatenate([rigid, *_evaluate_friction(library, dq, states)], axis=2)
 
 
 def evaluate_torques(library: Library, signals: Signals, values: FloatArray) -> FloatArray:
     """Return the torques (N, n) in N m or N that parameters (p,) predict at every sample."""
     torques = []
     for start in range(0, len(signals.time), _SAMPLES):
-        q, dq, ddq = (part[start : start + _SAMPLES] for part in (signals.q, signals.dq, signals.ddq))
-        torques.append(evaluate_columns(library, q, dq, ddq) @ values)
+        states = signals.pick_states(slice(start, start + _SAMPLES))
+        torques.append(evaluate_columns(library, *states) @ values)
     return np.concatenate(torques)
 
 
@@ -196,7 +206,7 @@ def _build_energy_part(library: Library, signals: Signals, length: float, pieces
     for _, block, part in _cut_windows(windows, pieces):
         q, dq = signals.q[part], signals.dq[part]
         kinetic, potential = library.evaluate("energy_regressor", q[block.ends], dq[block.ends])
-        work = (integrate_windows(power, block) for power in _compute_friction_power(library, dq))
+        work = (integrate_windows(power, block) for power in _compute_friction_power(library, signals, part))
         matrix.append(_merge(np.hstack([np.diff(kinetic + potential, axis=0), *work]), pieces))
     power = np.einsum("ij,ij->i", signals.tau, signals.dq)
     values = _merge(integrate_windows(power, windows), pieces)[:, None]
@@ -215,7 +225,7 @@ def _build_power_part(library: Library, signals: Signals, processing: Processing
         q, dq = signals.q[part], signals.dq[part]
         kinetic, potential = library.evaluate("energy_regressor", q, dq)
         energy = kinetic + potential
-        friction = map(average, _compute_friction_power(library, dq))
+        friction = map(average, _compute_friction_power(library, signals, part))
         supplied = average(np.einsum("ij,ij->i", signals.tau[part], dq))
         return np.column_stack([(energy[2:] - energy[:-2]) / (2.0 * signals.period), *friction, supplied])
 
@@ -242,7 +252,8 @@ def _build_filtered_part(library: Library, signals: Signals, length: float) -> E
         q, dq = signals.q[part], signals.dq[part]
         (lagrange,) = library.evaluate("lagrange_regressor", q, dq)
         (inner,) = library.evaluate("momentum_regressor", q, dq)
-        columns = np.concatenate([-lagrange - rate * inner, *_evaluate_friction(library, dq)], axis=2)
+        friction = _pick_friction(library, signals, part)
+        columns = np.concatenate([-lagrange - rate * inner, *friction], axis=2)
         steps, momentum = _weigh_windows(columns, block, weights), inner[block.ends]
         steps[:, :, : inner.shape[2]] += rate * (momentum[1:] - keep * momentum[:-1])
         matrix.append(steps)
@@ -255,12 +266,48 @@ def _build_filtered_part(library: Library, signals: Signals, length: float) -> E
     )
 
 
-def _evaluate_friction(library: Library, dq: FloatArray) -> tuple[FloatArray, ...]:
-    return library.evaluate("friction_regressor", dq) if library.card.friction else ()
+States = Mapping[str, FloatArray | None]
 
 
-def _compute_friction_power(library: Library, dq: FloatArray) -> list[FloatArray]:
-    return [np.einsum("ij,ijk->ik", dq, columns) for columns in _evaluate_friction(library, dq)]
+def _evaluate_friction(library: Library, dq: FloatArray, states: States) -> tuple[FloatArray, ...]:
+    """Return the friction regressor (N, n, pf), and what shape values change that are searched."""
+    card = library.card
+    if not card.friction:
+        return ()
+    found = library.evaluate("friction_regressor", *card.gather_friction_inputs(dq, **states))
+    return (*found, _evaluate_shape_columns(card, dq, states)) if card.searched else found
+
+
+def _evaluate_shape_columns(card: ModelCard, dq: FloatArray, states: States) -> FloatArray:
+    """Return sum_k c_k dPhi_k / ds (N, n, s) of the shape values s that are searched, c of the card."""
+    names = {"position": "q", "load": "load", "temperature": "temperature"}
+    found, place = np.zeros((*dq.shape, len(card.searched))), 0
+    for joint, entry in enumerate(card.joints):
+        shape = [one.value or 0.0 for one in card.searched if one.joint == entry.name]
+        if not shape:
+            continue
+        law = get_law(entry.friction, smoothing=entry.smoothing)
+        known = {one.name: one.value or 0.0 for one in card.friction if one.joint == entry.name}
+        linear = [known.get(join_name(part.name, entry.number), 0.0) for part in law.linear]
+        inputs = {"velocity": dq[:, joint]}
+        inputs |= {
+            name: values[:, joint] for name, key in names.items() if (values := states.get(key)) is not None
+        }
+        rates = compute_column_derivatives(law, inputs, shape)
+        found[:, joint, place : place + len(shape)] = np.einsum("nps,p->ns", rates, linear)
+        place += len(shape)
+    return found
+
+
+def _pick_friction(library: Library, signals: Signals, part: slice) -> tuple[FloatArray, ...]:
+    """Return the columns of friction of some samples; nothing without friction."""
+    q, dq, _, load, temperature = signals.pick_states(part)
+    return _evaluate_friction(library, dq, {"q": q, "load": load, "temperature": temperature})
+
+
+def _compute_friction_power(library: Library, signals: Signals, part: slice) -> list[FloatArray]:
+    dq = signals.dq[part]
+    return [np.einsum("ij,ijk->ik", dq, columns) for columns in _pick_friction(library, signals, part)]
 
 
 def _merge(values: FloatArray, pieces: int) -> FloatArray:
@@ -380,7 +427,7 @@ def build_rows(
     match kind:
         case "torque" | "momentum":
             outline = outline_part(kind, signals, processing, window, pieces)
-            matrix = np.empty((*outline.values.shape, len(card.beta) + len(card.friction)))
+            matrix = np.empty((*outline.values.shape, len(card.fitted)))
             for places, block in cut_matrix(kind, library, signals, processing, window=window, pieces=pieces):
                 matrix[places] = block
             part = outline._replace(matrix=matrix)
@@ -403,7 +450,7 @@ def count_pieces(overlap: float) -> int:
 
 def assemble_rows(kind: str, card: ModelCard, part: EquationPart) -> Rows:
     """Return equations of a kind joint by joint, with the names and units of their model."""
-    parameters, groups = card.beta + card.friction, part.values.shape[1]
+    parameters, groups = card.fitted, part.values.shape[1]
     extra = " s" if kind == "momentum" else ""
     labels = [(one.name, one.torque_unit + extra, f"{one.position_unit}/s") for one in card.joints]
     if kind in SCALAR_KINDS:

@@ -183,6 +183,30 @@ def subtract_payload_torque(library: Library, signals: Signals, recording: Recor
     return signals if load is None else replace(signals, tau=signals.tau - load)
 
 
+def fill_loads(
+    library: Library, recordings: Sequence[Recording], processing: Processing, beta: FloatArray
+) -> list[Recording]:
+    """Return recordings with the loads that base parameters (p,) give, where friction reads some.
+
+    Loads that were measured stay.
+    """
+    if "load" not in library.card.friction_inputs:
+        return list(recordings)
+    found = []
+    for recording in recordings:
+        if recording.load is None:
+            # A tenth of the sample rate is above all that robots move at.
+            cutoff = processing.filter_cutoff or 0.1 / recording.period
+            whole = replace(processing, filter_cutoff=cutoff, drop_first=0, drop_last=0, automatic=False)
+            resting = list_resting_joints(recording)
+            signals = hold_resting_joints(prepare_signals(replace(recording, load=None), whole), resting)
+            (load,) = library.evaluate("inverse_dynamics", signals.q, signals.dq, signals.ddq, beta)
+            found.append(replace(recording, load=load))
+        else:
+            found.append(recording)
+    return found
+
+
 def compute_payload_torque(library: Library, signals: Signals, recording: Recording) -> FloatArray | None:
     """Return the torque (N, n) of a known payload in N m or N; see `subtract_payload_torque`."""
     if recording.run is None or not recording.run.load:
@@ -195,7 +219,7 @@ def compute_payload_torque(library: Library, signals: Signals, recording: Record
         )
         raise LogError(Notice(code="log.payload-model", text=text, file=recording.source))
     # A payload has no friction.
-    return evaluate_torques(library, signals, np.append(load, np.zeros(len(library.card.friction))))
+    return evaluate_torques(library, signals, np.append(load, np.zeros(len(library.card.fitted) - len(load))))
 
 
 def prepare_rows(

@@ -26,6 +26,12 @@ if TYPE_CHECKING:
         diagnose_estimate as diagnose_estimate,
     )
     from symid.identification.rigid.fit import identify_parameters as identify_parameters
+    from symid.identification.rigid.friction_choice import (
+        CANDIDATES as CANDIDATES,
+        PLAIN as PLAIN,
+        FrictionChoice as FrictionChoice,
+        choose_laws as choose_laws,
+    )
     from symid.identification.rigid.options import (
         PRIOR_OF_ROBOT as PRIOR_OF_ROBOT,
         SIMULATING as SIMULATING,
@@ -34,6 +40,7 @@ if TYPE_CHECKING:
         check_estimator as check_estimator,
         check_rigid_options as check_rigid_options,
     )
+    from symid.identification.rigid.plan import plan_fit as plan_fit
     from symid.identification.rigid.validation import (
         get_fit_overlap as get_fit_overlap,
         get_usable_window as get_usable_window,

@@ -40,6 +40,7 @@ from symid.identification.regression import Rows, prepare_states
 from symid.identification.rigid.long_fit import FittedRows
 from symid.identification.rigid.missing_terms import list_missing_terms
 from symid.identification.rigid.plan import FitBasis
+from symid.joint_models import is_braking
 from symid.logs import undo_resampling
 
 RESTING = 0.05
@@ -117,7 +118,6 @@ _SUSPICIOUS = 30.0
 _HELPS = 0.7
 """Times the held-out residual: what must be left at most with a mistake undone."""
 _POSES = 60
-_FRICTION = ("Fv", "Fc")
 
 
 def collect_evidence(
@@ -193,7 +193,7 @@ def list_impossible(
         part = np.sqrt(np.mean((rows.matrix[own] * fit.values) ** 2, axis=0)) / torque
         sizes = np.maximum(sizes, part)
     for place, entry in enumerate((*card.beta, *card.friction)):
-        friction = place >= len(card.beta) and entry.name.startswith(_FRICTION)
+        friction = place >= len(card.beta) and is_braking(entry.name)
         rotor = place < len(card.beta) and entry.name.startswith("IA")
         surely = fit.values[place] < -_SURE * deviations[place] and sizes[place] > _MATTERS
         if (friction or rotor) and deviations[place] > 0.0 and surely:

@@ -106,6 +106,7 @@ def identify_parameters(
     weights: Sequence[float] | None = None,
     echo: Mapping[str, object] | None = None,
     largest: float = LARGEST,
+    plan: FitPlan | None = None,
 ) -> Estimate:
     """Return the parameters of the library's model that explain the recordings best.
 
@@ -121,6 +122,7 @@ def identify_parameters(
         options: of the estimator.
         weights: of each recording's squared residuals; one if None.
         echo: further settings to keep with the result, such as the log's columns.
+        plan: settings and estimator, where they were chosen before.
         largest: bytes; torque and momentum rows that take more are fitted by `ols` and `wls` block by block.
 
     Raises:
@@ -133,7 +135,7 @@ def identify_parameters(
     thinned = choose_processing(processing, recordings[0].period, ROW_RATE)
     usual = RowBuilder(rows, library, thinned, window or WINDOW, overlap)
     long = is_long(usual, recordings, estimator or "wls", largest)
-    plan = plan_fit(library, recordings, processing, rows=rows, estimator=estimator, long=long)
+    plan = plan or plan_fit(library, recordings, processing, rows=rows, estimator=estimator, long=long)
     used, rule = plan.processing, rule or RankRule()
     chosen = plan.choice is not None
     window = window or choose_window(rows, used, recordings[0].period, chosen=chosen)
@@ -318,9 +320,12 @@ def build_estimate(
     identifiable = np.flatnonzero(identifiability.identifiable)
     # Refused parameters that act together with others have a value in the fit, those without effect do not.
     acting = np.flatnonzero(identifiability.basis.any(axis=1) & ~identifiability.identifiable)
-    cards = card.beta + card.friction
+    cards, values = card.fitted, fit.values.copy()
+    # Shape values are fitted as a change of those that the fit began with.
+    values[len(values) - len(card.searched) :] += [entry.value or 0.0 for entry in card.searched]
     covariance = fit.covariance[np.ix_(identifiable, identifiable)]
-    parameters = list_parameters([cards[k] for k in identifiable], fit.values[identifiable], covariance)
+    known = [replace(cards[k], value=None) if cards[k] in card.searched else cards[k] for k in identifiable]
+    parameters = list_parameters(known, values[identifiable], covariance)
     return Estimate(
         robot=card.robot,
         signature=card.signature,

@@ -52,7 +52,7 @@ def is_long(builder: RowBuilder, recordings: Sequence[Recording], estimator: str
     if builder.kind not in LONG_KINDS or estimator not in {"ols", "wls"}:
         return False
     card = builder.library.card
-    width = 8.0 * card.size * (len(card.beta) + len(card.friction) + 1)
+    width = 8.0 * card.size * (len(card.fitted) + 1)
     if builder.kind == "torque":
         count = sum(len(entry.time) for entry in recordings) / builder.processing.decimation.factor
     else:

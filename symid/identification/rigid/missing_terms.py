@@ -37,6 +37,8 @@ _SURE, _SURE_OF_LARGE = 3.5, 2.5
 _LARGE = 0.4
 """Gain from which fewer standard errors are enough: chance gains little."""
 _TINY = 1e-300
+_FRICTION = ("velocity", "slow motion", "load")
+"""Families that another friction law would have."""
 _BAND, _LEAST_BAND = 2.0, 10.0
 """Times the scoring band, and Hz at least, up to which terms are looked for."""
 _RATE = 4.0
@@ -63,7 +65,7 @@ def list_missing_terms(
         own = np.flatnonzero(smooth.group == group)
         best: ModelTerm | None = None
         for name, family in FAMILIES.items():
-            if name == OTHER_VALUES:
+            if name == OTHER_VALUES or (basis.plan.laws_chosen and name in _FRICTION):
                 continue
             columns = np.vstack([_evaluate(family.build(motion)) for motion in motions[group]])
             if not columns.shape[1]:

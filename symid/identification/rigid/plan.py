@@ -21,7 +21,9 @@ from symid.errors import Notice, UsageError
 from symid.identification.diagnostics import PART
 from symid.identification.estimators import Candidate, SettingsChoice
 from symid.identification.regression import SCALAR_KINDS, Rows, choose_filters, measure_moving_ends
+from symid.identification.rigid.friction_tables import balance_cutoff
 from symid.identification.rigid.settings_choice import ROW_RATE, choose_settings
+from symid.joint_models import NO_FRICTION, get_law
 from symid.logs import Recording, choose_cutoff
 from symid.robot import Processing
 
@@ -37,12 +39,16 @@ _FEWEST = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitPlan:
-    """Settings with nothing open, the estimator, the choice behind them (None for none), notices on it."""
+    """Settings with nothing open, the estimator, the choice behind them (None for none), notices on it.
+
+    `laws_chosen`: friction laws were chosen from the same logs, so that no other needs to be tried.
+    """
 
     processing: Processing
     estimator: str
     choice: SettingsChoice | None = None
     notices: tuple[Notice, ...] = ()
+    laws_chosen: bool = False
 
 
 class FitBasis(NamedTuple):
@@ -79,7 +85,7 @@ def plan_fit(
         settled = replace(processing, automatic=False)
         return _check_instruments(FitPlan(processing=settled, estimator=estimator or usual))
     filters = choose_filters(processing, recordings)
-    width = len(library.card.beta) + len(library.card.friction)
+    width = len(library.card.fitted)
     count = library.card.size * sum((entry.time[-1] - entry.time[0]) * ROW_RATE for entry in recordings)
     if rows in SCALAR_KINDS or count < _FEWEST * width:
         settled = cut_moving_ends(filters.processing, recordings)
@@ -98,7 +104,41 @@ def plan_fit(
     if estimator is None:
         estimator = FILTERED_INSTRUMENTAL if settled.instrument_cutoff else usual
     note = Notice(code="identify.automatic", text=_describe(choice, settled, estimator))
-    return FitPlan(processing=settled, estimator=estimator, choice=choice, notices=(note,))
+    plan = FitPlan(processing=settled, estimator=estimator, choice=choice, notices=(note,))
+    return _limit_cutoff(plan, library, processing, recordings)
+
+
+def _limit_cutoff(
+    plan: FitPlan, library: Library, processing: Processing, recordings: Sequence[Recording]
+) -> FitPlan:
+    """Return the plan with a cut-off at which noise and blur of the velocity are equal, or a lower one.
+
+    Only where a friction law bends with the velocity, whose noise biases it and which no instrument takes
+    out. Rows get a band that fits; what the call's `processing` states stays.
+    """
+    used, rate = plan.processing, 1.0 / recordings[0].period
+    laws = (get_law(joint.friction) for joint in library.card.joints if joint.friction != NO_FRICTION)
+    if "filter_cutoff" not in processing.left_open or not any(law.own for law in laws):
+        return plan
+    cutoff = max(balance_cutoff(recordings), _LEAST_CUTOFF * rate)
+    if (used.filter_cutoff or 0.0) <= cutoff:
+        return plan
+    factor = used.decimation.factor
+    if "decimation.factor" in processing.left_open:
+        factor = max(factor, math.floor(_PASSED * rate * _LEAST_FACTOR / cutoff + 1e-6))
+    settled = replace(
+        used, filter_cutoff=float(f"{cutoff:.3g}"), decimation=replace(used.decimation, factor=factor)
+    )
+    text = (
+        f"with these friction laws, positions pass a low-pass at {settled.filter_cutoff:g} Hz instead, and "
+        f"one row in {factor} is kept: noise of the velocity would bias what bends with it"
+    )
+    note = Notice(code="identify.automatic", text=text)
+    return replace(plan, processing=settled, notices=(*plan.notices, note))
+
+
+_LEAST_CUTOFF = 0.02
+"""Of the sample rate."""
 
 
 def _get_least_squares(library: Library) -> str:

@@ -99,12 +99,12 @@ def _build_level(
     signals = _prepare(library, recording, processing, min(_STATES * band, 0.4 * rate))
     fast = max(_RATE * band, ROW_RATE)
     thin = max(k for k in range(1, step + 1) if step % k == 0 and k <= max(1.0, rate / fast))
-    columns = evaluate_columns(library, *(_thin(part, thin) for part in (signals.q, signals.dq, signals.ddq)))
+    columns = evaluate_columns(library, *signals.pick_states(slice(None, None, thin)))
     count, joints, width = columns.shape
     flat = columns.reshape(count, -1)
     matrix = _filter_rows(flat, band * recording.period * thin, places // thin)
     slow = _prepare(library, recording, processing, min(band, 0.4 * rate))
-    smooth = evaluate_columns(library, *(part[places] for part in (slow.q, slow.dq, slow.ddq)))
+    smooth = evaluate_columns(library, *slow.pick_states(places))
     return _Level(
         matrix=matrix.reshape(-1, joints, width),
         torque=_filter_rows(signals.tau, band * recording.period, places),
@@ -115,10 +115,6 @@ def _build_level(
 
 def _prepare(library: Library, recording: Recording, processing: Processing, cutoff: float) -> Signals:
     return prepare_states(library, recording, replace(processing, filter_cutoff=cutoff, automatic=False))
-
-
-def _thin(values: FloatArray, step: int) -> FloatArray:
-    return np.ascontiguousarray(values[::step])
 
 
 def _filter_rows(values: FloatArray, band: float, places: NDArray[np.intp]) -> FloatArray:

@@ -45,6 +45,7 @@ from symid.identification.regression import (
     prepare_rows,
     select_rows,
 )
+from symid.joint_models import FrictionValues, rename_law
 from symid.logs import Ends, Recording, describe_overlap, has_states, measure_overlap
 from symid.robot import (
     Decimation,
@@ -213,7 +214,9 @@ def restore_robot(robot: Robot, estimate: FitRecord, settings: Sequence[tuple[st
     # A result of friction has no friction models; its signature has.
     kinds = tuple(dict.fromkeys(estimate.friction))
     # Joints with different models have them from the file: an option sets one for all.
-    described = override_settings(robot, (), kinds[0] if len(kinds) == 1 else None)
+    described = _restore_laws(robot, estimate)
+    if described is robot:
+        described = override_settings(robot, (), kinds[0] if len(kinds) == 1 else None)
     restored = _restore_settings(described, estimate.settings)
     notices = _compare_settings(described, restored, settings, estimate.settings.get("chosen"))
     restored = replace(restored, notices=(*restored.notices, *notices))
@@ -229,6 +232,27 @@ def restore_robot(robot: Robot, estimate: FitRecord, settings: Sequence[tuple[st
         return changed
     # No filter and no decimation, where they are set, are no open entries: then all is as in the fit.
     return override_settings(_restore_settings(restored, {**estimate.settings, "chosen": []}), settings)
+
+
+def _restore_laws(robot: Robot, estimate: FitRecord) -> Robot:
+    """Return the robot with the friction laws that an estimate has chosen or fitted."""
+    laws = {law.joint: law for law in estimate.laws} if isinstance(estimate, Estimate) else {}
+    if not laws:
+        return robot
+    joints = tuple(
+        replace(
+            joint,
+            friction=FrictionValues(
+                law=rename_law(laws[joint.name].law),
+                shape=laws[joint.name].shape,
+                smoothing=laws[joint.name].smoothing,
+            ),
+        )
+        if joint.name in laws
+        else joint
+        for joint in robot.joints
+    )
+    return replace(robot, joints=joints)
 
 
 def _restore_settings(robot: Robot, settings: Mapping[str, object]) -> Robot:

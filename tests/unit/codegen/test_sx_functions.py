@@ -9,14 +9,13 @@ from symid.codegen.functions import FunctionSpec, Port
 from symid.codegen.programs import ExpressionTable, Op, count_operations
 from symid.codegen.routes import choose_route
 from symid.dynamics.base_parameters import derive_base_parameters
-from symid.robot.description import FrictionKind
 from tests.chains import PANDA, PUMA560, STANFORD, TWO_LINK, build_chain, run_program
 from tests.sx_programs import read_sx_program
 
 DRIVEN = build_chain(
     [(0.0, 0, 0, "q"), (np.pi / 6, 0.3, 0.1, "q"), (np.pi / 2, 0.1, "q", 0.0)],
     rotors=True,
-    friction=FrictionKind.ASYMMETRIC,
+    friction="asymmetric",
     name="driven",
 )
 

@@ -8,7 +8,8 @@ import pytest
 from symid.dynamics.base_parameters import BASE_FORMS, build_standard_parameters, derive_base_parameters
 from symid.dynamics.explanations import get_label_unit
 from symid.errors import RobotError
-from symid.robot.description import Coupling, FrictionKind, FrictionValues, Mimic, Spring
+from symid.joint_models import FrictionValues
+from symid.robot.description import Coupling, Mimic, Spring
 from tests.chains import PANDA, PI, PUMA560, TWO_LINK, build_chain
 
 
@@ -55,7 +56,7 @@ def test_standard_parameters_stand_for_themselves():
 
 
 def test_a_coupled_drive_has_parameters_of_its_own_name():
-    friction = FrictionValues(kind=FrictionKind.VISCOUS_COULOMB)
+    friction = FrictionValues(law="coulomb-viscous")
     coupling = Coupling(
         name="m2", terms=((0, Fraction(1)), (1, Fraction(1))), has_rotor=True, friction=friction
     )
@@ -68,7 +69,7 @@ def test_a_coupled_drive_has_parameters_of_its_own_name():
 
 
 def test_the_friction_of_a_follower_adds_to_its_masters():
-    robot = build_chain([(0.0, 0, 0, "q"), (PI / 2, 0, 0, "q")], friction=FrictionKind.VISCOUS_COULOMB)
+    robot = build_chain([(0.0, 0, 0, "q"), (PI / 2, 0, 0, "q")], friction="coulomb-viscous")
     joints = (robot.joints[0], replace(robot.joints[1], mimic=Mimic(master=0, multiplier=Fraction(-2))))
     base = derive_base_parameters(replace(robot, joints=joints))
     # Fv acts through the ratio twice, Fc once, whatever its sign.
@@ -79,7 +80,7 @@ def test_the_friction_of_a_follower_adds_to_its_masters():
 
 
 def test_springs_show_and_their_preload_joins_an_offset():
-    robot = build_chain([(0.0, 0, 0, "q")], friction=FrictionKind.VISCOUS_COULOMB_OFFSET)
+    robot = build_chain([(0.0, 0, 0, "q")], friction="coulomb-viscous-offset")
     sprung = replace(robot, joints=(replace(robot.joints[0], spring=Spring()),))
     base = derive_base_parameters(sprung)
     names = {parameter.name: parameter for parameter in base.parameters}
@@ -88,8 +89,8 @@ def test_springs_show_and_their_preload_joins_an_offset():
 
 
 def test_an_offset_shared_by_a_coupled_drive_is_explained():
-    friction = FrictionValues(kind=FrictionKind.VISCOUS_COULOMB_OFFSET)
-    robot = build_chain([(0.0, 0, 0, "q")] * 2, friction=FrictionKind.VISCOUS_COULOMB_OFFSET)
+    friction = FrictionValues(law="coulomb-viscous-offset")
+    robot = build_chain([(0.0, 0, 0, "q")] * 2, friction="coulomb-viscous-offset")
     coupling = Coupling(name="m", terms=((0, Fraction(1)), (1, Fraction(1))), friction=friction)
     base = derive_base_parameters(replace(robot, couplings=(coupling,)))
     reasons = {entry.name: entry.reason for entry in base.eliminated}
@@ -106,7 +107,7 @@ def test_units_and_reasons_of_a_drive_that_turns_and_slides():
 
 
 def test_reasons_without_a_contradiction():
-    robot = build_chain([(0.0, 0, 0, "q")], friction=FrictionKind.VISCOUS_COULOMB_OFFSET)
+    robot = build_chain([(0.0, 0, 0, "q")], friction="coulomb-viscous-offset")
     sprung = replace(robot, joints=(replace(robot.joints[0], spring=Spring()),))
     base = derive_base_parameters(sprung)
     (preload,) = [parameter for parameter in base.parameters if parameter.name == "KRR1"]
@@ -129,7 +130,7 @@ def test_a_drive_whose_factors_cancel_stands_still():
 
 
 def test_the_steps_of_a_follower_are_no_constants():
-    robot = build_chain([(0.0, 0, 0, "q"), (PI / 2, 0, 0, "q")], friction=FrictionKind.ASYMMETRIC)
+    robot = build_chain([(0.0, 0, 0, "q"), (PI / 2, 0, 0, "q")], friction="asymmetric")
     joints = (robot.joints[0], replace(robot.joints[1], mimic=Mimic(master=0, multiplier=Fraction(-1, 2))))
     base = derive_base_parameters(replace(robot, joints=joints))
     reasons = {entry.name: entry.reason for entry in base.eliminated}

@@ -14,8 +14,9 @@ from symid.dynamics.nearest_bodies import BodyProblem, compute_errors, optimise_
 from symid.dynamics.physical_consistency import StandardOutcome, compute_standard_set
 from symid.dynamics.pseudo_inertia import build_prior, build_pseudo_inertias, compute_standard_parameters
 from symid.errors import RobotError, SolverError, UsageError
+from symid.joint_models import FrictionValues
 from symid.notation import INERTIAL
-from symid.robot.description import Coupling, Drive, FrictionKind, FrictionValues, Spring
+from symid.robot.description import Coupling, Drive, Spring
 from symid.robot.inertia import explain_impossible_inertia
 from symid.robot.toml_reader import read_robot
 from tests.chains import (
@@ -359,7 +360,7 @@ def test_a_distance_does_not_depend_on_units_or_frames():
 
 
 def test_an_offset_that_is_part_of_a_weight_may_have_any_sign():
-    slide = build_chain([(0.0, 0, "q", 0.0)], rotors=True, friction=FrictionKind.VISCOUS_COULOMB_OFFSET)
+    slide = build_chain([(0.0, 0, "q", 0.0)], rotors=True, friction="coulomb-viscous-offset")
     base = derive_base_parameters(slide)
     names = [parameter.name for parameter in (*base.parameters, *base.friction)]
     assert len(names) == 4
@@ -377,8 +378,8 @@ def test_an_offset_that_is_part_of_a_weight_may_have_any_sign():
 
 def test_friction_values_of_the_file_are_the_start():
     slide = build_chain([(0.0, 0, "q", 0.0)], rotors=True)
-    kind = FrictionKind.VISCOUS_COULOMB_OFFSET
-    joint = dataclasses.replace(slide.joints[0], friction=FrictionValues(kind=kind, values=(1.0, 2.0, -3.0)))
+    kind = "coulomb-viscous-offset"
+    joint = dataclasses.replace(slide.joints[0], friction=FrictionValues(law=kind, values=(1.0, 2.0, -3.0)))
     robot = dataclasses.replace(slide, joints=(joint,))
     base = derive_base_parameters(robot)
     pi = draw_parameters(np.random.default_rng(0), 1)

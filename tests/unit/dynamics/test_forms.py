@@ -42,7 +42,7 @@ inertia = {{ xx = "I", yy = "I", zz = "3/2*I", xy = 0.01 }}
 rotor_inertia = 0.02
 rotor_inertia_side = "joint"
 [joint.friction]
-model = "viscous_coulomb"
+model = "coulomb-viscous"
 Fv = 1.5
 Fc = 2
 [[joint]]
@@ -95,7 +95,7 @@ def test_springs_and_couplings_have_values():
         '[[joint]]\nname = "a"\nkind = "revolute"\nspring = { stiffness = 120, rest = 0.5 }\n'
         '[[joint]]\nname = "b"\nkind = "revolute"\na = 0.5\nspring = { stiffness = 60, rest = "unknown" }\n'
         '[[coupling]]\nname = "m"\nterms = { a = 1, b = 1 }\nrotor_inertia = 0.02\n'
-        'friction = { model = "viscous_coulomb", Fv = 0.5, Fc = 1.25 }\n'
+        'friction = { model = "coulomb-viscous", Fv = 0.5, Fc = 1.25 }\n'
     )
     robot = parse_robot(text)
     base = derive_base_parameters(robot)

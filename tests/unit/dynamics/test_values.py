@@ -8,7 +8,8 @@ import pytest
 from symid.codegen.casadi_functions import build_functions
 from symid.dynamics.base_parameters import compute_parameter_values, derive_base_parameters
 from symid.errors import RobotError, UsageError
-from symid.robot.description import Drive, FrictionKind, FrictionValues
+from symid.joint_models import FrictionValues
+from symid.robot.description import Drive
 from tests.chains import TWO_LINK, build_chain, draw_parameters
 
 
@@ -35,7 +36,7 @@ def test_drive_and_friction_values():
         TWO_LINK,
         parameters,
         drive=Drive(has_rotor=True, rotor_inertia=0.2),
-        friction=FrictionValues(kind=FrictionKind.VISCOUS_COULOMB, values=(0.3, 0.4)),
+        friction=FrictionValues(law="coulomb-viscous", values=(0.3, 0.4)),
     )
     values = compute_parameter_values(robot, derive_base_parameters(robot))
     assert values["ZZR1"] == pytest.approx(parameters[0, 5] + 0.25 * parameters[1, 9] + 0.2, rel=1e-15)

@@ -8,15 +8,12 @@ import pytest
 
 from symid.codegen.cache import prepare_library
 from symid.errors import IdentifiabilityError, SolverError, UsageError
-from symid.excitation.limits import (
-    LimitOptions,
-    WorkspacePoint,
-    WorkspaceRegion,
-)
+from symid.excitation.limits import LimitOptions, WorkspacePoint, WorkspaceRegion
 from symid.excitation.optimise import ExcitationOptions, draw_candidates, optimise_excitation
 from symid.excitation.problem import Margin, ProblemOptions, build_problem, compute_margins
 from symid.excitation.trajectories import SeriesOptions
-from symid.robot.description import FrictionValues, Limits
+from symid.joint_models import FrictionValues
+from symid.robot.description import Limits
 from symid.robot.toml_reader import read_robot
 
 ROBOTS = Path(__file__).resolve().parents[3] / "robots"

@@ -19,7 +19,7 @@ from symid.excitation.limits import (
 from symid.excitation.observation import Criterion, Observation, smooth_friction
 from symid.excitation.problem import ProblemOptions, build_problem
 from symid.excitation.trajectories import SeriesOptions, build_grid_basis
-from symid.robot.description import FrictionKind, FrictionValues
+from symid.joint_models import FrictionValues
 from symid.robot.toml_reader import read_robot
 
 ROBOTS = Path(__file__).resolve().parents[3] / "robots"
@@ -94,7 +94,7 @@ def test_friction_gets_a_slope_only_where_it_has_none(robot):
     assert smooth_friction(smooth) == smooth
     bare = replace(robot, joints=tuple(replace(joint, friction=FrictionValues()) for joint in robot.joints))
     assert smooth_friction(bare) == bare
-    assert bare.joints[0].friction.kind is FrictionKind.NONE
+    assert bare.joints[0].friction.law == "none"
 
 
 def check_slopes(problem, criterion):

@@ -6,12 +6,11 @@ import numpy as np
 import pinocchio as pin
 
 from symid.logs.recording import Recording
-from symid.robot.description import FrictionKind
 from tests.chains import build_chain, build_pinocchio
 
 ROWS = [(0.0, 0.0, 0.0, "q"), (-np.pi / 2, 0.0, 0.0, "q"), (0.0, 0.43, 0.15, "q")]
 """Modified DH: an upright axis, a shoulder, an elbow."""
-ARM = build_chain(ROWS, friction=FrictionKind.VISCOUS_COULOMB_OFFSET, name="arm")
+ARM = build_chain(ROWS, friction="coulomb-viscous-offset", name="arm")
 FRICTION = np.array([[1.0, 1.5, 0.2], [1.4, 2.0, -0.3], [0.6, 0.8, 0.1]])
 """Fv, Fc, offset of every joint."""
 

@@ -1,4 +1,4 @@
-"""Friction columns against their closed forms."""
+"""Generated functions of friction against the closed forms of the laws; what of it is part of the model."""
 
 from dataclasses import replace
 
@@ -6,137 +6,126 @@ import numpy as np
 import pytest
 
 from symid.codegen.casadi_functions import build_functions
-from symid.joint_models.friction_models import FRICTION_MODELS
-from symid.notation import get_unit
-from symid.robot.description import CurvedFriction, FrictionKind, FrictionValues
-from symid.robot.toml_drives import FRICTION_PARAMETERS, FRICTION_SHAPES
-from tests.chains import build_chain
+from symid.dynamics import compute_friction_columns
+from symid.dynamics.base_parameters import build_standard_parameters, derive_base_parameters
+from symid.errors import UsageError
+from symid.joint_models import FrictionValues, get_law, list_value_names
+from symid.joint_models.carriers import build_float_carrier
+from tests.chains import PLAIN_LAWS, build_chain
+from tests.friction_forms import EVERY_LAW, find_linear_torque, give_shape
 
-VELOCITIES = (-2.0, -0.1, 0.0, 0.3, 1.5)
-
-
-def closed_form(kind, v, x):
-    sign = float(np.sign(v))
-    match kind:
-        case FrictionKind.VISCOUS_COULOMB:
-            return x[0] * v + x[1] * sign
-        case FrictionKind.VISCOUS_COULOMB_OFFSET:
-            return x[0] * v + x[1] * sign + x[2]
-        case FrictionKind.ASYMMETRIC:
-            return x[0] * v + x[1] if v > 0 else x[2] * v - x[3] if v < 0 else 0.0
+VELOCITIES = (-2.0, -0.21, -0.1, 0.0, 0.15, 0.3, 1.5)
+OTHERS = {"position": 0.7, "load": -8.0, "temperature": 31.0}
+PORTS = {"position": "q", "load": "load", "temperature": "temperature"}
+ROW = (0.0, 0, 0, "q")
 
 
-@pytest.mark.parametrize("kind", [kind for kind in FrictionKind if kind is not FrictionKind.NONE])
-@pytest.mark.parametrize("velocity", VELOCITIES)
-def test_friction_functions_equal_the_closed_form(kind, velocity):
-    robot = build_chain([(0.0, 0, 0, "q")], friction=kind)
-    friction, regressor = build_functions(robot, names=("friction", "friction_regressor")).functions
-    values = np.arange(1.0, 1 + len(FRICTION_MODELS[kind].parameters))
-    expected = closed_form(kind, velocity, values)
-    assert float(friction(velocity, values)) == pytest.approx(expected, abs=1e-15)
-    assert float(regressor(velocity) @ values) == pytest.approx(expected, abs=1e-15)
+def give_friction(robot, *frictions):
+    joints = tuple(
+        replace(joint, friction=friction) for joint, friction in zip(robot.joints, frictions, strict=True)
+    )
+    return replace(robot, joints=joints)
 
 
-@pytest.mark.parametrize("kind", [kind for kind in FrictionKind if kind is not FrictionKind.NONE])
-def test_friction_opposes_motion(kind):
-    """With positive coefficients and no offset, power is never negative: friction cannot drive."""
-    robot = build_chain([(0.0, 0, 0, "q")], friction=kind)
-    (friction,) = build_functions(robot, names=("friction",)).functions
-    names = FRICTION_MODELS[kind].parameters
-    values = np.array([0.0 if name == "offset" else 1.5 for name in names])
-    for velocity in VELOCITIES:
-        power = float(friction(velocity, values)) * velocity
-        assert power >= 0.0
-
-
-def test_every_kind_has_a_model_whose_parameters_have_units():
-    assert set(FRICTION_MODELS) == {*FrictionKind, *CurvedFriction}
-    for model in FRICTION_MODELS.values():
-        for name in model.parameters:
-            assert get_unit(name)
-            assert get_unit(name, prismatic=True) != get_unit(name)
-
-
-CURVES = {
-    CurvedFriction.STRIBECK: (
-        (0.3, 1.7),
-        lambda v, x: x[0] * v + (x[1] + x[2] * np.exp(-(abs(v / 0.3) ** 1.7))) * np.sign(v),
-    ),
-    CurvedFriction.STRIBECK_OFFSET: (
-        (0.3, 2.0),
-        lambda v, x: x[0] * v + (x[1] + x[2] * np.exp(-((v / 0.3) ** 2))) * np.sign(v) + x[3],
-    ),
-    CurvedFriction.IMPROVED_STRIBECK: (
-        (0.3, 0.2, 2.0),
-        lambda v, x: (
-            x[0] * v
-            + (x[1] + x[2] * np.exp(-((max(abs(v), 0.2) / 0.3) ** 2))) * max(-1.0, min(1.0, v / 0.2))
-            + x[3]
-        ),
-    ),
-    CurvedFriction.ASYMMETRIC_STRIBECK: (
-        (0.3, 1.0),
-        lambda v, x: (
-            (x[0] * v + x[1] if v > 0 else x[2] * v - x[3] if v < 0 else 0.0)
-            + x[4] * np.exp(-abs(v) / 0.3) * np.sign(v)
-        ),
-    ),
-    CurvedFriction.CUBIC: (
-        (),
-        lambda v, x: x[0] * v + x[1] * np.sign(v) + x[2] * abs(v) * v + x[3] * v**3,
-    ),
-    CurvedFriction.STRIBECK_CUBIC: (
-        (0.3, 2.0),
-        lambda v, x: (
-            x[0] * v
-            + (x[1] + x[2] * np.exp(-((v / 0.3) ** 2))) * np.sign(v)
-            + x[3] * abs(v) * v
-            + x[4] * v**3
-        ),
-    ),
-    CurvedFriction.POWER_LAW: ((0.6,), lambda v, x: (x[0] + x[1] * abs(v) ** 0.6) * np.sign(v)),
-    CurvedFriction.MAKKAR: (
-        (9.0, 2.0, 7.0),
-        lambda v, x: x[0] * (np.tanh(9 * v) - np.tanh(2 * v)) + x[1] * np.tanh(7 * v) + x[2] * v,
-    ),
-}
-
-
-@pytest.mark.parametrize("kind", list(CurvedFriction), ids=lambda kind: kind.value)
-def test_functions_of_curved_friction_equal_the_closed_form(kind):
-    shape, curve = CURVES[kind]
-    robot = build_chain([(0.0, 0, 0, "q")])
-    joint = replace(robot.joints[0], friction=FrictionValues(kind=kind, shape=shape))
-    built = build_functions(replace(robot, joints=(joint,)), names=("friction", "friction_regressor"))
+@pytest.mark.parametrize("standard", [False, True])
+@pytest.mark.parametrize("name", EVERY_LAW)
+def test_functions_of_friction_equal_the_closed_form(name, standard):
+    given = FrictionValues(law=name, shape=give_shape(name, 7.0))
+    robot = give_friction(build_chain([ROW]), given)
+    built = build_functions(robot, names=("friction", "friction_regressor"), standard=standard)
     friction, regressor = built.functions
-    values = np.arange(1.0, 1 + len(FRICTION_MODELS[kind].parameters))
-    for velocity in (*VELOCITIES, 0.15, -0.21):
-        expected = curve(velocity, values)
-        assert float(friction(velocity, values)) == pytest.approx(expected, rel=1e-14, abs=1e-15)
-        assert float(regressor(velocity) @ values) == pytest.approx(expected, rel=1e-14, abs=1e-15)
-    assert [parameter.name for parameter in built.card.friction] == [
-        f"{name}1" for name in FRICTION_MODELS[kind].parameters
-    ]
+    law = get_law(name)
+    others = {key: OTHERS[key] for key in law.inputs[1:]}
+    values = np.arange(1.0, 1 + len(law.linear))
+    own = dict(zip(list_value_names(given), values, strict=True))
+    base = build_standard_parameters(robot) if standard else derive_base_parameters(robot)
+    grouped = [sum(float(share) * own[entry] for (_, entry), share in p.terms) for p in base.friction]
+    for velocity in VELOCITIES:
+        if velocity == 0.0 and len(grouped) < len(values):
+            # Parameters are grouped by what they do in motion.
+            continue
+        expected = find_linear_torque(name, values, given.shape, velocity, **others)
+        inputs = (velocity, *others.values())
+        assert float(friction(*inputs, grouped)) == pytest.approx(expected, rel=1e-13, abs=1e-14)
+        assert float(regressor(*inputs) @ grouped) == pytest.approx(expected, rel=1e-13, abs=1e-14)
+        columns = compute_friction_columns(given, build_float_carrier(), {"velocity": velocity, **others})
+        assert float(np.dot(columns, values)) == pytest.approx(expected, rel=1e-13, abs=1e-14)
+    ports = ["dq", *(PORTS[key] for key in law.inputs[1:])]
+    assert [friction.name_in(k) for k in range(friction.n_in())] == [*ports, "f"]
+    assert [regressor.name_in(k) for k in range(regressor.n_in())] == ports
+    assert built.card.friction_inputs == tuple(ports[1:])
+    # An offset beside a constant torque of the law is the same.
+    double = ("asymmetric+offset", "improved-stribeck+offset", "asymmetric-stribeck-1+offset")
+    if standard or name not in double:
+        # The number of a wave or a power is kept apart from that of the joint.
+        names = [f"{entry}_1" if entry[-1].isdigit() else f"{entry}1" for entry in own]
+        assert [parameter.name for parameter in built.card.friction] == names
 
 
-def test_no_two_models_have_the_same_parameters():
-    """Stored estimates of elastic joints tell the model by the names of its parameters."""
-    listed = [model.parameters for model in FRICTION_MODELS.values()]
-    assert len(set(listed)) == len(listed)
+@pytest.mark.parametrize("name", [name for name in PLAIN_LAWS if name != "none"])
+def test_friction_opposes_motion(name):
+    """With positive coefficients and no offset, power is never negative: friction cannot drive."""
+    robot = build_chain([ROW], friction=name)
+    (friction,) = build_functions(robot, names=("friction",)).functions
+    names = list_value_names(FrictionValues(law=name))
+    values = np.array([0.0 if entry == "offset" else 1.5 for entry in names])
+    for velocity in VELOCITIES:
+        assert float(friction(velocity, values)) * velocity >= 0.0
 
 
-def test_reader_and_models_name_the_same_values():
-    assert {kind: model.parameters for kind, model in FRICTION_MODELS.items()} == FRICTION_PARAMETERS
-    for kind, model in FRICTION_MODELS.items():
-        assert tuple(key.name for key in FRICTION_SHAPES.get(kind, ())) == model.shape
-        assert set(model.own) <= set(model.parameters)
+def test_functions_have_the_inputs_that_any_joint_reads_in_one_order():
+    laws = ("temperature", "coulomb-viscous", "position-torque", "none", "load-dependent")
+    robot = give_friction(build_chain([(0.3, 0.1, 0.2, "q")] * 5), *(FrictionValues(law=law) for law in laws))
+    built = build_functions(robot, names=("friction", "friction_regressor"))
+    friction, regressor = built.functions
+    ports = ["dq", "q", "load", "temperature"]
+    assert [friction.name_in(k) for k in range(friction.n_in())] == [*ports, "f"]
+    assert [regressor.name_in(k) for k in range(regressor.n_in())] == ports
+    card = built.card
+    assert card.friction_inputs == ("q", "load", "temperature")
+    rng = np.random.default_rng(8)
+    dq, q, load, temperature = (rng.uniform(-2, 2, 5) for _ in ports)
+    values = np.arange(1.0, 1 + len(card.friction))
+    inputs = card.gather_friction_inputs(dq, temperature=temperature, load=load, q=q)
+    found, rest = np.array(friction(*inputs, values)).ravel(), list(values)
+    for k, law in enumerate(laws):
+        own = [rest.pop(0) for _ in list_value_names(FrictionValues(law=law))]
+        all_given = {"position": q[k], "load": load[k], "temperature": temperature[k]}
+        used = {} if law == "none" else {key: all_given[key] for key in get_law(law).inputs[1:]}
+        expected = 0.0 if law == "none" else find_linear_torque(law, own, (), dq[k], **used)
+        assert found[k] == pytest.approx(expected, rel=1e-13)
+    with pytest.raises(UsageError, match=r"depends on the load and the temperature of the") as caught:
+        card.gather_friction_inputs(dq, q=q)
+    assert caught.value.notices[0].code == "friction.input"
+    velocity_only = build_functions(give_friction(robot, *[FrictionValues(law="cubic")] * 5)).card
+    assert velocity_only.friction_inputs == ()
+    assert velocity_only.gather_friction_inputs(dq, q=q) == (dq,)
+
+
+@pytest.mark.parametrize("name", EVERY_LAW)
+@pytest.mark.parametrize("prismatic", [False, True])
+def test_every_law_has_parameters_with_units(name, prismatic):
+    robot = build_chain([(0.0, 0, "q", 0.0) if prismatic else ROW])
+    robot = give_friction(robot, FrictionValues(law=name, shape=give_shape(name)))
+    cards = build_functions(robot, names=("friction",), standard=True).card.friction
+    law = get_law(name)
+    units = [entry.unit_prismatic if prismatic else entry.unit for entry in law.linear]
+    assert [card.unit for card in cards] == units
+    # A factor of the load has none.
+    assert all(entry.unit != entry.unit_prismatic for entry in law.linear if entry.unit != "1")
 
 
 def test_shape_values_are_part_of_the_model():
-    robot = build_chain([(0.0, 0, 0, "q")])
     signatures = set()
-    for shape in ((0.3, 2.0), (0.3, 1.5), (0.2, 2.0)):
-        friction = FrictionValues(kind=CurvedFriction.STRIBECK, shape=shape)
-        changed = replace(robot, joints=(replace(robot.joints[0], friction=friction),))
+    for law, shape in (
+        ("stribeck", (0.3,)),
+        ("stribeck", (0.2,)),
+        ("stribeck-exponent", (0.3, 1.5)),
+        ("stribeck-exponent", (0.3, 1.6)),
+        ("stribeck-1.5", (0.3,)),
+        ("tustin", (0.3,)),
+        ("lorentzian", (0.3,)),
+    ):
+        changed = give_friction(build_chain([ROW]), FrictionValues(law=law, shape=shape))
         signatures.add(build_functions(changed, names=("friction",)).card.signature)
-    assert len(signatures) == 3
+    assert len(signatures) == 7

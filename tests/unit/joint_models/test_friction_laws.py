@@ -1,7 +1,5 @@
 """Static friction laws against closed forms written anew, their derivatives, names and texts."""
 
-import math
-
 import casadi
 import mpmath
 import numpy as np
@@ -17,18 +15,28 @@ from symid.joint_models.friction_catalogue import (
     build_load_dependent,
     build_position_dependent,
     build_stribeck,
+    fix_exponent,
+    free_exponent,
+    get_friction_law,
     get_law,
+    has_sign,
+    list_shape_names,
+    list_value_names,
+    name_shape,
+    name_values,
+    rename_law,
     with_offset,
     with_smoothing,
 )
 from symid.joint_models.friction_law import (
+    FrictionValues,
     compute_column_derivatives,
     compute_columns,
     compute_friction_torque,
 )
+from tests.friction_forms import EVERY_LAW, FORMS, OLD_NAMES, VELOCITIES, find_torque, prepare
 
-VELOCITIES = np.array([-2.0, -0.3, -0.05, -0.011, -0.004, 0.0, 1e-6, 0.002, 0.01, 0.0301, 0.2, 1.7])
-EVERY = pytest.mark.parametrize("law", FRICTION_LAWS.values(), ids=FRICTION_LAWS)
+EVERY = pytest.mark.parametrize("law", list(map(get_law, EVERY_LAW)), ids=EVERY_LAW)
 
 
 def _mpmath_sign(x):
@@ -74,121 +82,13 @@ CASADI = OperatorCarrier(
 )
 
 
-def prepare(law, velocities=VELOCITIES):
-    """Return inputs and physical values that suit a law; every value is another one."""
-    count = len(velocities)
-    inputs = {
-        "velocity": np.asarray(velocities, dtype=float),
-        "load": np.linspace(-20, 31, count),
-        "position": np.linspace(-3, 5, count),
-    }
-    special = {"fC": 11.0, "fS": 23.0, "vs": 0.028, "gamma": 1.7, "fV": 28.0, "dq0": 0.01, "dqs": 0.02}
-    special |= {"fP": -3.3, "g2": 90.0, "g3": 12.0, "g5": 130.0, "delta": 0.6, "fL": 0.03, "fLS": 0.05}
-    values = [special.get(p.name, 1.0 + 0.37 * k) for k, p in enumerate(law.physical)]
-    return {name: inputs[name] for name in law.inputs}, values
-
-
-def curve(p, speed, gamma=2.0):
-    """Return Stribeck's curve at speed >= 0."""
-    return p["fC"] + (p["fS"] - p["fC"]) * math.exp(-((speed / p["vs"]) ** gamma)) + p["fV"] * speed
-
-
-def fall(p, v):
-    return math.exp(-((v / p["vs"]) ** 2))
-
-
-def improved(p, v):
-    """Reading H1, by case."""
-    gamma, edge = p.get("gamma", 2.0), p["dq0"]
-    if abs(v) >= edge:
-        return p["fP"] + curve(p, abs(v), gamma) * np.sign(v)
-    return p["fP"] + curve(p, edge, gamma) * v / edge
-
-
-def improved_h2(p, v):
-    edge = p["dq0"]
-    if abs(v) >= edge:
-        return curve(p, abs(v)) * np.sign(v)
-    return p["fP"] + (np.sign(v) * curve(p, edge) - p["fP"]) * abs(v) / edge
-
-
-def side(p, v, name):
-    return p[name + ("p" if v > 0 else "n")]
-
-
-def loaded(p, v, load):
-    kinetic, static = p["fC"] + p["fL"] * abs(load), p["fS"] + p["fLS"] * abs(load)
-    return (kinetic + (static - kinetic) * fall(p, v) + p["fV"] * abs(v)) * np.sign(v)
-
-
-def waves(p, angle):
-    return sum(p[f"A{k}"] * math.cos(k * angle) + p[f"B{k}"] * math.sin(k * angle) for k in (1, 2))
-
-
-def makkar(p, v):
-    bump = p["fM"] * (math.tanh(p["g2"] * v) - math.tanh(p["g3"] * v))
-    return bump + p["fC"] * math.tanh(p["g5"] * v) + p["fV"] * v
-
-
-def polynomial(p, v):
-    return p["fV2"] * v**2 * np.sign(v) + p["fV3"] * v**3
-
-
-def asymmetric(p, v, bump=0.0):
-    return (side(p, v, "fC") + bump + side(p, v, "fV") * abs(v)) * np.sign(v)
-
-
-# The torque of each law from its physical parameters p, at v, load l and position x.
-FORMS = {
-    "coulomb": lambda p, v, _l, _x: p["fC"] * np.sign(v),
-    "coulomb-viscous": lambda p, v, _l, _x: p["fC"] * np.sign(v) + p["fV"] * v,
-    "coulomb-viscous-offset": lambda p, v, _l, _x: p["fC"] * np.sign(v) + p["fV"] * v + p["offset"],
-    "asymmetric": lambda p, v, _l, _x: asymmetric(p, v),
-    "tustin": lambda p, v, _l, _x: curve(p, abs(v), 1.0) * np.sign(v),
-    "stribeck": lambda p, v, _l, _x: curve(p, abs(v)) * np.sign(v),
-    "stribeck-exponent": lambda p, v, _l, _x: curve(p, abs(v), p["gamma"]) * np.sign(v),
-    "stribeck+cubic": lambda p, v, _l, _x: curve(p, abs(v)) * np.sign(v) + polynomial(p, v),
-    "lorentzian": lambda p, v, _l, _x: (
-        (p["fC"] + (p["fS"] - p["fC"]) / (1 + (v / p["vs"]) ** 2)) * np.sign(v) + p["fV"] * v
-    ),
-    "improved-stribeck": lambda p, v, _l, _x: improved(p, v),
-    "improved-stribeck-exponent": lambda p, v, _l, _x: improved(p, v),
-    "improved-stribeck-h2": lambda p, v, _l, _x: improved_h2(p, v),
-    "improved-stribeck-h3": lambda p, v, _l, _x: p["fP"] + curve(p, abs(v)) * np.sign(v),
-    "improved-stribeck-h4": lambda p, v, _l, _x: (
-        p["fP"] + curve(p, abs(v - p["dqs"])) * np.sign(v - p["dqs"])
-    ),
-    "asymmetric-stribeck": lambda p, v, _l, _x: asymmetric(p, v, p["fE"] * fall(p, v)),
-    "asymmetric-stribeck-both": lambda p, v, _l, _x: asymmetric(
-        p, v, (side(p, v, "fS") - side(p, v, "fC")) * fall(p, v)
-    ),
-    "cubic": lambda p, v, _l, _x: p["fC"] * np.sign(v) + p["fV"] * v + polynomial(p, v),
-    "power-law": lambda p, v, _l, _x: (p["fC"] + p["fD"] * abs(v) ** p["delta"]) * np.sign(v),
-    "makkar": lambda p, v, _l, _x: makkar(p, v),
-    "load-dependent": lambda p, v, load, _x: (p["fC"] + p["fL"] * abs(load)) * np.sign(v) + p["fV"] * v,
-    "load-dependent-stribeck": lambda p, v, load, _x: loaded(p, v, load),
-    "position-dependent": lambda p, v, _l, x: (p["fC"] + waves(p, x)) * np.sign(v) + p["fV"] * v,
-    "position-torque": lambda p, v, _l, x: p["fC"] * np.sign(v) + p["fV"] * v + waves(p, x),
-}
-
-
-def written_anew(name, p, v, load, position):
-    """Return the torque of a law for one sample, by its own formula."""
-    return FORMS[name](p, v, load, position)
-
-
 @EVERY
 def test_torque_is_the_closed_form(law):
     inputs, values = prepare(law)
     named = {p.name: value for p, value in zip(law.physical, values, strict=True)}
     linear, shape = law.from_physical(values)
-    nothing = np.zeros(len(VELOCITIES))
-    expected = [
-        written_anew(law.name, named, float(v), float(load), float(position))
-        for v, load, position in zip(
-            inputs["velocity"], inputs.get("load", nothing), inputs.get("position", nothing), strict=True
-        )
-    ]
+    samples = [dict(zip(inputs, map(float, row), strict=True)) for row in zip(*inputs.values(), strict=True)]
+    expected = [find_torque(law.name, named, row.pop("velocity"), **row) for row in samples]
     np.testing.assert_allclose(
         compute_friction_torque(law, inputs, linear, shape), expected, rtol=1e-13, atol=1e-13
     )
@@ -248,7 +148,7 @@ def test_rates_are_the_derivatives_by_the_shape(law):
 
 
 def test_at_rest_all_rates_are_finite():
-    for law in FRICTION_LAWS.values():
+    for law in map(get_law, EVERY_LAW):
         inputs, values = prepare(law, np.array([0.0, 0.0]))
         assert np.isfinite(compute_column_derivatives(law, inputs, law.from_physical(values)[1])).all()
 
@@ -329,7 +229,7 @@ def test_the_columns_of_the_improved_law_hold_within_the_zone(edge, velocity, ga
     linear, shape = law.from_physical(values)
     torque = compute_friction_torque(law, {"velocity": np.array([velocity])}, linear, shape)[0]
     named = {p.name: value for p, value in zip(law.physical, values, strict=True)}
-    assert torque == pytest.approx(written_anew(law.name, named, velocity, 0, 0), rel=1e-12, abs=1e-12)
+    assert torque == pytest.approx(find_torque(law.name, named, velocity), rel=1e-12, abs=1e-12)
 
 
 def test_columns_broadcast_over_many_shapes_at_once():
@@ -355,7 +255,7 @@ def test_smoothing_replaces_the_sign_by_a_hyperbolic_tangent():
 
 def test_an_offset_is_the_last_linear_parameter():
     law = with_offset(get_law("stribeck-exponent"))
-    assert [p.name for p in law.linear] == ["Fv", "Fc", "Fs", "offset"]
+    assert [p.name for p in law.linear] == ["Fv", "Fc", "Fe", "offset"]
     assert [p.name for p in law.physical] == ["fC", "fS", "vs", "gamma", "fV", "offset"]
     values = (1.0, 2.0, 0.05, 1.5, 3.0, -0.7)
     linear, shape = law.from_physical(values)
@@ -442,3 +342,98 @@ def test_some_laws_in_latex():
         r"e^{-\left|\frac{\dot q}{v_s}\right|^{\gamma}} \, \operatorname{sgn}\left(\dot q\right)"
     )
     assert r"\left(\dot q - \dot q_0\right)" in get_law("improved-stribeck-h4").latex
+    assert get_law("temperature").latex == (
+        r"\tau_f = f_V \, \dot q + f_C \, \operatorname{sgn}\left(\dot q\right) + "
+        r"f_{VT} \, \left(T - 40\right) \, \dot q + "
+        r"f_{CT} \, \left(T - 40\right) \, \operatorname{sgn}\left(\dot q\right)"
+    )
+    assert get_law("temperature-viscous").latex.endswith(r" + f_{VL} \, e^{-\frac{T}{T_V}} \, \dot q")
+
+
+@pytest.mark.parametrize("name", [*OLD_NAMES, "none"])
+def test_names_of_earlier_robot_files_mean_laws_of_the_catalogue(name):
+    assert rename_law(name) == OLD_NAMES.get(name, name)
+    assert rename_law(rename_law(name)) == rename_law(name)
+
+
+@pytest.mark.parametrize(
+    ("name", "law"),
+    [
+        ("Stribeck_Offset", "stribeck+offset"),
+        ("viscous-coulomb", "coulomb-viscous"),
+        ("coulomb-viscous+offset", "coulomb-viscous-offset"),
+        ("stribeck-1", "tustin"),
+        ("stribeck-1+offset", "tustin+offset"),
+        ("stribeck-2", "stribeck"),
+        ("stribeck-1.60", "stribeck-1.6"),
+        ("improved-stribeck-h1-exponent", "improved-stribeck-exponent"),
+        ("polynomial-2,3", "cubic"),
+        ("position-torque-1,2", "position-torque"),
+        ("position-dependent-1,2x1", "position-dependent"),
+    ],
+)
+def test_a_law_has_one_name_however_it_is_asked_for(name, law):
+    assert get_law(name).name == rename_law(name) == law
+
+
+def test_a_name_without_a_law_cannot_be_renamed():
+    with pytest.raises(UsageError, match=r"'viscus'.* Known laws: "):
+        rename_law("viscus")
+
+
+@pytest.mark.parametrize(
+    ("name", "free", "tustin"),
+    [
+        ("stribeck", "stribeck-exponent", "tustin"),
+        ("stribeck+offset", "stribeck-exponent+offset", "tustin+offset"),
+        ("stribeck+cubic", "stribeck-exponent+cubic", "stribeck-1+cubic"),
+        ("improved-stribeck-h4", "improved-stribeck-h4-exponent", "improved-stribeck-h4-1"),
+        ("asymmetric-stribeck-both", "asymmetric-stribeck-both-exponent", "asymmetric-stribeck-both-1"),
+        ("load-dependent-stribeck", "load-dependent-stribeck-exponent", "load-dependent-stribeck-1"),
+    ],
+)
+def test_an_exponent_of_one_or_two_is_part_of_the_name(name, free, tustin):
+    searched = free_exponent(get_law(name))
+    assert searched.name == free
+    assert searched.shape[-1].name == "gamma"
+    assert fix_exponent(searched, 1.6) == free
+    assert fix_exponent(searched, 2.0) == name
+    assert fix_exponent(searched, 1.0) == tustin
+    assert fix_exponent(get_law(name), 1.6) == name
+
+
+@pytest.mark.parametrize(
+    "name", ["tustin", "stribeck-1.6", "stribeck-exponent", "lorentzian", "coulomb-viscous", "temperature"]
+)
+def test_other_laws_have_no_exponent_to_search(name):
+    assert free_exponent(get_law(name)) is None
+
+
+@EVERY
+def test_smoothing_changes_the_laws_that_have_a_sign(law):
+    inputs, values = prepare(law)
+    linear, shape = law.from_physical(values)
+    sharp, smooth = (
+        compute_friction_torque(entry, inputs, linear, shape) for entry in (law, with_smoothing(law, 0.01))
+    )
+    assert has_sign(law) == (not np.array_equal(sharp, smooth))
+
+
+@EVERY
+def test_values_are_named_in_the_order_of_the_law(law):
+    _, values = prepare(law)
+    linear, shape = law.from_physical(values)
+    friction = FrictionValues(law=law.name, values=linear, shape=shape, smoothing=0.01)
+    names = tuple(entry.name for entry in law.linear)
+    assert list_value_names(friction) == list_value_names(FrictionValues(law=law.name)) == names
+    assert list_shape_names(friction) == tuple(entry.name for entry in law.shape)
+    assert name_values(friction) == dict(zip(names, linear, strict=True))
+    assert name_shape(friction) == {entry.name: x for entry, x in zip(law.shape, shape, strict=True)}
+    assert name_values(FrictionValues(law=law.name)) == name_shape(FrictionValues(law=law.name)) == {}
+    assert get_friction_law(friction).smoothing == 0.01
+
+
+def test_no_friction_has_no_law_and_no_values():
+    assert get_friction_law(FrictionValues()) is None
+    assert list_value_names(FrictionValues()) == list_shape_names(FrictionValues()) == ()
+    assert name_values(FrictionValues()) == name_shape(FrictionValues()) == {}

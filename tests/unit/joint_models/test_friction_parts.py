@@ -6,52 +6,49 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from symid.joint_models.carriers import build_float_carrier
-from symid.joint_models.friction_models import (
-    FRICTION_MODELS,
+from symid.dynamics import compute_friction_columns, get_friction
+from symid.dynamics.friction_effects import (
     build_friction_rows,
     compute_constant_torques,
-    compute_friction_columns,
-    get_friction,
     list_friction_parameters,
 )
-from symid.robot.description import Coupling, CurvedFriction, FrictionKind, FrictionValues, Mimic
-from tests.chains import build_chain
+from symid.joint_models import FRICTION_LAWS, FrictionValues, get_law, list_value_names
+from symid.joint_models.carriers import build_float_carrier
+from symid.robot.description import Coupling, Mimic
+from tests.chains import PLAIN_LAWS, build_chain
+from tests.friction_forms import EVERY_LAW, give_shape
 
-SHAPES = {
-    CurvedFriction.STRIBECK: (0.4, 1.5),
-    CurvedFriction.STRIBECK_OFFSET: (0.7, 2.0),
-    CurvedFriction.IMPROVED_STRIBECK: (0.5, 0.3, 2.0),
-    CurvedFriction.ASYMMETRIC_STRIBECK: (0.4, 1.0),
-    CurvedFriction.CUBIC: (),
-    CurvedFriction.STRIBECK_CUBIC: (0.5, 2.0),
-    CurvedFriction.POWER_LAW: (0.6,),
-    CurvedFriction.MAKKAR: (5.0, 0.8, 3.0),
-}
-KINDS = [kind for kind in FrictionKind if kind is not FrictionKind.NONE]
-CURVED = [FrictionValues(kind=kind, shape=shape) for kind, shape in SHAPES.items()]
+KINDS = [name for name in PLAIN_LAWS if name != "none"]
+# Of the velocity alone: those of several joints can be no others.
+CURVED = [
+    FrictionValues(law=name, shape=give_shape(name, 10.0 + 0.3 * k))
+    for k, name in enumerate(EVERY_LAW)
+    if get_law(name).own and get_law(name).inputs == ("velocity",)
+]
+CATALOGUE = [friction for friction in CURVED if friction.law in FRICTION_LAWS]
 ROW = (0.3, 0.1, 0.2, "q")
 
 
-def compute_rank(robot):
-    """Rank of the sampled friction regressor, built from the models and the transmission by hand."""
+def sample_columns(robot):
+    """Return the sampled friction regressor, built from the laws and the transmission by hand."""
     rng, blocks = np.random.default_rng(3), []
     labels = list_friction_parameters(robot)
-    for dq in rng.uniform(-2, 2, (60, robot.freedom)):
+    # Slow and fast, so that all of a curve is seen.
+    for dq in rng.uniform(-2, 2, (120, robot.freedom)) ** 3 / 4.0:
         block = np.zeros((robot.freedom, len(labels)))
         for k, (index, name) in enumerate(labels):
-            model = FRICTION_MODELS[get_friction(robot, index).kind]
+            friction = get_friction(robot, index)
             row = robot.transmission[index]
             speed = sum(float(factor) * dq[position] for position, factor in row)
-            columns = compute_friction_columns(get_friction(robot, index), build_float_carrier(), speed)
-            entry = columns[model.parameters.index(name)]
+            columns = compute_friction_columns(friction, build_float_carrier(), {"velocity": speed})
+            entry = columns[list_value_names(friction).index(name)]
             for position, factor in row:
                 block[position, k] += float(factor) * entry
         blocks.append(block)
-    return np.linalg.matrix_rank(np.concatenate(blocks), tol=1e-9)
+    return np.concatenate(blocks)
 
 
-def rank_of_rows(robot):
+def list_rows(robot):
     labels = list_friction_parameters(robot)
     rows = [[float(row.get(label, 0)) for label in labels] for row in build_friction_rows(robot)]
     # The constant function, at every coordinate, is what `build_friction_rows` leaves to the weights.
@@ -60,44 +57,84 @@ def rank_of_rows(robot):
         torques = compute_constant_torques(robot)
         pairs = zip(shares, labels, strict=True)
         rows.append([float(share * torques.get(label, 0)) for share, label in pairs])
-    return np.linalg.matrix_rank(np.array(rows), tol=1e-9)
+    return np.array(rows)
 
 
-@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.value)
-@pytest.mark.parametrize("other", KINDS, ids=lambda kind: kind.value)
-@pytest.mark.parametrize("multiplier", [Fraction(2), Fraction(-1, 2)], ids=str)
-def test_followers_and_couplings_show_what_samples_show(kind, other, multiplier):
-    robot = build_chain([ROW] * 3, friction=kind)
-    joints = list(robot.joints)
-    joints[2] = replace(
-        joints[2], mimic=Mimic(master=0, multiplier=multiplier), friction=FrictionValues(kind=other)
-    )
-    coupling = Coupling(
-        name="m", terms=((0, Fraction(1)), (1, Fraction(1))), friction=FrictionValues(kind=other)
-    )
-    robot = replace(robot, joints=tuple(joints), couplings=(coupling,))
-    assert rank_of_rows(robot) == compute_rank(robot)
+def assert_rows_show_what_samples_show(robot):
+    """The same parameters are hidden, in the same combinations."""
+    sampled, rows = sample_columns(robot), list_rows(robot)
+    scale = np.linalg.norm(sampled, axis=0)
+    parts = (sampled / scale, rows / scale, np.concatenate([sampled, rows]) / scale)
+    ranks = [np.linalg.matrix_rank(part / np.linalg.norm(part), tol=1e-10) for part in parts]
+    assert ranks[1:] == ranks[:1] * 2
 
 
-@pytest.mark.parametrize("friction", CURVED, ids=lambda friction: friction.kind.value)
-@pytest.mark.parametrize(
-    "other", [*CURVED, FrictionValues(kind=FrictionKind.ASYMMETRIC)], ids=lambda f: f.kind.value
-)
-@pytest.mark.parametrize("multiplier", [Fraction(1), Fraction(-1, 2)], ids=str)
-def test_curved_friction_shows_what_samples_show(friction, other, multiplier):
+def build_shared(friction, other, multiplier):
+    """Return three joints, the last of which follows the first, and a drive of the first two."""
     robot = build_chain([ROW] * 3)
     joints = [replace(joint, friction=friction) for joint in robot.joints]
     joints[2] = replace(joints[2], mimic=Mimic(master=0, multiplier=multiplier), friction=other)
     coupling = Coupling(name="m", terms=((0, Fraction(1)), (1, Fraction(1))), friction=other)
-    robot = replace(robot, joints=tuple(joints), couplings=(coupling,))
-    assert rank_of_rows(robot) == compute_rank(robot)
+    return replace(robot, joints=tuple(joints), couplings=(coupling,))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("other", KINDS)
+@pytest.mark.parametrize("multiplier", [Fraction(2), Fraction(-1, 2), Fraction(-1)], ids=str)
+def test_followers_and_couplings_show_what_samples_show(kind, other, multiplier):
+    robot = build_shared(FrictionValues(law=kind), FrictionValues(law=other), multiplier)
+    assert_rows_show_what_samples_show(robot)
+
+
+@pytest.mark.parametrize("friction", CURVED, ids=lambda friction: friction.law)
+@pytest.mark.parametrize("multiplier", [1, -1, 2, Fraction(-1, 2)], ids=str)
+def test_one_curve_at_several_drives_shows_what_samples_show(friction, multiplier):
+    assert_rows_show_what_samples_show(build_shared(friction, friction, Fraction(multiplier)))
+
+
+@pytest.mark.parametrize("friction", CATALOGUE, ids=lambda friction: friction.law)
+@pytest.mark.parametrize("other", [*CATALOGUE, FrictionValues(law="asymmetric")], ids=lambda f: f.law)
+@pytest.mark.parametrize("multiplier", [Fraction(1), Fraction(-1, 2)], ids=str)
+def test_two_curves_show_what_samples_show(friction, other, multiplier):
+    assert_rows_show_what_samples_show(build_shared(friction, other, multiplier))
+
+
+@pytest.mark.parametrize(
+    ("law", "other"),
+    [
+        ("stribeck", "stribeck+cubic"),
+        ("stribeck-1.6", "asymmetric-stribeck-1.6"),
+        ("tustin", "stribeck-1+cubic"),
+        ("stribeck", "improved-stribeck-h3"),
+        ("lorentzian", "lorentzian+offset"),
+        ("stribeck", "asymmetric-stribeck-both"),
+    ],
+)
+@pytest.mark.parametrize("multiplier", [1, -1], ids=str)
+def test_two_laws_with_the_same_fall_share_it(law, other, multiplier):
+    laws = [FrictionValues(law=name, shape=give_shape(name, 10.0)) for name in (law, other)]
+    assert_rows_show_what_samples_show(build_shared(*laws, Fraction(multiplier)))
 
 
 def test_constant_torques():
-    robot = build_chain([ROW], friction=FrictionKind.ASYMMETRIC)
+    robot = build_chain([ROW], friction="asymmetric")
     half = Fraction(1, 2)
     assert compute_constant_torques(robot) == {(0, "Fcp"): half, (0, "Fcn"): -half}
-    robot = build_chain([ROW], friction=FrictionKind.VISCOUS_COULOMB_OFFSET)
+    robot = build_chain([ROW], friction="coulomb-viscous-offset")
     assert compute_constant_torques(robot) == {(0, "offset"): 1}
-    joint = replace(robot.joints[0], friction=CURVED[2])
-    assert compute_constant_torques(replace(robot, joints=(joint,))) == {(0, "Fp"): 1}
+    for name in ("improved-stribeck", "improved-stribeck-h3"):
+        joint = replace(robot.joints[0], friction=FrictionValues(law=name, shape=give_shape(name)))
+        found = compute_constant_torques(replace(robot, joints=(joint,)))
+        # With its origin shifted, viscous friction is not zero at standstill.
+        shifted = {(0, "Fv"): -Fraction(joint.friction.shape[1])} if name.endswith("h4") else {}
+        assert found == {(0, "Fp"): 1, **shifted}
+    # Viscous friction of this one is zero beside standstill.
+    h4 = FrictionValues(law="improved-stribeck-h4", shape=(0.1, 0.25))
+    joint = replace(robot.joints[0], friction=h4)
+    assert compute_constant_torques(replace(robot, joints=(joint,))) == {
+        (0, "Fv"): Fraction(-1, 4),
+        (0, "Fp"): 1,
+    }
+    # The bias of this one is gone outside of the zone.
+    joint = replace(robot.joints[0], friction=FrictionValues(law="improved-stribeck-h2", shape=(0.03, 0.01)))
+    assert compute_constant_torques(replace(robot, joints=(joint,))) == {}

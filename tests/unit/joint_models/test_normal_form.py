@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from symid.errors import RobotError
+from symid.joint_models.elasticity import Elasticity, Stop, compute_catalogue_knees
 from symid.joint_models.hysteresis import (
     MaxwellElement,
     convert_maxwell_elements,
@@ -11,7 +12,6 @@ from symid.joint_models.hysteresis import (
     list_maxwell_elements,
 )
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
-from symid.robot.elasticity import Elasticity, Stop, compute_catalogue_knees
 
 
 @pytest.mark.parametrize("stiffness", [(1e4, 1.4e4, 1.9e4), (1e4, 1e4, 2e4), (2e4, 1e4, 1.5e4)])

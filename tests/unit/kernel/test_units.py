@@ -17,6 +17,7 @@ from symid.notation import UNITS, get_unit_factor, suggest_units
         (" N  m ", "torque", 1.0),
         ("N\N{MIDDLE DOT}m", "torque", 1.0),
         ("kg*m**2", "inertia", 1.0),
+        ("degC", "temperature", 1.0),
         ("ms", "time", 1e-3),
     ],
 )
@@ -25,7 +26,7 @@ def test_units_have_their_dimension_and_factor(name, dimension, factor):
 
 
 def test_what_is_not_in_the_table_is_refused():
-    for name in ("metre", "", "nm", "degC"):
+    for name in ("metre", "", "nm", "degF", "degc"):
         with pytest.raises(KeyError):
             get_unit_factor(name)
 

@@ -10,7 +10,7 @@ from symid.dynamics.exact_algebra import write_name_latex
 from symid.errors import SymidError
 from symid.lessons import derivation as lesson
 from symid.lessons.derivation import derive_lesson
-from symid.robot.description import Coupling, FrictionKind, Mimic, Spring
+from symid.robot.description import Coupling, Mimic, Spring
 from tests.chains import PANDA, PI, TWO_LINK, build_chain
 
 
@@ -47,7 +47,7 @@ def test_groups_are_proper_latex():
 
 
 def test_only_inertial_parameters_are_counted():
-    slide = build_chain([(0.0, 0, "q", 0.0)], rotors=True, friction=FrictionKind.VISCOUS_COULOMB_OFFSET)
+    slide = build_chain([(0.0, 0, "q", 0.0)], rotors=True, friction="coulomb-viscous-offset")
     sentence = next(step.sentence for step in derive_lesson(slide) if step.title == "Base parameters")
     assert re.findall(r"\d+", sentence) == ["11", "2"]
 

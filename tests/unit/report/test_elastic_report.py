@@ -11,11 +11,11 @@ from symid.identification.elastic.estimate import ElasticEstimate, HistoryEntry,
 from symid.identification.elastic.validation import ElasticTrial, JointTrial, TrackingRun
 from symid.identification.estimators.estimate import ParameterEstimate, Residual
 from symid.ipopt import Ending
+from symid.joint_models.elasticity import Elasticity, Knee, Stop
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
 from symid.report.blocks import Drawing, Table
 from symid.report.elastic_page import build_elastic_page, draw_loops, show_spring
 from symid.report.pages import render_page, write_page
-from symid.robot.elasticity import Elasticity, Knee, Stop
 
 TRUTH = Elasticity(
     stiffness=380.0,

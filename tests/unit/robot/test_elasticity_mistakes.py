@@ -115,7 +115,7 @@ MISTAKES = [
     ("robot.wrong-type", TABLE + "catalogue = 3\n", 7, 13, "expected a table"),
     (
         "robot.out-of-range",
-        '[joint.friction]\nmodel = "viscous_coulomb"\nsmoothing = 0\n',
+        '[joint.friction]\nmodel = "coulomb-viscous"\nsmoothing = 0\n',
         8,
         13,
         "greater than 0 rad/s",
@@ -125,7 +125,7 @@ MISTAKES = [
         '[joint.friction]\nmodel = "none"\nsmoothing = 0.1\n',
         8,
         1,
-        "has no dry friction",
+        'the model "none" has no friction',
     ),
 ]
 

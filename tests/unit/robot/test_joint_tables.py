@@ -7,17 +7,9 @@ import numpy as np
 import pytest
 
 from symid.errors import RobotError
-from symid.robot.description import (
-    Coupling,
-    FrictionKind,
-    FrictionValues,
-    JointKind,
-    LogQuantity,
-    Mimic,
-    Spring,
-    SymbolicInertia,
-)
-from symid.robot.elasticity import Elasticity, Knee, Stop
+from symid.joint_models import FrictionValues
+from symid.joint_models.elasticity import Elasticity, Knee, Stop
+from symid.robot.description import Coupling, JointKind, LogQuantity, Mimic, Spring, SymbolicInertia
 from symid.robot.geometry import IDENTITY, Exact, Placement, build_exact_angle, compose_placements, rotate_z
 from symid.robot.inertia import move_parameters
 from symid.robot.toml_reader import parse_robot
@@ -154,11 +146,9 @@ def test_a_catalogue_is_stiffness_and_knees():
 
 
 def test_dry_friction_is_smoothed_over_a_speed():
-    table = 'friction = { model = "viscous_coulomb", Fv = 1, Fc = 2, smoothing = 0.01 }\n'
+    table = 'friction = { model = "coulomb-viscous", Fv = 1, Fc = 2, smoothing = 0.01 }\n'
     (joint,) = parse_robot(HEAD + write_joint("a", extra=table)).joints
-    assert joint.friction == FrictionValues(
-        kind=FrictionKind.VISCOUS_COULOMB, values=(1.0, 2.0), smoothing=0.01
-    )
+    assert joint.friction == FrictionValues(law="coulomb-viscous", values=(1.0, 2.0), smoothing=0.01)
 
 
 def test_couplings_are_read():
@@ -168,14 +158,14 @@ def test_couplings_are_read():
         + write_joint("b")
         + (
             '[[coupling]]\nname = "m6"\nterms = { a = 1, b = -2.5 }\nrotor_inertia = 0.01\n'
-            'friction = { model = "viscous_coulomb", Fv = 0.5, Fc = 1 }\n'
+            'friction = { model = "coulomb-viscous", Fv = 0.5, Fc = 1 }\n'
             '[[coupling]]\nname = "m7"\nterms = { b = 1 }\nrotor_inertia = "unknown"\n'
         )
     )
     first, second = parse_robot(text).couplings
     assert (first.name, first.terms) == ("m6", ((0, Fraction(1)), (1, Fraction(-5, 2))))
     assert (first.has_rotor, first.rotor_inertia) == (True, 0.01)
-    assert (first.friction.kind, first.friction.values) == (FrictionKind.VISCOUS_COULOMB, (0.5, 1.0))
+    assert (first.friction.law, first.friction.values) == ("coulomb-viscous", (0.5, 1.0))
     assert second == Coupling(name="m7", terms=((1, Fraction(1)),), has_rotor=True)
 
 

@@ -9,19 +9,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from symid.joint_models import FrictionValues
+from symid.joint_models.elasticity import Elasticity
 from symid.notation import INERTIAL
-from symid.robot.description import (
-    Coupling,
-    CurvedFriction,
-    Drive,
-    FrictionKind,
-    FrictionValues,
-    Limits,
-    Mimic,
-    Robot,
-    Spring,
-)
-from symid.robot.elasticity import Elasticity
+from symid.robot.description import Coupling, Drive, Limits, Mimic, Robot, Spring
 from symid.robot.geometry import Exact
 from symid.robot.toml_reader import read_robot
 from symid.robot.xml_writers import list_mjcf_omissions, write_mjcf, write_urdf
@@ -86,12 +77,12 @@ def wrist():
     """Return a robot whose rotors, coupled drive, friction, springs and limits all have values."""
     rows = [(0.0, 0, 0.3, "q"), (np.pi / 2, 0.2, 0, "q"), (0.3, 0.1, "q", 0.4), (-np.pi / 2, 0.3, 0.1, "q")]
     robot = fill(build_chain(rows, gravity=("0.3", "-0.5", "-9.7")))
-    plain, gears = FrictionKind.VISCOUS_COULOMB, (30.0, -48.0, 1.0, 12.0)
+    plain, gears = "coulomb-viscous", (30.0, -48.0, 1.0, 12.0)
     joints = [
         dataclasses.replace(
             joint,
             drive=Drive(gear=gears[index], has_rotor=True, rotor_inertia=0.2 + 0.1 * index),
-            friction=FrictionValues(kind=plain, values=(0.4 + index, 0.7 - 0.1 * index)),
+            friction=FrictionValues(law=plain, values=(0.4 + index, 0.7 - 0.1 * index)),
             limits=Limits(position=(-9.0, 8.0), velocity=3.0, torque=80.0),
         )
         for index, joint in enumerate(robot.joints)
@@ -102,7 +93,7 @@ def wrist():
         terms=((0, Fraction(1)), (3, Fraction(-5, 2))),
         has_rotor=True,
         rotor_inertia=0.15,
-        friction=FrictionValues(kind=plain, values=(0.3, 0.2)),
+        friction=FrictionValues(law=plain, values=(0.3, 0.2)),
     )
     return dataclasses.replace(robot, joints=tuple(joints), couplings=(coupling,))
 
@@ -170,11 +161,11 @@ def test_followers_are_held():
 
 def test_what_has_no_words_is_told():
     friction = (
-        FrictionValues(kind=FrictionKind.VISCOUS_COULOMB_OFFSET, values=(1.0, 2.0, 3.0), smoothing=0.01),
-        FrictionValues(kind=FrictionKind.ASYMMETRIC, values=(1.0, 2.0, 3.0, 6.0)),
-        FrictionValues(kind=CurvedFriction.STRIBECK, values=(0.5, 1.5, 0.25), shape=(0.1, 2.0)),
-        FrictionValues(kind=FrictionKind.VISCOUS_COULOMB, values=(0.1, -0.2)),
-        FrictionValues(kind=FrictionKind.VISCOUS_COULOMB),
+        FrictionValues(law="coulomb-viscous-offset", values=(1.0, 2.0, 3.0), smoothing=0.01),
+        FrictionValues(law="asymmetric", values=(1.0, 2.0, 3.0, 6.0)),
+        FrictionValues(law="stribeck", values=(0.5, 1.5, 0.25), shape=(0.1,)),
+        FrictionValues(law="coulomb-viscous", values=(0.1, -0.2)),
+        FrictionValues(law="coulomb-viscous"),
     )
     robot = fill(build_chain([(0.1, 0.1, 0, "q")] * 5, name='an "odd" <name>--'))
     joints = [
@@ -191,10 +182,10 @@ def test_what_has_no_words_is_told():
     for words in (
         "a comment - - of the caller",
         "L1 = 0.25 m",
-        "viscous_coulomb_offset, values 1.0 2.0 3.0 (Fv, Fc, offset)",
+        "coulomb-viscous-offset, values 1.0 2.0 3.0 (Fv, Fc, offset)",
         "over 0.01",
         "joint2: friction model asymmetric",
-        "joint3: friction model stribeck, values 0.5 1.5 0.25, shape 0.1 2.0 (Fv, Fc, Fe; vs, gamma)",
+        "joint3: friction model stribeck, values 0.5 1.5 0.25, shape 0.1 (Fv, Fc, Fe; vs)",
         "joint4: dry friction -0.2,",
         "joint4: elastic, 900.0;",
         "joint5: friction",

@@ -3,7 +3,6 @@
 import pytest
 
 from symid.errors import RobotError, UsageError
-from symid.robot.description import FrictionKind
 from symid.robot.loading import override_robot
 from symid.robot.toml_reader import read_robot
 from symid.robot.toml_settings import list_log, list_processing
@@ -91,13 +90,14 @@ def test_a_friction_model_is_set_for_all_joints_and_its_values_forgotten(robots_
         override_robot(robot, [], "asymmetric"),
         override_robot(robot, [("friction", "asymmetric")]),
     ):
-        assert {joint.friction.kind for joint in changed.joints} == {FrictionKind.ASYMMETRIC}
+        assert {joint.friction.law for joint in changed.joints} == {"asymmetric"}
         assert {joint.friction.values for joint in changed.joints} == {None}
-    same = override_robot(robot, [], "viscous_coulomb_offset")
-    assert same == robot
+    # The name of earlier versions is that of the same law.
+    for name in ("coulomb-viscous-offset", "viscous_coulomb_offset"):
+        assert override_robot(robot, [], name) == override_robot(robot, [("friction", name)]) == robot
 
 
 def test_an_unknown_friction_model_is_refused_with_the_nearest(emps):
-    with pytest.raises(UsageError, match="did you mean asymmetric") as caught:
+    with pytest.raises(UsageError, match="did you mean asymmetric or ") as caught:
         override_robot(emps, [], "asymetric")
-    assert caught.value.notices[0].code == "usage.unknown-friction"
+    assert caught.value.notices[0].code == "usage.unknown-friction-law"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from symid.robot.description import Decimation, FrictionKind, JointKind, Processing
+from symid.robot.description import Decimation, JointKind, Processing
 from symid.robot.toml_reader import read_robot
 
 SHIPPED = [
@@ -60,7 +60,7 @@ def test_emps_states_the_published_processing(robots_folder):
     # The axis is the frame's z axis, which gravity must not see.
     axis = [row[2].to_float() for row in emps.joints[0].placement.rotation]
     assert sum(a * g.to_float() for a, g in zip(axis, emps.gravity, strict=True)) == 0
-    assert emps.joints[0].friction.kind is FrictionKind.VISCOUS_COULOMB_OFFSET
+    assert emps.joints[0].friction.law == "coulomb-viscous-offset"
     assert emps.log.torque.factor == (35.15065188,)
     (published,) = emps.settings
     assert (published.name, published.log, published.controller) == ("published", None, None)
@@ -75,8 +75,8 @@ def test_emps_states_the_published_processing(robots_folder):
 def test_no_robot_with_real_logs_is_tuned_to_them(robots_folder, name):
     robot = read_robot(robots_folder / f"{name}.toml")
     assert robot.processing == Processing(automatic=True)
-    linear = (FrictionKind.NONE, FrictionKind.VISCOUS_COULOMB, FrictionKind.VISCOUS_COULOMB_OFFSET)
-    assert {joint.friction.kind for joint in robot.joints} <= {*linear}
+    linear = ("none", "coulomb-viscous", "coulomb-viscous-offset")
+    assert {joint.friction.law for joint in robot.joints} <= {*linear}
     assert all(joint.friction.values is None for joint in robot.joints)
 
 

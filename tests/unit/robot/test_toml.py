@@ -5,7 +5,7 @@ import re
 import pytest
 
 from symid.errors import RobotError
-from symid.robot.description import FrictionKind, JointKind
+from symid.robot.description import JointKind
 from symid.robot.geometry import Exact
 from symid.robot.toml_reader import parse_robot, read_robot
 
@@ -68,7 +68,14 @@ MISTAKES = [
     ("robot.out-of-range", HEAD + JOINT + "[processing.decimation]\nfactor = 1001\n", 7, 10, "at most 1000"),
     ("robot.missing-key", HEAD + JOINT + "link = { com = [0, 0, 1] }\n", 6, 8, "mass = 1.5"),
     ("robot.missing-key", HEAD + JOINT + "link = { standard = { XX = 1 } }\n", 6, 21, "M = 1.5"),
-    ("robot.missing-key", HEAD + JOINT + "friction = { Fv = 1 }\n", 6, 12, 'model = "viscous_coulomb"'),
+    ("robot.missing-key", HEAD + JOINT + "friction = { Fv = 1 }\n", 6, 12, 'model = "coulomb-viscous"'),
+    (
+        "robot.friction-model",
+        HEAD + JOINT + 'friction = { model = "viscous", Fv = 1 }\n',
+        6,
+        22,
+        "unknown friction law 'viscous'; did you mean coulomb-viscous or ",
+    ),
     ("robot.missing-key", HEAD + JOINT + '[log]\ntime = { unit = "s" }\n', 7, 8, 'column = "t"'),
     ("robot.missing-key", HEAD + JOINT + '[log]\ntorque = { unit = "N m" }\n', 7, 10, "columns ="),
     ("robot.missing-key", HEAD + JOINT + '[log]\ntorque = { columns = ["u"] }\n', 7, 10, 'unit = "N m"'),
@@ -166,7 +173,7 @@ MISTAKES = [
     ),
     (
         "robot.friction-values",
-        HEAD + JOINT + 'friction = { model = "viscous_coulomb", Fv = 1 }\n',
+        HEAD + JOINT + 'friction = { model = "coulomb-viscous", Fv = 1 }\n',
         6,
         41,
         "without Fc; give all of Fv, Fc",
@@ -485,7 +492,7 @@ REMARKS = [
     ("robot.long-length", "a = 425\n", 6, 5, "a: 425 m"),
     (
         "robot.negative-friction",
-        'friction = { model = "viscous_coulomb", Fv = -1, Fc = 1 }\n',
+        'friction = { model = "coulomb-viscous", Fv = -1, Fc = 1 }\n',
         6,
         46,
         "Fv: -1 drives",
@@ -591,7 +598,7 @@ def test_values_of_a_full_file_are_read():
     assert first.drive.rotor_inertia == pytest.approx(0.025, rel=1e-15)
     assert first.drive.torque_constant == 0.1
     assert (second.drive.has_rotor, second.drive.rotor_inertia) == (True, None)
-    assert first.friction.kind is FrictionKind.ASYMMETRIC
+    assert first.friction.law == "asymmetric"
     assert first.friction.values == (1.0, 2.0, 3.0, 4.0)
     assert (first.limits.position, first.limits.velocity, first.limits.torque) == ((-1.0, 2.0), 3.0, 4.0)
     assert robot.log.time.unit == "ms"
@@ -662,6 +669,15 @@ def test_one_joint_that_is_no_table_does_not_hide_the_mistakes_of_the_others():
 def test_a_wrong_friction_model_does_not_hide_wrong_values():
     texts = find_texts(HEAD + JOINT + 'friction = { model = "coulom", Fv = "much", Fc = true }\n')
     assert [text.split(":")[2].strip() for text in texts] == ["model", "Fv", "Fc"]
+
+
+@pytest.mark.parametrize("model", ['model = "coulom", ', 'model = "coulomb", ', ""])
+def test_a_wrong_friction_model_does_not_hide_keys_that_do_not_exist(model):
+    texts = find_texts(HEAD + JOINT + f"friction = {{ {model}viscosity = 1 }}\n")
+    assert any("friction: viscosity: no such key here" in text for text in texts)
+    # No key is offered twice.
+    (offered,) = [text.split("allowed are ")[1].split(", ") for text in texts if "allowed are" in text]
+    assert len(set(offered)) == len(offered)
 
 
 @pytest.mark.parametrize(

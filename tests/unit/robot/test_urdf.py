@@ -5,7 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from symid.robot.description import FrictionKind, JointKind, Processing
+from symid.robot.description import JointKind, Processing
 from symid.robot.geometry import Exact, compose_placements, translate
 from symid.robot.inertia import move_parameters
 from symid.robot.toml_reader import parse_robot
@@ -78,9 +78,9 @@ def test_joints_and_their_numbers(arm):
     assert lift.limits.position == (-1.0, 2.0)
     assert (lift.limits.velocity, lift.limits.torque) == (3.0, 40.0)
     assert (push.limits.velocity, push.limits.torque, push.limits.position) == (None, None, None)
-    assert lift.friction.kind is FrictionKind.VISCOUS_COULOMB
+    assert lift.friction.law == "coulomb-viscous"
     assert lift.friction.values == (0.5, 0.2)
-    assert push.friction.kind is FrictionKind.NONE
+    assert push.friction.law == "none"
     assert (lift.drive.gear, lift.drive.has_rotor) == (50.0, True)
     assert lift.drive.rotor_inertia == pytest.approx(1e-4 * 2500)
     assert (arm.convention, arm.path, arm.source) == ("urdf", "arm.urdf", "my arm")

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from symid.robot.description import FrictionKind, FrictionValues
+from symid.joint_models import FrictionValues
 from symid.robot.urdf_reader import parse_urdf
 from symid.robot.xml_writers import rewrite_urdf
 from tests.chains import PANDA, build_pinocchio, draw_parameters
@@ -69,11 +69,11 @@ def give_values(robot, seed=1):
 def rewritten():
     robot = give_values(parse_urdf(FILE))
     first, second = robot.joints
-    friction = FrictionValues(kind=FrictionKind.VISCOUS_COULOMB_OFFSET, values=(1.5, 0.75, 0.1))
+    friction = FrictionValues(law="coulomb-viscous-offset", values=(1.5, 0.75, 0.1))
     first = dataclasses.replace(first, friction=friction)
     second = dataclasses.replace(
         second,
-        friction=FrictionValues(kind=FrictionKind.VISCOUS_COULOMB, values=(0.3, 0.2)),
+        friction=FrictionValues(law="coulomb-viscous", values=(0.3, 0.2)),
         drive=dataclasses.replace(second.drive, rotor_inertia=0.08),
     )
     robot = dataclasses.replace(robot, joints=(first, second))
@@ -107,7 +107,7 @@ def test_all_else_stays(rewritten):
     )
     assert left == values.sub("", FILE)
     assert "<!-- by hand - - of us -->" in text
-    assert "friction model viscous_coulomb_offset, values 1.5 0.75 0.1" in text
+    assert "friction model coulomb-viscous-offset, values 1.5 0.75 0.1" in text
     # What stands still keeps its values, what is carried gives its own away.
     assert text.count("<inertial>") == 3
     assert '<mass value="50"/>' in text
@@ -159,7 +159,7 @@ def test_elements_are_found_behind_comments_and_data():
     )
     robot = give_values(parse_urdf(text))
     joint = dataclasses.replace(
-        robot.joints[0], friction=FrictionValues(kind=FrictionKind.VISCOUS_COULOMB, values=(2.0, 0.0))
+        robot.joints[0], friction=FrictionValues(law="coulomb-viscous", values=(2.0, 0.0))
     )
     found = rewrite_urdf(text, dataclasses.replace(robot, joints=(joint,)))
     back = parse_urdf(found)

@@ -10,19 +10,11 @@ import pytest
 
 from symid.dynamics.recursion import build_recursion
 from symid.dynamics.regressors import compute_torque_columns
+from symid.joint_models import FrictionValues
+from symid.joint_models.elasticity import Elasticity, Knee, Stop
 from symid.notation import INERTIAL
 from symid.robot.canonical_frames import choose_canonical_frames
-from symid.robot.description import (
-    Coupling,
-    Drive,
-    FrictionKind,
-    FrictionValues,
-    Limits,
-    Mimic,
-    Robot,
-    Spring,
-)
-from symid.robot.elasticity import Elasticity, Knee, Stop
+from symid.robot.description import Coupling, Drive, Limits, Mimic, Robot, Spring
 from symid.robot.geometry import Exact
 from symid.robot.toml_reader import read_robot
 from symid.robot.urdf_reader import parse_urdf
@@ -106,12 +98,12 @@ def full():
         joints[0],
         name='a "b" <c>',
         drive=Drive(gear=-30.0, has_rotor=True, rotor_inertia=0.9),
-        friction=FrictionValues(kind=FrictionKind.VISCOUS_COULOMB, values=(0.1, 0.7)),
+        friction=FrictionValues(law="coulomb-viscous", values=(0.1, 0.7)),
         limits=Limits(position=(-1.0, 2.5), velocity=3.0, torque=8.0),
     )
     joints[1] = dataclasses.replace(
         joints[1],
-        friction=FrictionValues(kind=FrictionKind.ASYMMETRIC, values=(1.0, 2.0, 3.0, 4.0), smoothing=0.01),
+        friction=FrictionValues(law="asymmetric", values=(1.0, 2.0, 3.0, 4.0), smoothing=0.01),
         spring=Spring(stiffness=5.0, rest=0.5),
         elasticity=Elasticity(
             stiffness=900.0,

@@ -9,7 +9,8 @@ import pytest
 
 from symid.codegen.cache import prepare_library
 from symid.codegen.functions import JointCard, ModelCard, ParameterCard
-from symid.robot.description import FrictionKind, FrictionValues, Joint, JointKind, Robot
+from symid.joint_models import FrictionValues
+from symid.robot.description import Joint, JointKind, Robot
 from symid.robot.geometry import IDENTITY
 from symid.robot.toml_reader import read_robot
 
@@ -24,8 +25,8 @@ ELASTIC_FUNCTIONS = (
 )
 NAMES = {
     "none": (),
-    "viscous_coulomb": ("Fv", "Fc"),
-    "viscous_coulomb_offset": ("Fv", "Fc", "offset"),
+    "coulomb-viscous": ("Fv", "Fc"),
+    "coulomb-viscous-offset": ("Fv", "Fc", "offset"),
     "asymmetric": ("Fvp", "Fcp", "Fvn", "Fcn"),
 }
 COLUMNS = {
@@ -160,7 +161,7 @@ def make_robot():
                 kind=JointKind.REVOLUTE,
                 parent=index - 1,
                 placement=IDENTITY,
-                friction=FrictionValues(kind=FrictionKind.VISCOUS_COULOMB),
+                friction=FrictionValues(law="coulomb-viscous"),
                 **({"limits": limits[index]} if limits else {}),
             )
             for index in range(size)
@@ -176,7 +177,7 @@ ARM = (1.2, 0.3, 0.35, 3.0, 0.7)
 @pytest.fixture
 def arm(make_library):
     """Return the two-link arm with viscous and Coulomb friction."""
-    return make_library("arm", ARM, ("viscous_coulomb", "viscous_coulomb_offset"), (0.8, 1.5, 0.4, 0.6, 0.1))
+    return make_library("arm", ARM, ("coulomb-viscous", "coulomb-viscous-offset"), (0.8, 1.5, 0.4, 0.6, 0.1))
 
 
 @pytest.fixture(scope="session")

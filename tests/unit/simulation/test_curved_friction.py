@@ -7,6 +7,7 @@ from scipy.optimize import brentq
 
 from symid.codegen.cache import prepare_library
 from symid.errors import SolverError, UsageError
+from symid.joint_models import get_law
 from symid.robot.toml_reader import parse_robot
 from symid.simulation.rigid_plant import (
     RigidPlant,
@@ -14,6 +15,7 @@ from symid.simulation.rigid_plant import (
     build_rest_state,
     check_friction_at_speeds,
 )
+from tests.friction_forms import EVERY_LAW, find_torque
 
 FILE = """
 name = "slide"
@@ -228,3 +230,106 @@ com = [0, 0, 0]
     with pytest.raises(UsageError, match="Fem") as caught:
         build_friction_lines(prepare_library(parse_robot(text), names=CALLED, backend="python"))
     assert caught.value.notices[0].code == "usage.shared-friction"
+
+
+PRINTED = {"fC": 4.0, "fS": 6.0, "fV": 3.0, "vs": 0.05, "gamma": 1.5, "dq0": 0.02, "dqs": 0.01, "fP": 0.2}
+PRINTED |= {"fCp": 4.0, "fCn": 4.5, "fVp": 3.0, "fVn": 2.0, "fSp": 6.0, "fSn": 6.5, "fE": 1.5, "fD": 1.3}
+PRINTED |= {"delta": 0.6, "fM": 1.0, "g2": 90.0, "g3": 20.0, "g5": 100.0, "fL": 0.1, "fLS": 0.2, "fVL": 5.0}
+PRINTED |= {"offset": 0.3, "fCT": -0.02, "fVT": -0.02, "TV": 30.0, "fV4": 20.0, "fV5": 30.0}
+OTHERS = 0.4
+"""Values by the names of papers; all others have this one."""
+
+
+def write_table(name):
+    """Return the friction table of a law, and its printed values."""
+    law = get_law(name)
+    printed = {entry.name: PRINTED.get(entry.name, OTHERS) for entry in law.physical}
+    linear, shape = law.from_physical(list(printed.values()))
+    pairs = zip((*law.linear, *law.shape), (*linear, *shape), strict=True)
+    lines = [f'model = "{name}"', *(f"{entry.name} = {value}" for entry, value in pairs)]
+    return "\n".join(lines), printed
+
+
+def find_drag(name, printed, q, v, force):
+    """Return friction where the gear carries what the drive gives less friction."""
+    inputs = get_law(name).inputs
+    given = {key: value for key, value in (("position", q), ("temperature", 40.0)) if key in inputs}
+    if "load" not in inputs:
+        return find_torque(name, printed, v, **given)
+    load = brentq(
+        lambda x: force - x - find_torque(name, printed, v, load=x, **given), -50.0, 50.0, xtol=1e-14
+    )
+    return force - load
+
+
+# Reading H4 drives between standstill and its origin.
+SIMULATED = [name for name in EVERY_LAW if "h4" not in name]
+
+
+@pytest.mark.parametrize("name", SIMULATED)
+def test_every_law_slides_as_the_equation_of_motion_says(name):
+    table, printed = write_table(name)
+    plant = RigidPlant(prepare(table, backend="python"))
+    state = plant.advance(build_rest_state(np.array([0.2])), np.array([12.0]), 0.15, 150)
+
+    def slope(_t, x):
+        return [x[1], (12.0 - find_drag(name, printed, x[0], x[1], 12.0)) / 2.0]
+
+    exact = solve_ivp(slope, (0, 0.15), [0.2, 1e-12], rtol=1e-10, atol=1e-12, method="LSODA")
+    assert state.dq[0] > 0.2
+    assert state.dq[0] == pytest.approx(exact.y[1, -1], rel=3e-6)
+    assert state.q[0] == pytest.approx(exact.y[0, -1], rel=3e-6)
+    assert state.work == pytest.approx(state.dq[0] ** 2 + state.dissipation, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", SIMULATED)
+def test_every_law_loses_what_the_drive_gives_over_reversals(name):
+    table, _ = write_table(name)
+    state, speeds, plant = build_rest_state(np.zeros(1)), [], RigidPlant(prepare(table, backend="python"))
+    for k in range(500):
+        state = plant.advance(state, np.array([12.0 * np.sin(2 * np.pi * 4.0 * k * 1e-3)]), 1e-3)
+        speeds.append(float(state.dq[0]))
+    assert max(speeds) > 0.05
+    assert min(speeds) < -0.05
+    assert state.work == pytest.approx(state.dq[0] ** 2 + state.dissipation, rel=1e-6)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_weight_that_a_gear_carries_holds_it(side):
+    """A slide that stands upright: friction of 4 N and a tenth of the weight, 19.62 N, holds it."""
+    friction = 'model = "load-dependent"\nFv = 3\nFc = 4\nFl = 0.1'
+    text = FILE.replace('alpha = "pi/2"', "alpha = 0").format(friction=friction)
+    plant = RigidPlant(prepare_library(parse_robot(text), names=CALLED, backend="python"))
+    weight, band = 2.0 * 9.81, 4.0 + 0.1 * 2.0 * 9.81
+    held = plant.advance(build_rest_state(np.zeros(1)), np.array([weight + side * (band - 1e-3)]), 0.05, 10)
+    assert (held.q[0], held.dq[0], held.modes) == (0.0, 0.0, (0,))
+    free = plant.advance(build_rest_state(np.zeros(1)), np.array([weight + side * (band + 1e-3)]), 0.05, 100)
+    assert side * free.dq[0] > 0.0
+    # Lying flat, its gear carries nothing at rest.
+    plant = RigidPlant(prepare(friction, backend="python"))
+    for force, moves in ((3.999, False), (4.001, True)):
+        state = plant.advance(build_rest_state(np.zeros(1)), np.array([side * force]), 0.05, 100)
+        assert bool(state.dq[0]) is moves
+
+
+@pytest.mark.parametrize(
+    "friction",
+    [
+        'model = "load-dependent"\nFv = 1\nFc = 1\nFl = -0.2',
+        'model = "position-dependent"\nFv = 1\nFc = 1\nA1 = 0\nB1 = 2\nA2 = 0\nB2 = 0',
+        'model = "temperature"\nFv = 1\nFc = -1\nFvt = 0\nFct = 0',
+        'model = "polynomial-4"\nFv = 1\nFc = 1\nFv4 = -1',
+    ],
+    ids=lambda friction: friction.split('"')[1],
+)
+def test_laws_of_other_inputs_that_push_are_refused(friction):
+    with pytest.raises(UsageError, match="'x'") as caught:
+        RigidPlant(prepare(friction, backend="python"))
+    assert caught.value.notices[0].code == "usage.negative-friction"
+
+
+def test_the_origin_of_the_curve_beside_standstill_is_refused():
+    table, _ = write_table("improved-stribeck-h4")
+    with pytest.raises(UsageError, match="'x'") as caught:
+        RigidPlant(prepare(table, backend="python"))
+    assert caught.value.notices[0].code == "usage.negative-friction"

@@ -16,9 +16,10 @@ from symid.excitation.trajectories import (
     build_tc,
     scale_trajectory,
 )
+from symid.joint_models import FrictionValues
+from symid.joint_models.elasticity import Elasticity, Stop
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque, compute_spring_work
-from symid.robot.description import CurvedFriction, FrictionKind, FrictionValues, Limits
-from symid.robot.elasticity import Elasticity, Stop
+from symid.robot.description import Limits
 from symid.robot.toml_reader import read_robot
 from symid.simulation.elastic_experiment import (
     ElasticExperimentOptions,
@@ -57,7 +58,7 @@ def noisy(elastic_robot, elastic_library):
 
 def test_motors_whose_friction_drives_them_are_refused(elastic_robot, c_compiler):
     """A cubic that pushes from 0.86 rad/s on: refused at once, or when a run gets there."""
-    friction = FrictionValues(kind=CurvedFriction.CUBIC, values=(0.6, 0.0, -0.7, 0.0))
+    friction = FrictionValues(law="cubic", values=(0.6, 0.0, -0.7, 0.0))
     robot = change_joints(elastic_robot, friction=friction, limits=Limits())
     library = prepare_library(robot, names=FUNCTIONS)
     with pytest.raises(UsageError, match=r"shoulder.* 0\.8[5-9] rad/s") as caught:
@@ -355,9 +356,7 @@ def test_values_that_no_plant_can_have_are_refused(elastic_robot, elastic_librar
 
 
 def test_dry_friction_that_jumps_is_refused(elastic_robot, elastic_library):
-    sharp = change_joints(
-        elastic_robot, friction=FrictionValues(kind=FrictionKind.VISCOUS_COULOMB, values=(1.0, 1.5))
-    )
+    sharp = change_joints(elastic_robot, friction=FrictionValues(law="coulomb-viscous", values=(1.0, 1.5)))
     with pytest.raises(UsageError, match="Fc1, Fc2") as caught:
         simulate(sharp, elastic_library)
     assert caught.value.notices[0].code == "usage.sharp-friction"

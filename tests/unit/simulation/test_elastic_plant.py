@@ -7,7 +7,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
+from symid.codegen.cache import prepare_library
 from symid.codegen.plant_code import PlantExperiment, has_addresses, load_plant_code
+from symid.joint_models import FrictionValues
 from symid.simulation import elastic_plant
 from symid.simulation.elastic_plant import (
     Springs,
@@ -18,6 +20,7 @@ from symid.simulation.elastic_plant import (
     simulate_plant,
 )
 
+ELASTIC_FUNCTIONS = ("forward_dynamics", "mass_matrix", "gravity", "energy", "friction", "friction_regressor")
 # The arm of the robot file in closed form, hanging down at q = 0.
 L, G, ZZ1, ZZ2, MX1, MX2 = 0.3, 9.81, 0.35, 0.06, 0.9, 0.25
 B, FV, FC, V0 = np.array([0.25, 0.05]), np.array([1.0, 0.5]), np.array([1.5, 0.6]), 0.01
@@ -43,20 +46,24 @@ def find_spring(phi, play):
     return v + SLOPE * np.sign(v) * np.maximum(np.abs(v) - KNEE, 0.0)
 
 
-def find_slope(x, play, torque):
+def find_plain_friction(_theta, dtheta, _load):
+    return FV * dtheta + FC * np.tanh(dtheta / V0)
+
+
+def find_slope(x, play, torque, find_friction):
     q, dq, theta, dtheta = x.reshape(4, 2)
     spring = find_spring(theta - q, play)
-    friction = FV * dtheta + FC * np.tanh(dtheta / V0)
+    friction = find_friction(theta, dtheta, spring)
     ddq = np.linalg.solve(find_mass(q), spring - find_bias(q, dq))
     return np.concatenate([dq, ddq, dtheta, (torque - spring - friction) / B])
 
 
-def hold(x, play, torque, duration):
+def hold(x, play, torque, duration, find_friction):
     """Integrate while `torque` holds, stopping wherever a torsion turns to move the plays."""
     start = 0.0
     while start < duration:
         rate = x[6:] - x[2:4]
-        slope = find_slope(x, play, torque)
+        slope = find_slope(x, play, torque, find_friction)
         way = np.where(np.abs(rate) > 1e-9, np.sign(rate), np.sign(slope[6:] - slope[2:4]))
         events = []
         for joint in range(2):
@@ -67,7 +74,7 @@ def hold(x, play, torque, duration):
             turns.terminal, turns.direction = True, -way[joint]
             events.append(turns)
         found = solve_ivp(
-            lambda _t, y, play=play: find_slope(y, play, torque),
+            lambda _t, y, play=play: find_slope(y, play, torque, find_friction),
             (start, duration),
             x,
             method="DOP853",
@@ -126,13 +133,16 @@ def plant():
 
 @pytest.fixture(scope="module")
 def truth():
-    """Return the states at the ticks of `order_run()`, by an adaptive integrator that looks for turns."""
-    order = order_run()
+    return find_states(order_run(), find_plain_friction)
+
+
+def find_states(order, find_friction):
+    """Return the states at the ticks of a run, by an adaptive integrator that looks for turns."""
     x, play, states = np.zeros(8), np.zeros((2, 3)), []
     for angle, speed in zip(order.angle, order.speed, strict=True):
         states.append(x)
         torque = order.stiffness * (angle - x[4:6]) + order.damping * (speed - x[6:])
-        x, play = hold(x, play, torque, order.period)
+        x, play = hold(x, play, torque, order.period, find_friction)
     return np.array(states)
 
 
@@ -190,6 +200,81 @@ def test_numpy_and_compiled_plant_agree(plant, elastic_library, numbers, values)
         ):
             np.testing.assert_allclose(getattr(fast, name), getattr(slow, name), atol=1e-10, err_msg=name)
         assert np.abs(fast.torque).max(axis=0).tolist() == [9.0, 2.5]
+
+
+def dry(v):
+    return np.tanh(v / V0)
+
+
+# The law, its linear values, and its friction at (theta, dtheta, load), by hand.
+LOADED = ("load-dependent", (1.0, 1.5, 0.2), lambda _p, v, load: v + (1.5 + 0.2 * abs(load)) * dry(v))
+WAVING = (
+    "position-dependent-1x8",
+    (0.5, 0.6, 0.2, -0.3),
+    lambda p, v, _: 0.5 * v + (0.6 + 0.2 * np.cos(8 * p) - 0.3 * np.sin(8 * p)) * dry(v),
+)
+RIPPLING = (
+    "position-torque-2",
+    (0.5, 0.6, 0.2, -0.3),
+    lambda p, v, _: 0.5 * v + 0.6 * dry(v) + 0.2 * np.cos(2 * p) - 0.3 * np.sin(2 * p),
+)
+# At the reference temperature its last two values are nothing.
+WARM = ("temperature", (0.5, 0.6, 0.2, 0.3), lambda _p, v, _: 0.5 * v + 0.6 * dry(v))
+PAIRS = [(LOADED, WAVING), (RIPPLING, WARM), (WARM, LOADED), (WAVING, RIPPLING), (LOADED, LOADED)]
+
+
+def set_friction(robot, *laws):
+    joints = tuple(
+        replace(joint, friction=FrictionValues(law=name, values=values, smoothing=V0))
+        for joint, (name, values, _) in zip(robot.joints, laws, strict=True)
+    )
+    return replace(robot, joints=joints)
+
+
+@pytest.mark.parametrize("laws", PAIRS, ids=lambda laws: f"{laws[0][0]} {laws[1][0]}")
+def test_friction_of_load_position_and_temperature_is_that_of_the_integrator(plant, elastic_robot, laws):
+    robot = set_friction(elastic_robot, *laws)
+    library = prepare_library(robot, names=ELASTIC_FUNCTIONS)
+    numbers = build_plant_robot(get_elastic_values(robot, library.card))
+    order = order_run(ticks=80, substeps=20)
+
+    def find_friction(theta, dtheta, load):
+        parts = zip(laws, theta, dtheta, load, strict=True)
+        return np.array([find(p, v, x) for (_, _, find), p, v, x in parts])
+
+    states = find_states(order, find_friction)
+    for log in (plant.run(library, numbers, order), simulate_in_numpy(library, numbers, order)):
+        gap = np.abs(stack(log) - states)
+        assert gap[:, [0, 1, 4, 5]].max() < 1e-7
+        assert gap[:, [2, 3, 6, 7]].max() < 1e-4
+
+
+def test_numpy_and_compiled_plant_agree_where_friction_reads_everything(plant, elastic_robot):
+    first, second = elastic_robot.joints
+    third = replace(second, name="wrist", parent=1)
+    robot = set_friction(replace(elastic_robot, joints=(first, second, third)), WARM, LOADED, WAVING)
+    library = prepare_library(robot, names=ELASTIC_FUNCTIONS)
+    assert library.card.friction_inputs == ("q", "load", "temperature")
+    numbers = build_plant_robot(get_elastic_values(robot, library.card))
+    motion = np.stack([0.05 * np.sin(np.arange(60) * rate) for rate in (0.04, 0.06, 0.05)], axis=1)
+    order = order_run(
+        ticks=60,
+        angle=motion,
+        speed=np.gradient(motion, 1e-3, axis=0),
+        torque=np.zeros_like(motion),
+        stiffness=np.array([4000.0, 1500.0, 900.0]),
+        damping=np.array([120.0, 40.0, 20.0]),
+        limit=np.full(3, np.inf),
+        step=np.zeros(3),
+        q=np.zeros(3),
+        theta=np.zeros(3),
+        play=np.zeros((3, 3)),
+    )
+    fast, slow = plant.run(library, numbers, order), simulate_in_numpy(library, numbers, order)
+    assert fast.ticks == slow.ticks == order.ticks
+    for name in ("q", "dq", "theta", "dtheta", "spring", "torque", "work", "friction", "elastic", "damped"):
+        np.testing.assert_allclose(getattr(fast, name), getattr(slow, name), atol=1e-10, err_msg=name)
+    assert np.abs(fast.dtheta).max(axis=0).min() > 0.1
 
 
 def test_small_free_oscillations_have_the_eigenfrequencies_of_the_linear_robot(

@@ -114,7 +114,7 @@ def test_leaving_ten_times_the_limits_is_running_away(make_robot, arm):
 
 
 def test_a_robot_without_inertia_is_an_error_with_a_remedy(make_robot, make_library):
-    kinds, friction = ("viscous_coulomb", "viscous_coulomb"), (0.1, 0.1, 0.1, 0.1)
+    kinds, friction = ("coulomb-viscous", "coulomb-viscous"), (0.1, 0.1, 0.1, 0.1)
     massless = make_library("arm", (1.0, 0.0, 0.0, 1.0, 0.0), kinds, friction)
     with pytest.raises(SolverError, match=r"'robot'.*rotor_inertia") as caught:
         simulate(make_robot(2), massless)

@@ -41,7 +41,7 @@ def test_frictionless_arm_agrees_with_an_adaptive_integrator(make_library):
 
 def test_coulomb_friction_stops_a_wheel_where_the_formula_says(make_library):
     # J ddq = -Fc from speed v: stops after J v^2 / (2 Fc), and stays.
-    plant = RigidPlant(make_library("pendulum", (0.5, 0.0), ("viscous_coulomb",), (0.0, 2.0)))
+    plant = RigidPlant(make_library("pendulum", (0.5, 0.0), ("coulomb-viscous",), (0.0, 2.0)))
     state = run(plant, moving([0.0], [3.0]), PULL * 2000)
     np.testing.assert_allclose(state.q, [0.5 * 9.0 / 4.0], rtol=1e-12)
     assert state.dq[0] == 0.0
@@ -52,7 +52,7 @@ def test_coulomb_friction_stops_a_wheel_where_the_formula_says(make_library):
 
 @pytest.mark.parametrize(("torque", "moves"), [(1.9, False), (2.1, True), (-1.9, False), (-2.1, True)])
 def test_a_held_joint_breaks_away_just_beyond_its_band(make_library, torque, moves):
-    plant = RigidPlant(make_library("pendulum", (0.5, 0.0), ("viscous_coulomb",), (0.0, 2.0)))
+    plant = RigidPlant(make_library("pendulum", (0.5, 0.0), ("coulomb-viscous",), (0.0, 2.0)))
     state = run(plant, build_rest_state(np.zeros(1)), [torque] * 100)
     # From rest under a constant net torque: q = (|tau| - Fc) t^2 / (2 J).
     expected = np.sign(torque) * 0.1 * 0.1**2 / (2 * 0.5) if moves else 0.0
@@ -60,7 +60,7 @@ def test_a_held_joint_breaks_away_just_beyond_its_band(make_library, torque, mov
 
 
 def test_an_offset_shifts_the_band(make_library):
-    plant = RigidPlant(make_library("pendulum", (0.5, 0.0), ("viscous_coulomb_offset",), (0.0, 2.0, 1.0)))
+    plant = RigidPlant(make_library("pendulum", (0.5, 0.0), ("coulomb-viscous-offset",), (0.0, 2.0, 1.0)))
     assert run(plant, build_rest_state(np.zeros(1)), [-0.9] * 10).q[0] == 0.0
     assert run(plant, build_rest_state(np.zeros(1)), [2.9] * 10).q[0] == 0.0
     assert run(plant, build_rest_state(np.zeros(1)), [-1.1] * 10).q[0] < 0.0
@@ -74,7 +74,7 @@ def test_asymmetric_friction_has_its_own_line_for_each_direction(make_library):
 
 
 def test_viscous_friction_decays_exponentially(make_library):
-    plant = RigidPlant(make_library("pendulum", (0.5, 0.0), ("viscous_coulomb",), (0.25, 0.0)))
+    plant = RigidPlant(make_library("pendulum", (0.5, 0.0), ("coulomb-viscous",), (0.25, 0.0)))
     state = run(plant, moving([0.0], [1.0]), PULL * 1000)
     np.testing.assert_allclose(state.dq, [np.exp(-0.5)], rtol=1e-12)
     np.testing.assert_allclose(state.dissipation, 0.25 * (1 - np.exp(-1.0)), rtol=1e-9)
@@ -94,8 +94,8 @@ def energy_gap(library, torques, state, substeps=1):
 def test_energy_balance_closes_through_stops_and_reversals(seed):
     build_library = energy_gap.builder
     rng = np.random.default_rng(seed)
-    kinds = rng.choice(["none", "viscous_coulomb", "viscous_coulomb_offset", "asymmetric"], size=2)
-    count = {"none": 0, "viscous_coulomb": 2, "viscous_coulomb_offset": 3, "asymmetric": 4}
+    kinds = rng.choice(["none", "coulomb-viscous", "coulomb-viscous-offset", "asymmetric"], size=2)
+    count = {"none": 0, "coulomb-viscous": 2, "coulomb-viscous-offset": 3, "asymmetric": 4}
     friction = rng.uniform(0.1, 1.0, size=sum(count[kind] for kind in kinds))
     library = build_library("arm", (1.2, 0.3, 0.35, 3.0, 0.7), tuple(kinds), tuple(friction))
     times = np.arange(300)[:, None] * 1e-3
@@ -120,7 +120,7 @@ def test_many_reversals_close_the_balance_and_are_counted(arm):
 
 def test_a_held_arm_does_not_move_and_does_no_work(make_library):
     library = make_library(
-        "arm", (1.2, 0.3, 0.35, 3.0, 0.7), ("viscous_coulomb",) * 2, (0.0, 60.0, 0.0, 20.0)
+        "arm", (1.2, 0.3, 0.35, 3.0, 0.7), ("coulomb-viscous",) * 2, (0.0, 60.0, 0.0, 20.0)
     )
     state = run(RigidPlant(library), build_rest_state(np.array([0.2, 0.4])), [np.zeros(2)] * 50)
     assert state.work == state.dissipation == 0.0
@@ -128,7 +128,7 @@ def test_a_held_arm_does_not_move_and_does_no_work(make_library):
 
 
 def test_one_held_joint_leaves_the_other_a_pendulum(make_library):
-    arm = make_library("arm", (1.2, 0.3, 0.35, 3.0, 0.7), ("viscous_coulomb",) * 2, (0.0, 500.0, 0.0, 0.0))
+    arm = make_library("arm", (1.2, 0.3, 0.35, 3.0, 0.7), ("coulomb-viscous",) * 2, (0.0, 500.0, 0.0, 0.0))
     state = run(RigidPlant(arm), build_rest_state(np.array([0.0, 0.3])), [np.zeros(2)] * 400)
     pendulum = RigidPlant(make_library("pendulum", (0.3, 0.7), ("none",), ()))
     alone = run(pendulum, build_rest_state(np.array([0.3])), PULL * 400)
@@ -154,13 +154,13 @@ def test_values_that_are_not_stated_are_named(make_library):
 
 def test_friction_that_pushes_is_refused(make_library):
     with pytest.raises(UsageError, match="joint1") as caught:
-        RigidPlant(make_library("pendulum", (0.5, 0.0), ("viscous_coulomb",), (0.0, -1.0)))
+        RigidPlant(make_library("pendulum", (0.5, 0.0), ("coulomb-viscous",), (0.0, -1.0)))
     assert caught.value.notices[0].code == "usage.negative-friction"
 
 
 @pytest.mark.parametrize("name", ["Fv", "Fc"])
 def test_friction_that_depends_on_another_joint_is_refused(make_library, name):
-    library = make_library("arm", ARM, ("viscous_coulomb",) * 2, (0.1, 0.2, 0.3, 0.4))
+    library = make_library("arm", ARM, ("coulomb-viscous",) * 2, (0.1, 0.2, 0.3, 0.4))
     own, rate = library.friction, {"Fv": lambda v: v, "Fc": np.sign}[name]
 
     def couple(dq):
@@ -193,7 +193,7 @@ def couple_both(library, rate, values):
 
 
 def test_two_drives_whose_shares_cancel_brake_each_joint_alone(make_library):
-    arm = make_library("arm", ARM, ("viscous_coulomb",) * 2, (0.1, 0.2, 0.3, 0.4))
+    arm = make_library("arm", ARM, ("coulomb-viscous",) * 2, (0.1, 0.2, 0.3, 0.4))
     lines = build_friction_lines(couple_both(arm, lambda v: v, (0.5, 0.5)))
     np.testing.assert_allclose(lines.viscous[1:], [[1.1, 1.3]] * 2, rtol=1e-14)
     np.testing.assert_allclose(lines.level[1:], [[0.2, 0.4], [-0.2, -0.4]], rtol=1e-14)
@@ -210,14 +210,14 @@ def test_two_drives_whose_shares_cancel_brake_each_joint_alone(make_library):
     ],
 )
 def test_two_drives_whose_shares_do_not_cancel_are_refused(make_library, rate, values, found):
-    arm = make_library("arm", ARM, ("viscous_coulomb",) * 2, (0.1, 0.2, 0.3, 0.4))
+    arm = make_library("arm", ARM, ("coulomb-viscous",) * 2, (0.1, 0.2, 0.3, 0.4))
     with pytest.raises(UsageError, match=found) as caught:
         build_friction_lines(couple_both(arm, rate, values))
     assert caught.value.notices[0].code == "usage.shared-friction"
 
 
 def test_all_joints_with_friction_that_pushes_are_said(make_library):
-    library = make_library("arm", ARM, ("viscous_coulomb", "asymmetric"), (-1.0, 0.0, 0.0, 0.0, 0.0, -2.0))
+    library = make_library("arm", ARM, ("coulomb-viscous", "asymmetric"), (-1.0, 0.0, 0.0, 0.0, 0.0, -2.0))
     with pytest.raises(UsageError, match="joint1") as caught:
         build_friction_lines(library)
     assert [notice.code for notice in caught.value.notices] == ["usage.negative-friction"] * 2
@@ -225,7 +225,7 @@ def test_all_joints_with_friction_that_pushes_are_said(make_library):
 
 def test_endless_stops_are_an_error_with_a_remedy(make_library, monkeypatch):
     monkeypatch.setattr("symid.simulation.rigid_plant._MOST_EVENTS", 0)
-    plant = RigidPlant(make_library("pendulum", (0.5, 0.0), ("viscous_coulomb",), (0.0, 2.0)))
+    plant = RigidPlant(make_library("pendulum", (0.5, 0.0), ("coulomb-viscous",), (0.0, 2.0)))
     with pytest.raises(SolverError, match=r"0 times within 0.001 s") as caught:
         run(plant, moving([0.0], [1e-3]), PULL * 10)
     assert caught.value.notices[0].code == "simulate.chatter"

@@ -6,8 +6,8 @@ import pytest
 
 from symid.errors import UsageError
 from symid.identification.hysteresis.prandtl_ishlinskii_fit import fit_kuhnen
+from symid.joint_models.elasticity import Elasticity, Knee, Stop
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque, compute_plays
-from symid.robot.elasticity import Elasticity, Knee, Stop
 
 SPRING = Elasticity(
     stiffness=0.9,

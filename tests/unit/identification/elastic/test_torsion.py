@@ -28,7 +28,7 @@ rotor_inertia = 0.25
 rotor_inertia_side = "joint"
 
 [joint.friction]
-model = "viscous_coulomb"
+model = "coulomb-viscous"
 
 [joint.elasticity]
 stiffness = 4000

@@ -8,6 +8,7 @@ import pytest
 
 from symid.cli.main import run
 from symid.errors import EstimateError
+from symid.identification.elastic.estimate import name_friction
 from symid.identification.elastic.identify import identify_elastic
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.regression import solve_with_signs
@@ -17,8 +18,10 @@ from symid.identification.elastic.uncertainty import (
     measure_identifiability,
 )
 from symid.identification.stored import read_fit, write_fit
+from symid.joint_models import FrictionValues, list_value_names
 from symid.robot.toml_reader import read_robot
 from symid.robot.toml_settings import describe_settings
+from tests.friction_forms import OLD_NAMES
 from tests.recovery.elastic_runs import prepare_arm, run_arm
 
 
@@ -143,3 +146,13 @@ def test_a_refused_spring_is_not_exported(capsys, tmp_path, robots_folder, estim
     found, stated = read_robot(file), read_robot(robots_folder / "two_link_elastic.toml")
     assert found.joints[0].elasticity == estimate.springs[0].elasticity
     assert found.joints[1].elasticity == stated.joints[1].elasticity
+
+
+@pytest.mark.parametrize("law", ["none", *OLD_NAMES.values()])
+def test_parameters_tell_the_law_of_fits_from_before_it_was_stored(law):
+    names = list_value_names(FrictionValues(law=law))
+    numbered = [f"{name}{joint}" for joint in (1, 2) for name in names]
+    assert name_friction(["ZZ1", "MX2", "IA1", "IA2", *numbered]) == (law, law)
+    mixed = [*(f"{name}1" for name in names), "Fv2", "Fc2"]
+    assert name_friction(["ZZ1", "IA1", "IA2", *mixed]) == (law, "coulomb-viscous")
+    assert name_friction(["ZZ1", "IA1", "Fv1"]) == ()

@@ -45,11 +45,13 @@ def test_a_seed_stands_for_a_generator():
 def test_every_law_can_be_fitted(name):
     law = FRICTION_LAWS[name]
     velocity = build_cosines(0.1, 1.0)
-    load, position = 3.0 + 2.0 * np.cos(3.0 * PHASE), np.cos(PHASE)
+    given = {"load": 3.0 + 2.0 * np.cos(3.0 * PHASE), "position": np.cos(PHASE)}
+    if "temperature" in law.inputs:
+        given["temperature"] = 35.0 + 20.0 * np.cos(0.31 * PHASE)
     physical = [entry.start or 5.0 + place for place, entry in enumerate(law.physical)]
     if name == "improved-stribeck-h4":
         physical[-1] = 0.01
-    samples = draw_samples(law, tuple(physical), velocity, noise=0.1, load=load, position=position)
+    samples = draw_samples(law, tuple(physical), velocity, noise=0.1, **given)
     estimate = fit_friction(samples, law)
     assert estimate.solves <= 150
     assert estimate.outcome.usable

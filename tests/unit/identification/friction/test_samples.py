@@ -34,6 +34,12 @@ def test_inputs_are_those_that_are_known():
     assert set(build(load=np.ones(4), position=np.ones(4)).inputs) == {"velocity", "load", "position"}
 
 
+def test_a_temperature_is_an_input_too():
+    assert set(build(temperature=np.ones(4)).inputs) == {"velocity", "temperature"}
+    with pytest.raises(LogError, match=r"temperature .*shape"):
+        build(temperature=np.ones(3))
+
+
 def test_columns_pass_the_operator():
     columns = np.arange(8.0).reshape(4, 2)
     assert build().pass_columns(columns) is columns

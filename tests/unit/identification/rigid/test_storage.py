@@ -9,6 +9,7 @@ from symid.errors import EstimateError, OutputError
 from symid.identification.rigid.fit import identify_parameters
 from symid.identification.rigid.validation import validate_estimate
 from symid.identification.stored import is_fit, read_fit, write_fit
+from symid.joint_models import rename_law
 from symid.robot.description import Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
 
@@ -49,7 +50,7 @@ def test_infinities_survive_as_null(tmp_path, estimate):
     [
         ("{", r"estimate.json:1:2: not JSON"),
         ("[1]", r"estimate\.json: .* symid"),
-        ('{"format": "symid fit", "version": 9}', "version 9 .* 2$"),
+        ('{"format": "symid fit", "version": 9}', "version 9 .* 2 and 3$"),
         ('{"format": "symid estimate", "version": 9}', "version 9 .* 1$"),
     ],
 )
@@ -117,7 +118,7 @@ def test_a_folder_that_does_not_exist_is_not_made(tmp_path):
     ("change", "message"),
     [
         ({"robot": "panda"}, "'two_link', not for 'panda'"),
-        ({"joints": "asymmetric"}, r"viscous_coulomb_offset, .*asymmetric"),
+        ({"joints": "asymmetric"}, r"coulomb-viscous-offset, .*asymmetric"),
         ({}, r"robot 'two_link' .* another, .* two_link-sig;"),
     ],
 )
@@ -129,6 +130,32 @@ def test_an_estimate_of_another_model_says_what_differs(tmp_path, estimate, libr
     with pytest.raises(EstimateError, match=message) as caught:
         read_fit(path, card)
     assert caught.value.notices[0].code == "estimate.signature"
+
+
+def test_a_fit_with_the_names_of_earlier_laws_is_read(tmp_path, estimate, library):
+    path = write_fit(estimate, tmp_path / "estimate.json")
+    data = json.loads(path.read_text())
+    assert data["friction"] == ["coulomb-viscous-offset"] * 2
+    data["friction"] = ["viscous_coulomb_offset"] * 2
+    path.write_text(json.dumps(data))
+    found = read_fit(path, library.card)
+    assert found.parameters == estimate.parameters
+    assert [rename_law(name) for name in found.friction] == list(estimate.friction)
+    # Of another model, the names of today are told.
+    card = replace(
+        library.card,
+        signature="another",
+        joints=tuple(replace(joint, friction="cubic") for joint in library.card.joints),
+    )
+    with pytest.raises(EstimateError, match=r"are coulomb-viscous-offset, .* cubic"):
+        read_fit(path, card)
+
+
+def test_a_fit_with_a_law_that_does_not_exist_is_refused(tmp_path, estimate):
+    path = write_fit(replace(estimate, friction=("viscus", "viscus")), tmp_path / "estimate.json")
+    with pytest.raises(EstimateError, match="friction: unknown friction law 'viscus'") as caught:
+        read_fit(path)
+    assert str(caught.value).count("'viscus'") == 1
 
 
 def test_validation_counts_what_the_true_parameters_leave(library, estimate):

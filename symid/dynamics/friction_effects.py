@@ -1,0 +1,203 @@
+"""Friction parameters of a robot: which there are, their columns, and which of them motion separates.
+
+Robot -> rows of friction parameters, for the base parameters: away from standstill a column that is
+piecewise linear in the speed w is a sum of w, |w|, sign(w) and one; these four functions are independent,
+and four speeds give their coefficients. A curved column, or one that depends on load, position or
+temperature, is a function of its own, independent of them and of those with another shape; a cube of
+several speeds is a sum of products.
+
+Supported: every static law with constant shape values; sign(0) is 0, or tanh(v / v0) replaces the sign;
+joints, joints that follow others, couplings.
+Not supported: friction that has a state.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from functools import cache
+from itertools import product
+from math import prod
+from typing import TypeVar
+
+from symid.joint_models import (
+    Carrier,
+    FrictionLaw,
+    FrictionValues,
+    OperatorCarrier,
+    get_friction_law,
+    get_law,
+    list_value_names,
+    name_shape,
+)
+from symid.robot import Robot
+
+V = TypeVar("V")
+
+
+def compute_friction_columns(
+    friction: FrictionValues, carrier: Carrier[V], inputs: Mapping[str, V]
+) -> tuple[V, ...]:
+    """Return one column per linear parameter of a joint's friction, whose shape values are known.
+
+    `inputs`: velocity (rad/s or m/s) and the other inputs of the law.
+    """
+    law = get_friction_law(friction)
+    if law is None:
+        return ()
+    return law.columns(carrier, inputs, [carrier.scale(value, carrier.one) for value in friction.shape])
+
+
+def get_friction(robot: Robot, index: int) -> FrictionValues:
+    """Return the friction of a joint, or of a coupling (numbered behind the joints)."""
+    return (
+        robot.joints[index].friction if index < robot.size else robot.couplings[index - robot.size].friction
+    )
+
+
+def list_friction_parameters(robot: Robot) -> tuple[tuple[int, str], ...]:
+    """Return the labels of all friction parameters: joints first, then couplings."""
+    indices = range(robot.size + len(robot.couplings))
+    return tuple((index, name) for index in indices for name in list_value_names(get_friction(robot, index)))
+
+
+Label = tuple[int, str]
+Function = tuple[object, ...]
+Speed = Sequence[tuple[int, Fraction]]
+Parts = tuple[Fraction, Fraction, Fraction, Fraction]
+
+_PLAIN_LAWS = ("coulomb-viscous-offset", "asymmetric")
+_EXACT: OperatorCarrier[Fraction] = OperatorCarrier(
+    zero=Fraction(0),
+    one=Fraction(1),
+    scale=lambda factor, value: Fraction(factor) * value,
+    sign=lambda value: Fraction((value > 0) - (value < 0)),
+)
+
+
+@cache
+def _compute_linear_parts() -> dict[str, Parts]:
+    """Return, for each plain parameter, the multiples of w, |w|, sign(w) and one in its column."""
+    result = {}
+    for law in map(get_law, _PLAIN_LAWS):
+        at = {w: law.columns(_EXACT, {"velocity": Fraction(w)}, ()) for w in (-2, -1, 1, 2)}
+        for k, entry in enumerate(law.linear):
+            odd = [(at[w][k] - at[-w][k]) / 2 for w in (1, 2)]
+            even = [(at[w][k] + at[-w][k]) / 2 for w in (1, 2)]
+            linear, size = odd[1] - odd[0], even[1] - even[0]
+            result[entry.name] = (linear, size, odd[0] - linear, even[0] - size)
+    return result
+
+
+def _get_linear_parts(robot: Robot, label: Label) -> Parts:
+    law = get_friction_law(get_friction(robot, label[0]))
+    if law is None or label[1] in law.own:
+        return (Fraction(0),) * 4
+    # The constant torque of the improved laws.
+    parts = _compute_linear_parts()["offset" if label[1] == "Fp" else label[1]]
+    named = name_shape(get_friction(robot, label[0]))
+    # A curve whose origin is shifted has dq - dq0 in place of dq.
+    return (*parts[:3], -Fraction(named["dqs"])) if "dqs" in named and label[1] == "Fv" else parts
+
+
+def _scale_shape(law: FrictionLaw, friction: FrictionValues, size: Fraction) -> dict[str, object]:
+    """Return the shape values of a law as those of the function of w, at the speed size * w.
+
+    Values that are speeds shrink with the scale, so that equal functions have equal values.
+    """
+    if not friction.shape:
+        return {entry.name: "unknown" for entry in law.shape}
+    scaled = {}
+    for entry, value in zip(law.shape, map(Fraction, friction.shape), strict=True):
+        power = {"rad/s": -1, "s/rad": 1}.get(entry.unit, 0)
+        scaled[entry.name] = value * size**power
+    return dict(scaled)
+
+
+def _describe_curve(
+    law: FrictionLaw, friction: FrictionValues, name: str, scale: Fraction
+) -> tuple[Function, Fraction]:
+    """Return which odd function of w a column at the speed scale w is, and how many times."""
+    size, sign = abs(scale), Fraction(1 if scale > 0 else -1)
+    shape = _scale_shape(law, friction, size)
+    smoothing = Fraction(friction.smoothing) / size
+    if name in _ORDERS or (name[:2] == "Fv" and name[2:].isdigit()):
+        order = _ORDERS.get(name) or int(name[2:])
+        return ("power", order), scale * size ** (order - 1)
+    if name == "Fd":
+        # Without smoothing the power is the same function at any scale.
+        known = not smoothing and friction.shape
+        share = Fraction(float(size) ** friction.shape[0]) if known else Fraction(1)
+        return ("power", shape["delta"], smoothing, 1 if known else size), sign * share
+    if "g2" in shape:
+        names = ("g2", "g3") if name == "Fm" else ("g5",)
+        return (name, *(shape[key] for key in names)), sign
+    if "dq0" in shape and name == "Fc":
+        return ("clip", shape["dq0"]), sign
+    gamma, plain = shape.get("gamma", law.name), law.name.removesuffix("+offset")
+    if "dqs" in shape:
+        # A step, or a fall, away from standstill.
+        start = Fraction(friction.shape[1]) / scale if friction.shape else "unknown"
+        return (name, start, *((shape["vs"], gamma) if name == "Fe" else ()), smoothing), sign
+    if name == "Fp":
+        return ("tent", shape["dq0"]), Fraction(1)
+    if name in _SIDES:
+        return ("fall of one side", _SIDES[name] * sign, shape["vs"], gamma, smoothing), sign
+    if name == "Fe" and plain != "lorentzian" and "load" not in law.inputs:
+        falls = gamma if gamma != law.name else re.sub(r"[a-z+]|-(?=[a-z])|-h\d|2,3", "", law.name) or "2"
+        falls = "1" if plain == "tustin" else falls
+        return ("fall", shape["vs"], falls, shape.get("dq0", smoothing)), sign
+    # Functions of load, position or temperature, and rare ones, are those of their law.
+    return (law.name, name, *shape.values(), smoothing, size), sign
+
+
+_ORDERS = {"Fvq": 2}
+_SIDES = {"Fep": 1, "Fen": -1}
+
+
+def _list_curved_shares(
+    friction: FrictionValues, name: str, transmission: Speed, direction: Speed, scale: Fraction
+) -> list[tuple[Function, Fraction]]:
+    """Return the functions of the speeds that a curved column consists of; a cube is expanded."""
+    law = get_friction_law(friction)
+    if law is None or name not in law.own:
+        return []
+    if name != "Fvc":
+        function, times = _describe_curve(law, friction, name, scale)
+        return [((*function, direction), times)]
+    shares: list[tuple[Function, Fraction]] = []
+    for term in product(transmission, repeat=3):
+        places = tuple(sorted(position for position, _ in term))
+        shares.append((("cube", places), Fraction(prod(factor for _, factor in term))))
+    return shares
+
+
+def compute_constant_torques(robot: Robot) -> dict[Label, Fraction]:
+    """Return the constant torque at their own drive per unit of the friction parameters that make one."""
+    parts = {label: _get_linear_parts(robot, label)[3] for label in list_friction_parameters(robot)}
+    return {label: value for label, value in parts.items() if value}
+
+
+def build_friction_rows(robot: Robot) -> list[dict[Label, Fraction]]:
+    """Return what every function of the speeds, the constant one apart, shows at every coordinate."""
+    rows: dict[tuple[object, ...], dict[Label, Fraction]] = {}
+    for label in list_friction_parameters(robot):
+        transmission, friction = robot.transmission[label[0]], get_friction(robot, label[0])
+        linear, size, sign, _ = _get_linear_parts(robot, label)
+        # The direction of a speed has one as its first factor.
+        scale = transmission[0][1] if transmission else Fraction(1)
+        direction = tuple((position, factor / scale) for position, factor in transmission)
+        for position, factor in transmission:
+            shares: list[tuple[tuple[object, ...], Fraction]] = [
+                ((position, "size", direction), size * abs(scale)),
+                ((position, "sign", direction), sign * (1 if scale > 0 else -1)),
+            ]
+            shares += [((position, "speed", other), linear * share) for other, share in transmission]
+            shares += [
+                ((position, *function), times)
+                for function, times in _list_curved_shares(friction, label[1], transmission, direction, scale)
+            ]
+            for function, share in shares:
+                if share:
+                    row = rows.setdefault(function, {})
+                    row[label] = row.get(label, Fraction(0)) + factor * share
+    return list(rows.values())

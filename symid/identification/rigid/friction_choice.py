@@ -1,0 +1,476 @@
+"""The friction law of every joint, chosen on held-out torque inside the identification of the whole robot.
+
+Library with plain friction, recordings, laws -> a law with its shape values for every joint, and all trials.
+
+    tau_j = X_j x + sum_k c_k Phi_k(dq_j, load_j, ..; s) + noise,    x: base parameters, coupled drives
+
+The columns of all laws at all nodes of their shape values stand side by side in one table a joint
+(`friction_tables`), as sums of products, stretch by stretch. Whatever is shared with other joints is
+eliminated (variable projection, Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432), so that a law
+at a node is a problem of a few unknowns:
+
+    M = sum_(i != j) w_i S_i + w_j G_j,    K = M_DD - M_Dx M_xx^-1 M_xD,    c = K_cc^-1 K_cy
+
+G are sums of products of a joint, S the same without its own friction. Joints take turns until no law
+changes; then nodes are set closer about the best, and laws are made linear there (Gauss and Newton).
+
+Supported: every static law; loads measured behind the gears or computed from the estimate, iterated with it;
+several recordings. Not supported: laws with a state; friction of drives that turn several joints, which
+stays as the robot file has it.
+"""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from symid.arrays import FloatArray
+from symid.codegen import Library
+from symid.identification.estimators import LawSelection, LawTrial
+from symid.identification.rigid.friction_tables import (
+    JointTable,
+    Node,
+    TangentLaw,
+    Wanted,
+    bound_shape,
+    gather_inputs,
+    list_shape_nodes,
+    load_joints,
+    prepare_motion,
+    refine_nodes,
+    tabulate_laws,
+)
+from symid.joint_models import FrictionLaw, FrictionValues, get_law
+from symid.logs import Recording
+from symid.robot import Processing
+
+PLAIN = "coulomb-viscous-offset"
+"""What other laws are compared with."""
+_CONDITION = 1e-9
+"""Least eigenvalue of the scaled products of a law's columns that counts as identifiable."""
+_FEWEST = 20
+"""Windows of a joint that choose a law."""
+_ROUNDS = 6
+"""Of all joints in turn, in one pass over the data."""
+
+
+class _Reduced(NamedTuple):
+    """A joint without its own friction: S (t, p + 1, p + 1) of every training set, Q of every stretch.
+
+    With x the shared unknowns, what is left of a stretch is [-x 1] Q [-x 1]'.
+    """
+
+    schur: FloatArray
+    left: FloatArray
+
+
+def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the solution of normal equations (..., n, n), scaled, with a tiny ridge."""
+    lengths = np.sqrt(np.maximum(np.diagonal(matrix, axis1=-2, axis2=-1), 1e-300))
+    scaled = matrix / lengths[..., :, None] / lengths[..., None, :]
+    scaled = scaled + _RIDGE * np.eye(matrix.shape[-1])
+    return np.asarray(np.linalg.solve(scaled, right / lengths[..., None]) / lengths[..., None])
+
+
+_RIDGE = 1e-11
+
+
+def _list_training(grams: FloatArray) -> FloatArray:
+    """Return the sums (S + 1, k, k) over all stretches but one, and last over all."""
+    whole = grams.sum(axis=0)
+    return np.concatenate([whole - grams, whole[None]])
+
+
+def _reduce(table: JointTable, places: Sequence[int], weight: float) -> _Reduced:
+    """Return a joint without the friction of these columns of its table."""
+    p, size = table.shared, table.grams.shape[1]
+    own, rest = [p + k for k in places], [*range(p), size - 1]
+    sets = weight * _list_training(table.grams[np.ix_(range(len(table.grams)), [*own, *rest], [*own, *rest])])
+    c = len(own)
+    gains = _solve(sets[:, :c, :c], sets[:, :c, c:]) if c else np.zeros((len(sets), 0, p + 1))
+    schur = sets[:, c:, c:] - sets[:, c:, :c] @ gains
+    order = [*own, *rest]
+    held = weight * table.grams[:, order][:, :, order]
+    # [f; x'] of a stretch with f = g_y - g_x x: columns of [-x 1].
+    lift = np.concatenate([-gains[:-1], np.tile(np.eye(p + 1), (len(held), 1, 1))], axis=1)
+    return _Reduced(schur=schur, left=np.swapaxes(lift, 1, 2) @ held @ lift)
+
+
+class _Trial(NamedTuple):
+    """A law on a joint: best node, its linear values, losses (S,) of all joints and of its own.
+
+    `fitted` are the squares that the fit to all stretches leaves of its own; `weak` names what is not
+    identifiable.
+    """
+
+    law: FrictionLaw
+    node: Node
+    linear: FloatArray
+    losses: FloatArray
+    own: FloatArray
+    fitted: float
+    weak: tuple[str, ...]
+
+
+def _try_laws(table: JointTable, others: _Reduced, weight: float) -> list[_Trial]:
+    """Return a trial of every law of a table; `others` is the sum over the other joints."""
+    p = table.shared
+    sets = weight * _list_training(table.grams)
+    outer = sets[:, :p, :].copy()
+    outer[:, :, :p] += others.schur[:, :p, :p]
+    outer[:, :, -1] += others.schur[:, :p, -1]
+    gains = _solve(outer[:, :, :p], outer[:, :, p:])
+    inner = sets[:, p:, p:] - np.swapaxes(outer[:, :, p:], 1, 2) @ gains
+    inner[:, -1, -1] += others.schur[:, -1, -1]
+    found = []
+    for _, group in itertools.groupby(table.nodes, key=lambda node: node.law.name):
+        nodes = list(group)
+        found.append(_try_law(table, others, weight, nodes, inner, gains))
+    return found
+
+
+def _try_law(  # noqa: PLR0917 - the parts of one problem
+    table: JointTable,
+    others: _Reduced,
+    weight: float,
+    nodes: Sequence[Node],
+    inner: FloatArray,
+    gains: FloatArray,
+) -> _Trial:
+    places = np.array([node.places for node in nodes])
+    matrix = inner[:, places[:, :, None], places[:, None, :]]
+    right = inner[:, places, -1]
+    linear = _solve(matrix, right[..., None])[..., 0]
+    losses = inner[:, -1, -1][:, None] - np.sum(right * linear, axis=2)
+    best = np.argmin(losses, axis=1)
+    size, p, count = table.grams.shape[1], table.shared, len(table.grams)
+    total, own = np.zeros(count), np.zeros(count)
+    for h in range(count):
+        node, values = nodes[best[h]], linear[h, best[h]]
+        shared = gains[h, :, -1] - gains[h][:, list(node.places)] @ values
+        v = np.zeros(size)
+        v[:p], v[-1] = -shared, 1.0
+        v[[p + k for k in node.places]] = -values
+        own[h] = weight * float(v @ table.grams[h] @ v)
+        u = np.append(-shared, 1.0)
+        total[h] = own[h] + float(u @ others.left[h] @ u)
+    k = int(best[-1])
+    return _Trial(
+        law=nodes[k].law,
+        node=nodes[k],
+        linear=linear[-1, k],
+        losses=total,
+        own=own / weight,
+        fitted=float(losses[-1, k]) / weight,
+        weak=_list_weak(nodes[k], matrix[-1, k], linear[-1, k]),
+    )
+
+
+def _list_weak(node: Node, matrix: FloatArray, linear: FloatArray) -> tuple[str, ...]:
+    """Return the names of linear parameters with a part in a direction that the rows do not determine."""
+    lengths = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    values, vectors = np.linalg.eigh(matrix / lengths / lengths[:, None])
+    poor = values < _CONDITION * max(float(values[-1]), 1e-300)
+    touched = np.any(np.abs(vectors[:, poor]) > 1e-3, axis=1) if poor.any() else np.zeros(len(linear), bool)
+    return tuple(entry.name for entry, lost in zip(node.law.linear, touched, strict=True) if lost)
+
+
+_SURE = 3.0
+"""Standard errors by which a law with more unknowns must predict better."""
+_HELPS = 0.01
+"""Part of a joint's held-out squares that a law with more unknowns must save."""
+
+
+def choose_trial(trials: Sequence[_Trial]) -> tuple[int, FloatArray]:
+    """Return the place of the trial taken, and how far each is behind the best, in standard errors.
+
+    Of the laws that are identifiable, the plainest is taken that no richer one predicts surely better than.
+    """
+    whole = [k for k, trial in enumerate(trials) if not trial.weak] or [0]
+    # What a law costs the other joints counts as well.
+    beside = np.min([trial.losses - trial.own for trial in trials], axis=0)
+    losses = [trials[k].losses - beside for k in whole]
+    best = min(losses, key=np.sum)
+    behind = np.full(len(trials), np.inf)
+    behind[whole] = [_measure_behind(entry, best) for entry in losses]
+    near = [k for k in whole if behind[k] <= _SURE]
+    taken = min(near, key=lambda k: (count_unknowns(trials[k].law), float(trials[k].losses.sum())))
+    return taken, behind
+
+
+def count_unknowns(law: FrictionLaw) -> int:
+    """Return the number of a law's values, linear and shape ones."""
+    return len(law.linear) + len(law.shape)
+
+
+def _measure_behind(losses: FloatArray, best: FloatArray) -> float:
+    """Return by how many standard errors losses (S,) exceed those of the best; 0 where it hardly matters."""
+    if losses.sum() <= (1.0 + _HELPS) * best.sum():
+        return 0.0
+    logs = np.log(losses / np.maximum(best, 1e-300))
+    error = float(np.std(logs, ddof=1)) / np.sqrt(len(logs))
+    return max(0.0, float(logs.mean())) / error if error > 0.0 else np.inf
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _State:
+    """Laws so far: a node and a weight of every joint, and how the laws of each were compared."""
+
+    nodes: tuple[Node, ...]
+    weights: FloatArray
+    trials: tuple[tuple[_Trial, ...], ...]
+    taken: tuple[int, ...]
+    behind: tuple[FloatArray, ...]
+
+
+def _find_node(table: JointTable, law: str, shape: Sequence[float] | None = None) -> Node:
+    """Return a law's node of a table, the first, or that of these shape values."""
+    alike = [node for node in table.nodes if node.law.name == law]
+    return alike[0] if shape is None else min(alike, key=lambda node: _measure_distance(node.shape, shape))
+
+
+def _measure_distance(one: Sequence[float], other: Sequence[float]) -> float:
+    pairs = zip(one, other, strict=True)
+    return float(sum(np.log(max(a, 1e-300) / max(b, 1e-300)) ** 2 for a, b in pairs))
+
+
+def _measure_scatter(tables: Sequence[JointTable], nodes: Sequence[Node], weights: FloatArray) -> FloatArray:
+    """Return the mean squares (n,) that a fit with these laws leaves of every joint."""
+    reduced = [
+        _reduce(table, node.places, float(weight))
+        for table, node, weight in zip(tables, nodes, weights, strict=True)
+    ]
+    whole = sum(entry.schur[-1] for entry in reduced)
+    p = len(whole) - 1
+    shared = _solve(whole[:p, :p], whole[:p, p:])[:, 0]
+    found = []
+    for table, node in zip(tables, nodes, strict=True):
+        u = np.append(-shared, 1.0)
+        left = float(u @ _reduce(table, node.places, 1.0).schur[-1] @ u)
+        found.append(left / max(int(table.rows.sum()), 1))
+    return np.maximum(found, 1e-300)
+
+
+def _sum_others(reduced: Sequence[_Reduced], joint: int) -> _Reduced:
+    rest = [entry for k, entry in enumerate(reduced) if k != joint]
+    if not rest:
+        return _Reduced(np.zeros_like(reduced[joint].schur), np.zeros_like(reduced[joint].left))
+    return _Reduced(*(np.sum(parts, axis=0) for parts in zip(*rest, strict=True)))
+
+
+def _settle_laws(tables: Sequence[JointTable], start: Sequence[Node]) -> _State:
+    """Return the laws after the joints took turns until none changed."""
+    nodes, count = list(start), len(tables)
+    weights = np.ones(count)
+    for _ in range(3):
+        weights = 1.0 / _measure_scatter(tables, nodes, weights)
+    trials: list[tuple[_Trial, ...]] = [()] * count
+    taken, behind = [0] * count, [np.zeros(0)] * count
+    for _ in range(_ROUNDS):
+        before = [node.law.name for node in nodes]
+        for joint, table in enumerate(tables):
+            reduced = [
+                _reduce(entry, node.places, float(weight))
+                for entry, node, weight in zip(tables, nodes, weights, strict=True)
+            ]
+            found = _try_laws(table, _sum_others(reduced, joint), float(weights[joint]))
+            taken[joint], behind[joint] = choose_trial(found)
+            trials[joint] = tuple(found)
+            nodes[joint] = found[taken[joint]].node
+            weights = 1.0 / _measure_scatter(tables, nodes, weights)
+        if before == [node.law.name for node in nodes]:
+            break
+    return _State(
+        nodes=tuple(nodes),
+        weights=weights,
+        trials=tuple(trials),
+        taken=tuple(taken),
+        behind=tuple(behind),
+    )
+
+
+def _solve_shared(tables: Sequence[JointTable], nodes: Sequence[Node], weights: FloatArray) -> FloatArray:
+    """Return x (p,) of the fit to all rows with these laws."""
+    reduced = [
+        _reduce(table, node.places, float(weight))
+        for table, node, weight in zip(tables, nodes, weights, strict=True)
+    ]
+    whole = sum(entry.schur[-1] for entry in reduced)
+    p = len(whole) - 1
+    return _solve(whole[:p, :p], whole[:p, p:])[:, 0]
+
+
+_LAWS = (
+    *("coulomb-viscous", "asymmetric", "tustin", "stribeck", "lorentzian", "cubic", "power-law"),
+    *("load-dependent", "load-dependent-stribeck", "stribeck+cubic", "stribeck-exponent", "makkar"),
+    *("position-dependent", "position-torque", "temperature", "temperature-viscous"),
+)
+_WITH_OFFSET = ("improved-stribeck", "asymmetric-stribeck")
+CANDIDATES = (
+    *(name for law in _LAWS for name in (law, get_law(f"{law}+offset").name) if name != "asymmetric+offset"),
+    *_WITH_OFFSET,
+)
+"""Laws among which `auto` chooses; waves of the motor's angle are added where a gear is known."""
+
+
+def list_candidates(
+    gear: float, inputs: Sequence[str], names: Sequence[str] = CANDIDATES
+) -> list[FrictionLaw]:
+    """Return the laws that a joint's known inputs allow; waves once and twice a turn of joint and motor."""
+    found = [get_law(name) for name in names]
+    if names is CANDIDATES and abs(gear) != 1.0:
+        kinds = (f"position-{kind}-1,2x{abs(gear):.12g}" for kind in ("dependent", "torque"))
+        found += [get_law(f"{name}{end}") for name in kinds for end in ("", "+offset")]
+    return [law for law in found if set(law.inputs) <= set(inputs)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointLaw:
+    """The friction of a joint with its values, and how its law was chosen; None where it hardly moves."""
+
+    joint: str
+    friction: FrictionValues
+    selection: LawSelection | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FrictionChoice:
+    """Laws of all joints with a coordinate, and the base parameters (p,) beside them."""
+
+    joints: tuple[JointLaw, ...]
+    beta: FloatArray
+
+
+def choose_laws(
+    library: Library,
+    recordings: Sequence[Recording],
+    processing: Processing,
+    *,
+    gears: Sequence[float],
+    names: Sequence[str] = CANDIDATES,
+) -> FrictionChoice:
+    """Return the laws of all joints of a robot, and their values.
+
+    Args:
+        library: functions of the robot with plain friction at its joints.
+        recordings: at least one, all of this robot.
+        processing: whose cut ends are used.
+        gears: (n,) turns of the motors a turn of the joint, 1 where not known.
+        names: laws to choose from.
+    """
+    motion = prepare_motion(library, recordings, processing)
+    count = library.card.size
+    plain: list[Wanted] = [[(get_law(PLAIN), ())]] * count
+    tables = tabulate_laws(motion, plain)
+    moving = [int(table.rows.sum()) >= _FEWEST for table in tables]
+    nodes = [table.nodes[0] for table in tables]
+    weights = 1.0 / _measure_scatter(tables, nodes, np.ones(count))
+    motion = load_joints(motion, _solve_shared(tables, nodes, weights))
+    inputs = tuple(gather_inputs(motion.signals[0], slice(0, 1), 0))
+    speeds = [motion.speeds(joint) if moving[joint] else np.zeros(0) for joint in range(count)]
+    wanted = [
+        [
+            (law, shape)
+            for law in list_candidates(gears[joint], inputs, names)
+            for shape in list_shape_nodes(law, speeds[joint])
+        ]
+        if moving[joint]
+        else plain[joint]
+        for joint in range(count)
+    ]
+    laws = [names[0] if PLAIN not in names else PLAIN] * count
+    for step in range(_PASSES):
+        tables = tabulate_laws(motion, wanted)
+        starts = [_find_node(table, law) for table, law in zip(tables, laws, strict=True)]
+        state = _settle_laws(tables, starts)
+        motion = load_joints(motion, _solve_shared(tables, state.nodes, state.weights))
+        laws = [node.law.name for node in state.nodes]
+        chosen = [trials[k] for trials, k in zip(state.trials, state.taken, strict=True)]
+        # The last passes are those of the laws that were chosen alone.
+        tried = state.trials if step < _COMPARED - 1 else [[trial] for trial in chosen]
+        if step == _COMPARED - 1:
+            compared, scored = state, tables
+        wanted = [
+            [pair for trial in trials for pair in _approach(trial, own, step)]
+            for trials, own in zip(tried, speeds, strict=True)
+        ]
+    found = [
+        JointLaw(
+            joint=library.card.joints[joint].name,
+            friction=_value_law(chosen[joint], speeds[joint]),
+            selection=_describe_choice(compared, scored[joint], joint) if moving[joint] else None,
+        )
+        for joint in range(count)
+    ]
+    shared = _solve_shared(tables, state.nodes, state.weights)
+    return FrictionChoice(joints=tuple(found), beta=shared[: len(library.card.beta)])
+
+
+def _value_law(trial: _Trial, speeds: FloatArray) -> FrictionValues:
+    """Return the law of a trial with its values."""
+    if not isinstance(trial.law, TangentLaw):
+        return FrictionValues(law=trial.law.name, values=tuple(trial.linear.tolist()))
+    law = get_law(trial.law.name)
+    moved = trial.law.move(
+        trial.linear.tolist(), [bound_shape(law, k, speeds) for k in range(len(law.shape))]
+    )
+    return FrictionValues(law=law.name, values=moved.values, shape=moved.about)
+
+
+def _describe_choice(state: _State, table: JointTable, joint: int) -> LawSelection:
+    """Return the trials of a joint, by what they leave of held-out torque, and why the law was taken."""
+    trials, behind, taken = state.trials[joint], state.behind[joint], state.taken[joint]
+    whole, rows = float(np.sum(table.grams[:, -1, -1])), int(table.rows.sum())
+    plain = next((float(trial.own.sum()) for trial in trials if trial.law.name == PLAIN), None)
+    listed = [
+        LawTrial(
+            law=trial.law.name,
+            unknowns=count_unknowns(trial.law),
+            held_percent=100.0 * float(np.sqrt(trial.own.sum() / whole)),
+            held_rms=float(np.sqrt(trial.own.sum() / rows)),
+            ratio=float(trial.own.sum()) / plain if plain else None,
+            behind=float(distance) if np.isfinite(distance) else None,
+            reason=f"not identifiable: {', '.join(trial.weak)}" if trial.weak else "",
+        )
+        for trial, distance in zip(trials, behind, strict=True)
+    ]
+    own = listed[taken]
+    text = f"{own.law} leaves {own.held_percent:.3g} % of the torque of held-out windows in motion"
+    best = min(
+        (entry for entry in listed if not entry.reason), key=lambda e: e.held_rms or np.inf, default=own
+    )
+    if best is not own and own.unknowns < best.unknowns:
+        text += (
+            f"; {best.law}, with {best.unknowns} values instead of {own.unknowns}, predicts no surely better"
+        )
+    if own.ratio is not None and own.law != PLAIN:
+        text += f"; {PLAIN} leaves {own.held_percent / np.sqrt(own.ratio):.3g} %"
+    return LawSelection(
+        trials=tuple(sorted(listed, key=lambda entry: entry.held_rms or np.inf)),
+        chosen=own.law,
+        verdict=f"{text}.",
+        blocks=len(table.rows),
+    )
+
+
+_COMPARED = 4
+"""Passes over all data with all laws: nodes, closer nodes, and two linear steps about the best."""
+_PASSES = 6
+"""All passes; in the last ones the laws that were chosen settle."""
+
+
+def _approach(trial: _Trial, speeds: FloatArray, step: int) -> Wanted:
+    """Return what to try next of a law: closer nodes after the first pass, then the law made linear there."""
+    law = get_law(trial.law.name)
+    if not law.shape:
+        return [(law, ())]
+    if not step:
+        return [(law, shape) for shape in refine_nodes(law, trial.node.shape, speeds)]
+    if isinstance(trial.law, TangentLaw):
+        moved = trial.law.move(
+            trial.linear.tolist(), [bound_shape(law, k, speeds) for k in range(len(law.shape))]
+        )
+        return [(moved, ())]
+    return [(TangentLaw.build(law, trial.node.shape, trial.linear.tolist()), ())]

@@ -1,0 +1,129 @@
+"""Every friction law goes from a robot file through a fit, a file again and C into a simulation, unchanged."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import symid
+from symid.codegen import prepare_library
+from symid.joint_models import get_law
+from symid.robot.toml_reader import parse_robot
+from symid.robot.toml_writer import write_robot
+from symid.simulation.rigid_plant import RigidPlant, build_rest_state
+from tests.friction_forms import EVERY_LAW, find_torque
+
+FILE = """
+name = "arm"
+convention = "modified"
+gravity = [0, -9.81, 0]
+[[joint]]
+name = "swing"
+kind = "revolute"
+{friction}
+[[joint]]
+name = "slide"
+kind = "prismatic"
+alpha = "pi/2"
+[joint.friction]
+model = "coulomb-viscous"
+Fv = 3.0
+Fc = 2.0
+"""
+LINKS = """
+[joint.link]
+mass = 2.0
+com = [0.2, 0.01, 0.0]
+inertia = { xx = 0.01, yy = 0.02, zz = 0.03 }
+"""
+VALUES = {"Fv": 1.1, "Fc": 2.0, "Fe": 0.7, "offset": 0.2, "Fp": 0.2, "Fl": 0.05, "Fle": 0.02, "Fvq": 0.1}
+VALUES |= {"Fct": -0.004, "Fvt": -0.006, "Fvl": 0.5, "Fd": 1.3, "Fm": 0.6, "Fep": 0.5, "Fen": 0.4}
+VALUES |= {"Fvp": 1.1, "Fvn": 0.9, "Fcp": 2.0, "Fcn": 1.8}
+SHAPE = {"vs": 0.1, "dq0": 0.04, "gamma": 1.4, "delta": 0.6, "g2": 20.0, "g3": 5.0, "g5": 15.0, "dqs": 0.01}
+SHAPE |= {"TV": 25.0}
+PLANT = ("friction", "friction_regressor", "forward_dynamics", "mass_matrix", "bias", "inverse_dynamics")
+
+
+def state_values(law):
+    """Return linear and shape values by their names in robot files; waves get small ones."""
+    linear = {entry.name: VALUES.get(entry.name, 0.07) for entry in law.linear}
+    return linear, {entry.name: SHAPE[entry.name] for entry in law.shape}
+
+
+def write_file(path, name):
+    law = get_law(name)
+    linear, shape = state_values(law)
+    lines = [f'model = "{name}"', *(f"{key} = {value}" for key, value in (linear | shape).items())]
+    friction = LINKS + "[joint.friction]\n" + "\n".join(lines)
+    text = FILE.format(friction=friction).replace('alpha = "pi/2"\n', 'alpha = "pi/2"\n' + LINKS)
+    path.write_text(text)
+    return law, linear, shape
+
+
+@pytest.mark.parametrize("name", EVERY_LAW)
+def test_a_law_is_the_same_in_every_place(name, tmp_path):
+    law, linear, shape = write_file(tmp_path / "arm.toml", name)
+    robot = symid.load(tmp_path / "arm.toml")
+    # Written and read again.
+    again = parse_robot(write_robot(robot.description)).joints[0].friction
+    assert again == robot.description.joints[0].friction
+    assert (again.law, again.values, again.shape) == (law.name, tuple(linear.values()), tuple(shape.values()))
+    # C against the law's formula, written anew.
+    library = prepare_library(robot.description, names=PLANT, backend="c")
+    rng = np.random.default_rng(3)
+    dq, q, load = (rng.normal(size=(40, 2)) * size for size in (0.4, 1.0, 8.0))
+    warm = rng.uniform(15.0, 60.0, (40, 2))
+    given = library.card.gather_friction_inputs(dq, q=q, load=load, temperature=warm)
+    values = np.array([entry.value for entry in library.card.friction])
+    (torque,) = library.evaluate("friction", *given, values)
+    inputs = {"velocity": dq[:, 0], "load": load[:, 0], "position": q[:, 0], "temperature": warm[:, 0]}
+    assert_allclose(torque[:, 0], find_friction(law, (linear, shape), inputs), rtol=1e-12, atol=1e-12)
+    # The plant: what drives the joint less what moves it is that friction.
+    if not name.startswith("improved-stribeck-h4"):
+        check_plant(library, law, (linear, shape))
+
+
+def find_friction(law, values, inputs):
+    """Return the torque by the formula of the law, which is written anew, for printed values."""
+    printed = law.to_physical(*(list(part.values()) for part in values))
+    named = dict(zip((entry.name for entry in law.physical), printed, strict=True))
+    others = [key for key in law.inputs if key != "velocity"]
+    return np.array(
+        [
+            find_torque(law.name, named, v, **{key: float(inputs[key][k]) for key in others})
+            for k, v in enumerate(inputs["velocity"].tolist())
+        ]
+    )
+
+
+def check_plant(library, law, values):
+    plant = RigidPlant(library)
+    state, step = build_rest_state(np.array([0.4, 0.1])), 1e-4
+    state = plant.advance(state, np.array([9.0, 25.0]), 0.2, substeps=20)
+    assert state.dq[0] > 0.1
+    push = np.array([9.0, 25.0])
+    after = plant.advance(state, push, step)
+    ddq = (after.dq - state.dq) / step
+    middle = (0.5 * (state.q + after.q), 0.5 * (state.dq + after.dq))
+    (rigid,) = library.evaluate("inverse_dynamics", *(part[None] for part in (*middle, ddq)), plant.beta)
+    inputs = {"velocity": middle[1][:1], "load": rigid[0, :1], "position": middle[0][:1]}
+    inputs["temperature"] = np.array([40.0])
+    friction = find_friction(law, values, inputs)
+    assert_allclose(push[0] - rigid[0, 0], friction[0], rtol=2e-6, atol=2e-6)
+
+
+LAWS_OF_FITS = ("stribeck-exponent+offset", "load-dependent-stribeck", "position-dependent-1,2x3", "makkar")
+
+
+@pytest.mark.parametrize("name", LAWS_OF_FITS)
+def test_a_fit_writes_the_law_that_it_was_made_with(name, tmp_path):
+    write_file(tmp_path / "arm.toml", name)
+    robot = symid.load(tmp_path / "arm.toml")
+    fit = robot.identify(robot.simulate(duration=10.0, seed=1).log)
+    written = symid.load(fit.export(tmp_path / "found.toml").file)
+    friction, before = (one.description.joints[0].friction for one in (written, robot))
+    assert (friction.law, friction.shape) == (before.law, before.shape)
+    known = {entry.name: entry.value for entry in fit.parameters}
+    names = [name for name in robot.base.friction if name in known]
+    assert len(names) >= len(friction.values)
+    own = [known[name] for name in names][: len(friction.values)]
+    assert_allclose(friction.values, own, rtol=1e-12)
