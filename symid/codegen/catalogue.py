@@ -325,6 +325,9 @@ def _write_fraction(value: Fraction) -> str:
     return text if Fraction(text) == value else str(value)
 
 
+_TURNING = "the rotor turns with the motor, apart from the link"
+
+
 def build_model_card(robot: Robot, base: "BaseParameters", specs: tuple[FunctionSpec, ...]) -> ModelCard:
     """Return what users of the functions must know of the model."""
     # Imported here: the rest of this module needs no SymPy.
@@ -344,7 +347,6 @@ def build_model_card(robot: Robot, base: "BaseParameters", specs: tuple[Function
         tuple(describe(p.name, p.expression, p.label, p.reason, values.get(p.name)) for p in parameters)
         for parameters in (base.parameters, base.friction)
     )
-    turning = "the rotor turns with the motor, apart from the link"
     grouped = [(entry.name, entry.expression) for entry in (*base.parameters, *base.friction)]
     return ModelCard(
         robot=robot.name,
@@ -376,7 +378,7 @@ def build_model_card(robot: Robot, base: "BaseParameters", specs: tuple[Function
             if joint.mimic is not None
         ),
         rotors=tuple(
-            describe(f"IA{n}", f"IA{n}", (n - 1, "IA"), turning, joint.drive.rotor_inertia)
+            describe(f"IA{n}", f"IA{n}", (n - 1, "IA"), _TURNING, joint.drive.rotor_inertia)
             for n, joint in numbered
             if joint.elasticity is not None and joint.drive.has_rotor
         ),

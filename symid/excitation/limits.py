@@ -355,7 +355,9 @@ def _build_torques(robot: Robot, states: Sequence[Any]) -> tuple[Any, Any] | Non
     motor = ca.SX(link)
     if card.friction:
         friction = build_functions(smooth, names=("friction",)).functions[0]
-        motor = motor + friction(states[1], ca.DM([entry.value or 0.0 for entry in card.friction]))
+        # Only positions are read here besides velocities: see `smooth_friction`.
+        values = ca.DM([entry.value or 0.0 for entry in card.friction])
+        motor = motor + friction(states[1], *states[: len(card.friction_inputs)], values)
     names = [joint.name for joint in robot.axes]
     for entry in card.rotors:
         place = names.index(entry.joint)

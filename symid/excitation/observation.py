@@ -20,7 +20,7 @@ from typing import Any, final
 import numpy as np
 
 from symid.arrays import FloatArray, freeze
-from symid.joint_models import NO_FRICTION, FrictionValues, get_friction_law
+from symid.joint_models import NO_FRICTION, FrictionValues, get_friction_law, name_values
 from symid.robot import (
     Robot,
 )
@@ -38,7 +38,11 @@ def smooth_friction(robot: Robot) -> Robot:
         law = get_friction_law(friction)
         if law is not None and {"load", "temperature"} & set(law.inputs):
             # Neither is known before the robot moves; what the motion must show of them is less.
-            law, friction = None, FrictionValues(law="coulomb-viscous-offset", smoothing=friction.smoothing)
+            named = name_values(friction)
+            values = tuple(named.get(name, 0.0) for name in ("Fv", "Fc", "offset")) if named else None
+            friction = FrictionValues(
+                law="coulomb-viscous-offset", values=values, smoothing=friction.smoothing
+            )
         if friction.law == NO_FRICTION or friction.smoothing > 0.0:
             return friction
         return replace(friction, smoothing=_SLOW if velocity is None else _SMOOTHING * velocity)

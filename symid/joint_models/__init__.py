@@ -31,12 +31,6 @@ if TYPE_CHECKING:
         simulate_dynamic_friction as simulate_dynamic_friction,
         write_dynamic_latex as write_dynamic_latex,
     )
-    from symid.joint_models.elasticity import (
-        Elasticity as Elasticity,
-        Knee as Knee,
-        Stop as Stop,
-        compute_catalogue_knees as compute_catalogue_knees,
-    )
     from symid.joint_models.friction_catalogue import (
         FRICTION_LAWS as FRICTION_LAWS,
         fix_exponent as fix_exponent,
@@ -65,10 +59,14 @@ if TYPE_CHECKING:
         compute_friction_torque as compute_friction_torque,
     )
     from symid.joint_models.hysteresis import (
+        Elasticity as Elasticity,
+        Knee as Knee,
         MaxwellElement as MaxwellElement,
         SpringTerms as SpringTerms,
+        Stop as Stop,
         advance_inverse_spring as advance_inverse_spring,
         advance_spring as advance_spring,
+        compute_catalogue_knees as compute_catalogue_knees,
         compute_outer_function as compute_outer_function,
         convert_maxwell_elements as convert_maxwell_elements,
         convert_to_normal_form as convert_to_normal_form,

@@ -25,10 +25,11 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.errors import Notice, RobotError
 from symid.joint_models.carriers import OperatorCarrier, build_float_carrier, build_numpy_carrier
-from symid.joint_models.elasticity import Elasticity, Stop
 from symid.joint_models.hysteresis import (
+    Elasticity,
     Plays,
     SpringTerms,
+    Stop,
     compute_outer_function,
     invert_outer_terms,
     invert_plays,

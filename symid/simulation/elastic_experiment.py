@@ -205,6 +205,19 @@ def observe(run: ElasticRun, sensors: ElasticSensors, rng: np.random.Generator) 
 _POSES = 50
 
 
+def _compute_resting_friction(
+    library: Library, values: ElasticValues, pose: FloatArray, weight: FloatArray
+) -> FloatArray | float:
+    """Return the friction (n,) of motors at rest at `pose` (1, n) that carry `weight` (n,)."""
+    if not values.friction.size:
+        return 0.0
+    warm = np.full_like(pose, REFERENCE_TEMPERATURE)
+    still = library.card.gather_friction_inputs(
+        np.zeros_like(pose), q=pose, load=weight[None], temperature=warm
+    )
+    return np.asarray(library.evaluate("friction", *still, values.friction)[0][0])
+
+
 def simulate_elastic(
     robot: Robot,
     library: Library,
@@ -231,15 +244,8 @@ def simulate_elastic(
     # Values that are tried, and not a robot's own, may have friction that drives a joint.
     curves = None if values else build_curved_friction(library, experiment.get_limits(robot, "velocity"))
     pose = desired[:1]
-    hold = weight = library.evaluate("gravity", pose, stated.beta)[0][0]
-    if stated.friction.size:
-        still = library.card.gather_friction_inputs(
-            np.zeros_like(pose),
-            q=pose,
-            load=weight[None],
-            temperature=np.full_like(pose, REFERENCE_TEMPERATURE),
-        )
-        hold = weight + library.evaluate("friction", *still, stated.friction)[0][0]
+    weight = library.evaluate("gravity", pose, stated.beta)[0][0]
+    hold = weight + _compute_resting_friction(library, stated, pose, weight)
     plant = build_plant_robot(stated)
     rest = compute_rest(plant, weight, tuple(joint.name for joint in robot.axes))
     # Motors follow the trajectory shifted by the first torsion, and carry the weight.

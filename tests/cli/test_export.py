@@ -8,7 +8,7 @@ import pytest
 from symid.cli.main import run
 from symid.dynamics.base_parameters import compute_parameter_values, derive_base_parameters
 from symid.dynamics.physical_consistency import build_identified_robot
-from symid.joint_models.elasticity import Elasticity, Stop
+from symid.joint_models.hysteresis import Elasticity, Stop
 from symid.robot.toml_reader import read_robot
 
 

@@ -264,7 +264,7 @@ def test_doctor(capsys):
 
 
 def test_doctor_says_what_is_missing(capsys, monkeypatch):
-    monkeypatch.setattr("symid.api.installation._PACKAGES", ("click", "no-such-package-here"))
+    monkeypatch.setattr("symid.api.first_steps._PACKAGES", ("click", "no-such-package-here"))
     code, answer = call_json(capsys, "doctor")
     assert code == 1
     assert answer["errors"][0]["code"] == "doctor.missing"

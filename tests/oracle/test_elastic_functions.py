@@ -18,7 +18,7 @@ from symid.codegen.python_targets import generate_python_module
 from symid.codegen.source_folder import write_sources
 from symid.codegen.source_text import GenerateOptions
 from symid.errors import UsageError
-from symid.joint_models.elasticity import Elasticity, Knee, Stop
+from symid.joint_models.hysteresis import Elasticity, Knee, Stop
 from symid.joint_models.prandtl_ishlinskii import (
     build_play_model,
     compute_hysteresis_torque,

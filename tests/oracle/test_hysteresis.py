@@ -15,10 +15,12 @@ from hypothesis import given, settings
 
 from symid.errors import RobotError
 from symid.joint_models.carriers import OperatorCarrier
-from symid.joint_models.elasticity import Elasticity, Knee, Stop
 from symid.joint_models.hysteresis import (
+    Elasticity,
+    Knee,
     Plays,
     SpringTerms,
+    Stop,
     advance_inverse_spring,
     advance_spring,
     compute_play,

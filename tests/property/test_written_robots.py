@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import given, settings, strategies as st
 
 from symid.joint_models import FrictionValues, get_law, has_sign
-from symid.joint_models.elasticity import Elasticity, Knee, Stop
+from symid.joint_models.hysteresis import Elasticity, Knee, Stop
 from symid.robot.description import (
     Coupling,
     Decimation,

@@ -31,7 +31,7 @@ from symid.identification.elastic.regression import prepare_elastic_signals
 from symid.identification.elastic.uncertainty import compute_elimination_bound
 from symid.identification.elastic.validation import predict_elastic
 from symid.identification.stored import is_fit, read_fit, write_fit
-from symid.joint_models.elasticity import Elasticity
+from symid.joint_models.hysteresis import Elasticity
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
 from symid.logs.recording import Recording
 from symid.robot.toml_reader import read_robot

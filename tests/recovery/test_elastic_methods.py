@@ -26,7 +26,7 @@ from symid.identification.elastic.two_step import (
 )
 from symid.identification.regression import solve_scaled
 from symid.ipopt import Ending
-from symid.joint_models.elasticity import Elasticity
+from symid.joint_models.hysteresis import Elasticity
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
 from symid.simulation.elastic_experiment import build_clean_options, simulate_elastic
 from tests.recovery.elastic_runs import (

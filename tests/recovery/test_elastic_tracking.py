@@ -16,7 +16,7 @@ from symid.identification.elastic.validation import (
     simulate_tracking,
     widen_springs,
 )
-from symid.joint_models.elasticity import Elasticity
+from symid.joint_models.hysteresis import Elasticity
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
 from symid.robot.toml_reader import read_robot
 from symid.simulation.elastic_experiment import build_clean_options, build_noisy_options

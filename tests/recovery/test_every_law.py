@@ -1,4 +1,4 @@
-"""Every friction law goes from a robot file through a fit, a file again and C into a simulation, unchanged."""
+"""Every friction law goes from a robot file through a fit, a file again and C into a simulation: the same."""
 
 import numpy as np
 import pytest

@@ -205,12 +205,14 @@ def test_a_law_of_the_load_in_a_robot_file_needs_no_search(fit, logs, tmp_path):
 
 @pytest.mark.parametrize("options", [{"estimator": "ridge", "prior": "robot"}, {"estimator": "output-error"}])
 def test_where_laws_cannot_be_searched_that_is_said(robot, logs, options):
-    with pytest.raises(UsageError, match="auto"):
+    with pytest.raises(UsageError, match="auto") as caught:
         robot.identify(logs[0], friction="auto", **options)
+    assert caught.value.notices[0].code == "usage.friction-search"
 
 
 def test_an_unknown_law_is_refused_before_anything_is_fitted(robot, logs):
     with pytest.raises(UsageError, match="did you mean"):
         robot.identify(logs[0], friction="stribek")
-    with pytest.raises(UsageError, match="symid identify"):
+    with pytest.raises(UsageError, match="symid identify") as caught:
         symid.load("two_link", friction="auto")
+    assert caught.value.notices[0].code == "usage.friction-auto"

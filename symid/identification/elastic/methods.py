@@ -21,6 +21,9 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import Notice
+from symid.identification.diagnostics import (
+    choose_held_out,
+)
 from symid.identification.elastic.elimination import (
     BandFit,
     BandRows,
@@ -41,7 +44,6 @@ from symid.identification.elastic.uncertainty import (
     mark_unidentifiable,
     measure_identifiability,
 )
-from symid.identification.regression import choose_held_out
 from symid.joint_models import compute_hysteresis_torque
 from symid.logs import Recording
 

@@ -220,8 +220,12 @@ class JointLogs:
         """Return the columns of the friction of all joints that acts on this one."""
         if not (cards := self.library.card.friction):
             return []
-        states = (self.signals[k].dq for k in runs)
-        rows = [self.library.evaluate("friction_regressor", dq)[0][:, joint] for dq in states]
+        rows = []
+        for signals in (self.signals[k] for k in runs):
+            given = self.library.card.gather_friction_inputs(
+                signals.dq, q=signals.q, load=signals.load, temperature=signals.temperature
+            )
+            rows.append(self.library.evaluate("friction_regressor", *given)[0][:, joint])
         columns = zip(cards, np.vstack(rows).T, strict=True)
         return [Column(entry.name, values, entry.unit) for entry, values in columns]
 

@@ -18,12 +18,15 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.errors import IdentifiabilityError, Notice, SymidError
+from symid.identification.diagnostics import (
+    choose_held_out,
+    measure_behind,
+)
 from symid.identification.estimators import LawSelection, LawTrial
 from symid.identification.friction.estimate import FrictionEstimate
 from symid.identification.friction.estimators import fit_friction
 from symid.identification.friction.problem import FrictionOptions, VariableProjectionOptions
 from symid.identification.friction.samples import FrictionRows, FrictionSamples
-from symid.identification.regression import choose_held_out, measure_behind
 from symid.joint_models import FrictionLaw, compute_columns, get_law
 
 CANDIDATE_LAWS = (

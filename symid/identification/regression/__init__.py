@@ -19,10 +19,6 @@ if TYPE_CHECKING:
         stack_rows as stack_rows,
         warn_of_energy as warn_of_energy,
     )
-    from symid.identification.regression.held_out import (
-        choose_held_out as choose_held_out,
-        measure_behind as measure_behind,
-    )
     from symid.identification.regression.identifiability import (
         JOINT_AT_REST as JOINT_AT_REST,
         WHOLE_MODEL as WHOLE_MODEL,

@@ -41,6 +41,7 @@ from symid.identification.diagnostics import (
     compute_jackknife,
     count_stretches,
     determine_each_other,
+    measure_behind,
     measure_scoring_band,
     solve_sums,
 )
@@ -48,7 +49,6 @@ from symid.identification.estimators import Candidate, SettingsChoice
 from symid.identification.regression import (
     evaluate_columns,
     list_resting_joints,
-    measure_behind,
     prepare_states,
 )
 from symid.logs import STATES, Recording, Signals, cut_recording, has_states

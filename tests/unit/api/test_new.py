@@ -67,7 +67,7 @@ def test_what_does_not_go_together_is_refused(table, options, code):
 
 
 def test_doctor_tells_what_is_missing(monkeypatch):
-    monkeypatch.setattr("symid.api.installation._PACKAGES", ("click", "no-such-package-here"))
+    monkeypatch.setattr("symid.api.first_steps._PACKAGES", ("click", "no-such-package-here"))
     monkeypatch.setattr("shutil.which", lambda _: None)
     found = symid.doctor()
     assert [notice.code for notice in found.errors] == ["doctor.missing"]

@@ -26,7 +26,7 @@ from symid.codegen.cache import (
 )
 from symid.codegen.compiler import Compiler, compile_sources, locate_compiler, read_processor
 from symid.errors import GenerationError, OutputError
-from symid.joint_models.elasticity import Elasticity
+from symid.joint_models.hysteresis import Elasticity
 from symid.robot.description import Controller, Limits, Processing
 from symid.robot.toml_reader import read_robot
 

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from symid.errors import RobotError
-from symid.joint_models.elasticity import Elasticity, Stop, compute_catalogue_knees
 from symid.joint_models.hysteresis import (
+    Elasticity,
     MaxwellElement,
+    Stop,
+    compute_catalogue_knees,
     convert_maxwell_elements,
     convert_to_normal_form,
     list_maxwell_elements,

@@ -11,7 +11,7 @@ from symid.identification.elastic.estimate import ElasticEstimate, HistoryEntry,
 from symid.identification.elastic.validation import ElasticTrial, JointTrial, TrackingRun
 from symid.identification.estimators.estimate import ParameterEstimate, Residual
 from symid.ipopt import Ending
-from symid.joint_models.elasticity import Elasticity, Knee, Stop
+from symid.joint_models.hysteresis import Elasticity, Knee, Stop
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
 from symid.report.blocks import Drawing, Table
 from symid.report.elastic_page import build_elastic_page, draw_loops, show_spring

@@ -10,7 +10,7 @@ from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.validation import evaluate_elastic, predict_elastic
 from symid.identification.estimators.estimate import ParameterEstimate, Residual
 from symid.ipopt import Ending
-from symid.joint_models.elasticity import Elasticity
+from symid.joint_models.hysteresis import Elasticity
 from symid.logs.recording import Recording
 from symid.serialization import compute_file_digest
 from tests.recovery.closed_form import build_one_axis

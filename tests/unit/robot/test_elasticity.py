@@ -3,7 +3,7 @@
 import pytest
 
 from symid.errors import RobotError
-from symid.joint_models.elasticity import Elasticity, Knee, Stop
+from symid.joint_models.hysteresis import Elasticity, Knee, Stop
 
 
 def test_the_initial_stiffness_adds_all_stops():

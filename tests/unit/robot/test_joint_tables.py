@@ -8,7 +8,7 @@ import pytest
 
 from symid.errors import RobotError
 from symid.joint_models import FrictionValues
-from symid.joint_models.elasticity import Elasticity, Knee, Stop
+from symid.joint_models.hysteresis import Elasticity, Knee, Stop
 from symid.robot.description import Coupling, JointKind, LogQuantity, Mimic, Spring, SymbolicInertia
 from symid.robot.geometry import IDENTITY, Exact, Placement, build_exact_angle, compose_placements, rotate_z
 from symid.robot.inertia import move_parameters

@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 
 from symid.joint_models import FrictionValues
-from symid.joint_models.elasticity import Elasticity
+from symid.joint_models.hysteresis import Elasticity
 from symid.notation import INERTIAL
 from symid.robot.description import Coupling, Drive, Limits, Mimic, Robot, Spring
 from symid.robot.geometry import Exact

@@ -11,7 +11,7 @@ import pytest
 from symid.dynamics.recursion import build_recursion
 from symid.dynamics.regressors import compute_torque_columns
 from symid.joint_models import FrictionValues
-from symid.joint_models.elasticity import Elasticity, Knee, Stop
+from symid.joint_models.hysteresis import Elasticity, Knee, Stop
 from symid.notation import INERTIAL
 from symid.robot.canonical_frames import choose_canonical_frames
 from symid.robot.description import Coupling, Drive, Limits, Mimic, Robot, Spring

@@ -17,7 +17,7 @@ from symid.excitation.trajectories import (
     scale_trajectory,
 )
 from symid.joint_models import FrictionValues
-from symid.joint_models.elasticity import Elasticity, Stop
+from symid.joint_models.hysteresis import Elasticity, Stop
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque, compute_spring_work
 from symid.robot.description import Limits
 from symid.robot.toml_reader import read_robot

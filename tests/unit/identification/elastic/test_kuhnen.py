@@ -6,7 +6,7 @@ import pytest
 
 from symid.errors import UsageError
 from symid.identification.hysteresis.prandtl_ishlinskii_fit import fit_kuhnen
-from symid.joint_models.elasticity import Elasticity, Knee, Stop
+from symid.joint_models.hysteresis import Elasticity, Knee, Stop
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque, compute_plays
 
 SPRING = Elasticity(

@@ -7,7 +7,7 @@ import pytest
 
 from symid.identification.elastic.nlp_cost import NlpLayout, SpringGrid, list_weights
 from symid.identification.elastic.options import NlpOptions
-from symid.joint_models.elasticity import Elasticity, Knee, Stop
+from symid.joint_models.hysteresis import Elasticity, Knee, Stop
 
 
 def name(*names):

@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 from scipy.stats import ttest_rel
 
-from symid.identification.regression import choose_held_out, measure_behind
+from symid.identification.diagnostics import (
+    choose_held_out,
+    measure_behind,
+)
 
 
 @pytest.fixture
