@@ -11,7 +11,6 @@ joints, joints that follow others, couplings.
 Not supported: friction that has a state.
 """
 
-import re
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from functools import cache
@@ -133,21 +132,18 @@ def _describe_curve(
         return (name, *(shape[key] for key in names)), sign
     if "dq0" in shape and name == "Fc":
         return ("clip", shape["dq0"]), sign
-    gamma, plain = shape.get("gamma", law.name), law.name.removesuffix("+offset")
+    gamma = shape.get("gamma", law.exponent)
     if "dqs" in shape:
         # A step, or a fall, away from standstill.
         start = Fraction(friction.shape[1]) / scale if friction.shape else "unknown"
         return (name, start, *((shape["vs"], gamma) if name == "Fe" else ()), smoothing), sign
     if name == "Fp":
         return ("tent", shape["dq0"]), Fraction(1)
-    if name in _SIDES:
-        return ("fall of one side", _SIDES[name] * sign, shape["vs"], gamma, smoothing), sign
-    if name == "Fe" and plain != "lorentzian" and "load" not in law.inputs:
-        falls = gamma if gamma != law.name else re.sub(r"[a-z+]|-(?=[a-z])|-h\d|2,3", "", law.name) or "2"
-        falls = "1" if plain == "tustin" else falls
-        return ("fall", shape["vs"], falls, shape.get("dq0", smoothing)), sign
-    # Functions of load, position or temperature, and rare ones, are those of their law.
-    return (law.name, name, *shape.values(), smoothing, size), sign
+    if "load" in law.inputs or name not in (*_SIDES, "Fe"):
+        # Functions of load, position or temperature, and rare ones, are those of their law.
+        return (law.name, name, *shape.values(), smoothing, size), sign
+    side = _SIDES.get(name, 0) * sign
+    return ("fall", side, shape["vs"], gamma or "lorentzian", shape.get("dq0", smoothing)), sign
 
 
 _ORDERS = {"Fvq": 2}
@@ -163,6 +159,9 @@ def _list_curved_shares(
         return []
     if name != "Fvc":
         function, times = _describe_curve(law, friction, name, scale)
+        if function[:2] == ("fall", 0):
+            # A fall of both directions is the sum of one a direction.
+            return [(("fall", side, *function[2:], direction), times) for side in _SIDES.values()]
         return [((*function, direction), times)]
     shares: list[tuple[Function, Fraction]] = []
     for term in product(transmission, repeat=3):

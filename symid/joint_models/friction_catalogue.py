@@ -174,6 +174,7 @@ def build_stribeck(*, exponent: float | None = DEFAULT_EXPONENT, orders: tuple[i
         name,
         f"Fv Fc Fe | vs{free} | fC fS vs{free} fV",
         columns=partial(columns.compute_stribeck_columns, exponent=exponent, orders=orders),
+        exponent=exponent,
         formula=f"[fC + (fS - fC) {_write_fall(exponent)}] sign(dq) + fV dq{_write_further(orders)}",
         source=_get_stribeck_source(exponent),
         further=tuple(map(_build_power_parameters, orders)),
@@ -244,6 +245,7 @@ def build_improved(*, reading: str = "H1", exponent: float | None = DEFAULT_EXPO
         _name_exponent(f"improved-stribeck{ending}", exponent),
         f"Fv Fc Fe Fp | vs{edge}{free} | fC fS vs{free} fV fP{edge}",
         columns=find,
+        exponent=exponent,
         formula=f"{formula}; {curve}",
         source=f"reading {reading}, {_ZHANG}",
         **texts,
@@ -261,6 +263,7 @@ def build_asymmetric_stribeck(*, exponent: float | None = DEFAULT_EXPONENT, bump
         if one
         else f"Fvp Fcp Fep Fvn Fcn Fen | vs{free} | fCp fSp fVp fCn fSn fVn vs{free}",
         columns=partial(columns.compute_asymmetric_stribeck_columns, exponent=exponent, bumps=bumps),
+        exponent=exponent,
         formula=f"fCp + {parts[0]} {fall} + fVp dq for dq > 0, -fCn - {parts[1]} {fall} + fVn dq for dq < 0",
         source=_get_stribeck_source(exponent) + "; by direction as EMPS",
     )
@@ -279,6 +282,7 @@ def build_load_dependent(*, exponent: float | None = None, falls: bool = False) 
         _name_exponent("load-dependent-stribeck", exponent) if falls else "load-dependent",
         f"Fv Fc Fl Fe Fle | vs{free} | fC fS vs{free} fV fL fLS" if falls else "Fv Fc Fl | | fC fV fL",
         columns=partial(columns.compute_load_dependent_columns, exponent=exponent, falls=falls),
+        exponent=exponent if falls else None,
         formula=formula,
         source=source,
         inputs=("velocity", "load"),

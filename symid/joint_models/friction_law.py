@@ -97,6 +97,7 @@ class FrictionLaw:
         inputs: of the columns: "velocity", and "load" (N m, N), "position" (rad, m) or "temperature" (degC).
         columns: (carrier, inputs, shape values) -> one column per linear parameter.
         own: linear parameters whose column is no sum of v, |v|, sign(v) and one.
+        exponent: gamma of its fall; None where it is searched, or there is none.
         physical: the same number of parameters in all, under the names that papers print.
         mixing: physical = mixing [linear, shape], an integer matrix whose inverse has integers too.
         formula: in words and letters, in the physical parameters.
@@ -116,6 +117,7 @@ class FrictionLaw:
     source: str
     inputs: tuple[str, ...] = ("velocity",)
     own: tuple[str, ...] = ()
+    exponent: float | None = None
     smoothness: str = "Jumps at zero velocity (sign), smooth elsewhere and in all parameters."
     passivity: str = "Dissipative where no coefficient is negative."
     smoothing: float = 0.0
