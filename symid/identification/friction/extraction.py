@@ -6,6 +6,11 @@ The rigid part is fitted with friction: the independent columns of Y_j on these 
 + b cos q where they span the same. Or it is subtracted, with known base parameters. Periods of a cosine
 motion can be averaged first: the noise falls by sqrt(K), and filters see a signal without ends.
 
+What the processing leaves open is chosen from the logs. Laws bend within a few hundredths of a rad/s, and a
+bend turns noise of the velocity into a bias: positions of every joint pass a low-pass at the end of its clean
+band (`measure_bands`), where noise takes over, at the rule's cut-off at most. Ends of logs that begin or end
+in motion are left out, two periods of the lowest cut-off.
+
 Supported: one moving joint or several; recordings at several poses; drives that turn with several joints,
 whose friction is fitted along; any period of several samples.
 Not supported: elastic joints; other joints' friction that is not linear in its parameters; an unknown
@@ -22,7 +27,13 @@ from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import IdentifiabilityError, LogError, Notice
 from symid.identification.friction.samples import FrictionSamples, build_reduction
-from symid.identification.regression import check_joints, hold_resting_joints, list_resting_joints
+from symid.identification.regression import (
+    check_joints,
+    hold_resting_joints,
+    list_resting_joints,
+    measure_bands,
+    measure_moving_ends,
+)
 from symid.logs import Recording, Signals, choose_processing, prepare_signals
 from symid.robot import Processing
 
@@ -183,9 +194,16 @@ _CARRIED = 0.05
 """Peak speed relative to that of the fastest joint below which a joint is shaken by others."""
 
 
+_LEAST_CUTOFF = 5.0
+"""Hz; robots move up to here."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JointLogs:
-    """Recordings as filtered states: `resting` joints have no velocity, others shake `carried` ones."""
+    """Recordings as filtered states: `resting` joints have no velocity, others shake `carried` ones.
+
+    `cutoffs` are those that noise set, in Hz, joint by joint of every recording; empty where none did.
+    """
 
     library: Library
     signals: tuple[Signals, ...]
@@ -193,6 +211,7 @@ class JointLogs:
     carried: tuple[tuple[int, ...], ...]
     sources: tuple[str, ...]
     processing: Processing
+    cutoffs: tuple[tuple[float, ...], ...] = ()
 
     def list_moving(self, joint: int) -> tuple[int, ...]:
         """Return which recordings move a joint."""
@@ -264,6 +283,47 @@ class ExtractedJoint(NamedTuple):
     notices: tuple[Notice, ...]
 
 
+def _choose_cutoffs(recording: Recording, processing: Processing, resting: tuple[int, ...]) -> FloatArray:
+    """Return the cut-off (n,) in Hz of every joint: where noise takes over, at most that of the rule."""
+    rule = processing.filter_cutoff or 0.0
+    wanted = [min(max(band.clean, _LEAST_CUTOFF), rule) for band in measure_bands(recording)]
+    return np.array([rule if k in resting else float(f"{cutoff:.3g}") for k, cutoff in enumerate(wanted)])
+
+
+def describe_cutoffs(logs: JointLogs) -> tuple[Notice, ...]:
+    """Return a notice on the cut-offs that noise set, log by log."""
+    joints, found = [card.name for card in logs.library.card.joints], []
+    for source, cutoffs, resting in zip(logs.sources, logs.cutoffs, logs.resting, strict=False):
+        pairs = enumerate(zip(joints, cutoffs, strict=True))
+        listed = ", ".join(f"{name} {cutoff:g}" for k, (name, cutoff) in pairs if k not in resting)
+        text = (
+            f"positions pass a low-pass where their noise takes over (Hz): {listed}; more noise of the "
+            "velocity would bend the laws. To set one for all, state filter_cutoff under [processing]"
+        )
+        found.append(Notice(code="identify.automatic", text=text, file=source))
+    return tuple(found)
+
+
+def _prepare_at_cutoffs(recording: Recording, processing: Processing, cutoffs: FloatArray) -> Signals:
+    """Return the states of a recording, each joint's behind its own cut-off (n,) in Hz."""
+    lowest = replace(processing, filter_cutoff=float(np.min(cutoffs)))
+    # Of a short log not much is left out.
+    most = len(recording.time) // 20
+    first, last = (min(spoilt, most) for spoilt in measure_moving_ends(lowest, [recording]))
+    cut = replace(
+        processing,
+        drop_first=max(first, processing.drop_first),
+        drop_last=max(last, processing.drop_last),
+    )
+    found = {one: prepare_signals(recording, replace(cut, filter_cutoff=float(one))) for one in cutoffs}
+
+    def gather(name: str) -> FloatArray:
+        return np.column_stack([getattr(found[one], name)[:, k] for k, one in enumerate(cutoffs)])
+
+    states = found[cutoffs[0]]
+    return replace(states, q=gather("q"), dq=gather("dq"), ddq=gather("ddq"), tau=gather("tau"))
+
+
 def prepare_joint_logs(
     library: Library, recordings: Sequence[Recording], processing: Processing
 ) -> JointLogs:
@@ -272,6 +332,7 @@ def prepare_joint_logs(
     Raises LogError where one does not fit the robot, IdentifiabilityError where no joint moves.
     """
     check_joints(library, recordings)
+    is_open = processing.automatic and processing.filter_cutoff is None
     processing = choose_processing(processing, recordings[0].period)
     resting = tuple(map(list_resting_joints, recordings))
     if all(len(still) == library.card.size for still in resting):
@@ -280,8 +341,16 @@ def prepare_joint_logs(
             "both ways, slowly and fast"
         )
         raise IdentifiabilityError(Notice(code="identify.standstill", text=text))
-    pairs = zip(recordings, resting, strict=True)
-    signals = tuple(hold_resting_joints(prepare_signals(one, processing), still) for one, still in pairs)
+    pairs, cutoffs = list(zip(recordings, resting, strict=True)), list[FloatArray]()
+    if is_open:
+        cutoffs = [_choose_cutoffs(one, processing, still) for one, still in pairs]
+        states = list(map(_prepare_at_cutoffs, recordings, [processing] * len(recordings), cutoffs))
+        if any(np.any(entry < (processing.filter_cutoff or 0.0)) for entry in cutoffs):
+            # Noise decides, and that of another log may be another one.
+            processing = replace(processing, filter_cutoff=None, automatic=True)
+    else:
+        states = [prepare_signals(one, processing) for one in recordings]
+    signals = tuple(hold_resting_joints(one, still) for one, still in zip(states, resting, strict=True))
     kinds = np.array([joint.kind == "prismatic" for joint in library.card.joints])
     carried = []
     for entry in signals:
@@ -297,6 +366,7 @@ def prepare_joint_logs(
         carried=tuple(carried),
         sources=tuple(recording.source for recording in recordings),
         processing=processing,
+        cutoffs=tuple(tuple(entry.tolist()) for entry in cutoffs) if processing.automatic else (),
     )
 
 

@@ -21,6 +21,7 @@ from symid.identification.friction.estimate import FrictionEstimate
 from symid.identification.friction.estimators import check_estimator, fit_friction
 from symid.identification.friction.extraction import (
     JointLogs,
+    describe_cutoffs,
     extract_joint,
     fold_recording,
     prepare_joint_logs,
@@ -87,6 +88,7 @@ def identify_friction(
     if task.periods:
         recordings, processing, notices = _fold(recordings, processing, task.periods)
     logs = prepare_joint_logs(library, recordings, processing)
+    notices += describe_cutoffs(logs)
     joints, refused = list[JointFriction](), list[tuple[str, str]]()
     for joint, card in enumerate(library.card.joints):
         try:
@@ -114,6 +116,7 @@ def identify_friction(
         "period": task.periods or None,
         "rigid": "fitted along" if task.beta is None else "known",
         "seed": task.options.seed,
+        **({"cutoffs": logs.cutoffs} if logs.cutoffs else {}),
     }
     return FrictionIdentification(
         robot=library.card.robot,

@@ -7,12 +7,15 @@ import numpy as np
 import pytest
 
 from symid.errors import IdentifiabilityError, LogError
+from symid.identification.friction.estimators import fit_friction
 from symid.identification.friction.extraction import (
+    describe_cutoffs,
     extract_joint,
     fold_recording,
     list_independent,
     prepare_joint_logs,
 )
+from symid.joint_models.friction_catalogue import get_law
 from symid.logs.recording import Recording
 from symid.robot.description import Processing
 from tests.recovery.closed_form import build_one_axis, build_two_link
@@ -243,3 +246,99 @@ def test_a_wrong_period_is_told_or_refused_and_a_short_log_refused():
         with pytest.raises(LogError) as caught:
             fold_recording(recording, period)
         assert caught.value.notices[0].code == "log.period"
+
+
+# fC, fS, vs, fV, fP, dq0 in N and m/s, and the mass in kg.
+SHARP, MASS = np.array([11.6, 23.2, 0.028, 27.9, 0.5, 0.01]), 4.0
+
+
+def sharp_friction(speed):
+    """Return friction with a straight line within dq0, by its formula in numpy."""
+    coulomb, static, stribeck, viscous, offset, edge = SHARP
+    beyond = np.maximum(np.abs(speed), edge)
+    size = coulomb + (static - coulomb) * np.exp(-((beyond / stribeck) ** 2)) + viscous * beyond
+    return offset + size * np.clip(speed / edge, -1.0, 1.0)
+
+
+def record_sharp(seed, *, bits=17, noise=0.3):
+    """Return 20 s at 1 kHz of an axis along four sines, its encoder with so many bits a turn."""
+    time, generator = 1e-3 * np.arange(20_000), np.random.default_rng(seed)
+    rates = 2.0 * np.pi * np.array([0.1, 0.25, 0.4, 0.65])
+    phases, peaks = np.array([0.2, 1.1, 2.0, 0.7]), np.array([0.1, 0.2, 0.15, 0.1])
+    angles = rates * time[:, None] + phases
+    position, speed = np.sin(angles) @ (peaks / rates), np.cos(angles) @ peaks
+    force = -np.sin(angles) @ (peaks * rates) * MASS + sharp_friction(speed)
+    step = 2.0 * np.pi / 2**bits if bits else 0.0
+    if bits:
+        position = step * np.floor(position / step + generator.random())
+    force = force + noise * generator.standard_normal(len(time))
+    return Recording(time=time, position=position[:, None], torque=force[:, None], source=f"seed {seed}")
+
+
+def fit_sharp(recordings, processing):
+    """Return errors of the law's parameters in stated deviations, and the logs."""
+    logs = prepare_joint_logs(build_one_axis(), recordings, processing)
+    found = fit_friction(extract_joint(logs, 0).samples, get_law("improved-stribeck"))
+    stds = np.array([entry.std for entry in found.parameters])
+    return (np.array([entry.value for entry in found.parameters]) - SHARP) / stds, logs
+
+
+OPEN = Processing(automatic=True)
+
+
+def test_noise_of_an_encoder_does_not_bend_a_sharp_law():
+    errors, stated = [], []
+    for seed in range(3):
+        far, logs = fit_sharp([record_sharp(seed)], OPEN)
+        errors.append(far)
+        # What the rate alone allows: 0.4 of the samples' rate over five rows.
+        stated.append(fit_sharp([record_sharp(seed)], replace(logs.processing, filter_cutoff=200.0))[0])
+    means, before = np.mean(errors, axis=0), np.mean(stated, axis=0)
+    assert np.all(np.abs(means[:5]) < 1.0)
+    # Near rest a coarse encoder's noise is not white.
+    assert abs(means[5]) < 3.0
+    # Static friction, the Stribeck velocity and the edge of the zone.
+    assert before[1] > 8.0
+    assert max(before[2], before[5]) < -8.0
+
+
+def test_without_noise_the_cutoff_follows_the_rate():
+    far, logs = fit_sharp([record_sharp(0, bits=0)], OPEN)
+    assert (logs.cutoffs, logs.processing.filter_cutoff) == ((), 200.0)
+    assert np.all(np.abs(far) < 4.0)
+
+
+def test_every_log_and_joint_has_its_own_cutoff():
+    logs = fit_sharp([record_sharp(0, bits=20), record_sharp(1, bits=16)], OPEN)[1]
+    (fine,), (coarse,) = logs.cutoffs
+    assert 5.0 <= coarse < fine < 200.0
+    # Another log of the fit is filtered by its own noise.
+    assert (logs.processing.filter_cutoff, logs.processing.automatic) == (None, True)
+    assert [notice.file for notice in describe_cutoffs(logs)] == ["seed 0", "seed 1"]
+    assert f"(Hz): joint1 {fine:g};" in describe_cutoffs(logs)[0].text
+    one, two = record_sharp(0, bits=20), record_sharp(1, bits=16)
+    both = Recording(
+        time=one.time,
+        position=np.hstack([one.position, two.position]),
+        torque=np.hstack([one.torque, two.torque]),
+    )
+    together = prepare_joint_logs(LIBRARY, [both], OPEN)
+    assert together.cutoffs == ((fine, coarse),)
+    alone = (prepare_joint_logs(build_one_axis(), [entry], OPEN).signals[0] for entry in (one, two))
+    for joint, states in enumerate(alone):
+        cut = (len(states.time) - len(together.signals[0].time)) // 2
+        kept = slice(cut, len(states.time) - cut)
+        np.testing.assert_allclose(together.signals[0].dq[:, joint], states.dq[kept, 0], atol=1e-12)
+
+
+def test_a_stated_cutoff_is_kept():
+    logs = fit_sharp([record_sharp(0)], replace(OPEN, filter_cutoff=60.0))[1]
+    assert (logs.cutoffs, logs.processing.filter_cutoff) == ((), 60.0)
+
+
+def test_ends_in_motion_are_left_out():
+    logs = fit_sharp([record_sharp(0, bits=0)], OPEN)[1]
+    # Two periods of 200 Hz on either side.
+    assert len(logs.signals[0].time) == 20_000 - 20
+    (cutoff,) = fit_sharp([record_sharp(0)], OPEN)[1].cutoffs[0]
+    assert len(fit_sharp([record_sharp(0)], OPEN)[1].signals[0].time) == 20_000 - 2 * np.ceil(2e3 / cutoff)
