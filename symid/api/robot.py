@@ -566,7 +566,7 @@ class RobotModel:
         train: "Parts | None" = None,
         model: str | None = None,
         estimator: str | None = None,
-        known: "Fit | str | PathLike[str] | None" = None,
+        known: "Fit | RobotModel | str | PathLike[str] | None" = None,
         smoothing: float | None = None,
         period: float | Sequence[float] = (),
         seed: int | None = None,
@@ -586,7 +586,8 @@ class RobotModel:
             model: a law, such as "stribeck+offset", or "auto" (the default): chosen on held-out data.
             estimator: "varpro" (the default), "root-finding", "nlp", "genetic", "annealing" or
                 "differential-evolution".
-            known: base parameters to subtract, a fit or its file; otherwise the rigid part is fitted too.
+            known: base parameters to subtract: a fit or its file, or a robot with values (such as those of
+                CAD) or its file, .toml or .urdf; otherwise the rigid part is fitted too.
             smoothing: rad/s or m/s over which dry friction changes its sign.
             period: s, of a cosine motion, to average over all periods: one value for all logs, or one for
                 each.
@@ -601,6 +602,7 @@ class RobotModel:
 
         Raises:
             UsageError: there is no such law or estimator.
+            EstimateError: `known` is of another model, or its robot lacks values.
             LogError: a log cannot be read or used.
             IdentifiabilityError: no joint has an identifiable law.
             SolverError: a search ended without usable numbers.
@@ -620,7 +622,7 @@ class RobotModel:
         request = FrictionRequest(
             model=model,
             estimator=estimator,
-            known=take_estimate(known),
+            known=known.description if isinstance(known, RobotModel) else take_estimate(known),
             smoothing=_to_plain(smoothing),
             period=_list_periods(period),
             seed=_to_plain(seed),

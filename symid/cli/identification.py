@@ -118,10 +118,10 @@ FRICTION = ("model", "known", "smoothing", "seed")
 )
 @MODEL.option(
     "--known",
-    "With --rows friction: an estimate with base parameters to subtract.  [default: the rigid part "
-    "is fitted too]",
+    "With --rows friction: base parameters to subtract, of an estimate or of a robot file with values.  "
+    "[default: the rigid part is fitted too]",
     FILE,
-    "ESTIMATE",
+    "FILE",
 )
 @MODEL.option(
     "--smoothing",
@@ -164,6 +164,9 @@ def identify_command(
     check_output(output, force=force, inputs=(model.path, *logs))
     shared["train"], tests = pair_parts(train, test, logs)
     if rows == "friction":
+        if (known := law["known"]) is not None and known.suffix.lower() == ".urdf":
+            # Cut at the same links as ROBOT, where that is a URDF.
+            law["known"] = replace(robot, name=str(known)).load(console)
         laws = model.identify_friction(logs, estimator=estimator, period=period, **law, **shared)
         return _add_tests(answer_saved(laws, output, "result"), laws, tests)
     if method == "stiffness":
