@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     )
     from symid.study.friction_protocols import (
         AGREEMENT as AGREEMENT,
+        CALIBRATION as CALIBRATION,
         LAWS as LAWS,
         NEARNESS as NEARNESS,
         NOT_IDENTIFIABLE as NOT_IDENTIFIABLE,
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
         GainStudy as GainStudy,
         RecoveredParameter as RecoveredParameter,
         Recovery as Recovery,
+        SearchRace as SearchRace,
         build_gain_scene as build_gain_scene,
         build_recovery_scene as build_recovery_scene,
         build_sweep_scene as build_sweep_scene,

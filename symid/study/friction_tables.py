@@ -16,26 +16,31 @@ from dataclasses import dataclass
 from typing import Any
 
 from symid.errors import Notice, UsageError
-from symid.identification.friction import VariableProjectionOptions
+from symid.identification.friction import ESTIMATORS, VariableProjectionOptions
 from symid.study.friction_paper import RV_2SQ, SWEEPS, TABLE_3
 from symid.study.friction_protocols import (
     AGREEMENT,
     NEARNESS,
     NOT_IDENTIFIABLE,
+    RACERS,
     AgreementStudy,
     EstimatorComparison,
     GainStudy,
     Recovery,
+    SearchRace,
     build_gain_scene,
     build_recovery_scene,
     build_second_scene,
     build_sweep_scene,
     compare_estimators,
+    conclude_races,
     fit_all_estimators,
     fit_draw,
     fit_laws,
+    race_searches,
     summarise_agreement,
     summarise_gains,
+    summarise_race,
     summarise_recovery,
 )
 from symid.study.monte_carlo import run_tasks
@@ -62,14 +67,24 @@ class FrictionCheck:
 
 
 def list_checks(
+    *,
     agreement: Sequence[AgreementStudy],
     recovery: Sequence[Recovery],
     gains: Sequence[GainStudy],
     second: Sequence[Recovery],
     contests: Sequence[EstimatorComparison],
+    races: Sequence[SearchRace],
 ) -> tuple[FrictionCheck, ...]:
     """Return all claims, in the order of the tables."""
     checks = [check for entry in agreement for check in _check_agreement(entry)]
+    checks.append(
+        FrictionCheck(
+            name="Table 2: the hybrid against the genetic algorithm",
+            bar="far fewer generations and more efficient in the paper, which does not print its algorithms",
+            found=conclude_races(races),
+            met=None,
+        )
+    )
     checks += [check for entry in recovery for check in _check_recovery(entry)]
     checks += [
         FrictionCheck(
@@ -181,12 +196,14 @@ class FrictionStudy:
     Args:
         seeds: first and last one.
         agreement: S1, one a motion; recovery: S2, one a joint; gains: S3, one a joint.
+        races: Table 2, one a motion of S1, and one of S2.
         second: joints of the RV-2SQ; contests: all estimators on one data set each.
         checks: claims, and whether they are met.
     """
 
     seeds: tuple[int, int]
     agreement: tuple[AgreementStudy, ...]
+    races: tuple[SearchRace, ...]
     recovery: tuple[Recovery, ...]
     gains: tuple[GainStudy, ...]
     second: tuple[Recovery, ...]
@@ -203,9 +220,9 @@ def study_friction(
 ) -> FrictionStudy:
     """Return all tables.
 
-    `seeds` are those of the noise: S2 draws all of them, S1 the first 20, the others the first 100. `timed`:
-    whether the time that each estimator takes is measured. `jobs` and `progress` as of `run_tasks`. A
-    UsageError: fewer than two seeds, or jobs is not positive.
+    `seeds` are those of the noise: S2 draws all of them, S1 and Table 2 the first 20, the others the first
+    100. `timed`: whether the time that each estimator takes is measured. `jobs` and `progress` as of
+    `run_tasks`. A UsageError: fewer than two seeds, or jobs is not positive.
     """
     if len(seeds) < 2:
         text = f"{len(seeds)} draw: a standard deviation over draws needs two or more"
@@ -226,23 +243,24 @@ def study_friction(
         *((fit_draw, scene, seeds[:_OTHER_DRAWS]) for scene in second),
         *((fit_laws, scene, seeds[:_OTHER_DRAWS]) for scene in gains),
         *((fit_all_estimators, sweep, seeds[:_AGREEMENT_DRAWS]) for sweep in SWEEPS),
+        (race_searches, wanted[0], seeds[:_AGREEMENT_DRAWS]),
     ]
     tasks = [(function, (what, seed)) for function, what, numbers in groups for seed in numbers]
     results = iter(run_tasks(_run_draw, tasks, jobs=jobs, batch=_BATCH, progress=progress))
     found = iter([[next(results) for _ in numbers] for _, _, numbers in groups])
-    recovery = tuple(summarise_recovery(scene, next(found)) for scene in wanted)
-    others = tuple(summarise_recovery(scene, next(found)) for scene in second)
-    gained = tuple(summarise_gains(index, next(found)) for index in range(len(gains)))
-    agreed = tuple(summarise_agreement(sweep, next(found)) for sweep in SWEEPS)
-    return FrictionStudy(
-        seeds=(seeds[0], seeds[-1]),
-        agreement=agreed,
-        recovery=recovery,
-        gains=gained,
-        second=others,
-        contests=contests,
-        checks=list_checks(agreed, recovery, gained, others, contests),
-    )
+    parts: dict[str, Any] = {
+        "contests": contests,
+        "recovery": tuple(summarise_recovery(scene, next(found)) for scene in wanted),
+        "second": tuple(summarise_recovery(scene, next(found)) for scene in second),
+        "gains": tuple(summarise_gains(index, next(found)) for index in range(len(gains))),
+    }
+    swept = [(sweep, next(found)) for sweep in SWEEPS]
+    parts["agreement"] = tuple(summarise_agreement(sweep, draws) for sweep, draws in swept)
+    races: list[tuple[str, list[Any], tuple[str, ...]]]
+    races = [(f"one direction, {sweep.peak:g} rad/s", draws, ESTIMATORS) for sweep, draws in swept]
+    races.append(("two directions, Table 3", next(found), RACERS))
+    parts["races"] = tuple(summarise_race(*race) for race in races)
+    return FrictionStudy(seeds=(seeds[0], seeds[-1]), checks=list_checks(**parts), **parts)
 
 
 def _run_draw(task: tuple[Callable[[Any], Any], Any]) -> Any:  # noqa: ANN401  as the function has it

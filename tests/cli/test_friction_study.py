@@ -35,6 +35,14 @@ def test_the_answer_is_one_object_with_all_tables(answer):
     assert [entry["joint"] for entry in result["recovery"]] == ["1", "2", "3"]
     assert [entry["viscous"]["paper"] for entry in result["gains"]] == [28.6, 17.7, 33.6]
     assert [entry["stribeck"]["paper"] for entry in result["gains"]] == [16.3, 11.8, 17.3]
+    # What of Table 4 was set stands beside its numbers, and both searches of Table 2 side by side.
+    for entry in result["gains"]:
+        assert (entry["viscous"]["role"], entry["stribeck"]["role"]) == ("calibrated", "prediction")
+        assert "0.117 rad/s" in entry["calibration"]
+    for race in result["races"]:
+        assert [cost["estimator"] for cost in race["costs"]] == ["genetic", "annealing"]
+        assert race["draws"] == 2
+    assert len(result["races"]) == 4
     assert result["file"] == str(page)
     assert err == ""
 

@@ -11,7 +11,7 @@ from symid.study import friction_tables as friction_study
 from symid.study.friction_protocols import EstimatorComparison, EstimatorRun, MeanGain
 from symid.study.friction_tables import list_checks, study_friction
 
-GAIN = MeanGain(mean=15.0, deviation=1.0, rms=7.0, held_out=14.0, paper=16.3, miss=-1.3)
+GAIN = MeanGain(role="prediction", mean=15.0, deviation=1.0, rms=7.0, held_out=14.0, paper=16.3, miss=-1.3)
 
 
 @pytest.fixture(scope="module")
@@ -82,8 +82,11 @@ def check_of(checks, start):
     return check
 
 
+_PARTS = ("agreement", "recovery", "gains", "second", "contests", "races")
+
+
 def find(study, **parts):
-    values = {name: getattr(study, name) for name in ("agreement", "recovery", "gains", "second", "contests")}
+    values = {name: getattr(study, name) for name in _PARTS}
     return list_checks(**{**values, **parts})
 
 
