@@ -1,4 +1,4 @@
-"""Figures as inline SVG: lines, curves, clouds of points, areas, histograms, values in rows.
+"""Figures as inline SVG: lines, curves, clouds, areas, histograms, values in rows; flow charts, arms.
 
 Values with labels and units -> `Drawing`, whose caption is also its title for screen readers, in colours for
 light and dark backgrounds. The same input gives the same text.
@@ -429,3 +429,177 @@ def build_mark_figure(caption: str, label: str, marks: Sequence[Mark]) -> Drawin
             f'<text class="{style}" x="{x + 12:.1f}" y="{y + 4:.1f}">{escape(entry.text)}</text>',
         ]
     return _wrap_figure(caption, frame.height, body)
+
+
+Point = tuple[float, float]
+"""A place in a drawing, to the right and downwards."""
+_BOX = (300.0, 46.0)
+_TEXT_ROW = 16.0
+_HEAD = 9.0
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A step of a flow chart: lines of text about its middle, and whether it asks or ends.
+
+    `kind` is "step", "question" or "end"; `style` a class of the pages' style sheet.
+    """
+
+    middle: Point
+    text: tuple[str, ...]
+    style: str
+    kind: str = "step"
+
+
+@dataclass(frozen=True, slots=True)
+class Arrow:
+    """An arrow along at least two points, with a word beside its beginning."""
+
+    points: tuple[Point, ...]
+    label: str = ""
+
+
+def build_flow_chart(
+    caption: str,
+    boxes: Sequence[Box],
+    arrows: Sequence[Arrow],
+    titles: Sequence[tuple[Point, str]],
+    height: float,
+) -> Drawing:
+    """Return boxes and arrows between them, and `titles` of parts of the chart."""
+    body = [
+        f'<text class="title" x="{x:g}" y="{y:g}" text-anchor="middle">{escape(text)}</text>'
+        for (x, y), text in titles
+    ]
+    for arrow in arrows:
+        body += _draw_arrow(arrow)
+    for box in boxes:
+        body += _draw_box(box)
+    return _wrap_figure(caption, height, body)
+
+
+def _draw_box(box: Box) -> list[str]:
+    (x, y), (width, height) = box.middle, _BOX
+    left, top = x - 0.5 * width, y - 0.5 * height
+    radius = 0.5 * height if box.kind == "end" else 5.0
+    size = f'width="{width:g}" height="{height:g}" rx="{radius:g}"'
+    shape = f'<rect class="box {box.style}" x="{left:g}" y="{top:g}" {size}/>'
+    if box.kind == "question":
+        slope = 0.4 * height
+        across = (left, left + slope, left + width - slope, left + width, left + width - slope, left + slope)
+        down = (y, top, top, y, top + height, top + height)
+        shape = (
+            f'<polygon class="box {box.style}" points="{_format_points(np.array(across), np.array(down))}"/>'
+        )
+    first = y + 4.5 - 0.5 * _TEXT_ROW * (len(box.text) - 1)
+    lines = [
+        f'<text x="{x:g}" y="{first + _TEXT_ROW * k:g}" text-anchor="middle">{escape(text)}</text>'
+        for k, text in enumerate(box.text)
+    ]
+    return [shape, *lines]
+
+
+def _draw_arrow(arrow: Arrow) -> list[str]:
+    """Return a line with a head at its end."""
+    places = np.array(arrow.points)
+    way = (places[-1] - places[-2]) / np.hypot(*(places[-1] - places[-2]))
+    side, base = np.array([-way[1], way[0]]), places[-1] - _HEAD * way
+    head = np.array([places[-1], base + 0.42 * _HEAD * side, base - 0.42 * _HEAD * side])
+    line = np.vstack([places[:-1], base])
+    (x, y), (x_next, _) = arrow.points[:2]
+    # Above a line across, at the right of one downwards.
+    right, down = (math.copysign(8.0, x_next - x), -6.0) if x_next != x else (7.0, 16.0)
+    place = f'x="{x + right:g}" y="{y + down:g}"'
+    anchor = "end" if x_next < x else "start"
+    label = [f'<text {place} text-anchor="{anchor}">{escape(arrow.label)}</text>'] if arrow.label else []
+    return [
+        f'<polyline class="arrow" points="{_format_points(line[:, 0], line[:, 1])}"/>',
+        f'<polygon class="head" points="{_format_points(head[:, 0], head[:, 1])}"/>',
+        *label,
+    ]
+
+
+_VIEW = (math.radians(-62.0), math.radians(16.0))
+"""From where an arm is seen: turned about the vertical, and from above."""
+_ROUND = np.linspace(0.0, 2.0 * np.pi, 33)[:-1]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmJoint:
+    """A joint of an arm as drawn: a drum at `place` (3,) about `axis` (3,), m, as wide as high.
+
+    `label` is its name, `style` a class of the pages' style sheet.
+    """
+
+    place: FloatArray
+    axis: FloatArray
+    label: str
+    style: str
+    radius: float
+
+
+def build_arm_figure(
+    caption: str, links: Sequence[FloatArray], joints: Sequence[ArmJoint], *, height: float = 400.0
+) -> Drawing:
+    """Return an arm on its base: links as lines (N, 3), joints as drums about their axes, m; z is upwards."""
+    turn, tilt = _VIEW
+    right = np.array([-math.sin(turn), math.cos(turn), 0.0])
+    toward = np.array([math.cos(turn) * math.cos(tilt), math.sin(turn) * math.cos(tilt), math.sin(tilt)])
+    view = np.vstack([right, -np.cross(toward, right)])
+    size = max(joint.radius for joint in joints)
+    corners = np.vstack([*links, *(joint.place for joint in joints)]) @ view.T
+    low, high = corners.min(axis=0) - 2.0 * size, corners.max(axis=0) + 2.0 * size
+    scale = float(np.min((np.array([WIDTH, height]) - 10.0) / (high - low)))
+    shift = 0.5 * np.array([WIDTH, height]) - 0.5 * scale * (low + high)
+
+    def place(points: FloatArray) -> FloatArray:
+        return np.asarray(points @ view.T * scale + shift)
+
+    body = [_draw_ground(place, links[0][0], 2.0 * size), *(_draw_limb(place(link)) for link in links)]
+    # Drums from the farthest to the nearest.
+    ordered = sorted(joints, key=lambda joint: float(joint.place @ toward))
+    body += [_draw_drum(place, joint, toward) for joint in ordered]
+    for joint in joints:
+        x, y = place(joint.place + joint.radius * (1.45 * right + (0.0, 0.0, 0.7)))
+        body.append(f'<text x="{x:.1f}" y="{y:.1f}">{escape(joint.label)}</text>')
+    return _wrap_figure(caption, height, body)
+
+
+def _draw_limb(points: FloatArray) -> str:
+    return f'<polyline class="limb" points="{_format_points(*points.T)}"/>'
+
+
+def _draw_ground(place: Callable[[FloatArray], FloatArray], foot: FloatArray, size: float) -> str:
+    corners = foot + size * np.array([[1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0], [-1.0, 1.0, 0.0]])
+    return f'<polygon class="ground" points="{_format_points(*place(corners).T)}"/>'
+
+
+def _draw_drum(place: Callable[[FloatArray], FloatArray], joint: ArmJoint, toward: FloatArray) -> str:
+    """Return the outline of a drum about the joint's axis, its near end, and a dash along the axis."""
+    radius = joint.radius
+    axis = joint.axis if joint.axis @ toward >= 0.0 else -joint.axis
+    across = np.cross(axis, (1.0, 0.0, 0.0) if abs(axis[0]) < 0.9 else (0.0, 1.0, 0.0))
+    across /= np.linalg.norm(across)
+    ring = radius * (np.outer(np.cos(_ROUND), across) + np.outer(np.sin(_ROUND), np.cross(axis, across)))
+    near, far = (place(joint.place + side * radius * axis + ring) for side in (1.0, -1.0))
+    hull = _find_hull(np.vstack([near, far]))
+    ends = place(joint.place + np.outer([-2.0, 2.0], radius * axis))
+    return (
+        f'<polyline class="axle" points="{_format_points(*ends.T)}"/>'
+        f'<polygon class="box {joint.style}" points="{_format_points(*hull.T)}"/>'
+        f'<polygon class="box {joint.style}" points="{_format_points(*near.T)}"/>'
+    )
+
+
+def _find_hull(points: FloatArray) -> FloatArray:
+    """Return the corners of the least convex area around points (N, 2) (Andrew 1979)."""
+    ordered = sorted(map(tuple, points.tolist()))
+    halves = []
+    for run in (ordered, ordered[::-1]):
+        half: list[tuple[float, ...]] = []
+        for point in run:
+            while len(half) > 1 and np.linalg.det(np.subtract([half[-1], point], half[-2])) <= 0.0:
+                half.pop()
+            half.append(point)
+        halves += half[:-1]
+    return np.array(halves)

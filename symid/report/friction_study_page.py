@@ -1,12 +1,15 @@
 """The page of the friction study.
 
 `FrictionStudy` -> `Page` with the tables of Zhang, Hu and Zou (2021), theirs and ours side by side, all
-estimators on one data set, and counterparts of their figures 1, 2 and 6 to 11, for the first seed's draw.
+estimators on one data set, and counterparts of their figures 1 to 4 and 6 to 11, for the first seed's draw.
 
     band = +-2 sqrt(sigma^2 + f' C f)        f: the torque's derivatives by the parameters, C their covariance
 
-Not supported: figures 3 (a flow chart), 4 (a photograph) and 5, the test of poses, which is part of
-`symid identify --rows friction` and needs recordings.
+Of figures 3 and 4 only the captions are public: in their place stand our own hybrid algorithm as a flow
+chart, and an arm of the same kind as their platform, with the kinematics of a robot file.
+
+Not supported: figure 5, the test of poses, which is part of `symid identify --rows friction` and needs
+recordings.
 """
 
 from collections.abc import Sequence
@@ -14,19 +17,35 @@ from collections.abc import Sequence
 import numpy as np
 
 from symid.arrays import FloatArray
+from symid.environment import locate_resource_folder
 from symid.identification.friction import (
     FrictionEstimate,
+    FrictionOptions,
     FrictionSamples,
     compute_law_sensitivities,
     fit_friction,
 )
 from symid.joint_models import FrictionLaw, compute_friction_torque, get_law
 from symid.report.blocks import Block, Drawing, tabulate
-from symid.report.figures import STYLES, Line, build_curve_figure, build_line_figure, list_lines
+from symid.report.figures import (
+    STYLES,
+    WIDTH,
+    ArmJoint,
+    Arrow,
+    Box,
+    Line,
+    build_arm_figure,
+    build_curve_figure,
+    build_flow_chart,
+    build_line_figure,
+    list_lines,
+)
 from symid.report.pages import Page
 from symid.report.study_text import list_tables, write_check_outcome
 from symid.report.verdict import FitVerdict
+from symid.robot import read_robot
 from symid.study import (
+    CALIBRATION,
     LAWS,
     SWEEPS,
     TABLE_1,
@@ -52,6 +71,8 @@ def draw_study(study: FrictionStudy) -> tuple[Block, ...]:
     figures = (
         ("1", _draw_improved()),
         ("2", _draw_stribeck()),
+        ("3", _draw_hybrid()),
+        ("4", _draw_platform()),
         ("6", _draw_scatter(one, "one trajectory, one direction")),
         ("7", _draw_one_fit(one, study)),
         ("8", _draw_convergence(study.contests[0])),
@@ -115,6 +136,116 @@ def _draw_stribeck() -> Drawing:
         "The curves of the paper's Table 1, which differ by at most 0.07 N m, and the parts of the last."
     )
     return _draw(caption, lines)
+
+
+_LEFT, _RIGHT, _GUTTER = 190.0, 650.0, 420.0
+"""Middles of the columns of the flow chart, and a way between them."""
+_ROWS = tuple(70.0 + 76.0 * row for row in range(6))
+_HALF, _EDGE, _OUTSIDE = 23.0, 150.0, 16.0
+"""Half a box, up and across; a way about the columns."""
+
+
+def _draw_hybrid() -> Drawing:
+    """Return our hybrid algorithm as a flow chart, with its default options."""
+    options = FrictionOptions().annealing
+    plain = (
+        ("end", f"{options.population} candidates an unknown,", "at random between the bounds"),
+        ("step", "J of every candidate;", "temperature T = worst J \N{MINUS SIGN} best J"),
+        ("step", "parents: the better one of two,", "drawn as often as there are candidates"),
+        ("step", "a child of every parent,", "by a crossover of all candidates"),
+        ("step", "of parents and children", "the best half survives"),
+    )
+    annealing = (
+        ("step", "a neighbour of every survivor,", "J changes by dJ"),
+        (
+            "question",
+            "dJ < 0, or a random number of 0 to 1",
+            "< exp(\N{MINUS SIGN}dJ / T)? (the best: dJ < 0)",
+        ),
+        ("step", "the neighbour takes", "the survivor's place"),
+        ("step", f"T becomes {options.cooling:g} T"),
+        (
+            "question",
+            "(worst J \N{MINUS SIGN} best J) / best J",
+            f"\N{LESS-THAN OR EQUAL TO} {options.tolerance:g}?",
+        ),
+        ("end", "the best candidate"),
+    )
+    boxes = [
+        Box((_LEFT, y), tuple(text), "first", kind) for y, (kind, *text) in zip(_ROWS, plain, strict=False)
+    ]
+    boxes += [
+        Box((_RIGHT, y), tuple(text), "second" if y < _ROWS[4] else "first", kind)
+        for y, (kind, *text) in zip(_ROWS, annealing, strict=True)
+    ]
+    titles = (
+        ((_LEFT, 26.0), "genetic algorithm"),
+        ((_RIGHT, 26.0), "simulated annealing, which the hybrid adds"),
+    )
+    caption = (
+        "Our hybrid of a genetic algorithm with simulated annealing, `annealing`, with its default "
+        f"options; it also ends after {options.generations} generations. Of the paper's flow chart only the "
+        "caption is public, so its algorithm may differ. The genetic algorithm alone leaves out the four "
+        "steps of annealing."
+    )
+    return build_flow_chart(caption, boxes, _list_arrows(), titles, _ROWS[5] + 40.0)
+
+
+def _list_arrows() -> list[Arrow]:
+    """Return the ways between the steps of the hybrid: down both columns, across, and back."""
+    answers, low, end = {1: "yes", 4: "yes"}, _ROWS[5] - 5.0, WIDTH - _OUTSIDE
+
+    def lead_down(x: float, row: int, label: str = "") -> Arrow:
+        return Arrow(((x, _ROWS[row] + _HALF), (x, _ROWS[row + 1] - _HALF)), label)
+
+    first, last = (_LEFT + _EDGE, _ROWS[4]), (_RIGHT - _EDGE, _ROWS[0])
+    across = (first, (_GUTTER, _ROWS[4]), (_GUTTER, _ROWS[0]), last)
+    kept = ((_RIGHT + _EDGE, _ROWS[1]), (end, _ROWS[1]), (end, _ROWS[3]), (_RIGHT + _EDGE, _ROWS[3]))
+    begin = _GUTTER + 40.0
+    back = (
+        *((_RIGHT - _EDGE, _ROWS[4]), (begin, _ROWS[4]), (begin, low)),
+        *((_OUTSIDE, low), (_OUTSIDE, _ROWS[2]), (_LEFT - _EDGE, _ROWS[2])),
+    )
+    return [
+        *(lead_down(_LEFT, row) for row in range(4)),
+        *(lead_down(_RIGHT, row, answers.get(row, "")) for row in range(5)),
+        Arrow(across),
+        Arrow(kept, "no"),
+        Arrow(back, "no"),
+    ]
+
+
+_PLATFORM, _POSE = "kr30.toml", (0.35, 1.75, -0.3, 0.4, 0.75, 0.0)
+"""The arm that is drawn, and its joint angles, rad."""
+_RADII = (0.12, 0.11, 0.1, 0.07, 0.065, 0.055)
+"""Of its joints as drawn, m."""
+
+
+def _draw_platform() -> Drawing:
+    """Return an arm of the kind that the paper identified, joint by joint along its frames."""
+    robot = read_robot(locate_resource_folder("robots") / _PLATFORM)
+    frame, links, joints = np.eye(4), list[FloatArray](), list[ArmJoint]()
+    for joint, angle, radius in zip(robot.joints, _POSE, _RADII, strict=True):
+        placed = np.eye(4)
+        placed[:3, :3] = [[entry.to_float() for entry in row] for row in joint.placement.rotation]
+        placed[:3, 3] = [entry.to_float() for entry in joint.placement.translation]
+        start, frame = frame[:3, 3], frame @ placed
+        axis, end = frame[:3, 2], frame[:3, 3]
+        # Across to the axis, then along it; a joint stands amid what lies along its axis.
+        along = ((end - start) @ axis) * axis
+        links.append(np.array([start, end - along, end]))
+        style = "second" if len(joints) < len(TABLE_3) else "first"
+        joints.append(ArmJoint(end - 0.5 * along, axis, str(len(joints) + 1), style, radius))
+        turn = np.eye(4)
+        turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+        frame = frame @ turn
+    caption = (
+        "A serial robot with several joints is all that is public of the paper's platform: neither its maker "
+        f"nor its dimensions. Drawn is an arm of this kind, with the kinematics of robots/{_PLATFORM} "
+        f"({robot.description.partition(' on ')[0]}); joints 1 to 3, whose friction the tables have, are "
+        "orange. No number of this page depends on it."
+    )
+    return build_arm_figure(caption, links, joints)
 
 
 def _draw_scatter(samples: FrictionSamples, what: str) -> Drawing:
@@ -200,7 +331,8 @@ def _draw_torque(index: int, seed: int) -> Drawing:
     caption = (
         f"Joint {scene.joint} in the motion of Table 4: in this draw the improved law leaves "
         f"{100.0 * (1.0 - sums[-1] / sums[0]):.1f} % less squared error than Coulomb + viscous and "
-        f"{100.0 * (1.0 - sums[-1] / sums[1]):.1f} % less than the original Stribeck law."
+        f"{100.0 * (1.0 - sums[-1] / sums[1]):.1f} % less than the original Stribeck law. The first gain is "
+        "calibrated by the noise, the second a prediction."
     )
     return _draw(caption, lines, "time (periods)")
 
@@ -234,6 +366,7 @@ def build_friction_study_page(study: FrictionStudy) -> Page:
                 "The paper's values are next to ours, which come from synthetic data: the paper's recordings "
                 "are not public."
             ),
+            "Table 4: " + CALIBRATION,
             "== Claims ==",
             checks,
             "== Tables ==",

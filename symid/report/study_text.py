@@ -132,10 +132,10 @@ def _list_races(races: Sequence[SearchRace]) -> Table:
         "candidates",
         "generations",
         "evaluations",
-        "near: generations",
-        "near: evaluations",
+        "near: gen.",
+        "near: eval.",
     )
-    findings = "\n".join(f"{race.title}: {race.finding};" for race in races)
+    findings = "\n".join(f"{race.title}: {race.finding}." for race in races)
     note = (
         "The paper: a generation of the hybrid takes longer, but far fewer are needed, so that it is more "
         f"efficient. Ours, hybrid against genetic:\n{findings}\n"

@@ -63,13 +63,18 @@ def test_the_default_has_the_least_objective_of_all(answer):
 def test_the_page_has_a_counterpart_of_every_figure(answer):
     text = answer[3].read_text(encoding="utf-8")
     assert "nan" not in re.sub(r"[a-z]nan|nan[a-z]", "", text.lower())
-    for number in (1, 2, 6, 7, 8, 9, 10, 11):
+    for number in (1, 2, 3, 4, 6, 7, 8, 9, 10, 11):
         assert f"Figure {number}" in text
     figures = re.findall(r"<svg.*?</svg>", text, flags=re.DOTALL)
-    assert len(figures) == 11
+    assert len(figures) == 13
     for figure in figures:
         root = ET.fromstring(figure)  # noqa: S314  our own text
         assert root.find("{http://www.w3.org/2000/svg}title").text
+    # What the figures without a public original are, what was set and what follows.
+    assert "only the caption is public" in text
+    assert "neither its maker nor its dimensions" in text
+    assert text.count("Calibrated: the noise of each joint") == 3
+    assert '<td class="text">calibrated</td>' in text
     # 0.47, -3.34, -4.74 N m at 3.84, 13.57, 9.53 N m, by hand.
     assert "1.5, 5.7, 19.8 %" in text
     assert "script" not in text

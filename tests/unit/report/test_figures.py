@@ -5,11 +5,16 @@ import numpy as np
 import pytest
 
 from symid.report.figures import (
+    ArmJoint,
+    Arrow,
     Axis,
+    Box,
     Line,
     Mark,
+    build_arm_figure,
     build_axis,
     build_curve_figure,
+    build_flow_chart,
     build_line_figure,
     build_mark_figure,
     format_tick,
@@ -194,3 +199,58 @@ def test_values_at_the_ends_of_what_numbers_hold_are_drawn_or_left_out(values):
         parse(figure)
         assert "nan" not in figure.svg
         assert "inf" not in figure.svg
+
+
+def test_a_flow_chart_has_its_steps_and_arrows_that_end_at_their_heads():
+    boxes = [
+        Box((200.0, 60.0), ("begin", "<here>"), "first", "end"),
+        Box((200.0, 160.0), ("near?",), "second", "question"),
+    ]
+    arrows = [
+        Arrow(((200.0, 83.0), (200.0, 137.0)), "down"),
+        Arrow(((50.0, 160.0), (20.0, 160.0), (20.0, 60.0), (50.0, 60.0)), "no"),
+    ]
+    root = parse(build_flow_chart("steps", boxes, arrows, [((200.0, 20.0), "part")], 220.0))
+    assert [text.text for text in root.iter(f"{SVG}text")] == [
+        "part",
+        "down",
+        "no",
+        "begin",
+        "<here>",
+        "near?",
+    ]
+    assert root.find(f"{SVG}title").text == "steps"
+    heads = [read_points(entry) for entry in root.iter(f"{SVG}polygon") if entry.get("class") == "head"]
+    assert [tuple(head[0]) for head in heads] == [(200.0, 137.0), (50.0, 60.0)]
+    # A line stops at the middle of its head's base.
+    lines = [read_points(entry) for entry in root.iter(f"{SVG}polyline")]
+    for line, head in zip(lines, heads, strict=True):
+        np.testing.assert_allclose(line[-1], head[1:].mean(axis=0), atol=0.1)
+    rectangle = root.find(f"{SVG}rect")
+    assert (rectangle.get("class"), float(rectangle.get("rx"))) == ("box first", 23.0)
+
+
+def test_an_arm_is_drawn_from_a_side_and_from_above():
+    """Lengths across the view are kept, upright ones shortened by the cosine of the tilt."""
+    up, across = np.array([0.0, 0.0, 1.0]), np.array([np.sin(np.radians(62)), np.cos(np.radians(62)), 0.0])
+    links = [np.array([0.0 * up, up]), np.array([up, up + across])]
+    joints = [ArmJoint(up, up, "1", "first", 0.1), ArmJoint(up + across, up, "2", "second", 0.1)]
+    root = parse(build_arm_figure("an arm", links, joints))
+    first, second = (
+        read_points(entry) for entry in root.iter(f"{SVG}polyline") if entry.get("class") == "limb"
+    )
+    upright, level = np.diff(first, axis=0)[0], np.diff(second, axis=0)[0]
+    assert upright[0] == pytest.approx(0.0, abs=0.1)
+    assert upright[1] < 0.0
+    assert level[1] == pytest.approx(0.0, abs=0.1)
+    assert -upright[1] / level[0] == pytest.approx(np.cos(np.radians(16)), rel=2e-3)
+    drums = [read_points(entry) for entry in root.iter(f"{SVG}polygon") if entry.get("class") == "box first"]
+    # An upright drum is two radii wide, its near end lies within its outline.
+    assert np.ptp(drums[0][:, 0]) == pytest.approx(0.2 * level[0], rel=0.02)
+    assert drums[1][:, 1].max() < drums[0][:, 1].max()
+    assert [text.text for text in root.iter(f"{SVG}text")] == ["1", "2"]
+    assert {entry.get("class") for entry in root.iter(f"{SVG}polygon")} == {
+        "ground",
+        "box first",
+        "box second",
+    }
