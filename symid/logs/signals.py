@@ -85,7 +85,7 @@ def decimate(values: FloatArray, decimation: Decimation) -> FloatArray:
         first = factor - (factor * kept - len(values)) - 1
         return np.ascontiguousarray(smooth[first::factor])
     _check_length(len(values), decimation.order)
-    flat = values.reshape(len(values), -1)
+    flat = values.reshape(len(values), math.prod(values.shape[1:]))
     rows = np.empty((kept, flat.shape[1]))
     # Eight neighbours share a line of the cache; fewer of long signals bound the memory.
     width = max(1, min(8, _NUMBERS // len(flat)))

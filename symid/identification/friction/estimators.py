@@ -329,12 +329,7 @@ def search_friction(
 def _build_estimate(problem: FrictionProblem, search: FrictionSearch, estimator: str) -> FrictionEstimate:
     samples, law = problem.samples, problem.law
     design = compute_sensitivities(samples, law, search.linear, search.shape)
-    other = np.zeros(0)
-    if samples.extra.shape[1]:
-        # Factors of the columns beside friction, of least norm in scaled columns.
-        friction = compute_columns(law, samples.inputs, search.shape) @ search.linear
-        passed = samples.pass_columns(np.column_stack([samples.torque - friction, samples.extra]))
-        other = solve_scaled(passed[:, 1:], passed[:, 0], rcond=1e-10)
+    other = problem.solve_beside(search.linear, search.shape)
     rows, fixed = len(problem.target), (~problem.is_free).tolist()
     fitted = design.shape[1] - sum(fixed)
     uncertainty = compute_uncertainty(design, law, search.objective / max(rows - fitted, 1), fixed)

@@ -5,7 +5,8 @@ Arrays of one joint in SI units -> FrictionSamples -> FrictionRows, VelocityMap.
     tau = Phi(v; shape) linear + X extra + noise,    R tau = R [Phi, X] c + R noise
 
 R is a linear operator that the torque and all columns pass alike: a filter, a decimation, both. Rows are
-selected behind R, so that all have passed the same filter. Recordings are filtered one by one.
+selected behind R, so that all have passed the same filter. Recordings are filtered one by one. What has
+passed R is kept as long as the samples are, columns of laws as far as memory is bounded.
 
 Supported: velocity, load and position as inputs of a law; columns of known form beside friction.
 Not supported: several joints at once; R that depends on the values it acts on; maps over load or position.
@@ -13,22 +14,27 @@ Not supported: several joints at once; R that depends on the values it acts on; 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, FrozenArrays, freeze_fields
+from symid.arrays import FloatArray, FrozenArrays, freeze, freeze_fields
 from symid.errors import LogError, Notice
+from symid.joint_models import FrictionLaw, compute_columns
 from symid.logs import decimate
 from symid.robot import Decimation
 
 Reduction = Callable[[FloatArray], FloatArray]
 """A linear operator on columns: (N, c) -> (M, c)."""
 _VECTORS = ("time", "velocity", "torque", "load", "position", "run")
+_MOST_NUMBERS = 4_000_000
+"""Of columns of laws that are kept for the samples of a joint."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, weakref_slot=True)
 class FrictionSamples:
     """Samples of one joint.
 
@@ -105,10 +111,51 @@ class FrictionSamples:
         """Return the samples with only the rows `kept` (M,)."""
         if (whole := self.reduce) is None:
             return self.take(kept)
-        return replace(self, reduce=lambda columns: np.asarray(whole(columns)[kept]))
+        selected = replace(self, reduce=lambda columns: np.asarray(whole(columns)[kept]))
+        _ORIGINS[selected] = self, kept
+        return selected
+
+    def pass_law(self, law: FrictionLaw, shape: Sequence[float] | FloatArray) -> FloatArray:
+        """Return the columns of a law behind R (M, p), read-only, for shape values (s,)."""
+        if self in _ORIGINS:
+            whole, kept = _ORIGINS[self]
+            return whole.pass_law(law, shape)[kept]
+        memory, values = _PASSED.setdefault(self, {}), tuple(float(value) for value in shape)
+        if (law, values) in memory:
+            # Those used last are kept longest.
+            memory[law, values] = memory.pop((law, values))
+            return memory[law, values]
+        columns = compute_columns(law, self.inputs, values)
+        moving = list_shaped_columns(law)
+        fixed = [k for k in range(len(law.linear)) if k not in moving]
+        if moving and fixed:
+            own = self.pass_columns(columns[:, moving])
+            result = np.empty((len(own), len(law.linear)))
+            result[:, moving] = own
+            found = memory.pop((law, ()), None)
+            memory[law, ()] = self.pass_columns(columns[:, fixed]) if found is None else found
+            result[:, fixed] = memory[law, ()]
+        else:
+            result = self.pass_columns(columns)
+        memory[law, values] = freeze(result)
+        while len(memory) > 2 and sum(entry.size for entry in memory.values()) > _MOST_NUMBERS:
+            del memory[next(iter(memory))]
+        return memory[law, values]
 
     def build_rows(self) -> "FrictionRows":
-        """Return the samples behind R."""
+        """Return the samples behind R, read-only."""
+        if self not in _ROWS:
+            if self in _ORIGINS:
+                whole, kept = _ORIGINS[self]
+                rows = FrictionRows(*(values[kept] for values in whole.build_rows()))
+            else:
+                rows = self._pass_rows()
+            for values in rows:
+                values.setflags(write=False)
+            _ROWS[self] = rows
+        return _ROWS[self]
+
+    def _pass_rows(self) -> "FrictionRows":
         ones, run = np.ones(self.count), np.asarray(self.run, dtype=np.float64)
         columns = [ones, self.time, self.velocity, run, self.torque, self.extra]
         passed = self.pass_columns(np.column_stack(columns))
@@ -131,6 +178,27 @@ class FrictionRows(NamedTuple):
     torque: FloatArray
     extra: FloatArray
     run: NDArray[np.intp]
+
+
+_ORIGINS: WeakKeyDictionary[FrictionSamples, tuple[FrictionSamples, NDArray[np.bool_]]] = WeakKeyDictionary()
+"""Of samples with a part of the rows: the whole, and which rows."""
+_ROWS: WeakKeyDictionary[FrictionSamples, FrictionRows] = WeakKeyDictionary()
+_PASSED: WeakKeyDictionary[
+    FrictionSamples, dict[tuple[FrictionLaw, tuple[float, ...]], FloatArray]
+] = WeakKeyDictionary()
+"""Columns of laws behind R, by law and shape; those without a shape under an empty one."""
+
+
+@lru_cache(maxsize=256)
+def list_shaped_columns(law: FrictionLaw) -> list[int]:
+    """Return which columns of a law depend on its shape values."""
+    if not law.shape:
+        return []
+    # What is not a number spreads to all that is computed from it.
+    inputs = {name: np.array([-0.7, -0.3, 0.4, 0.6]) for name in law.inputs}
+    with np.errstate(invalid="ignore"):
+        columns = compute_columns(law, inputs, [np.nan] * len(law.shape))
+    return np.flatnonzero(np.isnan(columns).any(axis=0)).tolist()
 
 
 def build_reduction(lengths: Sequence[int], decimation: Decimation) -> Reduction | None:

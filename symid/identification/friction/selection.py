@@ -135,9 +135,8 @@ def assign_blocks(rows: FrictionRows, blocks: int = BLOCKS) -> NDArray[np.intp]:
 
 def predict_rows(samples: FrictionSamples, law: FrictionLaw, estimate: FrictionEstimate) -> FloatArray:
     """Return the torques (M,) in N m or N that an estimate predicts of the rows of `samples`."""
-    columns = np.hstack([compute_columns(law, samples.inputs, estimate.shape), samples.extra])
-    values = np.array([*estimate.linear, *estimate.other])
-    return np.asarray(samples.pass_columns(columns) @ values)
+    friction = samples.pass_law(law, estimate.shape) @ np.asarray(estimate.linear)
+    return np.asarray(friction + samples.build_rows().extra @ np.asarray(estimate.other))
 
 
 def compute_relative_residual(
