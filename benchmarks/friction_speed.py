@@ -57,6 +57,10 @@ print(json.dumps({"seconds": seconds, "peak": peak, "laws": laws, "found": found
 Friction = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
+def _fall(velocity: np.ndarray) -> np.ndarray:
+    return np.sign(velocity) * np.exp(-np.abs(velocity) / 0.1)
+
+
 def list_frictions() -> list[Friction]:
     """Return the friction of each joint, N m, of velocity in rad/s and load in N m."""
     return [
@@ -66,7 +70,7 @@ def list_frictions() -> list[Friction]:
         lambda v, _: 0.6 * v + np.sign(v) * (0.9 + 0.6 / (1.0 + (v / 0.05) ** 2)),
         lambda v, load: 0.4 * v + np.sign(v) * (0.5 + 0.08 * np.abs(load)),
         lambda v, _: np.sign(v) * (0.3 + 0.5 * np.abs(v) ** 0.6),
-        lambda v, _: np.where(v > 0.0, 0.5 * v + 0.4, 0.3 * v - 0.3) + 0.15 * np.sign(v) * np.exp(-np.abs(v / 0.1)),
+        lambda v, _: np.where(v > 0.0, 0.5 * v + 0.4, 0.3 * v - 0.3) + 0.15 * _fall(v),
     ]
 
 
@@ -102,7 +106,7 @@ def run_fit(kind: str, tree: Path, robot: Path, log: Path) -> dict:
     # The second process finds compiled functions.
     warm = [sys.executable, "-c", "import sys, symid; symid.load(sys.argv[1]).library", str(robot)]
     for command in (warm, call):
-        ended = subprocess.run(command, env=environment, capture_output=True, text=True, cwd=robot.parent)
+        ended = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
         if ended.returncode:
             raise SystemExit(ended.stderr)
     return json.loads(ended.stdout.splitlines()[-1])
@@ -117,8 +121,8 @@ def compare(mine: dict, other: dict) -> str:
     pairs = [(mine["found"][name], other["found"][name]) for name in mine["found"]]
     value = max(abs(a[0] - b[0]) / max(abs(a[0]), a[1]) for a, b in pairs)
     std = max(abs(a[1] - b[1]) / max(a[1], 1e-300) for a, b in pairs)
-    held = [(a, b) for x, y in zip(mine["held"], other["held"]) for a, b in zip(sorted(x), sorted(y))]
-    apart = [abs(a[1] - b[1]) / b[1] for a, b in held if a[1] and b[1]]
+    both = [(dict(a), dict(b)) for a, b in zip(mine["held"], other["held"], strict=True)]
+    apart = [abs(a[law] / b[law] - 1.0) for a, b in both for law in a if a[law] and b[law]]
     text = f"parameters apart by {value:.1e}, deviations by {std:.1e}"
     return text + (f", held-out residuals by {max(apart):.1e}" if apart else "")
 
