@@ -160,8 +160,8 @@ def _build_decimation_blocks(decimation: Decimation) -> _DecimationBlocks | None
     from scipy.linalg import toeplitz
     from scipy.signal import sosfilt
 
-    poles, factor, pad = _design_decimation(decimation, "zpk")[1], decimation.factor, compute_pad_length(decimation.order)
-    memory = math.ceil(math.log(_VANISHED) / math.log(float(np.abs(poles).max())))
+    factor, pad = decimation.factor, compute_pad_length(decimation.order)
+    memory = _count_remembered(decimation, _VANISHED)
     if memory > _LONGEST:
         return None
     length = factor * -(-_LEAST_BLOCK // factor)
@@ -199,6 +199,12 @@ def _build_decimation_blocks(decimation: Decimation) -> _DecimationBlocks | None
         steady=steady.astype(np.float64),
         last=(late[:, :pad] @ ending + settled[:, None] * ending[-1]).T.copy(),
     )
+
+
+def _count_remembered(decimation: Decimation, rest: float) -> int:
+    """Return the samples after which a transient of the filter has fallen to a relative `rest`."""
+    slowest = float(np.abs(_design_decimation(decimation, "zpk")[1]).max())
+    return math.ceil(math.log(rest) / math.log(slowest))
 
 
 def _orthonormalise(columns: FloatArray) -> FloatArray:
@@ -343,8 +349,7 @@ def decimate_blocks(
             yield part, evaluate(part)
         return
     # Rows after which the transient of the filter has settled.
-    slowest = float(np.abs(_design_decimation(decimation, "zpk")[1]).max())
-    reach = math.ceil(math.log(_MEMORY_FLOOR) / math.log(slowest) / factor) + decimation.order
+    reach = -(-_count_remembered(decimation, _MEMORY_FLOOR) // factor) + decimation.order
     # The last row is the last sample, as in `decimate`.
     kept = -(-samples // factor)
     first = samples - 1 - factor * (kept - 1)

@@ -22,11 +22,18 @@ from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import IdentifiabilityError, LogError, Notice
 from symid.identification.friction.samples import FrictionSamples, build_reduction
-from symid.identification.regression import check_joints, hold_resting_joints, list_resting_joints
+from symid.identification.regression import (
+    BLOCK,
+    check_joints,
+    extend_triangle,
+    hold_resting_joints,
+    list_resting_joints,
+)
 from symid.logs import Recording, Signals, choose_processing, prepare_signals
 from symid.robot import Processing
 
 _LEAST_SAMPLES = 20
+_PIECE = 1024
 _DRIFT = 0.02
 """Scatter of the positions between periods, relative to their range, that is worth a warning."""
 
@@ -116,8 +123,15 @@ class Column(NamedTuple):
     unit: str
 
 
+def _condense(columns: Sequence[FloatArray]) -> FloatArray:
+    """Return the triangle (p, p) of columns (N,), which has their lengths and angles."""
+    starts = range(0, len(columns[0]), BLOCK)
+    blocks = (np.column_stack([one[start : start + BLOCK] for one in columns]) for start in starts)
+    return extend_triangle(np.zeros((0, len(columns))), blocks)
+
+
 def _keep_independent(columns: list[Column]) -> list[Column]:
-    kept = list_independent(np.column_stack([one.values for one in columns])) if columns else []
+    kept = list_independent(_condense([one.values for one in columns])) if columns else []
     return [columns[k] for k in kept]
 
 
@@ -126,21 +140,24 @@ def _reduce_columns(rigid: list[Column], moving: list[Column]) -> tuple[list[Col
 
     `moving` are the columns of a joint that moves alone.
     """
-    independent = _keep_independent(rigid)
+    every = [*rigid, *moving]
+    triangle, count = _condense([one.values for one in every]), len(rigid)
+    independent = list_independent(triangle[:, :count])
     size = len(independent)
-    physical = _keep_independent(
-        [column for column in moving if len(_keep_independent([*independent, column])) == size]
-    )
+    ranks = {k: len(list_independent(triangle[:, [*independent, k]])) for k in range(count, len(every))}
+    among = [k for k, rank in ranks.items() if rank == size]
+    physical = [among[k] for k in list_independent(triangle[:, among])]
     if len(physical) == size:
-        independent = physical
-        sentence = " + ".join(_PHYSICAL[column.name] for column in physical)
+        sentence = " + ".join(_PHYSICAL[every[k].name] for k in physical)
         sentence = f"the rigid part {sentence} was fitted along"
     else:
+        physical = independent
         sentence = (
             f"a rigid part of {size} columns was fitted along; each stands for a group that these motions "
             "do not separate"
         )
-    return independent, sentence if size else "no rigid part acts on this joint in these motions"
+    sentence = sentence if size else "no rigid part acts on this joint in these motions"
+    return [every[k] for k in physical], sentence
 
 
 _PHYSICAL = {"J": "J ddq", "a": "a sin q", "b": "b cos q"}
@@ -169,14 +186,15 @@ def _estimate_load(rigid: FloatArray, velocity: FloatArray, torque: FloatArray) 
     """Return the torque (N,) of the links, by a fit with plain friction; None where it is too small."""
     if not rigid.shape[1]:
         return None
-    friction = np.column_stack([velocity, np.sign(velocity), np.ones(len(velocity))])
-    columns = np.hstack([rigid, friction])
-    solution = np.linalg.lstsq(columns, torque, rcond=None)[0]
-    alone = np.linalg.lstsq(friction, torque, rcond=None)[0]
-    left, without = torque - columns @ solution, torque - friction @ alone
+    size, rounding = rigid.shape[1], float(np.finfo(float).eps) * len(torque)
+    triangle = _condense([*rigid.T, velocity, np.sign(velocity), np.ones(len(velocity)), torque])
+    columns, target = triangle[:, :-1], triangle[:, -1]
+    solution = np.linalg.lstsq(columns, target, rcond=rounding)[0]
+    alone = np.linalg.lstsq(columns[:, size:], target, rcond=rounding)[0]
+    left, without = target - columns @ solution, target - columns[:, size:] @ alone
     if float(np.sum(left**2)) > 0.5 * float(np.sum(without**2)):
         return None
-    return np.asarray(rigid @ solution[: rigid.shape[1]])
+    return np.asarray(rigid @ solution[:size])
 
 
 _CARRIED = 0.05
@@ -211,19 +229,28 @@ class JointLogs:
 
     def list_rigid_columns(self, joint: int, runs: Sequence[int]) -> list[Column]:
         """Return the joint's row of the torque regressor."""
-        states = ((part.q, part.dq, part.ddq) for part in (self.signals[k] for k in runs))
-        rows = [self.library.evaluate("torque_regressor", *state)[0][:, joint] for state in states]
-        columns = zip(self.library.card.beta, np.vstack(rows).T, strict=True)
+        rows = self._evaluate_rows("torque_regressor", ("q", "dq", "ddq"), joint, runs)
+        columns = zip(self.library.card.beta, rows.T, strict=True)
         return [Column(entry.name, values, entry.unit) for entry, values in columns]
 
     def list_friction_columns(self, joint: int, runs: Sequence[int]) -> list[Column]:
         """Return the columns of the friction of all joints that acts on this one."""
         if not (cards := self.library.card.friction):
             return []
-        states = (self.signals[k].dq for k in runs)
-        rows = [self.library.evaluate("friction_regressor", dq)[0][:, joint] for dq in states]
-        columns = zip(cards, np.vstack(rows).T, strict=True)
-        return [Column(entry.name, values, entry.unit) for entry, values in columns]
+        rows = self._evaluate_rows("friction_regressor", ("dq",), joint, runs)
+        return [Column(entry.name, values, entry.unit) for entry, values in zip(cards, rows.T, strict=True)]
+
+    def _evaluate_rows(
+        self, function: str, states: Sequence[str], joint: int, runs: Sequence[int]
+    ) -> FloatArray:
+        """Return the joint's rows (N, p) of a regressor, by pieces that stay in the cache."""
+        rows = []
+        for part in (self.signals[k] for k in runs):
+            for start in range(0, len(part.time), _PIECE):
+                piece = (getattr(part, name)[start : start + _PIECE] for name in states)
+                # A copy: one row in n is kept.
+                rows.append(self.library.evaluate(function, *piece)[0][:, joint].copy())
+        return np.vstack(rows)
 
     def list_physical_columns(self, joint: int, runs: Sequence[int]) -> list[Column]:
         """Return inertia and weight of a joint that moves alone."""

@@ -31,7 +31,7 @@ from symid.identification.friction.poses import compare_poses, warn_of_friction_
 from symid.identification.friction.problem import FrictionOptions
 from symid.identification.friction.results import FrictionIdentification, JointFriction
 from symid.identification.friction.samples import FrictionSamples, compute_velocity_map
-from symid.identification.friction.selection import CANDIDATE_LAWS, predict_rows, select_law
+from symid.identification.friction.selection import CANDIDATE_LAWS, choose_law, predict_rows
 from symid.joint_models import FrictionLaw, compute_columns, get_law
 from symid.logs import Recording, cut_ends
 from symid.robot import Processing
@@ -168,15 +168,16 @@ def _identify_joint(
     """Return the friction of a joint, and what concerns the whole identification."""
     extracted = extract_joint(logs, joint, beta=task.beta)
     samples, card = extracted.samples, logs.library.card.joints[joint]
-    selection, name = None, task.model
+    selection, name, estimate = None, task.model, None
     if name == AUTO:
         # Bounds by name hold for one law.
         options = replace(task.options, bounds=())
-        selection = select_law(samples, task.candidates, smoothing=task.smoothing, options=options)
+        selection, estimate = choose_law(samples, task.candidates, smoothing=task.smoothing, options=options)
         name = selection.chosen
     law = get_law(name, smoothing=task.smoothing)
     check_inputs(samples, law)
-    estimate = fit_friction(samples, law, estimator=task.estimator, options=task.options)
+    if estimate is None or task.estimator != estimate.estimator or task.options.bounds:
+        estimate = fit_friction(samples, law, estimator=task.estimator, options=task.options)
     torque = samples.build_rows().torque
     left = torque - predict_rows(samples, law, estimate)
     residual = Residual.measure(samples.joint, left, torque, card.torque_unit, estimate.sigma)

@@ -290,14 +290,15 @@ def select_problem(
 
 def _check_rows(samples: FrictionSamples, law: FrictionLaw) -> None:
     """Raise IdentifiabilityError where there are fewer rows than unknowns."""
-    rows, unknowns = len(samples.build_rows().torque), len(law.linear) + len(law.shape) + samples.extra.shape[1]
+    rows = len(samples.build_rows().torque)
+    unknowns = len(law.linear) + len(law.shape) + samples.extra.shape[1]
     if rows <= unknowns:
         text = f"joint {samples.joint!r}: {rows} rows are too few for {unknowns} unknowns"
         raise IdentifiabilityError(Notice(code="friction.few-rows", text=text))
 
 
 class Beside(NamedTuple):
-    """Of the columns beside friction behind R, X (M, k): a basis (M, r), and X^+ = `factors` (k, r) basis'."""
+    """Of the columns beside friction behind R, X (M, k): a basis (M, r), X^+ = `factors` (k, r) basis'."""
 
     basis: FloatArray
     factors: FloatArray
@@ -319,6 +320,16 @@ def decompose_beside(samples: FrictionSamples) -> Beside:
     return _BESIDE[samples]
 
 
+def find_slowest(samples: FrictionSamples) -> float:
+    """Return the lowest speed, rad/s or m/s, that shape values can have: that of the fifth slowest sample.
+
+    Between 0.0001 and 0.01 of the top speed.
+    """
+    speeds = np.abs(samples.velocity)
+    place, fastest = min(4, len(speeds) - 1), float(speeds.max())
+    return min(max(float(np.partition(speeds, place)[place]), 1e-4 * fastest), 1e-2 * fastest)
+
+
 def _list_bounds(
     law: FrictionLaw, samples: FrictionSamples, options: FrictionOptions
 ) -> tuple[FloatArray, FloatArray]:
@@ -332,10 +343,8 @@ def _list_bounds(
     if all(entry.name in given for entry in law.shape):
         pairs = [given[entry.name] for entry in law.shape]
         return np.array([pair[0] for pair in pairs]), np.array([pair[1] for pair in pairs])
-    speeds = np.abs(samples.velocity)
-    place = min(4, len(speeds) - 1)
-    slowest, fastest = float(np.partition(speeds, place)[place]), float(speeds.max())
-    slow, fast = min(max(slowest, 1e-4 * fastest), 1e-2 * fastest), 3.0 * fastest
+    slow, fastest = find_slowest(samples), float(np.max(np.abs(samples.velocity)))
+    fast = 3.0 * fastest
     pairs = []
     for entry in law.shape:
         low, high = entry.lower, entry.upper

@@ -23,13 +23,15 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays, freeze, freeze_fields
 from symid.errors import LogError, Notice
-from symid.joint_models import FrictionLaw, compute_columns
+from symid.joint_models import FrictionLaw, build_numpy_carrier, compute_columns
 from symid.logs import decimate
 from symid.robot import Decimation
 
 Reduction = Callable[[FloatArray], FloatArray]
 """A linear operator on columns: (N, c) -> (M, c)."""
 _VECTORS = ("time", "velocity", "torque", "load", "position", "run")
+_FEW = 1000
+"""Samples of which it is not worth while to keep columns."""
 _MOST_NUMBERS = 4_000_000
 """Of columns of laws that are kept for the samples of a joint."""
 
@@ -120,34 +122,37 @@ class FrictionSamples:
         if self in _ORIGINS:
             whole, kept = _ORIGINS[self]
             return whole.pass_law(law, shape)[kept]
-        memory, values = _PASSED.setdefault(self, {}), tuple(float(value) for value in shape)
-        if (law, values) in memory:
-            # Those used last are kept longest.
-            memory[law, values] = memory.pop((law, values))
-            return memory[law, values]
-        columns = compute_columns(law, self.inputs, values)
-        moving = list_shaped_columns(law)
-        fixed = [k for k in range(len(law.linear)) if k not in moving]
-        if moving and fixed:
-            own = self.pass_columns(columns[:, moving])
-            result = np.empty((len(own), len(law.linear)))
-            result[:, moving] = own
-            found = memory.pop((law, ()), None)
-            memory[law, ()] = self.pass_columns(columns[:, fixed]) if found is None else found
-            result[:, fixed] = memory[law, ()]
-        else:
-            result = self.pass_columns(columns)
-        memory[law, values] = freeze(result)
+        values = tuple(float(value) for value in shape)
+        if self.count < _FEW:
+            return self.pass_columns(compute_columns(law, self.inputs, values))
+        memory = _PASSED.setdefault(self, {})
+        # Those used last are kept longest.
+        found = memory.pop((law.columns, values), None)
+        if found is None:
+            found = freeze(self._pass_law(law, values, memory))
+        memory[law.columns, values] = found
         while len(memory) > 2 and sum(entry.size for entry in memory.values()) > _MOST_NUMBERS:
             del memory[next(iter(memory))]
-        return memory[law, values]
+        return found
+
+    def _pass_law(self, law: FrictionLaw, values: tuple[float, ...], memory: "_Memory") -> FloatArray:
+        columns, moving = compute_columns(law, self.inputs, values), list_shaped_columns(law)
+        fixed = [k for k in range(len(law.linear)) if k not in moving]
+        if not moving or not fixed:
+            return self.pass_columns(columns)
+        own, others = self.pass_columns(columns[:, moving]), memory.pop((law.columns, ()), None)
+        memory[law.columns, ()] = self.pass_columns(columns[:, fixed]) if others is None else others
+        result = np.empty((len(own), len(law.linear)))
+        result[:, moving], result[:, fixed] = own, memory[law.columns, ()]
+        return result
 
     def build_rows(self) -> "FrictionRows":
         """Return the samples behind R, read-only."""
         if self not in _ROWS:
             if self in _ORIGINS:
                 whole, kept = _ORIGINS[self]
-                rows = FrictionRows(*(values[kept] for values in whole.build_rows()))
+                found: Any = (values[kept] for values in whole.build_rows())
+                rows = FrictionRows(*found)
             else:
                 rows = self._pass_rows()
             for values in rows:
@@ -183,22 +188,23 @@ class FrictionRows(NamedTuple):
 _ORIGINS: WeakKeyDictionary[FrictionSamples, tuple[FrictionSamples, NDArray[np.bool_]]] = WeakKeyDictionary()
 """Of samples with a part of the rows: the whole, and which rows."""
 _ROWS: WeakKeyDictionary[FrictionSamples, FrictionRows] = WeakKeyDictionary()
-_PASSED: WeakKeyDictionary[
-    FrictionSamples, dict[tuple[FrictionLaw, tuple[float, ...]], FloatArray]
-] = WeakKeyDictionary()
-"""Columns of laws behind R, by law and shape; those without a shape under an empty one."""
+_Memory = dict[tuple[Callable[..., Any], tuple[float, ...]], FloatArray]
+"""Columns of laws behind R, by the function of columns and the shape; those without one under no shape."""
+_PASSED: WeakKeyDictionary[FrictionSamples, _Memory] = WeakKeyDictionary()
+
+
+def list_shaped_columns(law: FrictionLaw) -> list[int]:
+    """Return which columns of a law depend on its shape values."""
+    return list(_find_shaped(law.columns, law.inputs, len(law.shape)))
 
 
 @lru_cache(maxsize=256)
-def list_shaped_columns(law: FrictionLaw) -> list[int]:
-    """Return which columns of a law depend on its shape values."""
-    if not law.shape:
-        return []
+def _find_shaped(columns: Callable[..., Any], inputs: tuple[str, ...], count: int) -> tuple[int, ...]:
     # What is not a number spreads to all that is computed from it.
-    inputs = {name: np.array([-0.7, -0.3, 0.4, 0.6]) for name in law.inputs}
+    values = {name: np.array([-0.7, -0.3, 0.4, 0.6]) for name in inputs}
     with np.errstate(invalid="ignore"):
-        columns = compute_columns(law, inputs, [np.nan] * len(law.shape))
-    return np.flatnonzero(np.isnan(columns).any(axis=0)).tolist()
+        found = columns(build_numpy_carrier(), values, [np.float64(np.nan)] * count)
+    return tuple(place for place, column in enumerate(found) if np.isnan(column).any())
 
 
 def build_reduction(lengths: Sequence[int], decimation: Decimation) -> Reduction | None:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         measure_behind as measure_behind,
     )
     from symid.identification.regression.identifiability import (
+        BLOCK as BLOCK,
         JOINT_AT_REST as JOINT_AT_REST,
         WHOLE_MODEL as WHOLE_MODEL,
         Condensed as Condensed,
