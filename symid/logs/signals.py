@@ -20,6 +20,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.errors import LogError, Notice
@@ -27,8 +28,12 @@ from symid.logs.recording import Recording, Signals
 from symid.robot import Decimation, Processing
 
 _FREQUENCIES = 8192
-_LEAST_BLOCK = 96
+_LEAST_BLOCK = 128
 """Samples of a block of the decimation: shorter ones have more states, longer ones larger matrices."""
+_PIECE = 512
+"""Samples of columns that are turned into rows while they are in the cache."""
+_PROBES = 64
+"""Samples at which columns are looked at first."""
 _NUMBERS = 2**21
 """Of a piece that is decimated at a time."""
 _VANISHED = 1e-19
@@ -85,14 +90,25 @@ def decimate(values: FloatArray, decimation: Decimation) -> FloatArray:
         first = factor - (factor * kept - len(values)) - 1
         return np.ascontiguousarray(smooth[first::factor])
     _check_length(len(values), decimation.order)
-    flat = values.reshape(len(values), math.prod(values.shape[1:]))
-    rows = np.empty((kept, flat.shape[1]))
+    flat = np.asarray(values, dtype=np.float64).reshape(len(values), math.prod(values.shape[1:]))
+    rows = np.zeros((kept, flat.shape[1]))
+    places = _list_live(flat)
     # Eight neighbours share a line of the cache; fewer of long signals bound the memory.
     width = max(1, min(8, _NUMBERS // len(flat)))
-    for start in range(0, flat.shape[1], width):
-        part = slice(start, start + width)
+    for start in range(0, len(places), width):
+        own = places[start : start + width]
+        together = own[-1] - own[0] == len(own) - 1
+        part = slice(own[0], own[-1] + 1) if together else own
         rows[:, part] = blocks.pass_columns(flat[:, part].T, kept).T
     return rows.reshape(kept, *values.shape[1:])
+
+
+def _list_live(columns: FloatArray) -> NDArray[np.intp]:
+    """Return which columns of (N, c) have a number other than zero: a regressor has many without."""
+    live = columns[:: max(1, len(columns) // _PROBES)].any(axis=0)
+    if not live.all():
+        live = columns.any(axis=0)
+    return np.flatnonzero(live)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -130,7 +146,9 @@ class _DecimationBlocks:
         count = -(-(columns.shape[1] + pad) // length)
         lead = count * length - columns.shape[1]
         values = np.empty((len(columns), count * length))
-        values[:, lead:] = columns
+        for start in range(0, columns.shape[1], _PIECE):
+            part = columns[:, start : start + _PIECE]
+            values[:, lead + start : lead + start + part.shape[1]] = part
         values[:, lead - pad : lead] = 2.0 * columns[:, :1] - columns[:, pad:0:-1]
         # In the steady state of its first value a filter stays there, however long.
         values[:, : lead - pad] = values[:, lead - pad, None]
@@ -266,7 +284,7 @@ def _filter_both_ways(sections: FloatArray, values: FloatArray, order: int) -> F
     return np.ascontiguousarray(result)
 
 
-_BLOCK = 16384
+_BLOCK = 32768
 """Least samples of a block, without those that settle the filter."""
 _MEMORY_FLOOR = 1e-17
 """Relative rest of a transient that has settled."""

@@ -354,6 +354,8 @@ class _Sketch:
 def _draw_sketches(samples: FrictionSamples, masks: Sequence[NDArray[np.bool_]]) -> tuple[_Sketch, ...]:
     """Return a sketch of the rows in each of `masks` (M,); none where there are few."""
     rows = samples.build_rows()
+    if not samples.velocity.any():
+        return ()
     speeds, spread = _spread_speeds(samples)
     count, width = rows.extra.shape[1], rows.extra.shape[1] + len(speeds) + 1
     size = len(rows.torque)

@@ -50,8 +50,9 @@ if TYPE_CHECKING:
         LONG_KINDS as LONG_KINDS,
         LongRows as LongRows,
         RowBuilder as RowBuilder,
+        StatesKeeper as StatesKeeper,
         condense_recordings as condense_recordings,
-        predict_rows as predict_rows,
+        predict_outlines as predict_outlines,
     )
     from symid.identification.regression.preparation import (
         SAME_PERIOD as SAME_PERIOD,

@@ -95,6 +95,8 @@ def _cut_windows(windows: Windows, pieces: int = 1) -> Iterator[tuple[slice, Win
 
 _SAMPLES = 8192
 """Samples whose regressors are in memory at a time."""
+_PIECE = 1024
+"""Samples whose regressors are in the cache at a time."""
 _RATE = 2.0
 """Rate of the filter of `filtered` rows, times the window: rows share 2 % of their noise's variance."""
 
@@ -159,17 +161,31 @@ def cut_matrix(
 
 def evaluate_columns(library: Library, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
     """Return [Y | Yf] at states (N, n): (N, n, p)."""
-    (rigid,) = library.evaluate("torque_regressor", q, dq, ddq)
-    return np.concatenate([rigid, *_evaluate_friction(library, dq)], axis=2)
+    # In pieces that stay in the cache, for new memory costs as much as the functions.
+    result, count = np.empty((0, 0, 0)), len(q)
+    for start in range(0, count, _PIECE):
+        part = slice(start, start + _PIECE)
+        (rigid,) = library.evaluate("torque_regressor", q[part], dq[part], ddq[part])
+        columns = (rigid, *_evaluate_friction(library, dq[part]))
+        if not start:
+            result = np.empty((count, rigid.shape[1], sum(entry.shape[2] for entry in columns)))
+        np.concatenate(columns, axis=2, out=result[part])
+    return result
 
 
 def evaluate_torques(library: Library, signals: Signals, values: FloatArray) -> FloatArray:
     """Return the torques (N, n) in N m or N that parameters (p,) predict at every sample."""
-    torques = []
-    for start in range(0, len(signals.time), _SAMPLES):
-        q, dq, ddq = (part[start : start + _SAMPLES] for part in (signals.q, signals.dq, signals.ddq))
-        torques.append(evaluate_columns(library, q, dq, ddq) @ values)
-    return np.concatenate(torques)
+    torques = np.empty(signals.q.shape)
+    for start in range(0, len(torques), _PIECE):
+        part = slice(start, start + _PIECE)
+        (rigid,) = library.evaluate(
+            "torque_regressor", *(x[part] for x in (signals.q, signals.dq, signals.ddq))
+        )
+        width = rigid.shape[2]
+        torques[part] = rigid @ values[:width]
+        for friction in _evaluate_friction(library, signals.dq[part]):
+            torques[part] += friction @ values[width:]
+    return torques
 
 
 def _list_kept_times(time: FloatArray, kept: int, factor: int) -> FloatArray:
