@@ -31,7 +31,7 @@ from symid.identification.friction.poses import compare_poses, warn_of_friction_
 from symid.identification.friction.problem import FrictionOptions
 from symid.identification.friction.results import FrictionIdentification, JointFriction
 from symid.identification.friction.samples import FrictionSamples, compute_velocity_map
-from symid.identification.friction.selection import CANDIDATE_LAWS, choose_law, predict_rows
+from symid.identification.friction.selection import CANDIDATE_LAWS, predict_rows, select_law
 from symid.joint_models import FrictionLaw, compute_columns, get_law
 from symid.logs import Recording, cut_ends
 from symid.robot import Processing
@@ -172,7 +172,7 @@ def _identify_joint(
     if name == AUTO:
         # Bounds by name hold for one law.
         options = replace(task.options, bounds=())
-        selection, estimate = choose_law(samples, task.candidates, smoothing=task.smoothing, options=options)
+        selection, estimate = select_law(samples, task.candidates, smoothing=task.smoothing, options=options)
         name = selection.chosen
     law = get_law(name, smoothing=task.smoothing)
     check_inputs(samples, law)

@@ -186,24 +186,13 @@ def select_law(
     smoothing: float = 0.0,
     options: FrictionOptions | None = None,
     blocks: int = BLOCKS,
-) -> LawSelection:
+) -> tuple[LawSelection, FrictionEstimate | None]:
     """Return the choice among laws by their names, fitted by variable projection.
 
-    `smoothing` is v0 in rad/s or m/s of all laws. Raises UsageError for an unknown law, IdentifiabilityError
-    where no law can be fitted or there are too few rows to hold some out.
+    With the fit of full effort to all rows that the law chosen has, where it needed one. `smoothing` is v0 in
+    rad/s or m/s of all laws. Raises UsageError for an unknown law, IdentifiabilityError where no law can be
+    fitted or there are too few rows to hold some out.
     """
-    return choose_law(samples, names, smoothing=smoothing, options=options, blocks=blocks)[0]
-
-
-def choose_law(
-    samples: FrictionSamples,
-    names: Sequence[str] = CANDIDATE_LAWS,
-    *,
-    smoothing: float = 0.0,
-    options: FrictionOptions | None = None,
-    blocks: int = BLOCKS,
-) -> tuple[LawSelection, FrictionEstimate | None]:
-    """Return the choice as `select_law`, and the fit of full effort to all rows where one was made."""
     options = options or FrictionOptions()
     rows = samples.build_rows()
     number = assign_blocks(rows, blocks)

@@ -202,17 +202,10 @@ def _extend(
         triangles[segment] = extend_triangle(triangles[segment], blocks)
 
 
-def predict_rows(
-    maker: RowBuilder, recordings: Sequence[Recording], outline: Rows, values: FloatArray
-) -> FloatArray:
-    """Return what parameters (p,) predict of the equations (m,) of `outline`, by another pass."""
-    return predict_outlines(maker, recordings, (outline,), values)[0]
-
-
 def predict_outlines(
     maker: RowBuilder, recordings: Sequence[Recording], outlines: Sequence[Rows], values: FloatArray
 ) -> list[FloatArray]:
-    """Return the predictions as `predict_rows` of several outlines of the same recordings, by one pass."""
+    """Return what parameters (p,) predict of the equations (m,) of each outline, by another pass for all."""
     predicted = [np.empty(len(outline.values)) for outline in outlines]
     for run, recording in enumerate(recordings):
         if maker.kind == "torque":

@@ -161,7 +161,7 @@ def test_decimation_is_closer_to_the_filter_in_extended_precision_than_the_filte
 
 @pytest.mark.parametrize("shape", [(), (1,), (4,), (2, 3)])
 def test_blocks_of_a_long_signal_are_those_of_the_whole(shape):
-    values = np.random.default_rng(4).normal(size=(60_007, *shape))
+    values = np.random.default_rng(4).normal(size=(100_007, *shape))
     decimation = Decimation(factor=10)
     blocks = list(decimate_blocks(lambda part: values[part], len(values), decimation))
     assert len(blocks) > 2

@@ -56,7 +56,7 @@ def test_a_recording_too_short_to_be_cut_is_always_fitted():
 
 @pytest.mark.parametrize("truth", ["coulomb-viscous-offset", "stribeck+offset"])
 def test_the_true_law_is_taken(truth):
-    selection = select_law(build_samples(truth), FEW)
+    selection, _ = select_law(build_samples(truth), FEW)
     assert selection.chosen == truth
     assert selection.blocks == 5
     assert {trial.law for trial in selection.trials} == set(FEW)
@@ -81,7 +81,7 @@ def test_a_law_whose_fall_lies_below_the_slowest_row_is_not_taken():
     processing = replace(RAW, standstill=0.1)
     recordings = [record(0.15, noise=0.02), record(1.0, noise=0.02, seed=1)]
     logs = prepare_joint_logs(LIBRARY, recordings, processing)
-    selection = select_law(extract_joint(logs, 0).samples, FEW)
+    selection, _ = select_law(extract_joint(logs, 0).samples, FEW)
     best = selection.trials[0]
     assert (best.law, best.reason) == ("stribeck+offset", "not identifiable: fS, vs")
     assert selection.chosen != "stribeck+offset"
@@ -100,7 +100,7 @@ def test_a_law_is_taken_only_where_a_fit_of_full_effort_tells_it(monkeypatch):
         return replace(estimate, refused=(("vs", "two optima"),))
 
     monkeypatch.setattr(selection_module, "fit_friction", fit)
-    selection = select_law(build_samples("stribeck+offset"), FEW)
+    selection, _ = select_law(build_samples("stribeck+offset"), FEW)
     assert full == ["stribeck+offset"]
     assert selection.chosen != "stribeck+offset"
     assert next(trial for trial in selection.trials if trial.law == full[0]).reason.endswith(": vs")
@@ -115,7 +115,7 @@ def test_a_law_that_cannot_be_fitted_says_why():
         torque=samples.torque,
         extra=samples.extra,
     )
-    selection = select_law(without, ("coulomb-viscous", "load-dependent"))
+    selection, _ = select_law(without, ("coulomb-viscous", "load-dependent"))
     assert selection.chosen == "coulomb-viscous"
     assert selection.trials[-1].law == "load-dependent"
     assert "load" in selection.trials[-1].reason
@@ -201,9 +201,9 @@ def test_a_choice_from_sketches_is_that_from_all_rows(truth, physical, monkeypat
         "power-law+offset",
         "tustin+offset",
     )
-    sketched, final = selection_module.choose_law(samples, laws)
+    sketched, final = select_law(samples, laws)
     monkeypatch.setattr(selection_module, "_LEAST_SKETCHED", np.inf)
-    exact = select_law(samples, laws)
+    exact, _ = select_law(samples, laws)
     assert sketched.chosen == exact.chosen == truth
     assert sketched.verdict == exact.verdict
     by_law = {trial.law: trial for trial in exact.trials}
@@ -223,5 +223,5 @@ def test_parts_without_a_column_beside_friction_are_sketched():
     late = samples.time > 26.0
     extra = np.column_stack([samples.extra[:, 0], samples.extra[:, 1] * late, samples.extra[:, 1] * late])
     samples = replace(samples, extra=extra, extra_names=("J", "a", "b"))
-    chosen = select_law(samples, ("coulomb-viscous-offset", "stribeck+offset"))
+    chosen, _ = select_law(samples, ("coulomb-viscous-offset", "stribeck+offset"))
     assert chosen.chosen == "stribeck+offset"
