@@ -194,8 +194,7 @@ def select_law(
     fitted or there are too few rows to hold some out.
     """
     options = options or FrictionOptions()
-    rows = samples.build_rows()
-    number = assign_blocks(rows, blocks)
+    number = assign_blocks(samples.build_rows(), blocks)
     parts = _cut_parts(samples, number)
     scores, failed = list[_Score](), list[LawTrial]()
     for law in [get_law(name, smoothing=smoothing) for name in names]:
@@ -211,10 +210,28 @@ def select_law(
     scores, best, chosen = _choose(samples, scores, options)
     plain = (score for score in scores if score.law.name == "coulomb-viscous-offset" and score.total)
     baseline = next(plain, None)
-    whole, held = (float(np.linalg.norm(rows.torque[mask])) for mask in (number >= -1, number >= 0))
+    trials = [*_list_trials(parts, scores, best, baseline), *failed]
+    better = any(score.refused and score.total < best.total for score in scores)
+    unit, held = "N" if samples.prismatic else "N m", int(np.sum(number >= 0))
+    selection = LawSelection(
+        trials=tuple(
+            sorted(trials, key=lambda one: np.inf if one.held_percent is None else one.held_percent)
+        ),
+        chosen=chosen.law.name,
+        verdict=_write_verdict(chosen, best, baseline, among=better, held=held, unit=unit),
+        blocks=int(number.max()) + 1,
+    )
+    return selection, chosen.estimate if chosen.final else None
+
+
+def _list_trials(
+    parts: "_Parts", scores: Sequence[_Score], best: _Score, baseline: _Score | None
+) -> list[LawTrial]:
+    number, torque = parts.number, parts.whole.build_rows().torque
+    whole, held = (float(np.linalg.norm(torque[mask])) for mask in (number >= -1, number >= 0))
     count = int(np.sum(number >= 0))
     behind = measure_behind(np.stack([score.errors for score in scores]), scores.index(best))
-    trials = [
+    return [
         LawTrial(
             law=score.law.name,
             unknowns=score.unknowns,
@@ -228,16 +245,6 @@ def select_law(
         )
         for score, distance in zip(scores, behind, strict=True)
     ]
-    trials = sorted(trials + failed, key=lambda one: np.inf if one.held_percent is None else one.held_percent)
-    better = any(score.refused and score.total < best.total for score in scores)
-    unit = "N" if samples.prismatic else "N m"
-    selection = LawSelection(
-        trials=tuple(trials),
-        chosen=chosen.law.name,
-        verdict=_write_verdict(chosen, best, baseline, among=better, held=count, unit=unit),
-        blocks=int(number.max()) + 1,
-    )
-    return selection, chosen.estimate if chosen.final else None
 
 
 def _choose(
