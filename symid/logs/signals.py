@@ -32,6 +32,8 @@ _LEAST_BLOCK = 128
 """Samples of a block of the decimation: shorter ones have more states, longer ones larger matrices."""
 _PIECE = 512
 """Samples of columns that are turned into rows while they are in the cache."""
+_WIDTH = 8
+"""Columns at a time: neighbours that share a line of the cache."""
 _PROBES = 64
 """Samples at which columns are looked at first."""
 _NUMBERS = 2**21
@@ -92,9 +94,9 @@ def decimate(values: FloatArray, decimation: Decimation) -> FloatArray:
     _check_length(len(values), decimation.order)
     flat = np.asarray(values, dtype=np.float64).reshape(len(values), math.prod(values.shape[1:]))
     rows = np.zeros((kept, flat.shape[1]))
-    places = _list_live(flat)
-    # Eight neighbours share a line of the cache; fewer of long signals bound the memory.
-    width = max(1, min(8, _NUMBERS // len(flat)))
+    places = _list_live(flat) if flat.shape[1] > _WIDTH else np.arange(flat.shape[1])
+    # Fewer of long signals bound the memory.
+    width = max(1, min(_WIDTH, _NUMBERS // len(flat)))
     for start in range(0, len(places), width):
         own = places[start : start + width]
         together = own[-1] - own[0] == len(own) - 1

@@ -334,7 +334,7 @@ def build_estimate(problem: FrictionProblem, search: FrictionSearch, estimator: 
     """Return what the end of a search says; raise SolverError where that is nothing."""
     samples, law = problem.samples, problem.law
     check_search(search, samples.joint, estimator)
-    design = compute_sensitivities(samples, law, search.linear, search.shape)
+    design = problem.condense_sensitivities(search.linear, search.shape)
     other = problem.solve_beside(search.linear, search.shape)
     rows, fixed = len(problem.target), (~problem.is_free).tolist()
     fitted = design.shape[1] - sum(fixed)

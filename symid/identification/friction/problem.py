@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays, freeze
 from symid.errors import IdentifiabilityError, Notice, UsageError
-from symid.identification.friction.estimate import FrictionSearch
+from symid.identification.friction.estimate import FrictionSearch, compute_sensitivities
 from symid.identification.friction.samples import FrictionSamples, list_shaped_columns
 from symid.ipopt import Ending
 from symid.joint_models import FrictionLaw, build_numpy_carrier, compute_column_derivatives, compute_columns
@@ -205,8 +205,9 @@ class FrictionProblem(FrozenArrays):
     def compute_rates(self, shape: Sequence[float] | FloatArray, linear: FloatArray) -> FloatArray:
         """Return the derivatives of Q_x Phi_R linear by the shape values: (M, s)."""
         rates = compute_column_derivatives(self.law, self.samples.inputs, [float(value) for value in shape])
-        moving = list_shaped_columns(self.law)
-        torques = np.einsum("nps,p->ns", rates[:, moving], linear[moving])
+        torques = np.zeros((len(rates), rates.shape[2]))
+        for place in list_shaped_columns(self.law):
+            torques += rates[:, place] * linear[place]
         return self.eliminate(self.samples.pass_columns(torques))
 
     def eliminate(self, columns: FloatArray) -> FloatArray:
@@ -218,6 +219,15 @@ class FrictionProblem(FrozenArrays):
         beside = decompose_beside(self.samples)
         rest = self.samples.build_rows().torque - self.samples.pass_law(self.law, shape) @ np.asarray(linear)
         return np.asarray(beside.factors @ (beside.basis.T @ rest))
+
+    def condense_sensitivities(self, linear: Sequence[float], shape: Sequence[float]) -> FloatArray:
+        """Return p + s + r rows with the lengths and angles of the columns of `compute_sensitivities`."""
+        beside = decompose_beside(self.samples)
+        own = compute_sensitivities(self.samples, self.law, linear, shape)[:, : len(linear) + len(shape)]
+        inside = beside.basis.T @ own
+        rest = np.linalg.qr(own - beside.basis @ inside, mode="r")
+        below = np.zeros((len(rest), beside.parts.shape[1]))
+        return np.vstack([np.hstack([inside, beside.parts]), np.hstack([rest, below])])
 
     def compute_objectives(self, linear: FloatArray, shape: FloatArray) -> FloatArray:
         """Return J of many candidates, linear (P, p) and shape (P, s): (P,)."""
@@ -298,10 +308,14 @@ def _check_rows(samples: FrictionSamples, law: FrictionLaw) -> None:
 
 
 class Beside(NamedTuple):
-    """Of the columns beside friction behind R, X (M, k): a basis (M, r), X^+ = `factors` (k, r) basis'."""
+    """Of the columns beside friction behind R, X (M, k): a basis (M, r), X^+ = `factors` (k, r) basis'.
+
+    `parts` (r, k) is basis' X.
+    """
 
     basis: FloatArray
     factors: FloatArray
+    parts: FloatArray
 
 
 _BESIDE: WeakKeyDictionary[FrictionSamples, Beside] = WeakKeyDictionary()
@@ -316,7 +330,8 @@ def decompose_beside(samples: FrictionSamples) -> Beside:
         left, singular, right = np.linalg.svd(beside * scales, full_matrices=False)
         rank = int(np.sum(singular > 1e-10 * singular.max(initial=0.0)))
         factors = scales[:, None] * (right[:rank].T / singular[:rank])
-        _BESIDE[samples] = Beside(freeze(left[:, :rank]), freeze(factors))
+        parts = (singular[:rank, None] * right[:rank]) * lengths
+        _BESIDE[samples] = Beside(freeze(left[:, :rank]), freeze(factors), freeze(parts))
     return _BESIDE[samples]
 
 

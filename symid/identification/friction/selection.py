@@ -15,7 +15,8 @@ speeds, times a table,
     R Phi(v; s) ~ (R H) Phi(v_k; s),   H: interpolation from the speeds v_k
 
 of which the triangle of [R H, R tau], less their parts in R X, is enough for every law and every shape. What
-is linear, and all errors, are of the rows themselves.
+is linear, and all errors, are of the rows themselves. Laws with kinks or many minima are searched in the rows
+where they come near the best.
 """
 
 import math
@@ -41,7 +42,7 @@ from symid.identification.friction.problem import (
     select_problem,
 )
 from symid.identification.friction.samples import FrictionRows, FrictionSamples
-from symid.identification.friction.variable_projection import JUMPING, search_by_projection
+from symid.identification.friction.variable_projection import JUMPING, KINKED, search_by_projection
 from symid.identification.regression import BLOCK, choose_held_out, extend_triangle, measure_behind
 from symid.joint_models import FrictionLaw, get_law
 
@@ -79,6 +80,8 @@ _SPEEDS, _POINTS, _PIECE = 96, 6, 8
 """Of a sketch: speeds in each direction, those that a sample is interpolated from, columns at a time."""
 _LIMIT = 1e-9
 """Part of the top speed that is the slowest speed of a sketch."""
+_NEAR, _ALIKE = 3.0, 1.05
+"""Standard errors behind the best law, and times its loss, up to which a law may turn out as the best."""
 _LEAST_SKETCHED, _MOST_NUMBERS = 20, 2e8
 """Rows for each column of a sketch, at least; numbers of all its rows, at most."""
 _DEPENDENT = 1e-10
@@ -207,7 +210,7 @@ def select_law(
         reasons = "; ".join(dict.fromkeys(trial.reason for trial in failed))
         text = f"joint {samples.joint!r}: no law can be fitted to this log: {reasons}"
         raise IdentifiabilityError(Notice(code="friction.no-law", text=text))
-    scores, best, chosen = _choose(samples, scores, options)
+    scores, best, chosen = _choose(samples, _try_in_rows(parts, scores, options), options)
     plain = (score for score in scores if score.law.name == "coulomb-viscous-offset" and score.total)
     baseline = next(plain, None)
     trials = [*_list_trials(parts, scores, best, baseline), *failed]
@@ -245,6 +248,31 @@ def _list_trials(
         )
         for score, distance in zip(scores, behind, strict=True)
     ]
+
+
+def _try_in_rows(parts: "_Parts", scores: Sequence[_Score], options: FrictionOptions) -> list[_Score]:
+    """Return the scores, those of laws that a sketch blurs from all rows where they may decide the choice."""
+    found, tried = list(scores), set[int]()
+    while parts.sketches:
+        whole = [place for place, score in enumerate(found) if not score.refused]
+        if not whole:
+            break
+        totals = np.array([found[place].total for place in whole])
+        behind = measure_behind(np.stack([found[place].errors for place in whole]), int(np.argmin(totals)))
+        near = (behind <= _NEAR) | (totals <= _ALIKE * totals.min())
+        blurred = [place for place, close in zip(whole, near, strict=True) if close and place not in tried]
+        blurred = [place for place in blurred if _is_blurred(found[place].law)]
+        if not blurred:
+            break
+        tried |= set(blurred)
+        for place in blurred:
+            found[place] = _try_law(replace(parts, sketches=()), found[place].law, options)
+    return found
+
+
+def _is_blurred(law: FrictionLaw) -> bool:
+    """Return whether a law has kinks or many minima, so that its optimum in a sketch can be another one."""
+    return len(law.shape) > 2 or any(entry.name in KINKED for entry in law.shape)
 
 
 def _choose(

@@ -108,7 +108,7 @@ def _choose_damping(jacobian: FloatArray, state: Projection, trial: Projection) 
     return max(gain - slope - curved, 0.0) / length
 
 
-_KINKED = frozenset({"dq0"})
+KINKED = frozenset({"dq0"})
 """Shape values with a kink in J at every speed sampled: the edge of the linear zone."""
 JUMPING = frozenset({"dqs"})
 """Shape values at which J jumps whenever they pass a velocity sampled: where friction changes its sign."""
@@ -119,29 +119,22 @@ _CANDIDATES = 8
 _LINEAR = "the law is linear in what is free"
 
 
-def search_by_projection(
-    problem: FrictionProblem, options: VariableProjectionOptions, start: FloatArray | None = None
-) -> FrictionSearch:
-    """Return the optimum of a problem with at most three free shape values.
-
-    `start` (s,) are coordinates near the optimum, in place of the grid.
-    """
+def search_by_projection(problem: FrictionProblem, options: VariableProjectionOptions) -> FrictionSearch:
+    """Return the optimum of a problem with at most three free shape values."""
     projector = Projector(problem, options.solves)
     free = np.flatnonzero(problem.is_free)
-    if start is not None or not len(free):
-        best = projector.project(problem.box[0] if start is None else start)
-        projector.record(best)
-    else:
-        best = _scan_shapes(projector, options, free)
     if not len(free):
+        best = projector.project(problem.box[0])
+        projector.record(best)
         return projector.build_search(best, Ending.CONVERGED, _LINEAR)
+    best = _scan_shapes(projector, options, free)
     names, tolerance = {problem.law.shape[place].name for place in free}, options.tolerance
-    if not names & (_KINKED | JUMPING):
+    if not names & (KINKED | JUMPING):
         best, done = descend(projector, best, free, tolerance=tolerance, steps=60)
     else:
-        patience = _PATIENCE if names & _KINKED else 2 * _PATIENCE
+        patience = _PATIENCE if names & KINKED else 2 * _PATIENCE
         best, _ = descend(projector, best, free, tolerance=tolerance, steps=10, patience=patience)
-        search = _visit_kinks if names & _KINKED else _cross_jumps
+        search = _visit_kinks if names & KINKED else _cross_jumps
         best, done = search(projector, best, free, tolerance)
     outcome, ended = Ending.STALLED, "no step made the objective less"
     if done:
@@ -258,7 +251,7 @@ def _visit_kinks(
 ) -> tuple[Projection, bool]:
     """Return the least of the optima in the kinks around `best` and between them, and whether it is one."""
     problem = projector.problem
-    edge = next(k for k in free if problem.law.shape[k].name in _KINKED)
+    edge = next(k for k in free if problem.law.shape[k].name in KINKED)
     others = free[free != edge]
     # Solves kept for the smooth rest once the kinks were visited.
     projector.reserve = 12

@@ -216,6 +216,20 @@ def test_a_choice_from_sketches_is_that_from_all_rows(truth, physical, monkeypat
         assert final == fit_friction(samples, law)
 
 
+def test_laws_with_kinks_are_searched_in_the_rows_where_they_may_be_chosen(monkeypatch):
+    law = get_law("improved-stribeck")
+    linear, shape = (0.8, 1.0, 0.8, 0.1), (0.4, 0.2)
+    samples = draw_long_samples(law, law.to_physical(linear, shape))
+    laws = ("coulomb-viscous-offset", "stribeck+offset", "improved-stribeck")
+    sketched, final = select_law(samples, laws)
+    monkeypatch.setattr(selection_module, "_LEAST_SKETCHED", np.inf)
+    exact, _ = select_law(samples, laws)
+    assert sketched.chosen == exact.chosen == "improved-stribeck"
+    one, other = (next(t for t in entry.trials if t.law == law.name) for entry in (sketched, exact))
+    assert (one.held_rms, one.fitted_percent, one.aicc) == (other.held_rms, other.fitted_percent, other.aicc)
+    assert final == fit_friction(samples, law)
+
+
 def test_parts_without_a_column_beside_friction_are_sketched():
     law = get_law("stribeck+offset")
     samples = draw_long_samples(law, (1.0, 1.5, 0.1, 0.8, 0.1))
