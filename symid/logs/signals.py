@@ -15,11 +15,12 @@ Supported: uniform sampling, see `describe_uneven`. Not supported: online filter
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.errors import LogError, Notice
@@ -27,6 +28,22 @@ from symid.logs.recording import Recording, Signals
 from symid.robot import Decimation, Processing
 
 _FREQUENCIES = 8192
+_LEAST_BLOCK = 128
+"""Samples of a block of the decimation: shorter ones have more states, longer ones larger matrices."""
+_PIECE = 512
+"""Samples of columns that are turned into rows while they are in the cache."""
+_WIDTH = 8
+"""Columns at a time: neighbours that share a line of the cache."""
+_PROBES = 64
+"""Samples at which columns are looked at first."""
+_NUMBERS = 2**21
+"""Of a piece that is decimated at a time."""
+_VANISHED = 1e-19
+"""Relative rest of a response that cannot be seen in a double."""
+_LONGEST = 65_536
+"""Samples of the response of a filter up to which its blocks are built."""
+_DEPENDENT = 1e-15
+"""Relative length of a column below which it depends on those before it."""
 
 
 def compute_pad_length(order: int) -> int:
@@ -64,15 +81,164 @@ def decimate(values: FloatArray, decimation: Decimation) -> FloatArray:
 
     ceil(N / r) samples are kept, the last one included, as in MATLAB's `decimate`; a LogError if there are
     too few. A model that is linear in its parameters stays true when its columns and the measurement pass the
-    same filter (Gautier 1997).
+    same filter (Gautier 1997). Only the samples kept are computed, see `_DecimationBlocks`.
     """
     factor = decimation.factor
     if factor == 1:
         return values.copy()
-    smooth = _filter_both_ways(_design_decimation(decimation), values, decimation.order)
-    kept = -(-len(values) // factor)
-    first = factor - (factor * kept - len(values)) - 1
-    return np.ascontiguousarray(smooth[first::factor])
+    kept, blocks = -(-len(values) // factor), _build_decimation_blocks(decimation)
+    if blocks is None:
+        smooth = _filter_both_ways(_design_decimation(decimation), values, decimation.order)
+        first = factor - (factor * kept - len(values)) - 1
+        return np.ascontiguousarray(smooth[first::factor])
+    _check_length(len(values), decimation.order)
+    flat = np.asarray(values, dtype=np.float64).reshape(len(values), math.prod(values.shape[1:]))
+    rows = np.zeros((kept, flat.shape[1]))
+    places = _list_live(flat) if flat.shape[1] > _WIDTH else np.arange(flat.shape[1])
+    # Fewer of long signals bound the memory.
+    width = max(1, min(_WIDTH, _NUMBERS // len(flat)))
+    for start in range(0, len(places), width):
+        own = places[start : start + width]
+        together = own[-1] - own[0] == len(own) - 1
+        part = slice(own[0], own[-1] + 1) if together else own
+        rows[:, part] = blocks.pass_columns(flat[:, part].T, kept).T
+    return rows.reshape(kept, *values.shape[1:])
+
+
+def _list_live(columns: FloatArray) -> NDArray[np.intp]:
+    """Return which columns of (N, c) have a number other than zero: a regressor has many without."""
+    live = columns[:: max(1, len(columns) // _PROBES)].any(axis=0)
+    if not live.all():
+        live = columns.any(axis=0)
+    return np.flatnonzero(live)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _DecimationBlocks:
+    """The decimation of `decimate` by blocks of L samples, of which the last of every r is a row, G a block.
+
+        s_(b+1) = A s_b + B x_b,    y_b = C s_b + D x_b                      forward
+        w_(b-1) = A w_b + B J y_b,  rows_b = E J (C w_b + D J y_b)           backward, J turns the time round
+
+    y, which no one needs at full rate, is eliminated: a block costs a product with a matrix of L times
+    2 n + G numbers, whatever the number of samples is. The states are coordinates, orthonormal over time, of
+    what the past adds to the output, so that rounding does not grow. All columns take the same operations: a
+    column does not depend on its neighbours.
+
+    Args:
+        pad: samples by which the ends are continued by reflection.
+        inner: (L, 2 n + G) x_b to B x_b, to its part in the step of w, to its part in the rows.
+        across: (n, n + G) s_b to its part in the step of w and in the rows; outer: (n, G) w_b to the rows.
+        powers: transposes of A, A^2, A^4 and so on, until they have vanished.
+        steady: (n,) the state after a long input of one.
+        last: (n + pad, n) s and x of the last samples, which are no block, to w before them.
+    """
+
+    pad: int
+    inner: FloatArray
+    across: FloatArray
+    outer: FloatArray
+    powers: tuple[FloatArray, ...]
+    steady: FloatArray
+    last: FloatArray
+
+    def pass_columns(self, columns: FloatArray, kept: int) -> FloatArray:
+        """Return the rows (c, kept) of `columns` (c, N)."""
+        pad, length, states = self.pad, len(self.inner), len(self.steady)
+        count = -(-(columns.shape[1] + pad) // length)
+        lead = count * length - columns.shape[1]
+        values = np.empty((len(columns), count * length))
+        for start in range(0, columns.shape[1], _PIECE):
+            part = columns[:, start : start + _PIECE]
+            values[:, lead + start : lead + start + part.shape[1]] = part
+        values[:, lead - pad : lead] = 2.0 * columns[:, :1] - columns[:, pad:0:-1]
+        # In the steady state of its first value a filter stays there, however long.
+        values[:, : lead - pad] = values[:, lead - pad, None]
+        beyond = 2.0 * columns[:, -1:] - columns[:, -2 : -pad - 2 : -1]
+        parts = values.reshape(-1, count, length) @ self.inner
+        forward = np.empty((len(columns), count + 1, states))
+        forward[:, 0] = values[:, :1] * self.steady
+        forward[:, 1:] = parts[:, :, :states]
+        for place, power in enumerate(self.powers):
+            if (gap := 2**place) <= count:
+                forward[:, gap:] += forward[:, :-gap] @ power
+        parts = parts[:, :, states:] + forward[:, :-1] @ self.across
+        backward = np.empty((len(columns), count, states))
+        backward[:, :-1] = parts[:, 1:, :states]
+        ends = np.concatenate([forward[:, -1], beyond], axis=1)[:, None]
+        backward[:, -1:] = ends @ self.last
+        for place, power in enumerate(self.powers):
+            if (gap := 2**place) < count:
+                backward[:, :-gap] += backward[:, gap:] @ power
+        rows = parts[:, :, states:] + backward @ self.outer
+        return np.asarray(rows.reshape(len(columns), -1)[:, -kept:])
+
+
+@cache
+def _build_decimation_blocks(decimation: Decimation) -> _DecimationBlocks | None:
+    """Return the blocks of a decimation; None where its filter remembers too many samples."""
+    from scipy.linalg import toeplitz
+    from scipy.signal import sosfilt
+
+    factor, pad = decimation.factor, compute_pad_length(decimation.order)
+    memory = _count_remembered(decimation, _VANISHED)
+    if memory > _LONGEST:
+        return None
+    length = factor * -(-_LEAST_BLOCK // factor)
+    most = max(length, pad)
+    # In extended precision, where there is one: the filter runs through cancelling states.
+    sections = _design_decimation(decimation).astype(np.longdouble)
+    unknown = 2 * len(sections)
+    starts = np.zeros((len(sections), 2, unknown + 1), dtype=np.longdouble)
+    starts.reshape(unknown, -1)[:, 1:] = np.eye(unknown)
+    pulse = np.zeros((memory + most, unknown + 1), dtype=np.longdouble)
+    pulse[0, 0] = 1.0
+    responses, _ = sosfilt(sections, pulse, axis=0, zi=starts)
+    response, free = responses[:, 0], _orthonormalise(responses[:, 1:])
+    step = free[:-1].T @ free[1:]
+    # What an input adds to the state, k samples later; what a constant input left.
+    entered = [free[:-1].T @ response[1:]]
+    for _ in range(most - 1):
+        entered.append(step @ entered[-1])
+    steady = free.T @ (response.sum() - np.cumsum(response))
+    powers = [np.linalg.matrix_power(step, length).T]
+    while np.abs(powers[-1]).max() > _VANISHED:
+        powers.append(powers[-1] @ powers[-1])
+    late, out = np.array(entered, dtype=np.float64).T, free[:most].astype(np.float64)
+    direct = toeplitz(response[:most].astype(np.float64), np.zeros(most))
+    inside, rows = direct[:length, :length], slice(factor - 1, length, factor)
+    ending = np.hstack([out[:pad], direct[:pad, :pad]])
+    settled = (np.linalg.matrix_power(step, pad) @ steady).astype(np.float64)
+    steps = late[:, :length]
+    return _DecimationBlocks(
+        pad=pad,
+        inner=np.vstack([steps[:, ::-1], steps @ inside, inside[:, rows].T @ inside]).T.copy(),
+        across=np.vstack([steps @ out[:length], inside[:, rows].T @ out[:length]]).T.copy(),
+        outer=out[:length][::-1][rows].T.copy(),
+        powers=tuple(power.astype(np.float64) for power in powers),
+        steady=steady.astype(np.float64),
+        last=(late[:, :pad] @ ending + settled[:, None] * ending[-1]).T.copy(),
+    )
+
+
+def _count_remembered(decimation: Decimation, rest: float) -> int:
+    """Return the samples after which a transient of the filter has fallen to a relative `rest`."""
+    slowest = float(np.abs(_design_decimation(decimation, "zpk")[1]).max())
+    return math.ceil(math.log(rest) / math.log(slowest))
+
+
+def _orthonormalise(columns: FloatArray) -> FloatArray:
+    """Return orthonormal columns that span those given, in their precision; NumPy's own have double."""
+    found: list[FloatArray] = []
+    for column in columns.T[columns.any(axis=0)]:
+        rest = column / np.sqrt(column @ column)
+        for _ in range(2):  # twice, against rounding
+            for direction in found:
+                rest = rest - direction * (direction @ rest)
+        size = np.sqrt(rest @ rest)
+        if size > _DEPENDENT:
+            found.append(rest / size)
+    return np.stack(found, axis=1)
 
 
 def compute_noise_bandwidth(processing: Processing, period: float) -> float:
@@ -103,18 +269,24 @@ def _design_decimation(decimation: Decimation, output: str = "sos") -> Any:  # n
     return cheby1(decimation.order, decimation.ripple_db, edge, output=output)
 
 
-def _filter_both_ways(sections: FloatArray, values: FloatArray, order: int) -> FloatArray:
+def _check_length(samples: int, order: int) -> int:
+    """Return the samples by which ends are continued; raise LogError where a signal is not longer."""
     pad = compute_pad_length(order)
-    if len(values) <= pad:
-        text = f"{len(values)} samples are left to filter; order {order} needs more than {pad}"
+    if samples <= pad:
+        text = f"{samples} samples are left to filter; order {order} needs more than {pad}"
         raise LogError(Notice(code="log.too-short", text=text))
+    return pad
+
+
+def _filter_both_ways(sections: FloatArray, values: FloatArray, order: int) -> FloatArray:
+    pad = _check_length(len(values), order)
     from scipy.signal import sosfiltfilt
 
     result: FloatArray = sosfiltfilt(sections, values, axis=0, padtype="odd", padlen=pad)
     return np.ascontiguousarray(result)
 
 
-_BLOCK = 16384
+_BLOCK = 32768
 """Least samples of a block, without those that settle the filter."""
 _MEMORY_FLOOR = 1e-17
 """Relative rest of a transient that has settled."""
@@ -205,8 +377,7 @@ def decimate_blocks(
             yield part, evaluate(part)
         return
     # Rows after which the transient of the filter has settled.
-    slowest = float(np.abs(_design_decimation(decimation, "zpk")[1]).max())
-    reach = math.ceil(math.log(_MEMORY_FLOOR) / math.log(slowest) / factor) + decimation.order
+    reach = -(-_count_remembered(decimation, _MEMORY_FLOOR) // factor) + decimation.order
     # The last row is the last sample, as in `decimate`.
     kept = -(-samples // factor)
     first = samples - 1 - factor * (kept - 1)

@@ -47,6 +47,8 @@ _BLOCKS = 20
 _BLOCK = 200
 """Samples of a block: with twenty blocks some thousand samples, enough for a quick fit."""
 _SMALL = 1e-7
+_ROUNDING = 1e-13
+"""Length of a column relative to the longest, up to which it is zero but for rounding."""
 _SLOW = 0.02
 """Of the root mean square of a joint's speed: below, dry friction may hold it."""
 _NEAR = 3
@@ -219,7 +221,9 @@ def _compute_shares(
     samples = samples[fit.keep[samples, joint] > 0.0]
     rows, tau = fit.rows[samples, joint], fit.tau[samples, joint]
     dq, ddq = fit.dq[samples, joint], fit.ddq[samples, joint]
-    solution = solve_scaled(rows, tau, rcond=_SMALL)
+    lengths = np.linalg.norm(rows, axis=0)
+    # A column of rounding alone would be scaled to the length of the others.
+    solution = solve_scaled(np.where(lengths > _ROUNDING * lengths.max(), rows, 0.0), tau, rcond=_SMALL)
     inertia = column[samples] @ solution[: fit.inertial]
     braking = rows[:, fit.inertial :] @ solution[fit.inertial :]
     braking = braking - np.mean(braking)

@@ -141,8 +141,10 @@ def compute_sensitivities(
     samples: FrictionSamples, law: FrictionLaw, linear: Values, shape: Values
 ) -> FloatArray:
     """Return F behind R: (M, p + s + k)."""
-    own = compute_law_sensitivities(law, samples.inputs, linear, shape)
-    return samples.pass_columns(np.hstack([own, samples.extra]))
+    values, factors = [float(value) for value in shape], np.asarray(linear, dtype=np.float64)
+    rates = np.einsum("nps,p->ns", compute_column_derivatives(law, samples.inputs, values), factors)
+    passed = samples.pass_columns(rates)
+    return np.hstack([samples.pass_law(law, values), passed, samples.build_rows().extra])
 
 
 def compute_law_sensitivities(

@@ -287,10 +287,14 @@ def fit_friction(
     options = options or FrictionOptions()
     problem = build_problem(samples, law, options)
     search = search_friction(problem, estimator=estimator, options=options, generator=generator)
+    return build_estimate(problem, search, estimator)
+
+
+def check_search(search: FrictionSearch, joint: str, estimator: str) -> None:
+    """Raise SolverError for a search that ended without usable numbers."""
     if not search.outcome.usable:
-        text = f"estimator {estimator!r}, joint {samples.joint!r}: {search.ended} ({search.outcome.value})"
+        text = f"estimator {estimator!r}, joint {joint!r}: {search.ended} ({search.outcome.value})"
         raise SolverError(Notice(code="friction.solver", text=text))
-    return _build_estimate(problem, search, estimator)
 
 
 def check_estimator(estimator: str) -> None:
@@ -326,15 +330,12 @@ def search_friction(
     )
 
 
-def _build_estimate(problem: FrictionProblem, search: FrictionSearch, estimator: str) -> FrictionEstimate:
+def build_estimate(problem: FrictionProblem, search: FrictionSearch, estimator: str) -> FrictionEstimate:
+    """Return what the end of a search says; raise SolverError where that is nothing."""
     samples, law = problem.samples, problem.law
-    design = compute_sensitivities(samples, law, search.linear, search.shape)
-    other = np.zeros(0)
-    if samples.extra.shape[1]:
-        # Factors of the columns beside friction, of least norm in scaled columns.
-        friction = compute_columns(law, samples.inputs, search.shape) @ search.linear
-        passed = samples.pass_columns(np.column_stack([samples.torque - friction, samples.extra]))
-        other = solve_scaled(passed[:, 1:], passed[:, 0], rcond=1e-10)
+    check_search(search, samples.joint, estimator)
+    design = problem.condense_sensitivities(search.linear, search.shape)
+    other = problem.solve_beside(search.linear, search.shape)
     rows, fixed = len(problem.target), (~problem.is_free).tolist()
     fitted = design.shape[1] - sum(fixed)
     uncertainty = compute_uncertainty(design, law, search.objective / max(rows - fitted, 1), fixed)

@@ -28,7 +28,9 @@ from symid.codegen import Library
 from symid.errors import IdentifiabilityError, LogError, Notice
 from symid.identification.friction.samples import FrictionSamples, build_reduction
 from symid.identification.regression import (
+    BLOCK,
     check_joints,
+    extend_triangle,
     hold_resting_joints,
     list_resting_joints,
     measure_bands,
@@ -38,6 +40,7 @@ from symid.logs import Recording, Signals, choose_processing, prepare_signals
 from symid.robot import Processing
 
 _LEAST_SAMPLES = 20
+_PIECE = 1024
 _DRIFT = 0.02
 """Scatter of the positions between periods, relative to their range, that is worth a warning."""
 
@@ -127,8 +130,15 @@ class Column(NamedTuple):
     unit: str
 
 
+def _condense(columns: Sequence[FloatArray]) -> FloatArray:
+    """Return the triangle (p, p) of columns (N,), which has their lengths and angles."""
+    starts = range(0, len(columns[0]), BLOCK)
+    blocks = (np.column_stack([one[start : start + BLOCK] for one in columns]) for start in starts)
+    return extend_triangle(np.zeros((0, len(columns))), blocks)
+
+
 def _keep_independent(columns: list[Column]) -> list[Column]:
-    kept = list_independent(np.column_stack([one.values for one in columns])) if columns else []
+    kept = list_independent(_condense([one.values for one in columns])) if columns else []
     return [columns[k] for k in kept]
 
 
@@ -137,21 +147,24 @@ def _reduce_columns(rigid: list[Column], moving: list[Column]) -> tuple[list[Col
 
     `moving` are the columns of a joint that moves alone.
     """
-    independent = _keep_independent(rigid)
+    every = [*rigid, *moving]
+    triangle, count = _condense([one.values for one in every]), len(rigid)
+    independent = list_independent(triangle[:, :count])
     size = len(independent)
-    physical = _keep_independent(
-        [column for column in moving if len(_keep_independent([*independent, column])) == size]
-    )
+    ranks = {k: len(list_independent(triangle[:, [*independent, k]])) for k in range(count, len(every))}
+    among = [k for k, rank in ranks.items() if rank == size]
+    physical = [among[k] for k in list_independent(triangle[:, among])]
     if len(physical) == size:
-        independent = physical
-        sentence = " + ".join(_PHYSICAL[column.name] for column in physical)
+        sentence = " + ".join(_PHYSICAL[every[k].name] for k in physical)
         sentence = f"the rigid part {sentence} was fitted along"
     else:
+        physical = independent
         sentence = (
             f"a rigid part of {size} columns was fitted along; each stands for a group that these motions "
             "do not separate"
         )
-    return independent, sentence if size else "no rigid part acts on this joint in these motions"
+    sentence = sentence if size else "no rigid part acts on this joint in these motions"
+    return [every[k] for k in physical], sentence
 
 
 _PHYSICAL = {"J": "J ddq", "a": "a sin q", "b": "b cos q"}
@@ -180,14 +193,15 @@ def _estimate_load(rigid: FloatArray, velocity: FloatArray, torque: FloatArray) 
     """Return the torque (N,) of the links, by a fit with plain friction; None where it is too small."""
     if not rigid.shape[1]:
         return None
-    friction = np.column_stack([velocity, np.sign(velocity), np.ones(len(velocity))])
-    columns = np.hstack([rigid, friction])
-    solution = np.linalg.lstsq(columns, torque, rcond=None)[0]
-    alone = np.linalg.lstsq(friction, torque, rcond=None)[0]
-    left, without = torque - columns @ solution, torque - friction @ alone
+    size, rounding = rigid.shape[1], float(np.finfo(float).eps) * len(torque)
+    triangle = _condense([*rigid.T, velocity, np.sign(velocity), np.ones(len(velocity)), torque])
+    columns, target = triangle[:, :-1], triangle[:, -1]
+    solution = np.linalg.lstsq(columns, target, rcond=rounding)[0]
+    alone = np.linalg.lstsq(columns[:, size:], target, rcond=rounding)[0]
+    left, without = target - columns @ solution, target - columns[:, size:] @ alone
     if float(np.sum(left**2)) > 0.5 * float(np.sum(without**2)):
         return None
-    return np.asarray(rigid @ solution[: rigid.shape[1]])
+    return np.asarray(rigid @ solution[:size])
 
 
 _CARRIED = 0.05
@@ -230,23 +244,34 @@ class JointLogs:
 
     def list_rigid_columns(self, joint: int, runs: Sequence[int]) -> list[Column]:
         """Return the joint's row of the torque regressor."""
-        states = ((part.q, part.dq, part.ddq) for part in (self.signals[k] for k in runs))
-        rows = [self.library.evaluate("torque_regressor", *state)[0][:, joint] for state in states]
-        columns = zip(self.library.card.beta, np.vstack(rows).T, strict=True)
+        states = [(part.q, part.dq, part.ddq) for part in (self.signals[k] for k in runs)]
+        rows = self._evaluate_rows("torque_regressor", states, joint)
+        columns = zip(self.library.card.beta, rows.T, strict=True)
         return [Column(entry.name, values, entry.unit) for entry, values in columns]
 
     def list_friction_columns(self, joint: int, runs: Sequence[int]) -> list[Column]:
         """Return the columns of the friction of all joints that acts on this one."""
-        if not (cards := self.library.card.friction):
+        card = self.library.card
+        if not (cards := card.friction):
             return []
+        states = [
+            card.gather_friction_inputs(part.dq, q=part.q, load=part.load, temperature=part.temperature)
+            for part in (self.signals[k] for k in runs)
+        ]
+        rows = self._evaluate_rows("friction_regressor", states, joint)
+        return [Column(entry.name, values, entry.unit) for entry, values in zip(cards, rows.T, strict=True)]
+
+    def _evaluate_rows(
+        self, function: str, states: Sequence[tuple[FloatArray, ...]], joint: int
+    ) -> FloatArray:
+        """Return the joint's rows (N, p) of a regressor, by pieces that stay in the cache."""
         rows = []
-        for signals in (self.signals[k] for k in runs):
-            given = self.library.card.gather_friction_inputs(
-                signals.dq, q=signals.q, load=signals.load, temperature=signals.temperature
-            )
-            rows.append(self.library.evaluate("friction_regressor", *given)[0][:, joint])
-        columns = zip(cards, np.vstack(rows).T, strict=True)
-        return [Column(entry.name, values, entry.unit) for entry, values in columns]
+        for run in states:
+            for start in range(0, len(run[0]), _PIECE):
+                piece = (values[start : start + _PIECE] for values in run)
+                # A copy: one row in n is kept.
+                rows.append(self.library.evaluate(function, *piece)[0][:, joint].copy())
+        return np.vstack(rows)
 
     def list_physical_columns(self, joint: int, runs: Sequence[int]) -> list[Column]:
         """Return inertia and weight of a joint that moves alone."""

@@ -169,15 +169,16 @@ def _identify_joint(
     """Return the friction of a joint, and what concerns the whole identification."""
     extracted = extract_joint(logs, joint, beta=task.beta)
     samples, card = extracted.samples, logs.library.card.joints[joint]
-    selection, name = None, task.model
+    selection, name, estimate = None, task.model, None
     if name == AUTO:
         # Bounds by name hold for one law.
         options = replace(task.options, bounds=())
-        selection = select_law(samples, task.candidates, smoothing=task.smoothing, options=options)
+        selection, estimate = select_law(samples, task.candidates, smoothing=task.smoothing, options=options)
         name = selection.chosen
     law = get_law(name, smoothing=task.smoothing)
     check_inputs(samples, law)
-    estimate = fit_friction(samples, law, estimator=task.estimator, options=task.options)
+    if estimate is None or task.estimator != estimate.estimator or task.options.bounds:
+        estimate = fit_friction(samples, law, estimator=task.estimator, options=task.options)
     torque = samples.build_rows().torque
     left = torque - predict_rows(samples, law, estimate)
     residual = Residual.measure(samples.joint, left, torque, card.torque_unit, estimate.sigma)

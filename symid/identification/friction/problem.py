@@ -14,17 +14,18 @@ Not supported: bounds on the factors of X; weights of single samples.
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, FrozenArrays
+from symid.arrays import FloatArray, FrozenArrays, freeze
 from symid.errors import IdentifiabilityError, Notice, UsageError
-from symid.identification.friction.estimate import FrictionSearch
-from symid.identification.friction.samples import FrictionSamples
+from symid.identification.friction.estimate import FrictionSearch, compute_sensitivities
+from symid.identification.friction.samples import FrictionSamples, list_shaped_columns
 from symid.ipopt import Ending
 from symid.joint_models import FrictionLaw, build_numpy_carrier, compute_column_derivatives, compute_columns
 
@@ -199,17 +200,34 @@ class FrictionProblem(FrozenArrays):
 
     def compute_columns(self, shape: Sequence[float] | FloatArray) -> FloatArray:
         """Return Q_x Phi_R: (M, p)."""
-        columns = compute_columns(self.law, self.samples.inputs, [float(value) for value in shape])
-        return self.eliminate(self.samples.pass_columns(columns))
+        return self.eliminate(self.samples.pass_law(self.law, shape))
 
     def compute_rates(self, shape: Sequence[float] | FloatArray, linear: FloatArray) -> FloatArray:
         """Return the derivatives of Q_x Phi_R linear by the shape values: (M, s)."""
         rates = compute_column_derivatives(self.law, self.samples.inputs, [float(value) for value in shape])
-        return self.eliminate(self.samples.pass_columns(np.einsum("nps,p->ns", rates, linear)))
+        torques = np.zeros((len(rates), rates.shape[2]))
+        for place in list_shaped_columns(self.law):
+            torques += rates[:, place] * linear[place]
+        return self.eliminate(self.samples.pass_columns(torques))
 
     def eliminate(self, columns: FloatArray) -> FloatArray:
         """Return columns behind R (M, c), or one of them (M,), less their parts in those beside friction."""
         return columns - self.basis @ (self.basis.T @ columns)
+
+    def solve_beside(self, linear: Sequence[float] | FloatArray, shape: Sequence[float]) -> FloatArray:
+        """Return the factors (k,) of the columns beside friction, of least norm in scaled columns."""
+        beside = decompose_beside(self.samples)
+        rest = self.samples.build_rows().torque - self.samples.pass_law(self.law, shape) @ np.asarray(linear)
+        return np.asarray(beside.factors @ (beside.basis.T @ rest))
+
+    def condense_sensitivities(self, linear: Sequence[float], shape: Sequence[float]) -> FloatArray:
+        """Return p + s + r rows with the lengths and angles of the columns of `compute_sensitivities`."""
+        beside = decompose_beside(self.samples)
+        own = compute_sensitivities(self.samples, self.law, linear, shape)[:, : len(linear) + len(shape)]
+        inside = beside.basis.T @ own
+        rest = np.linalg.qr(own - beside.basis @ inside, mode="r")
+        below = np.zeros((len(rest), beside.parts.shape[1]))
+        return np.vstack([np.hstack([inside, beside.parts]), np.hstack([rest, below])])
 
     def compute_objectives(self, linear: FloatArray, shape: FloatArray) -> FloatArray:
         """Return J of many candidates, linear (P, p) and shape (P, s): (P,)."""
@@ -243,21 +261,12 @@ def build_problem(samples: FrictionSamples, law: FrictionLaw, options: FrictionO
     if missing:
         text = f"law {law.name!r} reads {' and '.join(missing)}, which the samples of {samples.joint!r} lack"
         raise UsageError(Notice(code="friction.input", text=text))
-    speeds = np.sort(np.abs(samples.velocity))
-    if speeds[-1] == 0.0:
+    if not np.any(samples.velocity):
         text = f"joint {samples.joint!r} does not move: its friction is not identifiable"
         raise IdentifiabilityError(Notice(code="friction.rest", text=text))
-    torque = samples.pass_columns(samples.torque[:, None])[:, 0]
-    beside = samples.pass_columns(samples.extra)
-    lengths = np.linalg.norm(beside, axis=0)
-    scaled = beside[:, lengths > 0.0] / lengths[lengths > 0.0]
-    left, singular, _ = np.linalg.svd(scaled, full_matrices=False)
-    basis = left[:, singular > 1e-10 * singular.max(initial=0.0)]
-    unknowns = len(law.linear) + len(law.shape) + samples.extra.shape[1]
-    if len(torque) <= unknowns:
-        text = f"joint {samples.joint!r}: {len(torque)} rows are too few for {unknowns} unknowns"
-        raise IdentifiabilityError(Notice(code="friction.few-rows", text=text))
-    low, high = _list_bounds(law, speeds, options)
+    torque, basis = samples.build_rows().torque, decompose_beside(samples).basis
+    _check_rows(samples, law)
+    low, high = _list_bounds(law, samples, options)
     middle = np.where(low > 0.0, np.sqrt(np.abs(low * high)), 0.5 * (low + high))
     reach = np.max(np.abs(compute_columns(law, samples.inputs, middle.tolist())), axis=0)
     largest = max(float(np.max(np.abs(samples.torque))), 1e-300)
@@ -274,8 +283,70 @@ def build_problem(samples: FrictionSamples, law: FrictionLaw, options: FrictionO
     )
 
 
+def select_problem(
+    problem: FrictionProblem, samples: FrictionSamples, options: FrictionOptions
+) -> FrictionProblem:
+    """Return the problem of some of its rows, for searches without bounds of linear parameters.
+
+    `samples` are those of the problem with these rows; `bounds` of the options are read. Errors as for
+    `build_problem`.
+    """
+    torque, basis = samples.build_rows().torque, decompose_beside(samples).basis
+    _check_rows(samples, problem.law)
+    low, high = _list_bounds(problem.law, samples, options)
+    target = torque - basis @ (basis.T @ torque)
+    return replace(problem, samples=samples, target=target, basis=basis, low=low, high=high)
+
+
+def _check_rows(samples: FrictionSamples, law: FrictionLaw) -> None:
+    """Raise IdentifiabilityError where there are fewer rows than unknowns."""
+    rows = len(samples.build_rows().torque)
+    unknowns = len(law.linear) + len(law.shape) + samples.extra.shape[1]
+    if rows <= unknowns:
+        text = f"joint {samples.joint!r}: {rows} rows are too few for {unknowns} unknowns"
+        raise IdentifiabilityError(Notice(code="friction.few-rows", text=text))
+
+
+class Beside(NamedTuple):
+    """Of the columns beside friction behind R, X (M, k): a basis (M, r), X^+ = `factors` (k, r) basis'.
+
+    `parts` (r, k) is basis' X.
+    """
+
+    basis: FloatArray
+    factors: FloatArray
+    parts: FloatArray
+
+
+_BESIDE: WeakKeyDictionary[FrictionSamples, Beside] = WeakKeyDictionary()
+
+
+def decompose_beside(samples: FrictionSamples) -> Beside:
+    """Return what X spans, once for the same samples; X^+ is that of least norm in scaled columns."""
+    if samples not in _BESIDE:
+        beside = samples.build_rows().extra
+        lengths = np.linalg.norm(beside, axis=0)
+        scales = np.where(lengths > 0.0, 1.0 / np.where(lengths > 0.0, lengths, 1.0), 0.0)
+        left, singular, right = np.linalg.svd(beside * scales, full_matrices=False)
+        rank = int(np.sum(singular > 1e-10 * singular.max(initial=0.0)))
+        factors = scales[:, None] * (right[:rank].T / singular[:rank])
+        parts = (singular[:rank, None] * right[:rank]) * lengths
+        _BESIDE[samples] = Beside(freeze(left[:, :rank]), freeze(factors), freeze(parts))
+    return _BESIDE[samples]
+
+
+def find_slowest(samples: FrictionSamples) -> float:
+    """Return the lowest speed, rad/s or m/s, that shape values can have: that of the fifth slowest sample.
+
+    Between 0.0001 and 0.01 of the top speed.
+    """
+    speeds = np.abs(samples.velocity)
+    place, fastest = min(4, len(speeds) - 1), float(speeds.max())
+    return min(max(float(np.partition(speeds, place)[place]), 1e-4 * fastest), 1e-2 * fastest)
+
+
 def _list_bounds(
-    law: FrictionLaw, speeds: FloatArray, options: FrictionOptions
+    law: FrictionLaw, samples: FrictionSamples, options: FrictionOptions
 ) -> tuple[FloatArray, FloatArray]:
     """Return bounds (s,) of the shape values: those given, else the law's within the speeds sampled."""
     given = dict(options.bounds)
@@ -284,8 +355,11 @@ def _list_bounds(
         names = ", ".join(entry.name for entry in law.shape) or "none"
         text = f"bounds of {', '.join(unknown)}: unknown; the shape values of law {law.name!r} are {names}"
         raise UsageError(Notice(code="friction.bounds", text=text))
-    slowest, fastest = float(speeds[min(4, len(speeds) - 1)]), float(speeds[-1])
-    slow, fast = min(max(slowest, 1e-4 * fastest), 1e-2 * fastest), 3.0 * fastest
+    if all(entry.name in given for entry in law.shape):
+        pairs = [given[entry.name] for entry in law.shape]
+        return np.array([pair[0] for pair in pairs]), np.array([pair[1] for pair in pairs])
+    slow, fastest = find_slowest(samples), float(np.max(np.abs(samples.velocity)))
+    fast = 3.0 * fastest
     pairs = []
     for entry in law.shape:
         low, high = entry.lower, entry.upper

@@ -5,7 +5,8 @@ Arrays of one joint in SI units -> FrictionSamples -> FrictionRows, VelocityMap.
     tau = Phi(v; shape) linear + X extra + noise,    R tau = R [Phi, X] c + R noise
 
 R is a linear operator that the torque and all columns pass alike: a filter, a decimation, both. Rows are
-selected behind R, so that all have passed the same filter. Recordings are filtered one by one.
+selected behind R, so that all have passed the same filter. Recordings are filtered one by one. What has
+passed R is kept as long as the samples are, columns of laws as far as memory is bounded.
 
 Supported: velocity, load and position as inputs of a law; columns of known form beside friction.
 Not supported: several joints at once; R that depends on the values it acts on; maps over load or position.
@@ -13,22 +14,29 @@ Not supported: several joints at once; R that depends on the values it acts on; 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, FrozenArrays, freeze_fields
+from symid.arrays import FloatArray, FrozenArrays, freeze, freeze_fields
 from symid.errors import LogError, Notice
+from symid.joint_models import FrictionLaw, build_numpy_carrier, compute_columns
 from symid.logs import decimate
 from symid.robot import Decimation
 
 Reduction = Callable[[FloatArray], FloatArray]
 """A linear operator on columns: (N, c) -> (M, c)."""
 _VECTORS = ("time", "velocity", "torque", "load", "position", "temperature", "run")
+_FEW = 1000
+"""Samples of which it is not worth while to keep columns."""
+_MOST_NUMBERS = 4_000_000
+"""Of columns of laws that are kept for the samples of a joint."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, weakref_slot=True)
 class FrictionSamples:
     """Samples of one joint.
 
@@ -112,10 +120,54 @@ class FrictionSamples:
         """Return the samples with only the rows `kept` (M,)."""
         if (whole := self.reduce) is None:
             return self.take(kept)
-        return replace(self, reduce=lambda columns: np.asarray(whole(columns)[kept]))
+        selected = replace(self, reduce=lambda columns: np.asarray(whole(columns)[kept]))
+        _ORIGINS[selected] = self, kept
+        return selected
+
+    def pass_law(self, law: FrictionLaw, shape: Sequence[float] | FloatArray) -> FloatArray:
+        """Return the columns of a law behind R (M, p), read-only, for shape values (s,)."""
+        if self in _ORIGINS:
+            whole, kept = _ORIGINS[self]
+            return whole.pass_law(law, shape)[kept]
+        values = tuple(float(value) for value in shape)
+        if self.count < _FEW:
+            return self.pass_columns(compute_columns(law, self.inputs, values))
+        memory = _PASSED.setdefault(self, {})
+        # Those used last are kept longest.
+        found = memory.pop((law.columns, values), None)
+        if found is None:
+            found = freeze(self._pass_law(law, values, memory))
+        memory[law.columns, values] = found
+        while len(memory) > 2 and sum(entry.size for entry in memory.values()) > _MOST_NUMBERS:
+            del memory[next(iter(memory))]
+        return found
+
+    def _pass_law(self, law: FrictionLaw, values: tuple[float, ...], memory: "_Memory") -> FloatArray:
+        columns, moving = compute_columns(law, self.inputs, values), list_shaped_columns(law)
+        fixed = [k for k in range(len(law.linear)) if k not in moving]
+        if not moving or not fixed:
+            return self.pass_columns(columns)
+        own, others = self.pass_columns(columns[:, moving]), memory.pop((law.columns, ()), None)
+        memory[law.columns, ()] = self.pass_columns(columns[:, fixed]) if others is None else others
+        result = np.empty((len(own), len(law.linear)))
+        result[:, moving], result[:, fixed] = own, memory[law.columns, ()]
+        return result
 
     def build_rows(self) -> "FrictionRows":
-        """Return the samples behind R."""
+        """Return the samples behind R, read-only."""
+        if self not in _ROWS:
+            if self in _ORIGINS:
+                whole, kept = _ORIGINS[self]
+                found: Any = (values[kept] for values in whole.build_rows())
+                rows = FrictionRows(*found)
+            else:
+                rows = self._pass_rows()
+            for values in rows:
+                values.setflags(write=False)
+            _ROWS[self] = rows
+        return _ROWS[self]
+
+    def _pass_rows(self) -> "FrictionRows":
         ones, run = np.ones(self.count), np.asarray(self.run, dtype=np.float64)
         columns = [ones, self.time, self.velocity, run, self.torque, self.extra]
         passed = self.pass_columns(np.column_stack(columns))
@@ -138,6 +190,28 @@ class FrictionRows(NamedTuple):
     torque: FloatArray
     extra: FloatArray
     run: NDArray[np.intp]
+
+
+_ORIGINS: WeakKeyDictionary[FrictionSamples, tuple[FrictionSamples, NDArray[np.bool_]]] = WeakKeyDictionary()
+"""Of samples with a part of the rows: the whole, and which rows."""
+_ROWS: WeakKeyDictionary[FrictionSamples, FrictionRows] = WeakKeyDictionary()
+_Memory = dict[tuple[Callable[..., Any], tuple[float, ...]], FloatArray]
+"""Columns of laws behind R, by the function of columns and the shape; those without one under no shape."""
+_PASSED: WeakKeyDictionary[FrictionSamples, _Memory] = WeakKeyDictionary()
+
+
+def list_shaped_columns(law: FrictionLaw) -> list[int]:
+    """Return which columns of a law depend on its shape values."""
+    return list(_find_shaped(law.columns, law.inputs, len(law.shape)))
+
+
+@lru_cache(maxsize=256)
+def _find_shaped(columns: Callable[..., Any], inputs: tuple[str, ...], count: int) -> tuple[int, ...]:
+    # What is not a number spreads to all that is computed from it.
+    values = {name: np.array([-0.7, -0.3, 0.4, 0.6]) for name in inputs}
+    with np.errstate(invalid="ignore"):
+        found = columns(build_numpy_carrier(), values, [np.float64(np.nan)] * count)
+    return tuple(place for place, column in enumerate(found) if np.isnan(column).any())
 
 
 def build_reduction(lengths: Sequence[int], decimation: Decimation) -> Reduction | None:

@@ -108,9 +108,9 @@ def _choose_damping(jacobian: FloatArray, state: Projection, trial: Projection) 
     return max(gain - slope - curved, 0.0) / length
 
 
-_KINKED = frozenset({"dq0"})
+KINKED = frozenset({"dq0"})
 """Shape values with a kink in J at every speed sampled: the edge of the linear zone."""
-_JUMPING = frozenset({"dqs"})
+JUMPING = frozenset({"dqs"})
 """Shape values at which J jumps whenever they pass a velocity sampled: where friction changes its sign."""
 _PATIENCE = 3
 """Steps in a row that may fail near a kink."""
@@ -122,15 +122,38 @@ _LINEAR = "the law is linear in what is free"
 def search_by_projection(problem: FrictionProblem, options: VariableProjectionOptions) -> FrictionSearch:
     """Return the optimum of a problem with at most three free shape values."""
     projector = Projector(problem, options.solves)
-    states = [projector.project(z) for z in build_shape_grid(problem, options)]
-    projector.record(*states)
     free = np.flatnonzero(problem.is_free)
     if not len(free):
-        return projector.build_search(states[0], Ending.CONVERGED, _LINEAR)
+        best = projector.project(problem.box[0])
+        projector.record(best)
+        return projector.build_search(best, Ending.CONVERGED, _LINEAR)
+    best = _scan_shapes(projector, options, free)
+    names, tolerance = {problem.law.shape[place].name for place in free}, options.tolerance
+    if not names & (KINKED | JUMPING):
+        best, done = descend(projector, best, free, tolerance=tolerance, steps=60)
+    else:
+        patience = _PATIENCE if names & KINKED else 2 * _PATIENCE
+        best, _ = descend(projector, best, free, tolerance=tolerance, steps=10, patience=patience)
+        search = _visit_kinks if names & KINKED else _cross_jumps
+        best, done = search(projector, best, free, tolerance)
+    outcome, ended = Ending.STALLED, "no step made the objective less"
+    if done:
+        small = "the next step in the shape, or what it promises, fell below the tolerance"
+        outcome, ended = Ending.CONVERGED, small if len(projector.history) > 1 else _LINEAR
+    elif projector.exhausted:
+        outcome, ended = Ending.LIMIT, f"{projector.limit} linear problems were solved"
+    return projector.build_search(best, outcome, ended)
+
+
+def _scan_shapes(projector: Projector, options: VariableProjectionOptions, free: IntArray) -> Projection:
+    """Return the least of the ends of short descents from the best points of the grid."""
+    problem = projector.problem
+    states = [projector.project(z) for z in build_shape_grid(problem, options)]
+    projector.record(*states)
     # The distance of the grid's points in each coordinate.
     spacing, (low, high) = np.ones(len(problem.low)), problem.box
     spacing[free] = (high - low)[free] / np.array(options.grid[len(free) - 1])
-    if any(problem.law.shape[place].name in _JUMPING for place in free):
+    if any(problem.law.shape[place].name in JUMPING for place in free):
         least = min(states, key=lambda state: state.objective)
         states = [_visit_jumps(projector, least, free, spacing)]
     starts: list[Projection] = []
@@ -140,22 +163,7 @@ def search_by_projection(problem: FrictionProblem, options: VariableProjectionOp
         if len(starts) < options.starts and all(distance > 1.5 for distance in apart):
             starts.append(state)
     ends = [descend(projector, start, free, tolerance=1e-2, steps=6) for start in starts]
-    best = min((end for end, _ in ends), key=lambda state: state.objective)
-    names, tolerance = {problem.law.shape[place].name for place in free}, options.tolerance
-    if not names & (_KINKED | _JUMPING):
-        best, done = descend(projector, best, free, tolerance=tolerance, steps=60)
-    else:
-        patience = _PATIENCE if names & _KINKED else 2 * _PATIENCE
-        best, _ = descend(projector, best, free, tolerance=tolerance, steps=10, patience=patience)
-        search = _visit_kinks if names & _KINKED else _cross_jumps
-        best, done = search(projector, best, free, tolerance)
-    outcome, ended = Ending.STALLED, "no step made the objective less"
-    if done:
-        small = "the next step in the shape, or what it promises, fell below the tolerance"
-        outcome, ended = Ending.CONVERGED, small if len(projector.history) > 1 else _LINEAR
-    elif projector.exhausted:
-        outcome, ended = Ending.LIMIT, f"{projector.limit} linear problems were solved"
-    return projector.build_search(best, outcome, ended)
+    return min((end for end, _ in ends), key=lambda state: state.objective)
 
 
 def build_shape_grid(problem: FrictionProblem, options: VariableProjectionOptions) -> list[FloatArray]:
@@ -181,7 +189,7 @@ def build_shape_grid(problem: FrictionProblem, options: VariableProjectionOption
 def _visit_jumps(projector: Projector, best: Projection, free: IntArray, spacing: FloatArray) -> Projection:
     """Return the end of a search over the intervals between jumps, ever closer around the best one."""
     problem = projector.problem
-    place = next(k for k in free if problem.law.shape[k].name in _JUMPING)
+    place = next(k for k in free if problem.law.shape[k].name in JUMPING)
     others = free[free != place]
     speeds = np.exp(_list_jumps(problem, int(place)))
     middles = np.log(0.5 * (speeds[1:] + speeds[:-1]))
@@ -214,7 +222,7 @@ def _cross_jumps(
     """Return the optimum of an interval between jumps that no neighbour reached by its end undercuts."""
     problem = projector.problem
     low, high = problem.box
-    place = next(k for k in free if problem.law.shape[k].name in _JUMPING)
+    place = next(k for k in free if problem.law.shape[k].name in JUMPING)
     jumps = _list_jumps(problem, int(place))
     jumps = jumps[(jumps > low[place] + _ONE_JUMP) & (jumps < high[place])]
     edges = np.concatenate([low[[place]], jumps, high[[place]]])
@@ -243,7 +251,7 @@ def _visit_kinks(
 ) -> tuple[Projection, bool]:
     """Return the least of the optima in the kinks around `best` and between them, and whether it is one."""
     problem = projector.problem
-    edge = next(k for k in free if problem.law.shape[k].name in _KINKED)
+    edge = next(k for k in free if problem.law.shape[k].name in KINKED)
     others = free[free != edge]
     # Solves kept for the smooth rest once the kinks were visited.
     projector.reserve = 12

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         warn_of_energy as warn_of_energy,
     )
     from symid.identification.regression.identifiability import (
+        BLOCK as BLOCK,
         JOINT_AT_REST as JOINT_AT_REST,
         WHOLE_MODEL as WHOLE_MODEL,
         Condensed as Condensed,
@@ -45,8 +46,9 @@ if TYPE_CHECKING:
         LONG_KINDS as LONG_KINDS,
         LongRows as LongRows,
         RowBuilder as RowBuilder,
+        StatesKeeper as StatesKeeper,
         condense_recordings as condense_recordings,
-        predict_rows as predict_rows,
+        predict_outlines as predict_outlines,
     )
     from symid.identification.regression.preparation import (
         SAME_PERIOD as SAME_PERIOD,

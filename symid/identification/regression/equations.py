@@ -97,6 +97,8 @@ def _cut_windows(windows: Windows, pieces: int = 1) -> Iterator[tuple[slice, Win
 
 _SAMPLES = 8192
 """Samples whose regressors are in memory at a time."""
+_PIECE = 1024
+"""Samples whose regressors are in the cache at a time."""
 _RATE = 2.0
 """Rate of the filter of `filtered` rows, times the window: rows share 2 % of their noise's variance."""
 
@@ -168,18 +170,40 @@ def evaluate_columns(  # noqa: PLR0917 - the states of a sample, in the order of
     temperature: FloatArray | None = None,
 ) -> FloatArray:
     """Return [Y | Yf] at states (N, n): (N, n, p); a UsageError where friction needs a load that is None."""
+    # In pieces that stay in the cache, for new memory costs as much as the functions.
+    result, count = np.empty((0, 0, 0)), len(q)
+    for start in range(0, count, _PIECE):
+        part = slice(start, start + _PIECE)
+        cut = (None if values is None else values[part] for values in (load, temperature))
+        columns = _evaluate_parts(library, q[part], dq[part], ddq[part], *cut)
+        if not start:
+            result = np.empty((count, dq.shape[1], sum(entry.shape[2] for entry in columns)))
+        np.concatenate(columns, axis=2, out=result[part])
+    return result
+
+
+def _evaluate_parts(  # noqa: PLR0917 - as above
+    library: Library,
+    q: FloatArray,
+    dq: FloatArray,
+    ddq: FloatArray,
+    load: FloatArray | None,
+    temperature: FloatArray | None,
+) -> tuple[FloatArray, ...]:
     (rigid,) = library.evaluate("torque_regressor", q, dq, ddq)
     states = {"q": q, "load": load, "temperature": temperature}
-    return np.concatenate([rigid, *_evaluate_friction(library, dq, states)], axis=2)
+    return (rigid, *_evaluate_friction(library, dq, states))
 
 
 def evaluate_torques(library: Library, signals: Signals, values: FloatArray) -> FloatArray:
     """Return the torques (N, n) in N m or N that parameters (p,) predict at every sample."""
-    torques = []
-    for start in range(0, len(signals.time), _SAMPLES):
-        states = signals.pick_states(slice(start, start + _SAMPLES))
-        torques.append(evaluate_columns(library, *states) @ values)
-    return np.concatenate(torques)
+    torques = np.zeros(signals.q.shape)
+    for start in range(0, len(torques), _PIECE):
+        part, place = slice(start, start + _PIECE), 0
+        for columns in _evaluate_parts(library, *signals.pick_states(part)):
+            torques[part] += columns @ values[place : place + columns.shape[2]]
+            place += columns.shape[2]
+    return torques
 
 
 def _list_kept_times(time: FloatArray, kept: int, factor: int) -> FloatArray:

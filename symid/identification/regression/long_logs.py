@@ -32,7 +32,7 @@ from symid.identification.regression.equations import (
 )
 from symid.identification.regression.identifiability import BLOCK, Condensed, extend_triangle
 from symid.identification.regression.preparation import leave_out_rows, prepare_rows, prepare_states
-from symid.logs import Recording, decimate
+from symid.logs import Recording, Signals, decimate
 from symid.robot import Processing
 
 LONG_KINDS = ("torque", "momentum")
@@ -40,14 +40,44 @@ _BLOCKS = 100
 """Blocks of a joint's equations, as many as `compute_block_deviations` has."""
 
 
+class StatesKeeper:
+    """Prepares the states of recordings, and keeps those of the last one: passes over a log share them."""
+
+    def __init__(self) -> None:
+        """Keep nothing yet."""
+        self._last: tuple[tuple[Library, Recording, Processing], Signals] | None = None
+
+    def prepare(self, library: Library, recording: Recording, processing: Processing) -> Signals:
+        """Return the states as `prepare_states`, which reads no standstill speed."""
+        processing = replace(processing, standstill=None)
+        if self._last is not None:
+            (own, log, settings), signals = self._last
+            if own is library and log is recording and settings == processing:
+                return signals
+        # Before others are made: two logs need not be in memory.
+        self._last = None
+        signals = prepare_states(library, recording, processing)
+        self._last = (library, recording, processing), signals
+        return signals
+
+
 class RowBuilder(NamedTuple):
-    """How recordings become equations; `window` in s and `overlap` are of momentum rows."""
+    """How recordings become equations; `window` in s and `overlap` are of momentum rows.
+
+    `keeper` has the states that it prepared last; None to prepare them for every pass.
+    """
 
     kind: str
     library: Library
     processing: Processing
     window: float
     overlap: float
+    keeper: StatesKeeper | None = None
+
+    def prepare_states(self, recording: Recording) -> Signals:
+        """Return the filtered states of a recording."""
+        prepare = prepare_states if self.keeper is None else self.keeper.prepare
+        return prepare(self.library, recording, self.processing)
 
     def prepare(self, recording: Recording) -> Rows:
         """Return the equations of a recording."""
@@ -57,7 +87,7 @@ class RowBuilder(NamedTuple):
 
     def outline(self, recording: Recording) -> Rows:
         """Return the equations of a recording with their places in time (m, 1), from zero, as matrix."""
-        card, signals = self.library.card, prepare_states(self.library, recording, self.processing)
+        card, signals = self.library.card, self.prepare_states(recording)
         part = outline_part(self.kind, signals, self.processing, self.window, count_pieces(self.overlap))
         places = np.arange(len(part.values), dtype=np.float64)
         part = part._replace(matrix=np.tile(places[:, None, None], (1, card.size, 1)))
@@ -65,7 +95,7 @@ class RowBuilder(NamedTuple):
 
     def cut(self, recording: Recording) -> Iterator[tuple[slice, FloatArray]]:
         """Yield the matrix (k, n, p) of a recording's equations by stretches of time, and their places."""
-        signals, pieces = prepare_states(self.library, recording, self.processing), count_pieces(self.overlap)
+        signals, pieces = self.prepare_states(recording), count_pieces(self.overlap)
         return cut_matrix(
             self.kind, self.library, signals, self.processing, window=self.window, pieces=pieces
         )
@@ -172,17 +202,18 @@ def _extend(
         triangles[segment] = extend_triangle(triangles[segment], blocks)
 
 
-def predict_rows(
-    maker: RowBuilder, recordings: Sequence[Recording], outline: Rows, values: FloatArray
-) -> FloatArray:
-    """Return what parameters (p,) predict of the equations (m,) of `outline`, by another pass."""
-    predicted = np.empty(len(outline.values))
+def predict_outlines(
+    maker: RowBuilder, recordings: Sequence[Recording], outlines: Sequence[Rows], values: FloatArray
+) -> list[FloatArray]:
+    """Return what parameters (p,) predict of the equations (m,) of each outline, by another pass for all."""
+    predicted = [np.empty(len(outline.values)) for outline in outlines]
     for run, recording in enumerate(recordings):
         if maker.kind == "torque":
-            signals = prepare_states(maker.library, recording, maker.processing)
-            whole = decimate(evaluate_torques(maker.library, signals, values), maker.processing.decimation)
+            torques = evaluate_torques(maker.library, maker.prepare_states(recording), values)
+            whole = decimate(torques, maker.processing.decimation)
         else:
             whole = np.concatenate([matrix @ values for _, matrix in maker.cut(recording)])
-        own = outline.run == run
-        predicted[own] = whole[outline.matrix[own, 0].astype(np.intp), outline.group[own]]
+        for outline, found in zip(outlines, predicted, strict=True):
+            own = outline.run == run
+            found[own] = whole[outline.matrix[own, 0].astype(np.intp), outline.group[own]]
     return predicted

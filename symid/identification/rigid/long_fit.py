@@ -24,11 +24,12 @@ from symid.identification.regression import (
     RankRule,
     RowBuilder,
     Rows,
+    StatesKeeper,
     analyse_condensed,
     check_identifiable_share,
     condense_recordings,
     mask_fast,
-    predict_rows,
+    predict_outlines,
     stack_rows,
 )
 from symid.logs import Recording
@@ -77,6 +78,7 @@ def fit_long(
         LogError, UsageError: as for `prepare_rows`.
         IdentifiabilityError: no parameter is identifiable.
     """
+    builder = builder._replace(keeper=StatesKeeper())
     long = condense_recordings(builder, recordings, weights)
     if long is None:
         return None
@@ -89,10 +91,11 @@ def fit_long(
     check_identifiable_share(identifiability, rows.names, rule.least, rows.notices)
     plain = None if estimator == "wls" else np.ones(len(condensed.counts))
     found = fit_condensed(condensed, identifiability.basis, plain, freedom)
+    predicted, every_row = predict_outlines(every, recordings, (rows, whole), found.values)
     fit = RegressionFit(
         values=found.values,
         covariance=found.covariance,
-        residuals=rows.values - predict_rows(builder, recordings, rows, found.values),
+        residuals=rows.values - predicted,
         spent=found.spent,
         condition=found.condition,
         weights=found.weights[rows.group] * np.sqrt(rows.weight),
@@ -105,7 +108,7 @@ def fit_long(
         identifiability=identifiability,
         fit=fit,
         pattern=warn_of_correlated_residuals(sketch, blocks, identifiability),
-        left=(whole, whole.values - predict_rows(every, recordings, whole, found.values)),
+        left=(whole, whole.values - every_row),
     )
 
 

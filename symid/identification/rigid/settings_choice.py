@@ -67,6 +67,8 @@ _RATE = 20.0
 """Times the band: rate at which columns are evaluated."""
 _TAPS = 2.0
 """Periods of the band on either side of the filter's middle."""
+_TOGETHER = 64
+"""Places at even distances that are filtered by one product of matrices."""
 _TOP = 0.99
 _WIDER = 2
 """Octaves by which rows are wider than their instruments at most: more adds noise only."""
@@ -118,15 +120,22 @@ def _prepare(library: Library, recording: Recording, processing: Processing, cut
 
 
 def _filter_rows(values: FloatArray, band: float, places: NDArray[np.intp]) -> FloatArray:
-    """Return low-passed `values` (N, k) at `places` (T,); `band` in cycles a sample, ends reflected oddly."""
+    """Return low-passed `values` (N, k) at `places` (T,), at even distances.
+
+    `band` is in cycles a sample; ends are reflected oddly.
+    """
     from scipy.signal import firwin
-    from scipy.sparse import csr_matrix
 
     half = round(_TAPS / band)
     if band >= 0.45 or not half:
         return values[places]
     half = min(half, len(values) - 1)
     taps = firwin(2 * half + 1, 2.0 * band)
+    first, step = int(places[0]), int(places[1] - places[0]) if len(places) > 1 else 1
+    # The weights of some neighbouring places are one matrix.
+    weights = np.zeros((_TOGETHER, len(taps) + step * (_TOGETHER - 1)))
+    for place, row in enumerate(weights):
+        row[step * place : step * place + len(taps)] = taps
     padded = np.concatenate(
         [
             2.0 * values[:1] - values[half:0:-1],
@@ -134,10 +143,16 @@ def _filter_rows(values: FloatArray, band: float, places: NDArray[np.intp]) -> F
             2.0 * values[-1:] - values[-2 : -half - 2 : -1],
         ]
     )
-    where = (places[:, None] + np.arange(len(taps))).ravel()
-    starts = np.arange(0, len(where) + 1, len(taps))
-    weights = csr_matrix((np.tile(taps, len(places)), where, starts), shape=(len(places), len(padded)))
-    return np.asarray(weights @ padded)
+    # Columns of zeros, of which a regressor has many, stay so.
+    live = np.flatnonzero(values.any(axis=0))
+    padded, parts = np.ascontiguousarray(padded[:, live]), []
+    for start in range(0, len(places), _TOGETHER):
+        count = min(_TOGETHER, len(places) - start)
+        begin, width = first + step * start, len(taps) + step * (count - 1)
+        parts.append(weights[:count, :width] @ padded[begin : begin + width])
+    rows = np.zeros((len(places), values.shape[1]))
+    rows[:, live] = np.concatenate(parts)
+    return rows
 
 
 def pick_pieces(recordings: Sequence[Recording]) -> list[tuple[int, Recording]]:

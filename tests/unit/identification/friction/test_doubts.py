@@ -159,7 +159,9 @@ def test_samples_that_are_not_fitted_show_nothing(name):
 
 def test_a_law_that_rests_on_samples_left_out_is_not_chosen():
     samples = draw_without_slow("stribeck+offset", (11.0, 40.0, 0.04, 20.0, 0.5), noise=0.05)
-    selection = select_law(samples, ("coulomb-viscous-offset", "stribeck+offset", "stribeck-exponent+offset"))
+    selection, _ = select_law(
+        samples, ("coulomb-viscous-offset", "stribeck+offset", "stribeck-exponent+offset")
+    )
     assert selection.chosen == "coulomb-viscous-offset"
 
 

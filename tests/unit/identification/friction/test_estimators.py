@@ -1,5 +1,7 @@
 """One interface for all estimators: the same report, the same refusals of what cannot be fitted."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -75,9 +77,7 @@ def test_columns_beside_friction_and_a_filter_take_part():
         reduce=lambda columns: columns[::2] + columns[1::2],
     )
     true = np.array([0.5, 3.0, -2.0])
-    samples = type(samples)(
-        **{**{n: getattr(samples, n) for n in samples.__slots__}, "torque": samples.torque + extra @ true}
-    )
+    samples = replace(samples, torque=samples.torque + extra @ true)
     estimate = fit_friction(samples, law)
     assert estimate.samples == 1000
     np.testing.assert_allclose([entry.value for entry in estimate.extra], true, atol=1e-5)

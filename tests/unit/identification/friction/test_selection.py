@@ -10,9 +10,16 @@ from symid.identification.friction import selection as selection_module
 from symid.identification.friction.estimators import fit_friction
 from symid.identification.friction.extraction import extract_joint, prepare_joint_logs
 from symid.identification.friction.problem import VariableProjectionOptions
-from symid.identification.friction.samples import FrictionRows, FrictionSamples, compute_velocity_map
+from symid.identification.friction.samples import (
+    FrictionRows,
+    FrictionSamples,
+    build_reduction,
+    compute_velocity_map,
+)
 from symid.identification.friction.selection import CANDIDATE_LAWS, assign_blocks, select_law
 from symid.joint_models.friction_catalogue import get_law
+from symid.joint_models.friction_law import compute_columns
+from symid.robot import Decimation
 from tests.recovery.closed_form import build_two_link
 from tests.unit.identification.friction.cosine_rigs import RAW, record
 
@@ -49,7 +56,7 @@ def test_a_recording_too_short_to_be_cut_is_always_fitted():
 
 @pytest.mark.parametrize("truth", ["coulomb-viscous-offset", "stribeck+offset"])
 def test_the_true_law_is_taken(truth):
-    selection = select_law(build_samples(truth), FEW)
+    selection, _ = select_law(build_samples(truth), FEW)
     assert selection.chosen == truth
     assert selection.blocks == 5
     assert {trial.law for trial in selection.trials} == set(FEW)
@@ -74,7 +81,7 @@ def test_a_law_whose_fall_lies_below_the_slowest_row_is_not_taken():
     processing = replace(RAW, standstill=0.1)
     recordings = [record(0.15, noise=0.02), record(1.0, noise=0.02, seed=1)]
     logs = prepare_joint_logs(LIBRARY, recordings, processing)
-    selection = select_law(extract_joint(logs, 0).samples, FEW)
+    selection, _ = select_law(extract_joint(logs, 0).samples, FEW)
     best = selection.trials[0]
     assert (best.law, best.reason) == ("stribeck+offset", "not identifiable: fS, vs")
     assert selection.chosen != "stribeck+offset"
@@ -93,7 +100,7 @@ def test_a_law_is_taken_only_where_a_fit_of_full_effort_tells_it(monkeypatch):
         return replace(estimate, refused=(("vs", "two optima"),))
 
     monkeypatch.setattr(selection_module, "fit_friction", fit)
-    selection = select_law(build_samples("stribeck+offset"), FEW)
+    selection, _ = select_law(build_samples("stribeck+offset"), FEW)
     assert full == ["stribeck+offset"]
     assert selection.chosen != "stribeck+offset"
     assert next(trial for trial in selection.trials if trial.law == full[0]).reason.endswith(": vs")
@@ -108,7 +115,7 @@ def test_a_law_that_cannot_be_fitted_says_why():
         torque=samples.torque,
         extra=samples.extra,
     )
-    selection = select_law(without, ("coulomb-viscous", "load-dependent"))
+    selection, _ = select_law(without, ("coulomb-viscous", "load-dependent"))
     assert selection.chosen == "coulomb-viscous"
     assert selection.trials[-1].law == "load-dependent"
     assert "load" in selection.trials[-1].reason
@@ -138,3 +145,97 @@ def test_the_map_shows_friction_against_velocity():
     slow = np.abs(found.velocity) < 0.01
     assert np.allclose(found.torque[~slow], expected[~slow], atol=0.02)
     assert len(found.cloud_velocity) == len(found.cloud_torque) == 600
+
+
+def draw_long_samples(law, physical, *, one_sided=False, seed=9):
+    """Samples of 120 s at 500 Hz, decimated by 10, with two columns beside friction."""
+    count, rng = 60_000, np.random.default_rng(seed)
+    time = np.arange(count) * 2e-3
+    phase = 2.0 * np.pi * time * (0.2 + 0.0005 * time)
+    velocity, ddq = np.sin(phase) * np.sin(0.31 * time), np.gradient(np.sin(phase), 2e-3)
+    if one_sided:
+        velocity = np.abs(velocity) + 0.01
+    linear, shape = law.from_physical(physical)
+    extra = np.column_stack([ddq, np.cos(time)])
+    friction = compute_columns(law, {"velocity": velocity}, shape) @ linear
+    return FrictionSamples(
+        joint="1",
+        time=time,
+        velocity=velocity,
+        torque=friction + extra @ [0.1, 2.0] + 0.05 * rng.normal(size=count),
+        extra=extra,
+        extra_names=("J", "a"),
+        reduce=build_reduction([count], Decimation(factor=10)),
+    )
+
+
+@pytest.mark.parametrize("one_sided", [False, True])
+def test_a_sketch_predicts_columns_of_every_law_behind_the_filter(one_sided):
+    law = get_law("stribeck+offset")
+    samples = draw_long_samples(law, (1.0, 1.5, 0.1, 0.8, 0.1), one_sided=one_sided)
+    speeds, spread = selection_module._spread_speeds(samples)
+    for name in ("stribeck+offset", "stribeck-exponent+offset", "lorentzian", "power-law", "makkar", "cubic"):
+        law = get_law(name)
+        for scale in (0.05, 0.4):
+            exact = compute_columns(law, samples.inputs, [scale] * len(law.shape))
+            sketched = spread @ compute_columns(law, {"velocity": speeds}, [scale] * len(law.shape))
+            moving = np.abs(samples.velocity) > 1e-3
+            np.testing.assert_allclose(sketched[moving], exact[moving], atol=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("truth", "physical"),
+    [
+        ("coulomb-viscous-offset", (1.0, 0.8, 0.1)),
+        ("stribeck+offset", (1.0, 1.5, 0.1, 0.8, 0.1)),
+        ("lorentzian+offset", (1.0, 1.8, 0.05, 0.8, 0.1)),
+    ],
+)
+def test_a_choice_from_sketches_is_that_from_all_rows(truth, physical, monkeypatch):
+    law = get_law(truth)
+    samples = draw_long_samples(law, physical)
+    laws = (
+        "coulomb-viscous-offset",
+        "stribeck+offset",
+        "lorentzian+offset",
+        "power-law+offset",
+        "tustin+offset",
+    )
+    sketched, final = select_law(samples, laws)
+    monkeypatch.setattr(selection_module, "_LEAST_SKETCHED", np.inf)
+    exact, _ = select_law(samples, laws)
+    assert sketched.chosen == exact.chosen == truth
+    assert sketched.verdict == exact.verdict
+    by_law = {trial.law: trial for trial in exact.trials}
+    for trial in sketched.trials:
+        other = by_law[trial.law]
+        assert trial.reason == other.reason
+        assert trial.held_rms == pytest.approx(other.held_rms, rel=1e-6)
+        assert trial.fitted_percent == pytest.approx(other.fitted_percent, rel=1e-9)
+    if law.shape:
+        assert final == fit_friction(samples, law)
+
+
+def test_laws_with_kinks_are_searched_in_the_rows_where_they_may_be_chosen(monkeypatch):
+    law = get_law("improved-stribeck")
+    linear, shape = (0.8, 1.0, 0.8, 0.1), (0.4, 0.2)
+    samples = draw_long_samples(law, law.to_physical(linear, shape))
+    laws = ("coulomb-viscous-offset", "stribeck+offset", "improved-stribeck")
+    sketched, final = select_law(samples, laws)
+    monkeypatch.setattr(selection_module, "_LEAST_SKETCHED", np.inf)
+    exact, _ = select_law(samples, laws)
+    assert sketched.chosen == exact.chosen == "improved-stribeck"
+    one, other = (next(t for t in entry.trials if t.law == law.name) for entry in (sketched, exact))
+    assert (one.held_rms, one.fitted_percent, one.aicc) == (other.held_rms, other.fitted_percent, other.aicc)
+    assert final == fit_friction(samples, law)
+
+
+def test_parts_without_a_column_beside_friction_are_sketched():
+    law = get_law("stribeck+offset")
+    samples = draw_long_samples(law, (1.0, 1.5, 0.1, 0.8, 0.1))
+    # The second column is zero in the first fifth, and twice there.
+    late = samples.time > 26.0
+    extra = np.column_stack([samples.extra[:, 0], samples.extra[:, 1] * late, samples.extra[:, 1] * late])
+    samples = replace(samples, extra=extra, extra_names=("J", "a", "b"))
+    chosen, _ = select_law(samples, ("coulomb-viscous-offset", "stribeck+offset"))
+    assert chosen.chosen == "stribeck+offset"

@@ -14,8 +14,13 @@ from symid.identification.estimators.least_squares import RegressionFit
 from symid.identification.estimators.linear_estimators import fit_rows
 from symid.identification.regression.equations import stack_rows
 from symid.identification.regression.identifiability import RankRule, analyse_identifiability
-from symid.identification.regression.long_logs import RowBuilder, condense_recordings
-from symid.identification.regression.preparation import prepare_rows
+from symid.identification.regression.long_logs import (
+    RowBuilder,
+    StatesKeeper,
+    condense_recordings,
+    predict_outlines,
+)
+from symid.identification.regression.preparation import prepare_rows, prepare_states
 from symid.identification.rigid.fit import identify_parameters
 from symid.identification.rigid.long_fit import compute_long_covariance, fit_long, is_long
 from symid.logs.recording import Recording
@@ -123,6 +128,43 @@ def test_deviations_of_blocks(kind, freedom):
     np.testing.assert_allclose(
         compute_block_deviations(sketch, small, seen), compute_block_deviations(rows, fit, seen), rtol=1e-9
     )
+
+
+@pytest.mark.parametrize("kind", ["torque", "momentum"])
+def test_outlines_are_predicted_by_one_pass(kind, recordings):
+    keeper, values = StatesKeeper(), TWO_LINK_TRUTH * 1.01
+    maker = RowBuilder(kind, LIBRARY, PROCESSING, 0.04, 0.5, keeper)
+    every = maker._replace(processing=replace(PROCESSING, standstill=None))
+    outlines = [stack_rows([one.outline(log) for log in recordings]) for one in (maker, every)]
+    assert len(outlines[0].values) < len(outlines[1].values)
+    found = predict_outlines(maker, recordings, outlines, values)
+    for one, outline, predicted in zip((maker, every), outlines, found, strict=True):
+        rows = stack_rows([one._replace(keeper=None).prepare(log) for log in recordings])
+        np.testing.assert_array_equal(rows.values, outline.values)
+        np.testing.assert_allclose(predicted, rows.matrix @ values, rtol=1e-9, atol=1e-9)
+
+
+def test_states_are_prepared_once_for_neighbouring_passes(recordings, monkeypatch):
+    asked = []
+
+    def prepare(library, recording, processing):
+        asked.append(recording.source)
+        return prepare_states(library, recording, processing)
+
+    monkeypatch.setattr("symid.identification.regression.long_logs.prepare_states", prepare)
+    first, second = recordings
+    keeper = StatesKeeper()
+    for log in (first, first, second, first):
+        kept = keeper.prepare(LIBRARY, log, PROCESSING)
+        np.testing.assert_array_equal(kept.ddq, prepare_states(LIBRARY, log, PROCESSING).ddq)
+    assert asked == ["made 1", "made 2", "made 1"]
+    keeper.prepare(LIBRARY, first, replace(PROCESSING, standstill=None))
+    assert len(asked) == 3
+    keeper.prepare(LIBRARY, first, replace(PROCESSING, filter_cutoff=30.0))
+    assert len(asked) == 4
+    asked.clear()
+    fit_long(RowBuilder("torque", LIBRARY, PROCESSING, 0.1, 0.0), [first], "wls", rule=RankRule())
+    assert asked == ["made 1"]
 
 
 def test_every_sample_without_decimation(recordings):

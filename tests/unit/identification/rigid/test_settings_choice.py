@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import firwin
 
 from symid.errors import UsageError
 from symid.identification.rigid import settings_choice
@@ -221,3 +222,19 @@ def test_rows_are_held_in_memory_and_not_samples():
     """All samples would be 1.04 MB of rows, those at 125 Hz are half of it: not too much for instruments."""
     estimate = identify_parameters(LIBRARY, [record(1, encoder=1e-3)], AUTOMATIC, largest=8e5)
     assert max(entry.instruments for entry in estimate.choice.candidates) > 0.0
+
+
+@pytest.mark.parametrize("step", [1, 3, 10])
+@pytest.mark.parametrize("band", [0.004, 0.05, 0.3, 0.46])
+def test_rows_are_a_windowed_ideal_low_pass_at_their_places(band, step):
+    values = np.random.default_rng(11).normal(size=(2500, 5))
+    values[:, [0, 3]] = 0.0
+    places = np.arange(200, 2300, step)
+    half = round(2.0 / band)
+    expected = values
+    if band < 0.45:
+        taps = firwin(2 * half + 1, 2.0 * band)
+        padded = np.pad(values, ((half, half), (0, 0)), mode="reflect", reflect_type="odd")
+        expected = np.column_stack([np.convolve(column, taps, mode="valid") for column in padded.T])
+    found = settings_choice._filter_rows(values, band, places)
+    np.testing.assert_allclose(found, expected[places], atol=1e-13)
