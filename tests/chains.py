@@ -2,6 +2,7 @@
 
 import dataclasses
 import operator
+import re
 from collections.abc import Sequence
 from fractions import Fraction
 
@@ -273,6 +274,7 @@ _FRICTION_NAMES = {
     "coulomb-viscous-offset": ("Fv", "Fc", "offset"),
     "asymmetric": ("Fvp", "Fcp", "Fvn", "Fcn"),
 }
+_WAVES = re.compile(r"position-(?P<kind>dependent|torque)-(?P<orders>[\d,]+)(x(?P<gear>[\d.]+))?")
 
 
 def regress(robot: Robot, q, dq, ddq, *, friction: bool = True) -> dict[tuple[int, str], np.ndarray]:
@@ -302,8 +304,14 @@ def regress(robot: Robot, q, dq, ddq, *, friction: bool = True) -> dict[tuple[in
         if coupling.has_rotor:
             columns[number, "IA"] = matrix[number] * rates[number]
     for index, part in enumerate((*robot.joints, *robot.couplings) if friction else ()):
-        for name in _FRICTION_NAMES[part.friction.law]:
-            columns[index, name] = matrix[index] * _FRICTION[name](speeds[index])
+        speed, waves = speeds[index], _WAVES.fullmatch(part.friction.law)
+        for name in _FRICTION_NAMES["coulomb-viscous" if waves else part.friction.law]:
+            columns[index, name] = matrix[index] * _FRICTION[name](speed)
+        for order in waves["orders"].split(",") if waves else ():
+            angle = int(order) * float(waves["gear"] or 1.0) * positions[index]
+            side = np.sign(speed) if waves["kind"] == "dependent" else 1.0
+            columns[index, f"A{order}"] = matrix[index] * np.cos(angle) * side
+            columns[index, f"B{order}"] = matrix[index] * np.sin(angle) * side
     return columns
 
 

@@ -4,19 +4,20 @@ Robot -> rows of friction parameters, for the base parameters: away from standst
 piecewise linear in the speed w is a sum of w, |w|, sign(w) and one; these four functions are independent,
 and four speeds give their coefficients. A curved column, or one that depends on load, position or
 temperature, is a function of its own, independent of them and of those with another shape; a cube of
-several speeds is a sum of products.
+several speeds is a sum of products. Torques that depend on the position alone, constant ones and waves, are
+like those of springs, and are left to the weights.
 
 Supported: every static law with constant shape values; sign(0) is 0, or tanh(v / v0) replaces the sign;
 joints, joints that follow others, couplings.
 Not supported: friction that has a state.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from functools import cache
 from itertools import product
-from math import prod
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from symid.joint_models import (
     Carrier,
@@ -28,7 +29,7 @@ from symid.joint_models import (
     list_value_names,
     name_shape,
 )
-from symid.robot import Robot
+from symid.robot import JointKind, Robot
 
 V = TypeVar("V")
 
@@ -119,6 +120,11 @@ def _describe_curve(
     size, sign = abs(scale), Fraction(1 if scale > 0 else -1)
     shape = _scale_shape(law, friction, size)
     smoothing = Fraction(friction.smoothing) / size
+    for wave in law.waves:
+        if wave.name == name:
+            even = wave.sine == wave.dry
+            speed = smoothing if wave.dry else None
+            return ("wave", wave.frequency * size, wave.sine, speed), Fraction(1) if even else sign
     if name in _ORDERS or (name[:2] == "Fv" and name[2:].isdigit()):
         order = _ORDERS.get(name) or int(name[2:])
         return ("power", order), scale * size ** (order - 1)
@@ -166,20 +172,57 @@ def _list_curved_shares(
     shares: list[tuple[Function, Fraction]] = []
     for term in product(transmission, repeat=3):
         places = tuple(sorted(position for position, _ in term))
-        shares.append((("cube", places), Fraction(prod(factor for _, factor in term))))
+        shares.append((("cube", places), Fraction(math.prod(factor for _, factor in term))))
     return shares
 
 
-def compute_constant_torques(robot: Robot) -> dict[Label, Fraction]:
-    """Return the constant torque at their own drive per unit of the friction parameters that make one."""
-    parts = {label: _get_linear_parts(robot, label)[3] for label in list_friction_parameters(robot)}
-    return {label: value for label, value in parts.items() if value}
+class PositionTorque(NamedTuple):
+    """Torque `factor` cos(w u), sin(w u) where `sine`, at the position u of a drive; a constant for w = 0."""
+
+    factor: Fraction
+    frequency: Fraction = Fraction(0)
+    sine: bool = False
+
+
+def compute_position_torques(robot: Robot) -> dict[Label, PositionTorque]:
+    """Return the torques at their own drive, a unit of their parameter, that depend on the position alone.
+
+    Waves are among them where they could balance a weight: whole numbers of them a turn of what they move.
+    """
+    found = {}
+    for label in list_friction_parameters(robot):
+        if constant := _get_linear_parts(robot, label)[3]:
+            found[label] = PositionTorque(constant)
+        law = get_friction_law(get_friction(robot, label[0]))
+        for wave in () if law is None else law.waves:
+            if wave.name == label[1] and not wave.dry and _balances_weight(robot, label[0], wave.frequency):
+                found[label] = PositionTorque(Fraction(1), wave.frequency, wave.sine)
+    return found
+
+
+def _balances_weight(robot: Robot, index: int, frequency: Fraction) -> bool:
+    """Return whether a wave at a drive is one of the functions that weights are made of."""
+    for position, factor in robot.transmission[index]:
+        others = [
+            (joint, row[0][1])
+            for joint, row in zip(robot.joints, robot.transmission, strict=False)
+            if row[0][0] == position
+        ]
+        # Of joints on one coordinate, weights have sums and differences of their angles.
+        unit = math.lcm(*(multiplier.denominator for _, multiplier in others))
+        revolute = any(joint.kind is JointKind.REVOLUTE for joint, _ in others)
+        if not revolute or (frequency * factor * unit).denominator != 1:
+            return False
+    return bool(robot.transmission[index])
 
 
 def build_friction_rows(robot: Robot) -> list[dict[Label, Fraction]]:
-    """Return what every function of the speeds, the constant one apart, shows at every coordinate."""
+    """Return what every function of the speeds, torques of positions apart, shows at every coordinate."""
     rows: dict[tuple[object, ...], dict[Label, Fraction]] = {}
+    waves = {label for label, torque in compute_position_torques(robot).items() if torque.frequency}
     for label in list_friction_parameters(robot):
+        if label in waves:
+            continue
         transmission, friction = robot.transmission[label[0]], get_friction(robot, label[0])
         linear, size, sign, _ = _get_linear_parts(robot, label)
         # The direction of a speed has one as its first factor.

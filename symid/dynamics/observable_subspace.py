@@ -10,13 +10,14 @@ h_p and v_p of the link before the block, A_l from link l to it. The terms in q 
 set of rows over its links and all beyond; the constant part h_p A_l0 pi_l belongs to the link before
 (Wensing, Niemeyer and Slotine 2017, here for the energy and for blocks of joints).
 
-Supported: trees; followers; rotors of joints and couplings; springs; friction and its constant torques; the
+Supported: trees; followers; rotors of joints and couplings; springs; friction, torques of positions too; the
 torque, or the part of it that comes from gravity alone, or the momentum alone.
 Not supported: symbolic lengths next to angles of 30 or 45 degrees where three joints share a coordinate.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import lru_cache
 
 from sympy import QQ
@@ -35,7 +36,7 @@ from symid.dynamics.exact_algebra import (
     list_symbols,
     reduce_rows,
 )
-from symid.dynamics.friction_effects import build_friction_rows, compute_constant_torques
+from symid.dynamics.friction_effects import PositionTorque, build_friction_rows, compute_position_torques
 from symid.dynamics.recursion import LinkMotion, Recursion, build_frames, compute_motions, fold_vector
 from symid.dynamics.regressors import compute_momentum_columns
 from symid.dynamics.trigonometric_basis import (
@@ -43,6 +44,7 @@ from symid.dynamics.trigonometric_basis import (
     TrigonometricBasis,
     build_basis,
     build_power_function,
+    build_wave_functions,
     split_polynomial,
 )
 from symid.errors import Notice, RobotError
@@ -261,13 +263,13 @@ class ObservableRows:
     velocities: tuple[Row, ...]
 
 
-def number_columns(block: Block, robot: Robot, constants: Sequence[Label]) -> dict[Label, int]:
-    """Return the column of each parameter of the block: links, rotors, springs, then constant torques."""
+def number_columns(block: Block, robot: Robot, friction: Sequence[Label]) -> dict[Label, int]:
+    """Return the column of each parameter of the block: links, rotors, springs, then friction's torques."""
     labels = [(link, name) for link in block.joints for name in INERTIAL]
     drives = (*block.joints, *(robot.size + k for k in block.couplings))
     labels += [(index, "IA") for index in drives]
     labels += [(index, name) for index in block.joints for name in ("KS", "KR")]
-    labels += [label for label in constants if label[0] in drives]
+    labels += [label for label in friction if label[0] in drives]
     return {label: column for column, label in enumerate(labels)}
 
 
@@ -301,9 +303,9 @@ def _build_drive_rows(
     block: Block,
     transport: Transport,
     columns: Mapping[Label, int],
-    constants: Mapping[Label, Number],
+    torques: Mapping[Label, PositionTorque],
 ) -> tuple[Family, list[Family]]:
-    """Return what springs and constant torques add to the weight, rotors to the momenta."""
+    """Return what springs and torques of positions add to the weight, rotors to the momenta."""
     convert = transport.basis.field.convert
     inside = {position: k for k, position in enumerate(block.coordinates)}
     weight: Family = {}
@@ -322,10 +324,27 @@ def _build_drive_rows(
             if index < robot.size:
                 _add_row(weight, line, {columns[index, "KR"]: left})
                 _add_row(weight, square, {columns[index, "KS"]: left * left})
-            for label, torque in constants.items():
-                if label[0] == index:
-                    _add_row(weight, line, {columns[label]: left * convert(torque)})
+        for label, torque in torques.items():
+            if label[0] == index:
+                for function, value in _build_potential(robot, block, transport, index, torque).items():
+                    _add_row(
+                        weight, function, {columns[label]: convert(QQ(value.numerator, value.denominator))}
+                    )
     return weight, momenta
+
+
+def _build_potential(
+    robot: Robot, block: Block, transport: Transport, index: int, torque: PositionTorque
+) -> dict[BasisFunction, Fraction]:
+    """Return the potential of a drive's torque that depends on its position alone, in the block's basis."""
+    basis, w = transport.basis, torque.frequency
+    shares = [(block.coordinates.index(position), factor) for position, factor in robot.transmission[index]]
+    if not w:
+        return {build_power_function(basis, c, 1): factor * torque.factor for c, factor in shares}
+    # The integral of cos w u is sin(w u) / w, that of sin w u is -cos(w u) / w.
+    waves = build_wave_functions(basis, [(c, w * factor) for c, factor in shares], sine=not torque.sine)
+    scale = torque.factor / (-w if torque.sine else w)
+    return {function: scale * amplitude for function, amplitude in waves.items()}
 
 
 def _merge_families(*families: Mapping[BasisFunction, Row]) -> Family:
@@ -342,15 +361,15 @@ def derive_block_rows(
     parent: ObservableRows,
     transport: Transport,
     *,
-    constants: Mapping[Label, Number],
+    torques: Mapping[Label, PositionTorque],
     form: str = "torque",
 ) -> tuple[Row, ...]:
-    """Return the rows of a block over the parameters of `number_columns`, `constants` with their torque.
+    """Return the rows of a block over the parameters of `number_columns`, `torques` those of friction.
 
     The form "gravity" has no rows of motion, "momentum" none of weight.
     """
-    columns = number_columns(block, robot, tuple(constants))
-    springs, rotors = _build_drive_rows(robot, block, transport, columns, constants)
+    columns = number_columns(block, robot, tuple(torques))
+    springs, rotors = _build_drive_rows(robot, block, transport, columns, torques)
     motion: list[Family] = []
     if form != "gravity":
         motion += [
@@ -457,16 +476,13 @@ def derive_observable_subspace(robot: Robot, form: str) -> ObservableSubspace:
     gravity = [convert_number(value, domain, field) for value in robot.gravity]
     weight = {INERTIAL.index("MX") + axis: -value for axis, value in enumerate(gravity) if value}
     root = ObservableRows(steady={} if form == "momentum" else weight, varying=(), velocities=())
-    constants = {
-        label: QQ(value.numerator, value.denominator)
-        for label, value in compute_constant_torques(robot).items()
-    }
+    torques = compute_position_torques(robot)
     visible: dict[int, ObservableRows] = {-1: root}
     rows: list[dict[Label, Number]] = []
     for block, transport in zip(blocks, transports, strict=True):
         parent = visible[block.base]
-        labels = tuple(number_columns(block, robot, tuple(constants)))
-        found = derive_block_rows(robot, block, parent, transport, constants=constants, form=form)
+        labels = tuple(number_columns(block, robot, tuple(torques)))
+        found = derive_block_rows(robot, block, parent, transport, torques=torques, form=form)
         rows += [_expand_row(carried, labels, row) for row in found]
         for position, link in enumerate(block.joints):
             visible[link] = derive_link_rows(parent, transport, position, form)

@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from itertools import product
 
 from sympy import QQ
 from sympy.polys.domains.domain import Domain
@@ -47,7 +48,8 @@ class _Generator:
 class TrigonometricBasis:
     """How the generators of a ring are read; `shared` says which coordinates move several joints.
 
-    `memory` keeps products of generators once expanded: polynomials hold the same ones many times.
+    `units` of coordinates: frequencies are whole multiples of their inverse. `memory` keeps products of
+    generators once expanded: polynomials hold the same ones many times.
     """
 
     field: Domain
@@ -55,6 +57,7 @@ class TrigonometricBasis:
     generators: tuple[_Generator, ...]
     symbols: int
     shared: tuple[bool, ...]
+    units: tuple[int, ...]
     memory: dict[tuple[int, ...], _Shares] = field(default_factory=dict, compare=False, repr=False)
 
 
@@ -84,6 +87,7 @@ def build_basis(robot: Robot, algebra: ExactAlgebra, field: Domain) -> Trigonome
         generators=tuple(generators),
         symbols=len(known),
         shared=tuple(moved.count(position) > 1 for position in range(robot.freedom)),
+        units=tuple(units),
     )
 
 
@@ -91,6 +95,51 @@ def build_power_function(basis: TrigonometricBasis, coordinate: int = -1, expone
     """Return the function q^exponent of a coordinate; the constant function by default."""
     parts = [(0, 0, exponent if position == coordinate else 0) for position in range(len(basis.shared))]
     return tuple(parts), (0,) * len(basis.shared)
+
+
+def build_wave_functions(
+    basis: TrigonometricBasis, shares: Sequence[tuple[int, Fraction]], *, sine: bool
+) -> dict[BasisFunction, Fraction]:
+    """Return cos u, or sin u, of a sum u of multiples of coordinates, as {function: amplitude}.
+
+    `shares`: (coordinate, multiple); the multiples are frequencies in the units of the basis.
+    """
+    still = [(0, 0, 0)] * len(basis.shared)
+    result: dict[BasisFunction, Fraction] = {}
+    # A product has sin u where the number of its sines is odd, with a minus for every two of them.
+    for sines in product((False, True), repeat=len(shares)):
+        if sum(sines) % 2 != sine:
+            continue
+        total = [(list(still), Fraction(-1) ** (sum(sines) // 2))]
+        for (position, multiple), odd in zip(shares, sines, strict=True):
+            wave = _expand_wave(basis, position, multiple, odd=odd)
+            total = [
+                ([*parts[:position], part, *parts[position + 1 :]], value * share)
+                for part, share in wave.items()
+                for parts, value in total
+            ]
+        for parts, value in total:
+            function = (tuple(parts), (0,) * len(still))
+            result[function] = result.get(function, Fraction(0)) + value
+    return result
+
+
+def _expand_wave(
+    basis: TrigonometricBasis, position: int, multiple: Fraction, *, odd: bool
+) -> dict[CoordinateFunction, Fraction]:
+    """Return cos(w q), sin(w q) where `odd`, of a coordinate q; |w| a whole number in its unit."""
+    frequency, sign = int(abs(multiple) * basis.units[position]), -1 if odd and multiple < 0 else 1
+    if basis.shared[position]:
+        return {(frequency, int(odd), 0): Fraction(sign)}
+    # cos q, sin q to the powers of (c + i s)^w; s^2 = 1 - c^2.
+    result: dict[CoordinateFunction, Fraction] = {}
+    for power in range(int(odd), frequency + 1, 2):
+        half = power // 2
+        for k in range(half + 1):
+            key = (int(odd), frequency - power + 2 * k, 0)
+            share = math.comb(frequency, power) * math.comb(half, k) * (-1) ** (half + k)
+            result[key] = result.get(key, Fraction(0)) + sign * share
+    return {key: value for key, value in result.items() if value}
 
 
 def _multiply_wave(wave: _Wave, frequency: int, *, sine: bool) -> _Wave:

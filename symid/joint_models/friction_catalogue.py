@@ -18,6 +18,7 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from fractions import Fraction
 from functools import cache, partial
 from typing import Any
 
@@ -30,6 +31,7 @@ from symid.joint_models.friction_law import (
     FrictionLaw,
     FrictionValues,
     LawParameter,
+    Wave,
     build_parameter,
 )
 
@@ -305,6 +307,7 @@ def build_position_dependent(
         for order in orders
         for letter, wave in (("A", "cosine"), ("B", "sine"))
     ]
+    turns = Fraction(f"{gear:.12g}")
     series = "sum_k [Ak cos(k theta) + Bk sin(k theta)]"
     formula = f"fC sign(dq) + fV dq + {series}, theta: angle of the motor"
     passivity = "The waves do no work over a turn; the rest is dissipative where no coefficient is negative."
@@ -320,6 +323,7 @@ def build_position_dependent(
         passivity=passivity,
         inputs=("velocity", "position"),
         further=tuple((wave, wave) for wave in waves),
+        waves=tuple(Wave(f"{letter}{k}", k * turns, letter == "B", dry) for k in orders for letter in "AB"),
     )
 
 

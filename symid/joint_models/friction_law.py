@@ -12,7 +12,8 @@ Not supported: laws with a state, such as Dahl and LuGre (`dynamic_friction`).
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from fractions import Fraction
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -86,6 +87,15 @@ def _multiply(matrix: Sequence[Sequence[int]], values: Sequence[float]) -> tuple
 LawColumns = Callable[[Carrier[V], Mapping[str, V], Sequence[V]], tuple[V, ...]]
 
 
+class Wave(NamedTuple):
+    """A parameter whose column is cos(w q), sin(w q) where `sine`; times sign(v) where `dry`."""
+
+    name: str
+    frequency: Fraction
+    sine: bool
+    dry: bool
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionLaw:
     """A static friction law.
@@ -98,6 +108,7 @@ class FrictionLaw:
         columns: (carrier, inputs, shape values) -> one column per linear parameter.
         own: linear parameters whose column is no sum of v, |v|, sign(v) and one.
         exponent: gamma of its fall; None where it is searched, or there is none.
+        waves: the linear parameters whose columns are waves of the position.
         physical: the same number of parameters in all, under the names that papers print.
         mixing: physical = mixing [linear, shape], an integer matrix whose inverse has integers too.
         formula: in words and letters, in the physical parameters.
@@ -118,6 +129,7 @@ class FrictionLaw:
     inputs: tuple[str, ...] = ("velocity",)
     own: tuple[str, ...] = ()
     exponent: float | None = None
+    waves: tuple["Wave", ...] = ()
     smoothness: str = "Jumps at zero velocity (sign), smooth elsewhere and in all parameters."
     passivity: str = "Dissipative where no coefficient is negative."
     smoothing: float = 0.0

@@ -214,6 +214,24 @@ def test_friction_of_followers_and_couplings(kind):
         assert_base_set(couple(robot, (1, 1), (2, "1/2"), rotor=False, friction=kind))
 
 
+@pytest.mark.parametrize("law", ["position-torque", "position-dependent"])
+@pytest.mark.parametrize("waves", ["1", "1,2,3", "2x0.5", "2,5x0.25", "1x1.5", "3x100"])
+@pytest.mark.parametrize("multiplier", ["2", "-1", "1/2"])
+def test_waves_next_to_weights(law, waves, multiplier):
+    """A torque cos q is like that of a first moment, where a weight turns with q; so are those of sums."""
+    kind = f"{law}-{waves}"
+    arm = build_chain([(PI / 2, 0, 0, "q"), (0.0, 0.3, 0, "q"), (0.0, 0.4, "q", 0.0)], friction=kind)
+    assert_base_set(arm)
+    upright = build_chain([(0.0, 0, 0, "q"), (PI / 2, 0.3, 0, "q"), (0.3, 0.3, 0, "q")], friction=kind)
+    for form in ("torque", "gravity", "momentum"):
+        assert_base_set(follow(upright, 2, 1, multiplier), form)
+    assert_base_set(follow(arm, 1, 0, multiplier))
+    assert_base_set(follow(arm, 2, 0, multiplier))
+    planar = couple(arm, (0, 1), (1, multiplier), rotor=False, friction=kind)
+    assert_base_set(planar)
+    assert_base_set(couple(planar, (0, 1), (1, 1), rotor=False, friction=kind, name="other"))
+
+
 @pytest.mark.parametrize("kind", PLAIN_LAWS)
 def test_springs_next_to_weights_and_offsets(kind):
     """On a slope a slide feels weight, offset and the spring's own constant as one force."""

@@ -9,7 +9,7 @@ import pytest
 from symid.dynamics import compute_friction_columns, get_friction
 from symid.dynamics.friction_effects import (
     build_friction_rows,
-    compute_constant_torques,
+    compute_position_torques,
     list_friction_parameters,
 )
 from symid.joint_models import FRICTION_LAWS, FrictionValues, get_law, list_value_names
@@ -54,9 +54,11 @@ def list_rows(robot):
     # The constant function, at every coordinate, is what `build_friction_rows` leaves to the weights.
     for position in range(robot.freedom):
         shares = [dict(robot.transmission[index]).get(position, 0) for index, _ in labels]
-        torques = compute_constant_torques(robot)
+        torques = compute_position_torques(robot)
         pairs = zip(shares, labels, strict=True)
-        rows.append([float(share * torques.get(label, 0)) for share, label in pairs])
+        rows.append(
+            [float(share * torques[label].factor) if label in torques else 0.0 for share, label in pairs]
+        )
     return np.array(rows)
 
 
@@ -119,22 +121,22 @@ def test_two_laws_with_the_same_fall_share_it(law, other, multiplier):
 def test_constant_torques():
     robot = build_chain([ROW], friction="asymmetric")
     half = Fraction(1, 2)
-    assert compute_constant_torques(robot) == {(0, "Fcp"): half, (0, "Fcn"): -half}
+    assert compute_position_torques(robot) == {(0, "Fcp"): (half, 0, False), (0, "Fcn"): (-half, 0, False)}
     robot = build_chain([ROW], friction="coulomb-viscous-offset")
-    assert compute_constant_torques(robot) == {(0, "offset"): 1}
+    assert compute_position_torques(robot) == {(0, "offset"): (1, 0, False)}
     for name in ("improved-stribeck", "improved-stribeck-h3"):
         joint = replace(robot.joints[0], friction=FrictionValues(law=name, shape=give_shape(name)))
-        found = compute_constant_torques(replace(robot, joints=(joint,)))
+        found = compute_position_torques(replace(robot, joints=(joint,)))
         # With its origin shifted, viscous friction is not zero at standstill.
-        shifted = {(0, "Fv"): -Fraction(joint.friction.shape[1])} if name.endswith("h4") else {}
-        assert found == {(0, "Fp"): 1, **shifted}
+        shifted = {(0, "Fv"): (-Fraction(joint.friction.shape[1]), 0, False)} if name.endswith("h4") else {}
+        assert found == {(0, "Fp"): (1, 0, False), **shifted}
     # Viscous friction of this one is zero beside standstill.
     h4 = FrictionValues(law="improved-stribeck-h4", shape=(0.1, 0.25))
     joint = replace(robot.joints[0], friction=h4)
-    assert compute_constant_torques(replace(robot, joints=(joint,))) == {
-        (0, "Fv"): Fraction(-1, 4),
-        (0, "Fp"): 1,
+    assert compute_position_torques(replace(robot, joints=(joint,))) == {
+        (0, "Fv"): (Fraction(-1, 4), 0, False),
+        (0, "Fp"): (1, 0, False),
     }
     # The bias of this one is gone outside of the zone.
     joint = replace(robot.joints[0], friction=FrictionValues(law="improved-stribeck-h2", shape=(0.03, 0.01)))
-    assert compute_constant_torques(replace(robot, joints=(joint,))) == {}
+    assert compute_position_torques(replace(robot, joints=(joint,))) == {}
