@@ -12,7 +12,7 @@ enum { N = 6, UNITS = 10, BISECTIONS = 40, MOST_EVENTS = 400 };
 
 static const double SPEED_TOLERANCE = 1e-10; /* rad/s */
 static const double LEVEL_TOLERANCE = 1e-10; /* share of the friction at rest */
-static const double REFERENCE_TEMPERATURE = 30.0;
+static const double REFERENCE_TEMPERATURE = 40.0;
 
 typedef struct {
     double turn[9], shift[3]; /* on the link before, at q = 0; rows of the rotation */

@@ -1,7 +1,7 @@
 """Is the friction law of every joint found where a whole robot is identified? A simulated six-axis arm.
 
     python benchmarks/friction_arm.py [--truth six-laws] [--seeds 20] [--first 0] [--noise 0.01]
-        [--cache FOLDER] [--output RAW.json]
+        [--friction auto] [--cache FOLDER] [--output RAW.json]
     python benchmarks/friction_arm.py --tables RAW.json    the summary of earlier results again
     python benchmarks/friction_arm.py --logs ...           simulates, prints where the logs are, fits nothing
     python benchmarks/friction_arm.py --check              accuracy of the simulation
@@ -52,6 +52,7 @@ from scipy.signal import butter, sosfiltfilt
 import symid
 from symid.errors import UsageError
 from symid.joint_models import compute_friction_torque, get_law
+from symid.notation import join_name
 
 QUANTILE = 1.96
 TRAINING, HELD_OUT = (0, 1), 2
@@ -65,7 +66,7 @@ SLOW = 0.02
 """rad/s below which a joint may stick."""
 
 
-# What is tried. To be replaced where the law of every joint is chosen within the identification.
+# What is tried.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,11 +85,11 @@ class Found:
     level: str
 
 
-def identify(robot, logs):
-    """Return what `robot.identify` finds with one law for all joints."""
-    fit = robot.identify(list(logs), friction="viscous_coulomb_offset")
+def identify(robot, logs, friction):
+    """Return what `robot.identify` finds with a law for all joints, or one for each of them."""
+    fit = robot.identify(list(logs), friction=friction)
     values = {name: (fit[name].value, fit[name].std) for name in fit}
-    return Found(laws=("coulomb-viscous-offset",) * len(JOINTS), values=values, level=fit.verdict.level)
+    return Found(laws=tuple(law.law for law in fit.estimate.laws), values=values, level=fit.verdict.level)
 
 
 # True parameters.
@@ -119,7 +120,7 @@ def list_truth(truth: Truth) -> dict[str, float]:
     """Return all true values by name; offsets are zero."""
     found = dict(find_base())
     for joint, values in enumerate(truth.values, 1):
-        found |= {f"{name}{joint}": value for name, value in values.items()}
+        found |= {join_name(name, joint): value for name, value in values.items()}
         found[f"offset{joint}"] = 0.0
         found[f"gamma{joint}"] = 2.0
     return found
@@ -276,8 +277,9 @@ def predict(found: Found, log: Log) -> np.ndarray:
     for k, name in enumerate(found.laws):
         law = get_law(name)
         inputs = {"velocity": log.dq[:, k], "load": load_torque[:, k], "position": log.q[:, k]}
-        linear = [get(f"{entry.name}{k + 1}") for entry in law.linear]
-        shape = [get(f"{entry.name}{k + 1}", entry.start or 1.0) for entry in law.shape]
+        inputs["temperature"] = log.temperature
+        linear = [get(join_name(entry.name, k + 1)) for entry in law.linear]
+        shape = [get(join_name(entry.name, k + 1), entry.start or 1.0) for entry in law.shape]
         torque[:, k] += compute_friction_torque(law, inputs, linear, shape)
     return average(torque)
 
@@ -293,14 +295,14 @@ def measure_rms(log: Log, predicted: np.ndarray) -> dict[str, list[float]]:
     }
 
 
-def run_seed(experiment: Experiment, folder: Path) -> dict:
+def run_seed(experiment: Experiment, folder: Path, friction: str) -> dict:
     """Return what one seed gives, in plain types."""
     truth, true_values = TRUTHS[experiment.truth], list_truth(TRUTHS[experiment.truth])
     paths = [write_log(replace(experiment, log=log), folder) for log in (*TRAINING, HELD_OUT)]
     start = time.process_time()
     result = {"seed": experiment.seed, "truth": experiment.truth}
     try:
-        found = identify(load(), paths[:-1])
+        found = identify(load(), paths[:-1], friction)
     except symid.SymidError as error:
         return result | {"error": str(error)[:300], "seconds": time.process_time() - start}
     result |= {"seconds": time.process_time() - start, "level": found.level, "laws": list(found.laws)}
@@ -313,7 +315,7 @@ def run_seed(experiment: Experiment, folder: Path) -> dict:
     counted = set(find_base())
     for joint, law in enumerate(found.laws, 1):
         entries = get_law(law).linear + get_law(law).shape if right[joint - 1] else ()
-        counted |= {f"{entry.name}{joint}" for entry in entries}
+        counted |= {join_name(entry.name, joint) for entry in entries}
     return result | {
         "right": right,
         "found": measure_rms(logs[-1], predict(found, logs[-1])),
@@ -393,6 +395,7 @@ def read_arguments() -> argparse.Namespace:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--noise", type=float, default=0.01)
+    parser.add_argument("--friction", default="auto")
     parser.add_argument("--cache", type=Path, default=CACHE)
     parser.add_argument("--output", type=Path)
     parser.add_argument("--tables", type=Path)
@@ -425,7 +428,7 @@ def main() -> None:
     results = []
     try:
         for experiment in experiments:
-            results.append(run_seed(experiment, given.cache))
+            results.append(run_seed(experiment, given.cache, given.friction))
             print(describe_seed(results[-1]), flush=True)
     finally:
         # Also what a run gave that was interrupted.

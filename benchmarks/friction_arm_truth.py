@@ -34,7 +34,7 @@ STEP = 2.0 * np.pi / 2**20
 """rad, of the encoders."""
 POSITION_NOISE = 1e-5
 """rad, rms."""
-REFERENCE_TEMPERATURE = 30.0
+REFERENCE_TEMPERATURE = 40.0
 """Degrees Celsius at which viscous friction is Fv."""
 GRAVITY = np.array([0.0, 0.0, -9.81])
 
@@ -102,7 +102,7 @@ class Truth:
     Args:
         laws: of every joint by the names of symid's catalogue.
         values: of every joint; linear parameters and shape values of the law by symid's names, SI units on
-            the joint side; Ft (N m s/rad/K) is added to Fv for every kelvin above REFERENCE_TEMPERATURE.
+            the joint side; Fvt (N m s/rad/K) is added to Fv for every kelvin above REFERENCE_TEMPERATURE.
     """
 
     laws: tuple[str, ...] = ("coulomb-viscous",) * SIZE
@@ -122,20 +122,23 @@ TRUTHS = {
         values=(
             {"Fvp": 9.5, "Fcp": 6.6, "Fvn": 8.5, "Fcn": 5.8},
             {"Fv": 11.0, "Fc": 6.4, "Fl": 0.03},
-            {"Fv": 7.0, "Fc": 3.4, "Fl": 0.05, "Fs": 0.6, "Fls": 0.04, "vs": 0.08},
-            {"Fv": 1.5, "Fc": 1.2, "Fs": 0.36, "vs": 0.07},
-            {"Fv": 2.4, "Fc": 1.0, "Fv2": -1.2, "Fv3": 0.26},
+            {"Fv": 7.0, "Fc": 3.4, "Fl": 0.05, "Fe": 0.6, "Fle": 0.04, "vs": 0.08},
+            {"Fv": 1.5, "Fc": 1.2, "Fe": 0.36, "vs": 0.07},
+            {"Fv": 2.4, "Fc": 1.0, "Fvq": -1.2, "Fvc": 0.26},
             {"Fv": 1.1, "Fc": 0.9, "A1": 0.07, "B1": -0.06, "A2": 0.04, "B2": 0.05},
         ),
     ),
     "plain": Truth(),
-    "temperature": Truth(values=(*_PLAIN[:2], {"Fv": 7.0, "Fc": 4.2, "Ft": -0.14}, *_PLAIN[3:])),
+    "temperature": Truth(
+        laws=("coulomb-viscous", "coulomb-viscous", "temperature", *("coulomb-viscous",) * 3),
+        values=(*_PLAIN[:2], {"Fv": 5.6, "Fc": 4.2, "Fvt": -0.14, "Fct": 0.0}, *_PLAIN[3:]),
+    ),
 }
 
 # The plant as the C code sees it.
 
-_FRICTION = ("bump", "speed", "load", "load_bump", "A1", "A2", "B1", "B2", "gear", "Fv2", "Fv3", "Ft")
-_NAMES = {"bump": "Fs", "speed": "vs", "load": "Fl", "load_bump": "Fls"}
+_FRICTION = ("bump", "speed", "load", "load_bump", "A1", "A2", "B1", "B2", "gear", "Fvq", "Fvc", "Fvt")
+_NAMES = {"bump": "Fe", "speed": "vs", "load": "Fl", "load_bump": "Fle"}
 _DEFAULTS = {"vs": 1.0, "gear": 1.0}
 
 
@@ -411,16 +414,17 @@ def list_columns(
         "Fcp": 1.0 * forward,
         "Fvn": dq * backward,
         "Fcn": -1.0 * backward,
-        "Fs": fall * sign,
+        "Fe": fall * sign,
         "Fl": np.abs(load) * sign,
-        "Fls": np.abs(load) * fall * sign,
-        "Fv2": np.abs(dq) * dq,
-        "Fv3": dq**3,
+        "Fle": np.abs(load) * fall * sign,
+        "Fvq": np.abs(dq) * dq,
+        "Fvc": dq**3,
         "A1": np.cos(angle) * sign,
         "B1": np.sin(angle) * sign,
         "A2": np.cos(2.0 * angle) * sign,
         "B2": np.sin(2.0 * angle) * sign,
-        "Ft": (temperature - REFERENCE_TEMPERATURE) * dq,
+        "Fvt": (temperature - REFERENCE_TEMPERATURE) * dq,
+        "Fct": (temperature - REFERENCE_TEMPERATURE) * sign,
     }
     return {name: every[name] for name in values if name in every}
 
