@@ -1,7 +1,8 @@
 """Results of an identification as text, and as objects for JSON."""
 
+import math
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -13,9 +14,11 @@ if TYPE_CHECKING:
     from symid.identification.elastic import ElasticEstimate, StiffnessEstimate
     from symid.identification.estimators import (
         Estimate,
+        Evidence,
         FittedLaw,
         LawSelection,
         LawTrial,
+        MotionResidual,
         ParameterEstimate,
         Residual,
         Validation,
@@ -105,6 +108,19 @@ def describe_validation(validation: "Validation") -> dict[str, object]:
         "residual": describe_residual(validation.residual),
         "scoring": validation.scoring or None,
         "all_rows": describe_residual(validation.all_rows),
+        "motion": [describe_motion_parts(entry) for entry in validation.motion],
+    }
+
+
+def describe_motion_parts(motion: "MotionResidual") -> dict[str, object]:
+    """Return one joint's residual by the phases of motion."""
+    parts = zip(("motion", "reversal", "rest"), motion.rms, motion.rows, strict=True)
+    return {
+        "joint": motion.joint,
+        "unit": motion.unit,
+        **{name: {"rms": rms, "rows": rows} for name, rms, rows in parts},
+        "left_out": motion.left_out,
+        "all_rows_rms": motion.whole,
     }
 
 
@@ -151,7 +167,9 @@ def show_estimate(estimate: "Estimate") -> tuple[Block, ...]:
             lines.append(fit["wls"]["verdict"])
     refused = "\n".join(f"refused: {name}: {reason}" for name, reason in estimate.refused)
     texts = filter(None, ("\n".join(lines), refused))
-    return (headline, table, *tabulate_laws(estimate.laws), show_residual(estimate.residual), *texts)
+    held_out = () if estimate.evidence is None else (show_evidence(estimate.evidence),)
+    laws = tabulate_laws(estimate.laws)
+    return (headline, table, *laws, show_residual(estimate.residual), *held_out, *texts)
 
 
 def _tabulate_parameters(parameters: "Sequence[ParameterEstimate]", columns: str, true: str) -> Table:
@@ -165,6 +183,73 @@ def show_residual(residual: Sequence["Residual"], title: str = "") -> Table:
     """Return the table of residuals."""
     columns = "joint; norm; relative/%=relative_percent:.4f; std; unit; samples"
     return tabulate(residual, columns, (0, 4), title)
+
+
+def show_evidence(evidence: "Evidence") -> Table:
+    """Return the table of what is left of held-out stretches, joint by joint."""
+
+    def write(value: float) -> str:
+        return f"{value:.3g}" if math.isfinite(value) else ""
+
+    parts = f"{evidence.logs} logs" if evidence.logs else f"{evidence.stretches} stretches"
+    columns = (
+        "joint; fit/%=fitted:.3g; held out/%=held_out:.3g; in motion/%=moving; at reversal/%=reversing; "
+        "at rest/%=resting; rows left out/%=slow:.3g; torque rms=torque:.3g"
+    )
+    title = f"Residual below {evidence.scoring:.3g} Hz, relative to the torque; {parts} held out in turn."
+    return tabulate(
+        evidence.joints,
+        columns,
+        title=title,
+        slow=lambda entry: 100.0 * entry.share,
+        moving=lambda entry: write(entry.moving),
+        reversing=lambda entry: write(entry.reversing),
+        resting=lambda entry: write(entry.resting),
+    )
+
+
+def show_motion(motion: Sequence["MotionResidual"], title: str = "") -> tuple[Table, ...]:
+    """Return the table of residuals in motion, at reversal and at rest; nothing of rows without phases."""
+    if not motion:
+        return ()
+
+    def write_part(place: int) -> Callable[["MotionResidual"], str]:
+        def write(entry: "MotionResidual") -> str:
+            rms = entry.rms[place]
+            return "" if rms is None else f"{rms:.4g} ({100.0 * entry.rows[place] / sum(entry.rows):.3g} %)"
+
+        return write
+
+    left_out = any(entry.left_out for entry in motion)
+    columns = "joint; in motion=moving; at reversal=reversing; at rest=resting; unit"
+    if left_out:
+        columns += "; left out=missing; all rows=whole:.4g"
+    table = tabulate(
+        motion,
+        columns,
+        (0, 4),
+        title or "RMS of the residual of all rows, and their share; at reversal: below 5 % of the top speed.",
+        moving=write_part(0),
+        reversing=write_part(1),
+        resting=write_part(2),
+        missing=lambda entry: entry.left_out or "",
+    )
+    return (table,)
+
+
+def describe_motion(motion: "MotionResidual") -> str:
+    """Return the residual of one joint in motion, at reversal and at rest in a sentence."""
+    words = zip(("in motion", "at reversal", "at rest"), motion.rms, motion.rows, strict=True)
+    parts = [
+        f"{name} {rms:.4g} {motion.unit} ({100.0 * rows / sum(motion.rows):.3g} % of the rows)"
+        for name, rms, rows in words
+        if rms is not None
+    ]
+    text = ", ".join(parts)
+    if motion.left_out:
+        whole = f"{motion.whole:.4g} {motion.unit}"
+        text += f"; {motion.left_out} of these rows were left out above, all of them have {whole}"
+    return text
 
 
 def describe_band(residual: "BandResidual") -> dict[str, object]:
@@ -366,6 +451,7 @@ def _describe_joint_friction(entry: "JointFriction") -> dict[str, object]:
         },
         "refused": _describe_refused(estimate.refused),
         "residual": describe_residual((entry.residual,))[0],
+        "motion": None if entry.motion is None else describe_motion_parts(entry.motion),
         "outcome": describe_outcome(estimate.outcome),
         "selection": selection
         and {
@@ -414,6 +500,8 @@ def _show_joint_friction(entry: "JointFriction") -> tuple[Block, ...]:
             f"{residual.unit} RMS over {residual.samples} rows"
         ),
     ]
+    if entry.motion is not None:
+        parts.append(_wrap(f"RMS {describe_motion(entry.motion)}"))
     if entry.poses is not None:
         parts += [*show_poses(entry.poses), _wrap(f"{entry.poses.verdict}.")]
     if estimate.refused:

@@ -25,7 +25,7 @@ from symid.identification.friction import (
 from symid.joint_models import compute_friction_torque, get_law
 from symid.report.blocks import Block, Drawing
 from symid.report.figures import Line, build_curve_figure, build_line_figure
-from symid.report.fit_text import show_law_trials, show_poses, show_residual
+from symid.report.fit_text import show_law_trials, show_motion, show_poses, show_residual
 from symid.report.pages import Page, build_fit_page, show_refused, tabulate_parameters
 from symid.report.verdict import judge_friction
 
@@ -124,6 +124,7 @@ def _show_joint(entry: JointFriction) -> Iterator[Block]:
     yield tabulate_parameters(estimate.parameters, formulas=False)
     yield from show_refused(estimate.refused)
     yield show_residual((entry.residual,), "Residual of law and rigid part in the logs of the fit.")
+    yield from show_motion((entry.motion,) if entry.motion is not None else ())
     yield f"{_capitalise(entry.rigid)}."
     yield (
         f"{_capitalise(estimate.outcome.value)}: {estimate.ended}; evaluations of the objective: "

@@ -16,7 +16,14 @@ from symid.identification.estimators import Estimate, Series, Validation
 from symid.identification.rigid import Diagnosis
 from symid.report.blocks import Block, Drawing, Table, tabulate
 from symid.report.figures import Line, build_curve_figure, build_histogram, build_line_figure
-from symid.report.fit_text import show_all_rows, show_law_trials, show_residual, tabulate_laws
+from symid.report.fit_text import (
+    show_all_rows,
+    show_evidence,
+    show_law_trials,
+    show_motion,
+    show_residual,
+    tabulate_laws,
+)
 from symid.report.pages import Page, build_fit_page, format_digits, show_refused, tabulate_parameters
 from symid.report.verdict import QUANTITIES, judge_identification
 
@@ -91,13 +98,7 @@ def _show_choice(estimate: Estimate) -> Iterator[Block]:
     evidence, choice = estimate.evidence, estimate.choice
     if evidence is not None:
         yield "== Held-out stretches =="
-        parts = f"{evidence.logs} logs" if evidence.logs else f"{evidence.stretches} stretches"
-        columns = (
-            "joint; fit/%=fitted:.3g; held out/%=held_out:.3g; moving/%=moving:.3g; at rest/%=resting:.3g; "
-            "rows left out/%=slow:.3g; torque rms=torque:.3g"
-        )
-        title = f"Residual below {evidence.scoring:.3g} Hz, relative to the torque; {parts} held out in turn."
-        yield tabulate(evidence.joints, columns, title=title, slow=lambda entry: 100.0 * entry.share)
+        yield show_evidence(evidence)
     if choice is not None:
         yield "== Choice of the settings =="
         order = sorted(choice.candidates, key=lambda entry: (entry.behind, entry.held_out[-1]))
@@ -271,6 +272,7 @@ def _show_log(validation: Validation) -> Iterator[Block]:
     mean = f"Mean over joints of the relative residual: {validation.mean_relative_percent:.4f} %"
     yield f"=== {validation.source} ==="
     yield show_residual(validation.residual, f"{caption} {mean}")
+    yield from show_motion(validation.motion)
     if validation.scoring:
         text = show_all_rows(validation)
         yield f"{text[:1].upper()}{text[1:]}."

@@ -18,6 +18,7 @@ from symid.report.fit_text import (
     describe_validation,
     show_all_rows,
     show_band,
+    show_motion,
     show_residual,
 )
 from symid.report.identification_page import describe_essential, describe_rank, draw_prediction
@@ -31,10 +32,12 @@ if TYPE_CHECKING:
 
 def show_trial(found: AnyValidation) -> tuple[Block, ...]:
     """Return a headline, and tables of residuals."""
+    plain = True
     match found:
         case ElasticValidation():
             return _show_elastic(found)
         case RigidValidation():
+            plain = found.band is None
             kind = " (joints taken as rigid)" if any(found.robot.elastic) else ""
             band = found.validation.scoring if found.band is None else found.band.band
             within = f" within {band:.3g} Hz" if band else ""
@@ -51,7 +54,7 @@ def show_trial(found: AnyValidation) -> tuple[Block, ...]:
         f"{found.robot.name}{kind} on {found.validation.source}{within}: mean relative residual "
         f"{found.mean_relative_percent:.4f} %"
     )
-    return (f"{headline}{more}", table)
+    return (f"{headline}{more}", table, *show_motion(found.validation.motion if plain else ()))
 
 
 def describe_trial(found: AnyValidation) -> dict[str, object]:

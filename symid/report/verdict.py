@@ -161,8 +161,8 @@ _PLAIN = frozenset(("log.torque-sign", "log.position-sign", "log.swapped-joints"
 _CLEARLY, _CURED = 0.7, 1.0 / 3.0
 _LACKING = 10.0
 """Percent of a joint's held-out squares that a missing term explains, from which a model is not good."""
-_AT_REST, _LEAST_AT_REST = 3.0, 5.0
-"""Times the residual in motion, and percent of the torque: more at rest says that friction there differs."""
+_SLOWER, _LEAST_SLOW = 3.0, 5.0
+"""Times the residual in motion, and percent of the torque: more where it is slow says that friction differs there."""
 
 
 def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
@@ -200,7 +200,7 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
     slow = [
         entry.joint
         for entry in evidence.joints
-        if entry.share > 0.0 and max(_AT_REST * entry.moving, _LEAST_AT_REST) < entry.resting < float("inf")
+        if entry.share > 0.0 and entry.slow > max(_SLOWER * entry.moving, _LEAST_SLOW)
     ]
     if slow:
         caps.append(("usable", f"friction at low speed is not that of the model ({', '.join(slow)})"))

@@ -38,7 +38,9 @@ if TYPE_CHECKING:
         LawSelection as LawSelection,
         LawTrial as LawTrial,
         ModelTerm as ModelTerm,
+        MotionResidual as MotionResidual,
         SettingsChoice as SettingsChoice,
+        find_phases as find_phases,
     )
     from symid.identification.estimators.instrumental import (
         InstrumentalSolution as InstrumentalSolution,

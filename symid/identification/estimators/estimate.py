@@ -15,7 +15,7 @@ import numpy as np
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import ModelCard, ParameterCard
 from symid.errors import EstimateError, Notice, UsageError
-from symid.identification.estimators.evidence import Evidence, LawSelection, SettingsChoice
+from symid.identification.estimators.evidence import Evidence, LawSelection, MotionResidual, SettingsChoice
 from symid.identification.regression import ROW_KINDS
 from symid.joint_models import rename_law
 from symid.robot import Processing
@@ -360,6 +360,7 @@ class Validation:
     `fitted` where it was fitted to that very log, which is no test; `processing` how the log was processed.
     `residual` is that within the `scoring` band in Hz of a fit that chose its settings, and then `all_rows`
     has that of the rows as they are; of other fits `scoring` is 0, and `residual` is that of the rows.
+    `motion` has the residual in motion, at reversal and at rest, also of rows that `residual` leaves out.
     """
 
     robot: str
@@ -374,6 +375,7 @@ class Validation:
     processing: ResolvedProcessing | None = None
     scoring: float = 0.0
     all_rows: tuple[Residual, ...] = ()
+    motion: tuple[MotionResidual, ...] = ()
 
     @property
     def mean_relative_percent(self) -> float:

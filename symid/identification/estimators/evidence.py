@@ -1,9 +1,76 @@
 """What speaks for an estimate: how its settings were chosen, and what it predicts of held-out stretches.
 
-Records of results only; they are made by `identification.rigid` and judged by `report.verdict`.
+Records of results, made by `identification` and judged by `report.verdict`; and what a joint does at a row:
+
+    at rest       its mean speed over 0.1 s is below a 500th of its top speed, for 0.1 s or longer
+    at reversal   else, slower than a twentieth of its top speed
+    in motion     else
 """
 
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from symid.arrays import FloatArray
+
+PHASES = ("motion", "reversal", "rest")
+_SLOW, _STANDING, _TOP = 0.05, 0.002, 0.99
+"""Parts of the top speed, the latter as a quantile of the rows' speeds."""
+_SPAN = 0.1
+"""s, over which a speed is averaged, and that a rest lasts at least."""
+
+
+def find_phases(time: FloatArray, velocity: FloatArray, run: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the place in `PHASES` of what a joint does at its rows (m,).
+
+    `time` in s rises within each recording `run` (m,); `velocity` in rad/s or m/s.
+    """
+    top = float(np.quantile(np.abs(velocity), _TOP)) if len(velocity) else 0.0
+    phases = (np.abs(velocity) <= _SLOW * top).astype(np.intp)
+    for number in np.unique(run):
+        own = np.flatnonzero(run == number)
+        steps = np.diff(time[own])
+        span = max(3, round(_SPAN / float(np.median(steps)))) if len(steps) else 3
+        standing = np.abs(uniform_filter1d(velocity[own], span, mode="nearest")) <= _STANDING * top
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], standing, [False]])))
+        for first, last in edges.reshape(-1, 2):
+            if last - first >= span:
+                phases[own[first:last]] = 2
+    return phases
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotionResidual:
+    """What is left of one joint's rows, by what the joint does.
+
+    `rms` in `unit` and `rows` of each of `PHASES`, None where it has no rows; `left_out` of these rows do not
+    count in the joint's residual, `whole` is the rms with them.
+    """
+
+    joint: str
+    unit: str
+    rms: tuple[float | None, ...]
+    rows: tuple[int, ...]
+    left_out: int
+    whole: float
+
+    @classmethod
+    def measure(
+        cls, joint: str, unit: str, errors: FloatArray, phases: NDArray[np.intp], left_out: int = 0
+    ) -> "MotionResidual":
+        """Return it from the errors (m,) and phases (m,) of all rows."""
+        parts = [errors[phases == place] for place in range(len(PHASES))]
+        return cls(
+            joint=joint,
+            unit=unit,
+            rms=tuple(float(np.sqrt(np.mean(part**2))) if len(part) else None for part in parts),
+            rows=tuple(map(len, parts)),
+            left_out=left_out,
+            whole=float(np.sqrt(np.mean(errors**2))),
+        )
+
 
 STILL = 1.5
 """Movement up to which an estimate counts as standing still."""
@@ -57,19 +124,24 @@ class JointEvidence:
     """What is left unexplained of one joint within the scoring band: rms, in percent of that of the torque.
 
     `fitted` on the rows of the fit by the fit itself; `held_out` by fits without the stretch of the row, of
-    all rows, slow ones too; `moving` and `resting` the same of rows faster and slower than a twentieth of the
-    top speed (infinite where there are none), the latter along the states of the instruments where there are
-    any. `share` is the part of the rows that the fit left out as slow,
-    `torque` the rms of the torque in N m or N.
+    all rows, slow ones too; `moving`, `reversing` and `resting` the same of the rows of each phase (infinite
+    where there are none), the latter two along the states of the instruments where there are any. `share` is
+    the part of the rows that the fit left out as slow, `torque` the rms of the torque in N m or N.
     """
 
     joint: str
     fitted: float
     held_out: float
     moving: float
+    reversing: float = float("inf")
     resting: float
     share: float
     torque: float
+
+    @property
+    def slow(self) -> float:
+        """Return the greater of `reversing` and `resting`, 0 where there are no such rows."""
+        return max((part for part in (self.reversing, self.resting) if part < float("inf")), default=0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
@@ -301,9 +302,14 @@ class JointLogs:
 
 
 class ExtractedJoint(NamedTuple):
-    """Samples of one joint, how the rigid part was treated (a sentence), and notices of rows left out."""
+    """Samples of one joint, how the rigid part was treated (a sentence), and notices of rows left out.
+
+    `samples` are the rows `kept` (m,) of `whole`, which has the slow ones too.
+    """
 
     samples: FrictionSamples
+    whole: FrictionSamples
+    kept: NDArray[np.bool_]
     rigid: str
     notices: tuple[Notice, ...]
 
@@ -427,7 +433,7 @@ def extract_joint(
         samples = logs.build_samples(joint, chosen, [*rigid, *fitted])
         load = _estimate_load(samples.extra[:, : len(rigid)], samples.velocity, samples.torque)
         samples = replace(samples, load=load)
-    samples, notices = _leave_out_slow(samples, logs.processing.get_standstill(joint))
+    kept, notices = _leave_out_slow(samples, logs.processing.get_standstill(joint))
     if beta is None and len(rigid) > 6:
         text = (
             f"joint {card.name!r}: {len(rigid)} columns of the rigid part were fitted along, which "
@@ -435,16 +441,18 @@ def extract_joint(
             "--known"
         )
         notices += (Notice(code="friction.many-columns", text=text),)
-    return ExtractedJoint(samples=samples, rigid=sentence, notices=notices)
+    left = samples if kept.all() else samples.select_rows(kept)
+    return ExtractedJoint(samples=left, whole=samples, kept=kept, rigid=sentence, notices=notices)
 
 
 def _leave_out_slow(
     samples: FrictionSamples, standstill: float
-) -> tuple[FrictionSamples, tuple[Notice, ...]]:
+) -> tuple[NDArray[np.bool_], tuple[Notice, ...]]:
+    """Return which rows (m,) are not slow, with a notice where some are."""
     rows = samples.build_rows()
     slow = np.abs(rows.velocity) < standstill
     if not slow.any():
-        return samples, ()
+        return ~slow, ()
     if slow.all():
         text = (
             f"joint {samples.joint!r}: every row is slower than processing.standstill = {standstill:g}; "
@@ -456,4 +464,4 @@ def _leave_out_slow(
         f"{'m/s' if samples.prismatic else 'rad/s'} were left out (processing.standstill), below which "
         "friction is extrapolated. If no joint sticks, keep them with --set processing.standstill=0"
     )
-    return samples.select_rows(~slow), (Notice(code="identify.slow-rows", text=text),)
+    return ~slow, (Notice(code="identify.slow-rows", text=text),)

@@ -30,7 +30,7 @@ from symid.identification.friction.poses import compare_poses, warn_of_friction_
 from symid.identification.friction.problem import FrictionOptions
 from symid.identification.friction.results import FrictionIdentification, JointFriction
 from symid.identification.friction.samples import FrictionSamples, compute_velocity_map
-from symid.identification.friction.selection import CANDIDATE_LAWS, predict_rows, select_law
+from symid.identification.friction.selection import CANDIDATE_LAWS, measure_motion, predict_rows, select_law
 from symid.joint_models import FrictionLaw, get_law, has_sign
 from symid.logs import Recording, cut_ends
 from symid.robot import Processing
@@ -203,6 +203,7 @@ def _identify_joint(
         velocity_unit=f"{card.position_unit}/s",
         rigid=extracted.rigid,
         residual=residual,
+        motion=measure_motion(extracted.whole, law, estimate, unit=card.torque_unit, kept=extracted.kept),
         selection=selection,
         poses=poses,
         velocity_map=compute_velocity_map(samples, estimate.other),

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import ClassVar, final
 
 from symid.codegen import ModelCard
-from symid.identification.estimators import FitRecord, LawSelection, Residual
+from symid.identification.estimators import FitRecord, LawSelection, MotionResidual, Residual
 from symid.identification.friction.estimate import FrictionEstimate
 from symid.identification.friction.poses import PoseTest
 from symid.identification.friction.samples import VelocityMap
@@ -28,7 +28,8 @@ class JointFriction:
         estimate: the law's parameters and their uncertainty.
         formula: of the law, in words; smoothing: v0 of its sign in rad/s or m/s, 0 for the sign.
         unit: of the torque; rigid: how the rigid part of the torque was treated.
-        residual: of the logs it was fitted to.
+        residual: of the logs it was fitted to; motion: the same in motion, at reversal and at rest, with the
+            rows that were left out as slow.
         selection: how the law was chosen; None where it was named.
         poses: whether friction depends on the pose; None where one pose was recorded.
         velocity_map: friction torque against velocity, as measured.
@@ -46,6 +47,7 @@ class JointFriction:
     poses: PoseTest | None
     velocity_map: VelocityMap
     sources: tuple[str, ...]
+    motion: MotionResidual | None = None
 
     @property
     def joint(self) -> str:

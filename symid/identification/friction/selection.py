@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.errors import IdentifiabilityError, Notice, SymidError
 from symid.identification.diagnostics import choose_held_out, measure_behind
-from symid.identification.estimators import LawSelection, LawTrial
+from symid.identification.estimators import LawSelection, LawTrial, MotionResidual, find_phases
 from symid.identification.friction.estimate import FrictionEstimate, FrictionSearch
 from symid.identification.friction.estimators import build_estimate, check_search, fit_friction
 from symid.identification.friction.problem import (
@@ -139,6 +139,21 @@ def predict_rows(samples: FrictionSamples, law: FrictionLaw, estimate: FrictionE
     """Return the torques (M,) in N m or N that an estimate predicts of the rows of `samples`."""
     friction = samples.pass_law(law, estimate.shape) @ np.asarray(estimate.linear)
     return np.asarray(friction + samples.build_rows().extra @ np.asarray(estimate.other))
+
+
+def measure_motion(
+    samples: FrictionSamples,
+    law: FrictionLaw,
+    estimate: FrictionEstimate,
+    *,
+    unit: str,
+    kept: NDArray[np.bool_],
+) -> MotionResidual:
+    """Return the residual of all rows in motion, at reversal and at rest; those not `kept` (m,) too."""
+    rows = samples.build_rows()
+    errors = rows.torque - predict_rows(samples, law, estimate)
+    phases = find_phases(rows.time, rows.velocity, rows.run)
+    return MotionResidual.measure(samples.joint, unit, errors, phases, int(np.sum(~kept)))
 
 
 def compute_relative_residual(

@@ -13,16 +13,23 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library, ModelCard
 from symid.errors import EstimateError, IdentifiabilityError, Notice
 from symid.identification.diagnostics import build_warning
-from symid.identification.estimators import Residual, Series, Validation, check_model
+from symid.identification.estimators import (
+    MotionResidual,
+    Residual,
+    Series,
+    Validation,
+    check_model,
+)
 from symid.identification.friction.extraction import Column, JointLogs, list_independent, prepare_joint_logs
 from symid.identification.friction.results import FrictionIdentification, JointFriction
 from symid.identification.friction.samples import FrictionSamples
-from symid.identification.friction.selection import predict_rows
+from symid.identification.friction.selection import measure_motion, predict_rows
 from symid.joint_models import FrictionLaw, get_law
 from symid.logs import Recording, describe_overlap, measure_overlap
 from symid.robot import Processing
@@ -45,7 +52,7 @@ def validate_friction(
     check_model(found, library.card)
     beta = read_known_parameters(found, library.card)
     logs = prepare_joint_logs(library, (recording,), processing)
-    trials, lost = list[tuple[Residual, Series, tuple[Notice, ...]]](), list[Notice]()
+    trials, lost = list[tuple[Residual, MotionResidual, Series, tuple[Notice, ...]]](), list[Notice]()
     for entry in found.joints:
         try:
             trials.append(_validate_joint(entry, logs, beta))
@@ -53,7 +60,7 @@ def validate_friction(
             lost += error.notices
     if not trials:
         raise IdentifiabilityError(*lost)
-    residuals, series, notices = zip(*trials, strict=True)
+    residuals, motion, series, notices = zip(*trials, strict=True)
     cut = (processing.drop_first, processing.drop_last)
     overlap = measure_overlap(recording, found.sources, found.settings, cut=cut)
     if overlap:
@@ -66,6 +73,7 @@ def validate_friction(
         source=recording.source,
         rows="friction",
         residual=residuals,
+        motion=motion,
         series=series,
         samples=sum(residual.samples for residual in residuals),
         fitted=overlap > 0.0,
@@ -88,8 +96,8 @@ def read_known_parameters(found: FrictionIdentification, card: ModelCard) -> Flo
 
 def _validate_joint(
     entry: JointFriction, logs: JointLogs, beta: FloatArray | None
-) -> tuple[Residual, Series, tuple[Notice, ...]]:
-    """Return residual, series and notices of a joint; raise IdentifiabilityError where there are none."""
+) -> tuple[Residual, MotionResidual, Series, tuple[Notice, ...]]:
+    """Return residuals, series and notices of a joint; raise IdentifiabilityError where there are none."""
     law = get_law(entry.estimate.law, smoothing=entry.smoothing)
     card = logs.library.card
     joint = [one.name for one in card.joints].index(entry.joint)
@@ -109,20 +117,21 @@ def _validate_joint(
         fitted = samples.extra[:, inertial]
         samples = replace(samples, load=fitted @ np.array(entry.estimate.other)[inertial])
         notices = _check_rigid(entry, card, rigid, fitted, [names[k] for k in inertial])
-    samples, found = _choose_rows(samples, entry, law, logs.processing.get_standstill(joint))
-    left = samples.build_rows()
-    predicted = predict_rows(samples, law, entry.estimate)
-    residual = Residual.measure(entry.joint, left.torque - predicted, left.torque, entry.unit)
+    kept, found = _choose_rows(samples, entry, law, logs.processing.get_standstill(joint))
+    rows, predicted = samples.build_rows(), predict_rows(samples, law, entry.estimate)
+    errors = rows.torque - predicted
     series = Series(
         joint=entry.joint,
         unit=entry.unit,
         velocity_unit=entry.velocity_unit,
-        time=left.time,
-        velocity=left.velocity,
-        measured=left.torque,
-        predicted=predicted,
+        time=rows.time[kept],
+        velocity=rows.velocity[kept],
+        measured=rows.torque[kept],
+        predicted=predicted[kept],
     )
-    return residual, series, (*notices, *found)
+    residual = Residual.measure(entry.joint, errors[kept], rows.torque[kept], entry.unit)
+    motion = measure_motion(samples, law, entry.estimate, unit=entry.unit, kept=kept)
+    return residual, motion, series, (*notices, *found)
 
 
 def _list_columns(entry: JointFriction, card: ModelCard) -> tuple[str, ...]:
@@ -174,8 +183,8 @@ def _check_rigid(
 
 def _choose_rows(
     samples: FrictionSamples, entry: JointFriction, law: FrictionLaw, standstill: float
-) -> tuple[FrictionSamples, tuple[Notice, ...]]:
-    """Return rows above standstill, of laws with refused parameters those within the speeds fitted."""
+) -> tuple[NDArray[np.bool_], tuple[Notice, ...]]:
+    """Return which rows are above standstill; of laws with refused parameters, within the speeds fitted."""
     rows = samples.build_rows()
     own = {parameter.name for parameter in law.physical}
     refused = [name for name, _ in entry.estimate.refused if name in own]
@@ -207,7 +216,7 @@ def _choose_rows(
             "the law is extrapolated there"
         )
         notices.append(Notice(code="validate.friction-range", text=text))
-    return (samples if kept.all() else samples.select_rows(kept)), tuple(notices)
+    return kept, tuple(notices)
 
 
 def _leave_out(joint: str, reason: str) -> IdentifiabilityError:

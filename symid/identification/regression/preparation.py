@@ -234,16 +234,31 @@ def prepare_rows(
     """Return the equations of one recording: filter, differentiate, settle resting joints, build.
 
     What the processing leaves open is chosen from this recording; other arguments as for `build_rows`.
+    Errors as for `prepare_all_rows`.
+    """
+    processing = choose_filters(processing, [recording]).processing if processing.automatic else processing
+    rows = prepare_all_rows(kind, library, recording, processing, window=window, overlap=overlap)
+    return leave_out_rows(rows, library, recording, processing)
+
+
+def prepare_all_rows(
+    kind: str,
+    library: Library,
+    recording: Recording,
+    processing: Processing,
+    *,
+    window: float,
+    overlap: float = 0.0,
+) -> Rows:
+    """Return the same with the rows of slow joints and of joints at rest; `processing` leaves nothing open.
 
     Raises:
         LogError: the recording has another number of joints than the robot.
         IdentifiabilityError: no joint moves.
         UsageError: there is no such kind of rows, or the windows do not fit.
     """
-    processing = choose_filters(processing, [recording]).processing if processing.automatic else processing
     signals = prepare_states(library, recording, processing)
-    rows = build_rows(kind, library, signals, processing, window=window, overlap=overlap)
-    return rows if kind in SCALAR_KINDS else leave_out_rows(rows, library, recording, processing)
+    return build_rows(kind, library, signals, processing, window=window, overlap=overlap)
 
 
 def prepare_states(library: Library, recording: Recording, processing: Processing) -> Signals:
@@ -265,16 +280,19 @@ def prepare_states(library: Library, recording: Recording, processing: Processin
 
 
 def mask_fast(
-    rows: Rows, speed: FloatArray, processing: Processing, file: str = ""
+    rows: Rows, speed: FloatArray, processing: Processing, file: str = "", *, margin: float = 0.0
 ) -> tuple[NDArray[np.bool_], tuple[Notice, ...]]:
     """Return the rows (m,) whose joint is not slow, and a notice for each joint that loses some.
 
-    `speed` (m,) in rad/s or m/s is what is compared with the standstill speeds.
+    `speed` (m,) in rad/s or m/s is what is compared with the standstill speeds; rows within `margin` s of a
+    slow one count as slow.
     """
     if rows.kind in SCALAR_KINDS or not processing.standstill:
         return np.ones(len(speed), dtype=np.bool_), ()
     limits = np.array([processing.get_standstill(joint) for joint in range(len(rows.group_names))])
     slow = np.abs(speed) < limits[rows.group]
+    if margin:
+        slow = _widen(rows, slow, margin)
     notices = []
     for group in np.unique(rows.group[slow]):
         own = rows.group == group
@@ -286,8 +304,22 @@ def mask_fast(
     return ~slow, tuple(notices)
 
 
+def _widen(rows: Rows, slow: NDArray[np.bool_], margin: float) -> NDArray[np.bool_]:
+    """Return which rows (m,) are within `margin` s of a slow one of their joint and recording."""
+    wide = slow.copy()
+    for run in np.unique(rows.run):
+        for group in np.unique(rows.group):
+            own = np.flatnonzero((rows.run == run) & (rows.group == group))
+            if len(own) > 1:
+                reach = round(margin / float(np.median(np.diff(rows.time[own]))))
+                wide[own] = np.convolve(slow[own], np.ones(2 * reach + 1), mode="same") > 0.5
+    return wide
+
+
 def leave_out_rows(rows: Rows, library: Library, recording: Recording, processing: Processing) -> Rows:
     """Leave out rows of slow joints, and of joints at rest that dry friction or a brake may hold."""
+    if rows.kind in SCALAR_KINDS:
+        return rows
     fast, slow_notices = mask_fast(rows, rows.velocity, processing, recording.source)
     notices = list(slow_notices)
     rows = rows if fast.all() else select_rows(rows, fast)

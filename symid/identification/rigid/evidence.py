@@ -5,8 +5,8 @@ Rows of a fit, slow ones too, what it kept, fits without each stretch -> `Eviden
     r = y - A x_(-s),    100 |L r| / |L y|
 
 x_(-s) are the parameters without the stretch (or, of several logs, without the log) of the row; L is a
-zero-phase Butterworth low-pass of order 4 at the scoring band. Every row counts; those in motion and those
-nearly at rest count apart as well.
+zero-phase Butterworth low-pass of order 4 at the scoring band. Every row counts; those in motion, at reversal
+and at rest count apart as well.
 
 A fit is suspicious where much is left unexplained, or a value is impossible: a negative friction or rotor
 inertia, or a mass matrix that is not positive definite, by more than four deviations and two percent of a
@@ -35,17 +35,13 @@ from symid.identification.diagnostics import (
     measure_scoring_band,
     smooth_rows,
 )
-from symid.identification.estimators import Evidence, JointEvidence, RegressionFit
+from symid.identification.estimators import Evidence, JointEvidence, RegressionFit, find_phases
 from symid.identification.regression import Rows, prepare_states
 from symid.identification.rigid.long_fit import FittedRows
 from symid.identification.rigid.missing_terms import list_missing_terms
 from symid.identification.rigid.plan import FitBasis
 from symid.joint_models import is_braking
 from symid.logs import undo_resampling
-
-RESTING = 0.05
-"""Of the top speed, below which a row counts as nearly at rest."""
-_TOP = 0.99
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -65,15 +61,6 @@ class JudgedRows:
     smooth: Rows | None = None
 
 
-def mask_resting(rows: Rows, speed: FloatArray) -> NDArray[np.bool_]:
-    """Return the rows (m,) that are slower than a twentieth of the top speed of their joint."""
-    resting = np.zeros(len(speed), dtype=np.bool_)
-    for group in np.unique(rows.group):
-        own = rows.group == group
-        resting[own] = np.abs(speed[own]) < RESTING * np.quantile(np.abs(speed[own]), _TOP)
-    return resting
-
-
 def list_joint_evidence(
     judged: JudgedRows, stretches: Stretches, scoring: float
 ) -> tuple[JointEvidence, ...]:
@@ -83,11 +70,12 @@ def list_joint_evidence(
     # Near rest, noise turns the sign of a velocity: that is no friction of another kind.
     slow = errors if judged.smooth is None else rows.values - stretches.predict(judged.smooth)
     table = smooth_rows(rows, np.column_stack([rows.values, errors, judged.residuals, slow]), scoring)
-    resting, inner = mask_resting(rows, judged.speed), mask_inner(rows)
+    inner = mask_inner(rows)
     found = []
     for group in np.unique(rows.group):
         own = rows.group == group
-        counted = own & inner
+        counted, phases = own & inner, np.full(len(own), -1)
+        phases[own] = find_phases(rows.time[own], judged.speed[own], rows.run[own])
         torque = float(np.sqrt(np.mean(table[counted, 0] ** 2))) if counted.any() else 0.0
 
         def share(column: int, mask: NDArray[np.bool_], torque: float = torque) -> float:
@@ -100,8 +88,9 @@ def list_joint_evidence(
                 joint=rows.group_names[group],
                 fitted=share(2, counted & judged.kept),
                 held_out=share(1, counted),
-                moving=share(1, counted & ~resting),
-                resting=share(3, counted & resting),
+                moving=share(1, counted & (phases == 0)),
+                reversing=share(3, counted & (phases == 1)),
+                resting=share(3, counted & (phases == 2)),
                 share=float(np.mean(~judged.kept[own])),
                 torque=torque,
             )

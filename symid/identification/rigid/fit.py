@@ -235,7 +235,7 @@ def fit_in_memory(
         cutoff = min(plan.choice.scoring, used.filter_cutoff or plan.choice.scoring)
         smooth = moving._replace(processing=replace(moving.processing, filter_cutoff=cutoff))
         speed = stack_rows([smooth.outline(entry) for entry in recordings]).velocity
-    kept, slow = mask_fast(whole, speed, used)
+    kept, slow = mask_fast(whole, speed, used, margin=plan.margin)
     built = replace(select_rows(whole, kept), notices=(*whole.notices, *slow))
     freedom = used.noise_freedom
     if instruments is None:

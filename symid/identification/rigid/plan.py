@@ -16,13 +16,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import numpy as np
+
 from symid.codegen import Library
 from symid.errors import Notice, UsageError
 from symid.identification.diagnostics import PART
-from symid.identification.estimators import Candidate, SettingsChoice
+from symid.identification.estimators import Candidate, SettingsChoice, find_phases
 from symid.identification.regression import SCALAR_KINDS, Rows, choose_filters, measure_moving_ends
 from symid.identification.rigid.friction_tables import balance_cutoff
-from symid.identification.rigid.settings_choice import ROW_RATE, choose_settings
+from symid.identification.rigid.settings_choice import ROW_RATE, SHARES, choose_settings
 from symid.joint_models import NO_FRICTION, get_law
 from symid.logs import Recording, choose_cutoff
 from symid.robot import Processing
@@ -41,7 +43,8 @@ _FEWEST = 4
 class FitPlan:
     """Settings with nothing open, the estimator, the choice behind them (None for none), notices on it.
 
-    `laws_chosen`: friction laws were chosen from the same logs, so that no other needs to be tried.
+    `laws_chosen`: friction laws were chosen from the same logs, so that no other needs to be tried. Rows
+    within `margin` s of slow ones are left out with them.
     """
 
     processing: Processing
@@ -49,6 +52,7 @@ class FitPlan:
     choice: SettingsChoice | None = None
     notices: tuple[Notice, ...] = ()
     laws_chosen: bool = False
+    margin: float = 0.0
 
 
 class FitBasis(NamedTuple):
@@ -105,20 +109,19 @@ def plan_fit(
         estimator = FILTERED_INSTRUMENTAL if settled.instrument_cutoff else usual
     note = Notice(code="identify.automatic", text=_describe(choice, settled, estimator))
     plan = FitPlan(processing=settled, estimator=estimator, choice=choice, notices=(note,))
-    return _limit_cutoff(plan, library, processing, recordings)
+    if not any(get_law(joint.friction).own for joint in library.card.joints if joint.friction != NO_FRICTION):
+        return plan
+    return _leave_out_rests(_limit_cutoff(plan, processing, recordings), processing, recordings)
 
 
-def _limit_cutoff(
-    plan: FitPlan, library: Library, processing: Processing, recordings: Sequence[Recording]
-) -> FitPlan:
+def _limit_cutoff(plan: FitPlan, processing: Processing, recordings: Sequence[Recording]) -> FitPlan:
     """Return the plan with a cut-off at which noise and blur of the velocity are equal, or a lower one.
 
-    Only where a friction law bends with the velocity, whose noise biases it and which no instrument takes
-    out. Rows get a band that fits; what the call's `processing` states stays.
+    Where a friction law bends with the velocity, noise biases it, and no instrument takes that out. Rows get
+    a band that fits; what the call's `processing` states stays.
     """
     used, rate = plan.processing, 1.0 / recordings[0].period
-    laws = (get_law(joint.friction) for joint in library.card.joints if joint.friction != NO_FRICTION)
-    if "filter_cutoff" not in processing.left_open or not any(law.own for law in laws):
+    if "filter_cutoff" not in processing.left_open:
         return plan
     cutoff = max(balance_cutoff(recordings), _LEAST_CUTOFF * rate)
     if (used.filter_cutoff or 0.0) <= cutoff:
@@ -139,6 +142,45 @@ def _limit_cutoff(
 
 _LEAST_CUTOFF = 0.02
 """Of the sample rate."""
+
+
+def _leave_out_rests(plan: FitPlan, processing: Processing, recordings: Sequence[Recording]) -> FitPlan:
+    """Return the plan without slow rows where joints rest in the logs, for friction laws with a shape.
+
+    At rest dry friction is any torque below its level, which a law that bends near standstill would follow.
+    The filters spread it: rows within two periods of what rows pass are left out with slow ones.
+    """
+    choice, used = plan.choice, plan.processing
+    if choice is None or "standstill" not in processing.left_open or not _find_rests(recordings):
+        return plan
+    plan = replace(plan, margin=2.0 * used.decimation.factor * recordings[0].period / _PASSED)
+    if used.standstill:
+        return plan
+    standstill = tuple(float(f"{SHARES[1] * speed:.3g}") for speed in choice.top)
+    text = (
+        f"with these friction laws, rows slower than {100.0 * SHARES[1]:g} % of each joint's top speed are "
+        "left out: joints rest in these logs, where friction holds any torque"
+    )
+    note = Notice(code="identify.automatic", text=text)
+    settled = replace(used, standstill=standstill)
+    return replace(plan, processing=settled, notices=(*plan.notices, note))
+
+
+_REST = 2
+"""Of `PHASES`."""
+_RESTING = 0.005
+"""Of the samples of a joint."""
+
+
+def _find_rests(recordings: Sequence[Recording]) -> bool:
+    """Return whether a joint that moves in the logs rests in a part of them."""
+    run = np.repeat(np.arange(len(recordings)), [len(entry.time) for entry in recordings])
+    time = np.concatenate([entry.time for entry in recordings])
+    speeds = np.vstack([np.gradient(entry.position, entry.period, axis=0) for entry in recordings])
+    return any(
+        bool(column.any()) and np.mean(find_phases(time, column, run) == _REST) >= _RESTING
+        for column in speeds.T
+    )
 
 
 def _get_least_squares(library: Library) -> str:

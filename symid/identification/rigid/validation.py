@@ -28,12 +28,14 @@ from symid.identification.estimators import (
     OPEN_SETTINGS,
     Estimate,
     FitRecord,
+    MotionResidual,
     Residual,
     ResolvedProcessing,
     Series,
     Validation,
     check_model,
     compute_residuals,
+    find_phases,
 )
 from symid.identification.regression import (
     SAME_PERIOD,
@@ -42,7 +44,8 @@ from symid.identification.regression import (
     Rows,
     choose_filters,
     count_pieces,
-    prepare_rows,
+    leave_out_rows,
+    prepare_all_rows,
     select_rows,
 )
 from symid.joint_models import FrictionValues, rename_law
@@ -361,7 +364,8 @@ def validate_estimate(
     cut, fitted_cut = (settled.processing.drop_first, settled.processing.drop_last), _get_fit_cut(estimate)
     # Slow rows count, as in the residual of the fit.
     counted = replace(settled.processing, standstill=None)
-    built = prepare_rows(rows, library, recording, counted, window=window, overlap=overlap)
+    whole = prepare_all_rows(rows, library, recording, counted, window=window, overlap=overlap)
+    built = leave_out_rows(whole, library, recording, counted)
     shared = measure_overlap(recording, estimate.sources, estimate.settings, cut=cut, fitted_cut=fitted_cut)
     predicted = built.matrix @ estimate.assemble(built.names)
     masks = [(index, built.group == index) for index in range(len(built.group_names))]
@@ -397,12 +401,38 @@ def validate_estimate(
         residual=_score(built, predicted, scoring) if scoring else residual,
         scoring=scoring,
         all_rows=residual if scoring else (),
+        motion=_measure_motion(whole, whole.matrix @ estimate.assemble(whole.names), built, scoring),
         series=series,
         samples=len(built.values),
         fitted=shared > 0.0,
         notices=(*settled.notices, *built.notices, *warnings),
         processing=settled,
     )
+
+
+def _measure_motion(
+    whole: Rows, predicted: FloatArray, counted: Rows, scoring: float
+) -> tuple[MotionResidual, ...]:
+    """Return what is left of `whole` rows beside what is predicted of them (m,), in the phases of motion.
+
+    Within the `scoring` band in Hz if there is one. Joints without `counted` rows are left out of residuals.
+    """
+    if whole.kind in SCALAR_KINDS:
+        return ()
+    errors, inner = whole.values - predicted, np.ones(len(whole.values), dtype=np.bool_)
+    if scoring:
+        errors, inner = smooth_rows(whole, errors[:, None], scoring)[:, 0], mask_inner(whole)
+        inner = inner if inner.any() else np.ones_like(inner)
+    names = {counted.group_names[group] for group in np.unique(counted.group)}
+    found = []
+    for group in np.unique(whole.group):
+        own, name = inner & (whole.group == group), whole.group_names[group]
+        if own.any():
+            phases = find_phases(whole.time[own], whole.velocity[own], whole.run[own])
+            left_out = 0 if name in names else int(np.sum(own))
+            unit = whole.group_units[group]
+            found.append(MotionResidual.measure(name, unit, errors[own], phases, left_out))
+    return tuple(found)
 
 
 def _score(rows: Rows, predicted: FloatArray, scoring: float) -> tuple[Residual, ...]:

@@ -71,7 +71,8 @@ def test_what_does_not_fit_is_refused(changes, word):
 def test_columns_that_depend_on_the_shape_are_those_that_change_with_it(name, smoothing):
     law = get_law(name, smoothing=smoothing)
     rng = np.random.default_rng(6)
-    inputs = {"velocity": rng.normal(size=200), "load": rng.normal(size=200), "position": np.zeros(200)}
+    drawn = dict(zip(("velocity", "load", "temperature"), rng.normal(size=(3, 200)), strict=True))
+    inputs = {**drawn, "position": np.zeros(200)}
     one, *others = (compute_columns(law, inputs, rng.uniform(0.1, 1.5, len(law.shape))) for _ in range(9))
     changed = np.any([np.any(one != other, axis=0) for other in others], axis=0)
     assert list_shaped_columns(law) == np.flatnonzero(changed).tolist()

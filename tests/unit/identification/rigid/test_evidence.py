@@ -77,12 +77,13 @@ def test_what_is_held_out_is_that_of_explicit_fits(seeds, standstill):
         expected = {
             "held_out": (left, some),
             "moving": (left, some & ~slow),
-            "resting": (left, some & slow),
+            "reversing": (left, some & slow),
             "fitted": (fitted, some & kept),
         }
         for name, (part, mask) in expected.items():
             percent = 100.0 * np.sqrt(np.mean(part[mask] ** 2)) / whole
             assert getattr(entry, name) == pytest.approx(percent, rel=1e-6), name
+        assert entry.resting == np.inf
         assert entry.share == pytest.approx(1.0 - kept[own].mean())
         assert entry.torque == pytest.approx(whole, rel=1e-6)
     assert estimate.evidence.scoring == pytest.approx(SCORING)
@@ -158,7 +159,7 @@ def test_what_even_times_do_to_the_residual_is_said():
 
 
 def test_noise_of_a_velocity_near_rest_is_no_friction():
-    """Rows at rest are predicted along the states of the instruments, where the sign is right."""
+    """Slow rows are predicted along the states of the instruments, where the sign is right."""
     log = record(0, torque=0.05)
     rows = prepare_rows("torque", LIBRARY, log, STATED, window=0.1)
     noisy = rows.matrix.copy()
@@ -175,5 +176,5 @@ def test_noise_of_a_velocity_near_rest_is_no_friction():
     alone = list_joint_evidence(plain, stretches, 20.0)
     beside = list_joint_evidence(replace(plain, smooth=rows), stretches, 20.0)
     for one, other in zip(alone, beside, strict=True):
-        assert other.resting < 0.5 * one.resting
+        assert other.reversing < 0.5 * one.reversing
         assert (other.moving, other.held_out) == (one.moving, one.held_out)
