@@ -162,7 +162,7 @@ _CLEARLY, _CURED = 0.7, 1.0 / 3.0
 _LACKING = 10.0
 """Percent of a joint's held-out squares that a missing term explains, from which a model is not good."""
 _SLOWER, _LEAST_SLOW = 3.0, 5.0
-"""Times the residual in motion, and percent of the torque: more where it is slow says that friction differs there."""
+"""Times the residual in motion, and percent of the torque: more when slow says that friction differs."""
 
 
 def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
