@@ -347,6 +347,8 @@ def build_log(
     dq: "ArrayLike | None" = None,
     ddq: "ArrayLike | None" = None,
     theta: "ArrayLike | None" = None,
+    load: "ArrayLike | None" = None,
+    temperature: "ArrayLike | None" = None,
     source: str = "arrays",
 ) -> Log:
     """Return a log from arrays in SI units on the joint side.
@@ -359,6 +361,8 @@ def build_log(
         dq: (N, n) rad/s or m/s, if measured.
         ddq: (N, n) rad/s^2 or m/s^2, if measured.
         theta: (N, n) rad or m, motor positions on the joint side, for elastic robots.
+        load: (N, n) N m or N of joint-torque sensors behind the gears; `tau` is then that of the motors.
+        temperature: (N, n) degC.
         source: name of the log in messages.
 
     Raises:
@@ -377,6 +381,7 @@ def build_log(
     from symid.logs import Recording
 
     arrays = {"q": q, "tau": tau, "dq": dq, "ddq": ddq, "theta": theta}
+    arrays |= {"load": load, "temperature": temperature}
     try:
         given = {name: np.asarray(value, dtype=float) for name, value in arrays.items() if value is not None}
         stamps = np.asarray(time, dtype=float)
@@ -405,6 +410,8 @@ def build_log(
         velocity=given.get("dq"),
         acceleration=given.get("ddq"),
         motor_position=given.get("theta"),
+        load=given.get("load"),
+        temperature=given.get("temperature"),
         source=source,
     )
     return Log(recording=recording, robot=robot.description)

@@ -43,7 +43,12 @@ from symid.identification.friction import (
     identify_friction,
 )
 from symid.identification.friction_search import identify_loaded, refuse_search, search_friction
-from symid.identification.regression import WHOLE_MODEL, RankRule
+from symid.identification.regression import (
+    WHOLE_MODEL,
+    RankRule,
+    list_coupled_rotors,
+    list_measured_joints,
+)
 from symid.identification.rigid import (
     PRIOR_OF_ROBOT,
     SIMULATING,
@@ -358,7 +363,7 @@ class FrictionRequest:
         model: a law, or "auto" to choose one by held-out torques.
         estimator: how laws are fitted; varpro by default.
         known: base parameters to subtract, an estimate or its file, or those of a robot with values or its
-            file; else the rigid part is fitted along.
+            file; else the load is subtracted where all logs have it, or the rigid part is fitted along.
         smoothing: rad/s or m/s over which dry friction changes its sign.
         period: s, of the motion, once or once a log, to average over periods.
         seed: of a stochastic estimator.
@@ -388,7 +393,8 @@ def identify_robot_friction(
         IdentifiabilityError: no joint's friction is identifiable.
         SolverError: a search ended without usable numbers.
     """
-    refuse_known_payloads(recordings, "--rows friction")
+    if not all(list_measured_joints(recordings)) or request.known is not None:
+        refuse_known_payloads(recordings, "--rows friction")
     described = build_rigid_variant(robot) if any(robot.elastic) else robot
     measured = [build_motor_recording(recording, robot) for recording in recordings]
     library = context.prepare(described)
@@ -407,6 +413,7 @@ def identify_robot_friction(
         beta=beta,
         smoothing=request.smoothing or 0.0,
         periods=request.period,
+        rotors=list_coupled_rotors(described),
     )
     echo = {
         "log": describe_settings(robot)["log"],
@@ -423,6 +430,7 @@ def identify_robot_friction(
         *library.notices,
         *found.notices,
         *_warn_of_unused(found, request, library),
+        *_warn_of_unused_loads(measured, request),
     )
     return Identification(estimate=found, notices=notices, backend=library.backend)
 
@@ -573,6 +581,17 @@ def _warn_of_unused(
             "joint's own friction"
         )
     return tuple(Notice(code="friction.unused-option", text=text) for text in texts)
+
+
+def _warn_of_unused_loads(recordings: Sequence[Recording], request: FrictionRequest) -> tuple[Notice, ...]:
+    """Return a notice where base parameters were subtracted although the logs have loads."""
+    if request.known is None or not any(list_measured_joints(recordings)):
+        return ()
+    text = (
+        "the loads that joint-torque sensors measured are not used, because base parameters were given; "
+        "without --known the loads are subtracted, and no model of the links is needed"
+    )
+    return (Notice(code="friction.load-unused", text=text),)
 
 
 def _warn_of_springs(robot: Robot) -> Notice:

@@ -48,7 +48,7 @@ from symid.identification.estimators import (
 )
 from symid.identification.friction import FrictionIdentification, set_identified_friction, validate_friction
 from symid.identification.identify import TaskContext
-from symid.identification.regression import fill_loads
+from symid.identification.regression import fill_loads, list_coupled_rotors
 from symid.identification.rigid import (
     Diagnosis,
     diagnose_estimate,
@@ -417,7 +417,8 @@ def _validate_friction(
     library = context.prepare(set_identified_friction(build_rigid_variant(described), found))
     check_model(found, library.card, file)
     context.progress(f"validating on {recording.source}")
-    validation = validate_friction(found, library, recording, described.processing)
+    rotors = list_coupled_rotors(described)
+    validation = validate_friction(found, library, recording, described.processing, rotors=rotors)
     return FrictionValidation(
         robot=described,
         source=validation.source,

@@ -29,7 +29,7 @@ from symid.arrays import FloatArray, freeze
 from symid.environment import check_suffix, write_file
 from symid.errors import LogError, Notice, OutputError
 from symid.logs.recording import Recording
-from symid.notation import get_unit
+from symid.notation import UNITS, get_unit
 from symid.robot import JointKind, Robot
 
 _INDEX = re.compile(r"\S\[\d+\]$")
@@ -333,9 +333,15 @@ _WRITTEN = {
     "q_ref": ("reference", "q"),
     "dq_ref": ("reference_velocity", "dq"),
     "tau_ff": ("feedforward", "tau"),
+    "tau_load": ("load", "tau"),
+    "temperature": ("temperature", "degC"),
 }
-"""Columns that are written: the channel, and the symbol whose units it has."""
+"""Columns that are written: the channel, and the symbol whose units it has, or its unit."""
 _SUFFIXES = (".npz", ".csv")
+
+
+def _get_unit(symbol: str, *, prismatic: bool) -> str:
+    return symbol if symbol in UNITS else get_unit(symbol, prismatic=prismatic)
 
 
 def write_recording(recording: Recording, path: Path, robot: Robot) -> Path:
@@ -351,7 +357,7 @@ def write_recording(recording: Recording, path: Path, robot: Robot) -> Path:
         values: FloatArray | None = getattr(recording, channel)
         if values is None:
             continue
-        own = [get_unit(symbol, prismatic=joint.kind is JointKind.PRISMATIC) for joint in robot.axes]
+        own = [_get_unit(symbol, prismatic=joint.kind is JointKind.PRISMATIC) for joint in robot.axes]
         if flat:
             columns |= {f"{name}{number}": column for number, column in enumerate(values.T, 1)}
             units |= {f"{name}{number}": unit for number, unit in enumerate(own, 1)}

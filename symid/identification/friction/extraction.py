@@ -3,8 +3,13 @@
     tau = Y_j(q, dq, ddq) beta + friction of others + tau_f(dq)
 
 The rigid part is fitted with friction: the independent columns of Y_j on these motions, or J ddq + a sin q
-+ b cos q where they span the same. Or it is subtracted, with known base parameters. Periods of a cosine
-motion can be averaged first: the noise falls by sqrt(K), and filters see a signal without ends.
++ b cos q where they span the same. Or it is subtracted, with known base parameters. Where sensors behind the
+gears measured the load, no model of links is needed:
+
+    tau - load = IA ddq + friction of others + tau_f(dq, load)
+
+Periods of a cosine motion can be averaged first: the noise falls by sqrt(K), and filters see a signal without
+ends.
 
 What the processing leaves open is chosen from the logs. Laws bend within a few hundredths of a rad/s, and a
 bend turns noise of the velocity into a bias: positions of every joint pass a low-pass at the end of its clean
@@ -19,6 +24,7 @@ period; motions that drift (positions that differ by more than a tenth of their 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -30,12 +36,15 @@ from symid.errors import IdentifiabilityError, LogError, Notice
 from symid.identification.friction.samples import FrictionSamples, build_reduction
 from symid.identification.regression import (
     BLOCK,
+    Rotor,
     check_joints,
+    compute_rotor_columns,
     extend_triangle,
     hold_resting_joints,
     list_resting_joints,
     measure_bands,
     measure_moving_ends,
+    subtract_loads,
 )
 from symid.logs import Recording, Signals, choose_processing, prepare_signals
 from symid.robot import Processing
@@ -63,14 +72,17 @@ def fold_recording(recording: Recording, period: float, *, margin: int | None = 
         )
         raise LogError(Notice(code="log.period", text=text, file=recording.source))
     # Torques jump: between samples they follow straight lines, positions cubic splines.
-    position, torque = (
-        _cut_periods(values, recording.time, period, (periods, samples), degree=degree)
-        for values, degree in ((recording.position, 3), (recording.torque, 1))
-    )
+    cut = partial(_cut_periods, time=recording.time, period=period, sizes=(periods, samples))
+    position, torque = cut(recording.position, degree=3), cut(recording.torque, degree=1)
     margin = samples if margin is None else margin
     places = np.arange(-margin, samples + margin)
     text = f"{periods} periods of {period:g} s were averaged (--period)"
     folded = Notice(code="log.folded", text=text, file=recording.source)
+    others = {
+        name: cut(values, degree=1).mean(axis=0)[places % samples]
+        for name in ("load", "temperature")
+        if (values := getattr(recording, name)) is not None
+    }
     return replace(
         recording,
         time=recording.time[0] + np.arange(len(places)) * period / samples,
@@ -83,6 +95,7 @@ def fold_recording(recording: Recording, period: float, *, margin: int | None = 
         link_position=None,
         extras={},
         notices=(*recording.notices, folded, *_warn_of_drift(position, recording)),
+        **others,
     )
 
 
@@ -218,6 +231,8 @@ class JointLogs:
     """Recordings as filtered states: `resting` joints have no velocity, others shake `carried` ones.
 
     `cutoffs` are those that noise set, in Hz, joint by joint of every recording; empty where none did.
+    Torques of joints that are `measured` are those of motors less the load behind the gears; `rotors` are
+    those of coupled drives.
     """
 
     library: Library
@@ -227,6 +242,8 @@ class JointLogs:
     sources: tuple[str, ...]
     processing: Processing
     cutoffs: tuple[tuple[float, ...], ...] = ()
+    measured: tuple[bool, ...] = ()
+    rotors: tuple[Rotor, ...] = ()
 
     def list_moving(self, joint: int) -> tuple[int, ...]:
         """Return which recordings move a joint."""
@@ -243,6 +260,16 @@ class JointLogs:
         """Return "q", "dq", "ddq" or "tau" of a joint in some recordings: (N,)."""
         return np.concatenate([getattr(self.signals[k], name)[:, joint] for k in runs])
 
+    def gather_known(self, name: str, joint: int, runs: Sequence[int]) -> FloatArray | None:
+        """Return "load" or "temperature" of a joint likewise; None where a recording lacks it."""
+        if any(getattr(self.signals[k], name) is None for k in runs):
+            return None
+        return self.gather(name, joint, runs)
+
+    def is_measured(self, joint: int) -> bool:
+        """Return whether the load of a joint was measured and is not part of its torque here."""
+        return bool(self.measured) and self.measured[joint]
+
     def list_rigid_columns(self, joint: int, runs: Sequence[int]) -> list[Column]:
         """Return the joint's row of the torque regressor."""
         states = [(part.q, part.dq, part.ddq) for part in (self.signals[k] for k in runs)]
@@ -255,10 +282,13 @@ class JointLogs:
         card = self.library.card
         if not (cards := card.friction):
             return []
-        states = [
-            card.gather_friction_inputs(part.dq, q=part.q, load=part.load, temperature=part.temperature)
-            for part in (self.signals[k] for k in runs)
-        ]
+        states = []
+        for part in (self.signals[k] for k in runs):
+            given = {"q": part.q, "load": part.load, "temperature": part.temperature}
+            if all(entry.joint in {one.name for one in card.joints} for entry in cards):
+                # Joints' own friction is that of the laws to be found: what it reads may be unknown.
+                given = {name: part.dq * 0.0 if one is None else one for name, one in given.items()}
+            states.append(card.gather_friction_inputs(part.dq, **given))
         rows = self._evaluate_rows("friction_regressor", states, joint)
         return [Column(entry.name, values, entry.unit) for entry, values in zip(cards, rows.T, strict=True)]
 
@@ -282,6 +312,17 @@ class JointLogs:
         weight = [Column("a", np.sin(angle), "N m"), Column("b", np.cos(angle), "N m")]
         return [Column("J", acceleration, "kg m^2"), *weight]
 
+    def list_rotor_columns(self, joint: int, runs: Sequence[int]) -> list[Column]:
+        """Return the inertia of a joint's own rotor, and of the coupled rotors that turn with it."""
+        ddq = np.concatenate([self.signals[k].ddq for k in runs])
+        rows = compute_rotor_columns(ddq, self.rotors)[:, joint]
+        unit = "kg" if self.library.card.joints[joint].kind == "prismatic" else "kg m^2"
+        coupled = enumerate(self.rotors, start=ddq.shape[1])
+        return [
+            Column(ROTOR, rows[:, joint], unit),
+            *(Column(one.name, rows[:, k], unit) for k, one in coupled if one.turns[joint]),
+        ]
+
     def build_samples(self, joint: int, runs: Sequence[int], columns: Sequence[Column]) -> FrictionSamples:
         """Return a joint's samples in some recordings: the whole torque, and columns beside friction."""
         velocity, torque, position = (self.gather(name, joint, runs) for name in ("dq", "tau", "q"))
@@ -294,11 +335,17 @@ class JointLogs:
             extra=np.column_stack([np.empty((len(velocity), 0)), *(column.values for column in columns)]),
             extra_names=tuple(column.name for column in columns),
             extra_units=tuple(column.unit for column in columns),
+            load=self.gather_known("load", joint, runs) if self.is_measured(joint) else None,
             position=position,
+            temperature=self.gather_known("temperature", joint, runs),
             run=np.repeat(runs, lengths),
             reduce=build_reduction(lengths, self.processing.decimation),
             prismatic=card.kind == "prismatic",
         )
+
+
+ROTOR = "IA"
+"""Name of the inertia of a joint's own rotor, on the side of the joint."""
 
 
 class ExtractedJoint(NamedTuple):
@@ -356,13 +403,28 @@ def _prepare_at_cutoffs(recording: Recording, processing: Processing, cutoffs: F
 
 
 def prepare_joint_logs(
-    library: Library, recordings: Sequence[Recording], processing: Processing
+    library: Library,
+    recordings: Sequence[Recording],
+    processing: Processing,
+    *,
+    measured: Sequence[bool] = (),
+    rotors: Sequence[Rotor] = (),
 ) -> JointLogs:
     """Return the recordings filtered and differentiated.
 
-    Raises LogError where one does not fit the robot, IdentifiabilityError where no joint moves.
+    Args:
+        library: functions of the robot.
+        recordings: at least one.
+        processing: of the robot; what it leaves open is chosen.
+        measured: (n,) joints whose torques are taken less their loads; empty for none.
+        rotors: of coupled drives, which then stand beside friction.
+
+    Raises:
+        LogError: a recording does not fit the robot.
+        IdentifiabilityError: no joint moves.
     """
     check_joints(library, recordings)
+    recordings = [subtract_loads(recording, measured) for recording in recordings]
     is_open = processing.automatic and processing.filter_cutoff is None
     processing = choose_processing(processing, recordings[0].period)
     resting = tuple(map(list_resting_joints, recordings))
@@ -398,6 +460,8 @@ def prepare_joint_logs(
         sources=tuple(recording.source for recording in recordings),
         processing=processing,
         cutoffs=tuple(tuple(entry.tolist()) for entry in cutoffs) if processing.automatic else (),
+        measured=tuple(measured),
+        rotors=tuple(rotors),
     )
 
 
@@ -419,30 +483,44 @@ def extract_joint(
                 "speed, and sticks and slips: move it by itself"
             )
         raise IdentifiabilityError(Notice(code="friction.at-rest", text=text))
-    rigid = logs.list_rigid_columns(joint, chosen)
-    own = {entry.name for entry in logs.library.card.friction if entry.joint == card.name}
-    others = [column for column in logs.list_friction_columns(joint, chosen) if column.name not in own]
-    fitted = _keep_independent(others)
-    if beta is not None:
-        samples = logs.build_samples(joint, chosen, fitted)
-        known = np.column_stack([column.values for column in rigid]) @ beta
-        samples = replace(samples, torque=samples.torque - known, load=known)
-        sentence = "the rigid part was subtracted, with the base parameters given"
-    else:
-        rigid, sentence = _reduce_columns(rigid, logs.list_physical_columns(joint, chosen))
-        samples = logs.build_samples(joint, chosen, [*rigid, *fitted])
-        load = _estimate_load(samples.extra[:, : len(rigid)], samples.velocity, samples.torque)
-        samples = replace(samples, load=load)
+    samples, sentence, count = _treat_rigid(logs, joint, chosen, beta)
     kept, notices = _leave_out_slow(samples, logs.processing.get_standstill(joint))
-    if beta is None and len(rigid) > 6:
+    if count > 6:
         text = (
-            f"joint {card.name!r}: {len(rigid)} columns of the rigid part were fitted along, which "
+            f"joint {card.name!r}: {count} columns of the rigid part were fitted along, which "
             "can bias friction. Move one joint at a time, or give the base parameters of all joints with "
             "--known"
         )
         notices += (Notice(code="friction.many-columns", text=text),)
     left = samples if kept.all() else samples.select_rows(kept)
     return ExtractedJoint(samples=left, whole=samples, kept=kept, rigid=sentence, notices=notices)
+
+
+def _treat_rigid(
+    logs: JointLogs, joint: int, runs: Sequence[int], beta: FloatArray | None
+) -> tuple[FrictionSamples, str, int]:
+    """Return a joint's samples, how the rigid part was treated, and how many of its columns are fitted."""
+    card = logs.library.card
+    own = {entry.name for entry in card.friction if entry.joint == card.joints[joint].name}
+    others = [column for column in logs.list_friction_columns(joint, runs) if column.name not in own]
+    fitted = _keep_independent(others)
+    if logs.is_measured(joint):
+        rotors = _keep_independent(logs.list_rotor_columns(joint, runs))
+        samples = logs.build_samples(joint, runs, [*rotors, *fitted])
+        sentence = "the measured load was subtracted"
+        if rotors:
+            sentence += f"; {' and '.join(one.name for one in rotors)} of the rotor was fitted along"
+        return samples, sentence, 0
+    rigid = logs.list_rigid_columns(joint, runs)
+    if beta is not None:
+        samples = logs.build_samples(joint, runs, fitted)
+        known = np.column_stack([column.values for column in rigid]) @ beta
+        samples = replace(samples, torque=samples.torque - known, load=known)
+        return samples, "the rigid part was subtracted, with the base parameters given", 0
+    rigid, sentence = _reduce_columns(rigid, logs.list_physical_columns(joint, runs))
+    samples = logs.build_samples(joint, runs, [*rigid, *fitted])
+    load = _estimate_load(samples.extra[:, : len(rigid)], samples.velocity, samples.torque)
+    return replace(samples, load=load), sentence, len(rigid)
 
 
 def _leave_out_slow(

@@ -13,13 +13,16 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import IdentifiabilityError, Notice, UsageError
 from symid.identification.estimators import Residual
-from symid.identification.friction.estimate import FrictionEstimate
+from symid.identification.friction.estimate import FrictionEstimate, compute_sensitivities
 from symid.identification.friction.estimators import check_estimator, fit_friction
 from symid.identification.friction.extraction import (
+    ROTOR,
     JointLogs,
     describe_cutoffs,
     extract_joint,
@@ -31,6 +34,13 @@ from symid.identification.friction.problem import FrictionOptions
 from symid.identification.friction.results import FrictionIdentification, JointFriction
 from symid.identification.friction.samples import FrictionSamples, compute_velocity_map
 from symid.identification.friction.selection import CANDIDATE_LAWS, measure_motion, predict_rows, select_law
+from symid.identification.regression import (
+    LoadGain,
+    Rotor,
+    list_measured_joints,
+    measure_load_gain,
+    warn_of_load_gain,
+)
 from symid.joint_models import FrictionLaw, get_law, has_sign
 from symid.logs import Recording, cut_ends
 from symid.robot import Processing
@@ -39,6 +49,8 @@ from symid.serialization import write_json
 AUTO = "auto"
 """The name under which a law is chosen on held-out data."""
 _NOT_PERIODIC = "log.not-periodic"
+_STRETCHES = 10
+"""Of a joint's rows, over which the gain of a load sensor scatters."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,6 +64,7 @@ class FrictionTask:
         smoothing: speed v0 in rad/s or m/s over which all laws change their sign, 0 for a jump.
         periods: s, of cosine motions to average over, one for all logs or one for each; empty for none.
         poses: whether to compare poses where there are several.
+        rotors: of coupled drives, beside friction where loads are measured.
     """
 
     model: str = AUTO
@@ -62,6 +75,7 @@ class FrictionTask:
     smoothing: float = 0.0
     periods: tuple[float, ...] = ()
     poses: bool = True
+    rotors: tuple[Rotor, ...] = ()
 
 
 def identify_friction(
@@ -87,7 +101,8 @@ def identify_friction(
     notices: tuple[Notice, ...] = ()
     if task.periods:
         recordings, processing, notices = _fold(recordings, processing, task.periods)
-    logs = prepare_joint_logs(library, recordings, processing)
+    measured = list_measured_joints(recordings) if task.beta is None else ()
+    logs = prepare_joint_logs(library, recordings, processing, measured=measured, rotors=task.rotors)
     notices += describe_cutoffs(logs)
     joints, refused = list[JointFriction](), list[tuple[str, str]]()
     for joint, card in enumerate(library.card.joints):
@@ -117,6 +132,7 @@ def identify_friction(
         "rigid": "fitted along" if task.beta is None else "known",
         "seed": task.options.seed,
         **({"cutoffs": logs.cutoffs} if logs.cutoffs else {}),
+        **({"measured_loads": measured} if any(measured) else {}),
     }
     return FrictionIdentification(
         robot=library.card.robot,
@@ -190,7 +206,8 @@ def _identify_joint(
             "torque and position were sampled at the same times"
         )
         warnings.append(Notice(code="friction.unexplained", text=text))
-    warnings += _warn_of_smoothing(law)
+    gain = _measure_gain(samples, law, estimate) if logs.is_measured(joint) else None
+    warnings += [*_warn_of_smoothing(law), *warn_of_load_gain(gain)]
     estimate = replace(estimate, notices=(*estimate.notices, *warnings))
     poses = compare_poses(logs, joint, law, beta=task.beta) if task.poses else None
     texts = [f"{held}: not in the comparison of poses: {why}" for held, why in poses.skipped] if poses else []
@@ -201,7 +218,7 @@ def _identify_joint(
         smoothing=task.smoothing,
         unit=card.torque_unit,
         velocity_unit=f"{card.position_unit}/s",
-        rigid=extracted.rigid,
+        rigid=extracted.rigid + (f"; {_describe_gain(gain)}" if gain is not None else ""),
         residual=residual,
         motion=measure_motion(extracted.whole, law, estimate, unit=card.torque_unit, kept=extracted.kept),
         selection=selection,
@@ -213,13 +230,34 @@ def _identify_joint(
     return found, (*skipped, *extracted.notices, *named)
 
 
+def _measure_gain(samples: FrictionSamples, law: FrictionLaw, estimate: FrictionEstimate) -> LoadGain | None:
+    """Return the factor on the measured load that a joint's rows choose beside its law."""
+    if samples.load is None:
+        return None
+    rows = samples.build_rows()
+    design = compute_sensitivities(samples, law, estimate.linear, estimate.shape)
+    left = rows.torque - predict_rows(samples, law, estimate)
+    table = np.column_stack([design, samples.pass_columns(samples.load[:, None]), left])
+    return measure_load_gain(np.stack([part.T @ part for part in np.array_split(table, _STRETCHES)]))
+
+
+def _describe_gain(gain: LoadGain) -> str:
+    return f"a factor on the load would be {gain.value:.4g} +- {gain.deviation:.2g} (1 was taken)"
+
+
 def check_inputs(samples: FrictionSamples, law: FrictionLaw) -> None:
-    """Raise IdentifiabilityError for a law of the load where no load is known."""
+    """Raise IdentifiabilityError for a law of a load or a temperature that is not known."""
+    if "temperature" in law.inputs and samples.temperature is None:
+        text = (
+            f"joint {samples.joint!r}: law {law.name!r} needs the temperature, which not all logs have: name "
+            "its columns in [log.temperature], or name another law"
+        )
+        raise IdentifiabilityError(Notice(code="friction.no-temperature", text=text))
     if "load" in law.inputs and samples.load is None:
         text = (
             f"joint {samples.joint!r}: law {law.name!r} needs the load, but links and payload take too "
             "little of this joint's torque. Move it against gravity or accelerate more, give base "
-            "parameters with --known, or name a law without load"
+            "parameters with --known, log the load ([log.load]), or name a law without load"
         )
         raise IdentifiabilityError(Notice(code="friction.no-load", text=text))
 
@@ -234,10 +272,11 @@ def _warn_of_smoothing(law: FrictionLaw) -> tuple[Notice, ...]:
 
 def warn_of_inertia(estimate: FrictionEstimate) -> tuple[Notice, ...]:
     """Return a warning where the rigid part has a negative inertia or mass."""
-    found = next((entry for entry in estimate.extra if entry.name == "J" and entry.value < 0.0), None)
+    pairs = (entry for entry in estimate.extra if entry.name in {"J", ROTOR} and entry.value < 0.0)
+    found = next(pairs, None)
     if found is None:
         return ()
-    size = f"J = {found.value:.4g} +- {found.std:.2g} {found.unit} is negative"
+    size = f"{found.name} = {found.value:.4g} +- {found.std:.2g} {found.unit} is negative"
     reason = "within its uncertainty it is zero: the motion accelerates too little to identify it"
     if found.value < -2.0 * found.std:
         reason = (

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library, ModelCard
-from symid.errors import EstimateError, IdentifiabilityError, Notice
+from symid.errors import EstimateError, IdentifiabilityError, LogError, Notice
 from symid.identification.diagnostics import build_warning
 from symid.identification.estimators import (
     MotionResidual,
@@ -30,6 +30,7 @@ from symid.identification.friction.extraction import Column, JointLogs, list_ind
 from symid.identification.friction.results import FrictionIdentification, JointFriction
 from symid.identification.friction.samples import FrictionSamples
 from symid.identification.friction.selection import measure_motion, predict_rows
+from symid.identification.regression import Rotor
 from symid.joint_models import FrictionLaw, get_law
 from symid.logs import Recording, describe_overlap, measure_overlap
 from symid.robot import Processing
@@ -38,20 +39,25 @@ _PHYSICAL = ("J", "a", "b")
 
 
 def validate_friction(
-    found: FrictionIdentification, library: Library, recording: Recording, processing: Processing
+    found: FrictionIdentification,
+    library: Library,
+    recording: Recording,
+    processing: Processing,
+    *,
+    rotors: Sequence[Rotor] = (),
 ) -> Validation:
     """Return residuals and series of `recording` under identified friction, joint by joint.
 
-    `processing` is that of the fit.
+    `processing` is that of the fit; `rotors` are those of coupled drives.
 
     Raises:
         EstimateError: the friction belongs to another model.
-        LogError: the recording does not fit the robot.
+        LogError: the recording does not fit the robot, or lacks the loads that the fit subtracted.
         IdentifiabilityError: no joint can be validated.
     """
     check_model(found, library.card)
-    beta = read_known_parameters(found, library.card)
-    logs = prepare_joint_logs(library, (recording,), processing)
+    beta, measured = read_known_parameters(found, library.card), _read_measured(found, recording)
+    logs = prepare_joint_logs(library, (recording,), processing, measured=measured, rotors=rotors)
     trials, lost = list[tuple[Residual, MotionResidual, Series, tuple[Notice, ...]]](), list[Notice]()
     for entry in found.joints:
         try:
@@ -94,29 +100,28 @@ def read_known_parameters(found: FrictionIdentification, card: ModelCard) -> Flo
     return np.array(plain)
 
 
+def _read_measured(found: FrictionIdentification, recording: Recording) -> tuple[bool, ...]:
+    """Return the joints (n,) whose measured loads were subtracted; raise LogError where they are lacking."""
+    stored = found.settings.get("measured_loads")
+    measured = tuple(map(bool, stored)) if isinstance(stored, Sequence) else ()
+    if any(measured) and recording.load is None:
+        text = (
+            "friction was fitted to torques less the loads of joint-torque sensors, and this log has none: "
+            "name their columns in [log.load], or identify friction again from logs without loads"
+        )
+        raise LogError(Notice(code="validate.friction-load", text=text, file=recording.source))
+    return measured
+
+
 def _validate_joint(
     entry: JointFriction, logs: JointLogs, beta: FloatArray | None
 ) -> tuple[Residual, MotionResidual, Series, tuple[Notice, ...]]:
     """Return residuals, series and notices of a joint; raise IdentifiabilityError where there are none."""
     law = get_law(entry.estimate.law, smoothing=entry.smoothing)
-    card = logs.library.card
-    joint = [one.name for one in card.joints].index(entry.joint)
+    joint = [one.name for one in logs.library.card.joints].index(entry.joint)
     if not logs.list_moving(joint):
         raise _leave_out(entry.joint, "it does not move of its own in this log")
-    rigid, names = logs.list_rigid_columns(joint, (0,)), _list_columns(entry, card)
-    known = {column.name: column for column in (*logs.list_physical_columns(joint, (0,)), *rigid)}
-    inertial = [k for k, name in enumerate(names) if name in known]
-    if len(inertial) < len(names):
-        known |= {column.name: column for column in logs.list_friction_columns(joint, (0,))}
-    samples = logs.build_samples(joint, (0,), [known[name] for name in names])
-    notices: tuple[Notice, ...] = ()
-    if beta is not None:
-        load = np.column_stack([column.values for column in rigid]) @ beta
-        samples = replace(samples, torque=samples.torque - load, load=load)
-    else:
-        fitted = samples.extra[:, inertial]
-        samples = replace(samples, load=fitted @ np.array(entry.estimate.other)[inertial])
-        notices = _check_rigid(entry, card, rigid, fitted, [names[k] for k in inertial])
+    samples, notices = _build_samples(entry, logs, joint, beta)
     kept, found = _choose_rows(samples, entry, law, logs.processing.get_standstill(joint))
     rows, predicted = samples.build_rows(), predict_rows(samples, law, entry.estimate)
     errors = rows.torque - predicted
@@ -134,13 +139,35 @@ def _validate_joint(
     return residual, motion, series, (*notices, *found)
 
 
-def _list_columns(entry: JointFriction, card: ModelCard) -> tuple[str, ...]:
+def _build_samples(
+    entry: JointFriction, logs: JointLogs, joint: int, beta: FloatArray | None
+) -> tuple[FrictionSamples, tuple[Notice, ...]]:
+    """Return a joint's samples with the columns of its fit, and where its rigid part holds."""
+    card, measured = logs.library.card, logs.is_measured(joint)
+    rigid = logs.list_rotor_columns(joint, (0,)) if measured else logs.list_rigid_columns(joint, (0,))
+    names = _list_columns(entry, card, [column.name for column in rigid])
+    known = {column.name: column for column in (*logs.list_physical_columns(joint, (0,)), *rigid)}
+    inertial = [k for k, name in enumerate(names) if name in known]
+    if len(inertial) < len(names):
+        known |= {column.name: column for column in logs.list_friction_columns(joint, (0,))}
+    samples = logs.build_samples(joint, (0,), [known[name] for name in names])
+    if measured:
+        return samples, ()
+    if beta is not None:
+        load = np.column_stack([column.values for column in rigid]) @ beta
+        return replace(samples, torque=samples.torque - load, load=load), ()
+    fitted = samples.extra[:, inertial]
+    samples = replace(samples, load=fitted @ np.array(entry.estimate.other)[inertial])
+    return samples, _check_rigid(entry, card, rigid, fitted, [names[k] for k in inertial])
+
+
+def _list_columns(entry: JointFriction, card: ModelCard, rigid: Sequence[str]) -> tuple[str, ...]:
     """Return the names of the columns beside friction; raise EstimateError where values do not fit."""
     estimate = entry.estimate
     own = {parameter.name for parameter in get_law(estimate.law).physical}
     given = {parameter.name for parameter in estimate.extra}
     given |= {name for name, _ in estimate.refused if name not in own}
-    order = (*_PHYSICAL, *(one.name for one in card.beta), *(one.name for one in card.friction))
+    order = dict.fromkeys((*_PHYSICAL, *rigid, *(one.name for one in card.friction)))
     names = tuple(name for name in order if name in given)
     if len(names) != len(estimate.other) or len(names) != len(given):
         text = (

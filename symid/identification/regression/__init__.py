@@ -52,19 +52,27 @@ if TYPE_CHECKING:
     )
     from symid.identification.regression.preparation import (
         SAME_PERIOD as SAME_PERIOD,
+        LoadGain as LoadGain,
+        Rotor as Rotor,
         check_joints as check_joints,
         choose_filters as choose_filters,
         choose_window as choose_window,
         compute_payload_torque as compute_payload_torque,
+        compute_rotor_columns as compute_rotor_columns,
         fill_loads as fill_loads,
         leave_out_rows as leave_out_rows,
+        list_coupled_rotors as list_coupled_rotors,
+        list_measured_joints as list_measured_joints,
         mask_fast as mask_fast,
         measure_bands as measure_bands,
+        measure_load_gain as measure_load_gain,
         measure_moving_ends as measure_moving_ends,
         prepare_all_rows as prepare_all_rows,
         prepare_rows as prepare_rows,
         prepare_states as prepare_states,
+        subtract_loads as subtract_loads,
         subtract_payload_torque as subtract_payload_torque,
+        warn_of_load_gain as warn_of_load_gain,
     )
 else:
     from symid.lazy import load_names

@@ -25,6 +25,7 @@ filtered before they were logged, whose noise is underestimated; payloads of sim
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +48,7 @@ from symid.identification.regression.identifiability import (
     list_resting_joints,
 )
 from symid.logs import Recording, Signals, choose_cutoff, choose_processing, prepare_signals
-from symid.robot import Processing
+from symid.robot import Processing, Robot
 
 NOISE_SHARE = 0.01
 """Part of the acceleration's power that noise may be."""
@@ -205,6 +206,112 @@ def fill_loads(
         else:
             found.append(recording)
     return found
+
+
+def list_measured_joints(recordings: Sequence[Recording]) -> tuple[bool, ...]:
+    """Return (n,) for which joints all recordings have a measured load; a constant channel is none."""
+    if not recordings:
+        return ()
+    moved = np.zeros(recordings[0].position.shape[1], dtype=np.bool_)
+    for recording in recordings:
+        if recording.load is None:
+            return (False,) * len(moved)
+        moved |= np.ptp(recording.load, axis=0) > 0.0
+    return tuple(moved.tolist())
+
+
+def subtract_loads(recording: Recording, measured: Sequence[bool]) -> Recording:
+    """Return a recording with torques less loads at the joints (n,) that are `measured`.
+
+    What is left there is friction and the inertia of rotors: links and payloads are in the load.
+    """
+    if recording.load is None or not any(measured):
+        return recording
+    torque = np.where(np.array(measured), recording.torque - recording.load, recording.torque)
+    return replace(recording, torque=torque)
+
+
+class Rotor(NamedTuple):
+    """A rotor that turns with several joints: name of its inertia, turns (n,) a turn of each joint."""
+
+    name: str
+    turns: tuple[float, ...]
+
+
+def list_coupled_rotors(robot: Robot) -> tuple[Rotor, ...]:
+    """Return the rotors of drives that turn with several joints."""
+    count, rows = len(robot.axes), robot.transmission[len(robot.joints) :]
+    found = []
+    for drive, terms in zip(robot.couplings, rows, strict=True):
+        turns = np.zeros(count)
+        for place, factor in terms:
+            turns[place] += float(factor)
+        found.append(Rotor(f"IA{drive.name}", tuple(turns.tolist())))
+    return tuple(found)
+
+
+def compute_rotor_columns(ddq: FloatArray, rotors: Sequence[Rotor]) -> FloatArray:
+    """Return torques (N, n, n + m) at ddq (N, n), per inertia of own and then of coupled rotors."""
+    count = ddq.shape[1]
+    turns = np.vstack([np.eye(count), *(np.array(rotor.turns) for rotor in rotors)])
+    return np.asarray((ddq @ turns.T)[:, None, :] * turns.T[None])
+
+
+_SAME_GAIN, _SURE_GAIN = 0.02, 3.0
+"""Part of the load, and standard deviations, within which the factor that the data choose is one."""
+_TOLD_GAIN = 1e-6
+"""Part of a load's squares that must be independent of other columns."""
+
+
+class LoadGain(NamedTuple):
+    """The factor on a measured load that explains a motor's torque best, and its standard deviation."""
+
+    value: float
+    deviation: float
+
+    @property
+    def differs(self) -> bool:
+        """Return whether it is surely not one."""
+        return abs(self.value - 1.0) > max(_SAME_GAIN, _SURE_GAIN * self.deviation)
+
+
+def measure_load_gain(grams: FloatArray) -> LoadGain | None:
+    """Return the gain of a load sensor; None where friction and rotor could take the part of the load.
+
+    `grams` (S, k, k) are sums of products of [columns of friction and rotor, load, torque less load] in S
+    stretches; the deviation is that over stretches left out (jackknife), which needs no white noise.
+    """
+    whole = grams.sum(axis=0)
+    lengths = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    scaled = grams / lengths / lengths[:, None]
+
+    def solve(total: FloatArray) -> float:
+        columns, load = total[:-2, :-2], total[:-2, -2]
+        beside = np.linalg.lstsq(columns, np.column_stack([load, total[:-2, -1]]), rcond=1e-10)[0]
+        left = total[-2, -2] - load @ beside[:, 0]
+        if left <= _TOLD_GAIN * total[-2, -2]:
+            return np.nan
+        return float((total[-2, -1] - load @ beside[:, 1]) / left * lengths[-1] / lengths[-2])
+
+    total = scaled.sum(axis=0)
+    value = solve(total)
+    parts = np.array([solve(total - part) for part in scaled if part[-2, -2] > 0.0])
+    if len(parts) < 2 or not np.all(np.isfinite([value, *parts])):
+        return None
+    deviation = np.sqrt((len(parts) - 1) / len(parts) * np.sum((parts - parts.mean()) ** 2))
+    return LoadGain(1.0 + value, float(deviation))
+
+
+def warn_of_load_gain(gain: LoadGain | None) -> tuple[Notice, ...]:
+    """Return a warning where a measured load fits the torque of the motor with another factor."""
+    if gain is None or not gain.differs:
+        return ()
+    text = (
+        f"{gain.value:.4g} +- {gain.deviation:.2g} times the measured load explains the torque of the motor "
+        "best, where 1 is expected; friction takes the difference. Check the factors of [log.load] and "
+        "[log.torque], torque constants and gear ratios, and whether friction depends on the load"
+    )
+    return (Notice(code="friction.load-gain", text=text),)
 
 
 def compute_payload_torque(library: Library, signals: Signals, recording: Recording) -> FloatArray | None:

@@ -20,6 +20,8 @@ def record(velocity=None):
         torque=rng.normal(size=(30, 2)),
         velocity=velocity,
         acceleration=None if velocity is None else 3.0 * velocity,
+        load=None if velocity is None else 0.5 * velocity,
+        temperature=None if velocity is None else 30.0 + velocity,
     )
 
 
@@ -38,6 +40,8 @@ def test_what_is_written_is_read_again_to_the_last_bit(make_robot, tmp_path, suf
     if velocity is not None:
         np.testing.assert_array_equal(again.velocity, velocity)
         np.testing.assert_array_equal(again.acceleration, 3.0 * velocity)
+        np.testing.assert_array_equal(again.load, 0.5 * velocity)
+        np.testing.assert_array_equal(again.temperature, 30.0 + velocity)
     assert all(notice.code == "log.unused-columns" for notice in again.notices)
     assert len(again.notices) == (velocity is not None)
 

@@ -1,0 +1,188 @@
+"""Friction from motor torques and measured loads: right although the model of the links is wrong."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import symid
+from symid.api.log import Log
+from symid.errors import LogError
+from symid.identification.friction.extraction import extract_joint, fold_recording, prepare_joint_logs
+from symid.identification.friction.identify import check_inputs
+from symid.joint_models import get_law
+from symid.logs.recording import Recording
+from symid.robot.description import Processing
+from tests.recovery.flexible_arm import FRICTION, ROBOT, ROTORS, find_friction, record
+
+SLOW = {"processing.standstill": 0.01}
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory):
+    path = tmp_path_factory.mktemp("robot") / "two_link.toml"
+    path.write_text(ROBOT)
+    return symid.load(path)
+
+
+@pytest.fixture(scope="module")
+def recordings():
+    return [record(seed, duration=40.0) for seed in (0, 1)]
+
+
+@pytest.fixture(scope="module")
+def logs(robot, recordings):
+    return [Log(recording=one, robot=robot.description) for one in recordings]
+
+
+@pytest.fixture(scope="module")
+def fit(robot, logs):
+    return robot.identify_friction(logs[0], settings=SLOW)
+
+
+def wrap(robot, recording):
+    return Log(recording=recording, robot=robot.description)
+
+
+def codes(fit):
+    return {notice.code for notice in fit.notices}
+
+
+def test_friction_is_right_although_the_links_carry_what_no_model_has(robot, logs, fit):
+    shoulder, elbow = fit.joints["shoulder"], fit.joints["elbow"]
+    assert "stribeck" in shoulder.estimate.law
+    assert elbow.estimate.law == "load-dependent+offset"
+    viscous, dry, more, slow = FRICTION["first"]
+    truth = {"fV": viscous, "fC": dry, "fS": dry + more, "vs": slow, "IA": ROTORS[0]}
+    for name, value in truth.items():
+        assert shoulder.estimate.get_value(name) == pytest.approx(value, rel=0.04), name
+    viscous, dry, part = FRICTION["second"]
+    for name, value in {"fV": viscous, "fC": dry, "fL": part, "IA": ROTORS[1]}.items():
+        assert elbow.estimate.get_value(name) == pytest.approx(value, rel=0.04), name
+    assert "measured load was subtracted" in shoulder.rigid
+    assert "factor on the load would be" in shoulder.rigid
+    assert "friction.load-gain" not in codes(fit)
+    # Without the sensors the payload goes into friction.
+    bare = wrap(robot, replace(logs[0].recording, load=None))
+    blind = robot.identify_friction(bare, model="load-dependent+offset", settings=SLOW).joints["elbow"]
+    assert abs(blind.estimate.get_value("fC") / dry - 1.0) > 0.2
+
+
+def test_another_log_is_foretold_by_its_own_loads(robot, logs, fit, tmp_path):
+    path = fit.save(tmp_path / "friction.json")
+    again = symid.load_fit(path, robot)
+    assert [one.estimate for one in again.joints.values()] == [one.estimate for one in fit.joints.values()]
+    found = again.validate(logs[1])
+    assert found.verdict.level in {"good", "usable"}
+    bare = wrap(robot, replace(logs[1].recording, load=None))
+    with pytest.raises(LogError, match=r"\[log\.load\]") as caught:
+        again.validate(bare)
+    assert caught.value.notices[0].code == "validate.friction-load"
+
+
+def test_a_sensor_with_another_gain_is_named(robot):
+    weak = wrap(robot, record(0, duration=40.0, gain=1.06, friction=plain))
+    fit = robot.identify_friction(weak, model="coulomb-viscous", settings=SLOW)
+    texts = [notice.text for notice in fit.notices if notice.code == "friction.load-gain"]
+    assert len(texts) == 2
+    assert texts[0].startswith("joint 'shoulder': 1.06 +- ")
+
+
+def test_an_offset_of_a_sensor_is_an_offset_of_friction(robot):
+    shifted = wrap(robot, record(0, duration=40.0, offset=-0.8))
+    fit = robot.identify_friction(shifted, model="load-dependent+offset", settings=SLOW)
+    elbow = fit.joints["elbow"].estimate
+    assert elbow.get_value("offset") == pytest.approx(0.8, abs=0.02)
+    assert elbow.get_value("fC") == pytest.approx(FRICTION["second"][1], rel=0.2)
+
+
+def test_given_base_parameters_go_before_measured_loads(robot, logs):
+    known = robot.identify(logs[0])
+    fit = robot.identify_friction(logs[0], model="coulomb-viscous", known=known)
+    assert "base parameters given" in fit.joints["elbow"].rigid
+    assert "friction.load-unused" in codes(fit)
+
+
+def test_a_channel_that_never_changes_is_no_sensor(robot, recordings):
+    load = recordings[0].load.copy()
+    load[:, 0] = 0.0
+    fit = robot.identify_friction(
+        wrap(robot, replace(recordings[0], load=load)), model="load-dependent+offset", settings=SLOW
+    )
+    assert "measured load" not in fit.joints["shoulder"].rigid
+    assert "measured load" in fit.joints["elbow"].rigid
+    assert fit.joints["elbow"].estimate.get_value("fL") == pytest.approx(FRICTION["second"][2], rel=0.04)
+
+
+def test_periods_of_loads_are_averaged_too():
+    time = np.arange(4000) * 2e-3
+    angle = 0.4 * np.sin(np.pi * time)[:, None]
+    load = 5.0 * np.sin(np.pi * time + 0.2)[:, None]
+    warm = np.full_like(angle, 30.0)
+    recording = Recording(time=time, position=angle, torque=load, load=load, temperature=warm)
+    folded = fold_recording(recording, 2.0)
+    assert folded.load.shape == folded.position.shape == folded.temperature.shape
+    assert np.abs(folded.load - folded.torque).max() < 1e-12
+
+
+COUPLED = (
+    ROBOT
+    + """
+[[coupling]]
+name = "m3"
+terms = { shoulder = 1, elbow = 1 }
+rotor_inertia = "unknown"
+friction = { model = "coulomb-viscous" }
+"""
+)
+
+
+def test_the_rotor_of_a_coupled_drive_is_fitted_along(tmp_path, recordings):
+    path = tmp_path / "coupled.toml"
+    path.write_text(COUPLED)
+    robot = symid.load(path)
+    recording = recordings[0]
+    q = recording.position
+    dq = np.gradient(q, recording.time, axis=0)
+    turn = dq.sum(axis=1)
+    shared = 0.3 * np.gradient(turn, recording.time) + 0.5 * np.sign(turn) + 0.2 * turn
+    recording = replace(recording, torque=recording.torque + shared[:, None])
+    fit = robot.identify_friction(wrap(robot, recording), model="load-dependent+offset", settings=SLOW)
+    elbow = fit.joints["elbow"].estimate
+    assert elbow.get_value("IAm3") == pytest.approx(0.3, rel=0.1)
+    assert elbow.get_value("IA") == pytest.approx(ROTORS[1], rel=0.1)
+    assert elbow.get_value("fL") == pytest.approx(FRICTION["second"][2], rel=0.1)
+    found = fit.validate(wrap(robot, recording))
+    assert found.verdict.level in {"good", "usable", "doubtful"}
+
+
+def plain(dq, _load):
+    return np.array([1.5, 0.7]) * dq + np.array([1.8, 0.4]) * np.sign(dq)
+
+
+def test_friction_needs_no_reversed_inertia(robot):
+    wrong = record(2, duration=40.0, friction=plain)
+    ddq = np.gradient(np.gradient(wrong.position, wrong.time, axis=0), wrong.time, axis=0)
+    wrong = replace(wrong, load=wrong.load + 3.0 * ROTORS * ddq)
+    fit = robot.identify_friction(wrap(robot, wrong), model="coulomb-viscous", settings=SLOW)
+    assert "friction.negative-inertia" in codes(fit)
+
+
+def test_a_temperature_must_be_in_the_log_for_a_law_of_it(robot, recordings):
+    warm = np.linspace(20.0, 60.0, len(recordings[0].time))[:, None] * np.ones(2)
+    extra = -0.01 * (warm - 40.0) * np.sign(np.gradient(recordings[0].position, axis=0))
+    recording = replace(recordings[0], temperature=warm, torque=recordings[0].torque + extra)
+    fit = robot.identify_friction(wrap(robot, recording), model="temperature", settings=SLOW)
+    elbow = {entry.name: entry.value for entry in fit.joints["elbow"].estimate.parameters}
+    assert elbow["fCT"] == pytest.approx(-0.01, rel=0.1)
+    with pytest.raises(symid.IdentifiabilityError, match=r"\[log\.temperature\]"):
+        robot.identify_friction(wrap(robot, recordings[0]), model="temperature", settings=SLOW)
+    samples = extract_joint(prepare_joint_logs(robot.library, recordings, Processing()), 0).samples
+    with pytest.raises(symid.IdentifiabilityError) as caught:
+        check_inputs(samples, get_law("temperature"))
+    assert caught.value.notices[0].code == "friction.no-temperature"
+
+
+def test_friction_of_this_arm_dissipates():
+    dq = np.array([[0.3, -0.2], [-0.1, 0.4]])
+    assert np.all(find_friction(dq, np.ones((2, 2))) * dq > 0.0)
