@@ -6,7 +6,7 @@ Makes a log of a simulated Panda at 1 kHz (Pinocchio's torques, another friction
 and runs each fit in a process of its own, of this tree and of each other `--tree` (a checkout of symid) in
 turn. Prints seconds of processor, the laws chosen, and how far results are from those of this tree.
 
-    friction    100 s, law chosen for every joint
+    friction    100 s, law chosen for every joint, from the same rows in all trees
     long        600 s, or an hour with `--hour`: rigid parameters, block by block
 
 Needs `pip install pin`. Regressors are compiled before anything is timed.
@@ -74,12 +74,22 @@ def list_frictions() -> list[Friction]:
     ]
 
 
-def write_log(folder: Path, seconds: float) -> tuple[Path, Path]:
-    """Write robot file and log, and return their paths."""
+_ROWS = """
+[processing]
+filter_cutoff = 200.0
+decimation = {factor = 10, order = 8, ripple_db = 0.05, band = 0.8}
+"""
+"""Stated, as what is chosen differs between trees."""
+
+
+def write_log(folder: Path, seconds: float, settings: str = "") -> tuple[Path, Path]:
+    """Write robot file, with `settings` at its end, and log, and return their paths."""
     import simulated_arms as arms
 
     arm = arms.ARMS["panda"]
     robot = arms.write_arm_file(arm, folder)
+    with robot.open("a", encoding="utf-8") as file:
+        file.write(settings)
     one, two = (arms.draw_motion(arm, np.random.default_rng([5, seed])) for seed in range(2))
     rng, ratio = np.random.default_rng(7), 0.618
     time = np.arange(round(seconds * RATE)) / RATE
@@ -141,7 +151,7 @@ def main() -> None:
     for kind in given.kinds:
         seconds = given.seconds or (3600.0 if given.hour and kind == "long" else LENGTHS[kind])
         with tempfile.TemporaryDirectory() as folder:
-            robot, log = write_log(Path(folder), seconds)
+            robot, log = write_log(Path(folder), seconds, _ROWS if kind == "friction" else "")
             mine = None
             for tree in (HERE.parent, *given.tree):
                 answer = answers[f"{kind} {tree}"] = run_fit(kind, tree.resolve(), robot, log)

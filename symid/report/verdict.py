@@ -200,7 +200,7 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
     slow = [
         entry.joint
         for entry in evidence.joints
-        if entry.share > 0.0 and entry.slow > max(_SLOWER * entry.moving, _LEAST_SLOW)
+        if entry.share > 0.0 and max(_SLOWER * entry.moving, _LEAST_SLOW) < entry.reversing < float("inf")
     ]
     if slow:
         caps.append(("usable", f"friction at low speed is not that of the model ({', '.join(slow)})"))

@@ -138,11 +138,6 @@ class JointEvidence:
     share: float
     torque: float
 
-    @property
-    def slow(self) -> float:
-        """Return the greater of `reversing` and `resting`, 0 where there are no such rows."""
-        return max((part for part in (self.reversing, self.resting) if part < float("inf")), default=0.0)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelTerm:

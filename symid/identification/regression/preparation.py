@@ -189,15 +189,18 @@ def fill_loads(
 ) -> list[Recording]:
     """Return recordings with the loads that base parameters (p,) give, where friction reads some.
 
-    Loads that were measured stay.
+    Loads that were measured stay. Friction rises with |load|, which noise of the accelerations would lift
+    where the load changes its sign: loads are those of the clean bands of positions.
     """
     if "load" not in library.card.friction_inputs:
         return list(recordings)
     found = []
     for recording in recordings:
         if recording.load is None:
+            clean = [band.clean for band in measure_bands(recording) if band.clean > 0.0]
             # A tenth of the sample rate is above all that robots move at.
             cutoff = processing.filter_cutoff or 0.1 / recording.period
+            cutoff = min(cutoff, float(np.median(clean))) if clean else cutoff
             whole = replace(processing, filter_cutoff=cutoff, drop_first=0, drop_last=0, automatic=False)
             resting = list_resting_joints(recording)
             signals = hold_resting_joints(prepare_signals(replace(recording, load=None), whole), resting)

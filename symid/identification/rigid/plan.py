@@ -23,8 +23,8 @@ from symid.errors import Notice, UsageError
 from symid.identification.diagnostics import PART
 from symid.identification.estimators import Candidate, SettingsChoice, find_phases
 from symid.identification.regression import SCALAR_KINDS, Rows, choose_filters, measure_moving_ends
-from symid.identification.rigid.friction_tables import balance_cutoff
-from symid.identification.rigid.settings_choice import ROW_RATE, SHARES, choose_settings
+from symid.identification.rigid.friction_tables import balance_cutoff, limit_cutoff
+from symid.identification.rigid.settings_choice import ROW_RATE, choose_settings
 from symid.joint_models import NO_FRICTION, get_law
 from symid.logs import Recording, choose_cutoff
 from symid.robot import Processing
@@ -96,6 +96,8 @@ def plan_fit(
         plan = FitPlan(processing=settled, estimator=estimator or usual, notices=filters.notices)
         return _check_instruments(plan)
     rate = 1.0 / recordings[0].period
+    bends = any(get_law(joint.friction).own for joint in library.card.joints if joint.friction != NO_FRICTION)
+    rests = bends and "standstill" in processing.left_open and _find_rests(recordings)
     choice = choose_settings(
         library,
         recordings,
@@ -103,27 +105,31 @@ def plan_fit(
         band=None if processing.decimation.factor == 1 else _PASSED * rate / processing.decimation.factor,
         widest=None if processing.filter_cutoff is None else processing.filter_cutoff / _LEAST_FACTOR,
         instruments=_list_instruments(processing, rows, estimator, long=long),
+        moving=rests,
     )
     settled = cut_moving_ends(_settle(processing, choice, rate), recordings)
     if estimator is None:
         estimator = FILTERED_INSTRUMENTAL if settled.instrument_cutoff else usual
     note = Notice(code="identify.automatic", text=_describe(choice, settled, estimator))
     plan = FitPlan(processing=settled, estimator=estimator, choice=choice, notices=(note,))
-    if not any(get_law(joint.friction).own for joint in library.card.joints if joint.friction != NO_FRICTION):
-        return plan
-    return _leave_out_rests(_limit_cutoff(plan, processing, recordings), processing, recordings)
+    if bends:
+        plan = _limit_cutoff(plan, processing, recordings)
+    return _leave_out_rests(plan, recordings[0].period) if rests else plan
 
 
 def _limit_cutoff(plan: FitPlan, processing: Processing, recordings: Sequence[Recording]) -> FitPlan:
     """Return the plan with a cut-off at which noise and blur of the velocity are equal, or a lower one.
 
-    Where a friction law bends with the velocity, noise biases it, and no instrument takes that out. Rows get
-    a band that fits; what the call's `processing` states stays.
+    Where a friction law bends with the velocity, noise biases it, and no instrument takes that out. Where
+    slow rows are left out, noise well below the slowest does no harm. Rows get a band that fits; what the
+    call's `processing` states stays.
     """
     used, rate = plan.processing, 1.0 / recordings[0].period
     if "filter_cutoff" not in processing.left_open:
         return plan
-    cutoff = max(balance_cutoff(recordings), _LEAST_CUTOFF * rate)
+    slowest = [used.get_standstill(joint) for joint in range(recordings[0].position.shape[1])]
+    limits = balance_cutoff(recordings), limit_cutoff(recordings, slowest), _LEAST_CUTOFF * rate
+    cutoff = max(limits)
     if (used.filter_cutoff or 0.0) <= cutoff:
         return plan
     factor = used.decimation.factor
@@ -144,26 +150,19 @@ _LEAST_CUTOFF = 0.02
 """Of the sample rate."""
 
 
-def _leave_out_rests(plan: FitPlan, processing: Processing, recordings: Sequence[Recording]) -> FitPlan:
-    """Return the plan without slow rows where joints rest in the logs, for friction laws with a shape.
+def _leave_out_rests(plan: FitPlan, period: float) -> FitPlan:
+    """Return the plan without the rows beside slow ones, in logs where joints rest.
 
     At rest dry friction is any torque below its level, which a law that bends near standstill would follow.
-    The filters spread it: rows within two periods of what rows pass are left out with slow ones.
+    The filters spread it: rows within three periods of what rows pass are left out with slow ones.
     """
-    choice, used = plan.choice, plan.processing
-    if choice is None or "standstill" not in processing.left_open or not _find_rests(recordings):
-        return plan
-    plan = replace(plan, margin=2.0 * used.decimation.factor * recordings[0].period / _PASSED)
-    if used.standstill:
-        return plan
-    standstill = tuple(float(f"{SHARES[1] * speed:.3g}") for speed in choice.top)
     text = (
-        f"with these friction laws, rows slower than {100.0 * SHARES[1]:g} % of each joint's top speed are "
-        "left out: joints rest in these logs, where friction holds any torque"
+        "joints rest in these logs, where friction holds any torque, and with these friction laws only "
+        "settings that leave out slow rows were tried"
     )
     note = Notice(code="identify.automatic", text=text)
-    settled = replace(used, standstill=standstill)
-    return replace(plan, processing=settled, notices=(*plan.notices, note))
+    margin = 3.0 * plan.processing.decimation.factor * period / _PASSED
+    return replace(plan, margin=margin, notices=(*plan.notices, note))
 
 
 _REST = 2

@@ -294,6 +294,7 @@ def choose_settings(
     band: float | None = None,
     widest: float | None = None,
     instruments: tuple[bool, ...] = (False, True),
+    moving: bool = False,
 ) -> SettingsChoice:
     """Return the band, instruments and standstill that predict held-out stretches and stand still.
 
@@ -304,6 +305,7 @@ def choose_settings(
         band: Hz, of the rows, where it is stated.
         widest: Hz, where a stated cut-off damps more.
         instruments: whether candidates have instruments: some, all of them, or none.
+        moving: whether all candidates leave out slow rows.
 
     Raises:
         LogError: a recording does not fit the robot.
@@ -317,7 +319,7 @@ def choose_settings(
     bands = [scoring * 2.0**k for k in range(-_OCTAVES, above + 1)]
     if band:
         bands = [*(entry for entry in bands if entry < 0.8 * band), band]
-    shares = range(len(SHARES)) if processing.standstill is None else range(1)
+    shares = range(int(moving), len(SHARES)) if processing.standstill is None else range(1)
     last = len(bands) - 1
     parts: list[tuple[list[Candidate], int, tuple[float, ...]]] = []
     for states in _list_states(processing, recordings):
