@@ -81,6 +81,12 @@ def test_another_log_is_foretold_by_its_own_loads(robot, logs, fit, tmp_path):
     assert caught.value.notices[0].code == "validate.friction-load"
 
 
+def test_an_export_names_each_law_once(fit, tmp_path):
+    said = str(fit.export(tmp_path / "arm.toml")).splitlines()
+    for joint in ("shoulder", "elbow"):
+        assert f"{joint}: {fit.joints[joint].estimate.law}" in said
+
+
 def test_a_sensor_with_another_gain_is_named(robot):
     weak = wrap(robot, record(0, duration=40.0, gain=1.06, friction=plain))
     fit = robot.identify_friction(weak, model="coulomb-viscous", settings=SLOW)
