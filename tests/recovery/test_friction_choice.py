@@ -98,6 +98,16 @@ def test_no_richer_law_is_chosen_for_coulomb_and_viscous_friction(seed):
         assert len(law.selection.trials) > 20
 
 
+@pytest.mark.parametrize("seed", [3, 4, 5, 6])
+def test_waves_that_are_like_weights_are_no_friction(seed):
+    """A joint without friction fixes the weights, and what a filter makes of them is no wave of the other."""
+    laws, found = choose(lambda dq, load: plain(dq, load) * [1.0, 0.0], seed)
+    assert laws[0].law == "coulomb-viscous"
+    trials = {trial.law: trial for trial in found.joints[0].selection.trials}
+    assert trials["position-torque"].reason.startswith("not identifiable: A1, B1")
+    assert not trials["position-dependent"].reason
+
+
 def test_a_joint_at_rest_keeps_plain_friction():
     log = record(plain, 0)
     still = np.column_stack([log.position[:, 0], np.zeros(len(log.time))])

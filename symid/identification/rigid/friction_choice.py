@@ -28,6 +28,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
@@ -135,7 +136,21 @@ def _try_laws(table: JointTable, others: _Reduced, weight: float) -> list[_Trial
     for _, group in itertools.groupby(table.nodes, key=lambda node: node.law.name):
         nodes = list(group)
         found.append(_try_law(table, others, weight, nodes, inner, gains))
-    return found
+    # What the rigid columns are like differs from them by their filter alone.
+    before, after = (np.maximum(np.diagonal(part[-1])[:-1], 0.0) for part in (sets[:, p:, p:], inner))
+    alike = after <= _ALIKE * before
+    return [
+        trial._replace(weak=tuple(dict.fromkeys((*_list_alike(trial.node, alike), *trial.weak))))
+        for trial in found
+    ]
+
+
+_ALIKE = 1e-6
+"""Part of a column's squares that must be independent of the rigid columns: a thousandth of its size."""
+
+
+def _list_alike(node: Node, alike: NDArray[np.bool_]) -> list[str]:
+    return [entry.name for entry, k in zip(node.law.linear, node.places, strict=True) if alike[k]]
 
 
 def _try_law(  # noqa: PLR0917 - the parts of one problem
