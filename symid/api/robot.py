@@ -440,7 +440,7 @@ class RobotModel:
         rows: str | None = None,
         estimator: str | None = None,
         method: str | None = None,
-        friction: str | None = None,
+        friction: str | Mapping[str, str] | None = None,
         settings: Settings | None = None,
         cutoff: float | None = None,
         decimate: int | None = None,
@@ -477,7 +477,8 @@ class RobotModel:
             method: of elastic joints: "automatic" (the default), "two-step", "linear-spring", "elimination",
                 "weighted", "nlp" or "independent".
             friction: the friction law of all joints, in place of the robot file's, its shape values found
-                from the logs; "auto" for the law of each joint that predicts held-out torque best.
+                from the logs; "auto" for the law of each joint that predicts held-out torque best. Or laws
+                of single joints, such as {"elbow": "stribeck", "wrist": "auto"}; the others keep theirs.
             settings: replace those of the robot file: a set by its name, or values by dotted key.
             cutoff: Hz, of the low-pass filter.
             decimate: keep one sample in so many.
@@ -512,7 +513,7 @@ class RobotModel:
             True
         """
         from symid.api.fit import ElasticFit, RigidFit, take_estimate
-        from symid.identification import IdentifyTask, identify_robot, needs_search
+        from symid.identification import IdentifyTask, identify_robot, needs_search, read_joint_laws
         from symid.identification.elastic import ElasticEstimate
         from symid.identification.rigid import RigidOptions
 
@@ -530,11 +531,12 @@ class RobotModel:
         )
         given = {"tolerance": tolerance, "thresholds": thresholds, "knees": knees, "rate": rate}
         plain = {name: _to_plain(value) for name, value in (*given.items(), ("window", window))}
+        friction = read_joint_laws(friction, self.description)
         searched = friction if needs_search(friction) else None
         task = IdentifyTask(
             pairs=pairs, rigid=options, method=method, elastic=plain, options=elastic, friction=searched
         )
-        stated = None if searched else friction
+        stated = friction if isinstance(friction, str) and not searched else None
         found = identify_robot(*self._gather(logs, pairs, stated, train), task, self.context)
         extra, notices = {"backend": found.backend}, found.notices
         if isinstance(found.estimate, ElasticEstimate):
@@ -564,7 +566,7 @@ class RobotModel:
         logs: "Logs",
         *,
         train: "Parts | None" = None,
-        model: str | None = None,
+        model: str | Mapping[str, str] | None = None,
         estimator: str | None = None,
         known: "Fit | RobotModel | str | PathLike[str] | None" = None,
         smoothing: float | None = None,
@@ -583,7 +585,8 @@ class RobotModel:
         Args:
             logs: files, files of runs, or logs that were read.
             train: the part of the logs to fit, as for `identify`.
-            model: a law, such as "stribeck+offset", or "auto" (the default): chosen on held-out data.
+            model: a law, such as "stribeck+offset", or "auto" (the default): chosen on held-out data; or laws
+                of single joints by name, chosen for the others.
             estimator: "varpro" (the default), "root-finding", "nlp", "genetic", "annealing" or
                 "differential-evolution".
             known: base parameters to subtract: a fit or its file, or a robot with values (such as those of

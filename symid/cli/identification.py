@@ -112,7 +112,8 @@ FRICTION = ("model", "known", "smoothing", "seed")
 @MODEL.option("--knees", "Elastic joints: number of knees on each side of a spring.", WHOLE, "N")
 @MODEL.option(
     "--model",
-    "With --rows friction: a law, such as stribeck+offset, or auto, chosen on held-out data.  "
+    "With --rows friction: a law, such as stribeck+offset, or auto, chosen on held-out data; or laws of "
+    "single joints, as elbow=stribeck,wrist=cubic, with auto for the others.  "
     "[default: auto]",
     metavar="NAME",
 )

@@ -23,7 +23,8 @@ _force_folder_option = OUTPUT.option(
 friction_option = MODEL.option(
     "--friction",
     "Friction law of all joints, such as coulomb-viscous-offset or none, in place of the robot file's; "
-    "identify finds the shape values of others, as stribeck, and with auto chooses the law of each joint.",
+    "identify finds the shape values of others, as stribeck, and with auto chooses the law of each joint; "
+    "elbow=stribeck,wrist=auto names single joints.",
     metavar="LAW",
 )
 

@@ -21,7 +21,10 @@ if TYPE_CHECKING:
         write_identified as write_identified,
         write_stated as write_stated,
     )
-    from symid.identification.friction_search import needs_search as needs_search
+    from symid.identification.friction_search import (
+        needs_search as needs_search,
+        read_joint_laws as read_joint_laws,
+    )
     from symid.identification.identified import build_identified as build_identified
     from symid.identification.identify import (
         FrictionRequest as FrictionRequest,

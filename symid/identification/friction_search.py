@@ -1,6 +1,7 @@
 """Identification of a rigid robot whose friction laws, or their shape values, are to be found.
 
-Robot, recordings, "auto" or the name of a law -> an `Estimate` with the laws found, and their robot.
+Robot, recordings, "auto" or the name of a law, of all joints or joint by joint -> an `Estimate` with the laws
+found, and their robot. Joints that are not named keep law and shape values of the robot file.
 
     plain friction -> laws chosen on held-out torque -> robot with these laws -> fit of everything -> ...
 
@@ -12,7 +13,8 @@ Supported: all kinds of rows; estimators that are linear in the torque.
 Not supported: estimators that simulate the robot; elastic joints.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -21,19 +23,34 @@ import numpy as np
 from symid.codegen import Library, ModelCard, ParameterCard, compute_model_signature
 from symid.errors import Notice, UsageError
 from symid.identification.estimators import Estimate, FittedLaw
-from symid.identification.regression import fill_loads
+from symid.identification.regression import (
+    fill_load,
+    fill_loads,
+    list_coupled_rotors,
+    list_measured_joints,
+)
 from symid.identification.rigid import (
     CANDIDATES,
     PLAIN,
     FrictionChoice,
+    Wish,
     choose_laws,
+    compare_friction,
     identify_parameters,
     plan_fit,
 )
-from symid.joint_models import NO_FRICTION, FrictionValues, get_law, name_shape, name_values
+from symid.joint_models import (
+    NO_FRICTION,
+    FrictionValues,
+    describe_unknown_law,
+    get_law,
+    list_known_laws,
+    name_shape,
+    name_values,
+)
 from symid.logs import Recording
 from symid.notation import join_name
-from symid.robot import Processing, Robot
+from symid.robot import Joint, Processing, Robot, suggest_names
 
 AUTO = "auto"
 """In place of a law's name: each joint's law is chosen on held-out torque."""
@@ -44,21 +61,70 @@ _SAME_LOAD = 3e-3
 """Relative change of the loads that is none."""
 
 
-def needs_search(name: str | None) -> bool:
+_NEXT = re.compile(r",(?=[^,=]*=)")
+"""Before a joint's name: commas stand in names of laws as well."""
+
+
+def read_joint_laws(
+    friction: str | Mapping[str, str] | None, robot: Robot, further: Sequence[str] = (AUTO, NO_FRICTION)
+) -> str | dict[str, str] | None:
+    """Return a law for all joints, or those of single joints by name.
+
+    Args:
+        friction: a law, joints with their laws, or a text such as "elbow=stribeck,wrist=auto".
+        robot: whose joints are named.
+        further: words that are allowed beside laws.
+
+    Raises:
+        UsageError: no such joint or law; all mistakes at once.
+    """
+    if friction is None or (isinstance(friction, str) and "=" not in friction):
+        return friction
+    if isinstance(friction, str):
+        given = [tuple(part.strip() for part in one.split("=", 1)) for one in _NEXT.split(friction)]
+    else:
+        given = list(friction.items())
+    joints, mistakes, wrong = _list_axes(robot), [], {"joint": False, "law": False}
+    found = dict[str, str]()
+    for joint, law in given:
+        if joint not in joints:
+            wrong["joint"] = True
+            hint = suggest_names(str(joint), joints, before="; ")
+            mistakes.append(f"friction of joint {joint!r}: no such joint{hint or '.'}")
+        elif joint in found:
+            mistakes.append(f"friction of joint {joint!r} is given twice; give it once.")
+        if not isinstance(law, str) or (law not in further and (reason := describe_unknown_law(law))):
+            wrong["law"] = True
+            hint = reason if isinstance(law, str) else f"expected the name of a law, got {law!r}"
+            if not hint.endswith("?"):
+                hint += suggest_names(str(law), further, before="; ") or "."
+            mistakes.append(f"friction of joint {joint!r}: {hint}")
+        found[joint] = law
+    if mistakes:
+        allowed = [f"joints are {', '.join(joints)}"] if wrong["joint"] else []
+        allowed += [f"laws are {list_known_laws(*further)}"] if wrong["law"] else []
+        mistakes[-1] = " ".join([mistakes[-1], *(f"Allowed {entry}." for entry in allowed)])
+        raise UsageError(*(Notice(code="usage.joint-friction", text=text) for text in mistakes))
+    return found or None
+
+
+def needs_search(friction: str | Mapping[str, str] | None) -> bool:
     """Return whether the friction asked for leaves a law, or shape values, to be found.
 
     Raises:
         UsageError: there is no such law.
     """
-    if name is None or name == NO_FRICTION:
+    if isinstance(friction, Mapping):
+        return bool(friction)
+    if friction is None or friction == NO_FRICTION:
         return False
-    return name == AUTO or bool(get_law(name).shape)
+    return friction == AUTO or bool(get_law(friction).shape)
 
 
 def search_friction(
     robot: Robot,
     recordings: Sequence[Recording],
-    name: str,
+    friction: str | Mapping[str, str],
     prepare: Callable[[Robot], Library],
     *,
     progress: Callable[[str], None] = lambda _: None,
@@ -69,7 +135,7 @@ def search_friction(
     Args:
         robot: whose joints have a friction law to be found; its couplings keep theirs.
         recordings: at least one, all of this robot.
-        name: of a law for all joints, or "auto".
+        friction: a law for all joints or "auto", or those of single joints by name.
         prepare: returns the compiled functions of a robot.
         progress: takes a short text.
         options: of the fit.
@@ -77,35 +143,64 @@ def search_friction(
     Raises:
         UsageError, LogError, IdentifiabilityError: as for `identify_parameters`.
     """
+    names = friction if isinstance(friction, Mapping) else dict.fromkeys(_list_axes(robot), friction)
     plain = _set_friction(robot, {joint.name: FrictionValues(law=PLAIN) for joint in robot.axes})
-    progress("choosing friction laws" if name == AUTO else f"fitting the friction law {name}")
+    progress(f"finding friction laws ({', '.join(dict.fromkeys(names.values()))})")
     choice = choose_laws(
         prepare(plain),
         recordings,
         robot.processing,
         gears=[joint.drive.gear for joint in robot.axes],
-        names=CANDIDATES if name == AUTO else (get_law(name).name,),
+        wishes=[_list_wish(names, joint) for joint in robot.axes],
+        rotors=list_coupled_rotors(robot),
     )
     found = _set_friction(robot, {law.joint: law.friction for law in choice.joints})
-    beta, plan, estimate = choice.beta, None, None
-    for _ in range(_REPEATS):
-        library = _open_shapes(prepare(found), found)
+    estimate, found, library = _fit_found(robot, found, recordings, choice, names, prepare, options)
+    laws = compare_friction(choice, {joint.name: joint.friction for joint in found.axes})
+    estimate = replace(estimate, notices=(*choice.notices, *laws, *estimate.notices))
+    return _record_laws(estimate, found, robot, library, choice, names), found, library
+
+
+def _list_axes(robot: Robot) -> list[str]:
+    return [joint.name for joint in robot.axes]
+
+
+def _list_wish(names: Mapping[str, str], joint: Joint) -> Wish:
+    """Return the laws that a joint's is chosen from, or the friction that it keeps."""
+    name = names.get(joint.name)
+    if name is None or name == NO_FRICTION:
+        return joint.friction if name is None else FrictionValues()
+    return CANDIDATES if name == AUTO else (get_law(name).name,)
+
+
+def _fit_found(  # noqa: PLR0917 - the parts of one search
+    robot: Robot,
+    found: Robot,
+    recordings: Sequence[Recording],
+    choice: FrictionChoice,
+    names: Mapping[str, str],
+    prepare: Callable[[Robot], Library],
+    options: Mapping[str, Any],
+) -> tuple[Estimate, Robot, Library]:
+    """Return the fit of a robot with the laws found, repeated until shape values and loads stay."""
+    beta, plan, left = choice.beta, None, _REPEATS
+    known = all(list_measured_joints(recordings))
+    while True:
+        left -= 1
+        library = _open_shapes(prepare(found), found, names)
         loaded = fill_loads(library, recordings, robot.processing, beta)
         rows, estimator = options.get("rows", "torque"), options.get("estimator")
         if plan is None:
             plan = plan_fit(library, loaded, robot.processing, rows=rows, estimator=estimator)
-            plan = replace(plan, laws_chosen=name == AUTO)
+            plan = replace(plan, laws_chosen=AUTO in names.values())
         estimate = identify_parameters(library, loaded, robot.processing, plan=plan, **options)
         still = _moves_little(estimate, library.card)
         found = _move_friction(found, estimate)
         new = estimate.assemble([entry.name for entry in library.card.beta])
-        known = "load" not in library.card.friction_inputs or all(one.load is not None for one in recordings)
-        if still and (known or float(np.linalg.norm(new - beta)) <= _SAME_LOAD * float(np.linalg.norm(new))):
-            break
+        stays = float(np.linalg.norm(new - beta)) <= _SAME_LOAD * float(np.linalg.norm(new))
+        if not left or (still and (known or stays or "load" not in library.card.friction_inputs)):
+            return estimate, found, library
         beta = new
-    if estimate is None:
-        raise AssertionError
-    return _record_laws(estimate, found, robot, library, choice), found, library
 
 
 def _set_friction(robot: Robot, friction: Mapping[str, FrictionValues]) -> Robot:
@@ -115,11 +210,11 @@ def _set_friction(robot: Robot, friction: Mapping[str, FrictionValues]) -> Robot
     return replace(robot, joints=joints)
 
 
-def _list_shape_cards(robot: Robot) -> list[ParameterCard]:
-    """Return the shape values of all joints with a coordinate, in the order of the joints."""
+def _list_shape_cards(robot: Robot, names: Collection[str]) -> list[ParameterCard]:
+    """Return the shape values of joints of these names, in the order of the joints."""
     found = []
     for number, joint in enumerate(robot.joints, start=1):
-        if joint.mimic is not None or joint.friction.law == NO_FRICTION:
+        if joint.name not in names or joint.friction.law == NO_FRICTION:
             continue
         law = get_law(joint.friction.law)
         for entry, value in zip(law.shape, joint.friction.shape, strict=True):
@@ -138,9 +233,9 @@ def _list_shape_cards(robot: Robot) -> list[ParameterCard]:
     return found
 
 
-def _open_shapes(library: Library, robot: Robot) -> Library:
-    """Return the library with all shape values of its joints to be fitted."""
-    return Library(replace(library.card, searched=tuple(_list_shape_cards(robot))), library.engine)
+def _open_shapes(library: Library, robot: Robot, names: Collection[str]) -> Library:
+    """Return the library with the shape values of joints of these names to be fitted."""
+    return Library(replace(library.card, searched=tuple(_list_shape_cards(robot, names))), library.engine)
 
 
 def _moves_little(estimate: Estimate, card: ModelCard) -> bool:
@@ -172,22 +267,27 @@ def _move_friction(robot: Robot, estimate: Estimate) -> Robot:
     return replace(robot, joints=tuple(joints))
 
 
-def _record_laws(
-    estimate: Estimate, robot: Robot, stated: Robot, library: Library, choice: FrictionChoice
+def _record_laws(  # noqa: PLR0917 - the parts of one search
+    estimate: Estimate,
+    robot: Robot,
+    stated: Robot,
+    library: Library,
+    choice: FrictionChoice,
+    names: Collection[str],
 ) -> Estimate:
     """Return the estimate with its laws, and the signature of the robot that has them."""
     selections = {law.joint: law.selection for law in choice.joints}
     laws = []
     for number, joint in enumerate(robot.joints, start=1):
-        if joint.name not in selections:
+        if joint.name not in names:
             continue
-        law = get_law(joint.friction.law)
+        shape = () if joint.friction.law == NO_FRICTION else get_law(joint.friction.law).shape
         laws.append(
             FittedLaw(
                 joint=joint.name,
-                law=law.name,
+                law=joint.friction.law,
                 shape=joint.friction.shape,
-                names=tuple(join_name(entry.name, number) for entry in law.shape),
+                names=tuple(join_name(entry.name, number) for entry in shape),
                 smoothing=joint.friction.smoothing,
                 selection=selections[joint.name],
             )
@@ -227,11 +327,12 @@ def identify_loaded(
 
     The first fit has no load, so that what friction takes of it is left to the other parameters.
     """
-    if "load" not in library.card.friction_inputs or all(one.load is not None for one in recordings):
+    measured = list_measured_joints(recordings)
+    if "load" not in library.card.friction_inputs or all(measured):
         return fit(recordings)
     names = [entry.name for entry in library.card.beta]
     without = [
-        one if one.load is not None else replace(one, load=np.zeros_like(one.position)) for one in recordings
+        replace(one, load=fill_load(one.load, np.zeros_like(one.position), measured)) for one in recordings
     ]
     beta = fit(without).assemble(names)
     for _ in range(_REPEATS):
@@ -244,9 +345,15 @@ def identify_loaded(
     return estimate
 
 
-def refuse_search(name: str, why: str) -> UsageError:
-    """Return the error that a law cannot be searched here."""
+def refuse_search(friction: str | Mapping[str, str], why: str) -> UsageError:
+    """Return the error that laws cannot be searched here."""
     text = (
-        f"the friction law {name!r} leaves values to be found, which {why}; name a law without shape values"
+        f"the friction law {friction!r} leaves values to be found, which {why}; "
+        "name a law without shape values"
     )
+    if isinstance(friction, Mapping):
+        text = (
+            f"friction of single joints ({', '.join(f'{key}={law}' for key, law in friction.items())}) is "
+            f"found from the logs, which {why}; write these laws into the robot file"
+        )
     return UsageError(Notice(code="usage.friction-search", text=text))

@@ -42,7 +42,12 @@ from symid.identification.friction import (
     FrictionTask,
     identify_friction,
 )
-from symid.identification.friction_search import identify_loaded, refuse_search, search_friction
+from symid.identification.friction_search import (
+    identify_loaded,
+    read_joint_laws,
+    refuse_search,
+    search_friction,
+)
 from symid.identification.regression import (
     WHOLE_MODEL,
     RankRule,
@@ -97,8 +102,8 @@ class IdentifyTask:
         method: of elastic joints, None for the automatic choice.
         elastic: options of elastic joints that were given: tolerance, thresholds, knees, window, rate.
         options: all options of elastic joints, in place of the defaults; `elastic` wins over them.
-        friction: a law whose shape values are to be found, or "auto" for the choice of a law; None where the
-            robot has its laws.
+        friction: a law whose shape values are to be found, or "auto" for the choice of a law, of all joints
+            or of single ones by name; None where the robot has its laws.
     """
 
     pairs: tuple[tuple[str, str], ...] = ()
@@ -106,7 +111,7 @@ class IdentifyTask:
     method: str | None = None
     elastic: Mapping[str, object] = field(default_factory=dict)
     options: ElasticOptions | None = None
-    friction: str | None = None
+    friction: str | Mapping[str, str] | None = None
 
     def __post_init__(self) -> None:
         """Refuse an unknown estimator before a log is read.
@@ -187,7 +192,7 @@ def _identify_rigid(
     recordings: Sequence[Recording],
     options: RigidOptions,
     context: TaskContext,
-    friction: str | None,
+    friction: str | Mapping[str, str] | None,
     *,
     motor_side: bool,
 ) -> Identification[Estimate]:
@@ -278,7 +283,7 @@ def _search_rigid(
     robot: Robot,
     recordings: Sequence[Recording],
     options: RigidOptions,
-    friction: str,
+    friction: str | Mapping[str, str],
     context: TaskContext,
 ) -> tuple[Estimate, Library]:
     """Return the estimate of a robot whose friction is to be found, and the functions of the robot found."""
@@ -360,7 +365,8 @@ class FrictionRequest:
     """The options of an identification of friction; None where the default holds.
 
     Args:
-        model: a law, or "auto" to choose one by held-out torques.
+        model: a law, or "auto" to choose one by held-out torques; of single joints by name, then it is chosen
+            for the others.
         estimator: how laws are fitted; varpro by default.
         known: base parameters to subtract, an estimate or its file, or those of a robot with values or its
             file; else the load is subtracted where all logs have it, or the rigid part is fitted along.
@@ -371,7 +377,7 @@ class FrictionRequest:
         options: of the estimators; `seed` wins over theirs.
     """
 
-    model: str | None = None
+    model: str | Mapping[str, str] | None = None
     estimator: str | None = None
     known: Estimate | Robot | Path | None = None
     smoothing: float | None = None
@@ -393,13 +399,15 @@ def identify_robot_friction(
         IdentifiabilityError: no joint's friction is identifiable.
         SolverError: a search ended without usable numbers.
     """
+    model = read_joint_laws(request.model, robot, (AUTO,)) or AUTO
     if not all(list_measured_joints(recordings)) or request.known is not None:
         refuse_known_payloads(recordings, "--rows friction")
     described = build_rigid_variant(robot) if any(robot.elastic) else robot
     measured = [build_motor_recording(recording, robot) for recording in recordings]
     library = context.prepare(described)
-    model = request.model or AUTO
-    what = "choosing and fitting a friction law" if model == AUTO else f"fitting the friction law {model}"
+    what = "choosing and fitting friction laws"
+    if isinstance(model, str) and model != AUTO:
+        what = f"fitting the friction law {model}"
     context.progress(f"{what} for {robot.name} from {_count_logs(measured)}")
     beta, known = None, None
     names = [entry.name for entry in library.card.beta]

@@ -18,7 +18,8 @@ from symid.dynamics import (
     estimate_payload,
 )
 from symid.errors import EstimateError, Notice, UsageError
-from symid.identification.estimators import ParameterEstimate
+from symid.identification.estimators import Estimate, ParameterEstimate
+from symid.identification.friction_search import identify_loaded
 from symid.identification.identified import build_identified
 from symid.identification.rigid import identify_parameters
 from symid.identification.stored import GivenResult, is_fit, read_dynamics
@@ -127,14 +128,19 @@ def _identify(robot: Robot, logs: Sequence[Path | Recording], task: PayloadTask)
     library = task.prepare()
     names = ", ".join(Path(entry.source).name for entry in recordings)
     task.progress(f"identifying {robot.name} from {names}")
-    estimate = identify_parameters(
-        library,
-        recordings,
-        robot.processing,
-        rows=task.rows,
-        estimator=task.estimator,
-        echo={"log": describe_settings(robot)["log"]},
-    )
+
+    def fit(logs: Sequence[Recording]) -> Estimate:
+        return identify_parameters(
+            library,
+            logs,
+            robot.processing,
+            rows=task.rows,
+            estimator=task.estimator,
+            echo={"log": describe_settings(robot)["log"]},
+        )
+
+    # Friction that grows with the load is no payload.
+    estimate = identify_loaded(library, recordings, robot.processing, fit)
     said = (note for recording in recordings for note in recording.notices)
     return _Side(
         robot=robot,

@@ -33,12 +33,14 @@ if TYPE_CHECKING:
     )
     from symid.joint_models.friction_catalogue import (
         FRICTION_LAWS as FRICTION_LAWS,
+        describe_unknown_law as describe_unknown_law,
         fix_exponent as fix_exponent,
         free_exponent as free_exponent,
         get_friction_law as get_friction_law,
         get_law as get_law,
         has_sign as has_sign,
         is_braking as is_braking,
+        list_known_laws as list_known_laws,
         list_shape_names as list_shape_names,
         list_value_names as list_value_names,
         name_shape as name_shape,

@@ -542,13 +542,24 @@ def get_law(name: str, *, smoothing: float = 0.0) -> FrictionLaw:
     """
     law, reason = _match_law(name.lower().replace("_", "-"))
     if law is None:
-        text = (
-            f"unknown friction law {name!r}{reason}{'' if reason.endswith('?') else '.'} "
-            f"Known laws: {', '.join(FRICTION_LAWS)}; an exponent may follow "
-            "(stribeck-1.6, stribeck-exponent), waves (position-dependent-1,2x100), and +offset"
-        )
+        end = "" if reason.endswith("?") else "."
+        text = f"unknown friction law {name!r}{reason}{end} Known laws: {list_known_laws()}"
         raise UsageError(Notice(code="usage.unknown-friction-law", text=text))
     return with_smoothing(law, smoothing)
+
+
+def list_known_laws(*further: str) -> str:
+    """Return a sentence's end with the names of all laws, and of what else is allowed."""
+    return (
+        f"{', '.join((*further, *FRICTION_LAWS))}; an exponent may follow (stribeck-1.6, stribeck-exponent), "
+        "waves (position-dependent-1,2x100), and +offset"
+    )
+
+
+def describe_unknown_law(name: str) -> str:
+    """Return what is wrong with a law's name, with names like it; empty for a law."""
+    law, reason = _match_law(name.lower().replace("_", "-"))
+    return "" if law is not None else f"unknown friction law {name!r}{reason}"
 
 
 _PARTS = {entry.name: entry for law in FRICTION_LAWS.values() for entry in law.linear}

@@ -276,7 +276,8 @@ def show_export(found: "FileExport") -> tuple[Block, ...]:
         lines.append(found.standard.outcome.value)
     if found.friction is not None:
         laws = found.friction.laws
-        lines += [f"{joint}: {laws[joint]} as {entry.law}" for joint, entry in found.friction.values.items()]
+        pairs = ((joint, laws[joint], entry.law) for joint, entry in found.friction.values.items())
+        lines += [f"{joint}: {law}{f' as {written}' * (law != written)}" for joint, law, written in pairs]
     return ("\n".join(lines),)
 
 

@@ -194,9 +194,11 @@ def _drop_stale_factor(values: dict[str, Any], path: tuple[str, ...], value: str
 
 
 def _replace_friction(robot: Robot, name: str) -> Robot:
-    if name == "auto":
+    if name == "auto" or "=" in name:
+        what = "'auto' is" if name == "auto" else "laws of single joints are"
         text = (
-            "laws are chosen from logs: 'auto' is a friction of `symid identify` and `robot.identify` alone"
+            f"{what} a friction of `symid identify` and `robot.identify` alone, which find laws from logs; "
+            "otherwise give one law for all joints, or write the laws into the robot file"
         )
         raise UsageError(Notice(code="usage.friction-auto", text=text))
     law = None if name == NO_FRICTION else get_law(name)

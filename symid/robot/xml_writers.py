@@ -83,7 +83,7 @@ def _list_friction_omissions(owner: str, friction: FrictionValues) -> Iterator[s
     """Yield what a friction model has beyond damping and dry friction, with all its values."""
     if friction.law != NO_FRICTION and friction.values is None:
         yield f"{owner}: friction of unknown size ({friction.law})"
-    elif friction.law not in (NO_FRICTION, "coulomb-viscous"):
+    elif friction.law not in (NO_FRICTION, "coulomb", "coulomb-viscous"):
         names = [", ".join(list_value_names(friction))]
         values = _write_decimals(friction.values or ())
         text = f"{owner}: friction model {friction.law}, values {values}"

@@ -48,6 +48,9 @@ _ROUNDING = 1e-12
 """Torques below this share of the largest count as zero."""
 
 
+FrictionCurve = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrictionLines(FrozenArrays):
     """The lines of all coordinates; rows: [standstill, positive, negative], so that mode -1 is the last.
@@ -57,14 +60,15 @@ class FrictionLines(FrozenArrays):
         curved: (n,) which coordinates have a curve.
         varying: (n,) which depend on position or load; they are curved, and their level is zero here.
         curve: friction (n,) at velocities, positions and loads, (n,) each; None where no coordinate is
-            curved.
+            curved. table: the same of many samples, (N, n).
     """
 
     viscous: FloatArray
     level: FloatArray
     curved: NDArray[np.bool_]
     varying: NDArray[np.bool_]
-    curve: Callable[[FloatArray, FloatArray, FloatArray], FloatArray] | None = None
+    curve: FrictionCurve | None = None
+    table: FrictionCurve | None = None
 
     def compute_drag(
         self,
@@ -203,18 +207,17 @@ def build_friction_lines(library: Library, speeds: FloatArray | None = None) -> 
     _check_signs(card, viscous * ~curved, level * ~curved)
     varying = _list_coordinates(card, lambda law: bool({"position", "load"} & set(law.inputs)))
     level[:, varying] = 0.0
+    curve, table = _bind_curve(library, values)
     lines = FrictionLines(
-        viscous=viscous, level=level, curved=curved, varying=varying, curve=_bind_curve(library, values)
+        viscous=viscous, level=level, curved=curved, varying=varying, curve=curve, table=table
     )
     fastest = np.full((1, card.size), np.inf) if speeds is None else speeds[None]
     check_friction_at_speeds(lines, card.joints, np.concatenate([fastest, -fastest]))
     return lines
 
 
-def _bind_curve(
-    library: Library, values: FloatArray
-) -> Callable[[FloatArray, FloatArray, FloatArray], FloatArray]:
-    """Return the friction (n,) of a library with values (p,), of dq, q and load (n,)."""
+def _bind_curve(library: Library, values: FloatArray) -> tuple[FrictionCurve, FrictionCurve]:
+    """Return the friction of a library with values (p,), of dq, q and load: (n,) of one sample, (N, n)."""
     friction, card = library.bind("friction"), library.card
     warm = np.full(card.size, REFERENCE_TEMPERATURE)
 
@@ -222,7 +225,12 @@ def _bind_curve(
         inputs = card.gather_friction_inputs(dq, q=q, load=load, temperature=warm)
         return friction(*inputs, values)[0].copy()
 
-    return compute
+    def tabulate(dq: FloatArray, q: FloatArray, load: FloatArray) -> FloatArray:
+        everywhere = np.full_like(dq, REFERENCE_TEMPERATURE)
+        inputs = card.gather_friction_inputs(dq, q=q, load=load, temperature=everywhere)
+        return library.evaluate("friction", *inputs, values)[0]
+
+    return compute, tabulate
 
 
 def build_curved_friction(library: Library, speeds: FloatArray) -> FrictionLines | None:
@@ -255,50 +263,36 @@ _POSITIONS = 8
 
 
 def _locate_push(lines: FrictionLines, joint: int, back: float, ahead: float) -> float | None:
-    """Return the least speed at which a coordinate's friction drives it, None if it never does."""
-    if lines.curve is None:
+    """Return the least speed at which a coordinate's friction drives it, None if it never does.
+
+    Over speeds, the least torque ahead and the largest one back, those at standstill first, must not cross.
+    """
+    if lines.table is None:
         return None
     size, varies = lines.curved.size, bool(lines.varying[joint])
-    positions = np.arange(_POSITIONS if varies else 1) / (0.5 * (1.0 + math.sqrt(5.0)))
-    found = []
-    for position, load in product(2.0 * math.pi * (positions % 1.0), _LOADS if varies else _LOADS[:1]):
-        state = (np.full(size, position), np.full(size, load))
-        upper, lower = lines.compute_band(*state)
-        ends = float(upper[joint]), float(lower[joint])
-        speed = _locate_push_at(lines, joint, (back, ahead), state, ends)
-        found += [] if speed is None else [speed]
-    return min(found, default=None)
+    angles = 2.0 * math.pi * (np.arange(_POSITIONS if varies else 1) / (0.5 * (1.0 + math.sqrt(5.0))) % 1.0)
+    states = np.array([*product(angles, _LOADS if varies else _LOADS[:1])])
+    bands = [lines.compute_band(*(np.full(size, value) for value in state)) for state in states]
+    ends = np.array([[upper[joint], lower[joint]] for upper, lower in bands])
+    grid = np.geomspace(_SLOWEST, min(max(back, ahead, _SLOWEST), _FASTEST), _SPEED_COUNT)
+    # (2 sides, states, speeds) samples.
+    speeds = np.array([1.0, -1.0])[:, None, None] * np.broadcast_to(grid, (len(states), len(grid)))
+    dq = speeds.reshape(-1, 1) * (np.arange(size) == joint)
+    given = np.broadcast_to(states[:, None, :], (2, len(states), len(grid), 2)).reshape(-1, 2)
+    position, load = (np.repeat(given[:, k : k + 1], size, axis=1) for k in range(2))
+    torque = lines.table(dq, position, load)[:, joint].reshape(speeds.shape)
+    least = np.where(grid <= ahead, torque[0], np.inf)
+    largest = np.where(grid <= back, torque[1], -np.inf)
+    least = np.minimum.accumulate(np.column_stack([ends[:, 0], least]), axis=1)
+    largest = np.maximum.accumulate(np.column_stack([ends[:, 1], largest]), axis=1)
+    pushes = np.any(least < largest - _ROUNDING * np.maximum(np.abs(least), np.abs(largest)), axis=0)
+    # At standstill, only friction that varies is checked here.
+    found = np.append(0.0, grid)[pushes & (varies | (np.arange(len(pushes)) > 0))]
+    return float(found[0]) if len(found) else None
 
 
 _LOADS = (0.0, 1e6)
 """At which friction that depends on the load is checked, N m or N."""
-
-
-def _locate_push_at(
-    lines: FrictionLines,
-    joint: int,
-    limits: tuple[float, float],
-    state: tuple[FloatArray, FloatArray],
-    ends: tuple[float, float],
-) -> float | None:
-    """Return the same at positions and loads (n,), with the ends of the joint's band at standstill."""
-    (back, ahead), (least, largest) = limits, ends
-    if lines.curve is None:
-        return None
-    if lines.varying[joint] and least < largest - _ROUNDING * max(abs(least), abs(largest)):
-        return 0.0
-    grid = np.geomspace(_SLOWEST, min(max(back, ahead, _SLOWEST), _FASTEST), _SPEED_COUNT)
-    dq = np.zeros(lines.curved.size)
-    for speed in grid.tolist():
-        for side, limit in ((1.0, ahead), (-1.0, back)):
-            if speed <= limit:
-                dq[joint] = side * speed
-                torque = float(lines.curve(dq, *state)[joint])
-                least = min(least, torque) if side > 0.0 else least
-                largest = largest if side > 0.0 else max(largest, torque)
-        if least < largest - _ROUNDING * max(abs(least), abs(largest)):
-            return float(speed)
-    return None
 
 
 def _list_coordinates(card: ModelCard, takes: Callable[[FrictionLaw], bool]) -> NDArray[np.bool_]:

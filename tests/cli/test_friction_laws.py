@@ -167,6 +167,27 @@ def test_a_temperature_must_be_in_the_log(capsys, tmp_path):
     assert "depends on the temperature of the joints" in answer["errors"][0]["text"]
 
 
+def test_laws_of_single_joints_are_given_by_name(capsys, tmp_path):
+    log = tmp_path / "log.npz"
+    call_json(capsys, "simulate", "two_link", "-o", log, "--seed", "1", "--duration", "20")
+    code, answer = call_json(
+        capsys, "identify", "two_link", log, "--friction", "elbow=stribeck,shoulder=auto"
+    )
+    assert code == 0, answer
+    laws = {entry["joint"]: entry["law"] for entry in answer["result"]["laws"]}
+    assert laws["elbow"] == "stribeck"
+    assert set(laws) == {"shoulder", "elbow"}
+    for options in (("--friction", "elbw=stribek"), ("--rows", "friction", "--model", "elbw=stribek")):
+        code, answer = call_json(capsys, "identify", "two_link", log, *options)
+        assert code == 2
+        assert [entry["code"] for entry in answer["errors"]] == ["usage.joint-friction"] * 2
+        told = " ".join(entry["text"] for entry in answer["errors"])
+        assert "did you mean elbow?" in told
+        assert "did you mean stribeck or" in told
+    code, answer = call_json(capsys, "base", "two_link", "--friction", "elbow=coulomb")
+    assert (code, answer["errors"][0]["code"]) == (2, "usage.friction-auto")
+
+
 @pytest.mark.parametrize("name", [name for name in OLD_NAMES if not get_law(OLD_NAMES[name]).shape])
 def test_a_law_is_chosen_by_its_name_of_today_and_by_that_of_earlier_versions(capsys, name):
     found = []

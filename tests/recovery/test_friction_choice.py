@@ -98,6 +98,16 @@ def test_no_richer_law_is_chosen_for_coulomb_and_viscous_friction(seed):
         assert len(law.selection.trials) > 20
 
 
+@pytest.mark.parametrize("seed", [3, 4, 5, 6])
+def test_waves_that_are_like_weights_are_no_friction(seed):
+    """A joint without friction fixes the weights, and what a filter makes of them is no wave of the other."""
+    laws, found = choose(lambda dq, load: plain(dq, load) * [1.0, 0.0], seed)
+    assert laws[0].law == "coulomb-viscous"
+    trials = {trial.law: trial for trial in found.joints[0].selection.trials}
+    assert trials["position-torque"].reason.startswith("not identifiable: A1, B1")
+    assert not trials["position-dependent"].reason
+
+
 def test_a_joint_at_rest_keeps_plain_friction():
     log = record(plain, 0)
     still = np.column_stack([log.position[:, 0], np.zeros(len(log.time))])
@@ -194,6 +204,102 @@ def test_the_shape_values_of_a_named_law_are_found(robot, logs):
     found = robot.identify(logs[0], friction="stribeck")
     assert [law.law for law in found.estimate.laws] == ["stribeck"] * 2
     assert abs(found["vs1"].value - 0.08) < 0.01
+
+
+KEPT = ROBOT.replace(
+    "a = 0.5",
+    'a = 0.5\nfriction = { model = "load-dependent", Fv = 0.1, Fc = 0.1, Fl = 0.2, smoothing = 1e-4 }',
+)
+
+
+def test_a_joint_that_is_not_named_keeps_its_law(logs, tmp_path):
+    (tmp_path / "arm.toml").write_text(KEPT)
+    robot = symid.load(tmp_path / "arm.toml")
+    fit = robot.identify(logs[0], friction={"joint1": "auto"})
+    (law,) = fit.estimate.laws
+    assert (law.joint, law.law) == ("joint1", "stribeck")
+    assert fit.estimate.friction == ("stribeck", "load-dependent")
+    far = {e.name: (e.value - TRUTH[e.name]) / e.std for e in fit.parameters}
+    assert max(map(abs, far.values())) < 4.0, far
+    again = symid.load_fit(fit.save(tmp_path / "fit.json"), robot)
+    assert again.estimate == fit.estimate
+    assert again.validate(logs[1]).verdict.level in {"good", "usable"}
+    second = symid.load(fit.export(tmp_path / "out.toml").file).description.joints[1].friction
+    assert (second.law, second.smoothing) == ("load-dependent", 1e-4)
+    assert second.values == tuple(fit[name].value for name in ("Fv2", "Fc2", "Fl2"))
+
+
+def test_shape_values_of_a_joint_that_is_not_named_are_the_robots(logs, tmp_path):
+    text = KEPT.replace("load-dependent", "stribeck").replace("Fl = 0.2", "Fe = 0.2, vs = 0.3")
+    (tmp_path / "arm.toml").write_text(text)
+    fit = symid.load(tmp_path / "arm.toml").identify(logs[0], friction="joint1=stribeck")
+    names = {entry.name for entry in fit.parameters}
+    assert "vs1" in names
+    assert "vs2" not in names
+    written = symid.load(fit.export(tmp_path / "out.toml").file)
+    assert written.description.joints[1].friction.shape == (0.3,)
+    assert abs(fit["vs1"].value - 0.08) < 0.01
+
+
+def test_a_joint_may_have_no_friction(robot, logs, tmp_path):
+    seen = record(lambda dq, _load: plain(dq, None) * [1.0, 0.0], 3)
+    log = symid.build_log(robot, time=seen.time, q=seen.position, tau=seen.torque)
+    fit = robot.identify(log, friction={"joint1": "coulomb-viscous", "joint2": "none"})
+    assert [law.law for law in fit.estimate.laws] == ["coulomb-viscous", "none"]
+    assert {entry.name for entry in fit.parameters} == {*list(TRUTH)[:6], "Fv1", "Fc1"}
+    assert abs(fit["Fv1"].value - 1.5) < 4 * fit["Fv1"].std
+    again = symid.load_fit(fit.save(tmp_path / "fit.json"), robot)
+    assert again.validate(log).verdict.level in {"good", "usable"}
+    assert "none" in str(fit)
+
+
+def test_waves_may_be_named_for_a_joint(robot, logs):
+    fit = robot.identify(logs[0], friction="joint1=position-dependent-1,2x3,joint2=load-dependent")
+    assert [law.law for law in fit.estimate.laws] == ["position-dependent-1,2x3", "load-dependent"]
+
+
+@pytest.mark.parametrize(
+    ("friction", "texts"),
+    [
+        (
+            {"jont1": "auto", "joint2": "stribek"},
+            ("'jont1': no such joint; did you mean joint1", "'stribek'; did you mean stribeck"),
+        ),
+        ({"joint1": "non", "joint2": 3}, ("did you mean none?", "expected the name of a law, got 3")),
+        ("joint1=auto, joint1=tustin", ("'joint1' is given twice",)),
+        ("joint1=, joint2=autoo", ("unknown friction law ''", "did you mean auto?")),
+    ],
+)
+def test_all_mistakes_in_joints_and_laws_are_told_at_once(robot, logs, friction, texts):
+    with pytest.raises(UsageError) as caught:
+        robot.identify(logs[0], friction=friction)
+    assert {notice.code for notice in caught.value.notices} == {"usage.joint-friction"}
+    for text in texts:
+        assert text in str(caught.value)
+    if texts[0].startswith("'jont1'"):
+        assert len(caught.value.notices) == 2
+        assert "Allowed joints are joint1, joint2. Allowed laws are auto, none, coulomb, " in str(
+            caught.value
+        )
+
+
+def test_laws_of_joints_are_found_from_logs_alone(robot, logs):
+    with pytest.raises(
+        UsageError, match=r"friction of single joints \(joint2=coulomb\) is found from the logs"
+    ):
+        robot.identify(logs[0], friction={"joint2": "coulomb"}, estimator="ridge")
+    with pytest.raises(UsageError, match="laws of single joints are a friction of"):
+        robot.override(friction="joint2=coulomb")
+
+
+def test_friction_alone_takes_laws_of_joints_too(robot, logs):
+    fit = robot.identify_friction(logs[0], model={"joint2": "load-dependent"})
+    assert fit.estimate.model == "joint2=load-dependent"
+    assert fit.joints["joint1"].selection is not None
+    assert fit.joints["joint2"].selection is None
+    assert fit.joints["joint2"].estimate.law == "load-dependent"
+    with pytest.raises(UsageError, match="unknown friction law 'none'"):
+        robot.identify_friction(logs[0], model={"joint2": "none"})
 
 
 def test_a_law_of_the_load_in_a_robot_file_needs_no_search(fit, logs, tmp_path):

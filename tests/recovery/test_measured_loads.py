@@ -10,6 +10,7 @@ from symid.api.log import Log
 from symid.errors import LogError
 from symid.identification.friction.extraction import extract_joint, fold_recording, prepare_joint_logs
 from symid.identification.friction.identify import check_inputs
+from symid.identification.rigid.friction_choice import choose_laws
 from symid.joint_models import get_law
 from symid.logs.recording import Recording
 from symid.robot.description import Processing
@@ -78,6 +79,12 @@ def test_another_log_is_foretold_by_its_own_loads(robot, logs, fit, tmp_path):
     with pytest.raises(LogError, match=r"\[log\.load\]") as caught:
         again.validate(bare)
     assert caught.value.notices[0].code == "validate.friction-load"
+
+
+def test_an_export_names_each_law_once(fit, tmp_path):
+    said = str(fit.export(tmp_path / "arm.toml")).splitlines()
+    for joint in ("shoulder", "elbow"):
+        assert f"{joint}: {fit.joints[joint].estimate.law}" in said
 
 
 def test_a_sensor_with_another_gain_is_named(robot):
@@ -186,3 +193,77 @@ def test_a_temperature_must_be_in_the_log_for_a_law_of_it(robot, recordings):
 def test_friction_of_this_arm_dissipates():
     dq = np.array([[0.3, -0.2], [-0.1, 0.4]])
     assert np.all(find_friction(dq, np.ones((2, 2))) * dq > 0.0)
+
+
+def identify_all(robot, recordings, **options):
+    return robot.identify([wrap(robot, one) for one in recordings], friction="auto", **options)
+
+
+def test_laws_of_the_whole_robot_are_chosen_on_the_motor_side(robot, recordings):
+    fit = identify_all(robot, recordings[:1])
+    assert [law.law for law in fit.estimate.laws] == ["stribeck", "load-dependent"]
+    texts = [notice.text for notice in fit.notices if notice.code == "identify.measured-load"]
+    assert len(texts) == 1
+    assert texts[0].startswith("joints 'shoulder', 'elbow': friction laws were chosen")
+    assert "the motor's torque less the load" in fit.estimate.laws[0].selection.verdict
+    assert codes(fit).isdisjoint({"friction.load-gain", "identify.load-friction"})
+    # The payload on its spring hides the laws from a model of the links.
+    blind = identify_all(robot, [replace(recordings[0], load=None)])
+    assert [law.law for law in blind.estimate.laws] != ["stribeck", "load-dependent"]
+    assert "identify.measured-load" not in codes(blind)
+
+
+def test_values_of_the_motor_side_are_those_of_the_arm(robot, recordings):
+    found = choose_laws(robot.library, recordings, Processing(drop_first=50, drop_last=50), gears=(1.0, 1.0))
+    first, second = (law.friction for law in found.joints)
+    viscous, dry, more, slow = FRICTION["first"]
+    assert (first.law, second.law) == ("stribeck", "load-dependent")
+    np.testing.assert_allclose((*first.values, *first.shape), (viscous, dry, more, slow), rtol=0.05)
+    np.testing.assert_allclose(second.values, FRICTION["second"], rtol=0.05)
+
+
+def test_a_gain_and_an_offset_of_sensors_are_named_where_laws_are_chosen(robot):
+    weak = identify_all(robot, [record(0, duration=40.0, gain=1.06, friction=plain)])
+    texts = [notice.text for notice in weak.notices if notice.code == "friction.load-gain"]
+    assert [text[:31] for text in texts] == [
+        "joint 'shoulder': 1.06 +- 0.000",
+        "joint 'elbow': 1.06 +- 0.0003 t",
+    ]
+    shifted = identify_all(robot, [record(0, duration=40.0, offset=-0.8)])
+    assert [law.law for law in shifted.estimate.laws] == ["stribeck+offset", "load-dependent+offset"]
+    assert codes(shifted).isdisjoint({"friction.load-gain", "identify.load-friction"})
+
+
+def test_drag_on_the_links_is_no_friction_of_the_motors(robot, recordings):
+    recording = recordings[0]
+    drag = 1.5 * np.gradient(recording.position, recording.time, axis=0)
+    fit = identify_all(
+        robot, [replace(recording, torque=recording.torque + drag, load=recording.load + drag)]
+    )
+    texts = [notice.text for notice in fit.notices if notice.code == "identify.load-friction"]
+    assert texts
+    assert all("--rows friction" in text for text in texts)
+
+
+def test_a_law_needs_what_it_reads(robot, recordings):
+    with pytest.raises(
+        symid.IdentifiabilityError, match=r"reads the temperature.*\[log\.temperature\]"
+    ) as caught:
+        robot.identify(
+            wrap(robot, recordings[0]), friction=dict.fromkeys(("shoulder", "elbow"), "temperature")
+        )
+    assert {notice.code for notice in caught.value.notices} == {"identify.friction-input"}
+    assert len(caught.value.notices) == 2
+
+
+def test_a_joint_without_a_sensor_gets_a_load_from_the_model(robot, recordings):
+    load = recordings[0].load.copy()
+    load[:, 1] = 0.0
+    fit = identify_all(robot, [replace(recordings[0], load=load)])
+    texts = [notice.text for notice in fit.notices if notice.code == "identify.measured-load"]
+    assert texts[0].startswith("joint 'shoulder': friction laws")
+    shoulder, elbow = fit.estimate.laws
+    assert shoulder.law == "stribeck"
+    blind = identify_all(robot, [replace(recordings[0], load=None)])
+    assert elbow.law == blind.estimate.laws[1].law
+    assert fit["Fl2"].value == pytest.approx(blind["Fl2"].value, rel=0.3)

@@ -2,7 +2,8 @@
 
     Recording -> signals -> rows -> methods -> choice -> estimate, residuals, warnings
 
-Supported: several recordings; one method, or an automatic choice among those that take moments.
+Supported: several recordings; one method, or an automatic choice among those that take moments; friction that
+reads the load of the links: measured, or computed and iterated with a fit that needs no springs.
 Not supported: delays between channels and offsets of encoders (align the recordings first); one encoder only.
 """
 
@@ -30,10 +31,14 @@ from symid.identification.elastic.methods import (
     fit_method,
 )
 from symid.identification.elastic.options import ElasticOptions, NlpOptions
-from symid.identification.elastic.regression import get_encoder_positions, locate_settled
+from symid.identification.elastic.regression import (
+    fill_motor_loads,
+    get_encoder_positions,
+    locate_settled,
+)
 from symid.identification.elastic.uncertainty import measure_identifiability
 from symid.identification.estimators import Residual, list_parameters
-from symid.identification.regression import check_joints, warn_of_energy
+from symid.identification.regression import check_joints, list_measured_joints, warn_of_energy
 from symid.ipopt import Ending
 from symid.joint_models import compute_hysteresis_torque
 from symid.logs import Recording, differentiate
@@ -331,7 +336,8 @@ def identify_elastic(
     """
     options = options or ElasticOptions()
     hidden = _check_recordings(library, recordings)
-    work = build_elastic_equations(library, tuple(recordings), options)
+    loaded = _fill_loads(library, recordings, options)
+    work = build_elastic_equations(library, loaded, options)
     automatic = options.method == "automatic"
     fits = [fit_method(work, method) for method in (AUTOMATIC_METHODS if automatic else (options.method,))]
     given = MethodSelection(fit=fits[0], reason="the method was given")
@@ -376,6 +382,28 @@ def identify_elastic(
         covariance=() if fit.covariance is None else tuple(map(tuple, fit.covariance.tolist())),
         notices=(*springs.values(), *choice.notices, *fit.notices, *warnings),
     )
+
+
+def _fill_loads(
+    library: Library, recordings: Sequence[Recording], options: ElasticOptions
+) -> tuple[Recording, ...]:
+    """Return recordings with the loads of a fit that agrees with them, where friction reads loads."""
+    if "load" not in library.card.friction_inputs or all(list_measured_joints(recordings)):
+        return tuple(recordings)
+    beta = np.zeros(len(library.card.beta))
+    loaded = fill_motor_loads(library, recordings, beta)
+    for _ in range(_REPEATS):
+        work = build_elastic_equations(library, loaded, options)
+        before, beta = beta, fit_method(work, "elimination").beta
+        loaded = fill_motor_loads(library, recordings, beta)
+        if np.linalg.norm(beta - before) <= _SAME_LOAD * np.linalg.norm(beta):
+            break
+    return loaded
+
+
+_REPEATS = 6
+_SAME_LOAD = 1e-3
+"""Relative change of the links' parameters that moves no load."""
 
 
 def _write_settings(

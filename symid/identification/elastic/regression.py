@@ -9,7 +9,8 @@ With F(s) = lambda / (s + lambda), x~ = x - x(0), p = Yp beta and dL/dq = YL bet
                      = Delta h_link beta + sum_i IA_i Delta(dtheta_i^2) / 2 + int dtheta' Yf f dt
 
 Supported: torques held between samples, sampled smooth signals; joints at rest (put at their mean position);
-friction that is linear in its parameters; equations that do not identify all parameters (shortest solution).
+friction that is linear in its parameters; equations that do not identify all parameters (shortest solution);
+friction of the load tau_J, measured behind the gears or computed from the links' motion.
 Not supported: one encoder only; delays between the channels (align the recording first); friction on the
 link side; full physical consistency of the links.
 """
@@ -24,7 +25,12 @@ from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library, ModelCard
 from symid.errors import LogError, Notice, UsageError
 from symid.identification.elastic.options import ElasticOptions, check_grids
-from symid.identification.regression import RankRule, list_resting_joints
+from symid.identification.regression import (
+    RankRule,
+    fill_load,
+    list_measured_joints,
+    list_resting_joints,
+)
 from symid.joint_models import Elasticity, compute_spring_work, compute_work_columns, is_braking
 from symid.logs import Recording, describe_uneven, differentiate, low_pass
 
@@ -51,6 +57,7 @@ class ElasticSignals(FrozenArrays):
         settled: first sample of rows; plays run from sample 0.
         hold: "zero" where tau[k] acts over [t_k, t_k+1], "first" where it is a sampled smooth signal.
         cutoff: of the low-pass in Hz, 0 for none.
+        load: (N, n) N m or N that the links take; temperature: (N, n) degC; None where not known.
     """
 
     time: FloatArray
@@ -63,6 +70,8 @@ class ElasticSignals(FrozenArrays):
     settled: int
     hold: str
     cutoff: float = 0.0
+    load: FloatArray | None = None
+    temperature: FloatArray | None = None
 
     @property
     def phi(self) -> FloatArray:
@@ -114,12 +123,13 @@ def prepare_elastic_signals(recording: Recording, options: ElasticOptions) -> El
     if len(recording.time) < least:
         text = f"the log has {len(recording.time)} samples; the filter and the cut ends need at least {least}"
         raise LogError(Notice(code="log.too-short", text=text, file=recording.source))
-    tau = recording.torque
+    tau, load, warm = recording.torque, recording.load, recording.temperature
     if cutoff:
         motor, link, tau = (
             low_pass(values, period=period, cutoff=cutoff, order=_ORDER)
             for values in (motor, link, center_held(tau))
         )
+        load = None if load is None else low_pass(load, period=period, cutoff=cutoff, order=_ORDER)
     kept = slice(0, len(recording.time) - edge)
     # Rows begin where plays are settled and filters have forgotten their start.
     phi, starts = (motor - link)[kept], [int(np.ceil(5.0 / (options.rate * period)))]
@@ -139,7 +149,30 @@ def prepare_elastic_signals(recording: Recording, options: ElasticOptions) -> El
         settled=max(edge, min(max(starts), max(starts[0], int(_LATEST * len(phi))))),
         hold="first" if cutoff else "zero",
         cutoff=cutoff,
+        load=None if load is None else load[kept],
+        temperature=None if warm is None else warm[kept],
     )
+
+
+def fill_motor_loads(
+    library: Library, recordings: Sequence[Recording], beta: FloatArray
+) -> tuple[Recording, ...]:
+    """Return recordings with the torques tau_J of links of base parameters (p,), where friction reads them.
+
+    Loads that were measured stay.
+    """
+    measured = list_measured_joints(recordings)
+    if "load" not in library.card.friction_inputs or all(measured):
+        return tuple(recordings)
+    found = []
+    for recording in recordings:
+        period = recording.period
+        cutoff = min(_CUTOFF, 1.0 / (_LEAST_RATIO * period))
+        q = low_pass(get_encoder_positions(recording)[1], period=period, cutoff=cutoff, order=_ORDER)
+        dq = differentiate(q, period)
+        (load,) = library.evaluate("inverse_dynamics", q, dq, differentiate(dq, period), beta)
+        found.append(replace(recording, load=fill_load(recording.load, load, measured)))
+    return tuple(found)
 
 
 def get_encoder_positions(recording: Recording) -> tuple[FloatArray, FloatArray]:
@@ -342,10 +375,10 @@ def build_energy_windows(library: Library, signals: ElasticSignals, length: floa
 
 
 def evaluate_motor_friction(library: Library, signals: ElasticSignals) -> tuple[FloatArray, ...]:
-    """Return the friction regressor (N, n, pf) at the motors; their loads are not known before a fit."""
-    return library.evaluate(
-        "friction_regressor", *library.card.gather_friction_inputs(signals.dtheta, q=signals.theta)
-    )
+    """Return the friction regressor (N, n, pf) at the motors."""
+    states = {"q": signals.theta, "load": signals.load, "temperature": signals.temperature}
+    given = library.card.gather_friction_inputs(signals.dtheta, **states)
+    return library.evaluate("friction_regressor", *given)
 
 
 def list_lower_bounds(card: ModelCard, extra: int = 0) -> FloatArray:

@@ -23,6 +23,7 @@ import numpy as np
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import JointCard, Library
 from symid.errors import LogError, Notice
+from symid.identification.regression import fill_load, list_measured_joints
 from symid.joint_models import compute_plays
 from symid.logs import (
     Alignment,
@@ -110,7 +111,8 @@ def build_rigid_rows(library: Library, recording: Recording) -> RigidRows:
     if library.card.friction:
         # Dry friction changes its sign faster than the low-pass lets pass: friction first, then the filter.
         angle = low(found.theta, 4.0 * _CUTOFF)
-        given = library.card.gather_friction_inputs(differentiate(angle, period), q=angle)
+        known = {"load": recording.load, "temperature": recording.temperature}
+        given = library.card.gather_friction_inputs(differentiate(angle, period), q=angle, **known)
         extra.append(low(library.evaluate("friction_regressor", *given)[0]))
     return RigidRows(
         gap=theta - q,
@@ -149,6 +151,27 @@ def fit_rigid(grams: FloatArray, weights: FloatArray | None = None) -> tuple[Flo
     return x, np.sqrt(squares)
 
 
+_LOADS = 4
+"""Fits after which loads that friction takes part of stay where they are."""
+
+
+def _build_loaded_rows(library: Library, recordings: Sequence[Recording]) -> list[RigidRows]:
+    """Return the equations of all recordings; loads that friction reads are measured, or those of the fit."""
+    measured = list_measured_joints(recordings)
+    if "load" not in library.card.friction_inputs or all(measured):
+        return [build_rigid_rows(library, recording) for recording in recordings]
+    loads = [np.zeros_like(recording.position) for recording in recordings]
+    runs: list[RigidRows] = []
+    for _ in range(_LOADS):
+        runs = [
+            build_rigid_rows(library, replace(recording, load=fill_load(recording.load, load, measured)))
+            for recording, load in zip(recordings, loads, strict=True)
+        ]
+        x, _ = fit_rigid(np.concatenate([rows.compute_torque_grams() for rows in runs]).sum(axis=0))
+        loads = [rows.whole @ x[: rows.whole.shape[2]] for rows in runs]
+    return runs
+
+
 def estimate_torsion_alignment(library: Library, recordings: Sequence[Recording]) -> Alignment:
     """Return delay and offsets of the link encoders, the torsion following the robot's own torques.
 
@@ -160,7 +183,7 @@ def estimate_torsion_alignment(library: Library, recordings: Sequence[Recording]
     moved = tuple(recordings)
     used, delay = np.zeros((len(recordings), library.card.size)), 0.0
     for _ in range(_PASSES):
-        columns = list_torsion_columns([build_rigid_rows(library, recording) for recording in moved])
+        columns = list_torsion_columns(_build_loaded_rows(library, moved))
         found = estimate_alignment(recordings, columns)
         offsets = np.nan_to_num(found.offsets, nan=0.0)
         change = max(float(np.max(np.abs(offsets - used))), abs(found.delay - delay))
@@ -402,7 +425,7 @@ def estimate_stiffness(library: Library, recordings: Sequence[Recording]) -> Sti
         LogError: a recording has one encoder only, is uneven or too short, or no joint has both encoders.
     """
     moved, alignment, _, notices = _align(library, recordings)
-    fits = fit_compliances([build_rigid_rows(library, recording) for recording in moved])
+    fits = fit_compliances(_build_loaded_rows(library, moved))
     return StiffnessEstimate(
         robot=library.card.robot,
         alignment=alignment,

@@ -28,6 +28,7 @@ from symid.identification.elastic.estimate import ElasticEstimate, MethodFit
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.regression import (
     build_filtered_rows,
+    fill_motor_loads,
     filter_smooth,
     prepare_elastic_signals,
 )
@@ -150,6 +151,7 @@ def predict_elastic(
     Sequences of springs, one a joint, are empty where there are none; `identifiable`, of the springs of
     `final`, is empty where all are. `fitted` marks a log of the fit.
     """
+    (recording,) = fill_motor_loads(library, [recording], final.beta)
     signals = prepare_elastic_signals(recording, options)
     rows = build_filtered_rows(library, signals, options.rate)
     motor, link = rows.compute_motor_side(final.chi), rows.compute_link_side(final.chi)

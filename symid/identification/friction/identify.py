@@ -67,7 +67,7 @@ class FrictionTask:
         rotors: of coupled drives, beside friction where loads are measured.
     """
 
-    model: str = AUTO
+    model: str | Mapping[str, str] = AUTO
     candidates: tuple[str, ...] = CANDIDATE_LAWS
     estimator: str = "varpro"
     options: FrictionOptions = field(default_factory=FrictionOptions)
@@ -137,7 +137,9 @@ def identify_friction(
     return FrictionIdentification(
         robot=library.card.robot,
         signature=library.card.signature,
-        model=task.model,
+        model=task.model
+        if isinstance(task.model, str)
+        else ", ".join(f"{joint}={law}" for joint, law in task.model.items()),
         estimator=task.estimator,
         joints=tuple(joints),
         refused=tuple(refused),
@@ -154,8 +156,10 @@ def _check_task(task: FrictionTask, recordings: Sequence[Recording]) -> None:
     if not 0.0 <= task.smoothing < math.inf:
         text = f"smoothing {task.smoothing:g}: must be 0 or a positive speed in rad/s or m/s"
         raise UsageError(Notice(code="usage.friction-smoothing", text=text))
-    if task.model != AUTO and (unused := _warn_of_smoothing(get_law(task.model, smoothing=task.smoothing))):
-        raise UsageError(Notice(code="usage.friction-smoothing", text=f"{unused[0].text}; leave it out"))
+    asked = [task.model] if isinstance(task.model, str) else task.model.values()
+    for name in asked:
+        if name != AUTO and (unused := _warn_of_smoothing(get_law(name, smoothing=task.smoothing))):
+            raise UsageError(Notice(code="usage.friction-smoothing", text=f"{unused[0].text}; leave it out"))
     if len(task.periods) not in {0, 1, len(recordings)}:
         text = (
             f"{len(task.periods)} periods for {len(recordings)} logs: give one for all of them, or one for "
@@ -185,7 +189,8 @@ def _identify_joint(
     """Return the friction of a joint, and what concerns the whole identification."""
     extracted = extract_joint(logs, joint, beta=task.beta)
     samples, card = extracted.samples, logs.library.card.joints[joint]
-    selection, name, estimate = None, task.model, None
+    name = task.model if isinstance(task.model, str) else task.model.get(card.name, AUTO)
+    selection, estimate = None, None
     if name == AUTO:
         # Bounds by name hold for one law.
         options = replace(task.options, bounds=())

@@ -195,6 +195,16 @@ def _evaluate_parts(  # noqa: PLR0917 - as above
     return (rigid, *_evaluate_friction(library, dq, states))
 
 
+def evaluate_rigid_torques(library: Library, signals: Signals, beta: FloatArray) -> FloatArray:
+    """Return the torques (N, n) in N m or N of base parameters (p,), without friction, at every sample."""
+    torques = np.empty(signals.q.shape)
+    for start in range(0, len(torques), _PIECE):
+        q, dq, ddq, *_ = signals.pick_states(slice(start, start + _PIECE))
+        (rigid,) = library.evaluate("torque_regressor", q, dq, ddq)
+        torques[start : start + _PIECE] = rigid @ beta
+    return torques
+
+
 def evaluate_torques(library: Library, signals: Signals, values: FloatArray) -> FloatArray:
     """Return the torques (N, n) in N m or N that parameters (p,) predict at every sample."""
     torques = np.zeros(signals.q.shape)

@@ -39,7 +39,7 @@ from symid.identification.regression.equations import (
     Rows,
     build_rows,
     drop_groups,
-    evaluate_torques,
+    evaluate_rigid_torques,
     select_rows,
 )
 from symid.identification.regression.identifiability import (
@@ -189,14 +189,16 @@ def fill_loads(
 ) -> list[Recording]:
     """Return recordings with the loads that base parameters (p,) give, where friction reads some.
 
-    Loads that were measured stay. Friction rises with |load|, which noise of the accelerations would lift
-    where the load changes its sign: loads are those of the clean bands of positions.
+    Loads of known payloads are added; loads that were measured stay, and have them. Friction rises with
+    |load|, which noise of the accelerations would lift where the load changes its sign: loads are those of
+    the clean bands of positions.
     """
     if "load" not in library.card.friction_inputs:
         return list(recordings)
-    found = []
+    found, measured = [], list_measured_joints(recordings)
     for recording in recordings:
-        if recording.load is None:
+        payload = get_payload(library, recording)
+        if not all(measured):
             clean = [band.clean for band in measure_bands(recording) if band.clean > 0.0]
             # A tenth of the sample rate is above all that robots move at.
             cutoff = processing.filter_cutoff or 0.1 / recording.period
@@ -204,11 +206,17 @@ def fill_loads(
             whole = replace(processing, filter_cutoff=cutoff, drop_first=0, drop_last=0, automatic=False)
             resting = list_resting_joints(recording)
             signals = hold_resting_joints(prepare_signals(replace(recording, load=None), whole), resting)
-            (load,) = library.evaluate("inverse_dynamics", signals.q, signals.dq, signals.ddq, beta)
-            found.append(replace(recording, load=load))
+            whole_beta = beta if payload is None else beta + payload
+            (load,) = library.evaluate("inverse_dynamics", signals.q, signals.dq, signals.ddq, whole_beta)
+            found.append(replace(recording, load=fill_load(recording.load, load, measured)))
         else:
             found.append(recording)
     return found
+
+
+def fill_load(load: FloatArray | None, computed: FloatArray, measured: Sequence[bool]) -> FloatArray:
+    """Return loads (N, n): those of joints (n,) that are `measured`, else computed ones."""
+    return computed if load is None else np.where(np.array(measured), load, computed)
 
 
 def list_measured_joints(recordings: Sequence[Recording]) -> tuple[bool, ...]:
@@ -319,6 +327,15 @@ def warn_of_load_gain(gain: LoadGain | None) -> tuple[Notice, ...]:
 
 def compute_payload_torque(library: Library, signals: Signals, recording: Recording) -> FloatArray | None:
     """Return the torque (N, n) of a known payload in N m or N; see `subtract_payload_torque`."""
+    load = get_payload(library, recording)
+    if load is None:
+        return None
+    # A payload has no friction.
+    return evaluate_rigid_torques(library, signals, load)
+
+
+def get_payload(library: Library, recording: Recording) -> FloatArray | None:
+    """Return what a known payload adds to beta (p,); None without, LogError if it is of another model."""
     if recording.run is None or not recording.run.load:
         return None
     load = np.array(recording.run.load)
@@ -328,8 +345,7 @@ def compute_payload_torque(library: Library, signals: Signals, recording: Record
             "read the run with the robot that is identified"
         )
         raise LogError(Notice(code="log.payload-model", text=text, file=recording.source))
-    # A payload has no friction.
-    return evaluate_torques(library, signals, np.append(load, np.zeros(len(library.card.fitted) - len(load))))
+    return load
 
 
 def prepare_rows(

@@ -30,7 +30,9 @@ if TYPE_CHECKING:
         CANDIDATES as CANDIDATES,
         PLAIN as PLAIN,
         FrictionChoice as FrictionChoice,
+        Wish as Wish,
         choose_laws as choose_laws,
+        compare_friction as compare_friction,
     )
     from symid.identification.rigid.options import (
         PRIOR_OF_ROBOT as PRIOR_OF_ROBOT,

@@ -14,23 +14,30 @@ at a node is a problem of a few unknowns:
 G are sums of products of a joint, S the same without its own friction. Joints take turns until no law
 changes; then nodes are set closer about the best, and laws are made linear there (Gauss and Newton).
 
+Where the load of a joint was measured behind its gear, its law is chosen from the torque of the motor less
+the load: X_j x are then torques of rotors, and what the model of the links lacks is in neither.
+
 Supported: every static law; loads measured behind the gears or computed from the estimate, iterated with it;
-several recordings. Not supported: laws with a state; friction of drives that turn several joints, which
-stays as the robot file has it.
+several recordings; joints that keep a law. Not supported: laws with a state; friction of drives that turn
+several joints, which stays as the robot file has it.
 """
 
 import itertools
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence, Set as AbstractSet
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
+from symid.errors import IdentifiabilityError, Notice
 from symid.identification.estimators import LawSelection, LawTrial
+from symid.identification.regression import Rotor, warn_of_load_gain
 from symid.identification.rigid.friction_tables import (
     JointTable,
+    Motion,
     Node,
     TangentLaw,
     Wanted,
@@ -38,11 +45,12 @@ from symid.identification.rigid.friction_tables import (
     gather_inputs,
     list_shape_nodes,
     load_joints,
+    measure_gain,
     prepare_motion,
     refine_nodes,
     tabulate_laws,
 )
-from symid.joint_models import FrictionLaw, FrictionValues, get_law
+from symid.joint_models import NO_FRICTION, FrictionLaw, FrictionValues, compute_columns, get_law
 from symid.logs import Recording
 from symid.robot import Processing
 
@@ -128,7 +136,21 @@ def _try_laws(table: JointTable, others: _Reduced, weight: float) -> list[_Trial
     for _, group in itertools.groupby(table.nodes, key=lambda node: node.law.name):
         nodes = list(group)
         found.append(_try_law(table, others, weight, nodes, inner, gains))
-    return found
+    # What the rigid columns are like differs from them by their filter alone.
+    before, after = (np.maximum(np.diagonal(part[-1])[:-1], 0.0) for part in (sets[:, p:, p:], inner))
+    alike = after <= _ALIKE * before
+    return [
+        trial._replace(weak=tuple(dict.fromkeys((*_list_alike(trial.node, alike), *trial.weak))))
+        for trial in found
+    ]
+
+
+_ALIKE = 1e-6
+"""Part of a column's squares that must be independent of the rigid columns: a thousandth of its size."""
+
+
+def _list_alike(node: Node, alike: NDArray[np.bool_]) -> list[str]:
+    return [entry.name for entry, k in zip(node.law.linear, node.places, strict=True) if alike[k]]
 
 
 def _try_law(  # noqa: PLR0917 - the parts of one problem
@@ -139,7 +161,7 @@ def _try_law(  # noqa: PLR0917 - the parts of one problem
     inner: FloatArray,
     gains: FloatArray,
 ) -> _Trial:
-    places = np.array([node.places for node in nodes])
+    places = np.array([node.places for node in nodes], dtype=np.intp)
     matrix = inner[:, places[:, :, None], places[:, None, :]]
     right = inner[:, places, -1]
     linear = _solve(matrix, right[..., None])[..., 0]
@@ -170,6 +192,8 @@ def _try_law(  # noqa: PLR0917 - the parts of one problem
 
 def _list_weak(node: Node, matrix: FloatArray, linear: FloatArray) -> tuple[str, ...]:
     """Return the names of linear parameters with a part in a direction that the rows do not determine."""
+    if not len(matrix):
+        return ()
     lengths = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     values, vectors = np.linalg.eigh(matrix / lengths / lengths[:, None])
     poor = values < _CONDITION * max(float(values[-1]), 1e-300)
@@ -225,15 +249,9 @@ class _State:
     behind: tuple[FloatArray, ...]
 
 
-def _find_node(table: JointTable, law: str, shape: Sequence[float] | None = None) -> Node:
-    """Return a law's node of a table, the first, or that of these shape values."""
-    alike = [node for node in table.nodes if node.law.name == law]
-    return alike[0] if shape is None else min(alike, key=lambda node: _measure_distance(node.shape, shape))
-
-
-def _measure_distance(one: Sequence[float], other: Sequence[float]) -> float:
-    pairs = zip(one, other, strict=True)
-    return float(sum(np.log(max(a, 1e-300) / max(b, 1e-300)) ** 2 for a, b in pairs))
+def _find_node(table: JointTable, law: str) -> Node:
+    """Return the first node of a law in a table, or of the table where it has no such law."""
+    return next((node for node in table.nodes if node.law.name == law), table.nodes[0])
 
 
 def _measure_scatter(tables: Sequence[JointTable], nodes: Sequence[Node], weights: FloatArray) -> FloatArray:
@@ -316,19 +334,22 @@ CANDIDATES = (
 
 
 def list_candidates(
-    gear: float, inputs: Sequence[str], names: Sequence[str] = CANDIDATES
+    gear: float, inputs: AbstractSet[str], names: Sequence[str] = CANDIDATES
 ) -> list[FrictionLaw]:
     """Return the laws that a joint's known inputs allow; waves once and twice a turn of joint and motor."""
     found = [get_law(name) for name in names]
     if names is CANDIDATES and abs(gear) != 1.0:
         kinds = (f"position-{kind}-1,2x{abs(gear):.12g}" for kind in ("dependent", "torque"))
         found += [get_law(f"{name}{end}") for name in kinds for end in ("", "+offset")]
-    return [law for law in found if set(law.inputs) <= set(inputs)]
+    return [law for law in found if set(law.inputs) <= inputs]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointLaw:
-    """The friction of a joint with its values, and how its law was chosen; None where it hardly moves."""
+    """The friction of a joint with its values, and how its law was chosen.
+
+    `selection` is None for a joint that hardly moves, or that keeps its law.
+    """
 
     joint: str
     friction: FrictionValues
@@ -337,10 +358,22 @@ class JointLaw:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrictionChoice:
-    """Laws of all joints with a coordinate, and the base parameters (p,) beside them."""
+    """Laws of all joints with a coordinate, and the base parameters (p,) beside them.
+
+    Args:
+        joints: their laws; beta: zero where loads were measured, which needs no model of the links.
+        motion: filtered states, with torques of motors less loads where these were measured.
+        notices: on loads that were measured.
+    """
 
     joints: tuple[JointLaw, ...]
     beta: FloatArray
+    motion: Motion
+    notices: tuple[Notice, ...] = ()
+
+
+Wish = Sequence[str] | FrictionValues
+"""Laws that a joint's is chosen from, or the friction that it keeps."""
 
 
 def choose_laws(
@@ -349,7 +382,8 @@ def choose_laws(
     processing: Processing,
     *,
     gears: Sequence[float],
-    names: Sequence[str] = CANDIDATES,
+    wishes: Sequence[Wish] = (),
+    rotors: Sequence[Rotor] = (),
 ) -> FrictionChoice:
     """Return the laws of all joints of a robot, and their values.
 
@@ -358,33 +392,33 @@ def choose_laws(
         recordings: at least one, all of this robot.
         processing: whose cut ends are used.
         gears: (n,) turns of the motors a turn of the joint, 1 where not known.
-        names: laws to choose from.
+        wishes: (n,) laws to choose from, or friction whose law and shape values stay; `CANDIDATES` for all
+            joints where empty.
+        rotors: of coupled drives, which stand beside friction where loads are measured.
+
+    Raises:
+        IdentifiabilityError: a law that was named, or is kept, reads what the recordings do not have.
     """
-    motion = prepare_motion(library, recordings, processing)
+    motion = prepare_motion(library, recordings, processing, rotors=rotors)
     count = library.card.size
+    wishes = wishes or (CANDIDATES,) * count
     plain: list[Wanted] = [[(get_law(PLAIN), ())]] * count
     tables = tabulate_laws(motion, plain)
     moving = [int(table.rows.sum()) >= _FEWEST for table in tables]
     nodes = [table.nodes[0] for table in tables]
     weights = 1.0 / _measure_scatter(tables, nodes, np.ones(count))
     motion = load_joints(motion, _solve_shared(tables, nodes, weights))
-    inputs = tuple(gather_inputs(motion.signals[0], slice(0, 1), 0))
+    inputs = set.intersection(*(set(gather_inputs(one, slice(0, 1), 0)) for one in motion.signals))
+    _check_inputs(library, wishes, inputs)
     speeds = [motion.speeds(joint) if moving[joint] else np.zeros(0) for joint in range(count)]
     wanted = [
-        [
-            (law, shape)
-            for law in list_candidates(gears[joint], inputs, names)
-            for shape in list_shape_nodes(law, speeds[joint])
-        ]
-        if moving[joint]
-        else plain[joint]
-        for joint in range(count)
+        _list_wanted(wish, gear, inputs, own) for wish, gear, own in zip(wishes, gears, speeds, strict=True)
     ]
-    laws = [names[0] if PLAIN not in names else PLAIN] * count
+    kept = [isinstance(wish, FrictionValues) for wish in wishes]
+    laws = [PLAIN] * count
     for step in range(_PASSES):
         tables = tabulate_laws(motion, wanted)
-        starts = [_find_node(table, law) for table, law in zip(tables, laws, strict=True)]
-        state = _settle_laws(tables, starts)
+        state = _settle_laws(tables, list(map(_find_node, tables, laws)))
         motion = load_joints(motion, _solve_shared(tables, state.nodes, state.weights))
         laws = [node.law.name for node in state.nodes]
         chosen = [trials[k] for trials, k in zip(state.trials, state.taken, strict=True)]
@@ -393,23 +427,122 @@ def choose_laws(
         if step == _COMPARED - 1:
             compared, scored = state, tables
         wanted = [
-            [pair for trial in trials for pair in _approach(trial, own, step)]
-            for trials, own in zip(tried, speeds, strict=True)
+            wanted[joint]
+            if kept[joint]
+            else [pair for trial in tried[joint] for pair in _approach(trial, speeds[joint], step)]
+            for joint in range(count)
         ]
     found = [
         JointLaw(
             joint=library.card.joints[joint].name,
-            friction=_value_law(chosen[joint], speeds[joint]),
-            selection=_describe_choice(compared, scored[joint], joint) if moving[joint] else None,
+            friction=_value_law(chosen[joint], wishes[joint], speeds[joint]),
+            selection=_describe_choice(compared, scored[joint], joint, measured=motion.measured[joint])
+            if moving[joint] and not kept[joint]
+            else None,
         )
         for joint in range(count)
     ]
     shared = _solve_shared(tables, state.nodes, state.weights)
-    return FrictionChoice(joints=tuple(found), beta=shared[: len(library.card.beta)])
+    return FrictionChoice(
+        joints=tuple(found),
+        beta=shared[: len(library.card.beta)],
+        motion=motion,
+        notices=_judge_loads(motion, found, state.nodes),
+    )
 
 
-def _value_law(trial: _Trial, speeds: FloatArray) -> FrictionValues:
+def _list_nothing(_carrier: object, _inputs: object, _shape: object) -> tuple[FloatArray, ...]:
+    return ()
+
+
+def _list_wanted(wish: Wish, gear: float, inputs: AbstractSet[str], speeds: FloatArray) -> Wanted:
+    """Return the laws to choose from at their first nodes; the plain one for a joint that hardly moves."""
+    if isinstance(wish, FrictionValues):
+        if wish.law == NO_FRICTION:
+            return [(replace(get_law(PLAIN), name=NO_FRICTION, linear=(), columns=_list_nothing), ())]
+        return [(get_law(wish.law, smoothing=wish.smoothing), wish.shape)]
+    if not len(speeds):
+        return [(get_law(PLAIN), ())]
+    laws = list_candidates(gear, inputs, wish)
+    return [(law, shape) for law in laws for shape in list_shape_nodes(law, speeds)]
+
+
+def _check_inputs(library: Library, wishes: Sequence[Wish], inputs: AbstractSet[str]) -> None:
+    """Raise IdentifiabilityError where the one law of a joint reads what the recordings do not have."""
+    lacking = []
+    for card, wish in zip(library.card.joints, wishes, strict=True):
+        name = wish.law if isinstance(wish, FrictionValues) else wish[0]
+        single = isinstance(wish, FrictionValues) or len(wish) == 1
+        if single and name != NO_FRICTION and (missing := set(get_law(name).inputs) - inputs):
+            what = " and ".join(sorted(missing))
+            text = (
+                f"joint {card.name!r}: the friction law {name!r} reads the {what}, which not all logs have: "
+                f"name its columns in [log.{min(missing)}], or take another law"
+            )
+            lacking.append(Notice(code="identify.friction-input", text=text))
+    if lacking:
+        raise IdentifiabilityError(*lacking)
+
+
+def _judge_loads(motion: Motion, laws: Sequence[JointLaw], nodes: Sequence[Node]) -> tuple[Notice, ...]:
+    """Return what was done with measured loads, and warnings where these have another gain."""
+    judged = [k for k, law in enumerate(laws) if law.selection is not None and motion.measured[k]]
+    if not judged:
+        return ()
+    names = ", ".join(repr(laws[k].joint) for k in judged)
+    text = (
+        f"joint{'s'[: len(judged) > 1]} {names}: friction laws were chosen from the torque of the motor less "
+        "the measured load, the inertia of rotors fitted along, so that what the model of the links lacks "
+        "has no part in them; their values are then fitted with the whole robot"
+    )
+    found = [Notice(code="identify.measured-load", text=text)]
+    for k in judged:
+        gain = measure_gain(motion, k, nodes[k].law, nodes[k].shape)
+        found += [_name_joint(notice, laws[k].joint) for notice in warn_of_load_gain(gain)]
+    return tuple(found)
+
+
+def _name_joint(notice: Notice, joint: str) -> Notice:
+    return replace(notice, text=f"joint {joint!r}: {notice.text}")
+
+
+_OTHER_FRICTION = 0.1
+"""Part of the friction by which that of the whole robot may differ from that of the motor side."""
+
+
+def compare_friction(choice: FrictionChoice, fitted: Mapping[str, FrictionValues]) -> tuple[Notice, ...]:
+    """Return a warning for joints with measured loads whose friction the whole robot has changed."""
+    found = []
+    for k, law in enumerate(choice.joints):
+        friction = fitted[law.joint]
+        if law.selection is None or not choice.motion.measured[k] or friction.values is None:
+            continue
+        parts = []
+        for signals in choice.motion.signals:
+            inputs = gather_inputs(signals, slice(None), k)
+            pair = [
+                compute_columns(get_law(one.law), inputs, one.shape) @ np.array(one.values)
+                for one in (law.friction, friction)
+            ]
+            parts.append(pair)
+        own, whole = np.concatenate(parts, axis=1)
+        # A constant is an error of the sensor, or a weight.
+        apart = float(np.std(whole - own) / max(np.std(own), 1e-300))
+        if apart > _OTHER_FRICTION:
+            text = (
+                f"joint {law.joint!r}: friction fitted with the whole robot differs by {100.0 * apart:.2g} % "
+                "from that of the motor side alone (motor torque less measured load): the links carry what "
+                "their model lacks, or the load has another factor. For friction without a model of the "
+                "links, identify with --rows friction"
+            )
+            found.append(Notice(code="identify.load-friction", text=text))
+    return tuple(found)
+
+
+def _value_law(trial: _Trial, wish: Wish, speeds: FloatArray) -> FrictionValues:
     """Return the law of a trial with its values."""
+    if isinstance(wish, FrictionValues):
+        return replace(wish, values=tuple(trial.linear.tolist()))
     if not isinstance(trial.law, TangentLaw):
         return FrictionValues(law=trial.law.name, values=tuple(trial.linear.tolist()))
     law = get_law(trial.law.name)
@@ -419,7 +552,7 @@ def _value_law(trial: _Trial, speeds: FloatArray) -> FrictionValues:
     return FrictionValues(law=law.name, values=moved.values, shape=moved.about)
 
 
-def _describe_choice(state: _State, table: JointTable, joint: int) -> LawSelection:
+def _describe_choice(state: _State, table: JointTable, joint: int, *, measured: bool) -> LawSelection:
     """Return the trials of a joint, by what they leave of held-out torque, and why the law was taken."""
     trials, behind, taken = state.trials[joint], state.behind[joint], state.taken[joint]
     whole, rows = float(np.sum(table.grams[:, -1, -1])), int(table.rows.sum())
@@ -437,7 +570,8 @@ def _describe_choice(state: _State, table: JointTable, joint: int) -> LawSelecti
         for trial, distance in zip(trials, behind, strict=True)
     ]
     own = listed[taken]
-    text = f"{own.law} leaves {own.held_percent:.3g} % of the torque of held-out windows in motion"
+    what = "the motor's torque less the load" if measured else "the torque"
+    text = f"{own.law} leaves {own.held_percent:.3g} % of {what} of held-out windows in motion"
     best = min(
         (entry for entry in listed if not entry.reason), key=lambda e: e.held_rms or np.inf, default=own
     )

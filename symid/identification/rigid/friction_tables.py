@@ -6,7 +6,10 @@ Columns and torque are averaged over windows: a linear filter that all pass alik
 and that needs no sample near standstill, where a joint may stick. Rigid columns are computed along positions
 of a lower cut-off than the columns of friction, which bend where the velocity turns.
 
-Supported: every static law; several recordings; loads measured behind the gears, or computed.
+A joint whose load was measured behind its gear needs no model of the links: its torque is that of the motor
+less the load, and its columns X are those of rotors.
+
+Supported: every static law; several recordings; loads measured behind the gears, or computed; payloads.
 Not supported: windows of other lengths for other joints.
 """
 
@@ -21,7 +24,20 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.identification.diagnostics import measure_scoring_band
-from symid.identification.regression import measure_bands, prepare_states
+from symid.identification.regression import (
+    LoadGain,
+    Rotor,
+    compute_payload_torque,
+    compute_rotor_columns,
+    evaluate_rigid_torques,
+    fill_load,
+    get_payload,
+    list_measured_joints,
+    measure_bands,
+    measure_load_gain,
+    prepare_states,
+    subtract_loads,
+)
 from symid.joint_models import (
     FrictionLaw,
     build_numpy_carrier,
@@ -223,6 +239,8 @@ class Motion:
         signals: for the columns of friction, at a cut-off that keeps velocities sharp.
         width: samples of a window; reach: samples about one that does not count that do not count either.
         slowest: (n,) speeds that count; extra: columns of coupled drives.
+        measured: (n,) joints whose `tau` is that of the motor less the load; rotors: of coupled drives.
+        payloads: (p,) base parameters that known payloads add, one a recording; None without.
     """
 
     library: Library
@@ -232,15 +250,23 @@ class Motion:
     reach: int
     slowest: FloatArray
     extra: NDArray[np.intp]
+    measured: tuple[bool, ...]
+    rotors: tuple[Rotor, ...]
+    payloads: tuple[FloatArray | None, ...]
 
     def share_columns(self, run: int, part: slice) -> FloatArray:
         """Return X (k, n, p)."""
         q, dq, ddq, *_ = self.smooth[run].pick_states(part)
         (rigid,) = self.library.evaluate("torque_regressor", q, dq, ddq)
-        if not len(self.extra):
-            return rigid
-        (friction,) = self.library.evaluate("friction_regressor", dq)
-        return np.concatenate([rigid, friction[:, :, self.extra]], axis=2)
+        columns = [rigid]
+        if len(self.extra):
+            (friction,) = self.library.evaluate("friction_regressor", dq)
+            columns.append(friction[:, :, self.extra])
+        if any(self.measured):
+            own = np.array(self.measured)[:, None]
+            columns[0] = np.where(own, 0.0, rigid)
+            columns.append(np.where(own, compute_rotor_columns(ddq, self.rotors), 0.0))
+        return np.concatenate(columns, axis=2)
 
     def speeds(self, joint: int) -> FloatArray:
         """Return the speeds of a joint at all samples that count."""
@@ -291,15 +317,22 @@ _TURNS = 10.0
 """Hz, within which joints turn."""
 
 
-def prepare_motion(library: Library, recordings: Sequence[Recording], processing: Processing) -> Motion:
+def prepare_motion(
+    library: Library,
+    recordings: Sequence[Recording],
+    processing: Processing,
+    *,
+    rotors: Sequence[Rotor] = (),
+) -> Motion:
     """Return the filtered motion; the velocity's noise follows from the floor of the position's spectrum."""
+    measured = list_measured_joints(recordings)
     rate, band = 1.0 / recordings[0].period, measure_scoring_band(recordings)
     smooth, sharp = (min(cutoff, 0.4 * rate) for cutoff in (_SHARP * band, balance_cutoff(recordings)))
     sharp = max(smooth, sharp)
 
     def filter_states(cutoff: float) -> tuple[Signals, ...]:
         settings = replace(processing, filter_cutoff=cutoff, standstill=None, automatic=False)
-        return tuple(prepare_states(library, entry, settings) for entry in recordings)
+        return tuple(_prepare_loaded(library, entry, settings, measured) for entry in recordings)
 
     signals, slowest = filter_states(sharp), np.zeros(library.card.size)
     for recording, entry in zip(recordings, signals, strict=True):
@@ -318,7 +351,22 @@ def prepare_motion(library: Library, recordings: Sequence[Recording], processing
         reach=round(rate / smooth),
         slowest=slowest,
         extra=np.array(extra, dtype=np.intp),
+        measured=measured,
+        rotors=tuple(rotors),
+        payloads=tuple(get_payload(library, entry) for entry in recordings),
     )
+
+
+def _prepare_loaded(
+    library: Library, recording: Recording, processing: Processing, measured: Sequence[bool]
+) -> Signals:
+    """Return filtered states, with torques of motors less loads where these are `measured`."""
+    signals = prepare_states(library, subtract_loads(recording, measured), processing)
+    payload = compute_payload_torque(library, signals, recording)
+    if payload is None or not any(measured):
+        return signals
+    # The sensor bears the payload, whose torque was subtracted a second time.
+    return replace(signals, tau=signals.tau + np.where(np.array(measured), payload, 0.0))
 
 
 Wanted = Sequence[tuple[FrictionLaw, tuple[float, ...]]]
@@ -365,7 +413,7 @@ def tabulate_laws(motion: Motion, wanted: Sequence[Wanted]) -> list[JointTable]:
 
 def _average(values: FloatArray, width: int) -> FloatArray:
     """Return the means of `values` (k, ...) over windows."""
-    return np.asarray(values.reshape(-1, width, *values.shape[1:]).mean(axis=1))
+    return np.asarray(values.reshape(len(values) // width, width, *values.shape[1:]).mean(axis=1))
 
 
 def _mask_windows(velocity: FloatArray, slowest: float, width: int, reach: int) -> NDArray[np.bool_]:
@@ -389,17 +437,32 @@ def _build_dictionary(
 
 
 def load_joints(motion: Motion, shared: FloatArray) -> Motion:
-    """Return the motion with the loads that links and rotors make, where none were measured."""
-    if all(entry.load is not None for entry in motion.smooth):
+    """Return the motion with the loads that links, payloads and rotors make, where none were measured."""
+    if all(motion.measured):
         return motion
-    count = len(motion.library.card.beta)
-    loads = []
-    for signals in motion.smooth:
-        parts = []
-        for start in range(0, len(signals.time), _BLOCK):
-            q, dq, ddq, *_ = signals.pick_states(slice(start, start + _BLOCK))
-            (rigid,) = motion.library.evaluate("torque_regressor", q, dq, ddq)
-            parts.append(rigid @ shared[:count])
-        loads.append(np.concatenate(parts))
-    found = (replace(entry, load=load) for entry, load in zip(motion.signals, loads, strict=True))
+    beta = shared[: len(motion.library.card.beta)]
+    found = []
+    for smooth, sharp, payload in zip(motion.smooth, motion.signals, motion.payloads, strict=True):
+        whole = beta if payload is None else beta + payload
+        computed = evaluate_rigid_torques(motion.library, smooth, whole)
+        load = fill_load(sharp.load, computed, motion.measured)
+        found.append(replace(sharp, load=load))
     return replace(motion, signals=tuple(found))
+
+
+def measure_gain(motion: Motion, joint: int, law: FrictionLaw, shape: tuple[float, ...]) -> LoadGain | None:
+    """Return the factor on a measured load that a joint's windows choose beside a law and rotors."""
+    load = replace(get_law("load-dependent"), linear=(), columns=_list_load)
+    wanted: list[Wanted] = [
+        [(law, shape), (load, ())] if k == joint else [] for k in range(len(motion.measured))
+    ]
+    grams = tabulate_laws(motion, wanted)[joint]
+    node, other = grams.nodes
+    shared = np.arange(grams.shared)
+    shared = shared[grams.grams.sum(axis=0)[shared, shared] > 0.0]
+    places = [*shared, *(grams.shared + k for k in (*node.places, *other.places)), -1]
+    return measure_load_gain(grams.grams[:, places][:, :, places])
+
+
+def _list_load(_carrier: object, inputs: Inputs, _shape: object) -> tuple[FloatArray, ...]:
+    return (inputs["load"],)
