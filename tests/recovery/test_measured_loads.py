@@ -80,6 +80,10 @@ def test_another_log_is_foretold_by_its_own_loads(robot, logs, fit, tmp_path):
     with pytest.raises(LogError, match=r"\[log\.load\]") as caught:
         again.validate(bare)
     assert caught.value.notices[0].code == "validate.friction-load"
+    dead = logs[1].recording.load * [1.0, 0.0]
+    with pytest.raises(LogError, match="has a constant one for elbow") as caught:
+        again.validate(wrap(robot, replace(logs[1].recording, load=dead)))
+    assert caught.value.notices[0].code == "validate.friction-load"
 
 
 def test_an_export_names_each_law_once(fit, tmp_path):
