@@ -10,6 +10,7 @@ from symid.api.log import Log
 from symid.errors import LogError
 from symid.identification.friction.extraction import extract_joint, fold_recording, prepare_joint_logs
 from symid.identification.friction.identify import check_inputs
+from symid.identification.regression import list_coupled_rotors
 from symid.identification.rigid.friction_choice import choose_laws
 from symid.joint_models import get_law
 from symid.logs.recording import Recording
@@ -78,6 +79,10 @@ def test_another_log_is_foretold_by_its_own_loads(robot, logs, fit, tmp_path):
     bare = wrap(robot, replace(logs[1].recording, load=None))
     with pytest.raises(LogError, match=r"\[log\.load\]") as caught:
         again.validate(bare)
+    assert caught.value.notices[0].code == "validate.friction-load"
+    dead = logs[1].recording.load * [1.0, 0.0]
+    with pytest.raises(LogError, match="has a constant one for elbow") as caught:
+        again.validate(wrap(robot, replace(logs[1].recording, load=dead)))
     assert caught.value.notices[0].code == "validate.friction-load"
 
 
@@ -161,6 +166,25 @@ def test_the_rotor_of_a_coupled_drive_is_fitted_along(tmp_path, recordings):
     assert elbow.get_value("fL") == pytest.approx(FRICTION["second"][2], rel=0.1)
     found = fit.validate(wrap(robot, recording))
     assert found.verdict.level in {"good", "usable", "doubtful"}
+
+
+def test_a_coupled_drive_stands_beside_laws_of_the_whole_robot(tmp_path, recordings):
+    path = tmp_path / "coupled.toml"
+    path.write_text(COUPLED)
+    coupled = symid.load(path)
+    recording = recordings[0]
+    turn = np.gradient(recording.position, recording.time, axis=0).sum(axis=1)
+    shared = 0.3 * np.gradient(turn, recording.time) + 0.5 * np.sign(turn) + 0.2 * turn
+    recording = replace(recording, torque=recording.torque + shared[:, None])
+    rotors = list_coupled_rotors(coupled.description)
+    found = choose_laws(
+        coupled.library, [recording], Processing(drop_first=50, drop_last=50), gears=(1, 1), rotors=rotors
+    )
+    assert [law.friction.law for law in found.joints] == ["stribeck", "load-dependent"]
+    np.testing.assert_allclose(found.joints[1].friction.values, FRICTION["second"], rtol=0.1)
+    fit = coupled.identify(wrap(coupled, recording), friction="auto")
+    assert [law.law for law in fit.estimate.laws] == ["stribeck", "load-dependent"]
+    assert "identify.measured-load" in codes(fit)
 
 
 def plain(dq, _load):

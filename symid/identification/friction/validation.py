@@ -30,7 +30,7 @@ from symid.identification.friction.extraction import Column, JointLogs, list_ind
 from symid.identification.friction.results import FrictionIdentification, JointFriction
 from symid.identification.friction.samples import FrictionSamples
 from symid.identification.friction.selection import measure_motion, predict_rows
-from symid.identification.regression import Rotor
+from symid.identification.regression import Rotor, list_measured_joints
 from symid.joint_models import FrictionLaw, get_law
 from symid.logs import Recording, describe_overlap, measure_overlap
 from symid.robot import Processing
@@ -56,7 +56,10 @@ def validate_friction(
         IdentifiabilityError: no joint can be validated.
     """
     check_model(found, library.card)
-    beta, measured = read_known_parameters(found, library.card), _read_measured(found, recording)
+    beta, measured = (
+        read_known_parameters(found, library.card),
+        _read_measured(found, recording, library.card),
+    )
     logs = prepare_joint_logs(library, (recording,), processing, measured=measured, rotors=rotors)
     trials, lost = list[tuple[Residual, MotionResidual, Series, tuple[Notice, ...]]](), list[Notice]()
     for entry in found.joints:
@@ -100,13 +103,21 @@ def read_known_parameters(found: FrictionIdentification, card: ModelCard) -> Flo
     return np.array(plain)
 
 
-def _read_measured(found: FrictionIdentification, recording: Recording) -> tuple[bool, ...]:
+def _read_measured(found: FrictionIdentification, recording: Recording, card: ModelCard) -> tuple[bool, ...]:
     """Return the joints (n,) whose measured loads were subtracted; raise LogError where they are lacking."""
     stored = found.settings.get("measured_loads")
     measured = tuple(map(bool, stored)) if isinstance(stored, Sequence) else ()
-    if any(measured) and recording.load is None:
+    present = list_measured_joints((recording,))
+    moves = np.ptp(recording.position, axis=0) > 0.0
+    dead = [
+        joint.name
+        for joint, wanted, known, moved in zip(card.joints, measured, present, moves, strict=False)
+        if wanted and moved and not known
+    ]
+    if dead:
+        what = "has none" if recording.load is None else f"has a constant one for {', '.join(dead)}"
         text = (
-            "friction was fitted to torques less the loads of joint-torque sensors, and this log has none: "
+            f"friction was fitted to torques less the loads of joint-torque sensors, and this log {what}: "
             "name their columns in [log.load], or identify friction again from logs without loads"
         )
         raise LogError(Notice(code="validate.friction-load", text=text, file=recording.source))
