@@ -6,12 +6,15 @@ from numpy.testing import assert_allclose
 
 import symid
 from symid.errors import UsageError
+from symid.identification.regression import fill_loads
+from symid.identification.rigid.fit import identify_parameters
 from symid.identification.rigid.friction_choice import choose_laws
 from symid.identification.rigid.friction_tables import TangentLaw
 from symid.joint_models import compute_column_derivatives, compute_columns, get_law
 from symid.logs.recording import Recording
 from symid.robot.description import Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_two_link, find_two_link_torque
+from tests.unit.identification.rigid.two_link_logs import record_sticking
 
 RATE, DURATION = 500.0, 40.0
 BETA = TWO_LINK_TRUTH[:6]
@@ -307,6 +310,23 @@ def test_a_law_of_the_load_in_a_robot_file_needs_no_search(fit, logs, tmp_path):
     found = written.identify(logs[0])
     assert abs(found["Fl2"].value - 0.09) < 4 * found["Fl2"].std + 0.002
     assert not found.estimate.laws
+
+
+def test_where_joints_rest_slow_rows_and_those_beside_are_left_out(fit, tmp_path):
+    """A law that bends near standstill would follow what dry friction holds there."""
+    library = symid.load(fit.export(tmp_path / "arm.toml").file).library
+    log, resting = record_sticking(0)
+    shares = []
+    for recording, rests in ((log, True), (record(plain, 0), False)):
+        loaded = fill_loads(library, [recording], Processing(), BETA)
+        found = identify_parameters(library, loaded, Processing(automatic=True))
+        assert rests == all(entry.standstill > 0.0 for entry in found.choice.candidates)
+        assert rests == any("joints rest in these logs" in notice.text for notice in found.notices)
+        shares.append([entry.share for entry in found.evidence.joints])
+    usual = identify_parameters(build_two_link(), [log], Processing(automatic=True))
+    assert min(shares[0]) > resting.mean()
+    for share, entry in zip(shares[0], usual.evidence.joints, strict=True):
+        assert share > entry.share
 
 
 @pytest.mark.parametrize("options", [{"estimator": "ridge", "prior": "robot"}, {"estimator": "output-error"}])

@@ -190,3 +190,17 @@ def test_another_model_is_refused(library, found):
     strange = replace(joint, estimate=replace(joint.estimate, other=(1.0,)))
     with pytest.raises(EstimateError, match=r"joint1.* 1 values"):
         validate_friction(replace(found, joints=(strange,)), library, record(0.6, seed=7), RAW)
+
+
+def test_rows_below_standstill_are_counted_apart(library, found):
+    """What a validation left out, and the residual as it would be with it."""
+    log = record(0.6, seed=7)
+    slow = replace(RAW, standstill=0.1)
+    part, whole = (validate_friction(found, library, log, settings) for settings in (slow, RAW))
+    (entry,), (kept,), (plain,) = part.motion, part.residual, whole.residual
+    assert entry.left_out == plain.samples - kept.samples > 0
+    assert sum(entry.rows) == plain.samples
+    assert entry.whole == pytest.approx(plain.norm / np.sqrt(plain.samples))
+    assert (entry.joint, entry.unit) == ("joint1", "N m")
+    assert whole.motion[0].left_out == 0
+    assert whole.motion[0].rms == pytest.approx(entry.rms, nan_ok=True)

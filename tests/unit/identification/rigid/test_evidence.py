@@ -8,13 +8,14 @@ from scipy.signal import butter, sosfiltfilt
 
 from symid.identification.diagnostics.stretches import fit_stretches
 from symid.identification.regression.equations import stack_rows
-from symid.identification.regression.preparation import prepare_rows
+from symid.identification.regression.preparation import prepare_all_rows, prepare_rows
 from symid.identification.rigid.evidence import JudgedRows, list_joint_evidence
 from symid.identification.rigid.fit import identify_parameters
+from symid.identification.rigid.validation import validate_estimate
 from symid.logs.sampling import resample_if_uneven
 from symid.robot.description import Decimation, Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH
-from tests.unit.identification.rigid.two_link_logs import LIBRARY, NAMES, record
+from tests.unit.identification.rigid.two_link_logs import LIBRARY, NAMES, record, record_sticking
 
 STATED = Processing(filter_cutoff=50.0, drop_first=50, drop_last=50, decimation=Decimation(factor=5))
 AUTOMATIC = Processing(automatic=True)
@@ -100,6 +101,37 @@ def test_a_robot_that_exists_has_nothing_impossible(seed):
     assert evidence.impossible == ()
     assert evidence.cause == ""
     assert evidence.unexplained < 2.0
+
+
+def test_a_validation_shows_what_joints_leave_when_they_rest():
+    """Slow rows count, and what dry friction holds at rest no model predicts."""
+    estimate = identify_parameters(LIBRARY, [record_sticking(0)[0]], AUTOMATIC)
+    held, resting = record_sticking(1)
+    validation = validate_estimate(estimate, LIBRARY, held, replace(STATED, standstill=0.1))
+    assert len(validation.motion) == 2
+    for entry, part in zip(validation.motion, validation.residual, strict=True):
+        motion, _, rest = entry.rms
+        assert rest > 5.0 * motion
+        assert sum(entry.rows) == part.samples
+        assert entry.rows[2] == pytest.approx(resting.mean() * part.samples, rel=0.1)
+        assert entry.left_out == 0
+        assert entry.whole == pytest.approx(part.norm / np.sqrt(part.samples))
+
+
+def test_a_joint_that_never_moves_is_left_out_and_what_it_would_add_is_said():
+    estimate = identify_parameters(LIBRARY, [record(0)], AUTOMATIC)
+    held = record(1)
+    still = replace(held, position=held.position * [0.0, 1.0] + [0.4, 0.0])
+    validation = validate_estimate(estimate, LIBRARY, still, STATED)
+    assert [part.joint for part in validation.residual] == ["joint2"]
+    first, second = validation.motion
+    assert (first.joint, first.left_out, first.rows[:2]) == ("joint1", first.rows[2], (0, 0))
+    assert first.rms == (None, None, first.whole)
+    assert second.left_out == 0
+    rows = prepare_all_rows("torque", LIBRARY, still, STATED, window=0.1)
+    errors = (rows.values - rows.matrix @ estimate.assemble(rows.names))[rows.group == 0]
+    assert first.whole == pytest.approx(np.sqrt(np.mean(errors**2)))
+    assert first.left_out == len(errors)
 
 
 def test_friction_that_drives_is_impossible():

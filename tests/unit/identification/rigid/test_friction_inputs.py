@@ -7,8 +7,10 @@ import pytest
 
 from symid.codegen.cache import prepare_library
 from symid.errors import UsageError
+from symid.identification.regression import fill_loads
 from symid.identification.rigid.fit import identify_parameters
 from symid.joint_models import FrictionValues, get_law
+from symid.logs import Recording, prepare_signals
 from symid.logs.reader import read_recording
 from symid.robot.description import Processing
 from symid.robot.toml_reader import read_robot
@@ -127,3 +129,27 @@ def test_one_temperature_is_that_of_all_joints(tmp_path, arm):
     recording = read_recording(tmp_path / "log.npz", robot)
     assert recording.temperature.shape == (COUNT, 2)
     np.testing.assert_array_equal(recording.temperature[:, 1], columns["temperature"])
+
+
+@pytest.mark.parametrize("noise", [1e-4, 3e-4])
+def test_loads_are_those_of_the_clean_band(arm, noise):
+    """Noise of accelerations would lift |load| where it changes its sign."""
+    laws = ("load-dependent", "load-dependent")
+    _, library, _ = prepare(arm, laws)
+    columns = record(library, laws)
+    rng = np.random.default_rng(5)
+    log = Recording(
+        time=columns["t"],
+        position=columns["q"] + noise * rng.normal(size=(COUNT, 2)),
+        torque=columns["tau"],
+        source="noisy",
+    )
+    beta = np.array([entry.value for entry in library.card.beta])
+    (filled,) = fill_loads(library, [log], Processing(filter_cutoff=100.0), beta)
+    signals = prepare_signals(log, Processing(filter_cutoff=100.0))
+    (wide,) = library.evaluate("inverse_dynamics", signals.q, signals.dq, signals.ddq, beta)
+    inner = slice(200, -200)
+    errors = [np.std((load - columns["tau_load"])[inner], axis=0) for load in (filled.load, wide)]
+    assert np.all(errors[0] < 0.1 * errors[1])
+    lifted = [np.mean((np.abs(load) - np.abs(columns["tau_load"]))[inner]) for load in (filled.load, wide)]
+    assert abs(lifted[0]) < 0.1 * lifted[1]

@@ -9,6 +9,7 @@ from scipy.signal import firwin
 from symid.errors import UsageError
 from symid.identification.rigid import settings_choice
 from symid.identification.rigid.fit import identify_parameters
+from symid.identification.rigid.friction_tables import limit_cutoff
 from symid.identification.rigid.settings_choice import choose_settings, pick_pieces
 from symid.logs.recording import Recording
 from symid.robot.description import Decimation, Processing
@@ -86,6 +87,38 @@ def test_rows_at_which_joints_stick_are_left_out(seed):
     assert errors[0] < 0.02
     assert errors[1] > 3.0 * errors[0]
     assert {notice.code for notice in estimate.notices} >= {"identify.automatic", "identify.slow-rows"}
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_candidates_without_slow_rows(seed):
+    """Of a log that is best fitted with all its rows; where the caller wants none that is slow."""
+    log = record(seed)
+    whole, moving = choose(log), choose(log, moving=True)
+    assert whole.chosen.standstill == 0.0
+    assert all(entry.standstill > 0.0 for entry in moving.candidates)
+    for entry in moving.candidates:
+        (same,) = (
+            other
+            for other in whole.candidates
+            if (other.band, other.instruments, other.standstill)
+            == (entry.band, entry.instruments, entry.standstill)
+        )
+        assert entry.held_out == pytest.approx(same.held_out)
+
+
+@pytest.mark.parametrize("density", [4e-7, 4e-6])
+def test_the_cutoff_at_which_noise_is_a_quarter_of_the_slowest_velocity(density):
+    """Against white noise that an ideal low-pass and an ideal derivative have passed."""
+    rate, slowest = 1000.0, (0.04, 0.03)
+    rng = np.random.default_rng(4)
+    time = np.arange(60_000) / rate
+    noise = density * np.sqrt(rate / 2.0) * rng.normal(size=(len(time), 2))
+    log = Recording(time=time, position=np.sin(time)[:, None] + noise, torque=np.zeros_like(noise), source="")
+    cutoff = limit_cutoff([log, log], slowest)
+    frequency = np.fft.rfftfreq(len(time), 1.0 / rate)
+    spectrum = np.fft.rfft(noise[:, 1]) * 2j * np.pi * frequency * (frequency < cutoff)
+    assert np.std(np.fft.irfft(spectrum)) == pytest.approx(slowest[1] / 4.0, rel=0.1)
+    assert limit_cutoff([log], (0.0, 0.0)) == 0.0
 
 
 def vary_scoring(monkeypatch, log, find):
