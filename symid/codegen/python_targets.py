@@ -105,7 +105,7 @@ _JACOBIANS = (
     "elastic_inverse_dynamics",
 )
 # What the compiled plant of elastic robots calls.
-_PLANT_FUNCTIONS = ("forward_dynamics", "friction")
+_PLANT_FUNCTIONS = ("forward_dynamics", "friction", "friction_step")
 
 
 def list_casadi_sources(prefix: str) -> tuple[str, str]:

@@ -52,7 +52,11 @@ def needs_search(name: str | None) -> bool:
     """
     if name is None or name == NO_FRICTION:
         return False
-    return name == AUTO or bool(get_law(name).shape)
+    if name == AUTO:
+        return True
+    law = get_law(name)
+    # A law with a state is that of the robot file, bristles and shape.
+    return bool(law.shape) and not law.memory
 
 
 def search_friction(

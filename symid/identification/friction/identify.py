@@ -138,6 +138,13 @@ def _check_task(task: FrictionTask, recordings: Sequence[Recording]) -> None:
     if not 0.0 <= task.smoothing < math.inf:
         text = f"smoothing {task.smoothing:g}: must be 0 or a positive speed in rad/s or m/s"
         raise UsageError(Notice(code="usage.friction-smoothing", text=text))
+    if task.model != AUTO and (law := get_law(task.model)).memory:
+        curve = "stribeck-exponent" if law.shape else "coulomb-viscous"
+        text = (
+            f"friction model {law.name!r} has a state, of which sliding says nothing: fit its curve, {curve!r}, "
+            "and its bristles with symid.identification.friction.fit_presliding from Python"
+        )
+        raise UsageError(Notice(code="usage.friction-state", text=text))
     if task.model != AUTO and (unused := _warn_of_smoothing(get_law(task.model, smoothing=task.smoothing))):
         raise UsageError(Notice(code="usage.friction-smoothing", text=f"{unused[0].text}; leave it out"))
     if len(task.periods) not in {0, 1, len(recordings)}:
