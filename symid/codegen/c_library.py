@@ -339,7 +339,7 @@ _TEST_PERIOD = 1e-3
 
 
 def _write_state_tests(material: Material) -> dict[str, list[str]]:
-    """Return the lines of the tests of functions with a state, by its name; they run along a step's own test."""
+    """Return the lines of the tests of functions with a state, by name; they run along a step's own test."""
     real, found = material.options.precision, {}
     names = [program.spec.name for program in material.programs]
 

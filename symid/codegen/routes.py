@@ -136,7 +136,7 @@ def _emit_friction_step(workspace: RouteWorkspace) -> tuple[Elements, Elements]:
     torques = _combine_columns(workspace, plain, parameters, robot.freedom)
     velocity = _spread_friction_inputs(workspace)["velocity"]
     ways = spread_coordinates(robot, algebra, workspace.inputs["way"])
-    states, after = iter(workspace.inputs["z"]), []
+    states, after = iter(workspace.inputs["z"]), list[int]()
     for index, count in remembering.items():
         friction = robot.joints[index].friction
         # A parameter that is grouped with others, such as an offset with a weight, is none of f.

@@ -189,7 +189,9 @@ def _list_names(robot: Robot, base: BaseParameters, port: Port) -> list[str]:
         return [entry.name for entry in list_spring_parameters(robot)]
     if port.name == "z":
         counts = list_bristles(robot)
-        return [f"z{place + 1 if many > 1 else ''}_{index + 1}" for index, many in counts for place in range(many)]
+        return [
+            f"z{place + 1 if many > 1 else ''}_{index + 1}" for index, many in counts for place in range(many)
+        ]
     numbers = [index + 1 for index in robot.coordinates]
     if port.name in ("P", "Q"):
         return [

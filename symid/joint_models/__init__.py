@@ -21,7 +21,6 @@ if TYPE_CHECKING:
         advance_memory as advance_memory,
         build_held_path as build_held_path,
         check_dynamic_values as check_dynamic_values,
-        compute_bristle_energy as compute_bristle_energy,
         compute_bristle_rate as compute_bristle_rate,
         compute_bristle_step as compute_bristle_step,
         compute_dynamic_torque as compute_dynamic_torque,

@@ -232,7 +232,7 @@ DYNAMIC_LAWS: dict[str, DynamicLaw] = {
 
 
 def name_bristles(law: FrictionLaw, bristles: Sequence[float]) -> dict[str, tuple[float, ...]]:
-    """Return the values of a law's bristles by name, as a robot file has them: one each, or one an element."""
+    """Return the values of a law's bristles by name, as a robot file has them: one, or one an element."""
     count = len(bristles) // len(law.memory) if law.memory else 0
     return {entry.name: tuple(bristles[k * count : (k + 1) * count]) for k, entry in enumerate(law.memory)}
 
@@ -264,7 +264,8 @@ def advance_memory(
     Args:
         algebra: of the numbers.
         values: linear values of the law (Fc, Fv, ...) and `list_memory_values`, by name.
-        velocity: rad/s or m/s, of the level, and at the end; way: rad or m, velocity times period where held.
+        velocity: rad/s or m/s, of the level, and at the end.
+        way: rad or m, velocity times period where held.
         states: deflections before it, rad or m.
     """
     level = values["Fc"]
@@ -308,12 +309,6 @@ def _move_elements(
         after.append(algebra.maximum(bent, algebra.sub(algebra.zero, most)))
         torque = algebra.add(torque, algebra.mul(stiffness, after[-1]))
     return torque, tuple(after)
-
-
-def compute_bristle_energy(law: FrictionLaw, bristles: Sequence[float], states: Sequence[float]) -> float:
-    """Return the energy in J that bent bristles or elements store: half of stiffness times z^2, summed up."""
-    stiffness = name_bristles(law, bristles)[law.memory[0].name]
-    return 0.5 * math.fsum(factor * z * z for factor, z in zip(stiffness, states, strict=True))
 
 
 _TINY = 1e-40

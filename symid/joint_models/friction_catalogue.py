@@ -444,6 +444,7 @@ FRICTION_LAWS: dict[str, FrictionLaw] = {
 }
 
 _BENDS = "Continuous in time; while bristles bend it is a function of the way, not of the velocity."
+_FOLLOWS = "Dissipative where no coefficient is negative; without fV it follows the way, not the speed."
 _STEADY = "[fC + (fS - fC) exp(-|dq / vs|^gamma)] sign(dq) + fV dq"
 _CLAMP = "Fk = clamp(stiffness_k zk, -+share_k g), dzk/dt = dq until it slips, tau_f = sum Fk + fV dq"
 
@@ -457,7 +458,7 @@ STATE_LAWS: dict[str, FrictionLaw] = {
             formula="sigma0 z + fV dq, dz/dt = dq - sigma0 |dq| / fC z; steady: fC sign(dq) + fV dq",
             source="Dahl 1968, exponent one, with viscous friction",
             smoothness=_BENDS,
-            passivity="Dissipative where no coefficient is negative; without fV it follows the way, not the speed.",
+            passivity=_FOLLOWS,
             memory=BRISTLES[:1],
         ),
         build_law(
@@ -478,7 +479,7 @@ STATE_LAWS: dict[str, FrictionLaw] = {
             formula=f"{_CLAMP}, g = fC; steady: fC sign(dq) + fV dq",
             source="Iwan, J. Applied Mechanics 33 (1966) 893-900, with viscous friction",
             smoothness=_BENDS,
-            passivity="Dissipative where no coefficient is negative; without fV it follows the way, not the speed.",
+            passivity=_FOLLOWS,
             memory=ELEMENTS,
             elements=True,
         ),

@@ -29,7 +29,7 @@ from symid.codegen import (
     load_plant_code,
 )
 from symid.errors import GenerationError, Notice, SolverError, UsageError
-from symid.joint_models import REFERENCE_TEMPERATURE, Elasticity
+from symid.joint_models import REFERENCE_TEMPERATURE, Elasticity, get_friction_law
 from symid.robot import (
     Robot,
 )
@@ -98,11 +98,19 @@ def _describe_gaps(robot: Robot, card: ModelCard) -> Iterator[Notice]:
                 f"robot {robot.name!r} cannot be simulated: the {what} of {', '.join(names)} must be positive"
             )
             yield Notice(code="usage.not-positive", text=text)
+    laws = {joint.name: get_friction_law(joint.friction) for joint in robot.axes}
+    bent = [name for name, law in laws.items() if law is not None and law.memory]
+    if bent:
+        text = (
+            f"robot {robot.name!r}: the friction of {', '.join(bent)} has a state, which elastic simulation "
+            "does not support; choose a static model, such as coulomb-viscous, with a `smoothing` speed"
+        )
+        yield Notice(code="usage.friction-state", text=text)
     # A motor that sticks is not among the plant's modes.
     smooth = {joint.name for joint in robot.joints if joint.friction.smoothing > 0.0}
     smooth |= {coupling.name for coupling in robot.couplings if coupling.friction.smoothing > 0.0}
     dry = [entry for entry in card.friction if entry.name.startswith("Fc") and entry.value]
-    sharp = [entry.name for entry in dry if entry.joint not in smooth]
+    sharp = [entry.name for entry in dry if entry.joint not in (*smooth, *bent)]
     if sharp:
         text = (
             f"robot {robot.name!r}: the dry friction {', '.join(sharp)} jumps at standstill, which elastic "

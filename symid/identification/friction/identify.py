@@ -141,8 +141,8 @@ def _check_task(task: FrictionTask, recordings: Sequence[Recording]) -> None:
     if task.model != AUTO and (law := get_law(task.model)).memory:
         curve = "stribeck-exponent" if law.shape else "coulomb-viscous"
         text = (
-            f"friction model {law.name!r} has a state, of which sliding says nothing: fit its curve, {curve!r}, "
-            "and its bristles with symid.identification.friction.fit_presliding from Python"
+            f"friction model {law.name!r} has a state, of which sliding says nothing: fit its curve, "
+            f"{curve!r}, and its bristles with symid.identification.friction.fit_presliding from Python"
         )
         raise UsageError(Notice(code="usage.friction-state", text=text))
     if task.model != AUTO and (unused := _warn_of_smoothing(get_law(task.model, smoothing=task.smoothing))):
