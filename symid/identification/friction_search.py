@@ -9,7 +9,8 @@ deviations of their own, and those of all other parameters count them in. It is 
 found until they stay, with the loads that the estimate gives where none were measured.
 
 Supported: all kinds of rows; estimators that are linear in the torque.
-Not supported: estimators that simulate the robot; elastic joints.
+Not supported: estimators that simulate the robot; elastic joints; laws with a state, which stay those of the
+robot file.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -30,7 +31,14 @@ from symid.identification.rigid import (
     identify_parameters,
     plan_fit,
 )
-from symid.joint_models import NO_FRICTION, FrictionValues, get_law, name_shape, name_values
+from symid.joint_models import (
+    NO_FRICTION,
+    FrictionValues,
+    get_friction_law,
+    get_law,
+    name_shape,
+    name_values,
+)
 from symid.logs import Recording
 from symid.notation import join_name
 from symid.robot import Processing, Robot
@@ -57,6 +65,30 @@ def needs_search(name: str | None) -> bool:
     law = get_law(name)
     # A law with a state is that of the robot file, bristles and shape.
     return bool(law.shape) and not law.memory
+
+
+def describe_states(robot: Robot, name: str | None) -> tuple[Notice, ...]:
+    """Return a notice on what becomes of friction with a state, if there is some; `name` as in a search."""
+    laws = ((joint.name, get_friction_law(joint.friction)) for joint in robot.axes)
+    bent = [(joint, law) for joint, law in laws if law is not None and law.memory]
+    if not bent:
+        return ()
+    if name == AUTO or (name is not None and not get_law(name).memory):
+        names = ", ".join(f"{joint}: {law.name}" for joint, law in bent)
+        text = (
+            f"friction with a state ({names}) gives way to a static law, as no search chooses one with a "
+            "state; leave --friction out to keep it"
+        )
+        return (Notice(code="identify.friction-replaced", text=text),)
+    kept = []
+    for joint, law in bent:
+        values = ", ".join(entry.name for entry in (*law.shape, *law.memory))
+        kept.append(f"{joint}: {law.name} with its {values}")
+    text = (
+        "friction with a state is fitted as its curve of steady sliding; shape and state values stay those "
+        f"of the robot file ({'; '.join(kept)})"
+    )
+    return (Notice(code="identify.friction-state", text=text),)
 
 
 def search_friction(
@@ -170,7 +202,11 @@ def _move_friction(robot: Robot, estimate: Estimate) -> Robot:
                 )
                 for entries, olds in ((law.linear, friction.values), (law.shape, friction.shape))
             )
-            shape = tuple(max(new, 0.2 * old) for new, old in zip(shape, friction.shape, strict=True))
+            # A value that the rows do not hold must stay one that a law can have.
+            shape = tuple(
+                min(max(new, 0.2 * old, entry.lower), entry.upper)
+                for new, old, entry in zip(shape, friction.shape, law.shape, strict=True)
+            )
             joint = replace(joint, friction=replace(friction, values=values, shape=shape))  # noqa: PLW2901
         joints.append(joint)
     return replace(robot, joints=tuple(joints))

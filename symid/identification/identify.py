@@ -42,7 +42,12 @@ from symid.identification.friction import (
     FrictionTask,
     identify_friction,
 )
-from symid.identification.friction_search import identify_loaded, refuse_search, search_friction
+from symid.identification.friction_search import (
+    describe_states,
+    identify_loaded,
+    refuse_search,
+    search_friction,
+)
 from symid.identification.regression import WHOLE_MODEL, RankRule
 from symid.identification.rigid import (
     PRIOR_OF_ROBOT,
@@ -188,7 +193,7 @@ def _identify_rigid(
 ) -> Identification[Estimate]:
     rows, estimator = options.rows or "torque", options.estimator
     check_rigid_options(rows, estimator, options)
-    warnings = _list_log_notices(robot, recordings)
+    warnings = (*_list_log_notices(robot, recordings), *describe_states(robot, friction))
     both = has_both_encoders(recordings)
     recordings = [build_motor_recording(recording, robot) for recording in recordings]
     rigid = build_rigid_variant(robot) if motor_side else robot
@@ -304,7 +309,7 @@ def _identify_elastic(
 
     check_settings(task.pairs, "elastic")
     recordings = cut_logs(recordings, robot.processing)
-    warnings = _list_log_notices(robot, recordings)
+    warnings = (*_list_log_notices(robot, recordings), *describe_states(robot, None))
     given = {name: value for name, value in task.elastic.items() if value is not None}
     if "thresholds" in given:
         given["stops"] = given.pop("thresholds")
