@@ -405,13 +405,17 @@ class Bristles(FrozenArrays):
         return 0.5 * float(self.stiffness @ (z * z))
 
 
-def build_bristles(library: Library) -> Bristles | None:
-    """Return the bristles of a library's joints, None without; a UsageError names missing values."""
+def build_bristles(library: Library, friction: FloatArray | None = None) -> Bristles | None:
+    """Return the bristles of a library's joints, None without; `friction` (p,) in place of its own values.
+
+    A UsageError names missing values.
+    """
     card = library.card
     joints = _list_coordinates(card, lambda law: bool(law.memory))
     if not joints.any():
         return None
-    values, bound = get_parameter_values(card.friction, card.robot), library.bind("friction_step")
+    values = get_parameter_values(card.friction, card.robot) if friction is None else friction
+    bound = library.bind("friction_step")
     still, ways = np.zeros(card.size), np.ones(card.size)
     given = card.gather_friction_inputs(still, q=still, load=still, temperature=still + REFERENCE_TEMPERATURE)
 
@@ -455,7 +459,7 @@ def _compute_phi(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 @final
-class _BristleStride:
+class BristleStride:
     """Deflections at the stages of a step of h, one after another, from `state`."""
 
     def __init__(self, bristles: Bristles, state: "RigidPlantState", h: float) -> None:
@@ -658,7 +662,7 @@ class RigidPlant:
                 drag = self._compute_drag(state.modes, q, dq, torque, z)
             return dq, self._accelerate(q, dq, push - drag, held), float(drag @ dq)
 
-        bend = None if self.bristles is None else _BristleStride(self.bristles, state, h)
+        bend = None if self.bristles is None else BristleStride(self.bristles, state, h)
         q, dq, z = state.q, state.dq, state.bristles
         v1, a1, p1 = slope(q, dq)
         v2, a2, p2 = slope(q + 0.5 * h * v1, dq + 0.5 * h * a1)

@@ -363,13 +363,6 @@ def test_dry_friction_that_jumps_is_refused(elastic_robot, elastic_library):
     assert "smoothing" in str(caught.value)
 
 
-def test_friction_with_a_state_is_refused(elastic_robot, elastic_library):
-    friction = FrictionValues(law="dahl", values=(1.0, 1.5), bristles=(1e4,))
-    with pytest.raises(UsageError, match="the friction of shoulder, elbow has a state") as caught:
-        simulate(change_joints(elastic_robot, friction=friction), elastic_library)
-    assert [notice.code for notice in caught.value.notices] == ["usage.friction-state"]
-
-
 @pytest.mark.parametrize(
     ("options", "code", "text"),
     [
