@@ -91,6 +91,18 @@ def describe_states(robot: Robot, name: str | None) -> tuple[Notice, ...]:
     return (Notice(code="identify.friction-state", text=text),)
 
 
+def refuse_states(robot: Robot, what: str) -> None:
+    """Refuse, by a UsageError, friction with a state where `what` fits equations along a simulated motion."""
+    laws = ((joint.name, get_friction_law(joint.friction)) for joint in robot.axes)
+    bent = ", ".join(f"{joint}: {law.name}" for joint, law in laws if law is not None and law.memory)
+    if bent:
+        text = (
+            f"{what} compares a simulated motion with equations of steady sliding, and friction with a state "
+            f"({bent}) moves otherwise at reversals; choose another estimator, such as wls"
+        )
+        raise UsageError(Notice(code="usage.friction-state", text=text))
+
+
 def search_friction(
     robot: Robot,
     recordings: Sequence[Recording],

@@ -46,6 +46,7 @@ from symid.identification.friction_search import (
     describe_states,
     identify_loaded,
     refuse_search,
+    refuse_states,
     search_friction,
 )
 from symid.identification.regression import WHOLE_MODEL, RankRule
@@ -156,6 +157,8 @@ def identify_robot(
     if task.friction is not None and (route.kind == "elastic" or estimator in SIMULATING):
         where = "elastic joints are" if route.kind == "elastic" else f"--estimator {estimator} is"
         raise refuse_search(task.friction, f"is not done where {where} identified")
+    if estimator in SIMULATING:
+        refuse_states(robot, f"--estimator {estimator}")
     if route.kind == "elastic":
         return _identify_elastic(robot, recordings, route.method, task, context)
     if task.options is not None:

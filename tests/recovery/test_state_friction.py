@@ -109,3 +109,10 @@ def test_friction_rows_say_that_they_give_the_state_up(logs, folder, tmp_path):
     (notice,) = (notice for notice in export.notices if notice.code == "export.friction-replaced")
     assert "joint 'a': stribeck friction, as identified, replaces lugre and its sigma0, sigma1" in notice.text
     assert symid.load(export.file).description.joints[0].friction.law == "stribeck"
+
+
+@pytest.mark.parametrize("estimator", ["output-error", "instrumental"])
+def test_estimators_that_simulate_are_refused(estimator, logs, folder):
+    with pytest.raises(UsageError, match=r"friction with a state \(a: dahl\) moves otherwise") as caught:
+        load(folder, "dahl").identify(logs["dahl"], estimator=estimator)
+    assert [notice.code for notice in caught.value.notices] == ["usage.friction-state"]
