@@ -1,8 +1,10 @@
 """Generated friction with a state: in C, Python and CasADi against its equations, and each other."""
 
 import ctypes
+import re
 import shutil
 import subprocess
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -16,7 +18,8 @@ from symid.codegen.casadi_functions import build_functions
 from symid.codegen.python_targets import generate_casadi_target, generate_python_module
 from symid.codegen.source_folder import write_sources
 from symid.codegen.source_text import GenerateOptions
-from symid.robot.toml_reader import parse_robot
+from symid.joint_models import FrictionValues
+from symid.robot.toml_reader import parse_robot, read_robot
 from tests.state_laws import (
     LAWS,
     count_deflections,
@@ -212,6 +215,22 @@ def test_casadi_functions_are_those_of_the_equations(functions, arm, tmp_path):
         wanted, moved = compute_friction(arm, dq[k], z[k], load[k])
         assert_allclose(torque.full()[:, 0], wanted, rtol=1e-12, atol=1e-12)
         assert_allclose(after.full()[:, 0], moved, rtol=1e-12, atol=1e-16)
+
+
+def test_the_example_of_an_elastic_robot_moves_with_bristles(robots_folder, tmp_path, c_compiler):
+    if shutil.which("make") is None:
+        pytest.skip("wants make")
+    robot = read_robot(robots_folder / "two_link_elastic.toml")
+    friction = FrictionValues(law="lugre", values=(1.0, 1.5, 0.4), shape=(0.1, 2.0), bristles=(2e4, 40.0))
+    joints = tuple(replace(joint, friction=friction) for joint in robot.joints)
+    functions = build_functions(replace(robot, joints=joints))
+    write_sources(generate_c_library(functions, GenerateOptions(states=5)), tmp_path / "c")
+    command = ["make", "-s", f"CC={c_compiler}", f"CFLAGS={STRICT}", "all", "check"]
+    done = subprocess.run(command, cwd=tmp_path / "c", capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    done = subprocess.run(["./control_loop"], cwd=tmp_path / "c", capture_output=True, text=True, check=True)
+    error = float(re.search(r"tracking error .*?: (\S+) rad", done.stdout)[1])
+    assert error < 5e-3
 
 
 @pytest.mark.parametrize("law", [law for law in LAWS if "sigma0" in give_values(law)])
