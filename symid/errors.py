@@ -23,7 +23,7 @@ from typing import ClassVar
 NOTES = frozenset(
     (
         *("check.elastic", "elastic.motor-side", "estimate.settings-differ"),
-        *("identify.automatic", "identify.second-encoder", "identify.slow-rows"),
+        *("identify.automatic", "identify.friction-state", "identify.second-encoder", "identify.slow-rows"),
         *("identify.resampled", "identify.unused-processing"),
         *("log.aligned", "log.converted", "log.cut", "log.folded", "log.in-line", "log.motor-position"),
         *("log.offset", "log.payload", "log.resampled"),

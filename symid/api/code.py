@@ -245,6 +245,7 @@ class CompiledModel:
     slotine_li_regressor: RobotFunction
     friction: RobotFunction
     friction_regressor: RobotFunction
+    friction_step: TupleFunction
     hysteresis_step: TupleFunction
     hysteresis_inverse_step: TupleFunction
     elastic_inverse_dynamics: TupleFunction

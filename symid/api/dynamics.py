@@ -165,7 +165,7 @@ class Derivation(Result):
         >>> import symid
         >>> lesson = symid.load("emps").derivation()
         >>> [step.title for step in lesson.steps]
-        ['Frames', 'Velocities', 'Energy', 'Base parameters', 'Torques']
+        ['Frames', 'Velocities', 'Energy', 'Base parameters', 'Torques', 'Friction']
     """
 
     robot: "Robot"

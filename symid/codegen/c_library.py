@@ -203,8 +203,35 @@ def _write_header(material: Material) -> str:
         friction_count=len(card.friction),
         elastic_lines=[f" {line}".rstrip() for line in material.elastic_lines],
         functions=functions,
-        state_lines=material.write("c/hysteresis.h.jinja").splitlines() if material.stops else [],
+        state_lines=[
+            *(material.write("c/hysteresis.h.jinja").splitlines() if material.stops else []),
+            *_write_friction_state(material, "h").splitlines(),
+        ],
     )
+
+
+def _write_friction_state(material: Material, ending: str) -> str:
+    """Return the declarations (h) or the source (c) of the friction that remembers; nothing without."""
+    if not material.bristles:
+        return ""
+    real, ports = material.options.precision, _list_given_ports(material)
+    given = "".join(f"const {real} {port.name}[{max(port.size, 1)}], " for port in ports)
+    if ending == "h":
+        lines = [f"@param[in] {port.name} {port.meaning}: {port.size}, {port.unit}" for port in ports]
+        return material.write("c/friction_memory.h.jinja", given=given, given_lines=lines)
+    return material.write(
+        "c/friction_memory.c.jinja",
+        given=given,
+        names="".join(f"{port.name}, " for port in ports),
+        size="fabsf" if real == "float" else "fabs",
+        largest="FLT_MAX" if real == "float" else "DBL_MAX",
+    )
+
+
+def _list_given_ports(material: Material) -> list[Port]:
+    """Return what friction that remembers takes besides the motion and its state."""
+    spec = next(spec for spec in material.card.functions if spec.name == "friction_step")
+    return [port for port in spec.inputs if port.name not in {"dq", "way", "z"}]
 
 
 def _write_function(material: Material, program: Program) -> str:
@@ -282,17 +309,7 @@ def _write_self_test(material: Material, tolerance: str) -> str:
     """Return the self-test of all functions."""
     real, specs = material.options.precision, [program.spec for program in material.programs]
     arrays, tests = _list_tests(material)
-    state_lines = []
-    if material.stops:
-        # The state runs along the torsions of the step's own test.
-        index = [spec.name for spec in specs].index("hysteresis_step")
-        ports = [port.name for port in specs[index].inputs]
-        given = dict(zip(ports, material.references[index].inputs, strict=True))
-        state_lines = material.write(
-            "c/hysteresis_test.c.jinja",
-            path_lines=write_table_lines(list(chain(*given["phi"])), real),
-            spring_lines=write_table_lines(given["h"][0], real),
-        ).splitlines()
+    states = _write_state_tests(material)
     inputs = max(sum(port.size for port in spec.inputs if not port.shared) for spec in specs)
     outputs = max(sum(port.size * _BATCH_SAMPLES + _FENCE for port in spec.outputs) for spec in specs)
     return material.write(
@@ -310,12 +327,52 @@ def _write_self_test(material: Material, tolerance: str) -> str:
         port_room=max(max(len(spec.inputs), len(spec.outputs)) for spec in specs),
         input_room=max(inputs * _BATCH_SAMPLES, 1),
         output_room=outputs,
-        test_count=len(material.programs) + bool(state_lines),
+        test_count=len(material.programs) + len(states),
         arrays=arrays,
         tests=tests,
-        state_lines=state_lines,
-        state_tests=["hysteresis"] if state_lines else [],
+        state_lines=list(chain(*states.values())),
+        state_tests=list(states),
     )
+
+
+_TEST_PERIOD = 1e-3
+
+
+def _write_state_tests(material: Material) -> dict[str, list[str]]:
+    """Return the lines of the tests of functions with a state, by name; they run along a step's own test."""
+    real, found = material.options.precision, {}
+    names = [program.spec.name for program in material.programs]
+
+    def gather(function: str) -> dict[str, tuple[tuple[float, ...], ...]]:
+        index = names.index(function)
+        ports = [port.name for port in material.programs[index].spec.inputs]
+        return dict(zip(ports, material.references[index].inputs, strict=True))
+
+    if material.stops:
+        given = gather("hysteresis_step")
+        found["hysteresis"] = material.write(
+            "c/hysteresis_test.c.jinja",
+            path_lines=write_table_lines(list(chain(*given["phi"])), real),
+            spring_lines=write_table_lines(given["h"][0], real),
+        ).splitlines()
+    if material.bristles:
+        given, ports = gather("friction_step"), _list_given_ports(material)
+        tables = [
+            {
+                "name": port.name,
+                "size": max(port.size, 1),
+                "lines": write_table_lines(given[port.name][0] or (0.0,), real),
+            }
+            for port in ports
+        ]
+        found["friction_state"] = material.write(
+            "c/friction_memory_test.c.jinja",
+            path_lines=write_table_lines(list(chain(*given["dq"])), real),
+            tables=tables,
+            given="".join(f"{port.name}, " for port in ports),
+            period=write_literal(_TEST_PERIOD, real),
+        ).splitlines()
+    return found
 
 
 def _write_parameters(material: Material, vectors: Mapping[str, Sequence[ParameterCard]]) -> Fields:
@@ -352,6 +409,8 @@ def _write_parameters(material: Material, vectors: Mapping[str, Sequence[Paramet
 
 _RIGID_NUMBERS = {"kp": 400.0, "kd": 40.0, "period": 0.001, "amplitude": 0.2, "frequency": 3.0, "one": 1.0}
 _ELASTIC_NUMBERS = {"kp": 2500.0, "kd": 70.0, "period": 0.001, "substep": 0.000025, "amplitude": 0.1}
+_BRISTLE_STEPS = 40
+"""In which the example moves a robot with bristles, which are quick, within a period."""
 _ELASTIC_NUMBERS |= {"frequency": 2.0, "one": 1.0, "two": 2.0, "four": 4.0}
 
 
@@ -370,6 +429,8 @@ def _write_control_loop(material: Material) -> str | None:
     vectors |= {"h": card.springs} if "h" in taken and card.springs else {}
     template, numbers = "c/control_loop.c.jinja", _RIGID_NUMBERS
     own: Fields = {"reads_load": "load" in card.friction_inputs}
+    own |= {"step": "substep" if material.bristles else "period", "substeps": _BRISTLE_STEPS}
+    own["substep"] = write_literal(numbers["period"] / _BRISTLE_STEPS, real)
     if card.springs:
         template, numbers = "c/elastic_loop.c.jinja", _ELASTIC_NUMBERS
         rotors = ", ".join(write_literal(rotor.value or 0.0, real) for rotor in card.rotors)
@@ -381,7 +442,8 @@ def _write_control_loop(material: Material) -> str | None:
     return material.write(
         template,
         beta="beta, " if "beta" in vectors else "",
-        friction_arguments=_list_friction_arguments(card, "f, " if "f" in vectors else ""),
+        friction_arguments=_list_friction_arguments(material, "f, " if "f" in vectors else ""),
+        remembers=material.bristles > 0,
         warm_values=[f"{{{', '.join([warm] * card.size)}}}"] if "temperature" in card.friction_inputs else [],
         zero=f"{{{write_literal(0.0, real)}}}",
         sine=f"sin{suffix}",
@@ -392,11 +454,12 @@ def _write_control_loop(material: Material) -> str | None:
     )
 
 
-def _list_friction_arguments(card: ModelCard, values: str) -> list[dict[str, str]]:
-    """Return what the example's calls of friction take besides the velocity; nothing without friction.
+def _list_friction_arguments(material: Material, values: str) -> list[dict[str, str]]:
+    """Return the example's calls of friction up to its result; nothing without friction.
 
     `values` is how friction parameters are passed.
     """
+    card = material.card
     if not card.friction:
         return []
     places = {
@@ -404,9 +467,17 @@ def _list_friction_arguments(card: ModelCard, values: str) -> list[dict[str, str
         "moving": {"q": "q, ", "load": "load, ", "temperature": "temperature, "},
         "motor": {"q": "robot->theta, ", "load": "spring, ", "temperature": "temperature, "},
     }
-    return [
-        {key: "".join(names[name] for name in card.friction_inputs) + values for key, names in places.items()}
-    ]
+    plain = {"wanted": "dqd", "moving": "dq", "motor": "robot->dtheta"}
+    states = {"wanted": ("feed", "period"), "moving": ("bristles", "substep")}
+    states |= {"motor": ("robot->bristles", "substep")}
+    calls = {}
+    for key, names in places.items():
+        call = f"friction({plain[key]}, "
+        if material.bristles:
+            state, step = states[key]
+            call = f"friction_state_step(&{state}, {plain[key]}, {step}, "
+        calls[key] = call + "".join(names[name] for name in card.friction_inputs) + values
+    return [calls]
 
 
 def _write_sources(material: Material) -> list[tuple[str, str]]:
@@ -415,6 +486,8 @@ def _write_sources(material: Material) -> list[tuple[str, str]]:
     functions = [(f"{prefix}_{name}.c", text) for name, text in written]
     if material.stops:
         functions.append((f"{prefix}_hysteresis.c", material.write("c/hysteresis.c.jinja")))
+    if material.bristles:
+        functions.append((f"{prefix}_friction_state.c", _write_friction_state(material, "c")))
     headers = [(f"{prefix}.h", _write_header(material))]
     if material.options.friction_laws:
         laws = tuple(FRICTION_LAWS.values())

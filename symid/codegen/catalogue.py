@@ -28,7 +28,7 @@ from symid.codegen.functions import (
     compute_model_signature,
 )
 from symid.errors import Notice, UsageError
-from symid.joint_models import NO_FRICTION, Elasticity, get_friction_law
+from symid.joint_models import NO_FRICTION, Elasticity, count_states, get_friction_law
 from symid.notation import get_unit
 from symid.robot import (
     JointKind,
@@ -146,7 +146,7 @@ def build_spring_vector(elasticities: Sequence[Elasticity], card: ModelCard | No
 
 
 # Name: shape in letters (n coordinates, l links, b inertial and p friction parameters,
-# s stops, h parameters of springs), unit, meaning.
+# s stops, h parameters of springs, z deflections of bristles), unit, meaning.
 _INPUTS = {
     "q": ("n", "rad", "joint coordinates"),
     "dq": ("n", "rad/s", "joint velocities"),
@@ -159,6 +159,8 @@ _INPUTS = {
     "f": ("p", "mixed", "friction parameters"),
     "load": ("n", "N m", "torques that the gears carry: those of links and rotors, without friction"),
     "temperature": ("n", "degC", "temperatures of the joints"),
+    "way": ("n", "rad", "ways of the joints in the step, without turning back: dq times its period, if held"),
+    "z": ("z", "rad", "deflections of the bristles before the step"),
     "dddq": ("n", "rad/s^3", "third derivatives of the joint coordinates"),
     "ddddq": ("n", "rad/s^4", "fourth derivatives of the joint coordinates"),
     "phi": ("n", "rad", "torsions theta - q"),
@@ -191,6 +193,7 @@ _OUTPUTS = {
     "Yr": ("nb", "mixed", "Slotine-Li regressor"),
     "tau_f": ("n", "N m", "friction torques"),
     "Yf": ("np", "mixed", "friction regressor"),
+    "z_next": ("z", "rad", "deflections of the bristles after the step"),
     "tau_J": ("n", "N m", "torques of the springs without damping"),
     "P_next": ("s", "rad", "plays of the torsions after the step"),
     "Q_next": ("s", "N m", "plays of the inverse after the step"),
@@ -220,6 +223,8 @@ _ENTRIES = {
     "slotine_li_regressor: q dq dqr ddqr -> Yr": "M ddqr + C dqr + g per base parameter",
     "friction: dq q load temperature f -> tau_f": "friction torque, positive against positive velocity",
     "friction_regressor: dq q load temperature -> Yf": "friction torque per friction parameter",
+    "friction_step: dq way z q load temperature f -> tau_f z_next": "friction torque after a step, with the "
+    "state of bristles; `friction` is that of steady sliding",
     "hysteresis_step: phi P h -> tau_J P_next": "torque of the springs when the torsion has gone to phi, "
     "without turning back on the way",
     "hysteresis_inverse_step: tau_J Q h -> phi Q_next": "torsion of the springs when their torque has gone "
@@ -239,17 +244,20 @@ def list_specs(
     vector: str = "beta",
     elastic: ElasticSizes | None = None,
     inputs: Collection[str] = (),
+    bristles: int = 0,
 ) -> tuple[FunctionSpec, ...]:
     """Return the catalogue for numbers of coordinates, of inertial and of friction parameters.
 
     Functions and vectors that would be empty (no friction, no stops) are left out. `links` are the moving
     ones, by default as many as joints; `vector` is the name of the inertial parameters, beta or pi;
-    `inputs` what friction depends on besides the velocity: "q", "load", "temperature".
+    `inputs` what friction depends on besides the velocity: "q", "load", "temperature"; `bristles` is the
+    number of deflections that it remembers.
     """
     sizes = {"n": joints, "l": joints if links is None else links, "b": parameters, "p": friction}
-    sizes |= {"s": elastic.stops if elastic else 0, "h": elastic.springs if elastic else 0}
+    sizes |= {"s": elastic.stops if elastic else 0, "h": elastic.springs if elastic else 0, "z": bristles}
     offered = {
         **dict.fromkeys(("friction", "friction_regressor"), friction > 0),
+        "friction_step": bristles > 0,
         "hysteresis_step": elastic is not None,
         "hysteresis_inverse_step": elastic is not None and elastic.invertible,
         "elastic_inverse_dynamics": elastic is not None and elastic.feed,
@@ -279,7 +287,7 @@ def list_specs(
 def _list_unread(function: str, inputs: Collection[str]) -> set[str]:
     """Return the inputs that a function does not have, as no friction law reads them."""
     unread = {"load", "temperature"} - set(inputs)
-    return unread | ({"q"} - set(inputs) if function in {"friction", "friction_regressor"} else set())
+    return unread | ({"q"} - set(inputs) if function.startswith("friction") else set())
 
 
 FRICTION_INPUTS = {"position": "q", "load": "load", "temperature": "temperature"}
@@ -290,6 +298,13 @@ def list_friction_inputs(robot: Robot) -> tuple[str, ...]:
     """Return the inputs of the functions of friction besides dq, in their order."""
     laws = [law for joint in robot.joints if (law := get_friction_law(joint.friction)) is not None]
     return tuple(port for name, port in FRICTION_INPUTS.items() if any(name in law.inputs for law in laws))
+
+
+def list_bristles(robot: Robot) -> tuple[tuple[int, int], ...]:
+    """Return the number of each joint with a coordinate (from 0), and how many deflections it has, if any."""
+    joints = ((index, robot.joints[index].friction) for index in robot.coordinates)
+    counts = ((index, count_states(get_friction_law(friction), friction)) for index, friction in joints)
+    return tuple((index, count) for index, count in counts if count)
 
 
 def list_robot_specs(
@@ -310,6 +325,7 @@ def list_robot_specs(
         vector=base.vector,
         elastic=count_elastic_sizes(robot),
         inputs=list_friction_inputs(robot),
+        bristles=sum(count for _, count in list_bristles(robot)),
     )
     known = [spec.name for spec in specs]
     for name in names or ():

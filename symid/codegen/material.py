@@ -24,7 +24,8 @@ Fields = dict[str, object]
 class Material:
     """What the printers of all targets start from.
 
-    `stops` is the number of plays in the state of the springs, 0 where the functions have no such state.
+    `stops` is the number of plays in the state of the springs, `bristles` that of deflections in the state of
+    friction, 0 where the functions have no such state.
     `facts` are what any template may ask for: names, and the model as lines of text.
     """
 
@@ -36,6 +37,7 @@ class Material:
     operations: tuple[Operations, ...]
     elastic_lines: tuple[str, ...]
     stops: int
+    bristles: int
     facts: Mapping[str, object]
 
     def write(self, template: str, /, **values: object) -> str:
@@ -116,6 +118,9 @@ def prepare_material(functions: Functions, options: GenerateOptions) -> Material
     specs = {spec.name: spec for spec in card.functions}
     if specs.keys() >= {"hysteresis_step", "hysteresis_inverse_step"}:
         stops = sum(port.size for port in specs["hysteresis_step"].inputs if port.name == "P")
+    bristles = 0
+    if "friction_step" in specs:
+        bristles = sum(port.size for port in specs["friction_step"].inputs if port.name == "z")
     title = {"beta": "Base parameters beta", "pi": "Standard parameters pi"}[card.vector]
     note = " (constants of the functions, as those of friction and rotors; no arguments)"
     facts = {
@@ -130,6 +135,7 @@ def prepare_material(functions: Functions, options: GenerateOptions) -> Material
         "joint_count": card.size,
         "spring_count": len(card.springs),
         "stop_count": stops,
+        "bristle_count": bristles,
         "extent": f"{card.links} joints, {card.size} of them with a coordinate"
         if card.followers
         else f"{card.size} joints",
@@ -150,6 +156,7 @@ def prepare_material(functions: Functions, options: GenerateOptions) -> Material
         operations=tuple(map(count_operations, programs)),
         elastic_lines=_describe_elasticity(card, constant=constant),
         stops=stops,
+        bristles=bristles,
         facts=facts,
     )
 

@@ -80,6 +80,15 @@ def _describe_function(program: Program, count: Operations) -> Fields:
     }
 
 
+def _write_state_class(material: Material) -> list[str]:
+    """Return the class of friction that remembers; nothing without."""
+    if not material.bristles:
+        return []
+    spec = next(spec for spec in material.card.functions if spec.name == "friction_step")
+    given = [f", {port.name}" for port in spec.inputs if port.name not in {"dq", "way", "z"}]
+    return material.write("python/friction_state.py.jinja", given="".join(given)).splitlines()
+
+
 def generate_python_module(functions: Functions, options: GenerateOptions | None = None) -> SourceSet:
     """Return a NumPy module that computes `functions`, with its README and manifest.
 
@@ -87,10 +96,13 @@ def generate_python_module(functions: Functions, options: GenerateOptions | None
         GenerationError: a function holds an operation without a NumPy form, or disagrees with itself.
     """
     material = prepare_material(functions, options or GenerateOptions())
+    names = [program.spec.name for program in material.programs]
+    names += ["FrictionState"] if material.bristles else []
     module = _write_module(
         material,
         "python/module.py.jinja",
-        names=", ".join(f'"{program.spec.name}"' for program in material.programs),
+        names=", ".join(f'"{name}"' for name in names),
+        state_lines=_write_state_class(material),
         functions=list(map(_describe_function, material.programs, material.operations)),
     )
     files = ((f"{material.prefix}.py", module), ("README.md", material.write("python/README.md.jinja")))
@@ -105,7 +117,7 @@ _JACOBIANS = (
     "elastic_inverse_dynamics",
 )
 # What the compiled plant of elastic robots calls.
-_PLANT_FUNCTIONS = ("forward_dynamics", "friction")
+_PLANT_FUNCTIONS = ("forward_dynamics", "friction", "friction_step")
 
 
 def list_casadi_sources(prefix: str) -> tuple[str, str]:

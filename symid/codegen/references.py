@@ -116,6 +116,7 @@ PER_UNIT = 1000
 
 _INPUT_RANGES = {"q": 3.0, "dq": 2.0, "ddq": 5.0, "tau": 20.0}
 _INPUT_RANGES |= {"dddq": 20.0, "ddddq": 100.0, "phi": 0.02, "P": 0.02, "tau_J": 20.0, "Q": 5.0}
+_INPUT_RANGES |= {"way": 0.003, "z": 0.003}
 ANGLE_LIMITS = {"double": 1e6, "float": 1e4}
 """Up to which angle the generated code takes whole turns off by itself, in rad."""
 
@@ -404,6 +405,9 @@ def build_references(
         usual = (100.0 if entry.name.startswith("k0") else 20.0 for entry in card.springs)
         pairs = zip(card.springs, usual, strict=True)
         springs = {"h": tuple(other if entry.value is None else entry.value for entry, other in pairs)}
+    if any(spec.name == "friction_step" for spec in card.functions):
+        # Bristles slip where dry friction is positive.
+        springs |= {"f": tuple(1.0 if entry.value is None else entry.value for entry in card.friction)}
     angles, limit = list_angle_inputs(programs), ANGLE_LIMITS[options.precision]
     drawn = SampleStates(count=options.states, seed=options.seed, shared={}, angles=angles, limit=limit)
     failures = []

@@ -17,7 +17,7 @@ import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from symid.codegen.catalogue import FRICTION_INPUTS, Constants, list_robot_specs
+from symid.codegen.catalogue import FRICTION_INPUTS, Constants, list_bristles, list_robot_specs
 from symid.codegen.functions import FunctionSpec
 from symid.codegen.programs import (
     Op,
@@ -58,9 +58,12 @@ from symid.dynamics import (
 from symid.joint_models import (
     SpringTerms,
     advance_inverse_spring,
+    advance_memory,
     advance_spring,
     compute_outer_function,
+    get_law,
     invert_spring,
+    list_memory_values,
     list_value_names,
 )
 from symid.notation import INERTIAL
@@ -80,15 +83,19 @@ def _emit_jacobian(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     return (tuple(entry for row in rows for entry in workspace.flatten_vector(row)),)
 
 
-def _list_friction_columns(workspace: RouteWorkspace) -> list[list[int]]:
-    """Return the friction regressor by columns; friction acts on the coordinates that turn its drive."""
-    robot, algebra = workspace.robot, workspace.algebra
+def _spread_friction_inputs(workspace: RouteWorkspace) -> dict[str, Elements]:
+    """Return what friction depends on, by its name in laws, of every joint and coupled drive."""
     given = {"velocity": "dq", **FRICTION_INPUTS}
-    spread = {
-        name: spread_coordinates(robot, algebra, workspace.inputs[port])
+    return {
+        name: tuple(spread_coordinates(workspace.robot, workspace.algebra, workspace.inputs[port]))
         for name, port in given.items()
         if port in workspace.inputs
     }
+
+
+def _list_friction_columns(workspace: RouteWorkspace) -> list[list[int]]:
+    """Return the friction regressor by columns; friction acts on the coordinates that turn its drive."""
+    robot, algebra, spread = workspace.robot, workspace.algebra, _spread_friction_inputs(workspace)
     columns = []
     for parameter in workspace.base.friction:
         index, name = parameter.label
@@ -117,6 +124,33 @@ def _combine_columns(
 def _emit_friction(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     columns, parameters = _list_friction_columns(workspace), workspace.inputs["f"]
     return (tuple(_combine_columns(workspace, columns, parameters, workspace.robot.freedom)),)
+
+
+def _emit_friction_step(workspace: RouteWorkspace) -> tuple[Elements, Elements]:
+    """Return friction and deflections after a step: of joints without bristles it is that of the columns."""
+    robot, algebra = workspace.robot, workspace.algebra
+    parameters, remembering = workspace.inputs["f"], dict(list_bristles(robot))
+    labels = [parameter.label for parameter in workspace.base.friction]
+    zero, columns = [algebra.zero] * robot.freedom, _list_friction_columns(workspace)
+    plain = [zero if at in remembering else row for (at, _), row in zip(labels, columns, strict=True)]
+    torques = _combine_columns(workspace, plain, parameters, robot.freedom)
+    velocity = _spread_friction_inputs(workspace)["velocity"]
+    ways = spread_coordinates(robot, algebra, workspace.inputs["way"])
+    states, after = iter(workspace.inputs["z"]), list[int]()
+    for index, count in remembering.items():
+        friction = robot.joints[index].friction
+        # A parameter that is grouped with others, such as an offset with a weight, is none of f.
+        values = dict.fromkeys(list_value_names(friction), algebra.zero)
+        pairs = zip(labels, parameters, strict=True)
+        values |= {name: value for (owner, name), value in pairs if owner == index}
+        known = list_memory_values(get_law(friction.law), friction)
+        values |= {name: algebra.scale(value, algebra.one) for name, value in known.items()}
+        before = tuple(itertools.islice(states, count))
+        torque, moved = advance_memory(algebra, values, velocity[index], ways[index], before)
+        after += moved
+        ((position, _),) = robot.transmission[index]
+        torques[position] = algebra.add(torques[position], torque)
+    return tuple(torques), tuple(after)
 
 
 def _emit_energy_regressor(workspace: RouteWorkspace) -> tuple[Elements, Elements]:
@@ -521,6 +555,7 @@ ROUTES: Mapping[str, Routes] = {
     "friction_regressor": {
         "columns of the joint models": lambda w: (w.flatten_columns(_list_friction_columns(w)),)
     },
+    "friction_step": {"bristles and columns": _emit_friction_step},
     "hysteresis_step": {"plays": _build_hysteresis_route("phi", "P")},
     "hysteresis_inverse_step": {"plays of the inverse": _build_hysteresis_route("tau_J", "Q")},
     "elastic_inverse_dynamics": {

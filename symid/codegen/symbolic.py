@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import sympy
 from sympy import Expr, ImmutableDenseMatrix, Rational, Symbol
 
-from symid.codegen.catalogue import list_robot_specs, list_spring_parameters
+from symid.codegen.catalogue import list_bristles, list_robot_specs, list_spring_parameters
 from symid.codegen.expressions import ExactProgram, count_expanded_operations, share_values, write_values
 from symid.codegen.functions import FunctionSpec, Port
 from symid.codegen.routes import ROUTES
@@ -187,6 +187,11 @@ def _list_names(robot: Robot, base: BaseParameters, port: Port) -> list[str]:
         return [entry.name for entry in (base.friction if port.name == "f" else base.parameters)]
     if port.name == "h":
         return [entry.name for entry in list_spring_parameters(robot)]
+    if port.name == "z":
+        counts = list_bristles(robot)
+        return [
+            f"z{place + 1 if many > 1 else ''}_{index + 1}" for index, many in counts for place in range(many)
+        ]
     numbers = [index + 1 for index in robot.coordinates]
     if port.name in ("P", "Q"):
         return [

@@ -7,7 +7,7 @@ Friction alone goes into robot files, by the laws that these have; friction of o
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,7 +24,7 @@ from symid.identification.friction import (
     set_identified_friction,
 )
 from symid.identification.identified import Identified, build_robot, list_warnings
-from symid.joint_models import FrictionValues
+from symid.joint_models import FrictionValues, get_friction_law
 from symid.robot import (
     PRECISIONS,
     Robot,
@@ -307,6 +307,19 @@ def _build_values(content: _Content) -> RobotValues:
     return RobotValues(robot=card.robot, prefix=prefix, signature=card.signature, vectors=tuple(vectors))
 
 
+def _list_lost_states(robot: Robot, written: Mapping[str, FrictionValues]) -> Iterator[Notice]:
+    """Yield a notice for each joint whose law with a state gives way to a static one."""
+    for joint in robot.axes:
+        law = get_friction_law(joint.friction)
+        if joint.name in written and law is not None and law.memory:
+            names = ", ".join(entry.name for entry in law.memory)
+            text = (
+                f"joint {joint.name!r}: {written[joint.name].law} friction, as identified, replaces "
+                f"{law.name} and its {names}; to keep them, identify the whole robot"
+            )
+            yield Notice(code="export.friction-replaced", text=text)
+
+
 def write_friction(robot: Robot, found: FrictionIdentification, source: Path, path: Path) -> FileExport:
     """Write the robot file with the friction that was identified.
 
@@ -343,6 +356,7 @@ def write_friction(robot: Robot, found: FrictionIdentification, source: Path, pa
     for joint, reason in kept.items():
         text = f"joint {joint!r} keeps the friction of the robot file: {reason}"
         notices.append(Notice(code="export.friction-kept", text=text, file=str(source)))
+    notices += _list_lost_states(robot, written)
     if any(robot.elastic):
         text = (
             "friction was identified with rigid joints and includes the losses of springs; the file has the "

@@ -10,7 +10,8 @@ deviations of their own, and those of all other parameters count them in. It is 
 found until they stay, with the loads that the estimate gives where none were measured.
 
 Supported: all kinds of rows; estimators that are linear in the torque.
-Not supported: estimators that simulate the robot; elastic joints.
+Not supported: estimators that simulate the robot; elastic joints; laws with a state, which stay those of the
+robot file.
 """
 
 import re
@@ -43,6 +44,7 @@ from symid.joint_models import (
     NO_FRICTION,
     FrictionValues,
     describe_unknown_law,
+    get_friction_law,
     get_law,
     list_known_laws,
     name_shape,
@@ -99,6 +101,9 @@ def read_joint_laws(
             if not hint.endswith("?"):
                 hint += suggest_names(str(law), further, before="; ") or "."
             mistakes.append(f"friction of joint {joint!r}: {hint}")
+        elif joint in joints and law not in further and get_law(law).memory:
+            mistakes += _refuse_state(robot, joint, law)
+            continue
         found[joint] = law
     if mistakes:
         allowed = [f"joints are {', '.join(joints)}"] if wrong["joint"] else []
@@ -106,6 +111,16 @@ def read_joint_laws(
         mistakes[-1] = " ".join([mistakes[-1], *(f"Allowed {entry}." for entry in allowed)])
         raise UsageError(*(Notice(code="usage.joint-friction", text=text) for text in mistakes))
     return found or None
+
+
+def _refuse_state(robot: Robot, name: str, law: str) -> list[str]:
+    """Return what is wrong with a law with a state for a joint: nothing, where its file has it."""
+    (joint,) = (entry for entry in robot.axes if entry.name == name)
+    if get_law(law).name == joint.friction.law:
+        return []
+    values = ", ".join(entry.name for entry in (*get_law(law).shape, *get_law(law).memory))
+    text = f"friction of joint {name!r}: {law!r} needs {values}, which no option gives; write it into the "
+    return [f"{text}robot file."]
 
 
 def needs_search(friction: str | Mapping[str, str] | None) -> bool:
@@ -118,7 +133,53 @@ def needs_search(friction: str | Mapping[str, str] | None) -> bool:
         return bool(friction)
     if friction is None or friction == NO_FRICTION:
         return False
-    return friction == AUTO or bool(get_law(friction).shape)
+    if friction == AUTO:
+        return True
+    law = get_law(friction)
+    # A law with a state is that of the robot file, bristles and shape.
+    return bool(law.shape) and not law.memory
+
+
+def describe_states(robot: Robot, friction: str | Mapping[str, str] | None) -> tuple[Notice, ...]:
+    """Return notices on what becomes of friction with a state; `friction` as in a search."""
+    asked = friction if isinstance(friction, Mapping) else {joint.name: friction for joint in robot.axes}
+    kept, replaced = [], []
+    for joint in robot.axes:
+        law, wanted = get_friction_law(joint.friction), asked.get(joint.name)
+        if law is None or not law.memory:
+            continue
+        if wanted in {AUTO, NO_FRICTION} or (wanted is not None and not get_law(wanted).memory):
+            replaced.append(f"{joint.name}: {law.name}")
+        else:
+            values = ", ".join(entry.name for entry in (*law.shape, *law.memory))
+            kept.append(f"{joint.name}: {law.name} with its {values}")
+    notices = []
+    if replaced:
+        names = ", ".join(replaced)
+        text = (
+            f"friction with a state ({names}) gives way to a static law, as no search chooses one with a "
+            "state; leave --friction out to keep it"
+        )
+        notices.append(Notice(code="identify.friction-replaced", text=text))
+    if kept:
+        text = (
+            "friction with a state is fitted as its curve of steady sliding; shape and state values stay "
+            f"those of the robot file ({'; '.join(kept)})"
+        )
+        notices.append(Notice(code="identify.friction-state", text=text))
+    return tuple(notices)
+
+
+def refuse_states(robot: Robot, what: str) -> None:
+    """Refuse, by a UsageError, friction with a state where `what` fits equations along a simulated motion."""
+    laws = ((joint.name, get_friction_law(joint.friction)) for joint in robot.axes)
+    bent = ", ".join(f"{joint}: {law.name}" for joint, law in laws if law is not None and law.memory)
+    if bent:
+        text = (
+            f"{what} compares a simulated motion with equations of steady sliding, and friction with a state "
+            f"({bent}) moves otherwise at reversals; choose another estimator, such as wls"
+        )
+        raise UsageError(Notice(code="usage.friction-state", text=text))
 
 
 def search_friction(
@@ -261,7 +322,11 @@ def _move_friction(robot: Robot, estimate: Estimate) -> Robot:
                 )
                 for entries, olds in ((law.linear, friction.values), (law.shape, friction.shape))
             )
-            shape = tuple(max(new, 0.2 * old) for new, old in zip(shape, friction.shape, strict=True))
+            # A value that the rows do not hold must stay one that a law can have.
+            shape = tuple(
+                min(max(new, 0.2 * old, entry.lower), entry.upper)
+                for new, old, entry in zip(shape, friction.shape, law.shape, strict=True)
+            )
             joint = replace(joint, friction=replace(friction, values=values, shape=shape))  # noqa: PLW2901
         joints.append(joint)
     return replace(robot, joints=tuple(joints))

@@ -43,9 +43,11 @@ from symid.identification.friction import (
     identify_friction,
 )
 from symid.identification.friction_search import (
+    describe_states,
     identify_loaded,
     read_joint_laws,
     refuse_search,
+    refuse_states,
     search_friction,
 )
 from symid.identification.regression import (
@@ -161,6 +163,8 @@ def identify_robot(
     if task.friction is not None and (route.kind == "elastic" or estimator in SIMULATING):
         where = "elastic joints are" if route.kind == "elastic" else f"--estimator {estimator} is"
         raise refuse_search(task.friction, f"is not done where {where} identified")
+    if estimator in SIMULATING:
+        refuse_states(robot, f"--estimator {estimator}")
     if route.kind == "elastic":
         return _identify_elastic(robot, recordings, route.method, task, context)
     if task.options is not None:
@@ -198,7 +202,7 @@ def _identify_rigid(
 ) -> Identification[Estimate]:
     rows, estimator = options.rows or "torque", options.estimator
     check_rigid_options(rows, estimator, options)
-    warnings = _list_log_notices(robot, recordings)
+    warnings = (*_list_log_notices(robot, recordings), *describe_states(robot, friction))
     both = has_both_encoders(recordings)
     recordings = [build_motor_recording(recording, robot) for recording in recordings]
     rigid = build_rigid_variant(robot) if motor_side else robot
@@ -314,7 +318,7 @@ def _identify_elastic(
 
     check_settings(task.pairs, "elastic")
     recordings = cut_logs(recordings, robot.processing)
-    warnings = _list_log_notices(robot, recordings)
+    warnings = (*_list_log_notices(robot, recordings), *describe_states(robot, None))
     given = {name: value for name, value in task.elastic.items() if value is not None}
     if "thresholds" in given:
         given["stops"] = given.pop("thresholds")

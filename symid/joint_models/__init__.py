@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from symid.joint_models.dynamic_friction import (
         DynamicLaw as DynamicLaw,
         FrictionPath as FrictionPath,
+        advance_memory as advance_memory,
         build_held_path as build_held_path,
         check_dynamic_values as check_dynamic_values,
         compute_bristle_rate as compute_bristle_rate,
@@ -25,14 +26,18 @@ if TYPE_CHECKING:
         compute_dynamic_torque as compute_dynamic_torque,
         compute_largest_level as compute_largest_level,
         compute_torque_derivatives as compute_torque_derivatives,
+        count_states as count_states,
         derive_equations as derive_equations,
         get_dynamic_law as get_dynamic_law,
         is_passive as is_passive,
+        list_memory_values as list_memory_values,
+        name_bristles as name_bristles,
         simulate_dynamic_friction as simulate_dynamic_friction,
         write_dynamic_latex as write_dynamic_latex,
     )
     from symid.joint_models.friction_catalogue import (
         FRICTION_LAWS as FRICTION_LAWS,
+        STATE_LAWS as STATE_LAWS,
         describe_unknown_law as describe_unknown_law,
         fix_exponent as fix_exponent,
         free_exponent as free_exponent,

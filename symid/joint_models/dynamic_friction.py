@@ -1,4 +1,4 @@
-"""Friction with a state: bristles that bend before they slip. Dahl's model and LuGre, over any carrier.
+"""Friction with a state: bristles that bend before they slip. Dahl, LuGre, Maxwell-slip, over any carrier.
 
     dz/dt = v - sigma0 |v| / g(v) z
     tau_f = sigma0 z + sigma1 dz/dt + fV v                       positive against positive velocity
@@ -10,13 +10,20 @@ The step is exact while the velocity is held, therefore stable for any length. D
 (Squire and Trapp, SIAM Review 40 (1998) 110-112). Dahl, Aerospace Corporation report TOR-0158(3107-18)-1
 (1968); Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Automatic Control 40 (1995) 419-425.
 
+Joints of a robot have one of `STATE_LAWS` of the catalogue. What their bristles do follows the way x alone,
+v h where v is held; elements of Maxwell-slip are springs that slip at their share a_k of g:
+
+    z(x) = z_e + (z - z_e) exp(-sigma0 |x| / g),  z_e = g sign(x) / sigma0
+    z_k(x) = clamp(z_k + x, -+ a_k g / s_k),  tau_f = sum of s_k z_k + fV v           s_k: stiffness
+
 Supported: any carrier; several runs in one recording; a velocity of the step other than that of the sample.
-Not supported: Dahl's exponent other than one, sigma1 that depends on the velocity, turning back in a step.
+Not supported: Dahl's exponent other than one, sigma1 that depends on the velocity, turning back in a step;
+attraction of Maxwell-slip elements that takes time, and a presliding fit of them.
 """
 
 import difflib
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, TypeVar
@@ -26,7 +33,7 @@ import numpy as np
 from symid.arrays import FloatArray, freeze, freeze_fields
 from symid.errors import Notice, UsageError
 from symid.joint_models.carriers import Carrier, OperatorCarrier, build_numpy_carrier, build_symbol_carrier
-from symid.joint_models.friction_law import LawParameter, build_parameter
+from symid.joint_models.friction_law import FrictionLaw, FrictionValues, LawParameter, build_parameter
 
 V = TypeVar("V")
 
@@ -164,14 +171,27 @@ def get_dynamic_law(name: str) -> DynamicLaw:
 
 def _lugre_level(algebra: Carrier[V], velocity: V, values: Sequence[V]) -> V:
     _, _, coulomb, static, speed, exponent, _ = values
-    ratio = algebra.div(algebra.absolute(velocity), speed)
-    fall = algebra.exp(algebra.sub(algebra.zero, algebra.power(ratio, exponent)))
+    fall = _compute_fall(algebra, velocity, speed, exponent)
     return algebra.add(coulomb, algebra.mul(algebra.sub(static, coulomb), fall))
+
+
+def _compute_fall(algebra: Carrier[V], velocity: V, speed: V, exponent: V) -> V:
+    ratio = algebra.div(algebra.absolute(velocity), speed)
+    return algebra.exp(algebra.sub(algebra.zero, algebra.power(ratio, exponent)))
 
 
 _positive = partial(build_parameter, allowed=False)
 _STIFFNESS = _positive("sigma0", r"\sigma_0", "stiffness", "stiffness of the bristles")
 _COULOMB = _positive("fC", "f_C", "level", "Coulomb friction")
+_DAMPING = build_parameter("sigma1", r"\sigma_1", "viscous", "damping of the bristles")
+
+BRISTLES = (_STIFFNESS, _DAMPING)
+"""What LuGre remembers with; Dahl has the first."""
+ELEMENTS = (
+    _positive("stiffness", "s_k", "stiffness", "stiffness of each element"),
+    _positive("share", "a_k", "number", "share of each element in dry friction; their sum is one", 0.0, 1.0),
+)
+"""The same of Maxwell-slip, a list each."""
 
 DYNAMIC_LAWS: dict[str, DynamicLaw] = {
     law.name: law
@@ -190,7 +210,7 @@ DYNAMIC_LAWS: dict[str, DynamicLaw] = {
             name="lugre",
             parameters=(
                 _STIFFNESS,
-                build_parameter("sigma1", r"\sigma_1", "viscous", "damping of the bristles"),
+                _DAMPING,
                 _COULOMB,
                 _positive("fS", "f_S", "level", "static friction, the level of break-away"),
                 _positive("vs", "v_s", "speed", "Stribeck velocity"),
@@ -209,6 +229,86 @@ DYNAMIC_LAWS: dict[str, DynamicLaw] = {
         ),
     )
 }
+
+
+def name_bristles(law: FrictionLaw, bristles: Sequence[float]) -> dict[str, tuple[float, ...]]:
+    """Return the values of a law's bristles by name, as a robot file has them: one, or one an element."""
+    count = len(bristles) // len(law.memory) if law.memory else 0
+    return {entry.name: tuple(bristles[k * count : (k + 1) * count]) for k, entry in enumerate(law.memory)}
+
+
+def count_states(law: FrictionLaw | None, friction: FrictionValues) -> int:
+    """Return how many deflections a joint's friction remembers: 0 without bristles."""
+    return len(friction.bristles) // len(law.memory) if law is not None and law.memory else 0
+
+
+def list_memory_values(law: FrictionLaw, friction: FrictionValues) -> dict[str, float]:
+    """Return shape values and bristles by name, elements numbered from one, their shares with sum one."""
+    found = dict(zip((entry.name for entry in law.shape), friction.shape, strict=True))
+    for name, values in name_bristles(law, friction.bristles).items():
+        whole = math.fsum(values) if name == "share" else 1.0
+        numbers = [""] if not law.elements else map(str, range(1, len(values) + 1))
+        found |= {f"{name}{number}": value / whole for number, value in zip(numbers, values, strict=True)}
+    return found
+
+
+_LEAST_LEVEL = 1e-9
+"""N m or N, in place of a level that is not positive: bristles that hardly bend."""
+
+
+def advance_memory(
+    algebra: Carrier[V], values: Mapping[str, V], velocity: V, way: V, states: Sequence[V]
+) -> tuple[V, tuple[V, ...]]:
+    """Return the friction of a joint after a way on which it does not turn back, and its deflections there.
+
+    Args:
+        algebra: of the numbers.
+        values: linear values of the law (Fc, Fv, ...) and `list_memory_values`, by name.
+        velocity: rad/s or m/s, of the level, and at the end.
+        way: rad or m, velocity times period where held.
+        states: deflections before it, rad or m.
+    """
+    level = values["Fc"]
+    if "Fe" in values:
+        fall = _compute_fall(algebra, velocity, values["vs"], values["gamma"])
+        level = algebra.add(level, algebra.mul(values["Fe"], fall))
+    level = algebra.maximum(level, algebra.scale(_LEAST_LEVEL, algebra.one))
+    if "sigma0" in values:
+        torque, after = _bend_bristles(algebra, values, (velocity, way, level), states[0])
+    else:
+        torque, after = _move_elements(algebra, values, way, level, states)
+    torque = algebra.add(torque, algebra.mul(values["Fv"], velocity))
+    return algebra.add(torque, values["offset"]) if "offset" in values else torque, after
+
+
+def _bend_bristles(
+    algebra: Carrier[V], values: Mapping[str, V], motion: tuple[V, V, V], state: V
+) -> tuple[V, tuple[V, ...]]:
+    """Return sigma0 z + sigma1 dz/dt and z after a motion: velocity, way and level."""
+    (velocity, way, level), stiffness = motion, values["sigma0"]
+    turn = algebra.div(algebra.mul(stiffness, algebra.absolute(way)), level)
+    decay = algebra.exp(algebra.sub(algebra.zero, turn))
+    rest = algebra.div(algebra.mul(level, algebra.sign(way)), stiffness)
+    after = algebra.add(rest, algebra.mul(algebra.sub(state, rest), decay))
+    bent = algebra.mul(stiffness, after)
+    if "sigma1" not in values:
+        return bent, (after,)
+    slip = algebra.mul(algebra.absolute(velocity), algebra.div(bent, level))
+    return algebra.add(bent, algebra.mul(values["sigma1"], algebra.sub(velocity, slip))), (after,)
+
+
+def _move_elements(
+    algebra: Carrier[V], values: Mapping[str, V], way: V, level: V, states: Sequence[V]
+) -> tuple[V, tuple[V, ...]]:
+    """Return the sum of the springs' torques and their deflections, each held within what its share bears."""
+    torque, after = algebra.zero, []
+    for number, state in enumerate(states, start=1):
+        stiffness = values[f"stiffness{number}"]
+        most = algebra.div(algebra.mul(values[f"share{number}"], level), stiffness)
+        bent = algebra.minimum(algebra.add(state, way), most)
+        after.append(algebra.maximum(bent, algebra.sub(algebra.zero, most)))
+        torque = algebra.add(torque, algebra.mul(stiffness, after[-1]))
+    return torque, tuple(after)
 
 
 _TINY = 1e-40

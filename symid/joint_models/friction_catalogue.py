@@ -9,8 +9,8 @@ Linear parameters begin with a capital F, the same as papers print them with a s
 number, their bounds agree.
 
 Supported: any exponent, orders, reading of the improved law; offset and smoothing on top; the names of
-earlier robot files, as viscous_coulomb.
-Not supported: laws with a state (`dynamic_friction`).
+earlier robot files, as viscous_coulomb; laws with a state, whose columns are those of steady sliding.
+Not supported: the state itself (`dynamic_friction`).
 """
 
 import difflib
@@ -25,7 +25,7 @@ from typing import Any
 from symid.errors import Notice, UsageError
 from symid.joint_models import friction_columns as columns
 from symid.joint_models.carriers import build_float_carrier, smooth
-from symid.joint_models.dynamic_friction import DYNAMIC_LAWS
+from symid.joint_models.dynamic_friction import BRISTLES, ELEMENTS
 from symid.joint_models.friction_law import (
     NO_FRICTION,
     FrictionLaw,
@@ -443,6 +443,62 @@ FRICTION_LAWS: dict[str, FrictionLaw] = {
     )
 }
 
+_BENDS = "Continuous in time; while bristles bend it is a function of the way, not of the velocity."
+_FOLLOWS = "Dissipative where no coefficient is negative; without fV it follows the way, not the speed."
+_STEADY = "[fC + (fS - fC) exp(-|dq / vs|^gamma)] sign(dq) + fV dq"
+_CLAMP = "Fk = clamp(stiffness_k zk, -+share_k g), dzk/dt = dq until it slips, tau_f = sum Fk + fV dq"
+
+STATE_LAWS: dict[str, FrictionLaw] = {
+    law.name: law
+    for law in (
+        build_law(
+            "dahl",
+            "Fv Fc |  | fC fV",
+            columns=columns.compute_coulomb_viscous_columns,
+            formula="sigma0 z + fV dq, dz/dt = dq - sigma0 |dq| / fC z; steady: fC sign(dq) + fV dq",
+            source="Dahl 1968, exponent one, with viscous friction",
+            smoothness=_BENDS,
+            passivity=_FOLLOWS,
+            memory=BRISTLES[:1],
+        ),
+        build_law(
+            "lugre",
+            "Fv Fc Fe | vs gamma | fC fS vs gamma fV",
+            columns=partial(columns.compute_stribeck_columns, exponent=None, orders=()),
+            formula="sigma0 z + sigma1 dz/dt + fV dq, dz/dt = dq - sigma0 |dq| / g z, "
+            f"g = fC + (fS - fC) exp(-|dq / vs|^gamma); steady: {_STEADY}",
+            source="Canudas de Wit, Olsson, Astrom and Lischinsky 1995",
+            smoothness=_BENDS,
+            passivity="Passive where fV >= sigma1 |fS - fC| / min(fC, fS); the state is bounded always.",
+            memory=BRISTLES,
+        ),
+        build_law(
+            "maxwell-slip",
+            "Fv Fc |  | fC fV",
+            columns=columns.compute_coulomb_viscous_columns,
+            formula=f"{_CLAMP}, g = fC; steady: fC sign(dq) + fV dq",
+            source="Iwan, J. Applied Mechanics 33 (1966) 893-900, with viscous friction",
+            smoothness=_BENDS,
+            passivity=_FOLLOWS,
+            memory=ELEMENTS,
+            elements=True,
+        ),
+        build_law(
+            "generalised-maxwell-slip",
+            "Fv Fc Fe | vs gamma | fC fS vs gamma fV",
+            columns=partial(columns.compute_stribeck_columns, exponent=None, orders=()),
+            formula=f"{_CLAMP}, g = fC + (fS - fC) exp(-|dq / vs|^gamma); steady: {_STEADY}",
+            source="Lampaert, Al-Bender, Swevers, IEEE Physics and Control (2003) 1170-1177, for an "
+            "attraction without end: what slips is at its level",
+            smoothness=_BENDS,
+            passivity="Dissipative where no coefficient is negative and fS is positive.",
+            memory=ELEMENTS,
+            elements=True,
+        ),
+    )
+}
+"""Laws with a state; chosen by name, never by a search."""
+
 _LARGEST_EXPONENT = 10.0
 """As in robot files; beyond it a fall is a step that no log resolves, and its derivatives overflow."""
 _NUMBER = r"\d+(?:\.\d+)?(?:e-?\d+)?"
@@ -495,6 +551,7 @@ _OTHER_NAMES = {
     "stribeck-cubic": "stribeck+cubic",
     "stribeck-1": "tustin",
     "stribeck-1+offset": "tustin+offset",
+    "gms": "generalised-maxwell-slip",
 }
 """Names of earlier robot files, with _ for -, and others that mean a law of the catalogue."""
 
@@ -504,11 +561,8 @@ def _match_law(name: str) -> tuple[FrictionLaw | None, str]:
     name = _OTHER_NAMES.get(name, name)
     if name in FRICTION_LAWS:
         return FRICTION_LAWS[name], ""
-    if name in DYNAMIC_LAWS:
-        return None, (
-            ": it has a state; use symid.joint_models.get_dynamic_law and "
-            "symid.identification.friction.fit_presliding from Python"
-        )
+    if name in STATE_LAWS:
+        return STATE_LAWS[name], ""
     if name.endswith("+offset"):
         law, reason = _match_law(name.removesuffix("+offset"))
         if law is not None and law.linear[-1].name == "offset":
@@ -518,7 +572,7 @@ def _match_law(name: str) -> tuple[FrictionLaw | None, str]:
         if match := re.fullmatch(pattern, name):
             mistake = _describe_mistake(match)
             return (None, f": {mistake}") if mistake else (build(match), "")
-    near = difflib.get_close_matches(name, FRICTION_LAWS, n=3, cutoff=0.5)
+    near = difflib.get_close_matches(name, (*FRICTION_LAWS, *STATE_LAWS), n=3, cutoff=0.5)
     return None, f"; did you mean {' or '.join(near)}?" if near else ""
 
 
@@ -551,8 +605,8 @@ def get_law(name: str, *, smoothing: float = 0.0) -> FrictionLaw:
 def list_known_laws(*further: str) -> str:
     """Return a sentence's end with the names of all laws, and of what else is allowed."""
     return (
-        f"{', '.join((*further, *FRICTION_LAWS))}; an exponent may follow (stribeck-1.6, stribeck-exponent), "
-        "waves (position-dependent-1,2x100), and +offset"
+        f"{', '.join((*further, *FRICTION_LAWS))}; with a state: {', '.join(STATE_LAWS)}; an exponent may "
+        "follow (stribeck-1.6, stribeck-exponent), waves (position-dependent-1,2x100), and +offset"
     )
 
 

@@ -5,8 +5,8 @@
 Velocity of a joint, for some laws its load and position -> one column Phi_k per linear parameter; positive
 torque opposes positive velocity. Numbers, derivatives, LaTeX and C code all come from `FrictionLaw.columns`.
 
-Supported: laws without a state, smoothed ones too.
-Not supported: laws with a state, such as Dahl and LuGre (`dynamic_friction`).
+Supported: laws without a state, smoothed ones too; of laws with a state the curve of steady sliding.
+Not supported: the state itself, such as the bristles of Dahl and LuGre (`dynamic_friction`).
 """
 
 import math
@@ -116,6 +116,8 @@ class FrictionLaw:
         smoothness: a sentence on its continuity in velocity and shape.
         passivity: a sentence: when it is dissipative.
         smoothing: speed v0 over which dry friction changes its sign, 0 for the sign itself.
+        memory: parameters of bristles, whose steady torque the columns are; none of a law without a state.
+        elements: whether each of those is a list of numbers, one an element.
     """
 
     name: str
@@ -133,6 +135,8 @@ class FrictionLaw:
     smoothness: str = "Jumps at zero velocity (sign), smooth elsewhere and in all parameters."
     passivity: str = "Dissipative where no coefficient is negative."
     smoothing: float = 0.0
+    memory: tuple[LawParameter, ...] = ()
+    elements: bool = False
 
     def to_physical(self, linear: Sequence[float], shape: Sequence[float]) -> tuple[float, ...]:
         """Return the values in the order of `physical`; a linear map, whose matrix is `mixing`."""
@@ -181,12 +185,15 @@ class FrictionValues:
         shape: shape values in the law's order; empty where the law has none, or they are unknown.
         smoothing: the speed v0 (rad/s or m/s) over which dry friction changes its sign, tanh(v / v0) in
             place of sign(v); 0 is the step itself.
+        bristles: values of the law's `memory` in its order, those of all elements one list after another;
+            empty of a law without a state.
     """
 
     law: str = NO_FRICTION
     values: tuple[float, ...] | None = None
     shape: tuple[float, ...] = ()
     smoothing: float = 0.0
+    bristles: tuple[float, ...] = ()
 
 
 def compute_columns(law: FrictionLaw, inputs: Mapping[str, FloatArray], shape: Sequence[float]) -> FloatArray:

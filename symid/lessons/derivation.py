@@ -1,6 +1,6 @@
 """A derivation as a list of steps: a sentence, formulas, and a check that was really made.
 
-Robot -> `Step` records, from the frames to the torques, each with formulas in text and LaTeX.
+Robot -> `Step` records, from the frames to torques and friction, each with formulas in text and LaTeX.
 
 Supported: every robot of the exact algebra. Beyond three coordinates the torques are too long to print; they
 are checked at an exact rational point instead of term by term.
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+import numpy as np
 from sympy import Add, Symbol, latex
 from sympy.polys.rings import PolyElement
 
@@ -39,6 +40,16 @@ from symid.dynamics import (
     write_polynomial,
 )
 from symid.errors import Notice, SymidError
+from symid.joint_models import (
+    FrictionLaw,
+    FrictionValues,
+    advance_memory,
+    build_float_carrier,
+    compute_friction_torque,
+    count_states,
+    get_friction_law,
+    list_memory_values,
+)
 from symid.notation import INERTIAL
 from symid.robot import JointKind, Robot
 
@@ -232,6 +243,61 @@ def _check_at_point(robot: Robot, energy: ExactEnergy, keys: Sequence[Label]) ->
     return "verified exactly at a rational point: equal to the Newton-Euler recursion"
 
 
+_LONG_WAY = 1e9
+"""Rad or m, after which all bristles slip."""
+_AGREEMENT = 1e-12
+_BRISTLES = (
+    r"\sigma_0 z + {damping}f_V \, \dot q, \quad \dot z = \dot q - \sigma_0 \frac{|\dot q|}{g(\dot q)} z"
+)
+_ELEMENTS = (
+    r"\sum_k s_k z_k + f_V \, \dot q, "
+    r"\quad \dot z_k = \dot q \text{ until } |z_k| = a_k \frac{g(\dot q)}{s_k}"
+)
+
+
+def _describe_friction(robot: Robot) -> Step | None:
+    """Return the friction laws of all joints with their sources; None without any."""
+    joints = [
+        (number, joint, get_friction_law(joint.friction)) for number, joint in enumerate(robot.joints, 1)
+    ]
+    formulas, told, checked = [], [], []
+    for number, joint, law in joints:
+        if law is None:
+            continue
+        told.append(f"{joint.name}: {law.name} ({law.source})")
+        steady = law.latex.removeprefix(r"\tau_f = ")
+        left = f"tau_f{number}"
+        if law.memory:
+            damping = r"\sigma_1 \dot z + " if len(law.memory) > 1 else ""
+            bent = _ELEMENTS if law.elements else _BRISTLES.replace("{damping}", damping)
+            bent += r" + \tau_0" if law.linear[-1].name == "offset" else ""
+            steady = rf"{bent}, \quad \text{{steady: }} {steady}"
+            checked.append(_check_steady(law, joint.friction))
+        formulas.append(Formula(left=left, text=law.formula, latex=steady, left_latex=rf"\tau_{{f{number}}}"))
+    if not told:
+        return None
+    _require(all(checked), "bristles do not end at the curve of steady sliding")
+    return Step(
+        title="Friction",
+        sentence=f"Friction is added to these torques, against positive velocity. {'; '.join(told)}.",
+        formulas=tuple(formulas),
+        check="verified at a speed: after a long way bristles give the curve of steady sliding"
+        if checked
+        else "",
+    )
+
+
+def _check_steady(law: FrictionLaw, friction: FrictionValues) -> bool:
+    """Return whether the state of a law ends at its curve, at numbers of its own."""
+    linear = [0.5 + 0.25 * k for k in range(len(law.linear))]
+    values = dict(zip((entry.name for entry in law.linear), linear, strict=True))
+    values |= list_memory_values(law, friction)
+    speed, count = 0.3, count_states(law, friction)
+    torque, _ = advance_memory(build_float_carrier(), values, speed, _LONG_WAY, (0.0,) * count)
+    steady = compute_friction_torque(law, {"velocity": np.array([speed])}, linear, friction.shape)
+    return abs(torque - float(steady[0])) <= _AGREEMENT * abs(torque)
+
+
 def derive_lesson(robot: Robot) -> tuple[Step, ...]:
     """Return the derivation of the dynamics of `robot`, step by step.
 
@@ -240,10 +306,12 @@ def derive_lesson(robot: Robot) -> tuple[Step, ...]:
     """
     base, energy = derive_base_parameters(robot), derive_energy(robot)
     state = build_state(robot, energy.algebra, energy.algebra.generators)
+    friction = _describe_friction(robot)
     return (
         _describe_frames(robot),
         _describe_velocities(build_recursion(robot, energy.algebra, state).motions),
         _describe_energy(energy, base),
         _describe_base(robot, base),
         _describe_torques(robot, energy, base),
+        *([] if friction is None else [friction]),
     )

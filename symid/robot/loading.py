@@ -204,8 +204,8 @@ def _replace_friction(robot: Robot, name: str) -> Robot:
     law = None if name == NO_FRICTION else get_law(name)
     wanted = NO_FRICTION if law is None else law.name
     changed = [joint.name for joint in robot.axes if joint.friction.law != wanted]
-    if law is not None and law.shape and changed:
-        shape = ", ".join(entry.name for entry in law.shape)
+    if law is not None and (law.shape or law.memory) and changed:
+        shape = ", ".join(entry.name for entry in (*law.shape, *law.memory))
         text = (
             f"the friction model '{name}' needs {shape} of joint {changed[0]!r}, which no option gives; "
             "write it into the robot file"

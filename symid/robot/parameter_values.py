@@ -16,7 +16,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 
-from symid.joint_models import list_value_names, name_shape, name_values
+from symid.joint_models import get_friction_law, list_value_names, name_bristles, name_shape, name_values
 from symid.notation import INERTIAL
 from symid.robot.description import Coupling, Joint, Robot
 from symid.robot.inertia import split_body
@@ -100,6 +100,8 @@ def _describe_link(robot: Robot, joint: Joint) -> dict[str, object]:
 
 def _describe_drive(owner: Joint | Coupling, moves: dict[str, object]) -> dict[str, object]:
     friction = owner.friction
+    law = get_friction_law(friction)
+    bristles = name_bristles(law, friction.bristles) if law is not None and law.memory else {}
     return {
         "name": owner.name,
         **moves,
@@ -109,6 +111,7 @@ def _describe_drive(owner: Joint | Coupling, moves: dict[str, object]) -> dict[s
             "values": dict.fromkeys(list_value_names(friction)) | name_values(friction),
             "shape": name_shape(friction),
             "smoothing": friction.smoothing,
+            **({"bristles": {name: list(values) for name, values in bristles.items()}} if bristles else {}),
         },
     }
 

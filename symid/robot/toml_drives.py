@@ -1,7 +1,8 @@
 """The tables of a joint that moves: `drive`, `friction`, `limits`, `spring`, `elasticity`; `[[coupling]]`.
 
-Supported: rotor inertias on either side of the gear; every static friction law of the catalogue, with
-all values or none where they are unknown, and a speed over which dry friction changes its sign; elastic
+Supported: rotor inertias on either side of the gear; every friction law of the catalogue, with all values
+or none where they are unknown, and a speed over which dry friction changes its sign; laws with a state,
+whose bristles or elements must be known; elastic
 joints with stiffness, damping, a cubic part, stops, knees on both sides or written for one and mirrored,
 catalogue values of harmonic drives; stiffnesses and rotor inertias that are "unknown", to be identified.
 Not supported: springs at a joint that are not linear; unknown shape values, thresholds and knees; a cubic
@@ -21,6 +22,7 @@ from symid.joint_models import (
     FRICTION_LAWS,
     NO_FRICTION,
     REFERENCE_TEMPERATURE,
+    STATE_LAWS,
     Elasticity,
     FrictionLaw,
     FrictionValues,
@@ -60,7 +62,10 @@ _EXPONENT = Range(low=0, high=10, open_low=True)
 FRICTION_PARTS = tuple(dict.fromkeys(entry.name for law in FRICTION_LAWS.values() for entry in law.linear))
 """Names of the linear values of all laws."""
 _SHAPES = tuple(dict.fromkeys(entry.name for law in FRICTION_LAWS.values() for entry in law.shape))
+_MEMORIES = tuple(dict.fromkeys(entry.name for law in STATE_LAWS.values() for entry in law.memory))
 _CONSTANT = ("offset", "Fp")
+_LARGEST_GAP = 1e-6
+"""By which the shares of elements may differ from one in sum."""
 _DEFAULT_GAMMA = 2.0
 # The speeds at which curves are evaluated: a hundred a decade.
 _SLOWEST, _FASTEST, _SPEED_COUNT = 1e-9, 1e6, 1500
@@ -84,16 +89,19 @@ def _read_friction(section: Section, fastest: float = math.inf, *, shared: bool 
         if model == NO_FRICTION:
             _check_keys(table, NO_FRICTION, (), (), has_step=False)
         else:
-            table.refuse_unknown_keys(("model", *FRICTION_PARTS, *_SHAPES, "smoothing"))
+            table.refuse_unknown_keys(("model", *FRICTION_PARTS, *_SHAPES, *_MEMORIES, "smoothing"))
         return FrictionValues()
     # An exponent may be stated beside the model, and then is part of the law's name.
     keys = tuple(entry.name for entry in law.shape)
     stated = keys if model is None or free_exponent(get_law(model)) is None else (*keys, "gamma")
     shape = [_read_shape(table, entry) for entry in law.shape]
-    _check_keys(table, law.name, names, tuple(dict.fromkeys(stated)), has_step=has_sign(law))
-    if shared and law.inputs != ("velocity",):
+    bristles = _read_bristles(table, law)
+    known = tuple(dict.fromkeys((*stated, *(entry.name for entry in law.memory))))
+    _check_keys(table, law.name, names, known, has_step=has_sign(law) and not law.memory)
+    if shared and (law.inputs != ("velocity",) or law.memory):
+        what = "bristles" if law.memory else " and the ".join(law.inputs[1:])
         text = (
-            f'"{law.name}" depends on the {" and the ".join(law.inputs[1:])} of one joint, and this friction '
+            f'"{law.name}" depends on the {what} of one joint, and this friction '
             "acts on several; choose a model of the velocity alone"
         )
         table.refuse("robot.friction-model", "model", text)
@@ -112,6 +120,7 @@ def _read_friction(section: Section, fastest: float = math.inf, *, shared: bool 
         values=values if values and len(values) == len(names) else None,
         smoothing=smoothing or 0.0,
         shape=filled if len(filled) == len(keys) else (),
+        bristles=bristles,
     )
     if len(filled) == len(keys):
         _warn_of_driving_friction(table, found, fastest)
@@ -148,6 +157,43 @@ def _read_shape(table: Section, entry: LawParameter) -> float | None:
     return value
 
 
+def _read_bristles(table: Section, law: FrictionLaw) -> tuple[float, ...]:
+    """Return the values of a law's state in its order, one list after another; empty where one is missing."""
+    lists = []
+    for entry in law.memory:
+        unit = "" if entry.unit == "1" else entry.unit.replace(" ", "*")
+        in_unit = adapt_unit(unit, prismatic=table.prismatic)
+        allowed = NOT_NEGATIVE if entry.lower_is_allowed else POSITIVE
+        given, what = table.get(entry.name), f" in {in_unit}" if in_unit else ""
+        if not law.elements:
+            table.require(entry.name, f"the model's state needs it as a number{what}")
+            value = table.read_float(entry.name, unit, allowed)
+            lists.append([] if value is None else [value])
+        elif isinstance(given, list) and given:
+            read = (table.read_float(entry.name, unit, allowed, k) for k in range(len(given)))
+            found = [value for value in read if value is not None]
+            lists.append(found if len(found) == len(given) else [])
+        else:
+            table.require(entry.name, f"the model's state needs a list of numbers{what}, one an element")
+            if given is not None:
+                text = f"expected a list of numbers{what}, one an element, got {table.show(entry.name)}"
+                table.refuse("robot.wrong-type", entry.name, text)
+            lists.append([])
+    if law.elements and all(lists):
+        _check_elements(table, *lists)
+    return tuple(value for values in lists for value in values) if all(lists) else ()
+
+
+def _check_elements(table: Section, stiffness: Sequence[float], share: Sequence[float]) -> None:
+    """Refuse lists of unlike lengths, and shares whose sum is not one."""
+    if len(stiffness) != len(share):
+        text = f"{len(share)} numbers for the {len(stiffness)} of stiffness; write one of each an element"
+        table.refuse("robot.friction-elements", "share", text)
+    elif abs(math.fsum(share) - 1.0) > _LARGEST_GAP:
+        text = f"the shares of all elements must have the sum 1, got {math.fsum(share):.7g}"
+        table.refuse("robot.friction-elements", "share", text)
+
+
 def _check_keys(
     table: Section, law: str, wanted: Sequence[str], shape: Sequence[str], *, has_step: bool
 ) -> None:
@@ -159,11 +205,11 @@ def _check_keys(
         table.refuse_key(code, "smoothing", text)
     known = ("model", *wanted, *shape, "smoothing")
     for name in table.values:
-        if name in (*FRICTION_PARTS, *_SHAPES) and name not in known:
+        if name in (*FRICTION_PARTS, *_SHAPES, *_MEMORIES) and name not in known:
             listed = f"its values are {', '.join(wanted)}" if wanted else "it has no values"
             listed += f", its shape values {', '.join(shape)}" if shape else ""
             table.refuse_key(code, name, f'not a value of the model "{law}"; {listed}')
-    table.refuse_unknown_keys(dict.fromkeys((*known, *FRICTION_PARTS, *_SHAPES)))
+    table.refuse_unknown_keys(dict.fromkeys((*known, *FRICTION_PARTS, *_SHAPES, *_MEMORIES)))
     missing = [name for name in wanted if name not in table.values]
     if missing and len(missing) < len(wanted):
         text = (

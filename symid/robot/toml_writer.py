@@ -17,7 +17,15 @@ from typing import Any
 
 import numpy as np
 
-from symid.joint_models import NO_FRICTION, Elasticity, FrictionValues, Knee, name_shape, name_values
+from symid.joint_models import (
+    Elasticity,
+    FrictionValues,
+    Knee,
+    get_friction_law,
+    name_bristles,
+    name_shape,
+    name_values,
+)
 from symid.notation import INERTIAL, adapt_unit, get_unit_factor
 from symid.robot.description import (
     Controller,
@@ -216,11 +224,16 @@ def _write_drive(drive: Drive) -> Iterator[str]:
 
 
 def _write_friction(owner: str, friction: FrictionValues) -> Iterator[str]:
-    if friction.law == NO_FRICTION:
+    law = get_friction_law(friction)
+    if law is None:
         return
     yield from ("", f"[{owner}.friction]", f'model = "{friction.law}"')
     for name, value in (name_values(friction) | name_shape(friction)).items():
         yield f"{name} = {write_number(value)}"
+    for name, numbers in name_bristles(law, friction.bristles).items():
+        texts = [write_number(value) for value in numbers]
+        if texts:
+            yield f"{name} = [{', '.join(texts)}]" if law.elements else f"{name} = {texts[0]}"
     if friction.smoothing:
         yield f"smoothing = {write_number(friction.smoothing)}"
 

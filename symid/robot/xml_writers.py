@@ -20,8 +20,10 @@ from xml.sax.saxutils import escape, quoteattr
 from symid.joint_models import (
     NO_FRICTION,
     FrictionValues,
+    get_friction_law,
     list_shape_names,
     list_value_names,
+    name_bristles,
     name_values,
 )
 from symid.robot.description import (
@@ -90,6 +92,10 @@ def _list_friction_omissions(owner: str, friction: FrictionValues) -> Iterator[s
         if friction.shape:
             text += f", shape {_write_decimals(friction.shape)}"
             names.append(", ".join(list_shape_names(friction)))
+        law = get_friction_law(friction)
+        if law is not None and law.memory:
+            text += f", state {_write_decimals(friction.bristles)}"
+            names.append(", ".join(name_bristles(law, friction.bristles)))
         text += f" ({'; '.join(names)})"
         yield f"{text}; only its damping and dry friction, alike in both directions, are written"
     if friction.smoothing:

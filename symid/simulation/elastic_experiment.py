@@ -128,7 +128,8 @@ class ElasticRun(FrozenArrays):
         torque: (N, n) of the motors, held from each sample to the next; the last one did nothing.
         joint_torque: tau_J (N, n).
         kinetic, potential: (N,) J, of the links. spin: (N,) J, of the rotors.
-        work, friction, spring: (N, n) J since the start: of the motors, lost in their friction, into the
+        work, friction, spring: (N, n) J since the start: of the motors, into their friction (lost, and
+            stored in bristles if it has a state), into the
             springs (int tau_J dphi, stored and lost together).
         turn: (n,) of an encoder with one count: 2 pi rad or 1 m.
         values: of all parameters. backend: "c" or "python". notices: how the run came about.

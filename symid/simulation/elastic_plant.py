@@ -2,7 +2,8 @@
 
 Robot and its library's card -> ElasticValues -> PlantRobot. Library, PlantRobot, PlantExperiment -> PlantLog:
 compiled where there is a compiler, else by the same equations and steps as `templates/c/plant.c` in NumPy,
-several hundred times slower.
+several hundred times slower. Robots whose friction has a state are computed in NumPy alone, with the bristles
+of `rigid_plant`.
 
     rest: S(v(phi)) = g,   v on the virgin curve: P_i = sign(phi) max(|phi| - r_i, 0)
 
@@ -29,10 +30,11 @@ from symid.codegen import (
     load_plant_code,
 )
 from symid.errors import GenerationError, Notice, SolverError, UsageError
-from symid.joint_models import REFERENCE_TEMPERATURE, Elasticity
+from symid.joint_models import REFERENCE_TEMPERATURE, Elasticity, get_friction_law
 from symid.robot import (
     Robot,
 )
+from symid.simulation.rigid_plant import Bristles, BristleStride, RigidPlantState, build_bristles
 from symid.simulation.sensors import quantise
 
 
@@ -98,11 +100,13 @@ def _describe_gaps(robot: Robot, card: ModelCard) -> Iterator[Notice]:
                 f"robot {robot.name!r} cannot be simulated: the {what} of {', '.join(names)} must be positive"
             )
             yield Notice(code="usage.not-positive", text=text)
+    laws = {joint.name: get_friction_law(joint.friction) for joint in robot.axes}
+    bent = [name for name, law in laws.items() if law is not None and law.memory]
     # A motor that sticks is not among the plant's modes.
     smooth = {joint.name for joint in robot.joints if joint.friction.smoothing > 0.0}
     smooth |= {coupling.name for coupling in robot.couplings if coupling.friction.smoothing > 0.0}
     dry = [entry for entry in card.friction if entry.name.startswith("Fc") and entry.value]
-    sharp = [entry.name for entry in dry if entry.joint not in smooth]
+    sharp = [entry.name for entry in dry if entry.joint not in (*smooth, *bent)]
     if sharp:
         text = (
             f"robot {robot.name!r}: the dry friction {', '.join(sharp)} jumps at standstill, which elastic "
@@ -233,6 +237,9 @@ class _ElasticStepper:
         self._forward: Callable[..., tuple[FloatArray, ...]] = library.bind("forward_dynamics")
         self._friction = library.bind("friction") if robot.friction.size else None
         self._card, self._warm = library.card, np.full(robot.size, REFERENCE_TEMPERATURE)
+        self._bristles = build_bristles(library, robot.friction)
+        # Before and after a step.
+        self.z = self.bent = np.zeros(0 if self._bristles is None else len(self._bristles.owner))
 
     def compute_springs(self, x: FloatArray, play: FloatArray) -> FloatArray:
         phi = x[2] - x[0]
@@ -240,24 +247,48 @@ class _ElasticStepper:
         torque: FloatArray = np.array(pull) + self._robot.damping * (x[3] - x[1])
         return torque
 
-    def _compute_slope(self, x: FloatArray, play: FloatArray, torque: FloatArray) -> FloatArray:
+    def _compute_slope(
+        self, x: FloatArray, play: FloatArray, torque: FloatArray, z: FloatArray
+    ) -> FloatArray:
         robot, twist = self._robot, x[3] - x[1]
         drag, push = np.zeros(robot.size), self.compute_springs(x, play)
         if self._friction is not None:
             given = self._card.gather_friction_inputs(x[3], q=x[2], load=push, temperature=self._warm)
             (drag,) = self._friction(*given, robot.friction)
+        if self._bristles is not None:
+            drag = np.where(self._bristles.joints, self._bristles.compute_torque(x[3], z), drag)
         (acceleration,) = self._forward(x[0], x[1], push, robot.beta)
         spin = (torque - push - drag) / robot.rotor
         return np.array([x[1], acceleration, x[3], spin, drag * x[3], robot.damping * twist * twist])
 
     def step(self, x: FloatArray, play: FloatArray, torque: FloatArray, h: float) -> FloatArray:
-        k1 = self._compute_slope(x, play, torque)
-        k2 = self._compute_slope(x + 0.5 * h * k1, play, torque)
-        k3 = self._compute_slope(x + 0.5 * h * k2, play, torque)
-        k4 = self._compute_slope(x + h * k3, play, torque)
-        return x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+        bend, z = self._begin(x, play, torque, h), self.z
+
+        def find_slope(y: FloatArray) -> FloatArray:
+            bent = z if bend is None else bend.move(y[2] - x[2], y[3])
+            return self._compute_slope(y, play, torque, bent)
+
+        k1 = self._compute_slope(x, play, torque, z)
+        k2 = find_slope(x + 0.5 * h * k1)
+        k3 = find_slope(x + 0.5 * h * k2)
+        k4 = find_slope(x + h * k3)
+        after: FloatArray = x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+        if bend is not None:
+            self.bent = bend.move(after[2] - x[2], after[3])
+        return after
+
+    def _begin(self, x: FloatArray, play: FloatArray, torque: FloatArray, h: float) -> BristleStride | None:
+        """Return the step of the bristles; a motor at rest goes where it is pushed."""
+        if self._bristles is None:
+            return None
+        push = self._compute_slope(x, play, torque, self.z)[3]
+        modes = np.where(np.where(x[3] == 0.0, push, x[3]) < 0.0, -1, 1)
+        state = RigidPlantState(q=x[2], dq=x[3], modes=tuple(modes.tolist()), bristles=self.z)
+        return BristleStride(self._bristles, state, h)
 
     def bends(self, x: FloatArray, after: FloatArray, play: FloatArray) -> bool:
+        if self._bristles is not None and bool(np.any((x[3] * after[3] < 0.0) & self._bristles.joints)):
+            return True
         rates = (x[3] - x[1]) * (after[3] - after[1])
         if self._robot.radius.shape[1] and bool(np.any(rates < 0.0)):
             return True
@@ -285,6 +316,7 @@ def simulate_in_numpy(library: Library, robot: PlantRobot, order: PlantExperimen
             for joint in range(size)
         ]
         play[:] = end[:, None] - np.clip(end[:, None] - play, -robot.radius, robot.radius)
+        stepper.z = stepper.bent
         return after
 
     for tick in range(order.ticks):
@@ -326,17 +358,29 @@ def simulate_plant(
 ) -> PlantRun:
     """Return the motion; a notice says where it was computed without a compiler (None: the first found)."""
     reason = "there is no C compiler"
+    bends = any(spec.name == "friction_step" for spec in library.card.functions)
     try:
-        plant = load_plant_code(compiler=compiler) if has_addresses(library) else None
+        plant = load_plant_code(compiler=compiler) if has_addresses(library) and not bends else None
     except GenerationError as error:
         plant, reason = None, str(error)
     if plant is not None:
         return PlantRun(log=plant.run(library, robot, order), backend="c", notices=plant.notices)
     if not has_addresses(library):
         reason = "the robot's functions are not compiled"
+    elif bends:
+        reason = "friction has a state"
     text = f"{reason}: the elastic robot is simulated in NumPy, with the same numbers but many times slower"
     notice = Notice(code="simulate.slow-plant", text=text)
     return PlantRun(log=simulate_in_numpy(library, robot, order), backend="python", notices=(notice,))
+
+
+def _find_bristle_rate(bristles: Bristles, rotor: FloatArray) -> float:
+    """Return the largest rate, 1/s, at which motors of inertia `rotor` (n,) swing or settle on bristles."""
+    stiffness = np.bincount(bristles.owner, bristles.stiffness, minlength=len(rotor))
+    slow, straight = np.full(len(rotor), _SMALL), np.zeros(len(bristles.owner))
+    offset = bristles.compute_torque(np.zeros(len(rotor)), straight)
+    damping = (bristles.compute_torque(slow, straight) - offset) / _SMALL
+    return float(max(np.sqrt(stiffness / rotor).max(), np.max(damping / rotor)))
 
 
 def count_substeps(
@@ -361,6 +405,10 @@ def count_substeps(
             speeds, q=zero, load=zero, temperature=zero + REFERENCE_TEMPERATURE
         )
         (drag,) = library.evaluate("friction", *given, values.friction)
+        bristles = build_bristles(library, values.friction)
+        if bristles is not None:
+            drag = drag * ~bristles.joints
+            rate = max(rate, _find_bristle_rate(bristles, values.rotor))
         ahead, back = np.split(np.asarray(drag), 2)
         slope = np.diagonal(ahead - back) / (2.0 * _SMALL)
         rate = max(rate, float(np.max(slope / values.rotor)))

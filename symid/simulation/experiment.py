@@ -191,6 +191,7 @@ class SimulationRun(FrozenArrays):
         q, dq: (N, n) true states. desired: (N, n) reference positions. torque: (N, n) held from
             each sample to the next; the last row repeats the one before.
         kinetic, potential, work, dissipation: (N,) J; work and dissipation since the start.
+        stored: (N,) J, in bristles of friction.
         events: how often a joint came to rest or turned.
         controller: what the robot was controlled by.
     """
@@ -204,13 +205,14 @@ class SimulationRun(FrozenArrays):
     potential: FloatArray
     work: FloatArray
     dissipation: FloatArray
+    stored: FloatArray
     events: int
     controller: Controller
 
     @property
     def energy_gap(self) -> float:
         """Return the largest |work - change of energy - dissipation|, relative to the most work done."""
-        energy = self.kinetic + self.potential
+        energy = self.kinetic + self.potential + self.stored
         gap = np.abs(self.work - (energy - energy[0]) - self.dissipation)
         return float(gap.max() / max(float(np.abs(self.work).max()), np.finfo(np.float64).tiny))
 
@@ -257,7 +259,8 @@ def simulate_experiment(
     kinetic, potential = (part.reshape(-1) for part in library.evaluate("energy", q, dq, plant.beta))
     work = np.array([state.work for state in states])
     dissipation = np.array([state.dissipation for state in states])
-    check_balance(kinetic, potential, work, dissipation)
+    stored = np.array([plant.compute_stored(state) for state in states])
+    check_balance(kinetic, potential, work, dissipation + stored)
     # The mean of the torques before and after each tick; nothing was held before the first.
     logged = torque.copy()
     logged[1:] = 0.5 * (torque[1:] + torque[:-1])
@@ -280,6 +283,7 @@ def simulate_experiment(
         potential=potential,
         work=work,
         dissipation=dissipation,
+        stored=stored,
         events=states[-1].events,
         controller=law,
     )
@@ -301,7 +305,7 @@ def _run_control_loop(
     cutoff = law.velocity_filter
     blend = 1.0 if cutoff is None else 1.0 - float(np.exp(-2.0 * np.pi * cutoff * options.period))
     sensed, asked = law.velocity_source == "sensor", float(law.velocity == "error")
-    state = build_rest_state(desired[0])
+    state = build_rest_state(desired[0], plant.memory)
     states, torque = [state], np.zeros_like(desired)
     measured, velocity = quantise(state.q, encoder), np.zeros(plant.size)
     for k in range(len(desired) - 1):

@@ -17,15 +17,24 @@ agrees with that of the third-order formula of the same stages, dq + h/6 (a1 + 2
 end of the step. Friction must oppose motion, up to a constant torque: its least value ahead is not below
 its largest back.
 
+Bristles are part of the state, and such a joint has no held mode; its mode is the direction of motion:
+
+    dz/dt = L z + N(z, dq),   L = -|dq| / |z_e| at the beginning of the step, z_e(dq): z after a long way
+    z_k = clamp(z_k + way, -+ z_e)                                  elements, exact for a way without turning
+
+The first has the stages of Cox and Matthews (J. Comput. Phys. 176 (2002) 430-455, ETDRK4), which are those
+of Runge and Kutta for L = 0 and stable for any; steps are shortened for z as for the velocity. What bristles
+store, sum of stiffness z^2 / 2, is no loss.
+
 Supported: several joints held at once; all static friction laws of joints and couplings, those of the
-temperature at its reference.
-Not supported: elastic joints, contact, position limits, pre-sliding, friction of a drive that turns with
+temperature at its reference; laws with a state.
+Not supported: elastic joints, contact, position limits, friction of a drive that turns with
 several coordinates; a held joint breaks away at the beginning of a step only (it does no work).
 """
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import final
 
@@ -105,6 +114,17 @@ class FrictionLines(FrozenArrays):
         share = self.curve(speeds, q, np.ones(len(speeds))) - free
         rest = torque - free
         return np.asarray(torque - rest / (1.0 + share * np.sign(rest)))
+
+    def leave_out(self, joints: NDArray[np.bool_]) -> "FrictionLines":
+        """Return the lines without friction at `joints` (n,)."""
+        curved = self.curved & ~joints
+        return FrictionLines(
+            viscous=self.viscous * ~joints,
+            level=self.level * ~joints,
+            curved=curved,
+            varying=self.varying & ~joints,
+            curve=self.curve if curved.any() else None,
+        )
 
     def compute_band(self, q: FloatArray, load: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the largest and the least friction (n,) of joints held at `q` (n,) under loads (n,)."""
@@ -342,6 +362,142 @@ def _check_signs(card: ModelCard, viscous: FloatArray, level: FloatArray) -> Non
 
 Modes = tuple[int, ...]
 Derivative = tuple[FloatArray, FloatArray, float]
+_LONG_WAY = 1e9
+"""Rad or m, after which all bristles slip."""
+_SERIES, _NEAR = 10, 0.1
+"""Terms of a power series, and the largest number for which they are used."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Bristles(FrozenArrays):
+    """The deflections z that friction remembers, read from the library's step of them.
+
+    Args:
+        owner: (m,) coordinate of each. stiffness: (m,) N m/rad or N/m.
+        elements: (m,) whether it is a spring that slips at its level, and not a bristle that bends over.
+        joints: (n,) which coordinates have some.
+        step: dq (n,), way (n,) and z (m,) -> friction (n,) in N m or N, z (m,) after the way.
+    """
+
+    owner: NDArray[np.int64]
+    stiffness: FloatArray
+    elements: NDArray[np.bool_]
+    joints: NDArray[np.bool_]
+    step: Callable[[FloatArray, FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
+
+    def compute_torque(self, dq: FloatArray, z: FloatArray) -> FloatArray:
+        """Return the friction (n,) of joints with bristles at dq (n,) and z (m,); zero elsewhere."""
+        torque: FloatArray = self.step(dq, np.zeros_like(dq), z)[0] * self.joints
+        return torque
+
+    def find_ends(self, dq: FloatArray, modes: Sequence[int]) -> FloatArray:
+        """Return where z (m,) ends after a long way in the direction of `modes` at dq (n,)."""
+        return self.step(dq, _LONG_WAY * np.array(modes, dtype=np.float64), np.zeros(len(self.owner)))[1]
+
+    def compute_energy(self, z: FloatArray) -> float:
+        """Return what z (m,) stores, in J."""
+        return 0.5 * float(self.stiffness @ (z * z))
+
+
+def build_bristles(library: Library, friction: FloatArray | None = None) -> Bristles | None:
+    """Return the bristles of a library's joints, None without; `friction` (p,) in place of its own values.
+
+    A UsageError names missing values.
+    """
+    card = library.card
+    joints = _list_coordinates(card, lambda law: bool(law.memory))
+    if not joints.any():
+        return None
+    values = get_parameter_values(card.friction, card.robot) if friction is None else friction
+    bound = library.bind("friction_step")
+    still, ways = np.zeros(card.size), np.ones(card.size)
+    given = card.gather_friction_inputs(still, q=still, load=still, temperature=still + REFERENCE_TEMPERATURE)
+
+    def step(dq: FloatArray, way: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        torque, after = bound(dq, way, z, *given[1:], values)
+        return torque.copy(), after.copy()
+
+    spec = next(spec for spec in card.functions if spec.name == "friction_step")
+    size = next(port.size for port in spec.inputs if port.name == "z")
+    # Half of what each bears at standstill is within what it can bear.
+    _, ends = step(still, _LONG_WAY * ways, np.zeros(size))
+    rest, _ = step(still, still, np.zeros(size))
+    felt = np.array([step(still, still, row)[0] - rest for row in np.diag(0.5 * ends)])
+    owner = np.argmax(np.abs(felt), axis=1)
+    laws = [get_law(card.joints[number].friction) for number in owner.tolist()]
+    return Bristles(
+        owner=owner,
+        stiffness=felt[np.arange(size), owner] / (0.5 * ends),
+        elements=np.array([law.elements for law in laws]),
+        joints=joints,
+        step=step,
+    )
+
+
+def _compute_phi(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return phi_1 = (e^x - 1) / x, phi_2 = (phi_1 - 1) / x and phi_3 = (phi_2 - 1/2) / x of x (m,)."""
+    near = np.abs(x) < _NEAR
+    apart = np.where(near, 1.0, x)
+    one = np.expm1(apart) / apart
+    two = (one - 1.0) / apart
+    three = (two - 0.5) / apart
+    if near.any():
+        close = np.where(near, x, 0.0)
+        series = np.zeros_like(x)
+        for k in range(_SERIES, -1, -1):
+            series = series * close + 1.0 / math.factorial(k + 3)
+        three = np.where(near, series, three)
+        two = np.where(near, 0.5 + close * series, two)
+        one = np.where(near, 1.0 + close * (0.5 + close * series), one)
+    return one, two, three
+
+
+@final
+class BristleStride:
+    """Deflections at the stages of a step of h, one after another, from `state`."""
+
+    def __init__(self, bristles: Bristles, state: "RigidPlantState", h: float) -> None:
+        self._bristles, self._modes, self._h = bristles, state.modes, h
+        self._before = self._middle = state.bristles
+        self._side = np.array(state.modes, dtype=np.float64)[bristles.owner]
+        self._ends = np.abs(bristles.find_ends(state.dq, state.modes))
+        self._rate = -self._side * state.dq[bristles.owner] / self._ends
+        half, self._share = _compute_phi(0.5 * h * self._rate)[0], _compute_phi(h * self._rate)
+        self._half = 0.5 * h * half
+        self._rests = [self._find_rest(state.bristles, state.dq)]
+
+    def _find_rest(self, z: FloatArray, dq: FloatArray) -> FloatArray:
+        """Return N, (m,) rad/s or m/s."""
+        speed = dq[self._bristles.owner]
+        return np.asarray(speed - (self._side * speed / self._ends + self._rate) * z)
+
+    def move(self, way: FloatArray, dq: FloatArray) -> FloatArray:
+        """Return z (m,) at the next stage, after `way` (n,) and at dq (n,)."""
+        rests, decay = self._rests, np.exp(0.5 * self._h * self._rate)
+        if len(rests) < 3:
+            z = decay * self._before + self._half * rests[-1]
+            self._middle = z if len(rests) == 1 else self._middle
+        elif len(rests) == 3:
+            z = decay * self._middle + self._half * (2.0 * rests[2] - rests[0])
+        else:
+            one, two, three = self._share
+            z = decay * decay * self._before + self._h * (
+                (one - 3.0 * two + 4.0 * three) * rests[0]
+                + 2.0 * (two - 2.0 * three) * (rests[1] + rests[2])
+                + (4.0 * three - two) * rests[3]
+            )
+        self._ends = np.abs(self._bristles.find_ends(dq, self._modes))
+        slipped = np.clip(self._before + way[self._bristles.owner], -self._ends, self._ends)
+        z = np.where(self._bristles.elements, slipped, z)
+        rests.append(self._find_rest(z, dq))
+        return z
+
+    def compute_excess(self) -> float:
+        """Return the error of z at the end, relative to the one allowed."""
+        _, two, three = self._share
+        error = np.abs(self._h * (4.0 * three - two) * (self._rests[4] - self._rests[3]))
+        return float(np.max(error * ~self._bristles.elements / (_STRIDE_ERROR * self._ends)))
+
 
 _MOST_EVENTS = 200
 _ROOT_STEPS = 60
@@ -363,27 +519,36 @@ class RigidPlantState:
     Args:
         q, dq: (n,) rad or m, rad/s or m/s. modes: friction mode of each joint, see the module.
         work: J, done by the torques so far. dissipation: J, lost in friction so far.
-        events: how often a joint came to rest or turned so far.
+        events: how often a joint came to rest or turned so far. bristles: z (m,) rad or m, see the module.
     """
 
     q: FloatArray
     dq: FloatArray
     modes: Modes
+    bristles: FloatArray = field(default_factory=lambda: np.zeros(0))
     work: float = 0.0
     dissipation: float = 0.0
     events: int = 0
 
 
-def build_rest_state(q: FloatArray) -> RigidPlantState:
-    """Return the state at rest at `q` (n,)."""
-    return RigidPlantState(q=np.array(q, dtype=np.float64), dq=np.zeros(len(q)), modes=(0,) * len(q))
+def build_rest_state(q: FloatArray, bristles: int = 0) -> RigidPlantState:
+    """Return the state at rest at `q` (n,), with as many bristles, all straight."""
+    return RigidPlantState(
+        q=np.array(q, dtype=np.float64),
+        dq=np.zeros(len(q)),
+        modes=(0,) * len(q),
+        bristles=np.zeros(bristles),
+    )
 
 
 @final
 class RigidPlant:
-    """The solver: robot functions bound once, parameter values, friction lines."""
+    """The solver: robot functions bound once, parameter values, friction lines, bristles.
 
-    __slots__ = ("_bias", "_forward", "_joints", "_mass", "beta", "friction", "size")
+    `friction` are the lines of steady sliding; those of the joints without bristles move the robot.
+    """
+
+    __slots__ = ("_bias", "_forward", "_joints", "_lines", "_mass", "beta", "bristles", "friction", "size")
 
     def __init__(self, library: Library, *, speeds: FloatArray | None = None) -> None:
         """Bind the functions; friction must oppose motion up to `speeds` (n,), rad/s or m/s (UsageError)."""
@@ -392,9 +557,22 @@ class RigidPlant:
         self._joints = card.joints
         self.beta = get_parameter_values(card.beta, card.robot)
         self.friction: FrictionLines = build_friction_lines(library, speeds)
+        self.bristles: Bristles | None = build_bristles(library)
+        self._lines = (
+            self.friction if self.bristles is None else self.friction.leave_out(self.bristles.joints)
+        )
         self._forward: Callable[..., tuple[FloatArray, ...]] = library.bind("forward_dynamics")
         self._mass: Callable[..., tuple[FloatArray, ...]] = library.bind("mass_matrix")
         self._bias: Callable[..., tuple[FloatArray, ...]] = library.bind("bias")
+
+    @property
+    def memory(self) -> int:
+        """Return how many deflections friction remembers."""
+        return 0 if self.bristles is None else len(self.bristles.owner)
+
+    def compute_stored(self, state: RigidPlantState) -> float:
+        """Return what bent bristles store, in J."""
+        return 0.0 if self.bristles is None else self.bristles.compute_energy(state.bristles)
 
     def advance(
         self, state: RigidPlantState, torque: FloatArray, duration: float, substeps: int = 1
@@ -434,17 +612,22 @@ class RigidPlant:
         self, state: RigidPlantState, torque: FloatArray, h: float
     ) -> tuple[RigidPlantState, float, float, int]:
         """Return the state after a step of `h` at most, its length, that of the next, how many were tried."""
-        if self.friction.curve is None:
+        if self._lines.curve is None and self.bristles is None:
             return self._stride(state, torque, h)[0], h, h, 1
         held = [joint for joint, mode in enumerate(state.modes) if mode == 0]
-        level = self.friction.level[np.array(state.modes), np.arange(self.size)]
+        level = self._lines.level[np.array(state.modes), np.arange(self.size)]
         for tries in range(1, _MOST_STRIDES + 1):
             with np.errstate(over="ignore", invalid="ignore"):
-                after, last = self._stride(state, torque, h)
-                push = torque - level - self.friction.compute_drag(after.modes, after.dq, after.q, torque)
+                after, last, bent = self._stride(state, torque, h)
+                push = (
+                    torque
+                    - level
+                    - self._compute_drag(after.modes, after.q, after.dq, torque, after.bristles)
+                )
                 # The error of the velocities, relative to the one allowed.
                 error = (h / 6.0) * np.abs(self._accelerate(after.q, after.dq, push, held) - last)
                 excess = float(np.max(error / (_STRIDE_ERROR * np.abs(after.dq) + _STRIDE_FLOOR)))
+                excess = max(excess, bent) if math.isfinite(bent) else bent
             # No number, after a step far too long, is no reason to accept it.
             factor = min(4.0, max(0.1, 0.9 * excess**-0.25)) if excess > 0.0 else 4.0
             if excess <= 1.0:
@@ -458,38 +641,53 @@ class RigidPlant:
 
     def _stride(
         self, state: RigidPlantState, torque: FloatArray, h: float
-    ) -> tuple[RigidPlantState, FloatArray]:
-        """Return the state after one Runge-Kutta step with the modes held, and its last stage's ddq (n,)."""
-        lines, rows = self.friction, (np.array(state.modes), np.arange(self.size))
+    ) -> tuple[RigidPlantState, FloatArray, float]:
+        """Return the state after a step with the modes held, its last stage's ddq (n,), the excess of z."""
+        lines, rows = self._lines, (np.array(state.modes), np.arange(self.size))
         level, viscous = lines.level[rows], lines.viscous[rows]
         push = torque - level
         held = [joint for joint, mode in enumerate(state.modes) if mode == 0]
 
         def slope(q: FloatArray, dq: FloatArray) -> Derivative:
             drag = viscous * dq
-            if lines.curve is not None:
-                drag = lines.compute_drag(state.modes, dq, q, torque)
+            if bend is not None or lines.curve is not None:
+                # The first stage is where the step begins.
+                z = state.bristles if bend is None or dq is state.dq else bend.move(q - state.q, dq)
+                drag = self._compute_drag(state.modes, q, dq, torque, z)
             return dq, self._accelerate(q, dq, push - drag, held), float(drag @ dq)
 
-        q, dq = state.q, state.dq
+        bend = None if self.bristles is None else BristleStride(self.bristles, state, h)
+        q, dq, z = state.q, state.dq, state.bristles
         v1, a1, p1 = slope(q, dq)
         v2, a2, p2 = slope(q + 0.5 * h * v1, dq + 0.5 * h * a1)
         v3, a3, p3 = slope(q + 0.5 * h * v2, dq + 0.5 * h * a2)
         v4, a4, p4 = slope(q + h * v3, dq + h * a3)
         move = (h / 6.0) * (v1 + 2.0 * (v2 + v3) + v4)
         lost = (h / 6.0) * (p1 + 2.0 * (p2 + p3) + p4)
+        speed = dq + (h / 6.0) * (a1 + 2.0 * (a2 + a3) + a4)
+        if bend is not None and self.bristles is not None:
+            z = bend.move(move, speed)
+            lost -= self.bristles.compute_energy(z) - self.bristles.compute_energy(state.bristles)
         after = RigidPlantState(
             q=q + move,
-            dq=dq + (h / 6.0) * (a1 + 2.0 * (a2 + a3) + a4),
+            dq=speed,
             modes=state.modes,
+            bristles=z,
             work=state.work + float(torque @ move),
             dissipation=state.dissipation + lost + float(level @ move),
             events=state.events,
         )
-        return after, a4
+        return after, a4, 0.0 if bend is None else bend.compute_excess()
+
+    def _compute_drag(
+        self, modes: Modes, q: FloatArray, dq: FloatArray, torque: FloatArray, z: FloatArray
+    ) -> FloatArray:
+        """Return friction (n,) beyond the level of each mode, that of bristles whole."""
+        drag = self._lines.compute_drag(modes, dq, q, torque)
+        return drag if self.bristles is None else drag + self.bristles.compute_torque(dq, z)
 
     def _describe_steep(self, duration: float) -> Notice:
-        lines = self.friction
+        lines = self._lines
         creeps = lines.curved & (lines.level[1] <= lines.level[2])
         found = creeps if creeps.any() else lines.curved
         names = [joint.name for joint, steep in zip(self._joints, found, strict=True) if steep]
@@ -526,14 +724,17 @@ class RigidPlant:
         net = torque - self._bias(state.q, state.dq, self.beta)[0]
         for _ in range(4 * 3 ** len(resting)):
             rows = np.array(modes)
-            drag = self.friction.compute_drag(modes, state.dq, state.q, torque)
-            friction = drag + self.friction.level[rows, columns]
+            drag = self._compute_drag(tuple(modes), state.q, state.dq, torque, state.bristles)
+            friction = drag + self._lines.level[rows, columns]
             free = np.flatnonzero(rows)
             acceleration = np.zeros(self.size)
             if free.size:
                 acceleration[free] = np.linalg.solve(mass[np.ix_(free, free)], (net - friction)[free])
             need = net - mass @ acceleration
-            upper, lower = self.friction.compute_band(state.q, torque - need)
+            upper, lower = self._lines.compute_band(state.q, torque - need)
+            if self.bristles is not None:
+                # Bristles hold with what they are bent: they give way to all else.
+                upper, lower = (np.where(self.bristles.joints, drag, end) for end in (upper, lower))
             # A torque this far beyond the band still counts as within it.
             slack = _SLACK * (np.abs(need) + upper - lower)
             pushed = (need > upper + slack).astype(int) - (need < lower - slack)
@@ -542,6 +743,8 @@ class RigidPlant:
             if not wrong:
                 break
             modes[wrong[0]] = int(better[wrong[0]])
+        if self.bristles is not None:
+            modes = [mode or int(bends) for mode, bends in zip(modes, self.bristles.joints, strict=True)]
         return replace(state, modes=tuple(modes))
 
     def _locate(

@@ -13,5 +13,5 @@ const char *symid_emps_signature(void)
 
 const char *symid_emps_digest(void)
 {
-    return "c8c9e3ae83ce967d23c1b8abbdb74bead529e0d66522277fc32ea5719a67a976";
+    return "5083853dc48eeea609cde106312e350683edaaae3f65da5c6fcf38b6f430749f";
 }

@@ -13,5 +13,5 @@ const char *symid_two_link_signature(void)
 
 const char *symid_two_link_digest(void)
 {
-    return "90e591c91fa43995f30353a7c0939f6d5fe3b071525db038b8aa43286eecb183";
+    return "355e6fef896fd195b620bcd92ff63238cb8b8d204bb2930fccb4ac45b3621dfd";
 }

@@ -158,7 +158,16 @@ def _check_task(task: FrictionTask, recordings: Sequence[Recording]) -> None:
         raise UsageError(Notice(code="usage.friction-smoothing", text=text))
     asked = [task.model] if isinstance(task.model, str) else task.model.values()
     for name in asked:
-        if name != AUTO and (unused := _warn_of_smoothing(get_law(name, smoothing=task.smoothing))):
+        if name == AUTO:
+            continue
+        if (law := get_law(name)).memory:
+            curve = "stribeck-exponent" if law.shape else "coulomb-viscous"
+            text = (
+                f"friction model {law.name!r} has a state, of which sliding says nothing: fit its curve, "
+                f"{curve!r}, and its bristles with symid.identification.friction.fit_presliding from Python"
+            )
+            raise UsageError(Notice(code="usage.friction-state", text=text))
+        if unused := _warn_of_smoothing(get_law(name, smoothing=task.smoothing)):
             raise UsageError(Notice(code="usage.friction-smoothing", text=f"{unused[0].text}; leave it out"))
     if len(task.periods) not in {0, 1, len(recordings)}:
         text = (

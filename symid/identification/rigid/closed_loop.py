@@ -202,7 +202,10 @@ def simulate_closed_loop(
     speed = differentiate(loop.reference, period)[0] if known is None else known[0]
     speed = np.where(np.abs(speed) > _AT_REST, speed, 0.0)
     state = RigidPlantState(
-        q=np.array(recording.position[0]), dq=speed, modes=tuple(int(sign) for sign in np.sign(speed))
+        q=np.array(recording.position[0]),
+        dq=speed,
+        modes=tuple(int(sign) for sign in np.sign(speed)),
+        bristles=np.zeros(plant.memory),
     )
     count = len(recording.time)
     q, dq, torque = (np.empty((count, plant.size)) for _ in range(3))

@@ -64,9 +64,24 @@ def test_types_of_functions_are_those_that_editors_are_told(name):
         assert told[entry] is type(getattr(lib, entry)) is (TupleFunction if several else RobotFunction)
 
 
-def test_no_function_of_the_catalogue_is_without_a_type(robot):
+BENT = """
+name = "one"
+convention = "modified"
+gravity = [0, 0, -9.81]
+[[joint]]
+name = "a"
+kind = "revolute"
+[joint.friction]
+model = "dahl"
+sigma0 = 1e4
+"""
+
+
+def test_no_function_of_the_catalogue_is_without_a_type(robot, tmp_path):
     elastic = symid.load("two_link_elastic", backend="python")
-    names = {*robot.compile().functions, *elastic.compile().functions}
+    (tmp_path / "one.toml").write_text(BENT)
+    bent = symid.load(tmp_path / "one.toml", backend="python")
+    names = {*robot.compile().functions, *elastic.compile().functions, *bent.compile().functions}
     assert names == set(CompiledModel.__annotations__)
 
 

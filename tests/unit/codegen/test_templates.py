@@ -1,5 +1,7 @@
 """A template is given all that it names, and nothing else; literals read back as what was written."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,7 @@ from symid.codegen.printing import write_literal
 from symid.codegen.python_targets import generate_casadi_target, generate_python_module
 from symid.codegen.source_text import GenerateOptions, read_template_bytes, write_template
 from symid.errors import GenerationError, UsageError
-from symid.joint_models import get_dynamic_law
+from symid.joint_models import FrictionValues, get_dynamic_law
 from symid.robot import load_robot
 
 
@@ -29,6 +31,12 @@ def test_every_template_is_written_by_a_target(monkeypatch):
         functions = build_functions(load_robot(name))
         generate_c_library(functions, options)
     generate_python_module(functions, GenerateOptions(states=3))
+    robot = load_robot("two_link")
+    friction = FrictionValues(law="dahl", values=(0.4, 0.9), bristles=(1e4,))
+    joints = tuple(replace(joint, friction=friction) for joint in robot.joints)
+    remembering = build_functions(replace(robot, joints=joints), names=("friction_step",))
+    generate_c_library(remembering, options)
+    generate_python_module(remembering, GenerateOptions(states=3))
     generate_casadi_target(functions, GenerateOptions(states=3))
     generate_friction_state(get_dynamic_law("lugre"))
     write_python_call(functions.card, "symid_x")

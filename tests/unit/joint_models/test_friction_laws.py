@@ -303,7 +303,7 @@ def test_a_name_says_all_of_a_law(law, name):
         ("stribeck-1e400", "exponent .* 10"),
         ("position-dependent-1x1e999", "gear ratio .* finite"),
         ("polynomial-2,2", "orders .* differ"),
-        ("LuGre", "get_dynamic_law"),
+        ("lugr", "did you mean lugre"),
     ],
 )
 def test_a_law_that_does_not_exist_is_refused(name, hint):

@@ -8,10 +8,13 @@ import pytest
 
 from symid.dynamics.exact_algebra import write_name_latex
 from symid.errors import SymidError
+from symid.joint_models import get_law
 from symid.lessons import derivation as lesson
 from symid.lessons.derivation import derive_lesson
 from symid.robot.description import Coupling, Mimic, Spring
+from symid.robot.toml_reader import parse_robot
 from tests.chains import PANDA, PI, TWO_LINK, build_chain
+from tests.state_laws import LAWS, write_table
 
 
 def find_formula(steps, left):
@@ -105,3 +108,44 @@ def test_left_sides_in_latex(left, latex):
 def test_a_torque_without_a_slope_at_a_point_in_an_extended_field():
     robot = build_chain([(PI / 4, 0, "q", 0.0), (0.0, 0.1, 0, "q"), (PI / 2, 0, 0, "q"), (0.0, 0.2, 0, "q")])
     assert "rational point" in derive_lesson(robot)[-1].check
+
+
+FRICTION = """
+name = "arm"
+convention = "modified"
+gravity = [0, 0, -9.81]
+[[joint]]
+name = "a"
+kind = "revolute"
+[joint.friction]
+{friction}
+"""
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_friction_with_a_state_has_its_equations_source_and_steady_curve(name):
+    step = derive_lesson(parse_robot(FRICTION.format(friction=write_table(name))))[-1]
+    law = get_law(name)
+    assert step.title == "Friction"
+    assert f"a: {name} ({law.source})" in step.sentence
+    (formula,) = step.formulas
+    assert (formula.left, formula.text) == ("tau_f1", law.formula)
+    assert r"\dot z" in formula.latex
+    assert formula.latex.endswith(law.latex.removeprefix(r"\tau_f = "))
+    assert (r"\sigma_1 \dot z" in formula.latex) == ("sigma1" in {entry.name for entry in law.memory})
+    assert "after a long way bristles give the curve of steady sliding" in step.check
+
+
+def test_bristles_that_end_elsewhere_contradict_the_lesson(monkeypatch):
+    monkeypatch.setattr(lesson, "advance_memory", lambda *_: (1.0, (0.0,)))
+    with pytest.raises(SymidError, match="do not end at the curve of steady sliding") as caught:
+        derive_lesson(parse_robot(FRICTION.format(friction=write_table("dahl"))))
+    assert caught.value.notices[0].code == "dynamics.contradiction"
+
+
+def test_static_friction_has_its_equation_and_source():
+    table = 'model = "stribeck"\nvs = 0.1'
+    step = derive_lesson(parse_robot(FRICTION.format(friction=table)))[-1]
+    assert "a: stribeck (Armstrong-Helouvry" in step.sentence
+    assert step.formulas[0].text == get_law("stribeck").formula
+    assert not step.check

@@ -154,7 +154,7 @@ def test_a_law_whose_exponent_is_fixed_has_no_gamma(name):
         ("viscous", "Known laws: coulomb, "),
         ("stribek", "did you mean stribeck"),
         ("stribeck-50", "exponent must be above 0 and at most 10"),
-        ("lugre", "it has a state"),
+        ("lugr", "did you mean lugre"),
         ("", "unknown friction law ''"),
     ],
 )

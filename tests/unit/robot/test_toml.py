@@ -76,6 +76,13 @@ MISTAKES = [
         22,
         "unknown friction law 'viscous'; did you mean coulomb-viscous or ",
     ),
+    (
+        "robot.friction-elements",
+        HEAD + JOINT + 'friction = { model = "maxwell-slip", stiffness = [9, 1], share = [1] }\n',
+        6,
+        66,
+        "1 numbers for the 2 of stiffness",
+    ),
     ("robot.missing-key", HEAD + JOINT + '[log]\ntime = { unit = "s" }\n', 7, 8, 'column = "t"'),
     ("robot.missing-key", HEAD + JOINT + '[log]\ntorque = { unit = "N m" }\n', 7, 10, "columns ="),
     ("robot.missing-key", HEAD + JOINT + '[log]\ntorque = { columns = ["u"] }\n', 7, 10, 'unit = "N m"'),

@@ -438,3 +438,10 @@ def test_one_pose_is_no_test_and_recordings_of_one_pose_belong_together():
         torque=recordings[0].torque,
     )
     assert list_poses(prepare_joint_logs(LIBRARY, [moving], RAW), 0) == ()
+
+
+@pytest.mark.parametrize(("model", "curve"), [("lugre", "stribeck-exponent"), ("dahl", "coulomb-viscous")])
+def test_a_law_with_a_state_is_refused_with_its_curve(model, curve):
+    with pytest.raises(UsageError, match=f"fit its curve, '{curve}'") as caught:
+        identify(*SLOW_AND_FAST, model=model)
+    assert caught.value.notices[0].code == "usage.friction-state"

@@ -1,0 +1,271 @@
+"""Generated friction with a state: in C, Python and CasADi against its equations, and each other."""
+
+import ctypes
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.integrate import solve_ivp
+
+from symid.codegen.c_library import generate_c_library
+from symid.codegen.cache import prepare_library
+from symid.codegen.casadi_functions import build_functions
+from symid.codegen.python_targets import generate_casadi_target, generate_python_module
+from symid.codegen.source_folder import write_sources
+from symid.codegen.source_text import GenerateOptions
+from symid.joint_models import FrictionValues
+from symid.robot.toml_reader import parse_robot, read_robot
+from tests.state_laws import (
+    LAWS,
+    count_deflections,
+    find_rate,
+    find_torque,
+    give_values,
+    take_step,
+    write_table,
+)
+
+STRICT = "-O1 -Wall -Wextra -Werror"
+JOINT = """
+[[joint]]
+name = "j{number}"
+kind = "revolute"
+alpha = {alpha}
+[joint.link]
+mass = 2.0
+com = [0.2, 0.01, 0.0]
+inertia = {{ xx = 0.01, yy = 0.02, zz = 0.03 }}
+[joint.friction]
+{friction}
+"""
+PLAIN = 'model = "coulomb-viscous"\nFv = 0.4\nFc = 0.9'
+LOADED = 'model = "load-dependent-stribeck"\nFv = 0.3\nFc = 0.8\nFl = 0.1\nFe = 0.2\nFle = 0.01\nvs = 0.1'
+ROBOTS = {
+    "alone": ("dahl", "lugre", "generalised-maxwell-slip"),
+    "mixed": (LOADED, "lugre+offset", PLAIN, "maxwell-slip"),
+}
+FEW = ("friction", "friction_step")
+FUNCTIONS = (*FEW, "inverse_dynamics", "forward_dynamics")
+
+
+def build_robot(name):
+    text = f'name = "{name}"\nconvention = "modified"\ngravity = [0, 0, -9.81]\n'
+    tables = [law if "=" in law else write_table(law) for law in ROBOTS[name]]
+    for number, table in enumerate(tables):
+        text += JOINT.format(number=number, alpha='"pi/2"' if number % 2 else 0, friction=table)
+    return parse_robot(text)
+
+
+def draw_states(name, count=30):
+    """Return velocities, ways, deflections and loads: some bristles bend, some slip, some rest."""
+    rng, size = np.random.default_rng(4), len(ROBOTS[name])
+    dq = rng.normal(size=(count, size)) * 10.0 ** rng.uniform(-3, 0, (count, size))
+    dq[rng.uniform(size=dq.shape) < 0.1] = 0.0
+    z = rng.normal(size=(count, sum(count_deflections(law) for law in ROBOTS[name] if "=" not in law))) * 3e-4
+    return dq, dq * 1e-3, z, rng.normal(size=dq.shape) * 5.0
+
+
+def compute_friction(name, dq, z, load):
+    """Return friction and deflections after 1 ms, by the equations."""
+    torque, after = np.empty(len(dq)), []
+    for joint, law in enumerate(ROBOTS[name]):
+        if "=" not in law:
+            own = [float(one) for one in z[len(after) : len(after) + count_deflections(law)]]
+            torque[joint], moved = take_step(give_values(law), dq[joint], 1e-3, own)
+            after += moved
+        elif law == PLAIN:
+            torque[joint] = 0.9 * np.sign(dq[joint]) + 0.4 * dq[joint]
+        else:
+            level = 0.8 + 0.1 * abs(load[joint])
+            level += (0.2 + 0.01 * abs(load[joint])) * np.exp(-((dq[joint] / 0.1) ** 2))
+            torque[joint] = level * np.sign(dq[joint]) + 0.3 * dq[joint]
+    return torque, after
+
+
+@pytest.fixture(scope="module", params=sorted(ROBOTS))
+def arm(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def functions(arm):
+    return build_functions(build_robot(arm), names=FUNCTIONS)
+
+
+@pytest.mark.parametrize("backend", ["c", "python", "casadi"])
+def test_a_step_is_that_of_the_equations(arm, backend, c_compiler):
+    library = prepare_library(build_robot(arm), names=FEW, backend=backend)
+    values = np.array([entry.value for entry in library.card.friction])
+    dq, way, z, load = draw_states(arm)
+    given = library.card.gather_friction_inputs(dq, q=dq, load=load, temperature=dq)[1:]
+    torque, after = library.evaluate("friction_step", dq, way, z, *given, values)
+    for k in range(len(dq)):
+        wanted, moved = compute_friction(arm, dq[k], z[k], load[k])
+        assert_allclose(torque[k], wanted, rtol=1e-12, atol=1e-12)
+        assert_allclose(after[k], moved, rtol=1e-12, atol=1e-16)
+    # After a long way it is the friction of steady sliding.
+    dq[dq == 0.0] = 0.01
+    steady, _ = library.evaluate("friction_step", dq, 1e3 * np.sign(dq), z, *given, values)
+    (sliding,) = library.evaluate("friction", dq, *given, values)
+    assert_allclose(steady, sliding, rtol=1e-12)
+
+
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_c_compiles_strictly_and_passes_its_own_test(functions, precision, tmp_path, c_compiler):
+    if shutil.which("make") is None:
+        pytest.skip("wants make")
+    write_sources(
+        generate_c_library(functions, GenerateOptions(precision=precision, states=20)), tmp_path / "c"
+    )
+    command = ["make", "-s", f"CC={c_compiler}", f"CFLAGS={STRICT}", "all", "check"]
+    done = subprocess.run(command, cwd=tmp_path / "c", capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    lines = [line for line in done.stdout.splitlines() if line.startswith("friction_state")]
+    assert len(lines) == 1
+    assert lines[0].endswith("ok")
+    # The example controls the robot with the bristles' own feed-forward.
+    done = subprocess.run(["./control_loop"], cwd=tmp_path / "c", capture_output=True, text=True, check=True)
+    assert float(done.stdout.split()[-4]) < 5e-3
+
+
+def test_the_self_test_notices_a_state_that_is_not_kept(functions, arm, tmp_path, c_compiler):
+    if shutil.which("make") is None:
+        pytest.skip("wants make")
+    write_sources(generate_c_library(functions, GenerateOptions(states=5)), tmp_path / "c")
+    path = tmp_path / "c" / f"symid_{arm}_friction_state.c"
+    text = path.read_text()
+    assert "state->z[k] = next[k];" in text
+    path.write_text(text.replace("state->z[k] = next[k];", "state->z[k] = 0.5 * next[k];"))
+    command = ["make", "-s", f"CC={c_compiler}", "CFLAGS=-O1", "check"]
+    done = subprocess.run(command, cwd=tmp_path / "c", capture_output=True, text=True, check=False)
+    failed = [line.split()[0] for line in done.stdout.splitlines() if line.endswith("FAILED")]
+    assert (done.returncode != 0, failed) == (True, ["friction_state"])
+
+
+class StateInC:
+    """The state of the generated C, called with arrays."""
+
+    def __init__(self, folder, compiler, arm, sizes):
+        stem, target = f"symid_{arm}", folder / "friction.so"
+        sources = [str(folder / f"{stem}_{part}.c") for part in ("friction_state", "friction_step")]
+        flags = ("-std=c99", "-fPIC", "-shared", *STRICT.split())
+        subprocess.run([compiler, *flags, *sources, "-o", str(target), "-lm"], check=True)
+        shared = ctypes.CDLL(str(target))
+        self.begin, self.move = (getattr(shared, f"{stem}_friction_state_{end}") for end in ("init", "step"))
+        self.z, self.torque = np.full(sizes[1], 7.0), np.empty(sizes[0])
+        assert self.begin(ctypes.c_void_p(self.z.ctypes.data)) == 0
+
+    def step(self, dq, period, *given):
+        rows = [np.ascontiguousarray(row, dtype=float) for row in given]
+        pointers = [ctypes.c_void_p(row.ctypes.data) for row in (*rows, self.torque)]
+        state, speed = (ctypes.c_void_p(row.ctypes.data) for row in (self.z, dq))
+        code = self.move(state, speed, ctypes.c_double(period), *pointers)
+        return code, self.torque.copy()
+
+
+def test_the_state_of_c_is_that_of_python_along_a_motion(functions, arm, tmp_path, c_compiler):
+    write_sources(generate_c_library(functions), tmp_path / "c")
+    module = {}
+    sources = dict(generate_python_module(functions).files)
+    exec(compile(sources[f"symid_{arm}.py"], "module", "exec"), module)  # noqa: S102  our own text
+    state = module["FrictionState"]()
+    sizes = (len(ROBOTS[arm]), len(state.z))
+    in_c = StateInC(tmp_path / "c", c_compiler, arm, sizes)
+    values = np.array([entry.value for entry in functions.card.friction])
+    time = np.arange(400) * 1e-3
+    path = np.stack(
+        [0.2 * np.sin(9.0 * time + k) + 0.01 * np.sin(90.0 * time) for k in range(sizes[0])], axis=1
+    )
+    z = state.z
+    for k, dq in enumerate(path):
+        load = np.cos(time[k] + np.arange(sizes[0]))
+        given = functions.card.gather_friction_inputs(dq, q=dq, load=load, temperature=dq)[1:]
+        code, torque = in_c.step(dq, 1e-3, *given, values)
+        assert code == 0
+        assert_allclose(torque, state.step(dq, 1e-3, *given, values), rtol=1e-12, atol=1e-12)
+        wanted, z = compute_friction(arm, dq, z, load)
+        assert_allclose(torque, wanted, rtol=1e-11, atol=1e-11)
+        assert_allclose(in_c.z, state.z, rtol=1e-12, atol=1e-16)
+    kept = in_c.z.copy()
+    for dq, period in ((np.full(sizes[0], np.nan), 1e-3), (path[0], -1e-3), (path[0], np.inf)):
+        assert in_c.step(dq, period, *given, values)[0] == 2
+        with pytest.raises(ValueError, match="must be finite, and the period not negative"):
+            state.step(dq, period, *given, values)
+    assert np.array_equal(in_c.z, kept)
+    state.reset()
+    assert in_c.begin(ctypes.c_void_p(in_c.z.ctypes.data)) == 0
+    assert not state.z.any()
+    assert not in_c.z.any()
+
+
+def test_casadi_functions_are_those_of_the_equations(functions, arm, tmp_path):
+    write_sources(generate_casadi_target(functions, GenerateOptions(states=3)), tmp_path / "casadi")
+    (path,) = (tmp_path / "casadi").rglob("*friction_step.casadi")
+    function = ca.Function.load(str(path))
+    values = np.array([entry.value for entry in functions.card.friction])
+    dq, way, z, load = draw_states(arm, 10)
+    for k in range(len(dq)):
+        given = functions.card.gather_friction_inputs(dq[k], q=dq[k], load=load[k], temperature=dq[k])[1:]
+        torque, after = function(dq[k], way[k], z[k], *given, values)
+        wanted, moved = compute_friction(arm, dq[k], z[k], load[k])
+        assert_allclose(torque.full()[:, 0], wanted, rtol=1e-12, atol=1e-12)
+        assert_allclose(after.full()[:, 0], moved, rtol=1e-12, atol=1e-16)
+
+
+def test_the_example_of_an_elastic_robot_moves_with_bristles(robots_folder, tmp_path, c_compiler):
+    if shutil.which("make") is None:
+        pytest.skip("wants make")
+    robot = read_robot(robots_folder / "two_link_elastic.toml")
+    friction = FrictionValues(law="lugre", values=(1.0, 1.5, 0.4), shape=(0.1, 2.0), bristles=(2e4, 40.0))
+    joints = tuple(replace(joint, friction=friction) for joint in robot.joints)
+    functions = build_functions(replace(robot, joints=joints))
+    write_sources(generate_c_library(functions, GenerateOptions(states=5)), tmp_path / "c")
+    command = ["make", "-s", f"CC={c_compiler}", f"CFLAGS={STRICT}", "all", "check"]
+    done = subprocess.run(command, cwd=tmp_path / "c", capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    done = subprocess.run(["./control_loop"], cwd=tmp_path / "c", capture_output=True, text=True, check=True)
+    error = float(re.search(r"tracking error .*?: (\S+) rad", done.stdout)[1])
+    assert error < 5e-3
+
+
+@pytest.mark.parametrize("law", [law for law in LAWS if "sigma0" in give_values(law)])
+def test_a_held_step_is_the_solution_of_the_bristle_equation(law):
+    """`take_step`, which all targets equal, against an implicit solver."""
+    p = give_values(law)
+    for v, z0 in ((0.003, 0.0), (0.2, -1e-4), (-0.04, 1.5e-4)):
+        solved = solve_ivp(
+            lambda _t, z, v=v: [find_rate(p, v, z[0])], (0, 5e-3), [z0], "Radau", rtol=1e-11, atol=1e-16
+        )
+        torque, (z,) = take_step(p, v, 5e-3, [z0])
+        assert z == pytest.approx(solved.y[0, -1], rel=1e-8, abs=1e-13)
+        assert torque == pytest.approx(find_torque(p, v, solved.y[:, -1]), rel=1e-8)
+
+
+def test_a_loop_of_dahl_has_the_area_of_its_closed_form():
+    """Between turns at +-A the height is fC tanh(sigma0 A / fC), the area 4 fC (A - height / sigma0)."""
+    robot = parse_robot(
+        'name = "one"\nconvention = "modified"\ngravity = [0, 0, -9.81]\n'
+        + JOINT.format(number=0, alpha=0, friction=write_table("dahl", Fv=0.0))
+    )
+    library = prepare_library(robot, names=FEW, backend="python")
+    values = np.array([entry.value for entry in library.card.friction])
+    p, far, count = give_values("dahl"), 3e-4, 4000
+    way = np.full(count, 2.0 * far / count)
+    path = np.concatenate([way[: count // 2], -way, way, -way, way])
+    z, torques = np.zeros(1), []
+    for step in path:
+        torque, z = library.evaluate(
+            "friction_step", np.zeros((1, 1)), np.array([[step]]), z.reshape(1, 1), values
+        )
+        torques.append(float(torque[0, 0]))
+    height = p["Fc"] * np.tanh(p["sigma0"] * far / p["Fc"])
+    assert torques[-1] == pytest.approx(height, rel=1e-9)
+    loop = np.array([-height, *torques[-count:]])
+    back = np.array([height, *torques[-2 * count : -count]])
+    area = np.trapezoid(loop, dx=way[0]) - np.trapezoid(back, dx=way[0])
+    assert area == pytest.approx(4.0 * p["Fc"] * (far - height / p["sigma0"]), rel=1e-5)
