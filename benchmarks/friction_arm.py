@@ -370,11 +370,11 @@ def print_summary(results: list[dict]) -> None:
             f"held-out rms / oracle's, {rows} rows: mean {ratio.mean():.3f}, worst {ratio.max():.3f}; {means}"
         )
     base = set(find_base())
-    for label, wanted in (("base parameters", True), ("friction", False)):
+    for label, kinds in (("base parameters", {True}), ("friction", {False}), ("all", {True, False})):
         table = {}
         for entry in whole:
             for name, (value, deviation, true) in entry["parameters"].items():
-                if (name in base) == wanted:
+                if (name in base) in kinds:
                     table.setdefault(name, []).append(abs(value - true) <= QUANTILE * deviation)
         if table:
             hits = [hit for entries in table.values() for hit in entries]

@@ -116,3 +116,26 @@ def test_estimators_that_simulate_are_refused(estimator, logs, folder):
     with pytest.raises(UsageError, match=r"friction with a state \(a: dahl\) moves otherwise") as caught:
         load(folder, "dahl").identify(logs["dahl"], estimator=estimator)
     assert [notice.code for notice in caught.value.notices] == ["usage.friction-state"]
+
+
+def test_a_joint_keeps_the_law_of_its_file_by_name(logs, folder):
+    robot = load(folder, "lugre")
+    named, plain = (robot.identify(logs["lugre"], friction=laws) for laws in ({"a": "lugre"}, None))
+    assert named.estimate.parameters == plain.estimate.parameters
+    assert "identify.friction-state" in find_codes(named)
+
+
+def test_laws_of_single_joints_whose_state_is_not_stated_are_refused_at_once(logs, folder):
+    with pytest.raises(UsageError) as caught:
+        load(folder, "lugre").identify(logs["lugre"], friction={"a": "dahl", "b": "auto"})
+    first, second = caught.value.notices
+    assert {first.code, second.code} == {"usage.joint-friction"}
+    assert first.text.startswith("friction of joint 'a': 'dahl' needs sigma0, which no option gives")
+    assert "joint 'b': no such joint" in second.text
+
+
+def test_a_joint_whose_law_is_chosen_gives_the_state_up_and_that_is_said(logs, folder):
+    fit = load(folder, "lugre").identify(logs["lugre"], friction={"a": "coulomb-viscous"})
+    codes = find_codes(fit)
+    assert "identify.friction-replaced" in codes
+    assert "identify.friction-state" not in codes

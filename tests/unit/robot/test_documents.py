@@ -26,12 +26,21 @@ def test_every_robot_of_the_documentation_is_read(project):
 
 def test_settings_of_the_documentation_are_read(project, robots_folder):
     emps = (robots_folder / "emps.toml").read_text(encoding="utf-8").partition("[log]")[0]
-    blocks = [b for b in find_blocks(project, "robot_file.md", "toml") if "[[joint]]" not in b]
+    parts = find_blocks(project, "robot_file.md", "toml")
+    blocks = [b for b in parts if "[[joint]]" not in b and not b.startswith("[joint.")]
     assert len(blocks) == 4
     robot = parse_robot(emps + "".join(blocks))
     assert robot.log.torque.unit == "V"
     assert robot.controller.velocity == "measured"
     assert [entry.name for entry in robot.settings] == ["published", "lab"]
+
+
+def test_friction_with_a_state_of_the_documentation_is_read(project, robots_folder):
+    parts = find_blocks(project, "robot_file.md", "toml")
+    (block,) = [b for b in parts if b.startswith("[joint.friction]")]
+    joint = (robots_folder / "emps.toml").read_text(encoding="utf-8").partition("[joint.friction]")[0]
+    robot = parse_robot(joint + block)
+    assert robot.joints[0].friction.law == "lugre"
 
 
 def test_the_table_of_the_documentation_is_read(project):
