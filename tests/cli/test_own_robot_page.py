@@ -228,5 +228,5 @@ def test_pinocchio_foretells_the_other_motion_as_validate_says(walk):
         cut = int(np.ceil(0.05 * (len(whole) - 1)))
         kept = slice(cut, -cut)
         relative = 100.0 * np.linalg.norm(error[kept]) / np.linalg.norm(whole[kept])
-        (said,) = re.findall(rf"^{joint} +\S+ +(\S+) ", steps[3][2], re.MULTILINE)
+        (said,) = re.findall(rf"^{joint} +\S+ +(\S+) +\S+ +N m +\d", steps[3][2], re.MULTILINE)
         assert relative == pytest.approx(float(said), rel=0.02)

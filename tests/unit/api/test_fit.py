@@ -132,8 +132,9 @@ def test_figures_show_themselves_and_are_written(fit, logs, tmp_path):
 
 def test_a_notebook_sees_tables_and_notices(fit):
     page = fit._repr_html_()
-    assert page.count("<table>") == 2
+    assert page.count("<table>") == 3
     assert "ZZR1" in page
+    assert "at reversal/%" in page
     assert repr(fit) == f"<RigidFit {fit.summarise()}>"
 
 

@@ -25,14 +25,15 @@ VALUES = {
     "load-dependent": ((0.8, 1.1, 0.05), ()),
     "load-dependent-stribeck": ((0.8, 1.1, 0.05, 0.3, 0.02), (0.1,)),
     "position-dependent-1,3x8": ((0.5, 0.9, 0.2, -0.1, 0.05, 0.04), ()),
-    "position-torque": ((0.5, 0.9, 0.2, -0.1, 0.05, 0.04), ()),
+    # Once a turn, a wave would be like a weight, and part of a base parameter.
+    "position-torque-5": ((0.5, 0.9, 0.2, -0.1), ()),
     "temperature": ((0.5, 0.9, -0.005, -0.004), ()),
     "temperature-viscous": ((0.5, 0.9, 3.0), (25.0,)),
     "coulomb-viscous": ((0.5, 0.9), ()),
 }
 PAIRS = (
     ("load-dependent", "position-dependent-1,3x8"),
-    ("position-torque", "temperature"),
+    ("position-torque-5", "temperature"),
     ("temperature-viscous", "load-dependent-stribeck"),
     ("coulomb-viscous", "load-dependent"),
     ("temperature", "coulomb-viscous"),
