@@ -17,6 +17,7 @@ robot file.
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -216,10 +217,84 @@ def search_friction(
         rotors=list_coupled_rotors(robot),
     )
     found = _set_friction(robot, {law.joint: law.friction for law in choice.joints})
-    estimate, found, library = _fit_found(robot, found, recordings, choice, names, prepare, options)
+    fit = partial(_fit_found, robot, recordings, choice, names, prepare, options)
+    result = fit(found)
+    if (plain := _make_plain(found, _list_chosen(found, names))) != found and result[0].evidence is not None:
+        progress(f"comparing with {PLAIN}")
+        choice, result = _give_up_worse(choice, names, fit, result, fit(plain))
+    estimate, found, library = result
     laws = compare_friction(choice, {joint.name: joint.friction for joint in found.axes})
     estimate = replace(estimate, notices=(*choice.notices, *laws, *estimate.notices))
     return _record_laws(estimate, found, robot, library, choice, names), found, library
+
+
+_WORSE = 1.01
+"""Times a joint's held-out residual with the plain law, from which the law chosen is given up."""
+_Result = tuple[Estimate, Robot, Library]
+
+
+def _list_chosen(robot: Robot, names: Mapping[str, str]) -> list[str]:
+    """Return the joints whose laws were chosen, and are others than the plain one."""
+    return [
+        joint.name
+        for joint in robot.axes
+        if names.get(joint.name) == AUTO and joint.friction.law not in {PLAIN, NO_FRICTION}
+    ]
+
+
+def _make_plain(robot: Robot, joints: Collection[str]) -> Robot:
+    """Return the robot with the plain law at these joints."""
+    law = FrictionValues(law=PLAIN, values=(0.0,) * len(get_law(PLAIN).linear))
+    return _set_friction(robot, dict.fromkeys(joints, law))
+
+
+def _give_up_worse(
+    choice: FrictionChoice,
+    names: Mapping[str, str],
+    fit: Callable[[Robot], _Result],
+    found: _Result,
+    plain: _Result,
+) -> tuple[FrictionChoice, _Result]:
+    """Return choice and fit without the laws that the plain one surpasses in fits of the whole robot.
+
+    Laws are chosen from windows in motion. What counts is what is left of all rows, held out in turn, joint
+    by joint; joints are tried anew until none is worse than with the plain law everywhere.
+    """
+    if plain[0].evidence is None:
+        return choice, found
+    usual = {entry.joint: entry.held_out for entry in plain[0].evidence.joints}
+    chosen, given_up, texts = _list_chosen(found[1], names), list[str](), list[str]()
+    while found[0].evidence is not None:
+        worse = [
+            entry
+            for entry in found[0].evidence.joints
+            if entry.joint in chosen
+            and entry.joint not in given_up
+            and entry.held_out > _WORSE * usual[entry.joint]
+        ]
+        if not worse:
+            break
+        laws = {joint.name: joint.friction.law for joint in found[1].axes}
+        texts += [
+            f"{entry.joint}: {laws[entry.joint]} leaves {entry.held_out:.3g} %, {PLAIN} "
+            f"{usual[entry.joint]:.3g} %"
+            for entry in worse
+        ]
+        given_up += [entry.joint for entry in worse]
+        found = plain if len(given_up) == len(chosen) else fit(_make_plain(found[1], given_up))
+    if not given_up:
+        return choice, found
+    text = (
+        f"{PLAIN} was taken where it predicts held-out torque of the whole robot better ({'; '.join(texts)})"
+    )
+    joints = []
+    for law in choice.joints:
+        if law.joint in given_up and law.selection is not None:
+            verdict = f"{law.selection.verdict} In fits of the whole robot {PLAIN} predicts better."
+            law = replace(law, selection=replace(law.selection, chosen=PLAIN, verdict=verdict))  # noqa: PLW2901
+        joints.append(law)
+    note = Notice(code="identify.plain-friction", text=text)
+    return replace(choice, joints=tuple(joints), notices=(*choice.notices, note)), found
 
 
 def _list_axes(robot: Robot) -> list[str]:
@@ -236,12 +311,12 @@ def _list_wish(names: Mapping[str, str], joint: Joint) -> Wish:
 
 def _fit_found(  # noqa: PLR0917 - the parts of one search
     robot: Robot,
-    found: Robot,
     recordings: Sequence[Recording],
     choice: FrictionChoice,
     names: Mapping[str, str],
     prepare: Callable[[Robot], Library],
     options: Mapping[str, Any],
+    found: Robot,
 ) -> tuple[Estimate, Robot, Library]:
     """Return the fit of a robot with the laws found, repeated until shape values and loads stay."""
     beta, plan, left = choice.beta, None, _REPEATS

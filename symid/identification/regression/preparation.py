@@ -29,6 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
@@ -411,34 +412,44 @@ def mask_fast(
     """Return the rows (m,) whose joint is not slow, and a notice for each joint that loses some.
 
     `speed` (m,) in rad/s or m/s is what is compared with the standstill speeds; rows within `margin` s of a
-    slow one count as slow.
+    slow one count as slow, unless they are most of the joint's.
     """
     if rows.kind in SCALAR_KINDS or not processing.standstill:
         return np.ones(len(speed), dtype=np.bool_), ()
     limits = np.array([processing.get_standstill(joint) for joint in range(len(rows.group_names))])
     slow = np.abs(speed) < limits[rows.group]
+    beside = ""
     if margin:
-        slow = _widen(rows, slow, margin)
+        slow, beside = _widen(rows, slow, margin), ", or beside such rows,"
     notices = []
     for group in np.unique(rows.group[slow]):
         own = rows.group == group
         text = (
             f"joint {rows.group_names[group]!r}: {int(np.sum(slow & own))} of {int(np.sum(own))} rows slower "
-            f"than processing.standstill = {limits[group]:g} were left out of the fit"
+            f"than processing.standstill = {limits[group]:g}{beside} were left out of the fit"
         )
         notices.append(Notice(code="identify.slow-rows", text=text, file=file))
     return ~slow, tuple(notices)
 
 
 def _widen(rows: Rows, slow: NDArray[np.bool_], margin: float) -> NDArray[np.bool_]:
-    """Return which rows (m,) are within `margin` s of a slow one of their joint and recording."""
+    """Return which rows (m,) are within `margin` s of a slow one of their joint and recording.
+
+    The margin of a joint is halved until half of its fast rows stay.
+    """
     wide = slow.copy()
-    for run in np.unique(rows.run):
-        for group in np.unique(rows.group):
-            own = np.flatnonzero((rows.run == run) & (rows.group == group))
-            if len(own) > 1:
-                reach = round(margin / float(np.median(np.diff(rows.time[own]))))
-                wide[own] = np.convolve(slow[own], np.ones(2 * reach + 1), mode="same") > 0.5
+    for group in np.unique(rows.group):
+        own = rows.group == group
+        parts = [np.flatnonzero(own & (rows.run == run)) for run in np.unique(rows.run[own])]
+        least, reach = 0.5 * np.sum(~slow[own]), margin
+        while True:
+            for part in parts:
+                steps = np.diff(rows.time[part])
+                places = round(reach / float(np.median(steps))) if len(steps) else 0
+                wide[part] = maximum_filter1d(slow[part], 2 * places + 1, mode="constant")
+            if np.sum(~wide[own]) >= least:
+                break
+            reach *= 0.5
     return wide
 
 

@@ -7,6 +7,7 @@ import pytest
 from scipy.signal import firwin
 
 from symid.errors import UsageError
+from symid.identification.regression import mask_fast, prepare_all_rows
 from symid.identification.rigid import settings_choice
 from symid.identification.rigid.fit import identify_parameters
 from symid.identification.rigid.friction_tables import limit_cutoff
@@ -271,3 +272,27 @@ def test_rows_are_a_windowed_ideal_low_pass_at_their_places(band, step):
         expected = np.column_stack([np.convolve(column, taps, mode="valid") for column in padded.T])
     found = settings_choice._filter_rows(values, band, places)
     np.testing.assert_allclose(found, expected[places], atol=1e-13)
+
+
+@pytest.mark.parametrize("margin", [0.05, 0.3, 30.0])
+def test_rows_beside_slow_ones_are_left_out_unless_they_are_most(margin):
+    log, _ = record_sticking(0)
+    settings = Processing(decimation=Decimation(factor=5), filter_cutoff=50.0, standstill=(0.02, 0.02))
+    rows = prepare_all_rows("torque", LIBRARY, log, settings, window=0.1)
+    bare, _ = mask_fast(rows, rows.velocity, settings)
+    kept, notices = mask_fast(rows, rows.velocity, settings, margin=margin)
+    assert not np.any(kept & ~bare)
+    for joint in (0, 1):
+        own = rows.group == joint
+        slow = rows.time[own][~bare[own]]
+        away = np.abs(rows.time[own][:, None] - slow).min(axis=1)
+        assert np.sum(kept[own]) >= 0.5 * np.sum(bare[own])
+        if margin < 1.0:
+            # To the nearest row.
+            step = np.median(np.diff(rows.time[own]))
+            assert away[kept[own]].min() > margin - step / 2.0
+            assert away[~kept[own]].max() < margin + step / 2.0 + 1e-9
+        else:
+            # As far as half of them allow.
+            assert away[kept[own]].min() > 0.1
+    assert all("or beside such rows" in notice.text for notice in notices)
