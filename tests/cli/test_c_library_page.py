@@ -11,13 +11,19 @@ import pytest
 from symid.codegen.c_library import generate_c_library
 from symid.codegen.casadi_functions import build_functions
 from symid.codegen.source_folder import write_sources
-from symid.robot.toml_reader import read_robot
+from symid.joint_models import get_law
+from symid.robot.toml_reader import parse_robot, read_robot
+from tests.state_laws import STATES, write_table
 
 
 @pytest.fixture(scope="module")
 def blocks(project):
     text = (project / "docs" / "c_library.md").read_text(encoding="utf-8")
-    return dict(re.findall(r"^```(c|cmake|sh)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE))
+    found = {}
+    for kind, block in re.findall(r"^```(c|cmake|sh)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE):
+        name = "bristles" if kind == "c" and "bristles" in block else kind
+        assert found.setdefault(name, block) == block
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +52,62 @@ def check_output(folder, functions, program):
 def test_the_program_is_ten_lines(blocks):
     lines = [line for line in blocks["c"].splitlines() if line.strip()]
     assert len(lines) <= 10
+
+
+ARM = """
+name = "arm"
+convention = "modified"
+gravity = [0, -9.81, 0]
+[[joint]]
+name = "a"
+kind = "revolute"
+[joint.friction]
+"""
+BRISTLES = """
+#include "symid_arm.h"
+#include <stdio.h>
+int main(void)
+{{
+    const double dq[SYMID_ARM_JOINTS] = {{0.4}}, f[] = {{{values}}};
+    double tau_f[SYMID_ARM_JOINTS];
+    int status = 0;
+{block}
+    printf("%.17g\\n", tau_f[0]);
+    return status;
+}}
+"""
+
+
+def test_the_lines_of_friction_with_a_state(blocks, c_compiler, tmp_path):
+    """One step of 1 ms from straight bristles: z = v h up to its square, in closed form."""
+    robot = parse_robot(ARM + write_table("dahl"))
+    joint = robot.joints[0].friction
+    write_sources(generate_c_library(build_functions(robot)), tmp_path)
+    values = ", ".join(f"{value!r}" for value in joint.values)
+    lines = re.sub(
+        r"^(?=symid_arm_friction_state_\w+\()", "status += ", blocks["bristles"], flags=re.MULTILINE
+    )
+    (tmp_path / "main.c").write_text(BRISTLES.format(values=values, block=lines))
+    sources = [path.name for path in tmp_path.glob("symid_arm*.c") if "test" not in path.name]
+    command = [
+        c_compiler,
+        "-std=c99",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "main.c",
+        *sources,
+        "-lm",
+        "-o",
+        "robot",
+    ]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    said = subprocess.run([tmp_path / "robot"], capture_output=True, text=True, check=True).stdout
+    named = dict(zip((entry.name for entry in get_law("dahl").linear), joint.values, strict=True))
+    level, stiffness = named["Fc"], STATES["dahl"]["sigma0"]
+    expected = level * (1.0 - np.exp(-stiffness * 0.4 * 0.001 / level)) + named.get("Fv", 0.0) * 0.4
+    assert float(said) == pytest.approx(expected, rel=1e-12)
 
 
 def test_by_a_compiler_alone(blocks, folder, functions, c_compiler):
