@@ -203,6 +203,8 @@ def _list_weak(node: Node, matrix: FloatArray, linear: FloatArray) -> tuple[str,
 
 _SURE = 3.0
 """Standard errors by which a law with more unknowns must predict better."""
+_EQUAL = 1.0
+"""Standard errors up to which laws predict alike."""
 _HELPS = 0.01
 """Part of a joint's held-out squares that a law with more unknowns must save."""
 
@@ -210,7 +212,8 @@ _HELPS = 0.01
 def choose_trial(trials: Sequence[_Trial]) -> tuple[int, FloatArray]:
     """Return the place of the trial taken, and how far each is behind the best, in standard errors.
 
-    Of the laws that are identifiable, the plainest is taken that no richer one predicts surely better than.
+    Of the laws that are identifiable, the plainest is taken that no richer one predicts surely better than;
+    of several as plain and as good, the one with fewer shape values, which others may only imitate.
     """
     whole = [k for k, trial in enumerate(trials) if not trial.weak] or [0]
     # What a law costs the other joints counts as well.
@@ -220,8 +223,13 @@ def choose_trial(trials: Sequence[_Trial]) -> tuple[int, FloatArray]:
     behind = np.full(len(trials), np.inf)
     behind[whole] = [_measure_behind(entry, best) for entry in losses]
     near = [k for k in whole if behind[k] <= _SURE]
-    taken = min(near, key=lambda k: (count_unknowns(trials[k].law), float(trials[k].losses.sum())))
-    return taken, behind
+
+    def rank(place: int) -> tuple[int, bool, int, float]:
+        law, loss = trials[place].law, float(trials[place].losses.sum())
+        shape = law.about if isinstance(law, TangentLaw) else law.shape
+        return count_unknowns(law), bool(behind[place] > _EQUAL), len(shape), loss
+
+    return min(near, key=rank), behind
 
 
 def count_unknowns(law: FrictionLaw) -> int:

@@ -11,8 +11,8 @@ from symid.identification.estimators import JointEvidence
 from symid.identification.estimators.evidence import LawSelection
 from symid.identification.friction_search import _give_up_worse, _make_plain
 from symid.identification.rigid import PLAIN, FrictionChoice
-from symid.identification.rigid.friction_choice import JointLaw
-from symid.joint_models import FrictionValues
+from symid.identification.rigid.friction_choice import JointLaw, _Trial, choose_trial
+from symid.joint_models import FrictionValues, get_law
 
 NAMES = {"shoulder": "auto", "elbow": "auto"}
 STRIBECK = FrictionValues(law="stribeck", values=(1.0, 1.0, 0.5), shape=(0.1,))
@@ -99,3 +99,24 @@ def test_laws_that_were_named_stay(robot):
     )
     assert laws == {"shoulder": "stribeck", "elbow": PLAIN}
     assert "shoulder" not in choice.notices[0].text
+
+
+def make_trial(name, losses):
+    law = get_law(name)
+    linear = np.zeros(len(law.linear))
+    return _Trial(law=law, node=None, linear=linear, losses=losses, own=losses, fitted=1.0, weak=())
+
+
+@pytest.mark.parametrize(("behind", "taken"), [(0.5, "temperature"), (2.0, "temperature-viscous")])
+def test_of_laws_as_plain_and_as_good_the_one_with_fewer_shape_values_is_taken(behind, taken):
+    """A law of a shape value imitates a straight line where the value leaves the data."""
+    rng = np.random.default_rng(2)
+    best = rng.uniform(1.0, 2.0, 10)
+    more = rng.uniform(-0.4, 0.4, 10)
+    more += behind * np.std(more, ddof=1) / np.sqrt(10) - more.mean()
+    straight, curved = best * np.exp(more), best
+    trials = [make_trial("temperature", straight), make_trial("temperature-viscous", curved)]
+    trials.append(make_trial("stribeck+cubic", 0.999 * best))
+    place, found = choose_trial(trials)
+    assert trials[place].law.name == taken
+    assert found[0] == pytest.approx(behind, abs=0.1)
