@@ -24,7 +24,8 @@ NOTES = frozenset(
     (
         *("check.elastic", "elastic.motor-side", "estimate.settings-differ"),
         *("identify.automatic", "identify.friction-state", "identify.second-encoder", "identify.slow-rows"),
-        *("identify.resampled", "identify.unused-processing"),
+        *("identify.measured-load", "identify.plain-friction", "identify.resampled"),
+        "identify.unused-processing",
         *("log.aligned", "log.converted", "log.cut", "log.folded", "log.in-line", "log.motor-position"),
         *("log.offset", "log.payload", "log.resampled"),
         *("new.assumed-gear", "new.assumed-order", "new.assumed-side", "new.gravity"),
