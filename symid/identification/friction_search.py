@@ -225,7 +225,8 @@ def search_friction(
     if (plain := _make_plain(found, _list_chosen(found, names))) != found and result[0].evidence is not None:
         progress(f"comparing with {PLAIN}")
         usual = fit(settle(plain) if _bends(found) else plan, plain)
-        choice, result = _give_up_worse(choice, names, partial(fit, plan), result, usual)
+        # What is left when laws were given up has settings of its own.
+        choice, result = _give_up_worse(choice, names, lambda one: fit(settle(one), one), result, usual)
     estimate, found, library = result
     laws = compare_friction(choice, {joint.name: joint.friction for joint in found.axes})
     estimate = replace(estimate, notices=(*choice.notices, *laws, *estimate.notices))
