@@ -34,7 +34,6 @@ from symid.identification.regression import (
 from symid.identification.rigid import (
     CANDIDATES,
     PLAIN,
-    FitPlan,
     FrictionChoice,
     Wish,
     choose_laws,
@@ -218,15 +217,11 @@ def search_friction(
         rotors=list_coupled_rotors(robot),
     )
     found = _set_friction(robot, {law.joint: law.friction for law in choice.joints})
-    settle = partial(_plan_found, robot, recordings, choice, names, prepare, options)
     fit = partial(_fit_found, robot, recordings, choice, names, prepare, options)
-    plan = settle(found)
-    result = fit(plan, found)
+    result = fit(found)
     if (plain := _make_plain(found, _list_chosen(found, names))) != found and result[0].evidence is not None:
         progress(f"comparing with {PLAIN}")
-        usual = fit(settle(plain) if _bends(found) else plan, plain)
-        # What is left when laws were given up has settings of its own.
-        choice, result = _give_up_worse(choice, names, lambda one: fit(settle(one), one), result, usual)
+        choice, result = _give_up_worse(choice, names, fit, result, fit(plain))
     estimate, found, library = result
     laws = compare_friction(choice, {joint.name: joint.friction for joint in found.axes})
     estimate = replace(estimate, notices=(*choice.notices, *laws, *estimate.notices))
@@ -314,29 +309,6 @@ def _list_wish(names: Mapping[str, str], joint: Joint) -> Wish:
     return CANDIDATES if name == AUTO else (get_law(name).name,)
 
 
-def _bends(robot: Robot) -> bool:
-    """Return whether a friction law has a shape that bends with the velocity, which settings allow for."""
-    laws = (joint.friction.law for joint in robot.axes if joint.friction.law != NO_FRICTION)
-    return any(get_law(law).own for law in laws)
-
-
-def _plan_found(  # noqa: PLR0917 - the parts of one search
-    robot: Robot,
-    recordings: Sequence[Recording],
-    choice: FrictionChoice,
-    names: Mapping[str, str],
-    prepare: Callable[[Robot], Library],
-    options: Mapping[str, Any],
-    found: Robot,
-) -> FitPlan:
-    """Return the settings of a fit with the laws found."""
-    library = _open_shapes(prepare(found), found, names)
-    loaded = fill_loads(library, recordings, robot.processing, choice.beta)
-    rows, estimator = options.get("rows", "torque"), options.get("estimator")
-    plan = plan_fit(library, loaded, robot.processing, rows=rows, estimator=estimator)
-    return replace(plan, laws_chosen=AUTO in names.values())
-
-
 def _fit_found(  # noqa: PLR0917 - the parts of one search
     robot: Robot,
     recordings: Sequence[Recording],
@@ -344,16 +316,19 @@ def _fit_found(  # noqa: PLR0917 - the parts of one search
     names: Mapping[str, str],
     prepare: Callable[[Robot], Library],
     options: Mapping[str, Any],
-    plan: FitPlan,
     found: Robot,
 ) -> tuple[Estimate, Robot, Library]:
     """Return the fit of a robot with the laws found, repeated until shape values and loads stay."""
-    beta, left = choice.beta, _REPEATS
+    beta, plan, left = choice.beta, None, _REPEATS
     known = all(list_measured_joints(recordings))
     while True:
         left -= 1
         library = _open_shapes(prepare(found), found, names)
         loaded = fill_loads(library, recordings, robot.processing, beta)
+        if plan is None:
+            rows, estimator = options.get("rows", "torque"), options.get("estimator")
+            plan = plan_fit(library, loaded, robot.processing, rows=rows, estimator=estimator)
+            plan = replace(plan, laws_chosen=AUTO in names.values())
         estimate = identify_parameters(library, loaded, robot.processing, plan=plan, **options)
         still = _moves_little(estimate, library.card)
         found = _move_friction(found, estimate)

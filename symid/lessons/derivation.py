@@ -260,11 +260,11 @@ def _describe_friction(robot: Robot) -> Step | None:
     joints = [
         (number, joint, get_friction_law(joint.friction)) for number, joint in enumerate(robot.joints, 1)
     ]
-    formulas, told, checked = [], [], []
+    formulas, sentences, checked = [], [], []
     for number, joint, law in joints:
         if law is None:
             continue
-        told.append(f"{joint.name}: {law.name} ({law.source})")
+        sentences.append(f"{joint.name}: {law.name} ({law.source})")
         steady = law.latex.removeprefix(r"\tau_f = ")
         left = f"tau_f{number}"
         if law.memory:
@@ -274,12 +274,12 @@ def _describe_friction(robot: Robot) -> Step | None:
             steady = rf"{bent}, \quad \text{{steady: }} {steady}"
             checked.append(_check_steady(law, joint.friction))
         formulas.append(Formula(left=left, text=law.formula, latex=steady, left_latex=rf"\tau_{{f{number}}}"))
-    if not told:
+    if not sentences:
         return None
     _require(all(checked), "bristles do not end at the curve of steady sliding")
     return Step(
         title="Friction",
-        sentence=f"Friction is added to these torques, against positive velocity. {'; '.join(told)}.",
+        sentence=f"Friction is added to these torques, against positive velocity. {'; '.join(sentences)}.",
         formulas=tuple(formulas),
         check="verified at a speed: after a long way bristles give the curve of steady sliding"
         if checked

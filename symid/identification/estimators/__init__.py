@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         list_parameters as list_parameters,
     )
     from symid.identification.estimators.evidence import (
+        PHASES as PHASES,
         STILL as STILL,
         Candidate as Candidate,
         Evidence as Evidence,

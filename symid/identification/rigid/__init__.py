@@ -42,7 +42,7 @@ if TYPE_CHECKING:
         check_estimator as check_estimator,
         check_rigid_options as check_rigid_options,
     )
-    from symid.identification.rigid.plan import FitPlan as FitPlan, plan_fit as plan_fit
+    from symid.identification.rigid.plan import plan_fit as plan_fit
     from symid.identification.rigid.validation import (
         get_fit_overlap as get_fit_overlap,
         get_usable_window as get_usable_window,

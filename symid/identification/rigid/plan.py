@@ -21,7 +21,7 @@ import numpy as np
 from symid.codegen import Library
 from symid.errors import Notice, UsageError
 from symid.identification.diagnostics import PART
-from symid.identification.estimators import Candidate, SettingsChoice, find_phases
+from symid.identification.estimators import PHASES, Candidate, SettingsChoice, find_phases
 from symid.identification.regression import SCALAR_KINDS, Rows, choose_filters, measure_moving_ends
 from symid.identification.rigid.friction_tables import balance_cutoff, limit_cutoff
 from symid.identification.rigid.settings_choice import ROW_RATE, choose_settings
@@ -165,8 +165,6 @@ def _leave_out_rests(plan: FitPlan, period: float) -> FitPlan:
     return replace(plan, margin=margin, notices=(*plan.notices, note))
 
 
-_REST = 2
-"""Of `PHASES`."""
 _RESTING = 0.005
 """Of the samples of a joint."""
 
@@ -177,7 +175,7 @@ def _find_rests(recordings: Sequence[Recording]) -> bool:
     time = np.concatenate([entry.time for entry in recordings])
     speeds = np.vstack([np.gradient(entry.position, entry.period, axis=0) for entry in recordings])
     return any(
-        bool(column.any()) and np.mean(find_phases(time, column, run) == _REST) >= _RESTING
+        bool(column.any()) and np.mean(find_phases(time, column, run) == PHASES.index("rest")) >= _RESTING
         for column in speeds.T
     )
 
