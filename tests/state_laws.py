@@ -1,9 +1,24 @@
-"""Friction laws with a state: tables of robot files, and their equations written anew."""
+"""Friction laws with a state: tables of robot files, a pendulum, and their equations written anew."""
 
 import math
 
 import numpy as np
 
+ARM = """
+name = "arm"
+convention = "modified"
+gravity = [0, -9.81, 0]
+[[joint]]
+name = "a"
+kind = "revolute"
+[joint.link]
+mass = 2.0
+com = [0.2, 0.0, 0.0]
+inertia = {{ xx = 0.01, yy = 0.02, zz = 0.03 }}
+[joint.friction]
+{friction}
+"""
+"""Robot file of a pendulum, whose friction is to be filled in."""
 STATES = {
     "dahl": {"sigma0": 2e4},
     "lugre": {"sigma0": 1e4, "sigma1": 30.0},

@@ -13,7 +13,7 @@ from symid.codegen.casadi_functions import build_functions
 from symid.codegen.source_folder import write_sources
 from symid.joint_models import get_law
 from symid.robot.toml_reader import parse_robot, read_robot
-from tests.state_laws import STATES, write_table
+from tests.state_laws import ARM, STATES, write_table
 
 
 @pytest.fixture(scope="module")
@@ -54,15 +54,6 @@ def test_the_program_is_ten_lines(blocks):
     assert len(lines) <= 10
 
 
-ARM = """
-name = "arm"
-convention = "modified"
-gravity = [0, -9.81, 0]
-[[joint]]
-name = "a"
-kind = "revolute"
-[joint.friction]
-"""
 BRISTLES = """
 #include "symid_arm.h"
 #include <stdio.h>
@@ -80,7 +71,7 @@ int main(void)
 
 def test_the_lines_of_friction_with_a_state(blocks, c_compiler, tmp_path):
     """One step of 1 ms from straight bristles: z = v h up to its square, in closed form."""
-    robot = parse_robot(ARM + write_table("dahl"))
+    robot = parse_robot(ARM.format(friction=write_table("dahl")))
     joint = robot.joints[0].friction
     write_sources(generate_c_library(build_functions(robot)), tmp_path)
     values = ", ".join(f"{value!r}" for value in joint.values)

@@ -5,21 +5,9 @@ import pytest
 import symid
 from symid.errors import UsageError
 from symid.joint_models import get_law
-from tests.state_laws import write_table
+from tests.state_laws import ARM, write_table
 
-ARM = """
-name = "arm"
-convention = "modified"
-gravity = [0, -9.81, 0]
-[[joint]]
-name = "a"
-kind = "revolute"
-[joint.link]
-mass = 2.0
-com = [0.2, 0.0, 0.0]
-inertia = {{ xx = 0.01, yy = 0.02, zz = 0.03 }}
-[joint.friction]
-{friction}
+LIMITS = """
 [joint.limits]
 position = [-2.0, 2.0]
 velocity = 1.5
@@ -30,7 +18,7 @@ TRUTH = {"ZZ1": 0.03 + 2.0 * 0.04, "MX1": 0.4, "Fv1": 1.1, "Fc1": 2.0, "Fe1": 0.
 
 
 def load(folder, name, **changed):
-    (folder / f"{name}.toml").write_text(ARM.format(friction=write_table(name, **changed)))
+    (folder / f"{name}.toml").write_text((ARM + LIMITS).format(friction=write_table(name, **changed)))
     return symid.load(folder / f"{name}.toml")
 
 
@@ -93,7 +81,7 @@ def test_a_search_says_that_it_gives_the_state_up(friction, logs, folder):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_law_whose_state_is_not_stated_is_refused_with_what_to_give(name, logs, tmp_path):
-    (tmp_path / "arm.toml").write_text(ARM.format(friction='model = "coulomb-viscous"'))
+    (tmp_path / "arm.toml").write_text((ARM + LIMITS).format(friction='model = "coulomb-viscous"'))
     with pytest.raises(UsageError, match="which no option gives; write it into the robot file") as caught:
         symid.load(tmp_path / "arm.toml").identify(logs["dahl"], friction=name)
     (notice,) = caught.value.notices

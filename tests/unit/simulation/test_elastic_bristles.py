@@ -14,32 +14,28 @@ from symid.simulation.elastic_plant import (
     simulate_in_numpy,
     simulate_plant,
 )
-from tests.state_laws import LAWS, find_rate, find_torque, give_values, write_table
+from tests.state_laws import ARM as PENDULUM, LAWS, find_rate, find_torque, give_values, write_table
 
-ARM = """
-name = "arm"
-convention = "modified"
-gravity = [9.81, 0, 0]
-[[joint]]
-name = "a"
-kind = "revolute"
-[joint.link]
-mass = 2.0
-com = [0.2, 0.0, 0.0]
-inertia = {{ xx = 0.01, yy = 0.02, zz = 0.03 }}
+_SPRING = """
 [joint.drive]
 rotor_inertia = 0.2
 rotor_inertia_side = "joint"
 [joint.elasticity]
 stiffness = 400.0
 damping = 0.5
-[joint.friction]
-{friction}
+"""
+_LIMITS = """
 [joint.limits]
 position = [-1.0, 1.0]
 velocity = 2.0
 acceleration = 10.0
 """
+ARM = (
+    PENDULUM.replace("[0, -9.81, 0]", "[9.81, 0, 0]").replace(
+        "[joint.friction]", f"{_SPRING}[joint.friction]"
+    )
+    + _LIMITS
+)
 CALLED = (
     "friction",
     "friction_regressor",

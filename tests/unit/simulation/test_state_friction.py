@@ -10,22 +10,8 @@ import symid
 from symid.codegen.cache import prepare_library
 from symid.robot.toml_reader import parse_robot
 from symid.simulation.rigid_plant import RigidPlant, build_rest_state
-from tests.state_laws import LAWS, find_level, find_rate, find_torque, give_values, write_table
+from tests.state_laws import ARM, LAWS, find_level, find_rate, find_torque, give_values, write_table
 
-ARM = """
-name = "arm"
-convention = "modified"
-gravity = [0, -9.81, 0]
-[[joint]]
-name = "a"
-kind = "revolute"
-[joint.link]
-mass = 2.0
-com = [0.2, 0.0, 0.0]
-inertia = {{ xx = 0.01, yy = 0.02, zz = 0.03 }}
-[joint.friction]
-{friction}
-"""
 CALLED = (
     "friction",
     "friction_regressor",
