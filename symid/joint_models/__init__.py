@@ -3,9 +3,13 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from symid.joint_models.bouc_wen import (
+    from symid.joint_models.branches import (
         BoucWen as BoucWen,
-        compute_bouc_wen_torque as compute_bouc_wen_torque,
+        Branch as Branch,
+        Bristles as Bristles,
+        Relaxation as Relaxation,
+        Relays as Relays,
+        SlipSpring as SlipSpring,
     )
     from symid.joint_models.carriers import (
         Carrier as Carrier,
@@ -34,6 +38,22 @@ if TYPE_CHECKING:
         name_bristles as name_bristles,
         simulate_dynamic_friction as simulate_dynamic_friction,
         write_dynamic_latex as write_dynamic_latex,
+    )
+    from symid.joint_models.element import (
+        ElementRun as ElementRun,
+        ElementStep as ElementStep,
+        Start as Start,
+        advance_element as advance_element,
+        describe_inverse as describe_inverse,
+        find_input as find_input,
+        find_least_slope as find_least_slope,
+        invert_element as invert_element,
+        is_passive_element as is_passive_element,
+        list_element_values as list_element_values,
+        needs_time as needs_time,
+        run_element as run_element,
+        start_states as start_states,
+        trace_branch as trace_branch,
     )
     from symid.joint_models.friction_catalogue import (
         FRICTION_LAWS as FRICTION_LAWS,
@@ -84,6 +104,7 @@ if TYPE_CHECKING:
         build_play_model as build_play_model,
         build_stops as build_stops,
         compute_branch as compute_branch,
+        compute_clamps as compute_clamps,
         compute_cycle_loss as compute_cycle_loss,
         compute_dissipation as compute_dissipation,
         compute_first_curve as compute_first_curve,

@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 from symid.errors import Notice, RobotError
+from symid.joint_models.branches import Branch, refuse_element
 from symid.joint_models.carriers import Carrier
 from symid.serialization import Finite
 
@@ -57,6 +58,9 @@ class Elasticity:
         cubic: k3, N m/rad^3 or N/m^3.
         stops: thresholds increasing.
         knees: thresholds increasing, negative ones first.
+        branches: further ones in parallel, outside the outer function.
+        backlash: half the gap at the input, rad or m: all that follows sees the input's play.
+        offset: N m or N.
     """
 
     stiffness: float | None = None
@@ -64,6 +68,9 @@ class Elasticity:
     cubic: float = 0.0
     stops: tuple[Stop, ...] = ()
     knees: tuple[Knee, ...] = ()
+    branches: tuple[Branch, ...] = ()
+    backlash: float = 0.0
+    offset: float = 0.0
 
     def __post_init__(self) -> None:
         """Check what every later stage relies on.
@@ -86,7 +93,9 @@ class Elasticity:
                 if not slope > 0:
                     text = f"beyond {knee.threshold:g} the outer function's slope is {slope:g}"
                     mistakes.append(f"{text}; it must be positive")
-        _refuse(mistakes)
+        if not self.backlash >= 0.0:
+            mistakes.append(f"the backlash is {self.backlash:g}; it must not be negative")
+        refuse_element(mistakes)
 
     @property
     def initial_stiffness(self) -> float | None:
@@ -94,11 +103,6 @@ class Elasticity:
         parts = [self.stiffness, *(stop.stiffness for stop in self.stops)]
         known = [part for part in parts if part is not None]
         return math.fsum(known) if len(known) == len(parts) else None
-
-
-def _refuse(mistakes: Sequence[str]) -> None:
-    if mistakes:
-        raise RobotError(*(Notice(code="robot.invalid-elasticity", text=text) for text in mistakes))
 
 
 def compute_catalogue_knees(stiffnesses: Sequence[float], torques: Sequence[float]) -> tuple[Knee, ...]:
@@ -112,7 +116,7 @@ def compute_catalogue_knees(stiffnesses: Sequence[float], torques: Sequence[floa
     """
     mistakes = [] if all(value > 0 for value in stiffnesses) else ["K1, K2 and K3 must be positive"]
     mistakes += [] if 0 < torques[0] < torques[1] else ["T1 and T2 must be positive and increase"]
-    _refuse(mistakes)
+    refuse_element(mistakes)
     first, second, third = stiffnesses
     places = (torques[0], torques[0] + (torques[1] - torques[0]) * first / second)
     slopes = ((second - first) / first, (third - second) / first)

@@ -16,7 +16,7 @@ and its work and energy with knees. The closed-form loss of a cycle leaves knees
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,7 +42,7 @@ _ROUNDING = 1e-9
 
 
 def read_spring_terms(elasticity: Elasticity) -> SpringTerms[float]:
-    """Return the numbers of an elasticity for the float carrier."""
+    """Return the numbers of an elasticity for the float carrier; its branches, backlash and offset apart."""
     if elasticity.initial_stiffness is None or elasticity.stiffness is None:
         text = "a stiffness of the spring is unknown; state it in the robot file, or identify it"
         raise RobotError(Notice(code="robot.unknown-stiffness", text=text))
@@ -156,36 +156,45 @@ def invert_play_model(
 def compute_plays(values: FloatArray, thresholds: FloatArray, memory: FloatArray | None = None) -> FloatArray:
     """Return the plays (N, m) of an input (N,), exactly as sample after sample would give them.
 
-    A step P -> max(a, min(b, P)) is a clamp, and clamps in a row are a clamp: blocks of samples become one
-    each, the blocks are run through in order, then all blocks are filled at once.
-
     `thresholds` (m,) are not negative, in the unit of the input; `memory` (m,) has the plays before the first
     sample, None for zeros.
     """
-    values = np.asarray(values, dtype=np.float64)
+    column = np.asarray(values, dtype=np.float64)[:, None]
     radii = np.asarray(thresholds, dtype=np.float64)
-    count = values.shape[0]
     state = np.zeros(radii.size) if memory is None else np.asarray(memory, dtype=np.float64)
-    if count == 0 or radii.size == 0:
-        return np.empty((count, radii.size))
+    return compute_clamps(column, lambda part: (part - radii, part + radii), state)
+
+
+def compute_clamps(
+    values: FloatArray,
+    bounds: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
+    state: FloatArray,
+) -> FloatArray:
+    """Return s_k = max(low(x_k), min(high(x_k), s_k-1)) (N, m) for an input (N, 1) from s_-1 = `state` (m,).
+
+    Clamps in a row are a clamp: blocks of samples become one each, the blocks are run through in order, then
+    all blocks are filled at once. `bounds` returns low and high (..., m) of inputs (..., 1), low <= high.
+    """
+    count = values.shape[0]
+    if count == 0 or state.size == 0:
+        return np.empty((count, state.size))
     length = max(1, math.isqrt(count))
     blocks = -(-count // length)
-    padded = np.concatenate([values, np.full(blocks * length - count, values[-1])])
+    padded = np.concatenate([values[:, 0], np.full(blocks * length - count, values[-1, 0])])
     # Samples of one place in their blocks are contiguous: each pass of the loops works on one slab.
-    slabs = padded.reshape(blocks, length).T[:, :, None]
-    lower, upper = slabs - radii, slabs + radii
+    lower, upper = bounds(padded.reshape(blocks, length).T[:, :, None])
     ends = np.stack([lower[0], upper[0]])
     for least, most in zip(lower[1:], upper[1:], strict=True):
         np.maximum(least, np.minimum(most, ends, out=ends), out=ends)
-    entry = np.empty((blocks + 1, radii.size))
+    entry = np.empty((blocks + 1, state.size))
     entry[0] = state
     for low, high, before, after in zip(*ends, entry[:-1], entry[1:], strict=True):
         np.maximum(low, np.minimum(high, before, out=after), out=after)
-    plays, before = np.empty((length, blocks, radii.size)), entry[:-1]
-    for least, most, out in zip(lower, upper, plays, strict=True):
+    states, before = np.empty((length, blocks, state.size)), entry[:-1]
+    for least, most, out in zip(lower, upper, states, strict=True):
         np.maximum(least, np.minimum(most, before, out=out), out=out)
         before = out
-    return np.ascontiguousarray(plays.transpose(1, 0, 2)).reshape(-1, radii.size)[:count]
+    return np.ascontiguousarray(states.transpose(1, 0, 2)).reshape(-1, state.size)[:count]
 
 
 def compute_stop_basis(

@@ -1,0 +1,552 @@
+"""Branches of an element, in parallel with its spring: values, states, one exact step, stored energy.
+
+    slip spring    f(E), E = x - P_r[x], f piecewise linear: a slider behind a spring of any shape
+    relays         sum_i d_i ramp_i(x) + sum_i>j c_ij (ramp_ij(x) - s_ij)      Krasnosel'skii and Pokrovskii
+    Bouc-Wen       f u, L du/dx = 1 - |u|^n (1 +- skew) while |u| grows, 1 + (2 loop - 1) |u|^n while it falls
+    bristles       a friction law with a state: Dahl, LuGre, Maxwell-slip
+    relaxation     df/dt = k dx/dt - f / T: a spring behind a damper
+
+A step goes from the position before to another without turning back. `values` hold the numbers by name, in
+a carrier: floats, arrays, CasADi expressions, references of generated code. Krasnosel'skii and Pokrovskii,
+Systems with Hysteresis (1989); Bouc 1967, Wen 1976, normalised as by Ikhouane and Rodellar, Systems with
+Hysteresis (2007).
+
+Supported: any carrier, any length of a step. Exact but for Bouc-Wen, whose error falls with the square of the
+step over L (and is zero for n = 1 away from u = 0).
+Not supported: Bouc-Wen outside loop >= 1/2, |skew| < 1, n >= 1, where it is not passive or not bounded.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from itertools import pairwise
+from typing import ClassVar, Generic, TypeVar
+
+from symid.errors import Notice, RobotError
+from symid.joint_models.carriers import Carrier
+from symid.joint_models.dynamic_friction import advance_memory
+
+V = TypeVar("V")
+
+
+def refuse_element(mistakes: Sequence[str]) -> None:
+    """Raise a RobotError with these sentences, if there are any."""
+    if mistakes:
+        raise RobotError(*(Notice(code="robot.invalid-elasticity", text=text) for text in mistakes))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Motion(Generic[V]):
+    """A step in a carrier, on which nothing turns back.
+
+    Args:
+        position: at its end, rad or m; way: to there from the position before.
+        velocity: held on the way, rad/s or m/s; period: s. Only branches with `needs_time` use them.
+    """
+
+    position: V
+    way: V
+    velocity: V
+    period: V
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BranchStep(Generic[V]):
+    """What a step leads to: force (N m or N), states after it, stored energy (J)."""
+
+    force: V
+    states: tuple[V, ...]
+    stored: V
+
+
+def add_all(algebra: Carrier[V], values: Sequence[V]) -> V:
+    """Return the sum of numbers, zero of none."""
+    return reduce(algebra.add, values, algebra.zero)
+
+
+def clamp(algebra: Carrier[V], value: V, low: V, high: V) -> V:
+    """Return the value, held between `low` and `high`."""
+    return algebra.maximum(low, algebra.minimum(high, value))
+
+
+def _compute_pieces(algebra: Carrier[V], value: V, places: Sequence[V], forces: Sequence[V]) -> tuple[V, V]:
+    """Return a piecewise linear function through (place, force), and its integral from the first place."""
+    force, energy = forces[0], algebra.zero
+    for k in range(len(places) - 1):
+        gap = algebra.sub(places[k + 1], places[k])
+        part = clamp(algebra, algebra.sub(value, places[k]), algebra.zero, gap)
+        slope = algebra.div(algebra.sub(forces[k + 1], forces[k]), gap)
+        half = algebra.scale(0.5, algebra.mul(slope, algebra.mul(part, part)))
+        energy = algebra.add(energy, algebra.add(algebra.mul(forces[k], part), half))
+        force = algebra.add(force, algebra.mul(slope, part))
+    return force, energy
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SlipSpring:
+    """A slider behind a spring of any shape: force f(E), deflection E = x - P_r[x], |E| <= r.
+
+    Where f is flat at zero the spring has a gap (backlash). Iwan's element for f = k E; Prandtl-Ishlinskii
+    stops with envelopes, as generalised by Al Janaideh, Rakheja and Su, Mechatronics 19 (2009) 656-670.
+
+    Args:
+        deflections: increasing, from -r to r, rad or m.
+        forces: f there, N m or N; straight between.
+    """
+
+    kind: ClassVar[str] = "slip"
+    needs_time: ClassVar[bool] = False
+    deflections: tuple[float, ...]
+    forces: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        """Raise a RobotError for places that do not increase from -r to r, or a count that does not fit."""
+        places = list(self.deflections)
+        mistakes = []
+        if len(places) < 2 or places != sorted(set(places)) or places[0] != -places[-1]:
+            mistakes.append("deflections of a slip spring must increase, from minus its largest one to that")
+        if len(places) != len(self.forces):
+            mistakes.append(f"{len(places)} deflections of a slip spring need {len(places)} forces")
+        if not all(map(math.isfinite, (*self.deflections, *self.forces))):
+            mistakes.append("numbers of a slip spring must be finite")
+        refuse_element(mistakes)
+
+    @property
+    def threshold(self) -> float:
+        """Return the deflection r at which it slips, rad or m."""
+        return self.deflections[-1]
+
+    @property
+    def passive(self) -> bool:
+        """Return whether no loop gives work: it brakes where it slips, on both sides."""
+        return self.forces[0] <= 0.0 <= self.forces[-1]
+
+    def _find_least(self) -> float:
+        """Return the least integral of f from -r to any deflection, J: at a place, or where f is zero."""
+        total, least = 0.0, 0.0
+        for (start, force), (end, after) in pairwise(zip(self.deflections, self.forces, strict=True)):
+            if force < 0.0 < after:
+                least = min(least, total - 0.5 * force * force * (end - start) / (after - force))
+            total += 0.5 * (force + after) * (end - start)
+            least = min(least, total)
+        return least
+
+    @property
+    def least_slope(self) -> float:
+        """Return the least slope of the force over a way without reversal, N m/rad or N/m."""
+        pairs = pairwise(zip(self.deflections, self.forces, strict=True))
+        slopes = [(after - force) / (end - start) for (start, force), (end, after) in pairs]
+        return min(0.0, *slopes)
+
+    def list_values(self) -> dict[str, float]:
+        """Return the numbers by name: least (of the energy), e1, ... (deflections), f1, ... (forces)."""
+        named = {"least": self._find_least()}
+        named |= {f"e{k}": value for k, value in enumerate(self.deflections, start=1)}
+        return named | {f"f{k}": value for k, value in enumerate(self.forces, start=1)}
+
+    def start(self, position: float, side: float) -> tuple[float, ...]:
+        """Return the play where the input stands still; `side` -1 to 1: the deflection over its bound."""
+        return (position - side * self.threshold,)
+
+    def advance(
+        self, algebra: Carrier[V], values: Mapping[str, V], motion: Motion[V], states: Sequence[V]
+    ) -> BranchStep[V]:
+        """Return what a step leads to."""
+        count = len(self.deflections)
+        places = [values[f"e{k}"] for k in range(1, count + 1)]
+        forces = [values[f"f{k}"] for k in range(1, count + 1)]
+        low = algebra.sub(motion.position, places[-1])
+        play = clamp(algebra, states[0], low, algebra.sub(motion.position, places[0]))
+        force, energy = _compute_pieces(algebra, algebra.sub(motion.position, play), places, forces)
+        return BranchStep(force=force, states=(play,), stored=algebra.sub(energy, values["least"]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Relays:
+    """Relays with ramps on a grid (discrete Preisach), after Krasnosel'skii and Pokrovskii.
+
+    A state s_ij in [0, 1] rises along ramp(x - g_i) and falls along ramp(x - g_j), i > j, with ramp(z) =
+    clamp(z / step, 0, 1). Its element c (ramp(x - m) - s_ij), m = (g_i + g_j) / 2, is passive for c >= 0: it
+    stores c [R(x - m) - s (x - m) + step s^2 / 2], R the integral of ramp, and loses c (g_i - g_j) / 2 |ds|.
+
+    Args:
+        low: first place of the grid g_0, rad or m; step: between places, and length of the ramps.
+        ramps: (L,) d_i, forces without memory, N m or N.
+        weights: (L (L - 1) / 2,) c_ij, N m or N: (1, 0), (2, 0), (2, 1), (3, 0), ...
+    """
+
+    kind: ClassVar[str] = "relays"
+    needs_time: ClassVar[bool] = False
+    low: float
+    step: float
+    ramps: tuple[float, ...]
+    weights: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        """Raise a RobotError for a step that is not positive, or a count that does not fit."""
+        count = len(self.ramps)
+        mistakes = [] if self.step > 0.0 else ["the step of relays must be positive"]
+        if len(self.weights) != count * (count - 1) // 2:
+            needed = count * (count - 1) // 2
+            mistakes.append(f"{count} ramps need {needed} relays, got {len(self.weights)}")
+        refuse_element(mistakes)
+
+    @property
+    def pairs(self) -> tuple[tuple[int, int], ...]:
+        """Return (i, j) of every relay."""
+        return tuple((i, j) for i in range(len(self.ramps)) for j in range(i))
+
+    @property
+    def passive(self) -> bool:
+        """Return whether no loop gives work, and stored energy has a least value."""
+        return all(weight >= 0.0 for weight in self.weights) and math.fsum(self.ramps) >= 0.0
+
+    def _find_least(self) -> float:
+        """Return the least integral of the ramps' force up to any place, J."""
+        total, force, least = 0.0, 0.0, 0.0
+        for rise in self.ramps:
+            after = force + rise
+            if force < 0.0 < after:
+                least = min(least, total - 0.5 * force * force / rise * self.step)
+            total += 0.5 * (force + after) * self.step
+            least = min(least, total)
+            force = after
+        return least
+
+    @property
+    def least_slope(self) -> float:
+        """Return a bound below of the slope over a way without reversal, N m/rad or N/m.
+
+        Exact for c >= 0: least from saturation, from where all relays move.
+        """
+        count = len(self.ramps)
+        slopes = []
+        for half in range(2 * count):
+            place = half // 2
+            rising = [self.ramps[place], self.ramps[place]]
+            for (i, j), weight in zip(self.pairs, self.weights, strict=True):
+                middle = weight if i + j <= half <= i + j + 1 else 0.0
+                rising[0] += middle - (weight if i == place else 0.0) * (weight > 0.0)
+                rising[1] += middle - (weight if j == place else 0.0) * (weight > 0.0)
+            slopes += rising
+        return min(0.0, *slopes) / self.step
+
+    def list_values(self) -> dict[str, float]:
+        """Return the numbers by name: low, step, least (of the energy), d1, ..., c2_1, c3_1, ..."""
+        named = {"low": self.low, "step": self.step, "least": self._find_least()}
+        named |= {f"d{k}": value for k, value in enumerate(self.ramps, start=1)}
+        return named | {
+            f"c{i + 1}_{j + 1}": value for (i, j), value in zip(self.pairs, self.weights, strict=True)
+        }
+
+    def start(self, position: float, side: float) -> tuple[float, ...]:
+        """Return the states where the input stands still, come from below (1), above (-1), or between."""
+        from symid.joint_models.carriers import build_float_carrier
+
+        algebra = build_float_carrier()
+        states = []
+        for i, j in self.pairs:
+            rising = _ramp(algebra, position - self.low - i * self.step, 1.0 / self.step)
+            falling = _ramp(algebra, position - self.low - j * self.step, 1.0 / self.step)
+            states.append(0.5 * ((1.0 + side) * rising + (1.0 - side) * falling))
+        return tuple(states)
+
+    def advance(
+        self, algebra: Carrier[V], values: Mapping[str, V], motion: Motion[V], states: Sequence[V]
+    ) -> BranchStep[V]:
+        """Return what a step leads to."""
+        step, inverse = values["step"], algebra.div(algebra.one, values["step"])
+        z = algebra.sub(motion.position, values["low"])
+        count = len(self.ramps)
+        heights = [
+            _ramp(algebra, algebra.sub(z, algebra.scale(0.5 * k, step)), inverse)
+            for k in range(2 * count - 1)
+        ]
+        forces, energies, after = [], [], []
+        for k in range(count):
+            value = values[f"d{k + 1}"]
+            forces.append(algebra.mul(value, heights[2 * k]))
+            whole = _integrate_ramp(
+                algebra, algebra.sub(z, algebra.scale(float(k), step)), step, heights[2 * k]
+            )
+            energies.append(algebra.mul(value, whole))
+        for (i, j), before in zip(self.pairs, states, strict=True):
+            value = values[f"c{i + 1}_{j + 1}"]
+            state = clamp(algebra, before, heights[2 * i], heights[2 * j])
+            distance = algebra.sub(z, algebra.scale(0.5 * (i + j), step))
+            height = heights[i + j]
+            forces.append(algebra.mul(value, algebra.sub(height, state)))
+            bent = algebra.scale(0.5, algebra.mul(step, algebra.mul(state, state)))
+            energy = algebra.sub(
+                algebra.add(_integrate_ramp(algebra, distance, step, height), bent),
+                algebra.mul(state, distance),
+            )
+            energies.append(algebra.mul(value, energy))
+            after.append(state)
+        stored = algebra.sub(add_all(algebra, energies), values["least"])
+        return BranchStep(force=add_all(algebra, forces), states=tuple(after), stored=stored)
+
+
+def _ramp(algebra: Carrier[V], distance: V, inverse: V) -> V:
+    return clamp(algebra, algebra.mul(distance, inverse), algebra.zero, algebra.one)
+
+
+def _integrate_ramp(algebra: Carrier[V], distance: V, step: V, height: V) -> V:
+    """Return the integral of ramp up to `distance`, where it has the value `height`."""
+    beyond = algebra.maximum(algebra.sub(distance, step), algebra.zero)
+    rising = algebra.scale(0.5, algebra.mul(step, algebra.mul(height, height)))
+    return algebra.add(rising, beyond)
+
+
+_SUBSTEPS = 4
+_SMALLEST = 1e-30
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoucWen:
+    """A Bouc-Wen branch: a force `level` u, where u has no unit and stays within bounds near -1 and 1.
+
+    `length` du/dx = 1 - |u|^n (1 + skew) where u > 0 grows, 1 - |u|^n (1 - skew) where u < 0 falls further,
+    1 + (2 loop - 1) |u|^n where |u| falls. Its initial stiffness is level / length, its bounds
+    (1 + skew)^(-1/n) and -(1 - skew)^(-1/n). It stores level length u^2 / 2.
+
+    Args:
+        level: N m or N; length: rad or m.
+        sharpness: n; loop: 1/2 for straight unloading, more for fuller loops; skew: asymmetry.
+    """
+
+    kind: ClassVar[str] = "bouc_wen"
+    needs_time: ClassVar[bool] = False
+    level: float
+    length: float
+    sharpness: float = 1.0
+    loop: float = 0.5
+    skew: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse, by a RobotError, numbers outside the class that `Supported` names."""
+        allowed = (
+            (math.isfinite(self.level), "level must be a finite number"),
+            (self.length > 0, "length must be positive"),
+            (self.sharpness >= 1, "sharpness must be at least 1"),
+            (self.loop >= 0.5, "loop must be at least 1/2; below it a loop gives work"),
+            (abs(self.skew) < 1, "skew must lie between -1 and 1; else one side has no bound"),
+        )
+        refuse_element([f"Bouc-Wen: {text}" for kept, text in allowed if not kept])
+
+    @property
+    def passive(self) -> bool:
+        """Return whether no loop gives work."""
+        return self.level >= 0.0
+
+    @property
+    def least_slope(self) -> float:
+        """Return a bound below of the slope over a way without reversal, N m/rad or N/m."""
+        steepest = 1.0 + (2.0 * self.loop - 1.0) / (1.0 - abs(self.skew))
+        return min(0.0, self.level * steepest / self.length)
+
+    def list_values(self) -> dict[str, float]:
+        """Return the numbers by name."""
+        names = ("level", "length", "sharpness", "loop", "skew")
+        return {name: getattr(self, name) for name in names}
+
+    def start(self, position: float, side: float) -> tuple[float, ...]:
+        """Return u where the input stands still: `side` -1, 0, 1 times its bound."""
+        del position
+        return (side * (1.0 + side * self.skew) ** (-1.0 / self.sharpness),)
+
+    def advance(
+        self, algebra: Carrier[V], values: Mapping[str, V], motion: Motion[V], states: Sequence[V]
+    ) -> BranchStep[V]:
+        """Return what a step leads to."""
+        length, power = values["length"], values["sharpness"]
+        sign = algebra.sign(motion.way)
+        way = algebra.div(algebra.absolute(motion.way), length)
+        before = algebra.mul(sign, states[0])
+        # Turned so that the input grows: first |u| falls where u < 0, then u grows towards its bound.
+        release = algebra.sub(algebra.one, algebra.scale(2.0, values["loop"]))
+        low = _relax(algebra, -1.0, algebra.minimum(before, algebra.zero), (way, release, power))
+        rest = algebra.maximum(low, algebra.zero)
+        growth = algebra.add(algebra.one, algebra.mul(sign, values["skew"]))
+        high = _relax(algebra, 1.0, algebra.maximum(before, algebra.zero), (rest, growth, power))
+        turned = algebra.add(algebra.minimum(low, algebra.zero), high)
+        moved = algebra.absolute(sign)
+        kept = algebra.mul(algebra.sub(algebra.one, moved), states[0])
+        after = algebra.add(kept, algebra.mul(sign, turned))
+        energy = algebra.scale(0.5, algebra.mul(length, algebra.mul(after, after)))
+        level = values["level"]
+        return BranchStep(force=algebra.mul(level, after), states=(after,), stored=algebra.mul(level, energy))
+
+
+def _relax(algebra: Carrier[V], side: float, value: V, given: tuple[V, V, V]) -> V:
+    """Return u after du/dx = 1 - factor |u|^n on one side of zero, one beyond: way, factor, n are given.
+
+    Exponential Rosenbrock-Euler steps: exact for n = 1 while u keeps its sign, stable for any way.
+    """
+    way, factor, power = given
+    step = algebra.scale(1.0 / _SUBSTEPS, way)
+    least = algebra.scale(_SMALLEST, algebra.one)
+    for _ in range(_SUBSTEPS):
+        size = algebra.add(algebra.maximum(algebra.scale(side, value), algebra.zero), least)
+        height = algebra.power(size, power)
+        rate = algebra.sub(algebra.one, algebra.mul(factor, height))
+        # The rate falls with u on both sides: what grows slows down, what falls does so less and less.
+        fall = algebra.mul(algebra.absolute(factor), algebra.mul(power, algebra.div(height, size)))
+        turn = algebra.add(algebra.mul(fall, step), least)
+        half = algebra.tanh(algebra.scale(0.5, turn))
+        share = algebra.div(algebra.scale(2.0, half), algebra.mul(algebra.add(algebra.one, half), turn))
+        value = algebra.add(value, algebra.mul(rate, algebra.mul(step, share)))
+    return value
+
+
+_KEYS = {
+    "dahl": "sigma0",
+    "lugre": "sigma0",
+    "maxwell-slip": "share1",
+    "generalised-maxwell-slip": "share1",
+}
+"""Laws with a state, and a value that each must have."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bristles:
+    """A friction law with a state as a branch: Dahl, LuGre, Maxwell-slip, generalised Maxwell-slip.
+
+    Args:
+        law: its name in the catalogue.
+        values: name and number of each: Fc, Fv, Fe, vs, gamma, sigma0, sigma1; stiffness1, share1, ...
+    """
+
+    kind: ClassVar[str] = "bristles"
+    law: str
+    values: tuple[tuple[str, float], ...]
+
+    def __post_init__(self) -> None:
+        """Raise a RobotError for a law without a state, values that it lacks, or that are out of bounds."""
+        if self.law not in _KEYS:
+            refuse_element([f"bristles of law {self.law!r}; known laws: {', '.join(_KEYS)}"])
+        given, head = dict(self.values), f"bristles of {self.law}"
+        mistakes = [f"{head}: {name} is missing" for name in ("Fc", _KEYS[self.law]) if name not in given]
+        bounded = ("sigma0", "stiffness", "share", "Fc", "vs")
+        positive = [name for name in given if name.startswith(bounded) and not given[name] > 0.0]
+        mistakes += [f"{head}: {name} must be positive" for name in positive]
+        if "Fe" in given and not given.get("Fc", 0.0) + given["Fe"] > 0.0:
+            mistakes.append(f"{head}: Fc + Fe, the level of break-away, must be positive")
+        refuse_element(mistakes)
+
+    @property
+    def needs_time(self) -> bool:
+        """Return whether the force depends on the velocity."""
+        given = dict(self.values)
+        return any(given.get(name, 0.0) != 0.0 for name in ("Fv", "Fe", "sigma1"))
+
+    @property
+    def count(self) -> int:
+        """Return the number of states."""
+        return max(1, sum(name.startswith("stiffness") for name, _ in self.values))
+
+    @property
+    def passive(self) -> bool:
+        """Return whether no motion gives work; for LuGre Fv >= sigma1 |Fe| / least level suffices."""
+        given = dict(self.values)
+        excess, damping = given.get("Fe", 0.0), given.get("sigma1", 0.0)
+        least = min(given["Fc"], given["Fc"] + excess)
+        return given.get("Fv", 0.0) * least >= damping * abs(excess)
+
+    @property
+    def least_slope(self) -> float:
+        """Return a bound below of the slope over the way for any period; minus infinity where there is none.
+
+        What falls with the speed falls without bound over a short period, unless viscous friction is more.
+        """
+        given = dict(self.values)
+        excess, viscous = given.get("Fe", 0.0), given.get("Fv", 0.0)
+        if excess == 0.0 and given.get("sigma1", 0.0) == 0.0:
+            return 0.0
+        gamma = given.get("gamma", 2.0)
+        # |d/dv exp(-(v / vs)^gamma)| is at most this over vs, for gamma >= 1.
+        peak = (gamma - 1.0) / gamma
+        steepest = gamma * peak**peak * math.exp(-peak) / given["vs"] if excess and gamma >= 1.0 else math.inf
+        fall = abs(excess) * steepest if excess else 0.0
+        # sigma1 (v - |v| sigma0 z / g) rises with v while |sigma0 z| <= g.
+        return 0.0 if viscous >= fall and (excess == 0.0 or given.get("sigma1", 0.0) == 0.0) else -math.inf
+
+    def list_values(self) -> dict[str, float]:
+        """Return the numbers by name."""
+        return {"Fv": 0.0} | dict(self.values)
+
+    def start(self, position: float, side: float) -> tuple[float, ...]:
+        """Return the deflections where the input stands still: `side` -1, 0, 1 times their bounds."""
+        del position
+        given = dict(self.values)
+        level = given["Fc"] + given.get("Fe", 0.0)
+        if "sigma0" in given:
+            return (side * level / given["sigma0"],)
+        numbers = range(1, self.count + 1)
+        return tuple(side * given[f"share{k}"] * level / given[f"stiffness{k}"] for k in numbers)
+
+    def advance(
+        self, algebra: Carrier[V], values: Mapping[str, V], motion: Motion[V], states: Sequence[V]
+    ) -> BranchStep[V]:
+        """Return what a step leads to."""
+        force, after = advance_memory(algebra, values, motion.velocity, motion.way, states)
+        names = ["sigma0"] if "sigma0" in values else [f"stiffness{k}" for k in range(1, len(states) + 1)]
+        pairs = zip(names, after, strict=True)
+        energies = [algebra.mul(values[name], algebra.mul(state, state)) for name, state in pairs]
+        return BranchStep(force=force, states=after, stored=algebra.scale(0.5, add_all(algebra, energies)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Relaxation:
+    """A spring behind a damper, df/dt = k dx/dt - f / T, exact for a held velocity; it stores f^2 / (2 k).
+
+    Args:
+        stiffness: k, N m/rad or N/m; time: T, s.
+    """
+
+    kind: ClassVar[str] = "relaxation"
+    needs_time: ClassVar[bool] = True
+    least_slope: ClassVar[float] = 0.0
+    stiffness: float
+    time: float
+
+    def __post_init__(self) -> None:
+        """Raise a RobotError for numbers that are not positive."""
+        refuse_element(
+            [
+                f"relaxation: {name} must be positive"
+                for name in ("stiffness", "time")
+                if not getattr(self, name) > 0.0
+            ]
+        )
+
+    @property
+    def passive(self) -> bool:
+        """Return True."""
+        return True
+
+    def list_values(self) -> dict[str, float]:
+        """Return the numbers by name."""
+        return {"stiffness": self.stiffness, "time": self.time}
+
+    def start(self, position: float, side: float) -> tuple[float, ...]:
+        """Return the force of an input that stands still."""
+        del position, side
+        return (0.0,)
+
+    def advance(
+        self, algebra: Carrier[V], values: Mapping[str, V], motion: Motion[V], states: Sequence[V]
+    ) -> BranchStep[V]:
+        """Return what a step leads to."""
+        stiffness, time = values["stiffness"], values["time"]
+        half = algebra.tanh(algebra.scale(0.5, algebra.div(motion.period, time)))
+        gone = algebra.div(algebra.scale(2.0, half), algebra.add(algebra.one, half))
+        goal = algebra.mul(stiffness, algebra.mul(time, motion.velocity))
+        after = algebra.add(states[0], algebra.mul(gone, algebra.sub(goal, states[0])))
+        energy = algebra.scale(0.5, algebra.div(algebra.mul(after, after), stiffness))
+        return BranchStep(force=after, states=(after,), stored=energy)
+
+
+Branch = SlipSpring | Relays | BoucWen | Bristles | Relaxation
+"""What an element may have beside its spring."""

@@ -1,0 +1,499 @@
+"""A whole element: backlash, spring with stops and knees, damping, branches, offset; step, run, inverse.
+
+    u = P_backlash[x],   y = S(k0 u + k3 u^3 + sum_i k_i E_i[u]) + D du/dt + sum of branches of u + offset
+
+`Elasticity` and a way -> output, states and stored energy, over any carrier: what generated code, simulation
+and fits run. States: position before, play of the backlash, plays of the stops, states of the branches.
+
+    passive        the work int y dx is at least the change of the stored energy, offset left out
+    invertible     y rises with x along every way without reversal, however short: then every y has one x
+
+The inverse is that of plays in closed form where there is one (`invert_hysteresis`), else found step by step:
+an interval that holds x is known from the least slope, and closed by regula falsi (Dowell and Jarratt, BIT 11
+(1971) 168-174, the variant called Illinois) with every third step a bisection.
+
+Supported: recordings at uneven times; a start from rest, or come from either side.
+Not supported: stored energy of a cubic spring together with knees; the inverse through a backlash.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any, Generic, Literal, TypeVar
+
+import numpy as np
+
+from symid.arrays import FloatArray, freeze
+from symid.errors import Notice, RobotError
+from symid.joint_models.branches import (
+    BoucWen,
+    Branch,
+    Bristles,
+    Motion,
+    Relaxation,
+    Relays,
+    SlipSpring,
+    add_all,
+    clamp,
+)
+from symid.joint_models.carriers import (
+    Carrier,
+    build_casadi_carrier,
+    build_float_carrier,
+    build_numpy_carrier,
+)
+from symid.joint_models.hysteresis import Elasticity, SpringTerms, advance_spring, invert_spring
+from symid.joint_models.prandtl_ishlinskii import (
+    compute_clamps,
+    compute_plays,
+    invert_hysteresis,
+    read_spring_terms,
+)
+
+V = TypeVar("V")
+Start = Literal["zero", "fresh", "below", "above"]
+"""What an element remembers at the first sample: virgin at x = 0 and gone there; virgin there; come there
+from below (stops at their upper bound) or from above."""
+_SIDES: dict[Start, float] = {"zero": 0.0, "fresh": 0.0, "below": 1.0, "above": -1.0}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ElementStep(Generic[V]):
+    """What a step leads to: output (N m or N), states, stored energy in J, None where not known."""
+
+    output: V
+    states: tuple[V, ...]
+    stored: V | None
+
+
+def _name_branches(elasticity: Elasticity) -> list[tuple[str, Branch]]:
+    """Return the branches with the beginnings of their values' names: slip_, slip1_, slip2_, ..."""
+    kinds = [branch.kind for branch in elasticity.branches]
+    named = []
+    for place, branch in enumerate(elasticity.branches):
+        number = str(kinds[: place + 1].count(branch.kind)) if kinds.count(branch.kind) > 1 else ""
+        named.append((f"{branch.kind}{number}_", branch))
+    return named
+
+
+def list_element_values(elasticity: Elasticity) -> dict[str, float]:
+    """Return the numbers of an element by name: backlash, k0, kc, D, offset, r1, k1, ..., R1, s1, ...
+
+    Numbers of branches follow; what is zero for want of a part is left out. A RobotError where a stiffness is
+    unknown.
+    """
+    terms = read_spring_terms(elasticity)
+    named = {"backlash": elasticity.backlash, "k0": terms.stiffness, "kc": elasticity.cubic}
+    named |= {"D": elasticity.damping, "offset": elasticity.offset}
+    named = {name: value for name, value in named.items() if value or name == "k0"}
+    for k, (threshold, stiffness) in enumerate(terms.stops, start=1):
+        named |= {f"r{k}": threshold, f"k{k}": stiffness}
+    for k, (place, slope) in enumerate((*terms.above, *terms.below), start=1):
+        named |= {f"R{k}": place, f"s{k}": slope}
+    for head, branch in _name_branches(elasticity):
+        named |= {head + name: value for name, value in branch.list_values().items()}
+    return named
+
+
+def needs_time(elasticity: Elasticity) -> bool:
+    """Return whether the output depends on how fast the input moves."""
+    return elasticity.damping != 0.0 or any(branch.needs_time for branch in elasticity.branches)
+
+
+def start_states(elasticity: Elasticity, position: float, side: float = 0.0) -> tuple[float, ...]:
+    """Return the states where the input stands still at `position`, rad or m.
+
+    `side` 0: virgin there; 1: come from below, so that all stops are at their upper bound; -1: from above.
+    """
+    centre = position - side * elasticity.backlash
+    states = [position]
+    states += [centre] if elasticity.backlash else []
+    states += [centre - side * stop.threshold for stop in elasticity.stops]
+    for branch in elasticity.branches:
+        states += branch.start(centre, side)
+    return tuple(states)
+
+
+def advance_element(
+    algebra: Carrier[V],
+    elasticity: Elasticity,
+    values: Mapping[str, V],
+    held: tuple[V, V],
+    states: Sequence[V],
+) -> ElementStep[V]:
+    """Return what an element does when its input has gone to a position, without turning back on the way.
+
+    Args:
+        algebra: of the numbers.
+        elasticity: its structure.
+        values: its numbers, named by `list_element_values`.
+        held: position, rad or m, and length of the step, s; the length counts where `needs_time`, > 0.
+        states: before, as `start_states` orders them.
+    """
+    (position, period), at = held, 1
+    before, after = states[0], [position]
+    if elasticity.backlash:
+        low, high = (change(position, values["backlash"]) for change in (algebra.sub, algebra.add))
+        before, position = states[1], clamp(algebra, states[1], low, high)
+        after.append(position)
+        at = 2
+    way = algebra.sub(position, before)
+    timed = needs_time(elasticity)
+    velocity = algebra.div(way, period) if timed else algebra.zero
+    motion = Motion(position=position, way=way, velocity=velocity, period=period)
+    terms = _gather_spring(elasticity, values, algebra)
+    count = len(terms.stops)
+    force, plays = advance_spring(algebra, terms, position, states[at : at + count])
+    stored = _compute_stored(algebra, terms, position, plays)
+    after += plays
+    at += count
+    forces = [force]
+    if elasticity.damping:
+        forces.append(algebra.mul(values["D"], velocity))
+    for head, branch in _name_branches(elasticity):
+        size = len(branch.start(0.0, 0.0))
+        own = {name: values[head + name] for name in branch.list_values()}
+        step = branch.advance(algebra, own, motion, states[at : at + size])
+        forces.append(step.force)
+        after += step.states
+        stored = None if stored is None else algebra.add(stored, step.stored)
+        at += size
+    if elasticity.offset:
+        forces.append(values["offset"])
+    return ElementStep(output=add_all(algebra, forces), states=tuple(after), stored=stored)
+
+
+def _gather_spring(elasticity: Elasticity, values: Mapping[str, V], algebra: Carrier[V]) -> SpringTerms[V]:
+    """Return the numbers of the spring in a carrier; without stiffness, stops and knees it is zero."""
+    terms = read_spring_terms(elasticity)
+    stops = tuple((values[f"r{k}"], values[f"k{k}"]) for k in range(1, len(terms.stops) + 1))
+    knees = [(values[f"R{k}"], values[f"s{k}"]) for k in range(1, len(elasticity.knees) + 1)]
+    return SpringTerms(
+        stiffness=values["k0"] if terms.stiffness else algebra.zero,
+        cubic=values["kc"] if elasticity.cubic else None,
+        stops=stops,
+        above=tuple(knees[: len(terms.above)]),
+        below=tuple(knees[len(terms.above) :]),
+    )
+
+
+def _compute_stored(algebra: Carrier[V], terms: SpringTerms[V], position: V, plays: Sequence[V]) -> V | None:
+    """Return the energy that a spring stores, J; None for a cubic part together with knees."""
+
+    def halve_square(value: V) -> V:
+        return algebra.scale(0.5, algebra.mul(value, value))
+
+    if not (terms.above or terms.below):
+        parts = [algebra.mul(terms.stiffness, halve_square(position))]
+        if terms.cubic is not None:
+            square = algebra.mul(position, position)
+            parts.append(algebra.scale(0.5, algebra.mul(terms.cubic, halve_square(square))))
+        pairs = zip(terms.stops, plays, strict=True)
+        parts += [algebra.mul(k, halve_square(algebra.sub(position, play))) for (_, k), play in pairs]
+        return add_all(algebra, parts)
+    if terms.cubic is not None:
+        return None
+
+    def integrate(value: V) -> V:
+        result = halve_square(value)
+        for edges, limit in ((terms.above, algebra.maximum), (terms.below, algebra.minimum)):
+            for threshold, slope in edges:
+                beyond = halve_square(limit(algebra.sub(value, threshold), algebra.zero))
+                result = algebra.add(result, algebra.mul(slope, beyond))
+        return result
+
+    # U = sum_i w'_i [G(P'_i + r'_i) + G(P'_i - r'_i)] / 2, less its value at rest,
+    # P'_i = W_i P_i - sum_j>i k_j P_j.
+    inverse, _, _ = invert_spring(algebra, terms)
+    slope, rest, images = terms.stiffness, algebra.zero, []
+    for (_, stiffness), play in zip(reversed(terms.stops), reversed(plays), strict=True):
+        images.append(algebra.sub(algebra.mul(slope, play), rest))
+        rest = algebra.add(rest, algebra.mul(stiffness, play))
+        slope = algebra.add(slope, stiffness)
+    images.append(algebra.sub(algebra.mul(slope, position), rest))
+    total = algebra.mul(inverse.weights[0], integrate(images[-1]))
+    pieces = zip(inverse.weights[1:], inverse.thresholds, reversed(images[:-1]), strict=True)
+    for weight, radius, image in pieces:
+        ends = [integrate(algebra.add(image, radius)), integrate(algebra.sub(image, radius))]
+        none = [integrate(radius), integrate(algebra.sub(algebra.zero, radius))]
+        change = algebra.sub(add_all(algebra, ends), add_all(algebra, none))
+        total = algebra.add(total, algebra.mul(weight, algebra.scale(0.5, change)))
+    return total
+
+
+def is_passive_element(elasticity: Elasticity) -> bool:
+    """Return whether no motion gets work out of the element beyond what it stores, its offset left out."""
+    terms = read_spring_terms(elasticity)
+    signs = (terms.stiffness, elasticity.cubic, elasticity.damping, *(k for _, k in terms.stops))
+    kept = all(value >= 0.0 for value in signs) and not elasticity.backlash
+    return kept and all(branch.passive for branch in elasticity.branches)
+
+
+def find_least_slope(elasticity: Elasticity) -> float:
+    """Return a bound below of dy/dx on ways without reversal, N m/rad or N/m; it may be minus infinity."""
+    terms = read_spring_terms(elasticity)
+    slopes = np.cumsum([terms.stiffness, *(k for _, k in reversed(terms.stops))])
+    outer = [np.cumsum([1.0, *(slope for _, slope in side)]) for side in (terms.above, terms.below)]
+    edges = np.concatenate(outer)
+    least = float(np.min(slopes))
+    spring = least * float(edges.min() if least > 0.0 else edges.max())
+    if elasticity.cubic < 0.0:
+        return -math.inf
+    return spring + math.fsum(branch.least_slope for branch in elasticity.branches)
+
+
+def describe_inverse(elasticity: Elasticity) -> str:
+    """Return why an element has no inverse, in a sentence; empty where it has one."""
+    if elasticity.backlash:
+        return "within the backlash the output stays while the input moves"
+    if elasticity.damping < 0.0:
+        return "the viscous damping is negative"
+    if any(not math.isfinite(branch.least_slope) for branch in elasticity.branches):
+        return "friction that falls with the speed (Stribeck) gives several inputs for one output"
+    if elasticity.cubic < 0.0:
+        return "the cubic spring softens, so that the output falls at large inputs"
+    if not find_least_slope(elasticity) > 0.0:
+        return "the output levels off or falls somewhere, so that outputs have many inputs, or none"
+    return ""
+
+
+def _refuse_inverse(elasticity: Elasticity) -> None:
+    reason = describe_inverse(elasticity)
+    if reason:
+        text = f"the element has no inverse: {reason}"
+        raise RobotError(Notice(code="robot.no-inverse", text=text))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ElementRun:
+    """What an element does along a recording.
+
+    Args:
+        output: (N,) N m or N; stored: (N,) energy in J, NaN where it has no closed form.
+        states: after the last sample.
+    """
+
+    output: FloatArray
+    stored: FloatArray
+    states: tuple[float, ...]
+
+
+def run_element(
+    elasticity: Elasticity,
+    position: FloatArray,
+    time: FloatArray | None = None,
+    *,
+    start: Start | Sequence[float] = "zero",
+) -> ElementRun:
+    """Return what an element does along a recording whose input does not turn back between samples.
+
+    Args:
+        elasticity: of known numbers.
+        position: (N,) input, rad or m.
+        time: (N,) s, increasing; None where the element does not need it.
+        start: what it remembers before the first sample, or its states there.
+
+    Raises:
+        RobotError: an element that depends on the speed and no time.
+    """
+    position = np.asarray(position, dtype=np.float64)
+    states = _read_start(elasticity, float(position[0]) if len(position) else 0.0, start)
+    periods = _read_periods(elasticity, len(position), time)
+    traces = _trace_states(elasticity, position, periods, states)
+    step = advance_element(
+        build_numpy_carrier(),
+        elasticity,
+        {name: np.asarray(value) for name, value in list_element_values(elasticity).items()},
+        (position, periods),
+        [trace[:-1] for trace in traces],
+    )
+    stored = np.full(len(position), np.nan) if step.stored is None else step.stored
+    return ElementRun(
+        output=freeze(np.broadcast_to(step.output, position.shape)),
+        stored=freeze(np.broadcast_to(stored, position.shape)),
+        states=tuple(float(trace[-1]) for trace in traces),
+    )
+
+
+def _trace_states(
+    elasticity: Elasticity, position: FloatArray, periods: FloatArray, states: tuple[float, ...]
+) -> list[FloatArray]:
+    """Return every state (N + 1,) along a recording: before it, and after every sample."""
+    traces, at = [np.concatenate([states[:1], position])], 1
+    if elasticity.backlash:
+        gap, memory = np.array([elasticity.backlash]), np.array(states[1:2])
+        traces.append(np.concatenate([memory, compute_plays(position, gap, memory)[:, 0]]))
+        at = 2
+    middle = traces[-1]
+    radii = np.array([stop.threshold for stop in elasticity.stops])
+    memory = np.array(states[at : at + len(radii)])
+    traces += list(np.vstack([memory, compute_plays(middle[1:], radii, memory)]).T)
+    at += len(radii)
+    path = (middle[1:], np.diff(middle), periods)
+    for branch in elasticity.branches:
+        size = len(branch.start(0.0, 0.0))
+        traces += list(trace_branch(branch, path, states[at : at + size]).T)
+        at += size
+    return traces
+
+
+def _read_start(elasticity: Elasticity, first: float, start: Start | Sequence[float]) -> tuple[float, ...]:
+    """Return the states before the first sample."""
+    if not isinstance(start, str):
+        return tuple(map(float, start))
+    return start_states(elasticity, 0.0 if start == "zero" else first, _SIDES[start])
+
+
+def _read_periods(elasticity: Elasticity, count: int, time: FloatArray | None) -> FloatArray:
+    """Return the lengths (N,) of the steps, s: the first as the second, as its way is that of the start."""
+    if time is None:
+        if needs_time(elasticity):
+            text = "this element depends on the speed: give the time of the samples"
+            raise RobotError(Notice(code="robot.element-time", text=text))
+        return np.ones(count)
+    steps = np.diff(np.asarray(time, dtype=np.float64))
+    return np.concatenate([steps[:1], steps]) if count > 1 else np.ones(count)
+
+
+def trace_branch(
+    branch: Branch, path: tuple[FloatArray, FloatArray, FloatArray], states: Sequence[float]
+) -> FloatArray:
+    """Return the states (N + 1, n) of a branch along a path: before it, and after every sample.
+
+    `path`: input (N,), way to each sample (N,), rad or m, and length of each step (N,), s.
+    """
+    position, memory = path[0], np.array(states, dtype=np.float64)
+    if isinstance(branch, SlipSpring):
+        after = compute_plays(position, np.array([branch.threshold]), memory)
+    elif isinstance(branch, Relays):
+        places = branch.low + branch.step * np.array(branch.pairs, dtype=np.float64).reshape(-1, 2).T
+
+        def bounds(part: FloatArray) -> tuple[FloatArray, FloatArray]:
+            low, high = (np.clip((part - edge) / branch.step, 0.0, 1.0) for edge in places)
+            return low, high
+
+        after = compute_clamps(position[:, None], bounds, memory)
+    else:
+        after = _accumulate(branch, path, memory)
+    return np.vstack([memory, after])
+
+
+def _accumulate(
+    branch: BoucWen | Bristles | Relaxation,
+    path: tuple[FloatArray, FloatArray, FloatArray],
+    memory: FloatArray,
+) -> FloatArray:
+    """Return the states (N, n) of a branch after every sample, step by step in CasADi's virtual machine."""
+    position, ways, periods = path
+    if not len(position):
+        return np.empty((0, len(memory)))
+    values = branch.list_values()
+    # Numbers are inputs, so that one function serves all numbers of a structure.
+    plain: BoucWen | Bristles | Relaxation
+    if isinstance(branch, Bristles):
+        plain = replace(branch, values=tuple((name, 1.0) for name, _ in branch.values))
+    else:
+        plain = (
+            BoucWen(level=1.0, length=1.0)
+            if isinstance(branch, BoucWen)
+            else Relaxation(stiffness=1.0, time=1.0)
+        )
+    function = _build_accumulation(plain, len(position))
+    motions = np.vstack([position, ways, ways / periods, periods])
+    table = np.tile(np.array(list(values.values()))[:, None], (1, len(position)))
+    return np.asarray(function(memory, motions, table).full().T)
+
+
+@lru_cache(maxsize=32)
+def _build_accumulation(branch: BoucWen | Bristles | Relaxation, count: int) -> Any:  # noqa: ANN401  casadi
+    """Return the function (states, motions, numbers) -> states after each of `count` steps."""
+    import casadi
+
+    names = tuple(branch.list_values())
+    states = casadi.SX.sym("states", len(branch.start(0.0, 0.0)))
+    given, numbers = casadi.SX.sym("motion", 4), casadi.SX.sym("numbers", len(names))
+    position, way, velocity, period = casadi.vertsplit(given)
+    motion = Motion(position=position, way=way, velocity=velocity, period=period)
+    values = dict(zip(names, casadi.vertsplit(numbers), strict=True))
+    step = branch.advance(build_casadi_carrier(), values, motion, casadi.vertsplit(states))
+    function = casadi.Function("step", [states, given, numbers], [casadi.vertcat(*step.states)])
+    return function.mapaccum(count)
+
+
+_Step = ElementStep[float]
+_ROUNDING = 4.0 * 2.0**-52
+_MARGIN = 1.0 + 1e-9
+_MOST_STEPS = 200
+
+
+def invert_element(
+    elasticity: Elasticity,
+    output: FloatArray,
+    time: FloatArray | None = None,
+    *,
+    start: Start | Sequence[float] = "zero",
+) -> FloatArray:
+    """Return the input (N,), rad or m, at which an element has the output (N,), N m or N.
+
+    Args:
+        elasticity: of known numbers.
+        output: (N,) N m or N.
+        time: (N,) s, increasing, where the element needs it.
+        start: as for `run_element`; "fresh", "below" and "above" stand at x = 0.
+
+    Raises:
+        RobotError: the element has no inverse (`describe_inverse`), or needs time.
+    """
+    _refuse_inverse(elasticity)
+    output = np.asarray(output, dtype=np.float64)
+    states = _read_start(elasticity, 0.0, start)
+    periods = _read_periods(elasticity, len(output), time)
+    if not (elasticity.cubic or elasticity.branches or elasticity.damping):
+        return invert_hysteresis(elasticity, output - elasticity.offset, np.array(states[1:]))
+    algebra, values = build_float_carrier(), list_element_values(elasticity)
+    slope = find_least_slope(elasticity)
+    found = np.empty(len(output))
+    for k, (goal, period) in enumerate(zip(output.tolist(), periods.tolist(), strict=True)):
+
+        def move(place: float, before: tuple[float, ...] = states, period: float = period) -> _Step:
+            return advance_element(algebra, elasticity, values, (place, period), before)
+
+        found[k] = find_input(move, goal, states[0], slope)
+        states = move(float(found[k])).states
+    return found
+
+
+def find_input(step: Callable[[float], _Step], goal: float, start: float, slope: float) -> float:
+    """Return x with step(x).output = goal, which rises by at least `slope` > 0 a unit of x.
+
+    The search begins at `start`. It ends where the error or the interval is at rounding.
+    """
+    first = step(start).output
+    error = first - goal
+    enough = _ROUNDING * max(abs(first), abs(goal))
+    if abs(error) <= enough:
+        return start
+    low = high = start
+    low_error = high_error = error
+    bound = start - _MARGIN * error / slope
+    if error > 0.0:
+        low, low_error = bound, step(bound).output - goal
+    else:
+        high, high_error = bound, step(bound).output - goal
+    side = 0
+    for count in range(_MOST_STEPS):
+        middle = high - high_error * (high - low) / (high_error - low_error)
+        if count % 3 == 2 or not low < middle < high:
+            middle = low + 0.5 * (high - low)
+        error = step(middle).output - goal
+        if abs(error) <= enough or not low < middle < high:
+            return middle
+        # An end that stays twice counts half, so that the other one is passed (Illinois).
+        if error < 0.0:
+            low, low_error, high_error = middle, error, high_error * (0.5 if side < 0 else 1.0)
+            side = -1
+        else:
+            high, high_error, low_error = middle, error, low_error * (0.5 if side > 0 else 1.0)
+            side = 1
+    return low + 0.5 * (high - low)
