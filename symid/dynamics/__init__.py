@@ -57,11 +57,15 @@ if TYPE_CHECKING:
         evaluate_torque_columns as evaluate_torque_columns,
     )
     from symid.dynamics.nearest_bodies import (
+        PSEUDO_INERTIA_FORMS as PSEUDO_INERTIA_FORMS,
         BodyProblem as BodyProblem,
         NearestBodies as NearestBodies,
         build_expected_bodies as build_expected_bodies,
+        build_prior as build_prior,
+        build_pseudo_inertias as build_pseudo_inertias,
         compute_cost as compute_cost,
         compute_errors as compute_errors,
+        compute_standard_parameters as compute_standard_parameters,
         optimise_bodies as optimise_bodies,
     )
     from symid.dynamics.newton_euler import (
@@ -82,14 +86,9 @@ if TYPE_CHECKING:
         StandardSet as StandardSet,
         build_identified_robot as build_identified_robot,
     )
-    from symid.dynamics.pseudo_inertia import (
-        PSEUDO_INERTIA_FORMS as PSEUDO_INERTIA_FORMS,
-        build_prior as build_prior,
-        build_pseudo_inertias as build_pseudo_inertias,
-        compute_standard_parameters as compute_standard_parameters,
-    )
     from symid.dynamics.recursion import (
         LinkMotion as LinkMotion,
+        ProjectionFrame as ProjectionFrame,
         Recursion as Recursion,
         build_recursion as build_recursion,
         compute_jacobian as compute_jacobian,
@@ -119,7 +118,6 @@ if TYPE_CHECKING:
         build_power_function as build_power_function,
         split_polynomial as split_polynomial,
     )
-    from symid.dynamics.wrenches import ProjectionFrame as ProjectionFrame
 else:
     from symid.lazy import load_names
 

@@ -14,12 +14,14 @@ from collections.abc import Mapping, Sequence
 from itertools import product
 
 from symid.dynamics.algebra import Algebra, Label, Matrix, T, Vector
-from symid.dynamics.recursion import LinkFrame, Recursion, rotate_to_parent
-from symid.dynamics.wrenches import (
+from symid.dynamics.recursion import (
+    LinkFrame,
     ProjectionFrame,
+    Recursion,
     Wrench,
     build_axis_screws,
     project_wrench,
+    rotate_to_parent,
     transform_screws,
 )
 from symid.robot import Exact, Robot

@@ -16,8 +16,16 @@ from typing import Generic
 
 from symid.dynamics.algebra import Algebra, Matrix, T, Vector
 from symid.dynamics.bodies import Parameters, add_drive_torques, gather_body
-from symid.dynamics.recursion import LinkMotion, Recursion, compute_motions, rotate_to_link
-from symid.dynamics.wrenches import Screw, Wrench, build_unit_vector, transform_wrench
+from symid.dynamics.recursion import (
+    LinkMotion,
+    Recursion,
+    Screw,
+    Wrench,
+    build_unit_vector,
+    compute_motions,
+    rotate_to_link,
+    transform_wrench,
+)
 from symid.notation import INERTIAL
 
 

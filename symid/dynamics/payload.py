@@ -25,11 +25,13 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays, freeze
 from symid.dynamics.base_parameters import BaseParameters, build_grouping
-from symid.dynamics.nearest_bodies import BodyProblem, optimise_bodies, solve_body_equations
-from symid.dynamics.pseudo_inertia import (
+from symid.dynamics.nearest_bodies import (
     PSEUDO_INERTIA_FORMS,
+    BodyProblem,
     build_pseudo_inertias,
     compute_standard_parameters,
+    optimise_bodies,
+    solve_body_equations,
 )
 from symid.errors import EstimateError, IdentifiabilityError, Notice, UsageError
 from symid.notation import INERTIAL

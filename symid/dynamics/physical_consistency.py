@@ -27,17 +27,15 @@ from symid.dynamics.algebra import Label
 from symid.dynamics.base_parameters import BaseParameters, Grouping, build_grouping, list_known_values
 from symid.dynamics.friction_effects import get_friction
 from symid.dynamics.nearest_bodies import (
+    PSEUDO_INERTIA_FORMS,
     BodyProblem,
     NearestBodies,
-    compute_distance,
-    optimise_bodies,
-    solve_body_equations,
-)
-from symid.dynamics.pseudo_inertia import (
-    PSEUDO_INERTIA_FORMS,
     build_prior,
     build_pseudo_inertias,
+    compute_distance,
     compute_standard_parameters,
+    optimise_bodies,
+    solve_body_equations,
 )
 from symid.errors import Notice, SolverError, UsageError
 from symid.joint_models import Elasticity, FrictionValues, list_value_names

@@ -21,9 +21,10 @@ from dataclasses import replace
 from symid.dynamics.algebra import Algebra, Label, T
 from symid.dynamics.bodies import DRIVE_PARAMETERS, Body, compute_drive_column
 from symid.dynamics.newton_euler import Reference, compute_acceleration_tensors, compute_tensor_wrench
-from symid.dynamics.recursion import LinkMotion, Recursion
-from symid.dynamics.wrenches import (
+from symid.dynamics.recursion import (
+    LinkMotion,
     ProjectionFrame,
+    Recursion,
     Wrench,
     build_axis_screws,
     compute_momentum,

@@ -37,14 +37,14 @@ from symid.simulation.elastic_plant import (
     get_elastic_values,
     simulate_plant,
 )
-from symid.simulation.rigid_plant import build_curved_friction, check_friction_at_speeds
-from symid.simulation.sensors import (
+from symid.simulation.experiment import (
     ElasticSensors,
     add_torque_noise,
     check_sensors,
     get_encoder_turns,
     quantise,
 )
+from symid.simulation.rigid_plant import build_curved_friction, check_friction_at_speeds
 
 _DAMPING_SHARE = 0.4
 

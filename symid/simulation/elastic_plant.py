@@ -34,8 +34,8 @@ from symid.joint_models import REFERENCE_TEMPERATURE, Elasticity, get_friction_l
 from symid.robot import (
     Robot,
 )
+from symid.simulation.experiment import quantise
 from symid.simulation.rigid_plant import Bristles, BristleStride, RigidPlantState, build_bristles
-from symid.simulation.sensors import quantise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -18,8 +18,7 @@ from symid.joint_models import NO_FRICTION
 from symid.logs import Recording
 from symid.robot import Coupling, Joint, Robot
 from symid.simulation.elastic_experiment import build_clean_options, build_noisy_options, simulate_elastic
-from symid.simulation.experiment import ExperimentOptions, simulate_experiment
-from symid.simulation.sensors import SensorOptions
+from symid.simulation.experiment import ExperimentOptions, SensorOptions, simulate_experiment
 
 DEFAULT_NOISE = 0.05
 """N m or N, of rigid robots; elastic ones have noise in proportion to their torques."""

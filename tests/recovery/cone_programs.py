@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from symid.dynamics.pseudo_inertia import build_pseudo_inertias, compute_standard_parameters
+from symid.dynamics.nearest_bodies import build_pseudo_inertias, compute_standard_parameters
 from symid.notation import INERTIAL
 
 UNITS = build_pseudo_inertias(np.eye(len(INERTIAL)))

@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 
 from symid.codegen.cache import prepare_library
 from symid.dynamics import compute_cost, compute_errors, nearest_bodies
-from symid.dynamics.pseudo_inertia import PSEUDO_INERTIA_FORMS, build_pseudo_inertias
+from symid.dynamics.nearest_bodies import PSEUDO_INERTIA_FORMS, build_pseudo_inertias
 from symid.errors import SolverError
 from symid.identification.estimators import consistent
 from symid.identification.estimators.consistent import (

@@ -5,8 +5,7 @@ import numpy as np
 from symid.codegen.cache import prepare_library
 from symid.excitation.trajectories import FourierOptions, build_random_fourier
 from symid.robot.toml_reader import read_robot
-from symid.simulation.experiment import ExperimentOptions, simulate_experiment
-from symid.simulation.sensors import SensorOptions
+from symid.simulation.experiment import ExperimentOptions, SensorOptions, simulate_experiment
 
 
 def test_work_is_energy_and_losses_to_a_millionth(robots_folder):

@@ -8,9 +8,8 @@ from symid.excitation.trajectories import FourierOptions, build_random_fourier
 from symid.identification.rigid.fit import identify_parameters
 from symid.robot.description import Processing
 from symid.robot.toml_reader import read_robot
-from symid.simulation.experiment import ExperimentOptions, simulate_experiment
+from symid.simulation.experiment import ExperimentOptions, SensorOptions, simulate_experiment
 from symid.simulation.rigid_plant import RigidPlant, build_friction_lines, build_rest_state
-from symid.simulation.sensors import SensorOptions
 
 HEAD = """
 name = "{name}"

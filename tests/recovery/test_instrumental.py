@@ -18,8 +18,7 @@ from symid.logs.recording import RunSettings
 from symid.logs.runs import get_run_weights
 from symid.robot.description import Controller, Decimation, Processing
 from symid.robot.toml_reader import read_robot
-from symid.simulation.experiment import ExperimentOptions, simulate_experiment
-from symid.simulation.sensors import SensorOptions
+from symid.simulation.experiment import ExperimentOptions, SensorOptions, simulate_experiment
 
 GAINS = Controller(
     stiffness=(400.0, 60.0), damping=(25.0, 3.0), velocity_filter=150.0, offset=None, torque="average"

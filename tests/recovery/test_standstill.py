@@ -10,8 +10,7 @@ from symid.excitation.trajectories import FourierOptions, build_random_fourier
 from symid.identification.rigid.fit import identify_parameters
 from symid.robot.description import Processing
 from symid.robot.toml_reader import read_robot
-from symid.simulation.experiment import ExperimentOptions, simulate_experiment
-from symid.simulation.sensors import SensorOptions
+from symid.simulation.experiment import ExperimentOptions, SensorOptions, simulate_experiment
 
 NOISE = 0.2
 SEEDS = range(8)

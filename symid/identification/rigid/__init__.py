@@ -34,15 +34,15 @@ if TYPE_CHECKING:
         choose_laws as choose_laws,
         compare_friction as compare_friction,
     )
-    from symid.identification.rigid.options import (
+    from symid.identification.rigid.plan import (
         PRIOR_OF_ROBOT as PRIOR_OF_ROBOT,
         SIMULATING as SIMULATING,
         RigidOptions as RigidOptions,
         build_estimator_options as build_estimator_options,
         check_estimator as check_estimator,
         check_rigid_options as check_rigid_options,
+        plan_fit as plan_fit,
     )
-    from symid.identification.rigid.plan import plan_fit as plan_fit
     from symid.identification.rigid.validation import (
         get_fit_overlap as get_fit_overlap,
         get_usable_window as get_usable_window,

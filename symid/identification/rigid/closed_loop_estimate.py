@@ -37,7 +37,7 @@ from symid.identification.rigid.closed_loop_fit import (
 )
 from symid.identification.rigid.fit import build_estimate, identify_parameters
 from symid.identification.rigid.long_fit import FittedRows
-from symid.identification.rigid.options import INSTRUMENTAL
+from symid.identification.rigid.plan import INSTRUMENTAL
 from symid.logs import Recording, decimate
 from symid.robot import Controller, Robot, list_controller
 

@@ -66,12 +66,12 @@ from symid.identification.regression import (
 )
 from symid.identification.rigid.evidence import JudgedRows, collect_evidence, describe_motion
 from symid.identification.rigid.long_fit import FittedRows, fit_long, is_long
-from symid.identification.rigid.options import list_unknown
 from symid.identification.rigid.plan import (
     FILTERED_INSTRUMENTAL,
     FitBasis,
     FitPlan,
     drop_instruments,
+    list_unknown,
     plan_fit,
 )
 from symid.identification.rigid.settings_choice import ROW_RATE

@@ -10,9 +10,16 @@ from hypothesis import given, settings, strategies as st
 from scipy.optimize import minimize
 
 from symid.dynamics.base_parameters import build_grouping, compute_parameter_values, derive_base_parameters
-from symid.dynamics.nearest_bodies import BodyProblem, compute_errors, optimise_bodies, solve_body_equations
+from symid.dynamics.nearest_bodies import (
+    BodyProblem,
+    build_prior,
+    build_pseudo_inertias,
+    compute_errors,
+    compute_standard_parameters,
+    optimise_bodies,
+    solve_body_equations,
+)
 from symid.dynamics.physical_consistency import StandardOutcome, compute_standard_set
-from symid.dynamics.pseudo_inertia import build_prior, build_pseudo_inertias, compute_standard_parameters
 from symid.errors import RobotError, SolverError, UsageError
 from symid.joint_models import FrictionValues
 from symid.notation import INERTIAL

@@ -5,9 +5,9 @@ import itertools
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from symid.joint_models.bouc_wen import BoucWen, compute_bouc_wen_torque
 
 from symid.errors import RobotError
-from symid.joint_models.bouc_wen import BoucWen, compute_bouc_wen_torque
 
 
 def test_the_first_curve_of_sharpness_one_is_an_exponential():

@@ -32,8 +32,7 @@ from symid.simulation.elastic_experiment import (
     simulate_elastic,
 )
 from symid.simulation.elastic_plant import build_plant_robot, compute_rest, get_elastic_values
-from symid.simulation.experiment import ExperimentOptions, simulate_experiment
-from symid.simulation.sensors import ElasticSensors
+from symid.simulation.experiment import ElasticSensors, ExperimentOptions, simulate_experiment
 
 FUNCTIONS = ("forward_dynamics", "mass_matrix", "gravity", "energy", "friction", "friction_regressor")
 CLEAN = build_clean_options()

@@ -8,13 +8,14 @@ import pytest
 from symid.errors import SolverError, UsageError
 from symid.excitation.trajectories import build_ta, build_tb
 from symid.robot.description import Limits
-from symid.simulation.experiment import ExperimentOptions, simulate_experiment
-from symid.simulation.sensors import (
+from symid.simulation.experiment import (
+    ExperimentOptions,
     SensorOptions,
     add_torque_noise,
     check_sensors,
     get_encoder_turns,
     quantise,
+    simulate_experiment,
 )
 
 CLEAN = ExperimentOptions(duration=3.0, sensors=SensorOptions(counts_per_turn=None))

@@ -19,8 +19,7 @@ from symid.identification.rigid.closed_loop import (
 from symid.logs.recording import Recording
 from symid.robot.description import Controller
 from symid.robot.toml_reader import read_robot
-from symid.simulation.experiment import ExperimentOptions, simulate_experiment
-from symid.simulation.sensors import SensorOptions
+from symid.simulation.experiment import ExperimentOptions, SensorOptions, simulate_experiment
 
 MASS, VISCOUS = 20.0, 60.0
 PERIOD, COUNT = 2e-3, 400
