@@ -45,6 +45,7 @@ if TYPE_CHECKING:
         build_log as build_log,
         demo as demo,
         doctor as doctor,
+        hysteresis as hysteresis,
         list_robots as list_robots,
         load as load,
         load_fit as load_fit,

@@ -29,6 +29,9 @@ def load_names(package: str, file: str) -> tuple[Callable[[str], object], Callab
         if name not in places:
             message = f"module {package!r} has no attribute {name!r}; it offers {', '.join(names)}"
             raise AttributeError(message)
+        # A module of the package itself, offered under its own name.
+        if places[name] == package:
+            return import_module(f"{package}.{name}")
         return getattr(import_module(places[name]), name)
 
     return load, lambda: names, names

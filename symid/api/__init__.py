@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from symid.api import hysteresis as hysteresis
     from symid.api.code import (
         CompiledModel as CompiledModel,
         RobotFunction as RobotFunction,
@@ -61,6 +62,7 @@ if TYPE_CHECKING:
     )
     from symid.codegen import BACKENDS as BACKENDS
     from symid.identification.elastic import METHODS as METHODS
+    from symid.identification.hysteresis import MODELS as MODELS
 else:
     from symid.lazy import load_names
 

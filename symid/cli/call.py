@@ -160,7 +160,7 @@ _FILES = {
         ("experiments", "excite simulate"),
         ("identification", "identify"),
         ("results", "validate compare export"),
-        ("identification", "payload"),
+        ("identification", "payload hysteresis"),
         ("results", "report"),
         ("studies", "study"),
         ("first_steps", "doctor demo"),

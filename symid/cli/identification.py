@@ -1,4 +1,4 @@
-"""The verbs that identify: `symid identify`, `symid payload`."""
+"""The verbs that identify: `symid identify`, `symid payload`, `symid hysteresis`."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -7,9 +7,10 @@ from typing import Any
 
 import click
 
-from symid.api import METHODS, Fit, pair_parts
+import symid
+from symid.api import METHODS, MODELS, Fit, pair_parts
 from symid.cli.arguments import NamedRobot, check_output
-from symid.cli.call import Answer, Console, answer_saved
+from symid.cli.call import Answer, Console, answer_saved, make_answer
 from symid.cli.options import accept_option, friction_option, output_option, robot_argument, settings_options
 from symid.cli.verbs import COUNT, FILE, INPUT, METHOD, MODEL, POSITIVE, PROCESSING, WHOLE, Finite, verb
 from symid.errors import Notice, UsageError
@@ -271,3 +272,45 @@ def payload_command(
     model = robot.load(console)
     check_output(output, force=force, inputs=(model.path,))
     return answer_saved(model.payload(loaded, empty, **options), output, "payload")
+
+
+@verb("hysteresis")
+@click.argument("file", metavar="FILE", type=FILE)
+@INPUT.option(
+    "--input",
+    "Column of the input, such as a torsion; data[1] is the second column of data.",
+    metavar="NAME",
+    required=True,
+)
+@INPUT.option("--output", "Column of the output, such as a torque.", metavar="NAME", required=True)
+@INPUT.option("--time", "Column of the time, s; without it no model depends on the speed.", metavar="NAME")
+@INPUT.option("--validate", "Recording to predict, with the same columns.", FILE, "FILE")
+@METHOD.option("--model", "Model of the element.  [default: auto]", click.Choice(("auto", *MODELS)))
+@METHOD.option("--passive", "Only elements from which no motion gets work.", is_flag=True)
+@accept_option
+def hysteresis_command(
+    console: Console,
+    *,
+    file: Path,
+    validate: Path | None,
+    model: str | None,
+    passive: bool,
+    **names: str | None,
+) -> Answer:
+    """Fit an element with hysteresis to its input and output, no robot needed.
+
+    Prandtl-Ishlinskii and modified Prandtl-Ishlinskii, nonlinear stops with backlash, relays, Bouc-Wen, Dahl,
+    LuGre and Maxwell-slip are tried; the one that predicts samples best that were left out is taken. Units
+    are those of the file.
+    """
+    x, y, t = names["input"] or "", names["output"] or "", names["time"]
+    columns = symid.hysteresis.read_columns(file, x=x, y=y, t=t)
+    tried = None if validate is None else symid.hysteresis.read_columns(validate, x=x, y=y, t=t)
+    console.progress("fitting elements")
+    fit = symid.hysteresis.fit(*columns, model=model or "auto", passive=passive or None)
+    if tried is None:
+        return make_answer(fit)
+    other = fit.validate(*tried)
+    answer = make_answer(fit, f"{validate}:\n{other.to_text()}", validation=other.to_dict())
+    notices, errors = (*answer.warnings, *other.notices), (*answer.errors, *other.errors)
+    return replace(answer, warnings=notices, errors=errors, exit_code=1 if errors else 0)

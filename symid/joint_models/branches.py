@@ -71,7 +71,7 @@ def clamp(algebra: Carrier[V], value: V, low: V, high: V) -> V:
 
 
 def _compute_pieces(algebra: Carrier[V], value: V, places: Sequence[V], forces: Sequence[V]) -> tuple[V, V]:
-    """Return a piecewise linear function through (place, force), and its integral from the first place."""
+    """Return a piecewise linear function of (place, force), and its integral from the first place."""
     force, energy = forces[0], algebra.zero
     for k in range(len(places) - 1):
         gap = algebra.sub(places[k + 1], places[k])
@@ -85,20 +85,22 @@ def _compute_pieces(algebra: Carrier[V], value: V, places: Sequence[V], forces: 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SlipSpring:
-    """A slider behind a spring of any shape: force f(E), deflection E = x - P_r[x], |E| <= r.
+    """A slider behind a spring of any shape: force f(E), deflection E = x - P[x] between -r and r.
 
     Where f is flat at zero the spring has a gap (backlash). Iwan's element for f = k E; Prandtl-Ishlinskii
-    stops with envelopes, as generalised by Al Janaideh, Rakheja and Su, Mechatronics 19 (2009) 656-670.
+    stops with envelopes, as generalised by Al Janaideh, Rakheja and Su, Mechatronics 19 (2009) 656-670. It
+    may slip earlier the faster it moves, at r / (1 + fall |v|), as dry friction that falls with the speed.
 
     Args:
         deflections: increasing, from -r to r, rad or m.
         forces: f there, N m or N; straight between.
+        falls: of the lower and the upper bound, s/rad or s/m, not negative.
     """
 
     kind: ClassVar[str] = "slip"
-    needs_time: ClassVar[bool] = False
     deflections: tuple[float, ...]
     forces: tuple[float, ...]
+    falls: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         """Raise a RobotError for places that do not increase from -r to r, or a count that does not fit."""
@@ -110,6 +112,10 @@ class SlipSpring:
             mistakes.append(f"{len(places)} deflections of a slip spring need {len(places)} forces")
         if not all(map(math.isfinite, (*self.deflections, *self.forces))):
             mistakes.append("numbers of a slip spring must be finite")
+        if not min(self.falls) >= 0.0:
+            mistakes.append(
+                "falls of a slip spring must not be negative; viscous damping rises with the speed"
+            )
         refuse_element(mistakes)
 
     @property
@@ -118,8 +124,16 @@ class SlipSpring:
         return self.deflections[-1]
 
     @property
+    def needs_time(self) -> bool:
+        """Return whether the force depends on the velocity."""
+        return any(self.falls)
+
+    @property
     def passive(self) -> bool:
-        """Return whether no loop gives work: it brakes where it slips, on both sides."""
+        """Return whether no motion gives work: it brakes wherever it may slip, on both sides."""
+        pairs = zip(self.deflections, self.forces, strict=True)
+        if self.needs_time:
+            return all(force * place >= 0.0 for place, force in pairs)
         return self.forces[0] <= 0.0 <= self.forces[-1]
 
     def _find_least(self) -> float:
@@ -134,7 +148,12 @@ class SlipSpring:
 
     @property
     def least_slope(self) -> float:
-        """Return the least slope of the force over a way without reversal, N m/rad or N/m."""
+        """Return the least slope of the force over a way without reversal, N m/rad or N/m.
+
+        Minus infinity where it falls with the speed: over a short period a longer way is a higher speed.
+        """
+        if self.needs_time:
+            return -math.inf
         pairs = pairwise(zip(self.deflections, self.forces, strict=True))
         slopes = [(after - force) / (end - start) for (start, force), (end, after) in pairs]
         return min(0.0, *slopes)
@@ -142,6 +161,8 @@ class SlipSpring:
     def list_values(self) -> dict[str, float]:
         """Return the numbers by name: least (of the energy), e1, ... (deflections), f1, ... (forces)."""
         named = {"least": self._find_least()}
+        if self.needs_time:
+            named |= {"fall_low": self.falls[0], "fall_high": self.falls[1]}
         named |= {f"e{k}": value for k, value in enumerate(self.deflections, start=1)}
         return named | {f"f{k}": value for k, value in enumerate(self.forces, start=1)}
 
@@ -156,8 +177,16 @@ class SlipSpring:
         count = len(self.deflections)
         places = [values[f"e{k}"] for k in range(1, count + 1)]
         forces = [values[f"f{k}"] for k in range(1, count + 1)]
-        low = algebra.sub(motion.position, places[-1])
-        play = clamp(algebra, states[0], low, algebra.sub(motion.position, places[0]))
+        low, high = places[0], places[-1]
+        if self.needs_time:
+            speed = algebra.absolute(motion.velocity)
+            slower = [algebra.mul(values[name], speed) for name in ("fall_low", "fall_high")]
+            low, high = (
+                algebra.div(bound, algebra.add(algebra.one, part))
+                for bound, part in zip((low, high), slower, strict=True)
+            )
+        least, most = algebra.sub(motion.position, high), algebra.sub(motion.position, low)
+        play = clamp(algebra, states[0], least, most)
         force, energy = _compute_pieces(algebra, algebra.sub(motion.position, play), places, forces)
         return BranchStep(force=force, states=(play,), stored=algebra.sub(energy, values["least"]))
 

@@ -121,6 +121,8 @@ def advance_element(
     values: Mapping[str, V],
     held: tuple[V, V],
     states: Sequence[V],
+    *,
+    velocity: V | None = None,
 ) -> ElementStep[V]:
     """Return what an element does when its input has gone to a position, without turning back on the way.
 
@@ -130,6 +132,7 @@ def advance_element(
         values: its numbers, named by `list_element_values`.
         held: position, rad or m, and length of the step, s; the length counts where `needs_time`, > 0.
         states: before, as `start_states` orders them.
+        velocity: rad/s or m/s, where it is known better than as way over length of the step.
     """
     (position, period), at = held, 1
     before, after = states[0], [position]
@@ -139,8 +142,8 @@ def advance_element(
         after.append(position)
         at = 2
     way = algebra.sub(position, before)
-    timed = needs_time(elasticity)
-    velocity = algebra.div(way, period) if timed else algebra.zero
+    if velocity is None:
+        velocity = algebra.div(way, period) if needs_time(elasticity) else algebra.zero
     motion = Motion(position=position, way=way, velocity=velocity, period=period)
     terms = _gather_spring(elasticity, values, algebra)
     count = len(terms.stops)
@@ -285,6 +288,7 @@ def run_element(
     time: FloatArray | None = None,
     *,
     start: Start | Sequence[float] = "zero",
+    velocity: FloatArray | None = None,
 ) -> ElementRun:
     """Return what an element does along a recording whose input does not turn back between samples.
 
@@ -293,6 +297,7 @@ def run_element(
         position: (N,) input, rad or m.
         time: (N,) s, increasing; None where the element does not need it.
         start: what it remembers before the first sample, or its states there.
+        velocity: (N,) rad/s or m/s; None where it is the way to each sample over the time that it took.
 
     Raises:
         RobotError: an element that depends on the speed and no time.
@@ -300,13 +305,16 @@ def run_element(
     position = np.asarray(position, dtype=np.float64)
     states = _read_start(elasticity, float(position[0]) if len(position) else 0.0, start)
     periods = _read_periods(elasticity, len(position), time)
-    traces = _trace_states(elasticity, position, periods, states)
+    if velocity is None:
+        velocity = np.diff(position, prepend=states[0]) / periods
+    traces = _trace_states(elasticity, (position, velocity, periods), states)
     step = advance_element(
         build_numpy_carrier(),
         elasticity,
         {name: np.asarray(value) for name, value in list_element_values(elasticity).items()},
         (position, periods),
         [trace[:-1] for trace in traces],
+        velocity=np.asarray(velocity, dtype=np.float64),
     )
     stored = np.full(len(position), np.nan) if step.stored is None else step.stored
     return ElementRun(
@@ -317,9 +325,10 @@ def run_element(
 
 
 def _trace_states(
-    elasticity: Elasticity, position: FloatArray, periods: FloatArray, states: tuple[float, ...]
+    elasticity: Elasticity, recording: tuple[FloatArray, FloatArray, FloatArray], states: tuple[float, ...]
 ) -> list[FloatArray]:
-    """Return every state (N + 1,) along a recording: before it, and after every sample."""
+    """Return every state (N + 1,) along position, velocity and periods: before, and after every sample."""
+    position, velocity, periods = recording
     traces, at = [np.concatenate([states[:1], position])], 1
     if elasticity.backlash:
         gap, memory = np.array([elasticity.backlash]), np.array(states[1:2])
@@ -330,7 +339,7 @@ def _trace_states(
     memory = np.array(states[at : at + len(radii)])
     traces += list(np.vstack([memory, compute_plays(middle[1:], radii, memory)]).T)
     at += len(radii)
-    path = (middle[1:], np.diff(middle), periods)
+    path = (middle[1:], np.diff(middle), velocity, periods)
     for branch in elasticity.branches:
         size = len(branch.start(0.0, 0.0))
         traces += list(trace_branch(branch, path, states[at : at + size]).T)
@@ -356,24 +365,20 @@ def _read_periods(elasticity: Elasticity, count: int, time: FloatArray | None) -
     return np.concatenate([steps[:1], steps]) if count > 1 else np.ones(count)
 
 
-def trace_branch(
-    branch: Branch, path: tuple[FloatArray, FloatArray, FloatArray], states: Sequence[float]
-) -> FloatArray:
+def trace_branch(branch: Branch, path: tuple[FloatArray, ...], states: Sequence[float]) -> FloatArray:
     """Return the states (N + 1, n) of a branch along a path: before it, and after every sample.
 
-    `path`: input (N,), way to each sample (N,), rad or m, and length of each step (N,), s.
+    `path`: input, way to each sample, rad or m, velocity, rad/s or m/s, and length of the step, s.
     """
-    position, memory = path[0], np.array(states, dtype=np.float64)
+    (position, _, velocity, _), memory = path, np.array(states, dtype=np.float64)
     if isinstance(branch, SlipSpring):
-        after = compute_plays(position, np.array([branch.threshold]), memory)
+        speed = np.abs(velocity)
+        low, high = (-branch.threshold / (1.0 + fall * speed) for fall in branch.falls)
+        after = compute_clamps((position + high)[:, None], (position - low)[:, None], memory)
     elif isinstance(branch, Relays):
         places = branch.low + branch.step * np.array(branch.pairs, dtype=np.float64).reshape(-1, 2).T
-
-        def bounds(part: FloatArray) -> tuple[FloatArray, FloatArray]:
-            low, high = (np.clip((part - edge) / branch.step, 0.0, 1.0) for edge in places)
-            return low, high
-
-        after = compute_clamps(position[:, None], bounds, memory)
+        ramps = [np.clip((position[:, None] - edge) / branch.step, 0.0, 1.0) for edge in places]
+        after = compute_clamps(ramps[0], ramps[1], memory)
     else:
         after = _accumulate(branch, path, memory)
     return np.vstack([memory, after])
@@ -381,11 +386,11 @@ def trace_branch(
 
 def _accumulate(
     branch: BoucWen | Bristles | Relaxation,
-    path: tuple[FloatArray, FloatArray, FloatArray],
+    path: tuple[FloatArray, ...],
     memory: FloatArray,
 ) -> FloatArray:
     """Return the states (N, n) of a branch after every sample, step by step in CasADi's virtual machine."""
-    position, ways, periods = path
+    position = path[0]
     if not len(position):
         return np.empty((0, len(memory)))
     values = branch.list_values()
@@ -400,7 +405,7 @@ def _accumulate(
             else Relaxation(stiffness=1.0, time=1.0)
         )
     function = _build_accumulation(plain, len(position))
-    motions = np.vstack([position, ways, ways / periods, periods])
+    motions = np.vstack(path)
     table = np.tile(np.array(list(values.values()))[:, None], (1, len(position)))
     return np.asarray(function(memory, motions, table).full().T)
 

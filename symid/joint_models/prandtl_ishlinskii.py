@@ -16,7 +16,7 @@ and its work and energy with knees. The closed-form loss of a cycle leaves knees
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -162,36 +162,35 @@ def compute_plays(values: FloatArray, thresholds: FloatArray, memory: FloatArray
     column = np.asarray(values, dtype=np.float64)[:, None]
     radii = np.asarray(thresholds, dtype=np.float64)
     state = np.zeros(radii.size) if memory is None else np.asarray(memory, dtype=np.float64)
-    return compute_clamps(column, lambda part: (part - radii, part + radii), state)
+    return compute_clamps(column - radii, column + radii, state)
 
 
-def compute_clamps(
-    values: FloatArray,
-    bounds: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
-    state: FloatArray,
-) -> FloatArray:
-    """Return s_k = max(low(x_k), min(high(x_k), s_k-1)) (N, m) for an input (N, 1) from s_-1 = `state` (m,).
+def compute_clamps(lower: FloatArray, upper: FloatArray, state: FloatArray) -> FloatArray:
+    """Return s_k = max(lower_k, min(upper_k, s_k-1)) (N, m) from s_-1 = `state` (m,), lower <= upper (N, m).
 
     Clamps in a row are a clamp: blocks of samples become one each, the blocks are run through in order, then
-    all blocks are filled at once. `bounds` returns low and high (..., m) of inputs (..., 1), low <= high.
+    all blocks are filled at once.
     """
-    count = values.shape[0]
+    count = len(lower)
     if count == 0 or state.size == 0:
         return np.empty((count, state.size))
     length = max(1, math.isqrt(count))
     blocks = -(-count // length)
-    padded = np.concatenate([values[:, 0], np.full(blocks * length - count, values[-1, 0])])
     # Samples of one place in their blocks are contiguous: each pass of the loops works on one slab.
-    lower, upper = bounds(padded.reshape(blocks, length).T[:, :, None])
-    ends = np.stack([lower[0], upper[0]])
-    for least, most in zip(lower[1:], upper[1:], strict=True):
+    slabs = []
+    for bound in (lower, upper):
+        padded = np.concatenate([bound, np.broadcast_to(bound[-1:], (blocks * length - count, state.size))])
+        slabs.append(np.ascontiguousarray(padded.reshape(blocks, length, -1).transpose(1, 0, 2)))
+    low_slabs, high_slabs = slabs
+    ends = np.stack([low_slabs[0], high_slabs[0]])
+    for least, most in zip(low_slabs[1:], high_slabs[1:], strict=True):
         np.maximum(least, np.minimum(most, ends, out=ends), out=ends)
     entry = np.empty((blocks + 1, state.size))
     entry[0] = state
     for low, high, before, after in zip(*ends, entry[:-1], entry[1:], strict=True):
         np.maximum(low, np.minimum(high, before, out=after), out=after)
     states, before = np.empty((length, blocks, state.size)), entry[:-1]
-    for least, most, out in zip(lower, upper, states, strict=True):
+    for least, most, out in zip(low_slabs, high_slabs, states, strict=True):
         np.maximum(least, np.minimum(most, before, out=out), out=out)
         before = out
     return np.ascontiguousarray(states.transpose(1, 0, 2)).reshape(-1, state.size)[:count]

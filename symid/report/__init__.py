@@ -32,6 +32,12 @@ if TYPE_CHECKING:
         show_stiffness as show_stiffness,
     )
     from symid.report.friction_study_page import build_friction_study_page as build_friction_study_page
+    from symid.report.hysteresis_page import (
+        describe_element as describe_element,
+        judge_element as judge_element,
+        judge_element_trial as judge_element_trial,
+        show_element as show_element,
+    )
     from symid.report.log_text import (
         describe_excitation as describe_excitation,
         describe_log as describe_log,

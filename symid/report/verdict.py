@@ -140,6 +140,11 @@ def _rate(percent: float) -> str:
     return "good" if percent <= _LARGE else "usable" if percent <= _HUGE else "doubtful"
 
 
+def rate_output(percent: float) -> str:
+    """Return the level of an element that leaves so much of its output unexplained."""
+    return "wrong" if percent > _LOST else _rate(percent)
+
+
 def _find_lost(residual: Sequence[Residual], logs: str) -> Caps:
     """Return the limit where less than half of the squared torque of the `logs` is explained.
 

@@ -11,9 +11,9 @@ from symid.identification.elastic.regression import (
     build_energy_windows,
     build_filtered_rows,
     filter_held,
-    filter_smooth,
     prepare_elastic_signals,
 )
+from symid.identification.hysteresis import filter_smooth
 from symid.logs.recording import Recording
 from tests.recovery.elastic_runs import STOPS, find_truth, prepare_arm, run_arm
 

@@ -33,11 +33,10 @@ from symid.identification.elastic.regression import (
     build_filtered_rows,
     center_held,
     filter_derivative,
-    filter_smooth,
     solve_with_signs,
 )
 from symid.identification.elastic.uncertainty import compute_covariance
-from symid.identification.hysteresis import build_elasticity
+from symid.identification.hysteresis import build_elasticity, filter_smooth
 from symid.identification.regression import choose_windows, integrate_windows
 from symid.logs import differentiate, low_pass
 

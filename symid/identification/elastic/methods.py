@@ -37,13 +37,14 @@ from symid.identification.elastic.elimination import (
 from symid.identification.elastic.estimate import MethodFit, build_method_fit
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.problem import ElasticProblem, build_elastic_problem
-from symid.identification.elastic.regression import filter_smooth, prepare_elastic_signals, solve_with_signs
+from symid.identification.elastic.regression import prepare_elastic_signals, solve_with_signs
 from symid.identification.elastic.two_step import fit_alternation, fit_linear_spring, fit_two_step
 from symid.identification.elastic.uncertainty import (
     compute_covariance,
     mark_unidentifiable,
     measure_identifiability,
 )
+from symid.identification.hysteresis import filter_smooth
 from symid.joint_models import compute_hysteresis_torque
 from symid.logs import Recording
 

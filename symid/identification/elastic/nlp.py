@@ -29,9 +29,8 @@ from symid.identification.elastic.nlp_cost import ElasticNlpCost, NlpLayout, Spr
 from symid.identification.elastic.nlp_rows import NlpRecording, build_nlp_recording, move_stops
 from symid.identification.elastic.options import NlpOptions
 from symid.identification.elastic.problem import ElasticProblem
-from symid.identification.elastic.spring_fit import compute_place_limits
 from symid.identification.elastic.two_step import fit_linear_spring
-from symid.identification.hysteresis import SpringWeights, build_knee_grid
+from symid.identification.hysteresis import SpringWeights, build_knee_grid, compute_place_limits
 from symid.ipopt import Ending, IpoptOptions, SmoothProblem, keep_last, minimise
 from symid.joint_models import Elasticity
 

@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays
 from symid.identification.elastic.problem import ElasticProblem
-from symid.identification.elastic.regression import average_steps, build_equations, filter_smooth
+from symid.identification.elastic.regression import average_steps, build_equations
+from symid.identification.hysteresis import filter_smooth
 from symid.joint_models import compute_stop_basis, compute_work_columns
 
 

@@ -20,8 +20,14 @@ from symid.identification.elastic.regression import (
     build_energy_windows,
     build_filtered_rows,
 )
-from symid.identification.elastic.spring_fit import SpringData, fit_spring, refine_spring
-from symid.identification.hysteresis import SpringWeights, build_elasticity, build_knee_grid
+from symid.identification.hysteresis import (
+    SpringData,
+    SpringWeights,
+    build_elasticity,
+    build_knee_grid,
+    fit_spring,
+    refine_spring,
+)
 from symid.joint_models import Elasticity
 
 

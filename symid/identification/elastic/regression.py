@@ -25,6 +25,7 @@ from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library, ModelCard
 from symid.errors import LogError, Notice, UsageError
 from symid.identification.elastic.options import ElasticOptions, check_grids
+from symid.identification.hysteresis import filter_smooth
 from symid.identification.regression import (
     RankRule,
     fill_load,
@@ -276,20 +277,6 @@ def filter_held(values: FloatArray, rate: float, period: float) -> FloatArray:
 
     decay = np.exp(-rate * period)
     result: FloatArray = lfilter([0.0, 1.0 - decay], [1.0, -decay], values, axis=0)
-    return result
-
-
-def filter_smooth(values: FloatArray, rate: float, period: float) -> FloatArray:
-    """Return F[values] (N, ...) of a signal that is a straight line between samples, from rest.
-
-    y_k = a y_k-1 + g x_k + (1 - a - g) x_k-1, g = 1 - (1 - a) / (rate period), a = exp(-rate period).
-    """
-    from scipy.signal import lfilter
-
-    decay = np.exp(-rate * period)
-    ahead = 1.0 - (1.0 - decay) / (rate * period)
-    start = -ahead * values[:1]
-    result: FloatArray = lfilter([ahead, 1.0 - decay - ahead], [1.0, -decay], values, axis=0, zi=start)[0]
     return result
 
 

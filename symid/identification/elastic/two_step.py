@@ -22,8 +22,15 @@ from symid.arrays import FloatArray
 from symid.identification.elastic.estimate import HistoryEntry, MethodFit, build_method_fit
 from symid.identification.elastic.problem import ElasticProblem, build_start_spring
 from symid.identification.elastic.regression import solve_with_signs
-from symid.identification.elastic.spring_fit import SpringData, fit_spring, follow_spring, refine_spring
-from symid.identification.hysteresis import SpringWeights, build_elasticity, build_stops
+from symid.identification.hysteresis import (
+    SpringData,
+    SpringWeights,
+    build_elasticity,
+    build_stops,
+    fit_spring,
+    follow_spring,
+    refine_spring,
+)
 from symid.identification.regression import solve_scaled
 from symid.ipopt import Ending
 from symid.joint_models import Elasticity

@@ -21,8 +21,7 @@ from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.identification.diagnostics import sum_block_scores
 from symid.identification.elastic.regression import ElasticSignals, average_steps, build_equations
-from symid.identification.elastic.spring_fit import compute_slips, compute_spring_slopes
-from symid.identification.hysteresis import read_weights
+from symid.identification.hysteresis import compute_slips, compute_spring_slopes, read_weights
 from symid.identification.regression import RankRule, compute_spectrum
 from symid.joint_models import Elasticity, compute_stop_basis
 from symid.logs import differentiate

@@ -29,10 +29,10 @@ from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.regression import (
     build_filtered_rows,
     fill_motor_loads,
-    filter_smooth,
     prepare_elastic_signals,
 )
 from symid.identification.estimators import Residual
+from symid.identification.hysteresis import filter_smooth
 from symid.joint_models import Elasticity, Knee, Stop, compute_hysteresis_torque
 from symid.logs import Recording, measure_overlap
 from symid.robot import (

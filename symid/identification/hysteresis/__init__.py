@@ -1,20 +1,33 @@
-"""Bare hysteresis elements: an input and an output, no robot."""
+"""Bare elements: an input and an output, no robot; and the spring of elastic joints while it is fitted."""
 
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from symid.identification.hysteresis.prandtl_ishlinskii_fit import (
-        LEAST_KNEE as LEAST_KNEE,
-        LEAST_SLOPE as LEAST_SLOPE,
+    from symid.identification.hysteresis.fit import (
+        MODELS as MODELS,
+        ElementParameter as ElementParameter,
+        HysteresisOptions as HysteresisOptions,
+        HysteresisRecord as HysteresisRecord,
+        HysteresisTrial as HysteresisTrial,
+        fit_hysteresis as fit_hysteresis,
+        predict_element as predict_element,
+        validate_element as validate_element,
+    )
+    from symid.identification.hysteresis.spring_fit import (
+        SpringData as SpringData,
+        compute_place_limits as compute_place_limits,
+        compute_slips as compute_slips,
+        compute_spring_slopes as compute_spring_slopes,
+        filter_smooth as filter_smooth,
+        fit_spring as fit_spring,
+        follow_spring as follow_spring,
+        refine_spring as refine_spring,
+    )
+    from symid.identification.hysteresis.spring_weights import (
         SpringWeights as SpringWeights,
         build_elasticity as build_elasticity,
         build_knee_grid as build_knee_grid,
         build_stops as build_stops,
-        compute_local_slopes as compute_local_slopes,
-        compute_outer as compute_outer,
-        compute_ramps as compute_ramps,
-        fit_kuhnen as fit_kuhnen,
-        hold_knees as hold_knees,
         read_weights as read_weights,
     )
 else:

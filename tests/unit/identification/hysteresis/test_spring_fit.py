@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from symid.identification.elastic.spring_fit import (
+from symid.identification.hysteresis.spring_fit import (
     SpringData,
     filter_parts,
     fit_spring,
@@ -14,7 +14,7 @@ from symid.identification.elastic.spring_fit import (
     solve_non_negative,
     thin_samples,
 )
-from symid.identification.hysteresis.prandtl_ishlinskii_fit import (
+from symid.identification.hysteresis.spring_weights import (
     LEAST_KNEE,
     SpringWeights,
     build_elasticity,

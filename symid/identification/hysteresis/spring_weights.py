@@ -1,14 +1,9 @@
-"""A Prandtl-Ishlinskii element: its numbers while it is fitted, and Kuhnen's convex fit to input and output.
+"""A Prandtl-Ishlinskii element with outer function while it is fitted: weights, thresholds, knees, slopes.
 
     tau_J = v + sum_j (c_j - 1) ramp_j(v),   v = k0 phi + sum_i k_i E_i[phi]     stops E_i, knees in v
-    e = v(phi) - S'(tau),   S'(tau) = tau + sum_j w'_j S_rj(tau)                 error model of the fit
 
-S' is the inverse of the outer function tau = S(v), with knees at given torques and a slope of one at zero
-torque, which fixes the scale. In slopes c'_j beyond the knees and sums of plays, v = sum_i W_i (P_i - P_i+1),
-the inequalities W_i >= least, c'_j >= least, for a passive spring k0 >= least, k_i >= 0, are bounds of a
-linear least-squares problem (Kuhnen, European Journal of Control 9 (2003) 407-418).
-Not supported: cubic springs, damping; large noise in the torque, which enters the columns of S' and
-biases the slopes.
+The outer function has slope one at zero, which fixes the scale of the weights.
+Not supported: cubic springs, damping, branches.
 """
 
 from collections.abc import Sequence
@@ -18,9 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
-from symid.errors import Notice, UsageError
-from symid.identification.regression import solve_scaled
-from symid.joint_models import Elasticity, Knee, Stop, compute_stop_basis
+from symid.joint_models import Elasticity, Knee, Stop
 
 LEAST_KNEE = 0.03
 """Of the largest torque on its side: a knee nearer to zero would undo the slope of one there, which fixes the
@@ -165,99 +158,3 @@ def build_elasticity(weights: SpringWeights) -> Elasticity:
         stops=build_stops(weights.thresholds, weights.stiffness[1:], _NEAR * whole),
         knees=tuple(Knee(threshold=torque, slope=change) for torque, change in kept),
     )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class KuhnenFit:
-    """A spring identified from its torsion and torque; its stops may be negative unless passive.
-
-    `residual` is the root mean square of e, N m or N, `active` the inequalities that hold with equality.
-    """
-
-    elasticity: Elasticity
-    residual: float
-    active: tuple[str, ...]
-
-
-def fit_kuhnen(
-    torsion: FloatArray,
-    torque: FloatArray,
-    thresholds: Sequence[float],
-    knees: Sequence[float] = (),
-    *,
-    passive: bool = True,
-    least: float = 1e-3,
-) -> KuhnenFit:
-    """Return the spring of least error between its torsion and torque, from virgin memory.
-
-    Args:
-        torsion: (N,) rad or m.
-        torque: (N,) N m or N.
-        thresholds: of the stops, rad or m, positive and increasing.
-        knees: torques beyond which the slope changes, signed, N m or N.
-        passive: whether stops must not be negative, else only slopes must be positive.
-        least: slopes of v, relative to that of the whole record, and of S' are not less.
-
-    Raises:
-        UsageError: thresholds or knees are no grid, a knee is near zero torque, or there are too few samples.
-    """
-    radii, outer = np.asarray(thresholds, dtype=np.float64), np.asarray(knees, dtype=np.float64)
-    _check_record(torsion, torque, radii, outer)
-    stiff = len(radii) + 1
-    change = np.eye(stiff)
-    names = ["stiffness", *(f"stop at {radius:.6g}" for radius in radii)]
-    if not passive:
-        # W_i is the slope after stops 1 .. i slip: k0 = W_m, k_i = W_i-1 - W_i.
-        change = np.vstack([np.eye(stiff)[-1:], -np.diff(np.eye(stiff), axis=0)])
-        names = ["slope at reversal", *(f"slope past the stop at {radius:.6g}" for radius in radii)]
-    below, above = outer[outer < 0.0][::-1], outer[outer > 0.0]
-    signed, slopes = np.concatenate([below, above]), np.ones(len(outer))
-    spring = SpringWeights(thresholds=radii, stiffness=np.zeros(stiff), knees=signed, slopes=slopes)
-    names += [f"slope beyond {knee:.6g}" for knee in spring.knees]
-    middle = np.clip(torque, max(below, default=-np.inf), min(above, default=np.inf))
-    matrix = np.hstack([compute_stop_basis(torsion, radii) @ change, -compute_ramps(torque, spring)])
-    low = np.full(matrix.shape[1], least)
-    low[:stiff] = least * float(np.abs(torque).max() / max(np.abs(torsion).max(), 1e-300))
-    if passive:
-        low[1:stiff] = 0.0
-    solution = solve_scaled(matrix, middle, low=low)
-    # Knees in tau become knees in v = S'(tau), piece by piece of S'.
-    inverse = replace(spring, slopes=solution[stiff:])
-    sides = (slice(inverse.below), slice(inverse.below, None))
-    rises = [inverse.before[side] * np.diff(inverse.knees[side], prepend=0.0) for side in sides]
-    places = np.concatenate([np.cumsum(rise) for rise in rises])
-    stiffness, slopes = change @ solution[:stiff], 1.0 / solution[stiff:]
-    found = replace(spring, stiffness=stiffness, slopes=slopes, knees=places)
-    return KuhnenFit(
-        elasticity=build_elasticity(found),
-        residual=float(np.sqrt(np.mean((matrix @ solution - middle) ** 2))),
-        active=tuple(names[place] for place in np.flatnonzero(solution <= low)),
-    )
-
-
-def _check_record(torsion: FloatArray, torque: FloatArray, radii: FloatArray, knees: FloatArray) -> None:
-    """Raise UsageError, with all that is wrong, for what is no record or no grid."""
-    count = len(radii) + 1 + len(knees)
-    mistakes = []
-    if torsion.ndim != 1 or torsion.shape != torque.shape or len(torsion) < count:
-        shapes = f"torsion {torsion.shape} and torque {torque.shape}"
-        mistakes.append(f"{shapes}: must be two equal columns of at least {count} samples")
-    if not (np.all(np.isfinite(torsion)) and np.all(np.isfinite(torque))):
-        mistakes.append("torsion and torque: all samples must be finite numbers")
-    if np.any(radii <= 0.0) or np.any(np.diff(radii) <= 0.0):
-        mistakes.append(f"thresholds {radii.tolist()}: must be positive and increase, each once")
-    if np.any(knees == 0.0) or np.any(np.diff(knees) <= 0.0):
-        mistakes.append(f"knees {knees.tolist()}: must differ from 0 and increase, each once")
-    if not mistakes:
-        largest, low, high = float(np.abs(torsion).max()), float(torque.min()), float(torque.max())
-        near = [float(knee) for knee in knees if abs(knee) < LEAST_KNEE * np.max(np.sign(knee) * torque)]
-        if np.any(radii >= largest):
-            text = f"must be less than the largest torsion, {largest:.6g}; a stop beyond it never slips"
-            mistakes.append(f"thresholds {radii.tolist()}: {text}")
-        if not np.all((knees > low) & (knees < high)):
-            mistakes.append(f"knees {knees.tolist()}: must lie within the torques, {low:.6g} to {high:.6g}")
-        if near:
-            text = f"must be at least {LEAST_KNEE:.0%} of the largest torque on their side"
-            mistakes.append(f"knees {near}: {text}; nearer to zero the scale of the weights is undetermined")
-    if mistakes:
-        raise UsageError(*(Notice(code="usage.kuhnen-grid", text=text) for text in mistakes))

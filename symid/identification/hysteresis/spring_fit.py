@@ -18,8 +18,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from symid.arrays import FloatArray
-from symid.identification.elastic.regression import filter_smooth
-from symid.identification.hysteresis import (
+from symid.identification.hysteresis.spring_weights import (
     LEAST_KNEE,
     LEAST_SLOPE,
     SpringWeights,
@@ -85,6 +84,20 @@ class SpringData:
 def thin_samples(values: FloatArray, keep: slice) -> FloatArray:
     """Return the samples of `values` (N, ...) on the grid of `keep`, also those before its start."""
     return values[keep.start % keep.step :: keep.step]
+
+
+def filter_smooth(values: FloatArray, rate: float, period: float) -> FloatArray:
+    """Return F[values] (N, ...) of a signal that is a straight line between samples, from rest.
+
+    y_k = a y_k-1 + g x_k + (1 - a - g) x_k-1, g = 1 - (1 - a) / (rate period), a = exp(-rate period).
+    """
+    from scipy.signal import lfilter
+
+    decay = np.exp(-rate * period)
+    ahead = 1.0 - (1.0 - decay) / (rate * period)
+    start = -ahead * values[:1]
+    result: FloatArray = lfilter([ahead, 1.0 - decay - ahead], [1.0, -decay], values, axis=0, zi=start)[0]
+    return result
 
 
 def filter_parts(data: SpringData, parts: Sequence[FloatArray]) -> FloatArray:

@@ -1,0 +1,226 @@
+"""Hysteresis without a robot: an element from its input and output.
+
+    fit(x, y, t)            the element that predicts held-out samples best, with its intervals and its verdict
+    read_columns(path)      input, output and time from a file
+
+Example:
+    >>> import numpy as np, symid
+    >>> t = np.arange(4000) / 200.0
+    >>> x = 0.01 * (0.4 + 0.6 * np.sin(0.3 * t)) * np.sin(2.0 * t)
+    >>> y = 400.0 * x + 3.0 * np.tanh(3e3 * np.gradient(x, t))
+    >>> symid.hysteresis.fit(x, y, t, model="maxwell-slip").record.model
+    'maxwell-slip'
+"""
+
+from dataclasses import asdict, dataclass
+from os import PathLike, fspath
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple, final
+
+from symid import report
+from symid.api.result import JudgedResult
+from symid.errors import LogError, Notice
+from symid.identification import hysteresis as elements
+from symid.joint_models import Elasticity, invert_element
+from symid.robot import suggest_names
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from symid.arrays import FloatArray
+    from symid.report import Block, FitVerdict
+
+
+class Columns(NamedTuple):
+    """Input x, output y and time t (or None) of a recording, (N,) each."""
+
+    x: "FloatArray"
+    y: "FloatArray"
+    t: "FloatArray | None"
+
+
+def read_columns(path: str | PathLike[str], *, x: str, y: str, t: str | None = None) -> Columns:
+    """Return input, output and time of a file, in the units of the file.
+
+    Args:
+        path: csv, txt, npz, mat or hdf5.
+        x: name of the column of the input; `data[1]` is the second column of an array `data`.
+        y: of the output, likewise.
+        t: of the time, likewise.
+
+    Raises:
+        LogError: no such file, or columns that it does not have (all are listed).
+    """
+    from symid.logs import read_raw
+
+    file = Path(fspath(path))
+    raw = read_raw(file)
+    columns: dict[str, FloatArray] = {}
+    for name, values in raw.columns.items():
+        if values.ndim == 1:
+            columns[name] = values
+        else:
+            columns |= {f"{name}[{k}]": values[:, k] for k in range(values.shape[1])}
+    mistakes = []
+    for name in (x, y, *([] if t is None else [t])):
+        if name not in columns:
+            hint = suggest_names(name, columns) or f"it has {', '.join(columns)}"
+            text = f"there is no column {name!r}; {hint}"
+            mistakes.append(Notice(code="log.no-column", text=text, file=str(file), line=raw.line))
+    if mistakes:
+        raise LogError(*mistakes)
+    return Columns(columns[x], columns[y], None if t is None else columns[t])
+
+
+@final
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ElementFit(JudgedResult):
+    """An element that was identified from its input and output; printed with its verdict first.
+
+    Attributes:
+        record: all that was found: model, parameters with deviations, candidates.
+    """
+
+    record: elements.HysteresisRecord
+
+    @property
+    def verdict(self) -> "FitVerdict":
+        """Return what the element is worth."""
+        return report.judge_element(self.record)
+
+    @property
+    def element(self) -> Elasticity:
+        """Return the element, which `symid.joint_models` runs."""
+        return self.record.elasticity
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Return the warning of a doubtful verdict."""
+        return self._split_verdict()[0]
+
+    @property
+    def errors(self) -> tuple[Notice, ...]:
+        """Return the error of a wrong verdict."""
+        return self._split_verdict()[1]
+
+    def __getitem__(self, name: str) -> elements.ElementParameter:
+        """Return a parameter by name, with its `value` and its `deviation`."""
+        found = {entry.name: entry for entry in self.record.parameters}
+        if name not in found:
+            message = f"{name!r} is no parameter of this element; it has {', '.join(found)}"
+            raise KeyError(message)
+        return found[name]
+
+    def summarise(self) -> str:
+        """Return model, number of parameters and held-out error."""
+        record = self.record
+        return f"{record.model}: {record.candidates[0].count} parameters, {record.held_out:.3g} % left"
+
+    def blocks(self) -> "tuple[Block, ...]":
+        """Return parameters, models that were tried, inverse and passivity."""
+        return report.show_element(self.record)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the result in plain types."""
+        return {**self._describe_verdict(), **report.describe_element(self.record)}
+
+    def predict(self, x: "ArrayLike", t: "ArrayLike | None" = None) -> "FloatArray":
+        """Return the output (N,) of the element for an input (N,), at times t (N,) in s where it needs them."""
+        import numpy as np
+
+        time = None if t is None else np.asarray(t, dtype=np.float64)
+        return elements.predict_element(self.record, np.asarray(x, dtype=np.float64), time)
+
+    def invert(self, y: "ArrayLike", t: "ArrayLike | None" = None) -> "FloatArray":
+        """Return the input (N,) that gives an output (N,), at times t (N,) in s where the element needs them.
+
+        Raises:
+            RobotError: the element has no inverse; the message says why.
+        """
+        import numpy as np
+
+        time = None if t is None else np.asarray(t, dtype=np.float64)
+        return invert_element(self.element, np.asarray(y, dtype=np.float64), time, start=self.record.start)
+
+    def validate(self, x: "ArrayLike", y: "ArrayLike", t: "ArrayLike | None" = None) -> "ElementValidation":
+        """Return what the element predicts of another recording, arguments as of `fit`."""
+        import numpy as np
+
+        time = None if t is None else np.asarray(t, dtype=np.float64)
+        trial = elements.validate_element(
+            self.record, np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64), time
+        )
+        return ElementValidation(record=self.record, trial=trial)
+
+
+@final
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ElementValidation(JudgedResult):
+    """What an element predicts of a recording that it was not fitted to.
+
+    Attributes:
+        record: of the fit; trial: error in percent, shift, share of samples beyond the input of the fit.
+    """
+
+    record: elements.HysteresisRecord
+    trial: elements.HysteresisTrial
+
+    @property
+    def verdict(self) -> "FitVerdict":
+        """Return what the prediction is worth."""
+        return report.judge_element_trial(self.trial)
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Return the warning of a doubtful verdict."""
+        return self._split_verdict(tried=True)[0]
+
+    @property
+    def errors(self) -> tuple[Notice, ...]:
+        """Return the error of a wrong verdict."""
+        return self._split_verdict(tried=True)[1]
+
+    def summarise(self) -> str:
+        """Return the error."""
+        return f"{self.record.model}: {self.trial.error:.3g} % left of {self.trial.samples} samples"
+
+    def blocks(self) -> "tuple[Block, ...]":
+        """Return the figures in a sentence."""
+        trial = self.trial
+        return (f"{trial.samples} samples, mean error {trial.shift:.3g} in the unit of the output.",)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the result in plain types."""
+        return {**self._describe_verdict(), **asdict(self.trial)}
+
+
+def fit(
+    x: "ArrayLike",
+    y: "ArrayLike",
+    t: "ArrayLike | None" = None,
+    *,
+    model: str = "auto",
+    passive: bool | None = None,
+) -> ElementFit:
+    """Return the element that predicts held-out samples best, with as few parameters as that takes.
+
+    Args:
+        x: (N,) input, such as a torsion in rad.
+        y: (N,) output, such as a torque in N m.
+        t: (N,) time in s, increasing, at even steps or not; without it no model that depends on the speed
+            is tried.
+        model: auto, or one of prandtl-ishlinskii, modified-prandtl-ishlinskii, nonlinear-stops,
+            krasnoselskii-pokrovskii, bouc-wen, dahl, lugre, maxwell-slip.
+        passive: True for elements from which no motion gets work.
+
+    Raises:
+        UsageError: no recording, an unknown model, or no passive element of that model.
+    """
+    import numpy as np
+
+    options = elements.HysteresisOptions(model=model, passive=passive)
+    time = None if t is None else np.asarray(t, dtype=np.float64)
+    record = elements.fit_hysteresis(
+        np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64), time, options
+    )
+    return ElementFit(record=record)

@@ -1,0 +1,451 @@
+"""Families of elements: for given shape values the output is linear in coefficients.
+
+    y = sum_j c_j Phi_j(x; s)       s: thresholds, lengths, exponents;  c: stiffnesses and forces
+
+Path, shape values -> columns Phi (N, m), bounds of c for a passive element, and the `Elasticity` that they
+make. Each family says where a search of its shape may begin. Further columns (viscous, cubic, offset) are
+added by the fit.
+
+Supported: thresholds on a grid that the search does not move (Prandtl-Ishlinskii, relays); up to four shape
+values that it does.
+Not supported: several branches of one kind.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import final
+
+import numpy as np
+
+from symid.arrays import FloatArray, FrozenArrays
+from symid.joint_models import (
+    BoucWen,
+    Bristles,
+    Elasticity,
+    Relays,
+    SlipSpring,
+    Start,
+    Stop,
+    compute_clamps,
+    compute_plays,
+    start_states,
+    trace_branch,
+)
+
+_LEAST = 1e-9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ElementPath(FrozenArrays):
+    """An input as fits see it.
+
+    Args:
+        position: (N,) rad or m; velocity: (N,) rad/s or m/s; period: (N,) of the steps, s.
+        start: what the element remembers before the first sample.
+    """
+
+    position: FloatArray
+    velocity: FloatArray
+    period: FloatArray
+    start: Start = "zero"
+
+    @property
+    def reach(self) -> float:
+        """Return half the range of the input."""
+        return 0.5 * float(np.ptp(self.position))
+
+    def compute_plays(self, radii: FloatArray) -> FloatArray:
+        """Return plays (N, m) of the input for thresholds (m,)."""
+        stops = tuple(Stop(threshold=float(radius), stiffness=0.0) for radius in radii)
+        begin = 0.0 if self.start == "zero" else float(self.position[0])
+        side = {"below": 1.0, "above": -1.0}.get(self.start, 0.0)
+        memory = start_states(Elasticity(stiffness=0.0, stops=stops), begin, side)[1:]
+        return compute_plays(self.position, radii, np.array(memory))
+
+    def trace(self, branch: BoucWen | Bristles) -> FloatArray:
+        """Return the states (N, n) of a branch after every sample."""
+        begin = 0.0 if self.start == "zero" else float(self.position[0])
+        states = branch.start(begin, {"below": 1.0, "above": -1.0}.get(self.start, 0.0))
+        ways = np.diff(self.position, prepend=begin)
+        return trace_branch(branch, (self.position, ways, self.velocity, self.period), states)[1:]
+
+
+Limits = tuple[FloatArray, FloatArray]
+"""Least and largest coefficients (m,)."""
+
+
+class Family(ABC):
+    """A family of elements."""
+
+    name: str
+    needs_time: bool = False
+    has_offset: bool = True
+    """Whether the fit adds a constant; not where the columns hold one."""
+    searched: bool = True
+    """Whether the shape is improved by a search."""
+
+    @abstractmethod
+    def list_starts(self, path: ElementPath) -> list[FloatArray]:
+        """Return shapes where a search may begin; positive values are searched in their logarithm."""
+
+    @abstractmethod
+    def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
+        """Return the columns (N, m)."""
+
+    @abstractmethod
+    def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
+        """Return the bounds of the coefficients."""
+
+    @abstractmethod
+    def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
+        """Return the element, without the columns that the fit adds."""
+
+    def describe(self) -> tuple[str, ...]:
+        """Return what distinguishes this form of the model from its others."""
+        return ()
+
+
+def _free(count: int) -> Limits:
+    return np.full(count, -np.inf), np.full(count, np.inf)
+
+
+@final
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stops(Family):
+    """Prandtl-Ishlinskii: stops on a uniform grid of `count` thresholds up to the reach, of either sign."""
+
+    count: int
+    name: str = "prandtl-ishlinskii"
+    searched: bool = False
+
+    def list_starts(self, path: ElementPath) -> list[FloatArray]:
+        """Return the grid."""
+        return [path.reach * np.arange(1, self.count + 1) / (self.count + 1)]
+
+    def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
+        """Return x and the stops."""
+        x = path.position[:, None]
+        return np.hstack([x, x - path.compute_plays(shape)])
+
+    def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
+        """Return bounds of k0 and k."""
+        del shape
+        low, high = _free(count)
+        return (np.zeros(count), high) if passive else (low, high)
+
+    def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
+        """Return the element."""
+        pairs = zip(shape, coefficients[1:], strict=True)
+        stops = tuple(Stop(threshold=float(r), stiffness=float(k)) for r, k in pairs if k != 0.0)
+        return Elasticity(stiffness=float(coefficients[0]), stops=stops)
+
+
+@final
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NonlinearStops(Family):
+    """Slip springs of thresholds r_i and piecewise linear forces at relative places; falls with the speed."""
+
+    places: tuple[float, ...]
+    count: int = 1
+    falls: bool = False
+    name: str = "nonlinear-stops"
+
+    @property
+    def needs_time(self) -> bool:  # type: ignore[override]
+        """Return whether the velocity counts."""
+        return self.falls
+
+    @property
+    def has_offset(self) -> bool:  # type: ignore[override]
+        """Return False: forces hold a constant."""
+        return False
+
+    def list_starts(self, path: ElementPath) -> list[FloatArray]:
+        """Return thresholds over two decades, and small falls."""
+        radii = path.reach * np.array([0.02, 0.05, 0.1, 0.2, 0.4])
+        speed = float(np.max(np.abs(path.velocity))) or 1.0
+        tail = [0.05 / speed] * 2 if self.falls else []
+        sets = [radii[k : k + 1] for k in range(5)] if self.count == 1 else [radii[[0, 2]], radii[[1, 3]]]
+        return [np.concatenate([chosen, tail]) for chosen in sets]
+
+    def describe(self) -> tuple[str, ...]:
+        """Return the number of springs and of places, and whether they slip earlier when fast."""
+        count = "one" if self.count == 1 else "two"
+        form = f"{count} of {len(self.places)} places"
+        return (form, "falling with the speed") if self.falls else (form,)
+
+    def _split(self, shape: FloatArray) -> tuple[FloatArray, tuple[float, float]]:
+        falls = (float(shape[-2]), float(shape[-1])) if self.falls else (0.0, 0.0)
+        return shape[: self.count], falls
+
+    def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
+        """Return x, then hats over the deflection of every slip spring."""
+        radii, falls = self._split(shape)
+        columns = [path.position[:, None]]
+        places = np.array(self.places)
+        for number, radius in enumerate(radii):
+            deflection = self._trace(path, float(radius), falls) / radius
+            hats = np.stack([np.interp(deflection, places, unit) for unit in np.eye(len(places))], axis=1)
+            # A second spring has no force of its own at rest: one constant is enough.
+            columns.append(hats if not number else np.delete(hats, len(places) // 2, axis=1))
+        return np.hstack(columns)
+
+    def _trace(self, path: ElementPath, radius: float, falls: tuple[float, float]) -> FloatArray:
+        x = path.position[:, None]
+        low, high = (radius / (1.0 + fall * np.abs(path.velocity[:, None])) for fall in falls)
+        begin = 0.0 if path.start == "zero" else float(path.position[0])
+        memory = begin - radius * {"below": 1.0, "above": -1.0}.get(path.start, 0.0)
+        return (x - compute_clamps(x - high, x + low, np.array([memory])))[:, 0]
+
+    def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
+        """Return bounds of k0 and of the forces: those at the ends brake, with falls all do."""
+        del shape
+        low, high = _free(count)
+        if not passive:
+            return low, high
+        low[0], at = 0.0, 1
+        for number in range(self.count):
+            places = np.array(self.places) if not number else np.delete(self.places, len(self.places) // 2)
+            bound = np.ones(len(places), dtype=bool) if self.falls else np.abs(places) == 1.0
+            part = slice(at, at + len(places))
+            low[part][bound & (places >= 0.0)] = 0.0
+            high[part][bound & (places <= 0.0)] = 0.0
+            at += len(places)
+        return np.where(low == high, -_LEAST, low), np.where(low == high, _LEAST, high)
+
+    def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
+        """Return the element."""
+        radii, falls = self._split(shape)
+        branches, at = [], 1
+        places = np.array(self.places)
+        for number, radius in enumerate(radii):
+            size = len(places) - (number > 0)
+            forces = coefficients[at : at + size]
+            forces = np.insert(forces, len(places) // 2, 0.0) if number else forces
+            deflections = tuple((places * radius).tolist())
+            branches.append(SlipSpring(deflections=deflections, forces=tuple(forces.tolist()), falls=falls))
+            at += size
+        return Elasticity(stiffness=float(coefficients[0]), branches=tuple(branches))
+
+
+@final
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RelayGrid(Family):
+    """Krasnosel'skii-Pokrovskii relays on a grid of `count` places over the range of the input."""
+
+    count: int
+    low: float
+    step: float
+    name: str = "krasnoselskii-pokrovskii"
+    searched: bool = False
+
+    def list_starts(self, path: ElementPath) -> list[FloatArray]:
+        """Return no shape: the grid is given."""
+        del path
+        return [np.zeros(0)]
+
+    def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
+        """Return ramps, and for every relay its middle ramp less its state."""
+        del shape
+        relays = self._build(np.zeros(self.count * (self.count + 1) // 2))
+        z = (path.position[:, None] - self.low) / self.step
+        begin = 0.0 if path.start == "zero" else float(path.position[0])
+        side = {"below": 1.0, "above": -1.0}.get(path.start, 0.0)
+        pairs = np.array(relays.pairs)
+        rising, falling = (np.clip(z - pairs[:, k], 0.0, 1.0) for k in (0, 1))
+        states = compute_clamps(rising, falling, np.array(relays.start(begin, side)))
+        middles = np.clip(z - 0.5 * pairs.sum(axis=1), 0.0, 1.0)
+        return np.hstack([np.clip(z - np.arange(self.count), 0.0, 1.0), middles - states])
+
+    def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
+        """Return bounds: relays brake."""
+        del shape
+        low, high = _free(count)
+        if passive:
+            low[self.count :] = 0.0
+        return low, high
+
+    def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
+        """Return the element."""
+        del shape
+        return Elasticity(stiffness=0.0, branches=(self._build(coefficients),))
+
+    def _build(self, coefficients: FloatArray) -> Relays:
+        ramps, weights = np.split(np.asarray(coefficients, dtype=np.float64), [self.count])
+        return Relays(
+            low=self.low, step=self.step, ramps=tuple(ramps.tolist()), weights=tuple(weights.tolist())
+        )
+
+
+@final
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoucWenFamily(Family):
+    """Bouc-Wen with a linear spring: length, sharpness less one, loop less one half; skew if asymmetric."""
+
+    asymmetric: bool = False
+    name: str = "bouc-wen"
+
+    def list_starts(self, path: ElementPath) -> list[FloatArray]:
+        """Return lengths over two decades."""
+        skew = [0.0] if self.asymmetric else []
+        pairs = product((0.03, 0.1, 0.3, 1.0), (0.1, 1.0))
+        return [np.array([share * path.reach, power, 0.1, *skew]) for share, power in pairs]
+
+    def describe(self) -> tuple[str, ...]:
+        """Return whether its sides differ."""
+        return ("asymmetric",) if self.asymmetric else ()
+
+    def _build_unit(self, shape: FloatArray, level: float = 1.0) -> BoucWen:
+        skew = float(np.tanh(shape[3])) if self.asymmetric else 0.0
+        return BoucWen(
+            level=level,
+            length=float(shape[0]),
+            sharpness=1.0 + float(shape[1]),
+            loop=0.5 + float(shape[2]),
+            skew=0.99 * skew,
+        )
+
+    def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
+        """Return x and u."""
+        return np.column_stack([path.position, path.trace(self._build_unit(shape))])
+
+    def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
+        """Return bounds of k0 and level."""
+        del shape
+        low, high = _free(count)
+        return (np.zeros(count), high) if passive else (low, high)
+
+    def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
+        """Return the element."""
+        branch = self._build_unit(shape, float(coefficients[1]))
+        return Elasticity(stiffness=float(coefficients[0]), branches=(branch,))
+
+
+@final
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BristleFamily(Family):
+    """Dahl, LuGre or generalised Maxwell-slip with a linear spring.
+
+    Shape: bending Fc / sigma0 (not of Maxwell-slip, whose elements stand on a grid); where the level falls
+    with the speed also Fe / Fc and vs.
+    """
+
+    law: str
+    name: str
+    stribeck: bool = False
+    grid: tuple[float, ...] = ()
+
+    @property
+    def needs_time(self) -> bool:  # type: ignore[override]
+        """Return whether the velocity counts."""
+        return self.stribeck
+
+    @property
+    def searched(self) -> bool:  # type: ignore[override]
+        """Return whether there are shape values to search."""
+        return self.stribeck or not self.grid
+
+    def list_starts(self, path: ElementPath) -> list[FloatArray]:
+        """Return bendings over two decades, with two Stribeck velocities."""
+        bends = [[]] if self.grid else [[share * path.reach] for share in (0.003, 0.01, 0.03, 0.1, 0.3)]
+        speed = float(np.max(np.abs(path.velocity))) or 1.0
+        falls = [[0.3, 0.05 * speed], [0.3, 0.3 * speed]] if self.stribeck else [[]]
+        return [np.array([*bend, *fall]) for bend, fall in product(bends, falls)]
+
+    def describe(self) -> tuple[str, ...]:
+        """Return whether the level falls with the speed, where there is a choice."""
+        return ("falling with the speed",) if self.stribeck and self.grid else ()
+
+    def _list_level(self, shape: FloatArray) -> dict[str, float]:
+        if not self.stribeck:
+            return {"Fc": 1.0}
+        return {"Fc": 1.0, "Fe": float(shape[-2]), "vs": float(shape[-1]), "gamma": 2.0}
+
+    def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
+        """Return x and the forces of bristles of unit level; of LuGre also those of their damping."""
+        level = self._list_level(shape)
+        if not self.grid:
+            values = {**level, "sigma0": 1.0 / float(shape[0])}
+            states = path.trace(Bristles(law=self.law, values=tuple(values.items())))[:, 0]
+            columns = [path.position, states / shape[0]]
+            if self.law == "lugre":
+                slip = np.abs(path.velocity) * columns[1] / self._compute_level(path, shape)
+                columns.append(path.velocity - slip)
+            return np.column_stack(columns)
+        height = self._compute_level(path, shape)[:, None]
+        radii = np.array(self.grid) * height
+        begin = 0.0 if path.start == "zero" else float(path.position[0])
+        x = path.position[:, None]
+        # Bounds that move with the speed: elements are held within them, as generated code does.
+        memory = begin - np.array(self.grid) * {"below": 1.0, "above": -1.0}.get(path.start, 0.0)
+        return np.hstack([x, x - compute_clamps(x - radii, x + radii, memory)])
+
+    def _compute_level(self, path: ElementPath, shape: FloatArray) -> FloatArray:
+        """Return the level (N,) of unit dry friction."""
+        if not self.stribeck:
+            return np.ones(len(path.position))
+        return np.asarray(1.0 + float(shape[-2]) * np.exp(-((path.velocity / shape[-1]) ** 2)))
+
+    def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
+        """Return bounds: bristles brake, and their damping does."""
+        del shape
+        low, high = _free(count)
+        low[1:] = 0.0
+        if passive:
+            low[0] = 0.0
+        return low, high
+
+    def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
+        """Return the element."""
+        level = self._list_level(shape)
+        spring = Elasticity(stiffness=float(coefficients[0]))
+        if self.grid:
+            kept = [(r, float(k)) for r, k in zip(self.grid, coefficients[1:], strict=True) if k > 0.0]
+            force = sum(r * k for r, k in kept)
+            if not force:
+                return spring
+            values = {name: value * (force if name in {"Fc", "Fe"} else 1.0) for name, value in level.items()}
+            for number, (radius, stiffness) in enumerate(kept, start=1):
+                values |= {f"stiffness{number}": stiffness, f"share{number}": radius * stiffness / force}
+        else:
+            force = max(float(coefficients[1]), _LEAST)
+            values = {name: value * (force if name in {"Fc", "Fe"} else 1.0) for name, value in level.items()}
+            values["sigma0"] = force / float(shape[0])
+            if self.law == "lugre":
+                values["sigma1"] = float(coefficients[2])
+        order = ("Fc", "Fe", "vs", "gamma", "sigma0", "sigma1")
+        named = [(name, values.pop(name)) for name in order if name in values]
+        # Stiffnesses first, then shares: as bristles of robot files.
+        named += sorted(values.items(), key=lambda pair: pair[0].startswith("share"))
+        return replace(spring, branches=(Bristles(law=self.law, values=tuple(named)),))
+
+
+Build = Callable[[ElementPath], Sequence[Family]]
+_UNIFORM = tuple((np.arange(-4, 5) / 4.0).tolist())
+_GRID = 10
+_LEVELS = 8
+
+
+def list_families(name: str, path: ElementPath, *, timed: bool) -> tuple[Family, ...]:
+    """Return the forms of a model to try on a path; those that need time only where it is known."""
+    grid = tuple((path.reach * 0.7 ** np.arange(_GRID, 0, -1)).tolist())
+    low, high = float(path.position.min()), float(path.position.max())
+    forms: dict[str, tuple[Family, ...]] = {
+        "prandtl-ishlinskii": (Stops(count=_GRID),),
+        "nonlinear-stops": (
+            NonlinearStops(places=_UNIFORM),
+            NonlinearStops(places=_UNIFORM, falls=True),
+            NonlinearStops(places=_UNIFORM, count=2),
+        ),
+        "krasnoselskii-pokrovskii": (RelayGrid(count=_LEVELS, low=low, step=(high - low) / _LEVELS),),
+        "bouc-wen": (BoucWenFamily(), BoucWenFamily(asymmetric=True)),
+        "dahl": (BristleFamily(law="dahl", name="dahl"),),
+        "lugre": (BristleFamily(law="lugre", name="lugre", stribeck=True),),
+        "maxwell-slip": (
+            BristleFamily(law="maxwell-slip", name="maxwell-slip", grid=grid),
+            BristleFamily(law="generalised-maxwell-slip", name="maxwell-slip", stribeck=True, grid=grid),
+        ),
+    }
+    return tuple(family for family in forms[name] if timed or not family.needs_time)

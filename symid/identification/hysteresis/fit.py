@@ -1,0 +1,789 @@
+"""A bare element from its input and output: shapes searched, parts and model chosen by held-out prediction.
+
+x, y, t -> `HysteresisRecord`.
+
+    search      min |y - Phi(s) c| over shape values s, coefficients c eliminated, bounded where passive
+                (variable projection, Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432)
+    held out    p_(-b) = p - step of least squares without block b, from derivatives at p; r = y - y(p_(-b))
+    choice      least sum of held-out squares, over blocks of time and over the widest strokes; of models
+                within one standard error of it the one with the fewest parameters
+    deviations  mean of the covariance for coloured residuals (spectral) and of the jackknife over blocks
+
+Supported: uneven samples; a start from rest or from either side; one recording.
+Not supported: several recordings; outputs that are noisier than they are large.
+"""
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symid.arrays import FloatArray, FrozenArrays
+from symid.errors import Notice, UsageError
+from symid.identification.hysteresis.families import ElementPath, Family, NonlinearStops, list_families
+from symid.identification.hysteresis.spring_fit import (
+    SpringData,
+    compute_slips,
+    compute_spring_slopes,
+    fit_spring,
+    refine_spring,
+)
+from symid.identification.hysteresis.spring_weights import (
+    SpringWeights,
+    build_elasticity,
+    build_knee_grid,
+    read_weights,
+)
+from symid.joint_models import (
+    Elasticity,
+    Start,
+    compute_stop_basis,
+    is_passive_element,
+    list_element_values,
+    needs_time,
+    run_element,
+)
+
+MODELS = (
+    "prandtl-ishlinskii",
+    "modified-prandtl-ishlinskii",
+    "nonlinear-stops",
+    "krasnoselskii-pokrovskii",
+    "bouc-wen",
+    "dahl",
+    "lugre",
+    "maxwell-slip",
+)
+"""What may be fitted by name, or chosen by `auto`."""
+_STARTS: tuple[Start, ...] = ("zero", "fresh", "below", "above")
+_LEAST_SAMPLES = 50
+_SEARCHED = 3000
+"""Samples of a search; more would only slow it down."""
+_BLOCKS = 8
+_WIDE = 0.7
+"""Of the largest stroke: strokes above are held out together, where there are smaller ones too."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HysteresisOptions:
+    """What a fit is asked for.
+
+    Args:
+        model: one of `MODELS`, or auto.
+        passive: True: only elements from which no motion gets work; None: whatever predicts best.
+    """
+
+    model: str = "auto"
+    passive: bool | None = None
+
+    def __post_init__(self) -> None:
+        """Raise a UsageError for a model that is none."""
+        name = self.model.lower().replace("_", "-")
+        if name not in {"auto", *MODELS}:
+            text = f"unknown hysteresis model {self.model!r}. Known: auto, {', '.join(MODELS)}"
+            raise UsageError(Notice(code="usage.unknown-hysteresis", text=text))
+        object.__setattr__(self, "model", name)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ElementParameter:
+    """A number of an element, with its standard deviation; units are those of the input and the output."""
+
+    name: str
+    value: float
+    deviation: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HysteresisCandidate:
+    """A model that was tried.
+
+    Args:
+        model: its name; form: what it has beside, in words.
+        count: of parameters; passive: whether no motion gets work out of it.
+        fitted: rms of the error over rms of the output about its mean, percent, of all samples; held_out: the
+            same of samples left out; spread: standard error of the latter.
+    """
+
+    model: str
+    form: str
+    count: int
+    passive: bool
+    fitted: float
+    held_out: float
+    spread: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HysteresisRecord(FrozenArrays):
+    """An element that was identified.
+
+    Args:
+        model: its name; form: what it has beside; elasticity: the element.
+        start: what it remembered at the first sample.
+        parameters: all its numbers but those that are zero.
+        candidates: all models that were tried, the best predicting first; passive: of the chosen one.
+        fitted, held_out: as in `HysteresisCandidate`, percent.
+        samples: number; span: least and largest input; speed: the largest; output: rms about its mean.
+        timed: whether the time of the samples was known.
+    """
+
+    model: str
+    form: str
+    elasticity: Elasticity
+    start: Start
+    parameters: tuple[ElementParameter, ...]
+    candidates: tuple[HysteresisCandidate, ...]
+    passive: bool
+    fitted: float
+    held_out: float
+    samples: int
+    span: tuple[float, float]
+    speed: float
+    output: float
+    timed: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ElementData:
+    """A recording as the fit uses it: path and output (N,), thinned."""
+
+    path: ElementPath
+    output: FloatArray
+
+    def thin(self, most: int) -> "ElementData":
+        """Return at most about `most` of the samples, at even places."""
+        every = max(1, len(self.output) // most)
+        path = self.path
+        if every == 1:
+            return self
+        position = path.position[::every]
+        time = np.cumsum(path.period)[::every]
+        return ElementData(
+            path=replace(
+                path,
+                position=position,
+                velocity=path.velocity[::every],
+                period=np.concatenate([np.diff(time)[:1], np.diff(time)]),
+            ),
+            output=self.output[::every],
+        )
+
+
+def check_recording(x: FloatArray, y: FloatArray, t: FloatArray | None) -> None:
+    """Raise a UsageError, with all that is wrong, for what is no recording of an element."""
+    mistakes = []
+    if x.ndim != 1 or x.shape != y.shape or (t is not None and t.shape != x.shape):
+        shapes = ", ".join(str(part.shape) for part in (x, y, *(() if t is None else (t,))))
+        mistakes.append(f"input, output and time must be columns of one length, got {shapes}")
+    elif len(x) < _LEAST_SAMPLES:
+        mistakes.append(f"{len(x)} samples; at least {_LEAST_SAMPLES} are needed")
+    for name, part in (("input", x), ("output", y), ("time", t)):
+        if part is not None and not np.all(np.isfinite(part)):
+            place = int(np.flatnonzero(~np.isfinite(part.ravel()))[0])
+            mistakes.append(f"{name}: sample {place + 1} is not a finite number; leave such rows out")
+        elif part is not None and name != "time" and part.size and not np.ptp(part) > 0.0:
+            mistakes.append(f"{name}: all samples are {float(part.flat[0]):g}; it must move")
+    if t is not None and t.ndim == 1 and np.all(np.isfinite(t)) and np.any(np.diff(t) <= 0.0):
+        place = int(np.flatnonzero(np.diff(t) <= 0.0)[0])
+        mistakes.append(f"time: sample {place + 2} is not later than the one before it")
+    if mistakes:
+        raise UsageError(*(Notice(code="usage.hysteresis-recording", text=text) for text in mistakes))
+
+
+_SLOPE_NOISE = 0.01
+"""Of the velocity's rms, what the noise of positions may leave in it."""
+
+
+def compute_velocity(x: FloatArray, t: FloatArray) -> FloatArray:
+    """Return the velocity (N,) of an input: slopes of straight lines through as many samples as that needs.
+
+    The variance of a slope through n samples is 12 s^2 / (n^3 h^2), the noise s that of second differences.
+    """
+    step, count = float(np.median(np.diff(t))), len(x)
+    noise = float(np.sqrt(np.mean(np.diff(x, 2) ** 2) / 6.0))
+    speed = float(np.sqrt(np.mean((np.diff(x) / np.diff(t)) ** 2)))
+    needed = (12.0 * noise**2 / (step * _SLOPE_NOISE * speed) ** 2) ** (1.0 / 3.0) if speed else 1.0
+    half = int(np.clip(math.ceil(0.5 * (needed - 1.0)), 1, max(1, count // 200)))
+    low = np.clip(np.arange(count) - half, 0, None)
+    high = np.clip(np.arange(count) + half + 1, None, count)
+    centred = t - t.mean(), x - x.mean()
+    sums = [
+        np.concatenate([[0.0], np.cumsum(part)])
+        for part in (np.ones(count), *centred, centred[0] ** 2, centred[0] * centred[1])
+    ]
+    number, times, places, squares, products = (part[high] - part[low] for part in sums)
+    return np.asarray((number * products - times * places) / (number * squares - times**2))
+
+
+def prepare_recording(x: FloatArray, y: FloatArray, t: FloatArray | None) -> ElementData:
+    """Return a recording with velocity and lengths of steps; without time one sample takes one second."""
+    check_recording(x, y, t)
+    time = np.arange(len(x), dtype=np.float64) if t is None else t
+    steps = np.diff(time)
+    path = ElementPath(
+        position=x, velocity=compute_velocity(x, time), period=np.concatenate([steps[:1], steps])
+    )
+    return ElementData(path=path, output=y)
+
+
+def _choose_start(data: ElementData) -> Start:
+    """Return what the element remembered first: that with which stops of any sign explain the output best."""
+    thinned, costs = data.thin(_SEARCHED), []
+    for start in _STARTS:
+        path = replace(thinned.path, start=start)
+        (family,) = list_families("prandtl-ishlinskii", path, timed=False)
+        matrix = family.compute_columns(path, family.list_starts(path)[0])
+        matrix = np.column_stack([matrix, np.ones(len(matrix))])
+        error = thinned.output - matrix @ np.linalg.lstsq(matrix, thinned.output, rcond=None)[0]
+        costs.append(float(error @ error))
+    # The plainest start counts unless another one explains more than chance does.
+    best = int(np.argmin(costs))
+    return "zero" if costs[0] <= 1.02 * costs[best] else _STARTS[best]
+
+
+Parts = tuple[str, ...]
+_PARTS: tuple[Parts, ...] = ((), ("viscous",), ("cubic",), ("viscous", "cubic"))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Trial:
+    """A model at its best shape.
+
+    Args:
+        model, form: its name, and what it has beside.
+        point: (p,) what the data decide; rebuild: from there to the element.
+        jacobian: (N, p) derivatives of the output; error: (N,) output less prediction.
+        refit: errors (n,) of samples of a mask (N,), from a search without them; None where a step of least
+            squares says the same.
+        wide: mean square of the errors of the widest strokes, left out; None where not measured.
+    """
+
+    model: str
+    form: str
+    point: FloatArray
+    rebuild: Callable[[FloatArray], Elasticity]
+    jacobian: FloatArray
+    error: FloatArray
+    refit: Callable[[NDArray[np.bool_]], FloatArray] | None = None
+    wide: float | None = None
+
+    @property
+    def elasticity(self) -> Elasticity:
+        """Return the element."""
+        return self.rebuild(self.point)
+
+
+def _build_matrix(family: Family, data: ElementData, shape: FloatArray, parts: Parts) -> FloatArray:
+    """Return the columns of a family, then those of its parts, then a constant."""
+    path = data.path
+    columns = [family.compute_columns(path, shape)]
+    if "viscous" in parts:
+        columns.append(path.velocity[:, None])
+    if "cubic" in parts:
+        columns.append(path.position[:, None] ** 3)
+    if family.has_offset:
+        columns.append(np.ones((len(path.position), 1)))
+    return np.hstack(columns)
+
+
+def _solve(
+    family: Family, matrix: FloatArray, output: FloatArray, setting: tuple[FloatArray, Parts, bool]
+) -> FloatArray:
+    """Return the coefficients (m,) of least squares within the bounds of the family and its parts."""
+    shape, parts, passive = setting
+    extra = len(parts) + family.has_offset
+    low, high = family.list_limits(shape, matrix.shape[1] - extra, passive=passive)
+    low = np.concatenate(
+        [low, np.full(len(parts), 0.0 if passive else -np.inf), [-np.inf] * family.has_offset]
+    )
+    high = np.concatenate([high, np.full(extra, np.inf)])
+    lengths = np.linalg.norm(matrix, axis=0)
+    lengths = np.where(lengths > 0.0, lengths, 1.0)
+    # A hair of ridge keeps columns that are nearly alike apart.
+    ridge = np.sqrt(_RIDGE) * np.eye(len(lengths))
+    stacked = np.vstack(
+        [np.column_stack([matrix / lengths, output]), np.column_stack([ridge, 0.0 * lengths])]
+    )
+    triangle = np.asarray(np.linalg.qr(stacked, mode="r"))
+    square, right = triangle[: len(lengths), :-1], triangle[: len(lengths), -1]
+    if np.all(np.isinf(low)) and np.all(np.isinf(high)):
+        return np.asarray(np.linalg.lstsq(square, right, rcond=None)[0] / lengths)
+    from scipy.optimize import lsq_linear
+
+    found: FloatArray = lsq_linear(square, right, (low * lengths, high * lengths), method="bvls").x
+    return found / lengths
+
+
+_RIDGE = 1e-9
+
+
+def _search(
+    family: Family,
+    data: ElementData,
+    parts: Parts,
+    *,
+    passive: bool,
+    begin: FloatArray | None = None,
+    kept: NDArray[np.bool_] | None = None,
+) -> FloatArray:
+    """Return the shape of least error over the samples kept, from `begin` or the best of several starts."""
+    starts = family.list_starts(data.path) if begin is None else [begin]
+    if not (family.searched and len(starts[0])):
+        return starts[0]
+    from scipy.optimize import least_squares
+
+    rows = slice(None) if kept is None else kept
+    # Positive values in their logarithm; a skew, which may be negative, as it is.
+    positive = np.array(
+        [all(start[k] > 0.0 for start in family.list_starts(data.path)) for k in range(len(starts[0]))]
+    )
+
+    def unpack(packed: FloatArray) -> FloatArray:
+        return np.where(positive, np.exp(np.clip(packed, -60.0, 60.0)), packed)
+
+    def errors(packed: FloatArray) -> FloatArray:
+        shape = unpack(packed)
+        matrix, output = _build_matrix(family, data, shape, parts)[rows], data.output[rows]
+        return np.asarray(output - matrix @ _solve(family, matrix, output, (shape, parts, passive)))
+
+    packed = [np.where(positive, np.log(np.where(positive, s, 1.0)), s) for s in starts]
+    ranked = sorted(packed, key=lambda start: float(np.sum(errors(start) ** 2)))
+    runs = [
+        least_squares(errors, start, diff_step=1e-4, max_nfev=_TRIES, bounds=(start - 6.0, start + 6.0))
+        for start in ranked[:_RANKED]
+    ]
+    return unpack(min(runs, key=lambda run: float(run.cost)).x)
+
+
+_TRIES = 12
+_RANKED = 2
+_DIFFERENCE = 1e-4
+
+
+def _try(family: Family, data: ElementData, shape: FloatArray, parts: Parts, *, passive: bool) -> _Trial:
+    """Return a model at a shape, with derivatives of what the data decide."""
+    matrix = _build_matrix(family, data, shape, parts)
+    found = _solve(family, matrix, data.output, (shape, parts, passive))
+    count = matrix.shape[1] - len(parts) - family.has_offset
+    low, high = family.list_limits(shape, count, passive=passive)
+    free = np.ones(len(found), dtype=bool)
+    free[:count] = (found[:count] > low + _HAIR) & (found[:count] < high - _HAIR)
+    jacobian = [matrix[:, free]]
+    searched = len(shape) if family.searched else 0
+    for k in range(searched):
+        step = _DIFFERENCE * (abs(float(shape[k])) or 1.0)
+        moved = shape.copy()
+        moved[k] += step
+        further = _build_matrix(family, data, moved, parts) @ found
+        jacobian.append(((further - matrix @ found) / step)[:, None])
+
+    def rebuild(point: FloatArray) -> Elasticity:
+        values, own = found.copy(), shape.copy()
+        values[free] = point[: np.count_nonzero(free)]
+        own[:searched] = point[np.count_nonzero(free) :]
+        tail = dict(zip((*parts, "offset"), values[count:].tolist(), strict=False))
+        names = {"viscous": "damping", "cubic": "cubic", "offset": "offset"}
+        extra = {names[name]: value for name, value in tail.items()}
+        return replace(family.build(own, values[:count]), **extra)
+
+    def refit(mask: NDArray[np.bool_]) -> FloatArray:
+        own = _search(family, data, parts, passive=passive, begin=shape, kept=~mask)
+        columns = _build_matrix(family, data, own, parts)
+        values = _solve(family, columns[~mask], data.output[~mask], (own, parts, passive))
+        return np.asarray((data.output - columns @ values)[mask])
+
+    return _Trial(
+        model=family.name,
+        form=", ".join((*family.describe(), *parts)),
+        point=np.concatenate([found[free], shape[:searched]]),
+        rebuild=rebuild,
+        jacobian=np.hstack(jacobian),
+        error=data.output - matrix @ found,
+        refit=refit,
+    )
+
+
+_HAIR = 1e-12
+
+
+def _fit_family(family: Family, data: ElementData, folds: "_Folds", *, passive: bool, timed: bool) -> _Trial:
+    """Return a family with the parts that predict held-out samples better."""
+    shape = _search(family, data, (), passive=passive)
+    plain = best = _try(family, data, shape, (), passive=passive)
+    chosen: Parts = ()
+    for parts in _PARTS[1:]:
+        if "viscous" in parts and not timed:
+            continue
+        trial = _try(family, data, shape, parts, passive=passive)
+        if folds.is_better(trial, best):
+            best, chosen = trial, parts
+    plain = folds.measure_wide(plain)
+    if not chosen:
+        return plain
+    if family.searched:
+        again = _search(family, data, chosen, passive=passive, begin=shape)
+        best = _try(family, data, again, chosen, passive=passive)
+    best = folds.measure_wide(best)
+    return best if folds.is_better(best, plain) else plain
+
+
+def _refine_places(family: NonlinearStops, data: ElementData, *, passive: bool) -> NonlinearStops:
+    """Return the slip spring with the places that its force needs: of a fine grid, without useless ones."""
+    shape = _search(family, data, (), passive=passive)
+    fine = np.linspace(-1.0, 1.0, _FINE)
+    matrix = _build_matrix(replace(family, places=tuple(fine.tolist())), data, shape, ())
+    whole = np.column_stack([matrix, data.output])
+    triangle = np.asarray(np.linalg.qr(whole, mode="r"))
+
+    def measure(kept: FloatArray) -> float:
+        hats = np.stack([np.interp(fine, kept, unit) for unit in np.eye(len(kept))], axis=1)
+        change = np.zeros((matrix.shape[1], 1 + len(kept)))
+        change[0, 0], change[1:, 1:] = 1.0, hats
+        square, right = triangle[:, :-1] @ change, triangle[:, -1]
+        return float(np.sum((right - square @ np.linalg.lstsq(square, right, rcond=None)[0]) ** 2))
+
+    kept, cost = fine, measure(fine)
+    error = data.output - matrix @ np.linalg.lstsq(matrix, data.output, rcond=None)[0]
+    near = float(np.sum(error[1:] * error[:-1]) / np.sum(error**2))
+    independent = max(30.0, len(error) * (1.0 - near) / (1.0 + near))
+    while len(kept) > _FEWEST:
+        inner = [k for k in range(1, len(kept) - 1) if kept[k] != 0.0]
+        trials = [(measure(np.delete(kept, k)), k) for k in inner]
+        least, place = min(trials)
+        if least > cost * (1.0 + math.log(independent) / independent):
+            break
+        kept, cost = np.delete(kept, place), least
+    return replace(family, places=tuple(kept.tolist()))
+
+
+_FINE, _FEWEST = 33, 5
+
+
+def _fit_spring(data: ElementData, *, knees: bool) -> _Trial | None:
+    """Return a passive spring with stops and knees where the data put them; None where there is no such."""
+    x, output, start = data.path.position, data.output, data.path.start
+    if start == "fresh":
+        return None
+    side = {"zero": 0.0, "below": -1.0, "above": 1.0}[start]
+    ahead = [x[0] + side * 4.0 * data.path.reach, x[0]] if side else []
+    torsion: FloatArray = np.concatenate([np.array(ahead, dtype=np.float64), x])
+    grid: FloatArray = data.path.reach * np.power(0.7, np.arange(_GRID, 0, -1))
+    spring = SpringData(
+        torsions=(torsion,), periods=(_PERIOD,), keeps=(slice(len(ahead), None, 1),), rate=_SHARP
+    )
+    spring = spring.rebuild(grid)
+    begun = spring.fit_stops(output)
+    if knees:
+        inner = compute_stop_basis(torsion, grid) @ begun.stiffness
+        places = build_knee_grid([inner], _KNEES)
+        start_weights = replace(begun, knees=places, slopes=np.ones(len(places)))
+        begun = fit_spring(spring, output, start_weights)
+    found = refine_spring(spring, output, begun)
+    elasticity = build_elasticity(found)
+    if knees and not elasticity.knees:
+        return None
+    found = read_weights(elasticity)
+    basis = compute_stop_basis(torsion, found.thresholds)
+    slopes = compute_spring_slopes(basis, found, compute_slips(basis, found.thresholds))[len(ahead) :]
+    sizes = np.cumsum([len(found.stiffness), len(found.slopes), len(found.thresholds)])
+
+    def rebuild(point: FloatArray) -> Elasticity:
+        stiffness, outer, thresholds, edges = np.split(point, sizes)
+        return build_elasticity(
+            SpringWeights(thresholds=thresholds, stiffness=stiffness, knees=edges, slopes=outer)
+        )
+
+    return _Trial(
+        model=("modified-" if knees else "") + "prandtl-ishlinskii",
+        form="passive, thresholds from the data",
+        point=np.concatenate([found.stiffness, found.slopes, found.thresholds, found.knees]),
+        rebuild=rebuild,
+        jacobian=slopes[:, :-1],
+        error=output - slopes[:, -1],
+    )
+
+
+_GRID, _KNEES = 10, 4
+_PERIOD, _SHARP = 2e-3, 1e9
+"""Of a spring's rows: they pass no filter."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Folds:
+    """What is left out in turn: masks of samples, blocks of time, and the widest strokes or None."""
+
+    blocks: tuple[NDArray[np.bool_], ...]
+    wide: NDArray[np.bool_] | None
+
+    def measure_wide(self, trial: _Trial) -> _Trial:
+        """Return a model with the mean square of its errors at the widest strokes, left out."""
+        if self.wide is None:
+            return trial
+        errors = _leave_out(trial, self.wide)[0] if trial.refit is None else trial.refit(self.wide)
+        return replace(trial, wide=float(np.mean(errors**2)))
+
+    def predict(self, trial: _Trial) -> FloatArray:
+        """Return the mean squares of the errors of every block and, if measured, of the widest strokes."""
+        blocks = [float(np.mean(_leave_out(trial, mask)[0] ** 2)) for mask in self.blocks]
+        return np.array(blocks if trial.wide is None else [*blocks, trial.wide])
+
+    def score(self, trial: _Trial) -> float:
+        """Return the mean square of the errors of what was left out."""
+        return float(np.mean(self.predict(trial)))
+
+    def is_better(self, trial: _Trial, other: _Trial) -> bool:
+        """Return whether a model predicts better than another one, by more than one standard error."""
+        own, others = self.predict(trial), self.predict(other)
+        count = min(len(own), len(others))
+        gains = others[:count] - own[:count]
+        return float(np.mean(gains)) > float(np.std(gains, ddof=1)) / math.sqrt(count)
+
+
+def _leave_out(trial: _Trial, mask: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+    """Return errors (n,) of samples left out, and the point (p,) without them: a step of least squares."""
+    lengths = np.linalg.norm(trial.jacobian, axis=0)
+    lengths = np.where(lengths > 0.0, lengths, 1.0)
+    scaled = trial.jacobian / lengths
+    kept, out = scaled[~mask], scaled[mask]
+    normal = kept.T @ kept + _RIDGE * np.eye(len(lengths))
+    # What is left is not at its optimum where something was held: the step is from there all the same.
+    step = np.linalg.lstsq(normal, kept.T @ trial.error[~mask], rcond=None)[0]
+    return trial.error[mask] - out @ step, trial.point + step / lengths
+
+
+def _build_folds(data: ElementData) -> _Folds:
+    """Return blocks of equal length, and the widest strokes where there are enough narrower ones."""
+    x, count = data.path.position, len(data.output)
+    edges = np.linspace(0, count, _BLOCKS + 1).astype(int)
+    index = np.arange(count)
+    blocks = tuple((index >= low) & (index < high) for low, high in itertools.pairwise(edges))
+    # Strokes: between reversals of the input, of more than a twentieth of its reach.
+    plays = data.path.compute_plays(np.array([0.05 * data.path.reach]))[:, 0]
+    sense = np.sign(np.diff(plays, prepend=plays[0]))
+    moving = np.flatnonzero(sense)
+    turns = [int(b) for a, b in itertools.pairwise(moving) if sense[a] != sense[b]]
+    bounds = [0, *turns, count]
+    widths = np.zeros(count)
+    for low, high in itertools.pairwise(bounds):
+        if high > low:
+            widths[low:high] = np.ptp(x[low:high])
+    wide = widths > _WIDE * widths.max()
+    share = float(np.mean(wide))
+    return _Folds(blocks=blocks, wide=wide if 0.2 <= share <= 0.8 else None)
+
+
+def _list_trials(
+    data: ElementData, folds: _Folds, options: HysteresisOptions, *, timed: bool
+) -> list[_Trial]:
+    """Return every model that is to be tried, passive ones and, unless only these are wanted, free ones."""
+    wanted = MODELS if options.model == "auto" else (options.model,)
+    trials: list[_Trial | None] = []
+    for name in wanted:
+        if name in {"prandtl-ishlinskii", "modified-prandtl-ishlinskii"}:
+            trials.append(_fit_spring(data, knees=name.startswith("modified")))
+        if name == "modified-prandtl-ishlinskii":
+            continue
+        for family in list_families(name, data.path, timed=timed):
+            form = family
+            if isinstance(form, NonlinearStops) and form.count == 1:
+                form = _refine_places(form, data, passive=bool(options.passive))
+            trials.append(_fit_family(form, data, folds, passive=bool(options.passive), timed=timed))
+    found = [
+        trial if trial.wide is not None else folds.measure_wide(trial)
+        for trial in trials
+        if trial is not None
+    ]
+    if options.passive:
+        found = [trial for trial in found if is_passive_element(trial.elasticity)]
+    if not found:
+        text = f"no passive {options.model} element explains the recording; try passive=None, or model auto"
+        raise UsageError(Notice(code="usage.no-hysteresis", text=text))
+    return found
+
+
+def _choose(trials: list[_Trial], folds: _Folds) -> list[_Trial]:
+    """Return the models, the chosen one first, then by what they predict."""
+    ranked = sorted(trials, key=folds.score)
+    equal = [trial for trial in ranked if not folds.is_better(ranked[0], trial)]
+    chosen = min(equal, key=lambda trial: len(trial.point))
+    return [chosen, *(trial for trial in ranked if trial is not chosen)]
+
+
+def _compute_covariance(trial: _Trial, folds: _Folds) -> FloatArray:
+    """Return the covariance (p, p) of a point, for errors alike from sample to sample, and unlike in size."""
+    lengths = np.linalg.norm(trial.jacobian, axis=0)
+    lengths = np.where(lengths > 0.0, lengths, 1.0)
+    scaled = trial.jacobian / lengths
+    inverse = np.linalg.inv(scaled.T @ scaled + _RIDGE * np.eye(len(lengths)))
+    scores = scaled * trial.error[:, None]
+    count = len(scores)
+    waves = np.fft.rfft(scores, n=2 * count, axis=0)
+    distance = np.arange(2 * count)
+    lag = np.minimum(distance, 2 * count - distance) / max(2.0, _LAG * count)
+    near, far = 1.0 - 6.0 * lag**2 + 6.0 * lag**3, 2.0 * (1.0 - lag) ** 3
+    window = np.fft.rfft(np.where(lag <= 0.5, near, np.where(lag <= 1.0, far, 0.0))).real
+    double = np.full(len(window), 2.0)
+    double[[0, -1]] = 1.0
+    middle = (waves.conj().T * (window * double)) @ waves / (2 * count)
+    spectral = inverse @ middle.real @ inverse / np.outer(lengths, lengths)
+    points = np.array([_leave_out(trial, mask)[1] for mask in folds.blocks])
+    apart = points - points.mean(axis=0)
+    jackknife = apart.T @ apart * (len(points) - 1) / len(points)
+    return np.asarray(0.5 * (spectral + jackknife))
+
+
+_LAG = 0.1
+"""Of the recording: longest lag at which errors may be alike."""
+
+
+def _list_parameters(trial: _Trial, covariance: FloatArray) -> tuple[ElementParameter, ...]:
+    """Return the numbers of the element with their deviations."""
+    centre = list_element_values(trial.elasticity)
+    rates = np.zeros((len(centre), len(trial.point)))
+    for k, value in enumerate(trial.point):
+        step = 1e-6 * (abs(float(value)) or 1.0)
+        moved = trial.point.copy()
+        moved[k] += step
+        after = list_element_values(trial.rebuild(moved))
+        rates[:, k] = [(after.get(name, value) - value) / step for name, value in centre.items()]
+    variances = np.einsum("ij,jk,ik->i", rates, covariance, rates)
+    deviations = np.sqrt(np.maximum(variances, 0.0))
+    return tuple(
+        ElementParameter(name=name, value=value, deviation=float(deviation))
+        for (name, value), deviation in zip(centre.items(), deviations, strict=True)
+    )
+
+
+def fit_hysteresis(
+    x: FloatArray, y: FloatArray, t: FloatArray | None = None, options: HysteresisOptions | None = None
+) -> HysteresisRecord:
+    """Return the element that predicts held-out samples best, with as few parameters as that takes.
+
+    Args:
+        x: (N,) input, such as a torsion in rad.
+        y: (N,) output, such as a torque in N m.
+        t: (N,) time, s, increasing; None: only models that follow the path are tried.
+        options: the model wanted, and whether it must be passive.
+
+    Raises:
+        UsageError: no recording, or no passive element of the model explains it.
+    """
+    options = options or HysteresisOptions()
+    x, y = (np.asarray(part, dtype=np.float64) for part in (x, y))
+    t = None if t is None else np.asarray(t, dtype=np.float64)
+    whole = prepare_recording(x, y, t)
+    whole = replace(whole, path=replace(whole.path, start=_choose_start(whole)))
+    data = whole.thin(_SEARCHED)
+    folds = _build_folds(data)
+    ranked = _choose(_list_trials(data, folds, options, timed=t is not None), folds)
+    chosen = ranked[0]
+    spread = float(np.std(y))
+    candidates = tuple(_describe_candidate(trial, folds, float(np.std(data.output))) for trial in ranked)
+    elasticity = chosen.elasticity
+    predicted = predict_output(elasticity, whole.path)
+    return HysteresisRecord(
+        model=chosen.model,
+        form=chosen.form,
+        elasticity=elasticity,
+        start=whole.path.start,
+        parameters=_list_parameters(chosen, _compute_covariance(chosen, folds)),
+        candidates=candidates,
+        passive=is_passive_element(elasticity),
+        fitted=100.0 * float(np.sqrt(np.mean((y - predicted) ** 2))) / spread,
+        held_out=candidates[0].held_out,
+        samples=len(x),
+        span=(float(x.min()), float(x.max())),
+        speed=float(np.max(np.abs(whole.path.velocity))),
+        output=spread,
+        timed=t is not None,
+    )
+
+
+def predict_element(record: HysteresisRecord, x: FloatArray, t: FloatArray | None = None) -> FloatArray:
+    """Return the output (N,) of an element for an input (N,), at times (N,) in s where it needs them.
+
+    Raises:
+        UsageError: no time where the element needs it.
+    """
+    _check_time(record, t)
+    time = np.arange(len(x), dtype=np.float64) if t is None else t
+    steps = np.diff(time)
+    periods = np.concatenate([steps[:1], steps])
+    path = ElementPath(position=x, velocity=compute_velocity(x, time), period=periods, start=record.start)
+    return predict_output(record.elasticity, path)
+
+
+def _check_time(record: HysteresisRecord, t: FloatArray | None) -> None:
+    if t is None and needs_time(record.elasticity):
+        text = "this element depends on the speed: give the time of the samples, too"
+        raise UsageError(Notice(code="usage.hysteresis-time", text=text))
+
+
+def predict_output(elasticity: Elasticity, path: ElementPath) -> FloatArray:
+    """Return the output (N,) of an element along a path."""
+    time = np.cumsum(path.period)
+    return run_element(elasticity, path.position, time, start=path.start, velocity=path.velocity).output
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HysteresisTrial:
+    """What an element predicts of a recording that it was not fitted to.
+
+    Args:
+        error: rms of the error over rms of the output, both about their means, percent.
+        shift: mean of the error, N m or N: sensors may have other zeros.
+        beyond: share of samples whose input is outside that of the fit; samples: number.
+    """
+
+    error: float
+    shift: float
+    beyond: float
+    samples: int
+
+
+def validate_element(
+    record: HysteresisRecord, x: FloatArray, y: FloatArray, t: FloatArray | None = None
+) -> HysteresisTrial:
+    """Return what an element predicts of another recording, arguments as of `fit_hysteresis`.
+
+    Raises:
+        UsageError: no recording, or no time where the element needs it.
+    """
+    x, y = (np.asarray(part, dtype=np.float64) for part in (x, y))
+    t = None if t is None else np.asarray(t, dtype=np.float64)
+    _check_time(record, t)
+    data = prepare_recording(x, y, t)
+    start = _choose_start(data)
+    error = y - predict_output(record.elasticity, replace(data.path, start=start))
+    low, high = record.span
+    slack = _SLACK * (high - low)
+    return HysteresisTrial(
+        error=100.0 * float(np.std(error)) / float(np.std(y)),
+        shift=float(np.mean(error)),
+        beyond=float(np.mean((x < low - slack) | (x > high + slack))),
+        samples=len(x),
+    )
+
+
+_SLACK = 0.01
+"""Of the range of the input; what is beyond it by less is no extrapolation."""
+
+
+def _describe_candidate(trial: _Trial, folds: _Folds, spread: float) -> HysteresisCandidate:
+    """Return what is shown of a model that was tried."""
+    blocks = folds.predict(trial)
+    score = math.sqrt(folds.score(trial))
+    error = float(np.std(blocks, ddof=1)) / math.sqrt(len(blocks))
+    return HysteresisCandidate(
+        model=trial.model,
+        form=trial.form,
+        count=len(trial.point),
+        passive=is_passive_element(trial.elasticity),
+        fitted=100.0 * float(np.sqrt(np.mean(trial.error**2))) / spread,
+        held_out=100.0 * score / spread,
+        spread=100.0 * 0.5 * error / max(score, 1e-300) / spread,
+    )
