@@ -13,6 +13,18 @@ from dataclasses import dataclass
 INERTIAL = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 """Standard parameters of a link, about the link frame's origin, in this order."""
 
+HYSTERESIS_MODELS = (
+    "prandtl-ishlinskii",
+    "modified-prandtl-ishlinskii",
+    "nonlinear-stops",
+    "krasnoselskii-pokrovskii",
+    "bouc-wen",
+    "dahl",
+    "lugre",
+    "maxwell-slip",
+)
+"""Names of models of elements with hysteresis."""
+
 
 @dataclass(frozen=True, slots=True)
 class Symbol:

@@ -62,7 +62,7 @@ if TYPE_CHECKING:
     )
     from symid.codegen import BACKENDS as BACKENDS
     from symid.identification.elastic import METHODS as METHODS
-    from symid.identification.hysteresis import MODELS as MODELS
+    from symid.notation import HYSTERESIS_MODELS as HYSTERESIS_MODELS
 else:
     from symid.lazy import load_names
 

@@ -1,15 +1,7 @@
 """Hysteresis without a robot: an element from its input and output.
 
-    fit(x, y, t)            the element that predicts held-out samples best, with its intervals and its verdict
-    read_columns(path)      input, output and time from a file
-
-Example:
-    >>> import numpy as np, symid
-    >>> t = np.arange(4000) / 200.0
-    >>> x = 0.01 * (0.4 + 0.6 * np.sin(0.3 * t)) * np.sin(2.0 * t)
-    >>> y = 400.0 * x + 3.0 * np.tanh(3e3 * np.gradient(x, t))
-    >>> symid.hysteresis.fit(x, y, t, model="maxwell-slip").record.model
-    'maxwell-slip'
+fit(x, y, t)            the element that predicts held-out samples best, with intervals and a verdict
+read_columns(path)      input, output and time from a file
 """
 
 from dataclasses import asdict, dataclass
@@ -32,7 +24,17 @@ if TYPE_CHECKING:
 
 
 class Columns(NamedTuple):
-    """Input x, output y and time t (or None) of a recording, (N,) each."""
+    """Columns of a recording, (N,) each.
+
+    Attributes:
+        x: input; y: output; t: time in s, or None.
+
+    Example:
+        >>> import symid
+        >>> columns = symid.hysteresis.Columns(x=[0.0, 1.0], y=[0.0, 2.0], t=None)
+        >>> columns.y
+        [0.0, 2.0]
+    """
 
     x: "FloatArray"
     y: "FloatArray"
@@ -40,7 +42,7 @@ class Columns(NamedTuple):
 
 
 def read_columns(path: str | PathLike[str], *, x: str, y: str, t: str | None = None) -> Columns:
-    """Return input, output and time of a file, in the units of the file.
+    r"""Return input, output and time of a file, in the units of the file.
 
     Args:
         path: csv, txt, npz, mat or hdf5.
@@ -50,6 +52,12 @@ def read_columns(path: str | PathLike[str], *, x: str, y: str, t: str | None = N
 
     Raises:
         LogError: no such file, or columns that it does not have (all are listed).
+
+    Example:
+        >>> import pathlib, symid
+        >>> _ = pathlib.Path("spring.csv").write_text("phi,tau\n0.0,0.0\n0.1,2.0\n")
+        >>> symid.hysteresis.read_columns("spring.csv", x="phi", y="tau").y.tolist()
+        [0.0, 2.0]
     """
     from symid.logs import read_raw
 
@@ -79,6 +87,15 @@ class ElementFit(JudgedResult):
 
     Attributes:
         record: all that was found: model, parameters with deviations, candidates.
+
+    Example:
+        >>> import numpy as np, symid
+        >>> t = np.arange(1500) / 100.0
+        >>> x = 0.01 * (0.4 + 0.6 * np.sin(0.3 * t)) * np.sin(2.0 * t)
+        >>> y = 400.0 * x + 3.0 * np.sin(3.0 * x / 0.01)
+        >>> fit = symid.hysteresis.fit(x, y, t, model="prandtl-ishlinskii")
+        >>> fit.record.model, fit["k0"].deviation > 0.0
+        ('prandtl-ishlinskii', True)
     """
 
     record: elements.HysteresisRecord
@@ -125,14 +142,14 @@ class ElementFit(JudgedResult):
         return {**self._describe_verdict(), **report.describe_element(self.record)}
 
     def predict(self, x: "ArrayLike", t: "ArrayLike | None" = None) -> "FloatArray":
-        """Return the output (N,) of the element for an input (N,), at times t (N,) in s where it needs them."""
+        """Return the output (N,) for an input `x` (N,), at times `t` (N,) in s where it needs them."""
         import numpy as np
 
         time = None if t is None else np.asarray(t, dtype=np.float64)
         return elements.predict_element(self.record, np.asarray(x, dtype=np.float64), time)
 
     def invert(self, y: "ArrayLike", t: "ArrayLike | None" = None) -> "FloatArray":
-        """Return the input (N,) that gives an output (N,), at times t (N,) in s where the element needs them.
+        """Return the input (N,) that gives an output `y` (N,), at times `t` (N,) in s where it needs them.
 
         Raises:
             RobotError: the element has no inverse; the message says why.
@@ -143,7 +160,7 @@ class ElementFit(JudgedResult):
         return invert_element(self.element, np.asarray(y, dtype=np.float64), time, start=self.record.start)
 
     def validate(self, x: "ArrayLike", y: "ArrayLike", t: "ArrayLike | None" = None) -> "ElementValidation":
-        """Return what the element predicts of another recording, arguments as of `fit`."""
+        """Return what the element predicts of another recording, `x`, `y` and `t` as of `fit`."""
         import numpy as np
 
         time = None if t is None else np.asarray(t, dtype=np.float64)
@@ -159,7 +176,16 @@ class ElementValidation(JudgedResult):
     """What an element predicts of a recording that it was not fitted to.
 
     Attributes:
-        record: of the fit; trial: error in percent, shift, share of samples beyond the input of the fit.
+        record: of the fit.
+        trial: error in percent, shift, share of samples beyond the input of the fit.
+
+    Example:
+        >>> import numpy as np, symid
+        >>> t = np.arange(1500) / 100.0
+        >>> x = 0.01 * (0.4 + 0.6 * np.sin(0.3 * t)) * np.sin(2.0 * t)
+        >>> y = 400.0 * x + 3.0 * np.sin(3.0 * x / 0.01)
+        >>> symid.hysteresis.fit(x, y, t, model="dahl").validate(x, y, t).verdict.level
+        'good'
     """
 
     record: elements.HysteresisRecord
@@ -215,6 +241,14 @@ def fit(
 
     Raises:
         UsageError: no recording, an unknown model, or no passive element of that model.
+
+    Example:
+        >>> import numpy as np, symid
+        >>> t = np.arange(1500) / 100.0
+        >>> x = 0.01 * (0.4 + 0.6 * np.sin(0.3 * t)) * np.sin(2.0 * t)
+        >>> y = 400.0 * x + 3.0 * np.sin(3.0 * x / 0.01)
+        >>> symid.hysteresis.fit(x, y, t, model="dahl")["k0"].value > 0.0
+        True
     """
     import numpy as np
 

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 import symid
-from symid.api import METHODS, MODELS, Fit, pair_parts
+from symid.api import HYSTERESIS_MODELS, METHODS, Fit, pair_parts
 from symid.cli.arguments import NamedRobot, check_output
 from symid.cli.call import Answer, Console, answer_saved, make_answer
 from symid.cli.options import accept_option, friction_option, output_option, robot_argument, settings_options
@@ -285,7 +285,9 @@ def payload_command(
 @INPUT.option("--output", "Column of the output, such as a torque.", metavar="NAME", required=True)
 @INPUT.option("--time", "Column of the time, s; without it no model depends on the speed.", metavar="NAME")
 @INPUT.option("--validate", "Recording to predict, with the same columns.", FILE, "FILE")
-@METHOD.option("--model", "Model of the element.  [default: auto]", click.Choice(("auto", *MODELS)))
+@METHOD.option(
+    "--model", "Model of the element.  [default: auto]", click.Choice(("auto", *HYSTERESIS_MODELS))
+)
 @METHOD.option("--passive", "Only elements from which no motion gets work.", is_flag=True)
 @accept_option
 def hysteresis_command(

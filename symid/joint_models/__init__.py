@@ -6,7 +6,7 @@ if TYPE_CHECKING:
     from symid.joint_models.branches import (
         BoucWen as BoucWen,
         Branch as Branch,
-        Bristles as Bristles,
+        BristleBranch as BristleBranch,
         Relaxation as Relaxation,
         Relays as Relays,
         SlipSpring as SlipSpring,
@@ -40,8 +40,6 @@ if TYPE_CHECKING:
         write_dynamic_latex as write_dynamic_latex,
     )
     from symid.joint_models.element import (
-        ElementRun as ElementRun,
-        ElementStep as ElementStep,
         Start as Start,
         advance_element as advance_element,
         describe_inverse as describe_inverse,

@@ -37,7 +37,7 @@ def refuse_element(mistakes: Sequence[str]) -> None:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Motion(Generic[V]):
+class ElementMotion(Generic[V]):
     """A step in a carrier, on which nothing turns back.
 
     Args:
@@ -171,7 +171,7 @@ class SlipSpring:
         return (position - side * self.threshold,)
 
     def advance(
-        self, algebra: Carrier[V], values: Mapping[str, V], motion: Motion[V], states: Sequence[V]
+        self, algebra: Carrier[V], values: Mapping[str, V], motion: ElementMotion[V], states: Sequence[V]
     ) -> BranchStep[V]:
         """Return what a step leads to."""
         count = len(self.deflections)
@@ -282,7 +282,7 @@ class Relays:
         return tuple(states)
 
     def advance(
-        self, algebra: Carrier[V], values: Mapping[str, V], motion: Motion[V], states: Sequence[V]
+        self, algebra: Carrier[V], values: Mapping[str, V], motion: ElementMotion[V], states: Sequence[V]
     ) -> BranchStep[V]:
         """Return what a step leads to."""
         step, inverse = values["step"], algebra.div(algebra.one, values["step"])
@@ -386,7 +386,7 @@ class BoucWen:
         return (side * (1.0 + side * self.skew) ** (-1.0 / self.sharpness),)
 
     def advance(
-        self, algebra: Carrier[V], values: Mapping[str, V], motion: Motion[V], states: Sequence[V]
+        self, algebra: Carrier[V], values: Mapping[str, V], motion: ElementMotion[V], states: Sequence[V]
     ) -> BranchStep[V]:
         """Return what a step leads to."""
         length, power = values["length"], values["sharpness"]
@@ -422,6 +422,10 @@ def _relax(algebra: Carrier[V], side: float, value: V, given: tuple[V, V, V]) ->
         rate = algebra.sub(algebra.one, algebra.mul(factor, height))
         # The rate falls with u on both sides: what grows slows down, what falls does so less and less.
         fall = algebra.mul(algebra.absolute(factor), algebra.mul(power, algebra.div(height, size)))
+        if side < 0.0:
+            # What has come beyond zero goes on at rate one; the caller lets it grow from zero again.
+            inside = algebra.maximum(algebra.sign(algebra.scale(side, value)), algebra.zero)
+            fall = algebra.mul(inside, fall)
         turn = algebra.add(algebra.mul(fall, step), least)
         half = algebra.tanh(algebra.scale(0.5, turn))
         share = algebra.div(algebra.scale(2.0, half), algebra.mul(algebra.add(algebra.one, half), turn))
@@ -439,7 +443,7 @@ _KEYS = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Bristles:
+class BristleBranch:
     """A friction law with a state as a branch: Dahl, LuGre, Maxwell-slip, generalised Maxwell-slip.
 
     Args:
@@ -516,7 +520,7 @@ class Bristles:
         return tuple(side * given[f"share{k}"] * level / given[f"stiffness{k}"] for k in numbers)
 
     def advance(
-        self, algebra: Carrier[V], values: Mapping[str, V], motion: Motion[V], states: Sequence[V]
+        self, algebra: Carrier[V], values: Mapping[str, V], motion: ElementMotion[V], states: Sequence[V]
     ) -> BranchStep[V]:
         """Return what a step leads to."""
         force, after = advance_memory(algebra, values, motion.velocity, motion.way, states)
@@ -565,7 +569,7 @@ class Relaxation:
         return (0.0,)
 
     def advance(
-        self, algebra: Carrier[V], values: Mapping[str, V], motion: Motion[V], states: Sequence[V]
+        self, algebra: Carrier[V], values: Mapping[str, V], motion: ElementMotion[V], states: Sequence[V]
     ) -> BranchStep[V]:
         """Return what a step leads to."""
         stiffness, time = values["stiffness"], values["time"]
@@ -577,5 +581,5 @@ class Relaxation:
         return BranchStep(force=after, states=(after,), stored=energy)
 
 
-Branch = SlipSpring | Relays | BoucWen | Bristles | Relaxation
+Branch = SlipSpring | Relays | BoucWen | BristleBranch | Relaxation
 """What an element may have beside its spring."""

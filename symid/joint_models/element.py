@@ -29,8 +29,8 @@ from symid.errors import Notice, RobotError
 from symid.joint_models.branches import (
     BoucWen,
     Branch,
-    Bristles,
-    Motion,
+    BristleBranch,
+    ElementMotion,
     Relaxation,
     Relays,
     SlipSpring,
@@ -46,6 +46,8 @@ from symid.joint_models.carriers import (
 from symid.joint_models.hysteresis import Elasticity, SpringTerms, advance_spring, invert_spring
 from symid.joint_models.prandtl_ishlinskii import (
     compute_clamps,
+    compute_outer_integral,
+    compute_outer_torque,
     compute_plays,
     invert_hysteresis,
     read_spring_terms,
@@ -91,6 +93,8 @@ def list_element_values(elasticity: Elasticity) -> dict[str, float]:
         named |= {f"r{k}": threshold, f"k{k}": stiffness}
     for k, (place, slope) in enumerate((*terms.above, *terms.below), start=1):
         named |= {f"R{k}": place, f"s{k}": slope}
+    if elasticity.knees and not elasticity.cubic:
+        named["least"] = _find_least(elasticity)
     for head, branch in _name_branches(elasticity):
         named |= {head + name: value for name, value in branch.list_values().items()}
     return named
@@ -144,11 +148,12 @@ def advance_element(
     way = algebra.sub(position, before)
     if velocity is None:
         velocity = algebra.div(way, period) if needs_time(elasticity) else algebra.zero
-    motion = Motion(position=position, way=way, velocity=velocity, period=period)
+    motion = ElementMotion(position=position, way=way, velocity=velocity, period=period)
     terms = _gather_spring(elasticity, values, algebra)
     count = len(terms.stops)
     force, plays = advance_spring(algebra, terms, position, states[at : at + count])
-    stored = _compute_stored(algebra, terms, position, plays)
+    least = values.get("least", algebra.zero)
+    stored = _compute_stored(algebra, terms, (position, plays), least)
     after += plays
     at += count
     forces = [force]
@@ -181,8 +186,11 @@ def _gather_spring(elasticity: Elasticity, values: Mapping[str, V], algebra: Car
     )
 
 
-def _compute_stored(algebra: Carrier[V], terms: SpringTerms[V], position: V, plays: Sequence[V]) -> V | None:
-    """Return the energy that a spring stores, J; None for a cubic part together with knees."""
+def _compute_stored(
+    algebra: Carrier[V], terms: SpringTerms[V], motion: tuple[V, Sequence[V]], least: V
+) -> V | None:
+    """Return the energy that a spring stores at a position with its plays, J; None for a cubic with knees."""
+    position, plays = motion
 
     def halve_square(value: V) -> V:
         return algebra.scale(0.5, algebra.mul(value, value))
@@ -206,7 +214,7 @@ def _compute_stored(algebra: Carrier[V], terms: SpringTerms[V], position: V, pla
                 result = algebra.add(result, algebra.mul(slope, beyond))
         return result
 
-    # U = sum_i w'_i [G(P'_i + r'_i) + G(P'_i - r'_i)] / 2, less its value at rest,
+    # U = sum_i w'_i [G(P'_i + r'_i) + G(P'_i - r'_i)] / 2 less its least value,
     # P'_i = W_i P_i - sum_j>i k_j P_j.
     inverse, _, _ = invert_spring(algebra, terms)
     slope, rest, images = terms.stiffness, algebra.zero, []
@@ -214,15 +222,35 @@ def _compute_stored(algebra: Carrier[V], terms: SpringTerms[V], position: V, pla
         images.append(algebra.sub(algebra.mul(slope, play), rest))
         rest = algebra.add(rest, algebra.mul(stiffness, play))
         slope = algebra.add(slope, stiffness)
-    images.append(algebra.sub(algebra.mul(slope, position), rest))
-    total = algebra.mul(inverse.weights[0], integrate(images[-1]))
-    pieces = zip(inverse.weights[1:], inverse.thresholds, reversed(images[:-1]), strict=True)
+    total = algebra.mul(inverse.weights[0], integrate(algebra.sub(algebra.mul(slope, position), rest)))
+    pieces = zip(inverse.weights[1:], inverse.thresholds, reversed(images), strict=True)
     for weight, radius, image in pieces:
         ends = [integrate(algebra.add(image, radius)), integrate(algebra.sub(image, radius))]
-        none = [integrate(radius), integrate(algebra.sub(algebra.zero, radius))]
-        change = algebra.sub(add_all(algebra, ends), add_all(algebra, none))
-        total = algebra.add(total, algebra.mul(weight, algebra.scale(0.5, change)))
+        total = algebra.add(total, algebra.mul(weight, algebra.scale(0.5, add_all(algebra, ends))))
+    return algebra.sub(total, least)
+
+
+def _find_least(elasticity: Elasticity) -> float:
+    """Return the least value of the formula of the energy of a spring with knees, J."""
+    terms = read_spring_terms(elasticity)
+    inverse, _, _ = invert_spring(build_float_carrier(), terms)
+    total = 0.0
+    for weight, radius in zip(inverse.weights[1:], inverse.thresholds, strict=True):
+        # S(p + r) + S(p - r) rises with p, and is zero between -r and r.
+        low, high = -radius, radius
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            ends = np.array([middle + radius, middle - radius])
+            low, high = (middle, high) if np.sum(compute_outer_torque(terms, ends)) < 0.0 else (low, middle)
+        total += (
+            0.5
+            * weight
+            * float(np.sum(compute_outer_integral(terms, np.array([low + radius, low - radius]))))
+        )
     return total
+
+
+_HALVINGS = 60
 
 
 def is_passive_element(elasticity: Elasticity) -> bool:
@@ -385,7 +413,7 @@ def trace_branch(branch: Branch, path: tuple[FloatArray, ...], states: Sequence[
 
 
 def _accumulate(
-    branch: BoucWen | Bristles | Relaxation,
+    branch: BoucWen | BristleBranch | Relaxation,
     path: tuple[FloatArray, ...],
     memory: FloatArray,
 ) -> FloatArray:
@@ -395,8 +423,8 @@ def _accumulate(
         return np.empty((0, len(memory)))
     values = branch.list_values()
     # Numbers are inputs, so that one function serves all numbers of a structure.
-    plain: BoucWen | Bristles | Relaxation
-    if isinstance(branch, Bristles):
+    plain: BoucWen | BristleBranch | Relaxation
+    if isinstance(branch, BristleBranch):
         plain = replace(branch, values=tuple((name, 1.0) for name, _ in branch.values))
     else:
         plain = (
@@ -411,7 +439,7 @@ def _accumulate(
 
 
 @lru_cache(maxsize=32)
-def _build_accumulation(branch: BoucWen | Bristles | Relaxation, count: int) -> Any:  # noqa: ANN401  casadi
+def _build_accumulation(branch: BoucWen | BristleBranch | Relaxation, count: int) -> Any:  # noqa: ANN401  casadi
     """Return the function (states, motions, numbers) -> states after each of `count` steps."""
     import casadi
 
@@ -419,7 +447,7 @@ def _build_accumulation(branch: BoucWen | Bristles | Relaxation, count: int) -> 
     states = casadi.SX.sym("states", len(branch.start(0.0, 0.0)))
     given, numbers = casadi.SX.sym("motion", 4), casadi.SX.sym("numbers", len(names))
     position, way, velocity, period = casadi.vertsplit(given)
-    motion = Motion(position=position, way=way, velocity=velocity, period=period)
+    motion = ElementMotion(position=position, way=way, velocity=velocity, period=period)
     values = dict(zip(names, casadi.vertsplit(numbers), strict=True))
     step = branch.advance(build_casadi_carrier(), values, motion, casadi.vertsplit(states))
     function = casadi.Function("step", [states, given, numbers], [casadi.vertcat(*step.states)])

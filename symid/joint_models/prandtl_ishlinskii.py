@@ -74,7 +74,7 @@ def invert_outer(terms: SpringTerms[float], torque: FloatArray) -> FloatArray:
     return np.asarray(compute_outer_function(_ARRAYS, torque, above, below))
 
 
-def _compute_outer_integral(terms: SpringTerms[float], value: FloatArray) -> FloatArray:
+def compute_outer_integral(terms: SpringTerms[float], value: FloatArray) -> FloatArray:
     """Return G(v), the integral of S from 0 to v, at values v of any shape."""
     result = 0.5 * value * value
     for pieces, limit in ((terms.above, np.maximum), (terms.below, np.minimum)):
@@ -311,8 +311,8 @@ def compute_spring_work(
     ways = _diff(plays)
     # While it moves up a play trails its input by the threshold, and leads it while it moves down.
     edges = np.sign(ways) * radii
-    ends = _compute_outer_integral(terms, plays + edges)
-    starts = _compute_outer_integral(terms, plays - ways + edges)
+    ends = compute_outer_integral(terms, plays + edges)
+    starts = compute_outer_integral(terms, plays - ways + edges)
     return np.cumsum((ends - starts) @ weights)
 
 
@@ -330,10 +330,10 @@ def compute_stored_energy(
         linear = 0.5 * terms.stiffness * np.square(phi) + 0.25 * elasticity.cubic * phi**4
         return linear + 0.5 * np.square(stops) @ weights
     plays, radii, weights = compute_inverse_plays(elasticity, phi, memory)
-    upper = _compute_outer_integral(terms, plays + radii)
-    lower = _compute_outer_integral(terms, plays - radii)
+    upper = compute_outer_integral(terms, plays + radii)
+    lower = compute_outer_integral(terms, plays - radii)
     # A virgin spring at rest holds nothing.
-    rest = _compute_outer_integral(terms, radii) + _compute_outer_integral(terms, -radii)
+    rest = compute_outer_integral(terms, radii) + compute_outer_integral(terms, -radii)
     return 0.5 * (upper + lower - rest) @ weights
 
 
@@ -349,7 +349,7 @@ def compute_dissipation(
     if not elasticity.knees:
         return np.cumsum(np.abs(_diff(compute_plays(phi, radii, memory))) @ (weights * radii))
     plays, radii, weights = compute_inverse_plays(elasticity, phi, memory)
-    gaps = _compute_outer_integral(terms, plays + radii) - _compute_outer_integral(terms, plays - radii)
+    gaps = compute_outer_integral(terms, plays + radii) - compute_outer_integral(terms, plays - radii)
     steps = np.maximum(0.5 * np.sign(_diff(plays)) * _diff(gaps), 0.0)
     return np.cumsum(steps @ weights)
 

@@ -5,6 +5,8 @@
 Supported: text, HTML and JSON through `blocks`. Not supported: figures.
 """
 
+from dataclasses import asdict
+
 from symid.identification.hysteresis import HysteresisRecord, HysteresisTrial
 from symid.joint_models import describe_inverse
 from symid.report.blocks import Block, Table, select_fields
@@ -46,15 +48,17 @@ def judge_element_trial(trial: HysteresisTrial) -> FitVerdict:
 
 def show_element(record: HysteresisRecord) -> tuple[Block, ...]:
     """Return the tables and sentences on an element."""
-    shown = [entry for entry in record.parameters if not entry.name.endswith("_least")]
-    known = [entry for entry in shown if entry.deviation <= _POOR * abs(entry.value)]
+    shown = [entry for entry in record.parameters if not entry.name.endswith("least")]
+    known = [entry for entry in shown if 0.0 < entry.deviation <= _POOR * abs(entry.value)]
     rows = [
         (entry.name, f"{entry.value:.5g}", f"{entry.deviation:.2g}", f"{low:.5g} to {high:.5g}")
         for entry in known
         for low, high in [(entry.value - _NORMAL * entry.deviation, entry.value + _NORMAL * entry.deviation)]
     ]
     poor = [entry.name for entry in shown if entry.deviation > _POOR * abs(entry.value)]
-    note = f"Poorly identifiable, not shown: {', '.join(poor)}." if poor else ""
+    fixed = [f"{entry.name} = {entry.value:g}" for entry in shown if not entry.deviation and entry.value]
+    lists = (("Poorly identifiable, not shown", poor), ("Fixed", fixed))
+    note = "\n".join(f"{head}: {', '.join(names)}." for head, names in lists if names)
     form = f" ({record.form})" if record.form else ""
     table = Table(
         header=("parameter", "value", "std", "95 % interval"),
@@ -100,6 +104,8 @@ def describe_element(record: HysteresisRecord) -> dict[str, object]:
     """Return an element in plain types."""
     plain = select_fields(
         record,
-        "model form start parameters candidates passive fitted held_out samples span speed output timed",
+        "model form start passive fitted held_out samples span speed output timed",
     )
+    plain["parameters"] = [asdict(entry) for entry in record.parameters]
+    plain["candidates"] = [asdict(entry) for entry in record.candidates]
     return {**plain, "inverse": describe_inverse(record.elasticity) or None}

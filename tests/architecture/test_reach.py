@@ -27,6 +27,9 @@ def locate(module: str, name: str) -> Name:
     found = BY_NAME.get(module)
     if found is not None and not any(name in list_bound(node) for node in found.tree.body):
         for source, given, local in found.imports:
+            if local == name and source == module:
+                # A module of the package, offered under its own name.
+                return (f"{module}.{name}", "")
             if local == name and source in BY_NAME:
                 return locate(source, given)
     return (module, name)
@@ -91,6 +94,9 @@ def find_unreached() -> list[str]:
     waiting += [locate("symid", name) for _, name, _ in BY_NAME["symid"].imports]
     waiting += [locate("symid.api", name) for _, name, _ in BY_NAME["symid.api"].imports]
     waiting += list_shown_calls()
+    # All that an offered module defines can be called.
+    offered = {module for module, name in waiting if not name}
+    waiting += [place for place in graph if place[0] in offered and not place[1].startswith("_")]
     reached: set[Name] = set()
     while waiting:
         name = waiting.pop()

@@ -3,6 +3,7 @@
 import dataclasses
 import doctest
 import inspect
+import operator
 import re
 
 import pytest
@@ -10,14 +11,31 @@ import pytest
 import symid
 from tests.simulations import share_simulations
 
-NAMES = [name for name in symid.__all__ if name != "__version__"]
-CLASSES = [name for name in NAMES if inspect.isclass(getattr(symid, name))]
-ERRORS = [name for name in CLASSES if issubclass(getattr(symid, name), Exception)]
+
+def list_names():
+    """Return all public names; those of a module that is offered stand behind its own."""
+    for name in symid.__all__:
+        if inspect.ismodule(getattr(symid, name)):
+            inside = vars(getattr(symid, name)).items()
+            own = f"symid.api.{name}"
+            yield from (f"{name}.{key}" for key, value in inside if getattr(value, "__module__", "") == own)
+        elif name != "__version__":
+            yield name
+
+
+def find(name):
+    """Return what a public name stands for."""
+    return operator.attrgetter(name)(symid)
+
+
+NAMES = list(list_names())
+CLASSES = [name for name in NAMES if inspect.isclass(find(name))]
+ERRORS = [name for name in CLASSES if issubclass(find(name), Exception)]
 
 
 def list_members(name):
     """Return the public functions and properties that a class brings, with their names."""
-    owner = getattr(symid, name)
+    owner = find(name)
     found = {
         f"{name}.{key}": value.fget if isinstance(value, property) else getattr(value, "func", value)
         for kind in reversed(owner.__mro__)
@@ -28,7 +46,7 @@ def list_members(name):
     return {key: value for key, value in found.items() if inspect.isfunction(value)}
 
 
-PLAIN = {name: getattr(symid, name) for name in NAMES if name not in CLASSES}
+PLAIN = {name: find(name) for name in NAMES if name not in CLASSES}
 MEMBERS = {key: value for name in CLASSES for key, value in list_members(name).items()}
 FUNCTIONS = PLAIN | MEMBERS
 
@@ -41,7 +59,7 @@ def find_undescribed(function):
 
 
 def begins_with_one_line(name):
-    text = inspect.getdoc(FUNCTIONS.get(name) or getattr(symid, name)) or ""
+    text = inspect.getdoc(FUNCTIONS.get(name) or find(name)) or ""
     first, *rest = text.splitlines() or [""]
     return first.endswith(".") and rest[:1] in ([], [""])
 
@@ -62,7 +80,7 @@ def test_arguments_that_are_not_described_are_found():
 
 
 def test_every_field_is_described():
-    owners = [getattr(symid, name) for name in CLASSES if name not in ERRORS]
+    owners = [find(name) for name in CLASSES if name not in ERRORS]
     missing = []
     for owner in filter(dataclasses.is_dataclass, owners):
         text = "".join(inspect.getdoc(kind) or "" for kind in owner.__mro__ if kind is not object)
@@ -77,7 +95,7 @@ def test_every_field_is_described():
 
 def test_every_name_has_an_example():
     # Errors are caught alike.
-    owners = {name: symid.SymidError if name in ERRORS else getattr(symid, name) for name in NAMES}
+    owners = {name: symid.SymidError if name in ERRORS else find(name) for name in NAMES}
     parser = doctest.DocTestParser()
     assert [name for name, owner in owners.items() if not parser.get_examples(inspect.getdoc(owner))] == []
 
@@ -86,7 +104,7 @@ WITH_EXAMPLES = [name for name in [*CLASSES, *FUNCTIONS] if name not in ERRORS o
 EXAMPLES = {}
 for each in WITH_EXAMPLES:
     # Inherited methods have the examples of their class.
-    said = inspect.getdoc(FUNCTIONS.get(each) or getattr(symid, each)) or ""
+    said = inspect.getdoc(FUNCTIONS.get(each) or find(each)) or ""
     if ">>>" in said and said not in EXAMPLES.values():
         EXAMPLES[each] = said
 
@@ -104,5 +122,5 @@ def test_examples_run(name, tmp_path, monkeypatch, c_compiler):
 
 def test_the_page_lists_every_name(project):
     page = (project / "docs" / "api" / "reference.md").read_text(encoding="utf-8")
-    listed = re.findall(r"^\.\. auto(?:class|function|exception):: symid\.(\w+)$", page, re.MULTILINE)
+    listed = re.findall(r"^\.\. auto(?:class|function|exception):: symid\.([\w.]+)$", page, re.MULTILINE)
     assert sorted(listed) == sorted(NAMES)

@@ -4,7 +4,6 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from symid.identification.hysteresis.fit import (
-        MODELS as MODELS,
         ElementParameter as ElementParameter,
         HysteresisOptions as HysteresisOptions,
         HysteresisRecord as HysteresisRecord,

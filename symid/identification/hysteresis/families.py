@@ -12,7 +12,6 @@ Not supported: several branches of one kind.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import final
@@ -22,7 +21,7 @@ import numpy as np
 from symid.arrays import FloatArray, FrozenArrays
 from symid.joint_models import (
     BoucWen,
-    Bristles,
+    BristleBranch,
     Elasticity,
     Relays,
     SlipSpring,
@@ -64,7 +63,7 @@ class ElementPath(FrozenArrays):
         memory = start_states(Elasticity(stiffness=0.0, stops=stops), begin, side)[1:]
         return compute_plays(self.position, radii, np.array(memory))
 
-    def trace(self, branch: BoucWen | Bristles) -> FloatArray:
+    def trace(self, branch: BoucWen | BristleBranch) -> FloatArray:
         """Return the states (N, n) of a branch after every sample."""
         begin = 0.0 if self.start == "zero" else float(self.position[0])
         states = branch.start(begin, {"below": 1.0, "above": -1.0}.get(self.start, 0.0))
@@ -76,7 +75,7 @@ Limits = tuple[FloatArray, FloatArray]
 """Least and largest coefficients (m,)."""
 
 
-class Family(ABC):
+class ElementFamily(ABC):
     """A family of elements."""
 
     name: str
@@ -85,6 +84,8 @@ class Family(ABC):
     """Whether the fit adds a constant; not where the columns hold one."""
     searched: bool = True
     """Whether the shape is improved by a search."""
+    falling: bool = False
+    """Whether slip springs have a level that falls with the speed."""
 
     @abstractmethod
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
@@ -113,7 +114,7 @@ def _free(count: int) -> Limits:
 
 @final
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Stops(Family):
+class Stops(ElementFamily):
     """Prandtl-Ishlinskii: stops on a uniform grid of `count` thresholds up to the reach, of either sign."""
 
     count: int
@@ -144,13 +145,18 @@ class Stops(Family):
 
 @final
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NonlinearStops(Family):
+class NonlinearStops(ElementFamily):
     """Slip springs of thresholds r_i and piecewise linear forces at relative places; falls with the speed."""
 
     places: tuple[float, ...]
     count: int = 1
     falls: bool = False
     name: str = "nonlinear-stops"
+
+    @property
+    def falling(self) -> bool:  # type: ignore[override]
+        """Return whether the springs slip earlier when fast."""
+        return self.falls
 
     @property
     def needs_time(self) -> bool:  # type: ignore[override]
@@ -232,7 +238,7 @@ class NonlinearStops(Family):
 
 @final
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RelayGrid(Family):
+class RelayGrid(ElementFamily):
     """Krasnosel'skii-Pokrovskii relays on a grid of `count` places over the range of the input."""
 
     count: int
@@ -281,7 +287,7 @@ class RelayGrid(Family):
 
 @final
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BoucWenFamily(Family):
+class BoucWenFamily(ElementFamily):
     """Bouc-Wen with a linear spring: length, sharpness less one, loop less one half; skew if asymmetric."""
 
     asymmetric: bool = False
@@ -325,7 +331,7 @@ class BoucWenFamily(Family):
 
 @final
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BristleFamily(Family):
+class BristleFamily(ElementFamily):
     """Dahl, LuGre or generalised Maxwell-slip with a linear spring.
 
     Shape: bending Fc / sigma0 (not of Maxwell-slip, whose elements stand on a grid); where the level falls
@@ -368,7 +374,7 @@ class BristleFamily(Family):
         level = self._list_level(shape)
         if not self.grid:
             values = {**level, "sigma0": 1.0 / float(shape[0])}
-            states = path.trace(Bristles(law=self.law, values=tuple(values.items())))[:, 0]
+            states = path.trace(BristleBranch(law=self.law, values=tuple(values.items())))[:, 0]
             columns = [path.position, states / shape[0]]
             if self.law == "lugre":
                 slip = np.abs(path.velocity) * columns[1] / self._compute_level(path, shape)
@@ -419,20 +425,19 @@ class BristleFamily(Family):
         named = [(name, values.pop(name)) for name in order if name in values]
         # Stiffnesses first, then shares: as bristles of robot files.
         named += sorted(values.items(), key=lambda pair: pair[0].startswith("share"))
-        return replace(spring, branches=(Bristles(law=self.law, values=tuple(named)),))
+        return replace(spring, branches=(BristleBranch(law=self.law, values=tuple(named)),))
 
 
-Build = Callable[[ElementPath], Sequence[Family]]
 _UNIFORM = tuple((np.arange(-4, 5) / 4.0).tolist())
 _GRID = 10
 _LEVELS = 8
 
 
-def list_families(name: str, path: ElementPath, *, timed: bool) -> tuple[Family, ...]:
+def list_families(name: str, path: ElementPath, *, timed: bool) -> tuple[ElementFamily, ...]:
     """Return the forms of a model to try on a path; those that need time only where it is known."""
     grid = tuple((path.reach * 0.7 ** np.arange(_GRID, 0, -1)).tolist())
     low, high = float(path.position.min()), float(path.position.max())
-    forms: dict[str, tuple[Family, ...]] = {
+    forms: dict[str, tuple[ElementFamily, ...]] = {
         "prandtl-ishlinskii": (Stops(count=_GRID),),
         "nonlinear-stops": (
             NonlinearStops(places=_UNIFORM),

@@ -23,7 +23,13 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import Notice, UsageError
-from symid.identification.hysteresis.families import ElementPath, Family, NonlinearStops, list_families
+from symid.identification.hysteresis.families import (
+    ElementFamily,
+    ElementPath,
+    NonlinearStops,
+    Stops,
+    list_families,
+)
 from symid.identification.hysteresis.spring_fit import (
     SpringData,
     compute_slips,
@@ -46,18 +52,8 @@ from symid.joint_models import (
     needs_time,
     run_element,
 )
+from symid.notation import HYSTERESIS_MODELS
 
-MODELS = (
-    "prandtl-ishlinskii",
-    "modified-prandtl-ishlinskii",
-    "nonlinear-stops",
-    "krasnoselskii-pokrovskii",
-    "bouc-wen",
-    "dahl",
-    "lugre",
-    "maxwell-slip",
-)
-"""What may be fitted by name, or chosen by `auto`."""
 _STARTS: tuple[Start, ...] = ("zero", "fresh", "below", "above")
 _LEAST_SAMPLES = 50
 _SEARCHED = 3000
@@ -72,7 +68,7 @@ class HysteresisOptions:
     """What a fit is asked for.
 
     Args:
-        model: one of `MODELS`, or auto.
+        model: one of `HYSTERESIS_MODELS`, or auto.
         passive: True: only elements from which no motion gets work; None: whatever predicts best.
     """
 
@@ -82,8 +78,8 @@ class HysteresisOptions:
     def __post_init__(self) -> None:
         """Raise a UsageError for a model that is none."""
         name = self.model.lower().replace("_", "-")
-        if name not in {"auto", *MODELS}:
-            text = f"unknown hysteresis model {self.model!r}. Known: auto, {', '.join(MODELS)}"
+        if name not in {"auto", *HYSTERESIS_MODELS}:
+            text = f"unknown hysteresis model {self.model!r}. Known: auto, {', '.join(HYSTERESIS_MODELS)}"
             raise UsageError(Notice(code="usage.unknown-hysteresis", text=text))
         object.__setattr__(self, "model", name)
 
@@ -231,18 +227,27 @@ def prepare_recording(x: FloatArray, y: FloatArray, t: FloatArray | None) -> Ele
 
 
 def _choose_start(data: ElementData) -> Start:
-    """Return what the element remembered first: that with which stops of any sign explain the output best."""
+    """Return what the element remembered first: that with which stops of any sign explain the beginning best.
+
+    The beginning lasts until the input has covered half its range: then most of the memory is another one.
+    """
     thinned, costs = data.thin(_SEARCHED), []
+    x, output = thinned.path.position, thinned.output
+    covered = np.maximum.accumulate(x) - np.minimum.accumulate(x)
+    rows = covered <= thinned.path.reach
     for start in _STARTS:
         path = replace(thinned.path, start=start)
-        (family,) = list_families("prandtl-ishlinskii", path, timed=False)
+        family = Stops(count=_DENSE)
         matrix = family.compute_columns(path, family.list_starts(path)[0])
         matrix = np.column_stack([matrix, np.ones(len(matrix))])
-        error = thinned.output - matrix @ np.linalg.lstsq(matrix, thinned.output, rcond=None)[0]
+        error = (output - matrix @ np.linalg.lstsq(matrix, output, rcond=None)[0])[rows]
         costs.append(float(error @ error))
-    # The plainest start counts unless another one explains more than chance does.
+    # The plainest start counts unless another one explains much more.
     best = int(np.argmin(costs))
-    return "zero" if costs[0] <= 1.02 * costs[best] else _STARTS[best]
+    return "zero" if costs[0] <= _PLAIN * costs[best] else _STARTS[best]
+
+
+_DENSE, _PLAIN = 20, 1.2
 
 
 Parts = tuple[str, ...]
@@ -250,7 +255,7 @@ _PARTS: tuple[Parts, ...] = ((), ("viscous",), ("cubic",), ("viscous", "cubic"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Trial:
+class _ElementTrial:
     """A model at its best shape.
 
     Args:
@@ -277,7 +282,7 @@ class _Trial:
         return self.rebuild(self.point)
 
 
-def _build_matrix(family: Family, data: ElementData, shape: FloatArray, parts: Parts) -> FloatArray:
+def _build_matrix(family: ElementFamily, data: ElementData, shape: FloatArray, parts: Parts) -> FloatArray:
     """Return the columns of a family, then those of its parts, then a constant."""
     path = data.path
     columns = [family.compute_columns(path, shape)]
@@ -291,7 +296,7 @@ def _build_matrix(family: Family, data: ElementData, shape: FloatArray, parts: P
 
 
 def _solve(
-    family: Family, matrix: FloatArray, output: FloatArray, setting: tuple[FloatArray, Parts, bool]
+    family: ElementFamily, matrix: FloatArray, output: FloatArray, setting: tuple[FloatArray, Parts, bool]
 ) -> FloatArray:
     """Return the coefficients (m,) of least squares within the bounds of the family and its parts."""
     shape, parts, passive = setting
@@ -322,7 +327,7 @@ _RIDGE = 1e-9
 
 
 def _search(
-    family: Family,
+    family: ElementFamily,
     data: ElementData,
     parts: Parts,
     *,
@@ -364,7 +369,9 @@ _RANKED = 2
 _DIFFERENCE = 1e-4
 
 
-def _try(family: Family, data: ElementData, shape: FloatArray, parts: Parts, *, passive: bool) -> _Trial:
+def _try(
+    family: ElementFamily, data: ElementData, shape: FloatArray, parts: Parts, *, passive: bool
+) -> _ElementTrial:
     """Return a model at a shape, with derivatives of what the data decide."""
     matrix = _build_matrix(family, data, shape, parts)
     found = _solve(family, matrix, data.output, (shape, parts, passive))
@@ -396,7 +403,7 @@ def _try(family: Family, data: ElementData, shape: FloatArray, parts: Parts, *, 
         values = _solve(family, columns[~mask], data.output[~mask], (own, parts, passive))
         return np.asarray((data.output - columns @ values)[mask])
 
-    return _Trial(
+    return _ElementTrial(
         model=family.name,
         form=", ".join((*family.describe(), *parts)),
         point=np.concatenate([found[free], shape[:searched]]),
@@ -410,13 +417,16 @@ def _try(family: Family, data: ElementData, shape: FloatArray, parts: Parts, *, 
 _HAIR = 1e-12
 
 
-def _fit_family(family: Family, data: ElementData, folds: "_Folds", *, passive: bool, timed: bool) -> _Trial:
+def _fit_family(
+    family: ElementFamily, data: ElementData, folds: "_Folds", *, passive: bool, timed: bool
+) -> _ElementTrial:
     """Return a family with the parts that predict held-out samples better."""
     shape = _search(family, data, (), passive=passive)
     plain = best = _try(family, data, shape, (), passive=passive)
     chosen: Parts = ()
     for parts in _PARTS[1:]:
-        if "viscous" in parts and not timed:
+        # A level that falls with the speed and damping that rises with it are told apart by high speeds only.
+        if "viscous" in parts and (not timed or family.falling):
             continue
         trial = _try(family, data, shape, parts, passive=passive)
         if folds.is_better(trial, best):
@@ -447,14 +457,12 @@ def _refine_places(family: NonlinearStops, data: ElementData, *, passive: bool) 
         return float(np.sum((right - square @ np.linalg.lstsq(square, right, rcond=None)[0]) ** 2))
 
     kept, cost = fine, measure(fine)
-    error = data.output - matrix @ np.linalg.lstsq(matrix, data.output, rcond=None)[0]
-    near = float(np.sum(error[1:] * error[:-1]) / np.sum(error**2))
-    independent = max(30.0, len(error) * (1.0 - near) / (1.0 + near))
     while len(kept) > _FEWEST:
         inner = [k for k in range(1, len(kept) - 1) if kept[k] != 0.0]
         trials = [(measure(np.delete(kept, k)), k) for k in inner]
         least, place = min(trials)
-        if least > cost * (1.0 + math.log(independent) / independent):
+        # Akaike's criterion: a place is worth two units of the log likelihood.
+        if least > cost * (1.0 + 2.0 / len(matrix)):
             break
         kept, cost = np.delete(kept, place), least
     return replace(family, places=tuple(kept.tolist()))
@@ -463,7 +471,7 @@ def _refine_places(family: NonlinearStops, data: ElementData, *, passive: bool) 
 _FINE, _FEWEST = 33, 5
 
 
-def _fit_spring(data: ElementData, *, knees: bool) -> _Trial | None:
+def _fit_spring(data: ElementData, *, knees: bool) -> _ElementTrial | None:
     """Return a passive spring with stops and knees where the data put them; None where there is no such."""
     x, output, start = data.path.position, data.output, data.path.start
     if start == "fresh":
@@ -497,7 +505,7 @@ def _fit_spring(data: ElementData, *, knees: bool) -> _Trial | None:
             SpringWeights(thresholds=thresholds, stiffness=stiffness, knees=edges, slopes=outer)
         )
 
-    return _Trial(
+    return _ElementTrial(
         model=("modified-" if knees else "") + "prandtl-ishlinskii",
         form="passive, thresholds from the data",
         point=np.concatenate([found.stiffness, found.slopes, found.thresholds, found.knees]),
@@ -519,23 +527,23 @@ class _Folds:
     blocks: tuple[NDArray[np.bool_], ...]
     wide: NDArray[np.bool_] | None
 
-    def measure_wide(self, trial: _Trial) -> _Trial:
+    def measure_wide(self, trial: _ElementTrial) -> _ElementTrial:
         """Return a model with the mean square of its errors at the widest strokes, left out."""
         if self.wide is None:
             return trial
         errors = _leave_out(trial, self.wide)[0] if trial.refit is None else trial.refit(self.wide)
         return replace(trial, wide=float(np.mean(errors**2)))
 
-    def predict(self, trial: _Trial) -> FloatArray:
+    def predict(self, trial: _ElementTrial) -> FloatArray:
         """Return the mean squares of the errors of every block and, if measured, of the widest strokes."""
         blocks = [float(np.mean(_leave_out(trial, mask)[0] ** 2)) for mask in self.blocks]
         return np.array(blocks if trial.wide is None else [*blocks, trial.wide])
 
-    def score(self, trial: _Trial) -> float:
+    def score(self, trial: _ElementTrial) -> float:
         """Return the mean square of the errors of what was left out."""
         return float(np.mean(self.predict(trial)))
 
-    def is_better(self, trial: _Trial, other: _Trial) -> bool:
+    def is_better(self, trial: _ElementTrial, other: _ElementTrial) -> bool:
         """Return whether a model predicts better than another one, by more than one standard error."""
         own, others = self.predict(trial), self.predict(other)
         count = min(len(own), len(others))
@@ -543,7 +551,7 @@ class _Folds:
         return float(np.mean(gains)) > float(np.std(gains, ddof=1)) / math.sqrt(count)
 
 
-def _leave_out(trial: _Trial, mask: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+def _leave_out(trial: _ElementTrial, mask: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
     """Return errors (n,) of samples left out, and the point (p,) without them: a step of least squares."""
     lengths = np.linalg.norm(trial.jacobian, axis=0)
     lengths = np.where(lengths > 0.0, lengths, 1.0)
@@ -578,10 +586,10 @@ def _build_folds(data: ElementData) -> _Folds:
 
 def _list_trials(
     data: ElementData, folds: _Folds, options: HysteresisOptions, *, timed: bool
-) -> list[_Trial]:
+) -> list[_ElementTrial]:
     """Return every model that is to be tried, passive ones and, unless only these are wanted, free ones."""
-    wanted = MODELS if options.model == "auto" else (options.model,)
-    trials: list[_Trial | None] = []
+    wanted = HYSTERESIS_MODELS if options.model == "auto" else (options.model,)
+    trials: list[_ElementTrial | None] = []
     for name in wanted:
         if name in {"prandtl-ishlinskii", "modified-prandtl-ishlinskii"}:
             trials.append(_fit_spring(data, knees=name.startswith("modified")))
@@ -605,7 +613,7 @@ def _list_trials(
     return found
 
 
-def _choose(trials: list[_Trial], folds: _Folds) -> list[_Trial]:
+def _choose(trials: list[_ElementTrial], folds: _Folds) -> list[_ElementTrial]:
     """Return the models, the chosen one first, then by what they predict."""
     ranked = sorted(trials, key=folds.score)
     equal = [trial for trial in ranked if not folds.is_better(ranked[0], trial)]
@@ -613,7 +621,7 @@ def _choose(trials: list[_Trial], folds: _Folds) -> list[_Trial]:
     return [chosen, *(trial for trial in ranked if trial is not chosen)]
 
 
-def _compute_covariance(trial: _Trial, folds: _Folds) -> FloatArray:
+def _compute_covariance(trial: _ElementTrial, folds: _Folds) -> FloatArray:
     """Return the covariance (p, p) of a point, for errors alike from sample to sample, and unlike in size."""
     lengths = np.linalg.norm(trial.jacobian, axis=0)
     lengths = np.where(lengths > 0.0, lengths, 1.0)
@@ -640,7 +648,7 @@ _LAG = 0.1
 """Of the recording: longest lag at which errors may be alike."""
 
 
-def _list_parameters(trial: _Trial, covariance: FloatArray) -> tuple[ElementParameter, ...]:
+def _list_parameters(trial: _ElementTrial, covariance: FloatArray) -> tuple[ElementParameter, ...]:
     """Return the numbers of the element with their deviations."""
     centre = list_element_values(trial.elasticity)
     rates = np.zeros((len(centre), len(trial.point)))
@@ -773,7 +781,7 @@ _SLACK = 0.01
 """Of the range of the input; what is beyond it by less is no extrapolation."""
 
 
-def _describe_candidate(trial: _Trial, folds: _Folds, spread: float) -> HysteresisCandidate:
+def _describe_candidate(trial: _ElementTrial, folds: _Folds, spread: float) -> HysteresisCandidate:
     """Return what is shown of a model that was tried."""
     blocks = folds.predict(trial)
     score = math.sqrt(folds.score(trial))

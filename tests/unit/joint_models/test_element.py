@@ -1,0 +1,193 @@
+"""Whole elements: one step over every carrier, energy, inverse, what is refused."""
+
+import casadi
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from symid.errors import RobotError
+from symid.joint_models import (
+    BoucWen,
+    BristleBranch,
+    Elasticity,
+    Knee,
+    Relaxation,
+    Relays,
+    SlipSpring,
+    Stop,
+    advance_element,
+    build_casadi_carrier,
+    build_float_carrier,
+    describe_inverse,
+    find_input,
+    find_least_slope,
+    invert_element,
+    is_passive_element,
+    list_element_values,
+    needs_time,
+    run_element,
+    start_states,
+)
+
+STOPS = (Stop(threshold=0.1, stiffness=2.0), Stop(threshold=0.3, stiffness=1.0))
+KNEES = (Knee(threshold=-1.0, slope=0.5), Knee(threshold=0.5, slope=-0.3))
+LUGRE = {"Fc": 2.0, "Fe": 0.5, "vs": 0.5, "gamma": 2.0, "Fv": 3.0, "sigma0": 30.0, "sigma1": 0.4}
+SLIP = {"Fc": 2.0, "stiffness1": 30.0, "stiffness2": 10.0, "share1": 0.4, "share2": 0.6}
+ELEMENTS = {
+    "stops": Elasticity(stiffness=3.0, stops=STOPS, offset=0.2),
+    "knees": Elasticity(stiffness=3.0, stops=STOPS, knees=KNEES),
+    "cubic": Elasticity(stiffness=3.0, cubic=2.0, stops=STOPS, damping=0.01),
+    "slip": Elasticity(
+        stiffness=1.0,
+        branches=(SlipSpring(deflections=(-0.2, -0.05, 0.05, 0.2), forces=(-4.0, -0.1, 0.1, 3.0)),),
+    ),
+    "falling": Elasticity(
+        stiffness=1.0,
+        branches=(SlipSpring(deflections=(-0.2, 0.0, 0.2), forces=(-4.0, 0.0, 3.0), falls=(0.1, 0.02)),),
+    ),
+    "relays": Elasticity(
+        stiffness=2.0,
+        branches=(
+            Relays(low=-1.0, step=0.5, ramps=(0.5, 1.0, 1.0, 0.5), weights=(0.3, 0.2, 0.4, 0.1, 0.1, 0.2)),
+        ),
+    ),
+    "bouc-wen": Elasticity(
+        stiffness=1.0, branches=(BoucWen(level=2.0, length=0.1, sharpness=1.6, loop=0.8, skew=0.3),)
+    ),
+    "dahl": Elasticity(
+        stiffness=1.0, branches=(BristleBranch(law="dahl", values=(("Fc", 2.0), ("sigma0", 30.0))),)
+    ),
+    "lugre": Elasticity(stiffness=1.0, branches=(BristleBranch(law="lugre", values=tuple(LUGRE.items())),)),
+    "maxwell-slip": Elasticity(
+        stiffness=1.0, branches=(BristleBranch(law="maxwell-slip", values=tuple(SLIP.items())),)
+    ),
+    "two": Elasticity(
+        stiffness=1.0, branches=(Relaxation(stiffness=5.0, time=0.02), BoucWen(level=2.0, length=0.1))
+    ),
+    "gap": Elasticity(stiffness=3.0, stops=STOPS, backlash=0.05),
+}
+"""An element of every kind."""
+NAMES = tuple(ELEMENTS)
+INVERTIBLE = tuple(name for name in NAMES if not describe_inverse(ELEMENTS[name]))
+
+
+def make_path(seed, count=400):
+    rng = np.random.default_rng(seed)
+    return np.cumsum(rng.normal(size=count)) * 0.04, np.cumsum(rng.uniform(0.5, 1.5, count)) * 1e-2
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("side", [-1.0, 0.0, 1.0])
+def test_a_run_is_its_steps(name, side):
+    element, (x, t) = ELEMENTS[name], make_path(1)
+    begun = start_states(element, 0.1, side)
+    run = run_element(element, x, t, start=begun)
+    states, values = begun, list_element_values(element)
+    for k in range(len(x)):
+        period = t[k] - t[k - 1] if k else t[1] - t[0]
+        step = advance_element(build_float_carrier(), element, values, (x[k], period), states)
+        states = step.states
+        assert step.output == pytest.approx(run.output[k], abs=1e-12)
+        assert step.stored == pytest.approx(run.stored[k], abs=1e-12)
+    np.testing.assert_allclose(run.states, states, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_casadi_takes_the_same_step(name):
+    element, values = ELEMENTS[name], list_element_values(ELEMENTS[name])
+    begun = start_states(element, 0.0)
+    states, given_ = casadi.SX.sym("s", len(begun)), casadi.SX.sym("u", 2)
+    symbols = {key: casadi.SX(value) for key, value in values.items()}
+    held = (given_[0], given_[1])
+    step = advance_element(build_casadi_carrier(), element, symbols, held, casadi.vertsplit(states))
+    function = casadi.Function("step", [states, given_], [step.output, casadi.vertcat(*step.states)])
+    x, t = make_path(2, 60)
+    run = run_element(element, x, t, start=begun)
+    for k in range(len(x)):
+        output, begun = function(begun, [x[k], t[k] - t[k - 1] if k else t[1] - t[0]])
+        assert float(output) == pytest.approx(run.output[k], abs=1e-12)
+
+
+@given(st.integers(0, 10**6), st.sampled_from([n for n in NAMES if is_passive_element(ELEMENTS[n])]))
+@settings(max_examples=40, deadline=None)
+def test_no_motion_gets_work_out_of_a_passive_element(seed, name):
+    element, (x, t) = ELEMENTS[name], make_path(seed, 60)
+    # Many samples a stroke, so that straight lines between outputs hardly err.
+    places = np.linspace(0, 59, 59 * 40 + 1)
+    fine, time = np.interp(places, np.arange(60), x), np.interp(places, np.arange(60), t)
+    run = run_element(element, fine, time, start="fresh")
+    assert np.min(run.stored) >= -1e-12
+    force = run.output - element.offset
+    work = np.concatenate([[0.0], np.cumsum(np.diff(fine) * (force[1:] + force[:-1]) / 2)])
+    lost = work - (run.stored - run.stored[0])
+    assert np.min(lost) >= -0.02 * np.max(np.abs(work))
+    assert lost[-1] > 0.0
+
+
+def test_signed_stops_and_backlash_are_not_passive():
+    assert not is_passive_element(Elasticity(stiffness=3.0, stops=(Stop(threshold=0.1, stiffness=-1.0),)))
+    assert not is_passive_element(ELEMENTS["gap"])
+
+
+@pytest.mark.parametrize("name", INVERTIBLE)
+def test_the_inverse_returns_the_input(name):
+    element, (x, t) = ELEMENTS[name], make_path(7, 150)
+    output = run_element(element, x, t).output
+    np.testing.assert_allclose(invert_element(element, output, t), x, atol=1e-9)
+
+
+def test_elements_of_every_kind_are_inverted():
+    assert set(INVERTIBLE) == set(NAMES) - {"gap", "lugre", "falling"}
+
+
+def test_the_least_slope_is_reached():
+    assert find_least_slope(ELEMENTS["stops"]) == 3.0
+    assert find_least_slope(ELEMENTS["knees"]) == pytest.approx(3.0 * 0.7)
+    rising = run_element(ELEMENTS["slip"], np.linspace(0, 0.5, 2001)).output
+    assert np.min(np.diff(rising)) / (0.5 / 2000) == pytest.approx(find_least_slope(ELEMENTS["slip"]))
+
+
+@pytest.mark.parametrize(
+    ("element", "reason"),
+    [
+        (ELEMENTS["gap"], "within the backlash"),
+        (ELEMENTS["falling"], "falls with the speed"),
+        (Elasticity(stiffness=0.0, stops=STOPS), "levels off"),
+        (Elasticity(stiffness=1.0, cubic=-1.0), "softens"),
+        (Elasticity(stiffness=1.0, damping=-1.0), "damping is negative"),
+    ],
+)
+def test_what_has_no_inverse_is_refused_with_the_reason(element, reason):
+    with pytest.raises(RobotError, match=reason) as caught:
+        invert_element(element, np.zeros(3), np.arange(3.0))
+    assert caught.value.notices[0].code == "robot.no-inverse"
+
+
+def test_a_rate_dependent_element_wants_time():
+    assert needs_time(ELEMENTS["lugre"])
+    assert not needs_time(ELEMENTS["relays"])
+    with pytest.raises(RobotError, match="give the time") as caught:
+        run_element(ELEMENTS["lugre"], np.zeros(3))
+    assert caught.value.notices[0].code == "robot.element-time"
+
+
+def test_one_sided_plays_are_plays_of_half_the_threshold_that_came_from_above():
+    x, _ = make_path(9)
+    play, expected = 0.0, []
+    for place in x:
+        play = max(place - 0.3, min(place, play))
+        expected.append(play)
+    element = Elasticity(stiffness=0.0, stops=(Stop(threshold=0.15, stiffness=1.0),))
+    stop = run_element(element, x, start=start_states(element, 0.0, -1.0)).output
+    np.testing.assert_allclose(x - stop - 0.15, expected, atol=1e-12)
+
+
+@given(st.floats(-3, 3), st.floats(-3, 3))
+@settings(max_examples=60, deadline=None)
+def test_find_input_against_a_closed_form(goal, start):
+    class Step:
+        def __init__(self, x):
+            self.output = x + 0.5 * abs(x) + x**3
+
+    found = find_input(Step, goal, start, 0.5)
+    assert Step(found).output == pytest.approx(goal, abs=1e-12)
