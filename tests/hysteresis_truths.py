@@ -72,6 +72,85 @@ def make_dahl(t, x):
     return 0.5 * x + 9.0 * z
 
 
+def make_one_sided(t, x):
+    """One-sided plays of a pressure-like input that is never negative."""
+    del t
+    plays, found = np.zeros(3), []
+    for place in x + 1.5:
+        plays = np.maximum(place - np.array([0.2, 0.6, 1.2]), np.minimum(place, plays))
+        found.append(0.6 * place + float(plays @ np.array([0.5, 0.4, 0.3])))
+    return np.array(found)
+
+
+def make_preisach(t, x):
+    """Relays one by one, on a fine triangle, with a density that is not symmetric."""
+    del t
+    places = np.linspace(-1.4, 1.4, 80)
+    up, down = (part.ravel() for part in np.meshgrid(places, places))
+    kept = up >= down
+    up, down = up[kept], down[kept]
+    weights = np.exp(-((up - down) ** 2) / 0.5 - (up + down - 0.3) ** 2)
+    weights *= 4.0 / weights.sum()
+    relays, found = np.where(up + down > 0.0, -1.0, 1.0), []
+    for place in x:
+        relays = np.where(place >= up, 1.0, np.where(place <= down, -1.0, relays))
+        found.append(float(relays @ weights))
+    return np.array(found)
+
+
+def make_skewed(t, x):
+    """Bouc-Wen with the asymmetry of Wang and Wen: beta 5, gamma 2, phi 1.5."""
+
+    def rate(z, sign):
+        return 1.0 - np.abs(z) ** 1.2 * (2.0 + 5.0 * np.sign(z * sign) + 1.5 * (np.sign(sign) + np.sign(z)))
+
+    return 0.5 * x + 3.0 * solve_path(t, x, rate)
+
+
+def find_velocity(t, x):
+    """Return the velocity, smooth: friction of a real machine sees no steps of it."""
+    return np.gradient(x, t)
+
+
+def make_lugre(t, x):
+    """LuGre with Stribeck friction: a stiff equation in time."""
+    v = find_velocity(t, x)
+
+    def rate(time, z):
+        speed = np.interp(time, t, v)
+        level = 2.0 + 1.0 * np.exp(-((speed / 0.5) ** 2))
+        return speed - 60.0 * abs(speed) / level * z
+
+    z = solve_ivp(
+        rate, (t[0], t[-1]), [0.0], t_eval=t, method="LSODA", rtol=1e-8, atol=1e-10, max_step=0.01
+    ).y[0]
+    level = 2.0 + 1.0 * np.exp(-((v / 0.5) ** 2))
+    return 1.5 * x + 60.0 * z + 0.5 * (v - 60.0 * np.abs(v) / level * z)
+
+
+def make_attracted(t, x):
+    """Generalised Maxwell-slip of Lampaert, Al-Bender and Swevers: what slips is attracted to its level."""
+    v = find_velocity(t, x)
+    stiffness, share, fine = np.array([60.0, 25.0, 8.0]), np.array([0.4, 0.35, 0.25]), 10
+    force, sticks, found = np.zeros(3), np.ones(3, dtype=bool), [0.0]
+    for k in range(1, len(t)):
+        step = (t[k] - t[k - 1]) / fine
+        for part in range(fine):
+            speed = v[k - 1] + (v[k] - v[k - 1]) * (part + 0.5) / fine
+            level = 2.0 + 0.8 * np.exp(-((speed / 0.6) ** 2))
+            pull = np.sign(speed) * 40.0 * (share - np.sign(speed) * force / level)
+            force = force + step * np.where(sticks, stiffness * speed, pull)
+            # What slips sticks again where the motion turns back.
+            sticks = (sticks & (np.abs(force) < share * level)) | (force * speed < 0.0)
+        found.append(float(force.sum()))
+    return 1.2 * x + np.array(found)
+
+
+def make_viscous(t, x):
+    """Stops beside a damper."""
+    return make_stops(t, x) + 0.25 * find_velocity(t, x)
+
+
 TRUTHS = {
     "prandtl-ishlinskii": make_stops,
     "signed": make_signed,
@@ -79,7 +158,14 @@ TRUTHS = {
     "nonlinear-stops": make_gap,
     "bouc-wen": make_bouc_wen,
     "dahl": make_dahl,
+    "one-sided": make_one_sided,
+    "krasnoselskii-pokrovskii": make_preisach,
+    "asymmetric": make_skewed,
+    "lugre": make_lugre,
+    "maxwell-slip": make_attracted,
+    "viscous": make_viscous,
 }
+"""Twelve elements."""
 
 
 def measure(t, x, truth, seed):

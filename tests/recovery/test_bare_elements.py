@@ -5,29 +5,58 @@ import pytest
 
 import symid
 from tests.hysteresis_truths import TRUTHS, make_input, make_stops, measure
+from tests.recovery.elastic_runs import prepare_arm, run_arm
 
-OWN = {"signed": "prandtl-ishlinskii"}
+OWN = {
+    "signed": "prandtl-ishlinskii",
+    "one-sided": "prandtl-ishlinskii",
+    "viscous": "prandtl-ishlinskii",
+    "asymmetric": "bouc-wen",
+}
+UNMET = {
+    "krasnoselskii-pokrovskii": "a recording tells nothing of relays beyond its input, and its grid is coarse",
+    "maxwell-slip": "elements of symid slip at their level at once, the truth's are attracted to it",
+}
+NAMES = [
+    pytest.param(name, marks=pytest.mark.xfail(reason=UNMET[name], strict=True)) if name in UNMET else name
+    for name in TRUTHS
+]
 
 
-@pytest.mark.parametrize("name", TRUTHS)
+@pytest.mark.parametrize("name", NAMES)
 def test_its_own_model_predicts_a_larger_amplitude(name):
     t, x = make_input(1)
     fit = symid.hysteresis.fit(*measure(t, x, TRUTHS[name], 2), t, model=OWN.get(name, name))
     t, x = make_input(3, 1.4)
     y = TRUTHS[name](t, x)
-    if name == "signed":
-        # Thresholds of a grid, not of the data: exact within the input of the fit only.
-        inside = np.abs(x) < 1.0
-        assert np.std((fit.predict(x, t) - y)[inside]) < 0.05 * np.std(y)
-    else:
-        assert np.std(fit.predict(x, t) - y) < 0.02 * np.std(y)
+    assert np.std(fit.predict(x, t) - y) < 0.02 * np.std(y)
+
+
+@pytest.mark.parametrize("joint", [0, 1])
+def test_springs_of_an_arm_have_their_stops_and_knees(joint, robots_folder, c_compiler):
+    assert c_compiler
+    robot, library = prepare_arm(robots_folder)
+    run = run_arm(robot, library, duration=10.0)
+    fit = symid.hysteresis.fit(
+        run.phi[:, joint], run.joint_torque[:, joint], run.time, model="modified-prandtl-ishlinskii"
+    )
+    truth = robot.joints[joint].elasticity
+    found = fit.element
+    assert (len(found.stops), len(found.knees)) == (len(truth.stops), len(truth.knees))
+    assert found.stiffness == pytest.approx(truth.stiffness, rel=0.01)
+    for own, true in zip(found.stops, truth.stops, strict=True):
+        assert (own.threshold, own.stiffness) == pytest.approx((true.threshold, true.stiffness), rel=0.01)
+    for own, true in zip(found.knees, truth.knees, strict=True):
+        assert (own.threshold, own.slope) == pytest.approx((true.threshold, true.slope), rel=0.01)
 
 
 def test_stops_come_out_with_their_number_and_within_their_deviations():
     t, x = make_input(5)
     errors = []
     for seed in range(6):
-        fit = symid.hysteresis.fit(*measure(t, x, make_stops, seed), t, model="prandtl-ishlinskii")
+        fit = symid.hysteresis.fit(
+            *measure(t, x, make_stops, seed), t, model="prandtl-ishlinskii", passive=True
+        )
         truth = {"k0": 0.8, "k1": 2.0, "k2": 1.5, "k3": 0.7, "r1": 0.05, "r2": 0.2, "r3": 0.5}
         assert {entry.name for entry in fit.record.parameters} == set(truth)
         assert all(fit[name].value == pytest.approx(value, rel=0.02) for name, value in truth.items())

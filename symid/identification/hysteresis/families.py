@@ -29,7 +29,6 @@ from symid.joint_models import (
     Stop,
     compute_clamps,
     compute_plays,
-    start_states,
     trace_branch,
 )
 
@@ -57,11 +56,9 @@ class ElementPath(FrozenArrays):
 
     def compute_plays(self, radii: FloatArray) -> FloatArray:
         """Return plays (N, m) of the input for thresholds (m,)."""
-        stops = tuple(Stop(threshold=float(radius), stiffness=0.0) for radius in radii)
         begin = 0.0 if self.start == "zero" else float(self.position[0])
         side = {"below": 1.0, "above": -1.0}.get(self.start, 0.0)
-        memory = start_states(Elasticity(stiffness=0.0, stops=stops), begin, side)[1:]
-        return compute_plays(self.position, radii, np.array(memory))
+        return compute_plays(self.position, radii, begin - side * radii)
 
     def trace(self, branch: BoucWen | BristleBranch) -> FloatArray:
         """Return the states (N, n) of a branch after every sample."""
@@ -115,15 +112,22 @@ def _free(count: int) -> Limits:
 @final
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stops(ElementFamily):
-    """Prandtl-Ishlinskii: stops on a uniform grid of `count` thresholds up to the reach, of either sign."""
+    """Prandtl-Ishlinskii, stops of either sign: on a uniform grid, or where the search puts them."""
 
     count: int
     name: str = "prandtl-ishlinskii"
     searched: bool = False
 
+    def describe(self) -> tuple[str, ...]:
+        """Return where the thresholds come from."""
+        return (f"{self.count} thresholds {'from the data' if self.searched else 'on a grid'}",)
+
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
-        """Return the grid."""
-        return [path.reach * np.arange(1, self.count + 1) / (self.count + 1)]
+        """Return the grid, or geometric ones of several ratios."""
+        if not self.searched:
+            return [path.reach * np.arange(1, self.count + 1) / (self.count + 1)]
+        ratios = (0.2, 0.4, 0.6)
+        return [0.7 * path.reach * np.power(ratio, np.arange(self.count)[::-1]) for ratio in ratios]
 
     def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
         """Return x and the stops."""
@@ -138,8 +142,11 @@ class Stops(ElementFamily):
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
         """Return the element."""
-        pairs = zip(shape, coefficients[1:], strict=True)
-        stops = tuple(Stop(threshold=float(r), stiffness=float(k)) for r, k in pairs if k != 0.0)
+        pairs = sorted(zip(shape.tolist(), coefficients[1:].tolist(), strict=True))
+        joined: dict[float, float] = {}
+        for threshold, stiffness in pairs:
+            joined[threshold] = joined.get(threshold, 0.0) + stiffness
+        stops = tuple(Stop(threshold=r, stiffness=k) for r, k in joined.items() if k != 0.0)
         return Elasticity(stiffness=float(coefficients[0]), stops=stops)
 
 
@@ -438,7 +445,10 @@ def list_families(name: str, path: ElementPath, *, timed: bool) -> tuple[Element
     grid = tuple((path.reach * 0.7 ** np.arange(_GRID, 0, -1)).tolist())
     low, high = float(path.position.min()), float(path.position.max())
     forms: dict[str, tuple[ElementFamily, ...]] = {
-        "prandtl-ishlinskii": (Stops(count=_GRID),),
+        "prandtl-ishlinskii": (
+            *(Stops(count=count, searched=True) for count in (2, 3)),
+            Stops(count=_GRID),
+        ),
         "nonlinear-stops": (
             NonlinearStops(places=_UNIFORM),
             NonlinearStops(places=_UNIFORM, falls=True),
