@@ -14,8 +14,8 @@ OWN = {
     "asymmetric": "bouc-wen",
 }
 UNMET = {
-    "krasnoselskii-pokrovskii": "a recording tells nothing of relays beyond its input, and its grid is coarse",
-    "maxwell-slip": "elements of symid slip at their level at once, the truth's are attracted to it",
+    "krasnoselskii-pokrovskii": "a recording tells nothing of relays beyond its input",
+    "maxwell-slip": "elements slip at their level at once, those of the truth are attracted",
 }
 NAMES = [
     pytest.param(name, marks=pytest.mark.xfail(reason=UNMET[name], strict=True)) if name in UNMET else name
@@ -58,7 +58,8 @@ def test_stops_come_out_with_their_number_and_within_their_deviations():
             *measure(t, x, make_stops, seed), t, model="prandtl-ishlinskii", passive=True
         )
         truth = {"k0": 0.8, "k1": 2.0, "k2": 1.5, "k3": 0.7, "r1": 0.05, "r2": 0.2, "r3": 0.5}
-        assert {entry.name for entry in fit.record.parameters} == set(truth)
+        # An offset or a cubic part may come in by chance, another stop may not.
+        assert {entry.name for entry in fit.record.parameters} - {"offset", "kc"} == set(truth)
         assert all(fit[name].value == pytest.approx(value, rel=0.02) for name, value in truth.items())
         errors += [(fit[name].value - value) / fit[name].deviation for name, value in truth.items()]
     # Promised is 95 % within 1.96 deviations; of 42 at most seven may lie outside by chance (0.5 %).

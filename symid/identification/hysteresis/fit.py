@@ -6,7 +6,7 @@ x, y, t -> `HysteresisRecord`.
                 (variable projection, Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432)
     held out    p_(-b) = p - step of least squares without block b, from derivatives at p; r = y - y(p_(-b))
     choice      least sum of held-out squares, over blocks of time and over the widest strokes; of models
-                within one standard error of it the one with the fewest parameters
+                about as good, within one standard error, the one with the fewest parameters
     deviations  mean of the covariance for coloured residuals (spectral) and of the jackknife over blocks
 
 Supported: uneven samples; a start from rest or from either side; one recording.
@@ -544,11 +544,16 @@ class _Folds:
         return float(np.mean(self.predict(trial)))
 
     def is_better(self, trial: _ElementTrial, other: _ElementTrial) -> bool:
-        """Return whether a model predicts better than another one, by more than one standard error."""
+        """Return whether a model predicts better than another: much, or by more than one standard error."""
         own, others = self.predict(trial), self.predict(other)
         count = min(len(own), len(others))
         gains = others[:count] - own[:count]
-        return float(np.mean(gains)) > float(np.std(gains, ddof=1)) / math.sqrt(count)
+        sure = float(np.mean(gains)) > float(np.std(gains, ddof=1)) / math.sqrt(count)
+        return sure or float(np.mean(others[:count])) > _MUCH * float(np.mean(own[:count]))
+
+
+_MUCH = 2.0
+"""Of mean squares; where gains differ much from block to block, none would be sure."""
 
 
 def _leave_out(trial: _ElementTrial, mask: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
