@@ -89,13 +89,17 @@ LOOSER = (
         0.0,
         "the change of the last step of an iteration",
     ),
-    (
-        "two-payload*",
-        "result.standard.*",
-        TOLERANCE,
-        1e-15,
-        "moments about planes of symmetry: rounding alone",
-    ),
+    # The next ones differ between processors: one count of an encoder rounded to its other side, inside a
+    # control loop, moves all that follows by far less than its noise.
+    ("two-loaded", "file.tau.rms", 1e-6, 0.0, "one count of an encoder"),
+    ("two-payload*", "result.chi2", 0.05, 0.0, "one count of an encoder, and few degrees of freedom"),
+    ("two-payload*", "result.moved", 0.02, 0.0, "one count of an encoder, in units of the deviation"),
+    ("two-payload*", "result.*", 1e-2, 2e-5, "one count of an encoder: a fiftieth of the deviation"),
+    ("runs-identify", "result.parameters.*.value", 1e-5, 0.0, "one count of an encoder"),
+    ("runs-identify", "result.*", 5e-3, 0.0, "one count of an encoder, in noise and deviations"),
+    ("two-compare", "result.others.*", 1e-4, 1e-9, "differences of two fits that agree"),
+    ("kr300-*", "result.choice.candidates.*.behind", 1e-6, 0.0, "a difference of two errors that are near"),
+    ("excite", "file.*", 1e-7, 0.0, "the end of a search for a smooth optimum"),
     ("elastic-*", "file.covariance.*", 1e-7, 0.0, "the inverse of a matrix whose condition is large"),
     (
         "kr300-stiffness",
