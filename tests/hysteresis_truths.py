@@ -85,7 +85,7 @@ def make_one_sided(t, x):
 def make_preisach(t, x):
     """Relays one by one, on a fine triangle, with a density that is not symmetric."""
     del t
-    places = np.linspace(-1.4, 1.4, 80)
+    places = np.linspace(-1.4, 1.4, 300)
     up, down = (part.ravel() for part in np.meshgrid(places, places))
     kept = up >= down
     up, down = up[kept], down[kept]

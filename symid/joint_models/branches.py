@@ -270,15 +270,17 @@ class Relays:
         }
 
     def start(self, position: float, side: float) -> tuple[float, ...]:
-        """Return the states where the input stands still, come from below (1), above (-1), or between."""
+        """Return the states where the input stands still, come from below (1), above (-1), or virgin (0).
+
+        Virgin is as after cycles that died out there: every relay without force, at its middle ramp.
+        """
         from symid.joint_models.carriers import build_float_carrier
 
         algebra = build_float_carrier()
         states = []
         for i, j in self.pairs:
-            rising = _ramp(algebra, position - self.low - i * self.step, 1.0 / self.step)
-            falling = _ramp(algebra, position - self.low - j * self.step, 1.0 / self.step)
-            states.append(0.5 * ((1.0 + side) * rising + (1.0 - side) * falling))
+            place = 0.5 * (i + j + side * (i - j))
+            states.append(_ramp(algebra, position - self.low - place * self.step, 1.0 / self.step))
         return tuple(states)
 
     def advance(

@@ -1,4 +1,4 @@
-"""Bare elements are recovered from recordings of other integrators, and predict larger amplitudes."""
+"""Bare elements are recovered from recordings of other integrators, and predict other amplitudes."""
 
 import numpy as np
 import pytest
@@ -13,10 +13,9 @@ OWN = {
     "viscous": "prandtl-ishlinskii",
     "asymmetric": "bouc-wen",
 }
-UNMET = {
-    "krasnoselskii-pokrovskii": "a recording tells nothing of relays beyond its input",
-    "maxwell-slip": "elements slip at their level at once, those of the truth are attracted",
-}
+UNMET = {"maxwell-slip": "elements slip at their level at once, those of the truth are attracted"}
+# A recording tells nothing of relays beyond its input.
+WITHIN = {"krasnoselskii-pokrovskii"}
 NAMES = [
     pytest.param(name, marks=pytest.mark.xfail(reason=UNMET[name], strict=True)) if name in UNMET else name
     for name in TRUTHS
@@ -24,12 +23,13 @@ NAMES = [
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_its_own_model_predicts_a_larger_amplitude(name):
+def test_its_own_model_predicts_other_amplitudes(name):
     t, x = make_input(1)
     fit = symid.hysteresis.fit(*measure(t, x, TRUTHS[name], 2), t, model=OWN.get(name, name))
-    t, x = make_input(3, 1.4)
-    y = TRUTHS[name](t, x)
-    assert np.std(fit.predict(x, t) - y) < 0.02 * np.std(y)
+    for amplitude in (0.7, 0.9) if name in WITHIN else (0.7, 1.4):
+        t, x = make_input(3, amplitude)
+        y = TRUTHS[name](t, x)
+        assert np.std(fit.predict(x, t) - y) < 0.02 * np.std(y)
 
 
 @pytest.mark.parametrize("joint", [0, 1])

@@ -100,6 +100,10 @@ class ElementFamily(ABC):
     def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
         """Return the element, without the columns that the fit adds."""
 
+    def list_penalties(self, count: int) -> FloatArray:
+        """Return rows (k, m) whose products with the coefficients are held small, of m = `count`."""
+        return np.empty((0, count))
+
     def describe(self) -> tuple[str, ...]:
         """Return what distinguishes this form of the model from its others."""
         return ()
@@ -280,6 +284,23 @@ class RelayGrid(ElementFamily):
             low[self.count :] = 0.0
         return low, high
 
+    def list_penalties(self, count: int) -> FloatArray:
+        """Return second differences over the grid: few relays are seen alone, neighbours are alike."""
+        pairs = [(i, j) for i in range(self.count) for j in range(i)]
+        places = {pair: self.count + k for k, pair in enumerate(pairs)}
+        middles = [(k - 1, k, k + 1) for k in range(1, self.count - 1)]
+        for i, j in pairs:
+            rows = (((i - 1, j), (i + 1, j)), ((i, j - 1), (i, j + 1)))
+            middles += [(places[a], places[i, j], places[b]) for a, b in rows if a in places and b in places]
+        penalties = np.zeros((len(middles), count))
+        for row, (before, middle, after) in zip(penalties, middles, strict=True):
+            row[[before, middle, after]] = 1.0, -2.0, 1.0
+        return _SMOOTH * float(np.sqrt(self.count)) * penalties
+
+    def describe(self) -> tuple[str, ...]:
+        """Return the number of places."""
+        return (f"{self.count} places",)
+
     def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
         """Return the element."""
         del shape
@@ -290,6 +311,10 @@ class RelayGrid(ElementFamily):
         return Relays(
             low=self.low, step=self.step, ramps=tuple(ramps.tolist()), weights=tuple(weights.tolist())
         )
+
+
+_SMOOTH = 0.01
+"""Of relays: the fit is about the same for a tenth and for ten times as much."""
 
 
 @final
@@ -437,7 +462,7 @@ class BristleFamily(ElementFamily):
 
 _UNIFORM = tuple((np.arange(-4, 5) / 4.0).tolist())
 _GRID = 10
-_LEVELS = 8
+_LEVELS = (8, 16)
 
 
 def list_families(name: str, path: ElementPath, *, timed: bool) -> tuple[ElementFamily, ...]:
@@ -454,7 +479,9 @@ def list_families(name: str, path: ElementPath, *, timed: bool) -> tuple[Element
             NonlinearStops(places=_UNIFORM, falls=True),
             NonlinearStops(places=_UNIFORM, count=2),
         ),
-        "krasnoselskii-pokrovskii": (RelayGrid(count=_LEVELS, low=low, step=(high - low) / _LEVELS),),
+        "krasnoselskii-pokrovskii": tuple(
+            RelayGrid(count=count, low=low, step=(high - low) / count) for count in _LEVELS
+        ),
         "bouc-wen": (BoucWenFamily(), BoucWenFamily(asymmetric=True)),
         "dahl": (BristleFamily(law="dahl", name="dahl"),),
         "lugre": (BristleFamily(law="lugre", name="lugre", stribeck=True),),

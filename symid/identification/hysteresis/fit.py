@@ -5,8 +5,8 @@ x, y, t -> `HysteresisRecord`.
     search      min |y - Phi(s) c| over shape values s, coefficients c eliminated, bounded where passive
                 (variable projection, Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432)
     held out    p_(-b) = p - step of least squares without block b, from derivatives at p; r = y - y(p_(-b))
-    choice      least sum of held-out squares, over blocks of time and over the widest strokes; of models
-                about as good, within one standard error, the one with the fewest parameters
+    choice      least geometric mean of held-out mean squares, over blocks of time and the widest strokes; or
+                within one standard error of it, with at most half as many parameters
     deviations  mean of the covariance for coloured residuals (spectral) and of the jackknife over blocks
 
 Supported: uneven samples; a start from rest or from either side; one recording.
@@ -27,6 +27,7 @@ from symid.identification.hysteresis.families import (
     ElementFamily,
     ElementPath,
     NonlinearStops,
+    RelayGrid,
     Stops,
     list_families,
 )
@@ -227,27 +228,35 @@ def prepare_recording(x: FloatArray, y: FloatArray, t: FloatArray | None) -> Ele
 
 
 def _choose_start(data: ElementData) -> Start:
-    """Return what the element remembered first: that with which stops of any sign explain the beginning best.
+    """Return what the element remembered first: that with which the beginning is explained best.
 
-    The beginning lasts until the input has covered half its range: then most of the memory is another one.
+    By stops or relays of any sign, whichever explain the whole better. The beginning lasts until the input
+    has covered half its range: then most of the memory is another one.
     """
-    thinned, costs = data.thin(_SEARCHED), []
-    x, output = thinned.path.position, thinned.output
+    thinned = data.thin(_SEARCHED)
+    x = thinned.path.position
     covered = np.maximum.accumulate(x) - np.minimum.accumulate(x)
     rows = covered <= thinned.path.reach
-    for start in _STARTS:
-        path = replace(thinned.path, start=start)
-        family = Stops(count=_DENSE)
-        matrix = family.compute_columns(path, family.list_starts(path)[0])
-        matrix = np.column_stack([matrix, np.ones(len(matrix))])
-        error = (output - matrix @ np.linalg.lstsq(matrix, output, rcond=None)[0])[rows]
-        costs.append(float(error @ error))
+    low, step = float(x.min()), 2.0 * thinned.path.reach / _COARSE
+    errors: list[list[FloatArray]] = []
+    for family in (Stops(count=_DENSE), RelayGrid(count=_COARSE, low=low, step=step)):
+        tried = [replace(thinned, path=replace(thinned.path, start=start)) for start in _STARTS]
+        shape = family.list_starts(thinned.path)[0]
+        errors.append([_fit_errors(family, one, shape) for one in tried])
+    chosen = min(errors, key=lambda found: min(float(error @ error) for error in found))
+    costs = [float(error[rows] @ error[rows]) for error in chosen]
     # The plainest start counts unless another one explains much more.
     best = int(np.argmin(costs))
     return "zero" if costs[0] <= _PLAIN * costs[best] else _STARTS[best]
 
 
-_DENSE, _PLAIN = 20, 1.2
+def _fit_errors(family: ElementFamily, data: ElementData, shape: FloatArray) -> FloatArray:
+    """Return the errors (N,) that a family leaves at a shape."""
+    matrix = _build_matrix(family, data, shape, ())
+    return np.asarray(data.output - matrix @ _solve(family, matrix, data.output, (shape, (), False)))
+
+
+_DENSE, _COARSE, _PLAIN = 20, 8, 1.2
 
 
 Parts = tuple[str, ...]
@@ -262,6 +271,7 @@ class _ElementTrial:
         model, form: its name, and what it has beside.
         point: (p,) what the data decide; rebuild: from there to the element.
         jacobian: (N, p) derivatives of the output; error: (N,) output less prediction.
+        held: (k, p) rows that hold the point, whose squares count as those of errors do; (0, p) for none.
         refit: errors (n,) of samples of a mask (N,), from a search without them; None where a step of least
             squares says the same.
         wide: mean square of the errors of the widest strokes, left out; None where not measured.
@@ -273,6 +283,7 @@ class _ElementTrial:
     rebuild: Callable[[FloatArray], Elasticity]
     jacobian: FloatArray
     error: FloatArray
+    held: FloatArray
     refit: Callable[[NDArray[np.bool_]], FloatArray] | None = None
     wide: float | None = None
 
@@ -310,8 +321,12 @@ def _solve(
     lengths = np.where(lengths > 0.0, lengths, 1.0)
     # A hair of ridge keeps columns that are nearly alike apart.
     ridge = np.sqrt(_RIDGE) * np.eye(len(lengths))
+    held = _list_penalties(family, matrix) / lengths
     stacked = np.vstack(
-        [np.column_stack([matrix / lengths, output]), np.column_stack([ridge, 0.0 * lengths])]
+        [
+            np.column_stack([matrix / lengths, output]),
+            np.column_stack([np.vstack([ridge, held]), np.zeros(len(ridge) + len(held))]),
+        ]
     )
     triangle = np.asarray(np.linalg.qr(stacked, mode="r"))
     square, right = triangle[: len(lengths), :-1], triangle[: len(lengths), -1]
@@ -324,6 +339,11 @@ def _solve(
 
 
 _RIDGE = 1e-9
+
+
+def _list_penalties(family: ElementFamily, matrix: FloatArray) -> FloatArray:
+    """Return what the coefficients of all columns (N, m) are held by, rows (k, m)."""
+    return np.sqrt(len(matrix)) * family.list_penalties(matrix.shape[1])
 
 
 def _search(
@@ -410,6 +430,7 @@ def _try(
         rebuild=rebuild,
         jacobian=np.hstack(jacobian),
         error=data.output - matrix @ found,
+        held=np.pad(_list_penalties(family, matrix)[:, free], ((0, 0), (0, searched))),
         refit=refit,
     )
 
@@ -512,6 +533,7 @@ def _fit_spring(data: ElementData, *, knees: bool) -> _ElementTrial | None:
         rebuild=rebuild,
         jacobian=slopes[:, :-1],
         error=output - slopes[:, -1],
+        held=np.empty((0, slopes.shape[1] - 1)),
     )
 
 
@@ -540,31 +562,30 @@ class _Folds:
         return np.array(blocks if trial.wide is None else [*blocks, trial.wide])
 
     def score(self, trial: _ElementTrial) -> float:
-        """Return the mean square of the errors of what was left out."""
-        return float(np.mean(self.predict(trial)))
+        """Return the geometric mean of the mean squares: blocks count by their ratios, not by their size."""
+        return float(np.exp(np.mean(np.log(self.predict(trial) + _FLOOR))))
 
     def is_better(self, trial: _ElementTrial, other: _ElementTrial) -> bool:
-        """Return whether a model predicts better than another: much, or by more than one standard error."""
+        """Return whether a model predicts better than another by more than one standard error."""
         own, others = self.predict(trial), self.predict(other)
         count = min(len(own), len(others))
-        gains = others[:count] - own[:count]
-        sure = float(np.mean(gains)) > float(np.std(gains, ddof=1)) / math.sqrt(count)
-        return sure or float(np.mean(others[:count])) > _MUCH * float(np.mean(own[:count]))
+        gains = np.log((others[:count] + _FLOOR) / (own[:count] + _FLOOR))
+        return float(np.mean(gains)) > float(np.std(gains, ddof=1)) / math.sqrt(count)
 
 
-_MUCH = 2.0
-"""Of mean squares; where gains differ much from block to block, none would be sure."""
+_FLOOR = 1e-300
 
 
 def _leave_out(trial: _ElementTrial, mask: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
     """Return errors (n,) of samples left out, and the point (p,) without them: a step of least squares."""
     lengths = np.linalg.norm(trial.jacobian, axis=0)
     lengths = np.where(lengths > 0.0, lengths, 1.0)
-    scaled = trial.jacobian / lengths
+    scaled, held = trial.jacobian / lengths, trial.held / lengths
     kept, out = scaled[~mask], scaled[mask]
-    normal = kept.T @ kept + _RIDGE * np.eye(len(lengths))
+    normal = kept.T @ kept + held.T @ held + _RIDGE * np.eye(len(lengths))
     # What is left is not at its optimum where something was held: the step is from there all the same.
-    step = np.linalg.lstsq(normal, kept.T @ trial.error[~mask], rcond=None)[0]
+    pull = held.T @ (trial.held @ trial.point)
+    step = np.linalg.lstsq(normal, kept.T @ trial.error[~mask] - pull, rcond=None)[0]
     return trial.error[mask] - out @ step, trial.point + step / lengths
 
 
@@ -596,10 +617,14 @@ def _list_trials(
     wanted = HYSTERESIS_MODELS if options.model == "auto" else (options.model,)
     trials: list[_ElementTrial | None] = []
     for name in wanted:
-        if name in {"prandtl-ishlinskii", "modified-prandtl-ishlinskii"}:
-            trials.append(_fit_spring(data, knees=name.startswith("modified")))
         if name == "modified-prandtl-ishlinskii":
+            trial = _fit_spring(data, knees=True)
+            # Without knees it is the plain model.
+            alone = trial is None and options.model == name
+            trials.append(_fit_spring(data, knees=False) if alone else trial)
             continue
+        if name == "prandtl-ishlinskii":
+            trials.append(_fit_spring(data, knees=False))
         for family in list_families(name, data.path, timed=timed):
             form = family
             if isinstance(form, NonlinearStops) and form.count == 1:
@@ -619,10 +644,18 @@ def _list_trials(
 
 
 def _choose(trials: list[_ElementTrial], folds: _Folds) -> list[_ElementTrial]:
-    """Return the models, the chosen one first, then by what they predict."""
+    """Return the models, the chosen one first, then by what they predict.
+
+    Chosen is what predicts best, unless a model with half as many parameters is not surely worse.
+    """
     ranked = sorted(trials, key=folds.score)
-    equal = [trial for trial in ranked if not folds.is_better(ranked[0], trial)]
-    chosen = min(equal, key=lambda trial: len(trial.point))
+    best = ranked[0]
+    simple = [
+        trial
+        for trial in ranked
+        if 2 * len(trial.point) <= len(best.point) and not folds.is_better(best, trial)
+    ]
+    chosen = min((best, *simple), key=lambda trial: len(trial.point))
     return [chosen, *(trial for trial in ranked if trial is not chosen)]
 
 
@@ -630,8 +663,8 @@ def _compute_covariance(trial: _ElementTrial, folds: _Folds) -> FloatArray:
     """Return the covariance (p, p) of a point, for errors alike from sample to sample, and unlike in size."""
     lengths = np.linalg.norm(trial.jacobian, axis=0)
     lengths = np.where(lengths > 0.0, lengths, 1.0)
-    scaled = trial.jacobian / lengths
-    inverse = np.linalg.inv(scaled.T @ scaled + _RIDGE * np.eye(len(lengths)))
+    scaled, held = trial.jacobian / lengths, trial.held / lengths
+    inverse = np.linalg.inv(scaled.T @ scaled + held.T @ held + _RIDGE * np.eye(len(lengths)))
     scores = scaled * trial.error[:, None]
     count = len(scores)
     waves = np.fft.rfft(scores, n=2 * count, axis=0)

@@ -81,7 +81,7 @@ def test_relays_with_ramps_against_relays_one_by_one():
         pairs = [(i, j) for i in range(4) for j in range(i)]
         for (i, j), weight in zip(pairs, weights, strict=True):
             rising, falling = ramp(place + 1.0 - 0.5 * i), ramp(place + 1.0 - 0.5 * j)
-            before = states.get((i, j), 0.5 * (rising + falling))
+            before = states.get((i, j), ramp(place + 1.0 - 0.25 * (i + j)))
             states[i, j] = max(rising, min(falling, before))
             total += weight * (ramp(place + 1.0 - 0.25 * (i + j)) - states[i, j])
         expected.append(total)
