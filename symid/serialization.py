@@ -14,7 +14,7 @@ from enum import Enum
 from fractions import Fraction
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 from symid.errors import InputError, Notice, SymidError
 
@@ -121,9 +121,9 @@ def write_plain(value: object) -> object:
 def read_record(kind: type[Record], value: object, where: str = "", *, complete: bool = False) -> Record:
     """Return the dataclass `kind` whose fields `write_plain` wrote as the dictionary `value`.
 
-    Fields may be text, numbers (null is read as infinite, and refused for `Finite`; a number that floats do
-    not hold is refused), booleans, enumerations, dataclasses, tuples, float64 vectors, mappings (as they
-    are), and each of these or None; those with a default may be missing.
+    Fields may be text, one of given words, numbers (null is read as infinite, and refused for `Finite`; a
+    number that floats do not hold is refused), booleans, enumerations, dataclasses or one of several, tuples,
+    float64 vectors, mappings (as they are), and each of these or None; those with a default may be missing.
 
     Args:
         kind: its annotations are read where it was defined.
@@ -201,22 +201,15 @@ def _read(kind: Any, value: object, where: str, *, complete: bool = False) -> ob
     if origin is Annotated:
         return float(_expect(value, (float, int), where))
     if origin in {Union, UnionType}:
-        if NoneType in arguments:
-            inner = next(entry for entry in arguments if entry is not NoneType)
-            return None if value is None else _read(inner, value, where, complete=complete)
-        return _expect(value, arguments, where)
+        return _read_choice(arguments, value, where, complete=complete)
+    if origin is Literal:
+        if value in arguments:
+            return value
+        raise _refuse(_place(where, f"expected one of {', '.join(arguments)}, got {value!r:.60}"))
     if is_dataclass(origin):
         return read_record(kind, value, where, complete=complete)
     if origin is tuple:
-        entries = _expect(value, (list,), where)
-        kinds = arguments[:1] * len(entries) if arguments[-1] is Ellipsis else arguments
-        if len(entries) != len(kinds):
-            text = f"expected {len(kinds)} entries, got {len(entries)}"
-            raise _refuse(_place(where, text))
-        return tuple(
-            _read(inner, entry, f"{where}[{k}]", complete=complete)
-            for k, (inner, entry) in enumerate(zip(kinds, entries, strict=True))
-        )
+        return _read_tuple(arguments, value, where, complete=complete)
     if origin.__name__ == "ndarray":
         import numpy as np
 
@@ -232,6 +225,36 @@ def _read(kind: Any, value: object, where: str, *, complete: bool = False) -> ob
     if origin is float:
         return math.inf if value is None else float(_expect(value, (float, int), where))
     return _expect(value, (origin,), where)
+
+
+def _read_tuple(
+    arguments: tuple[Any, ...], value: object, where: str, *, complete: bool
+) -> tuple[object, ...]:
+    entries = _expect(value, (list,), where)
+    kinds = arguments[:1] * len(entries) if arguments[-1] is Ellipsis else arguments
+    if len(entries) != len(kinds):
+        text = f"expected {len(kinds)} entries, got {len(entries)}"
+        raise _refuse(_place(where, text))
+    return tuple(
+        _read(inner, entry, f"{where}[{k}]", complete=complete)
+        for k, (inner, entry) in enumerate(zip(kinds, entries, strict=True))
+    )
+
+
+def _read_choice(arguments: tuple[Any, ...], value: object, where: str, *, complete: bool) -> object:
+    """Return `value` as a type or None, or as the one of several records that has all its entries."""
+    if NoneType in arguments:
+        inner = next(entry for entry in arguments if entry is not NoneType)
+        return None if value is None else _read(inner, value, where, complete=complete)
+    if not all(map(is_dataclass, arguments)):
+        return _expect(value, arguments, where)
+    table = _expect(value, (dict,), where)
+    names = [[entry.name for entry in fields(kind)] for kind in arguments]
+    for kind, known in zip(arguments, names, strict=True):
+        if set(table) <= set(known):
+            return read_record(kind, table, where, complete=complete)
+    listed = "; or ".join(", ".join(known) for known in names)
+    raise _refuse(_place(where, f"expected a table of {listed}; got {', '.join(table)}"))
 
 
 _WORDS = {str: "text", int: "a whole number", float: "a number", bool: "true or false", dict: "a table"}

@@ -374,12 +374,18 @@ def generate_folder(
             manifest = write_build_record(folder, record, sources)
         else:
             manifest, record = found
-    text = "its self-test was not run: no C compiler or no make; install them, then `make check` there"
-    warning = Notice(code="generate.selftest-not-run", text=text, file=str(folder))
     return GeneratedFolder(
         folder=folder,
         manifest=manifest,
         record=record,
         unchanged=found is not None,
-        notices=() if record.selftest == "passed" else (warning,),
+        notices=describe_untested(folder, record),
     )
+
+
+def describe_untested(folder: Path, record: BuildRecord) -> tuple[Notice, ...]:
+    """Return the warning of a self-test that was not run, where it was not."""
+    if record.selftest == "passed":
+        return ()
+    text = "its self-test was not run: no C compiler or no make; install them, then `make check` there"
+    return (Notice(code="generate.selftest-not-run", text=text, file=str(folder)),)

@@ -59,8 +59,11 @@ def _write_element_index(port: Port, element: int) -> str:
     return ", ".join(["...", *reversed(places)])
 
 
-def print_python(program: Program) -> list[str]:
-    """Return the statements of a NumPy function; elements are the last axes, samples the axes before."""
+def print_python(program: Program, *, plain: bool = False) -> list[str]:
+    """Return the statements of a NumPy function; elements are the last axes, samples the axes before.
+
+    `plain`: of numbers and lists instead, with functions of `math`.
+    """
     last = {k: number for number, one in enumerate(program.instructions, start=1) for k in one.operands}
     last |= {abs(ref): len(program.instructions) + 1 for refs in program.outputs for ref in refs}
     names = [""]
@@ -73,7 +76,12 @@ def print_python(program: Program) -> list[str]:
         return names[ref] if ref > 0 else f"-{names[-ref]}"
 
     def call(op: Op) -> str:
+        if plain:
+            return f"_{op.value}" if op in _HELPER_OPS else _PLAIN_NAMES.get(op, f"math.{op.value}")
         return f"_{op.value}" if op in _HELPER_OPS and op not in _NUMPY_OPS else f"np.{op.value}"
+
+    def index(port: Port, element: int) -> str:
+        return str(element) if plain else _write_element_index(port, element)
 
     for number, instruction in enumerate(program.instructions, start=1):
         if instruction.op is Op.CONSTANT:
@@ -82,7 +90,7 @@ def print_python(program: Program) -> list[str]:
         if instruction.op is Op.INPUT:
             source, element = instruction.args
             port = program.spec.inputs[source]
-            text = f"{port.name}[{_write_element_index(port, element)}]"
+            text = f"{port.name}[{index(port, element)}]"
         else:
             text = _write_instruction(instruction, read, call)
             for number_read in sorted(set(instruction.operands)):
@@ -98,7 +106,7 @@ def print_python(program: Program) -> list[str]:
     for port, refs in zip(program.spec.outputs, program.outputs, strict=True):
         # Outputs begin as zeros.
         statements += [
-            f"{port.name}[{_write_element_index(port, i)}] = {read(ref)}"
+            f"{port.name}[{index(port, i)}] = {read(ref)}"
             for i, ref in enumerate(refs)
             if names[abs(ref)] != "0.0"
         ]
@@ -109,6 +117,7 @@ _TRIGONOMETRY = (Op.SIN, Op.COS)
 _SIMD_OPS = frozenset({Op.INPUT, Op.CONSTANT, *_INFIX, *_TRIGONOMETRY})
 # Where they are not those of the operation.
 _C_NAMES = {Op.POWER: "pow", Op.ABS: "fabs"}
+_PLAIN_NAMES = {Op.POWER: "math.pow", Op.ABS: "abs"}
 _WITHOUT_STATEMENT = (Op.CONSTANT, Op.INPUT)
 _GROUP_SIZE = 8
 """A multiple of every SIMD width."""

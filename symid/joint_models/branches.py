@@ -166,9 +166,9 @@ class SlipSpring:
         named |= {f"e{k}": value for k, value in enumerate(self.deflections, start=1)}
         return named | {f"f{k}": value for k, value in enumerate(self.forces, start=1)}
 
-    def start(self, position: float, side: float) -> tuple[float, ...]:
+    def start(self, algebra: Carrier[V], position: V, side: float) -> tuple[V, ...]:
         """Return the play where the input stands still; `side` -1 to 1: the deflection over its bound."""
-        return (position - side * self.threshold,)
+        return (algebra.sub(position, algebra.scale(side * self.threshold, algebra.one)),)
 
     def advance(
         self, algebra: Carrier[V], values: Mapping[str, V], motion: ElementMotion[V], states: Sequence[V]
@@ -269,19 +269,17 @@ class Relays:
             f"c{i + 1}_{j + 1}": value for (i, j), value in zip(self.pairs, self.weights, strict=True)
         }
 
-    def start(self, position: float, side: float) -> tuple[float, ...]:
+    def start(self, algebra: Carrier[V], position: V, side: float) -> tuple[V, ...]:
         """Return the states where the input stands still, come from below (1), above (-1), or virgin (0).
 
         Virgin is as after cycles that died out there: every relay without force, at its middle ramp.
         """
-        from symid.joint_models.carriers import build_float_carrier
 
-        algebra = build_float_carrier()
-        states = []
-        for i, j in self.pairs:
-            place = 0.5 * (i + j + side * (i - j))
-            states.append(_ramp(algebra, position - self.low - place * self.step, 1.0 / self.step))
-        return tuple(states)
+        def place(number: float) -> V:
+            edge = algebra.scale(self.low + number * self.step, algebra.one)
+            return _ramp(algebra, algebra.sub(position, edge), algebra.scale(1.0 / self.step, algebra.one))
+
+        return tuple(place(0.5 * (i + j + side * (i - j))) for i, j in self.pairs)
 
     def advance(
         self, algebra: Carrier[V], values: Mapping[str, V], motion: ElementMotion[V], states: Sequence[V]
@@ -382,10 +380,11 @@ class BoucWen:
         names = ("level", "length", "sharpness", "loop", "skew")
         return {name: getattr(self, name) for name in names}
 
-    def start(self, position: float, side: float) -> tuple[float, ...]:
+    def start(self, algebra: Carrier[V], position: V, side: float) -> tuple[V, ...]:
         """Return u where the input stands still: `side` -1, 0, 1 times its bound."""
         del position
-        return (side * (1.0 + side * self.skew) ** (-1.0 / self.sharpness),)
+        bound = (1.0 + side * self.skew) ** (-1.0 / self.sharpness)
+        return (algebra.scale(side * bound, algebra.one),)
 
     def advance(
         self, algebra: Carrier[V], values: Mapping[str, V], motion: ElementMotion[V], states: Sequence[V]
@@ -511,15 +510,17 @@ class BristleBranch:
         """Return the numbers by name."""
         return {"Fv": 0.0} | dict(self.values)
 
-    def start(self, position: float, side: float) -> tuple[float, ...]:
+    def start(self, algebra: Carrier[V], position: V, side: float) -> tuple[V, ...]:
         """Return the deflections where the input stands still: `side` -1, 0, 1 times their bounds."""
         del position
         given = dict(self.values)
-        level = given["Fc"] + given.get("Fe", 0.0)
-        if "sigma0" in given:
-            return (side * level / given["sigma0"],)
+        level = side * (given["Fc"] + given.get("Fe", 0.0))
         numbers = range(1, self.count + 1)
-        return tuple(side * given[f"share{k}"] * level / given[f"stiffness{k}"] for k in numbers)
+        bounds = [
+            level * given[f"share{k}"] / given[f"stiffness{k}"] for k in numbers if "sigma0" not in given
+        ]
+        bounds = bounds or [level / given["sigma0"]]
+        return tuple(algebra.scale(bound, algebra.one) for bound in bounds)
 
     def advance(
         self, algebra: Carrier[V], values: Mapping[str, V], motion: ElementMotion[V], states: Sequence[V]
@@ -565,10 +566,10 @@ class Relaxation:
         """Return the numbers by name."""
         return {"stiffness": self.stiffness, "time": self.time}
 
-    def start(self, position: float, side: float) -> tuple[float, ...]:
+    def start(self, algebra: Carrier[V], position: V, side: float) -> tuple[V, ...]:
         """Return the force of an input that stands still."""
         del position, side
-        return (0.0,)
+        return (algebra.zero,)
 
     def advance(
         self, algebra: Carrier[V], values: Mapping[str, V], motion: ElementMotion[V], states: Sequence[V]
@@ -585,3 +586,13 @@ class Relaxation:
 
 Branch = SlipSpring | Relays | BoucWen | BristleBranch | Relaxation
 """What an element may have beside its spring."""
+
+
+def count_states(branch: Branch) -> int:
+    """Return the number of states of a branch."""
+    match branch:
+        case Relays():
+            return len(branch.weights)
+        case BristleBranch():
+            return branch.count
+    return 1

@@ -36,6 +36,7 @@ from symid.joint_models.branches import (
     SlipSpring,
     add_all,
     clamp,
+    count_states,
 )
 from symid.joint_models.carriers import (
     Carrier,
@@ -43,7 +44,15 @@ from symid.joint_models.carriers import (
     build_float_carrier,
     build_numpy_carrier,
 )
-from symid.joint_models.hysteresis import Elasticity, SpringTerms, advance_spring, invert_spring
+from symid.joint_models.hysteresis import (
+    Elasticity,
+    Plays,
+    SpringTerms,
+    advance_inverse_spring,
+    advance_spring,
+    invert_plays_memory,
+    invert_spring,
+)
 from symid.joint_models.prandtl_ishlinskii import (
     compute_clamps,
     compute_outer_integral,
@@ -105,18 +114,28 @@ def needs_time(elasticity: Elasticity) -> bool:
     return elasticity.damping != 0.0 or any(branch.needs_time for branch in elasticity.branches)
 
 
-def start_states(elasticity: Elasticity, position: float, side: float = 0.0) -> tuple[float, ...]:
+def start_element(
+    algebra: Carrier[V], elasticity: Elasticity, position: V, side: float = 0.0
+) -> tuple[V, ...]:
     """Return the states where the input stands still at `position`, rad or m.
 
     `side` 0: virgin there; 1: come from below, so that all stops are at their upper bound; -1: from above.
     """
-    centre = position - side * elasticity.backlash
-    states = [position]
-    states += [centre] if elasticity.backlash else []
-    states += [centre - side * stop.threshold for stop in elasticity.stops]
+
+    def shift(place: V, distance: float) -> V:
+        return algebra.sub(place, algebra.scale(side * distance, algebra.one))
+
+    centre = shift(position, elasticity.backlash) if elasticity.backlash else position
+    states = [position, centre] if elasticity.backlash else [position]
+    states += [shift(centre, stop.threshold) for stop in elasticity.stops]
     for branch in elasticity.branches:
-        states += branch.start(centre, side)
+        states += branch.start(algebra, centre, side)
     return tuple(states)
+
+
+def start_states(elasticity: Elasticity, position: float, side: float = 0.0) -> tuple[float, ...]:
+    """Return the states of `start_element` as numbers."""
+    return start_element(build_float_carrier(), elasticity, position, side)
 
 
 def advance_element(
@@ -160,7 +179,7 @@ def advance_element(
     if elasticity.damping:
         forces.append(algebra.mul(values["D"], velocity))
     for head, branch in _name_branches(elasticity):
-        size = len(branch.start(0.0, 0.0))
+        size = count_states(branch)
         own = {name: values[head + name] for name in branch.list_values()}
         step = branch.advance(algebra, own, motion, states[at : at + size])
         forces.append(step.force)
@@ -289,6 +308,29 @@ def describe_inverse(elasticity: Elasticity) -> str:
     return ""
 
 
+def has_closed_inverse(elasticity: Elasticity) -> bool:
+    """Return whether there is an inverse, of plays and knees alone: `invert_step` gives it."""
+    plain = not (elasticity.cubic or elasticity.branches or elasticity.damping)
+    return plain and not describe_inverse(elasticity)
+
+
+def invert_step(
+    algebra: Carrier[V], elasticity: Elasticity, values: Mapping[str, V], output: V, states: Sequence[V]
+) -> V:
+    """Return the input at which an element has an output, where the inverse has a closed form.
+
+    `values` and `states`, before the step, are those of `advance_element`, which then moves the states there.
+    """
+    terms = _gather_spring(elasticity, values, algebra)
+    weights = [add_all(algebra, [terms.stiffness, *(k for _, k in terms.stops)])]
+    weights += [algebra.sub(algebra.zero, k) for _, k in terms.stops]
+    plays = Plays(weights=tuple(weights), thresholds=tuple(r for r, _ in terms.stops))
+    memory = invert_plays_memory(algebra, plays, states[1:])
+    goal = algebra.sub(output, values["offset"]) if elasticity.offset else output
+    found, _ = advance_inverse_spring(algebra, invert_spring(algebra, terms), goal, memory)
+    return found
+
+
 def _refuse_inverse(elasticity: Elasticity) -> None:
     reason = describe_inverse(elasticity)
     if reason:
@@ -369,7 +411,7 @@ def _trace_states(
     at += len(radii)
     path = (middle[1:], np.diff(middle), velocity, periods)
     for branch in elasticity.branches:
-        size = len(branch.start(0.0, 0.0))
+        size = count_states(branch)
         traces += list(trace_branch(branch, path, states[at : at + size]).T)
         at += size
     return traces
@@ -444,7 +486,7 @@ def _build_accumulation(branch: BoucWen | BristleBranch | Relaxation, count: int
     import casadi
 
     names = tuple(branch.list_values())
-    states = casadi.SX.sym("states", len(branch.start(0.0, 0.0)))
+    states = casadi.SX.sym("states", count_states(branch))
     given, numbers = casadi.SX.sym("motion", 4), casadi.SX.sym("numbers", len(names))
     position, way, velocity, period = casadi.vertsplit(given)
     motion = ElementMotion(position=position, way=way, velocity=velocity, period=period)
@@ -482,7 +524,7 @@ def invert_element(
     output = np.asarray(output, dtype=np.float64)
     states = _read_start(elasticity, 0.0, start)
     periods = _read_periods(elasticity, len(output), time)
-    if not (elasticity.cubic or elasticity.branches or elasticity.damping):
+    if has_closed_inverse(elasticity):
         return invert_hysteresis(elasticity, output - elasticity.offset, np.array(states[1:]))
     algebra, values = build_float_carrier(), list_element_values(elasticity)
     slope = find_least_slope(elasticity)

@@ -14,20 +14,18 @@ if TYPE_CHECKING:
     )
     from symid.identification.hysteresis.spring_fit import (
         SpringData as SpringData,
+        SpringWeights as SpringWeights,
+        build_elasticity as build_elasticity,
+        build_knee_grid as build_knee_grid,
+        build_stops as build_stops,
         compute_place_limits as compute_place_limits,
         compute_slips as compute_slips,
         compute_spring_slopes as compute_spring_slopes,
         filter_smooth as filter_smooth,
         fit_spring as fit_spring,
         follow_spring as follow_spring,
-        refine_spring as refine_spring,
-    )
-    from symid.identification.hysteresis.spring_weights import (
-        SpringWeights as SpringWeights,
-        build_elasticity as build_elasticity,
-        build_knee_grid as build_knee_grid,
-        build_stops as build_stops,
         read_weights as read_weights,
+        refine_spring as refine_spring,
     )
 else:
     from symid.lazy import load_names

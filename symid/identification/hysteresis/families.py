@@ -27,6 +27,7 @@ from symid.joint_models import (
     SlipSpring,
     Start,
     Stop,
+    build_float_carrier,
     compute_clamps,
     compute_plays,
     trace_branch,
@@ -63,7 +64,8 @@ class ElementPath(FrozenArrays):
     def trace(self, branch: BoucWen | BristleBranch) -> FloatArray:
         """Return the states (N, n) of a branch after every sample."""
         begin = 0.0 if self.start == "zero" else float(self.position[0])
-        states = branch.start(begin, {"below": 1.0, "above": -1.0}.get(self.start, 0.0))
+        side = {"below": 1.0, "above": -1.0}.get(self.start, 0.0)
+        states = branch.start(build_float_carrier(), begin, side)
         ways = np.diff(self.position, prepend=begin)
         return trace_branch(branch, (self.position, ways, self.velocity, self.period), states)[1:]
 
@@ -272,7 +274,7 @@ class RelayGrid(ElementFamily):
         side = {"below": 1.0, "above": -1.0}.get(path.start, 0.0)
         pairs = np.array(relays.pairs)
         rising, falling = (np.clip(z - pairs[:, k], 0.0, 1.0) for k in (0, 1))
-        states = compute_clamps(rising, falling, np.array(relays.start(begin, side)))
+        states = compute_clamps(rising, falling, np.array(relays.start(build_float_carrier(), begin, side)))
         middles = np.clip(z - 0.5 * pairs.sum(axis=1), 0.0, 1.0)
         return np.hstack([np.clip(z - np.arange(self.count), 0.0, 1.0), middles - states])
 

@@ -33,16 +33,14 @@ from symid.identification.hysteresis.families import (
 )
 from symid.identification.hysteresis.spring_fit import (
     SpringData,
-    compute_slips,
-    compute_spring_slopes,
-    fit_spring,
-    refine_spring,
-)
-from symid.identification.hysteresis.spring_weights import (
     SpringWeights,
     build_elasticity,
     build_knee_grid,
+    compute_slips,
+    compute_spring_slopes,
+    fit_spring,
     read_weights,
+    refine_spring,
 )
 from symid.joint_models import (
     Elasticity,
@@ -343,7 +341,7 @@ _RIDGE = 1e-9
 
 def _list_penalties(family: ElementFamily, matrix: FloatArray) -> FloatArray:
     """Return what the coefficients of all columns (N, m) are held by, rows (k, m)."""
-    return np.sqrt(len(matrix)) * family.list_penalties(matrix.shape[1])
+    return np.asarray(np.sqrt(len(matrix)) * family.list_penalties(matrix.shape[1]))
 
 
 def _search(

@@ -6,22 +6,20 @@ import numpy as np
 import pytest
 
 from symid.identification.hysteresis.spring_fit import (
-    SpringData,
-    filter_parts,
-    fit_spring,
-    follow_spring,
-    refine_spring,
-    solve_non_negative,
-    thin_samples,
-)
-from symid.identification.hysteresis.spring_weights import (
     LEAST_KNEE,
+    SpringData,
     SpringWeights,
     build_elasticity,
     build_knee_grid,
     compute_local_slopes,
     compute_ramps,
+    filter_parts,
+    fit_spring,
+    follow_spring,
     hold_knees,
+    refine_spring,
+    solve_non_negative,
+    thin_samples,
 )
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque, compute_spring_work
 
