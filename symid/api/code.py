@@ -37,7 +37,7 @@ class WrittenCode(Result):
     """A folder of generated code, independent of symid.
 
     Attributes:
-        robot: the robot.
+        robot: the robot; None for an element with hysteresis.
         product: the folder, its manifest, the result of its self-test, and a notice if that was not run.
 
     Example:
@@ -49,7 +49,7 @@ class WrittenCode(Result):
         'passed'
     """
 
-    robot: "Robot"
+    robot: "Robot | None"
     product: "GeneratedFolder"
 
     @property
@@ -87,7 +87,7 @@ class WrittenCode(Result):
 
     def to_dict(self) -> dict[str, object]:
         """Return files, operations and sizes in plain types."""
-        return report.describe_code(self.robot.name, self.product)
+        return report.describe_code("" if self.robot is None else self.robot.name, self.product)
 
 
 @final

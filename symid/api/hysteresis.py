@@ -2,6 +2,7 @@
 
 fit(x, y, t)            the element that predicts held-out samples best, with intervals and a verdict
 read_columns(path)      input, output and time from a file
+load(path)              a fit that was saved
 """
 
 from dataclasses import asdict, dataclass
@@ -10,9 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, final
 
 from symid import report
-from symid.api.result import JudgedResult
+from symid.api.code import Target, WrittenCode
+from symid.api.result import Figures, JudgedResult, Progress, ignore
 from symid.errors import LogError, Notice
-from symid.identification import hysteresis as elements
+from symid.identification import hysteresis as elements, is_element, read_element, write_element
 from symid.joint_models import Elasticity, invert_element
 from symid.robot import suggest_names
 
@@ -87,6 +89,7 @@ class ElementFit(JudgedResult):
 
     Attributes:
         record: all that was found: model, parameters with deviations, candidates.
+        source: what it was fitted to, for the page.
 
     Example:
         >>> import numpy as np, symid
@@ -99,6 +102,7 @@ class ElementFit(JudgedResult):
     """
 
     record: elements.HysteresisRecord
+    source: str = ""
 
     @property
     def verdict(self) -> "FitVerdict":
@@ -169,6 +173,82 @@ class ElementFit(JudgedResult):
         )
         return ElementValidation(record=self.record, trial=trial)
 
+    def save(self, path: str | PathLike[str]) -> Path:
+        """Write the fit to `path` as JSON, for `symid.hysteresis.load`, and return the path.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        return write_element(self.record, Path(fspath(path)), verdict=report.describe_verdict(self.verdict))
+
+    def plot(self) -> Figures:
+        """Return figures: loops, time, residuals, energy of cycles, branches after reversals."""
+        return Figures(drawings=report.draw_element(self.record))
+
+    def report(self, path: str | PathLike[str]) -> Path:
+        """Write a self-contained HTML page with tables and figures to `path`, and return the path.
+
+        Raises:
+            OutputError: the page cannot be written.
+        """
+        return report.write_element_page(Path(fspath(path)), self.record, source=self.source)
+
+    def write(
+        self,
+        target: Target,
+        folder: str | PathLike[str],
+        *,
+        name: str = "element",
+        precision: str = "double",
+        force: bool = False,
+        progress: Progress = ignore,
+    ) -> WrittenCode:
+        """Write the element, and its inverse where there is one, as code that needs no symid.
+
+        Args:
+            target: c, python or casadi.
+            folder: new, empty, or one that symid wrote.
+            name: of files and functions, after `symid_`.
+            precision: double or float, of C.
+            force: overwrite files that were edited.
+            progress: called with what begins.
+
+        Raises:
+            OutputError: the folder cannot be written, or holds what symid did not write.
+            GenerationError: the code fails its self-test.
+
+        Example:
+            >>> import numpy as np, symid
+            >>> t = np.arange(1500) / 100.0
+            >>> x = 0.01 * (0.4 + 0.6 * np.sin(0.3 * t)) * np.sin(2.0 * t)
+            >>> y = 400.0 * x + 3.0 * np.sin(3.0 * x / 0.01)
+            >>> fit = symid.hysteresis.fit(x, y, t, model="dahl")
+            >>> fit.write("python", "spring_code", name="spring").selftest
+            'passed'
+        """
+        from symid.codegen import ElementCode, generate_element
+
+        record = self.record
+        low, high = record.span
+        form = f"{record.model}, {record.form}" if record.form else record.model
+        left = f"{record.held_out:.3g} % of the output is left, held out."
+        facts = (
+            f"{form}, fitted to {record.samples} samples: {left}",
+            f"The input went from {low:.6g} to {high:.6g}; beyond it the element extrapolates.",
+        )
+        order = ElementCode(
+            name=name,
+            target=target,
+            precision=precision,
+            reach=max(abs(low), abs(high)),
+            period=float(record.trace.time[-1]) / max(1, record.samples - 1),
+            facts=facts,
+        )
+        made = generate_element(
+            record.elasticity, order, Path(fspath(folder)), progress=progress, force=force
+        )
+        return WrittenCode(robot=None, product=made)
+
 
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -227,6 +307,7 @@ def fit(
     *,
     model: str = "auto",
     passive: bool | None = None,
+    source: str = "",
 ) -> ElementFit:
     """Return the element that predicts held-out samples best, with as few parameters as that takes.
 
@@ -238,6 +319,7 @@ def fit(
         model: auto, or one of prandtl-ishlinskii, modified-prandtl-ishlinskii, nonlinear-stops,
             krasnoselskii-pokrovskii, bouc-wen, dahl, lugre, maxwell-slip.
         passive: True for elements from which no motion gets work.
+        source: what it is fitted to, for the page.
 
     Raises:
         UsageError: no recording, an unknown model, or no passive element of that model.
@@ -257,4 +339,32 @@ def fit(
     record = elements.fit_hysteresis(
         np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64), time, options
     )
-    return ElementFit(record=record)
+    return ElementFit(record=record, source=source)
+
+
+def load(path: str | PathLike[str]) -> ElementFit:
+    """Return a fit that `ElementFit.save` or `symid hysteresis` wrote.
+
+    Raises:
+        EstimateError: there is no such file, or it holds something else; it names all mistakes.
+
+    Example:
+        >>> import numpy as np, symid
+        >>> t = np.arange(1500) / 100.0
+        >>> x = 0.01 * (0.4 + 0.6 * np.sin(0.3 * t)) * np.sin(2.0 * t)
+        >>> fit = symid.hysteresis.fit(x, 400.0 * x + 3.0 * np.sin(300.0 * x), t, model="dahl")
+        >>> symid.hysteresis.load(fit.save("dahl.json")).record.model
+        'dahl'
+    """
+    return ElementFit(record=read_element(Path(fspath(path))), source=Path(fspath(path)).name)
+
+
+def is_saved(path: str | PathLike[str]) -> bool:
+    """Return whether `path` holds a fit of an element, with mistakes or without.
+
+    Example:
+        >>> import symid
+        >>> symid.hysteresis.is_saved("no_such_file.json")
+        False
+    """
+    return is_element(Path(fspath(path)))

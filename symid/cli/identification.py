@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 
@@ -11,8 +11,28 @@ import symid
 from symid.api import HYSTERESIS_MODELS, METHODS, Fit, pair_parts
 from symid.cli.arguments import NamedRobot, check_output
 from symid.cli.call import Answer, Console, answer_saved, make_answer
-from symid.cli.options import accept_option, friction_option, output_option, robot_argument, settings_options
-from symid.cli.verbs import COUNT, FILE, INPUT, METHOD, MODEL, POSITIVE, PROCESSING, WHOLE, Finite, verb
+from symid.cli.options import (
+    accept_option,
+    force_option,
+    friction_option,
+    output_option,
+    robot_argument,
+    settings_options,
+)
+from symid.cli.verbs import (
+    COUNT,
+    FILE,
+    INPUT,
+    METHOD,
+    MODEL,
+    OUTPUT,
+    POSITIVE,
+    PROCESSING,
+    WHOLE,
+    Finite,
+    verb,
+)
+from symid.environment import show_path
 from symid.errors import Notice, UsageError
 
 RIGID = ("overlap", "prior", "prior_deviation", "prior_weight", "start", "partial")
@@ -277,18 +297,21 @@ def payload_command(
 @verb("hysteresis")
 @click.argument("file", metavar="FILE", type=FILE)
 @INPUT.option(
-    "--input",
-    "Column of the input, such as a torsion; data[1] is the second column of data.",
-    metavar="NAME",
-    required=True,
+    "--input", "Column of the input, such as a torsion; data[1] is the second column of data.", metavar="NAME"
 )
-@INPUT.option("--output", "Column of the output, such as a torque.", metavar="NAME", required=True)
+@INPUT.option("--output", "Column of the output, such as a torque.", metavar="NAME")
 @INPUT.option("--time", "Column of the time, s; without it no model depends on the speed.", metavar="NAME")
 @INPUT.option("--validate", "Recording to predict, with the same columns.", FILE, "FILE")
 @METHOD.option(
     "--model", "Model of the element.  [default: auto]", click.Choice(("auto", *HYSTERESIS_MODELS))
 )
 @METHOD.option("--passive", "Only elements from which no motion gets work.", is_flag=True)
+@OUTPUT.option("-o --save", "Write the fit as JSON, which is a FILE for this verb, too.", FILE, "FILE")
+@OUTPUT.option("--page", "Write tables and figures as HTML.", FILE, "FILE")
+@OUTPUT.option("--code", "Write the element and its inverse as code.", FILE, "FOLDER")
+@OUTPUT.option("--target", "Of --code.", click.Choice(("c", "python", "casadi")), default="c")
+@OUTPUT.option("--precision", "Of --code in C.", click.Choice(("double", "float")), default="double")
+@force_option
 @accept_option
 def hysteresis_command(
     console: Console,
@@ -297,22 +320,63 @@ def hysteresis_command(
     validate: Path | None,
     model: str | None,
     passive: bool,
+    save: Path | None,
+    force: bool,
+    page: Path | None,
+    code: Path | None,
+    target: Literal["c", "python", "casadi"],
+    precision: str,
     **names: str | None,
 ) -> Answer:
     """Fit an element with hysteresis to its input and output, no robot needed.
 
     Prandtl-Ishlinskii and modified Prandtl-Ishlinskii, nonlinear stops with backlash, relays, Bouc-Wen, Dahl,
     LuGre and Maxwell-slip are tried; the one that predicts samples best that were left out is taken. Units
-    are those of the file.
+    are those of the file. FILE is a recording, or a fit that was written with -o.
     """
-    x, y, t = names["input"] or "", names["output"] or "", names["time"]
-    columns = symid.hysteresis.read_columns(file, x=x, y=y, t=t)
-    tried = None if validate is None else symid.hysteresis.read_columns(validate, x=x, y=y, t=t)
-    console.progress("fitting elements")
-    fit = symid.hysteresis.fit(*columns, model=model or "auto", passive=passive or None)
+    saved = symid.hysteresis.is_saved(file)
+    _check_columns(names, saved=saved, chosen=bool(model or passive), validate=validate)
+    for written in (save, page):
+        check_output(written, force=force, inputs=(file, *(() if validate is None else (validate,))))
+    if saved:
+        fit = symid.hysteresis.load(file)
+    else:
+        columns = _read_columns(file, names)
+        console.progress("fitting elements")
+        kind = model or "auto"
+        fit = symid.hysteresis.fit(*columns, model=kind, passive=passive or None, source=file.name)
+    tried = None if validate is None else fit.validate(*_read_columns(validate, names))
+    lines = [] if tried is None else [f"{validate}:\n{tried.to_text()}"]
+    lines += [] if save is None else [f"fit: {show_path(fit.save(save))}"]
+    lines += [] if page is None else [f"page: {show_path(fit.report(page))}"]
+    added: dict[str, Any] = {} if tried is None else {"validation": tried.to_dict()}
+    if code is not None:
+        made = fit.write(
+            target, code, name=code.name, precision=precision, force=force, progress=console.progress
+        )
+        lines.append(made.to_text())
+        added["code"] = made.to_dict()
+    answer = make_answer(fit, *lines, **added)
     if tried is None:
-        return make_answer(fit)
-    other = fit.validate(*tried)
-    answer = make_answer(fit, f"{validate}:\n{other.to_text()}", validation=other.to_dict())
-    notices, errors = (*answer.warnings, *other.notices), (*answer.errors, *other.errors)
+        return answer
+    notices, errors = (*answer.warnings, *tried.notices), (*answer.errors, *tried.errors)
     return replace(answer, warnings=notices, errors=errors, exit_code=1 if errors else 0)
+
+
+def _check_columns(
+    names: Mapping[str, str | None], *, saved: bool, chosen: bool, validate: Path | None
+) -> None:
+    """Raise a UsageError for columns that are missing, or options that a fit that is there cannot take."""
+    mistakes = []
+    needed = not saved or validate is not None
+    if needed and not (names["input"] and names["output"]):
+        mistakes.append("--input and --output: name the columns of the recording")
+    if saved and chosen:
+        mistakes.append("--model and --passive: this file is a fit; give the recording to fit another model")
+    if mistakes:
+        raise UsageError(*(Notice(code="usage.columns", text=text) for text in mistakes))
+
+
+def _read_columns(file: Path, names: Mapping[str, str | None]) -> symid.hysteresis.Columns:
+    x, y = names["input"] or "", names["output"] or ""
+    return symid.hysteresis.read_columns(file, x=x, y=y, t=names["time"])

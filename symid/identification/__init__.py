@@ -42,9 +42,12 @@ if TYPE_CHECKING:
     )
     from symid.identification.stored import (
         GivenResult as GivenResult,
+        is_element as is_element,
         read_dynamics as read_dynamics,
+        read_element as read_element,
         read_fit as read_fit,
         read_result as read_result,
+        write_element as write_element,
         write_fit as write_fit,
     )
     from symid.identification.validate import (

@@ -19,6 +19,7 @@ from symid.errors import EstimateError, Notice, SymidError
 from symid.identification.elastic import ElasticEstimate, name_friction
 from symid.identification.estimators import Estimate, FitRecord, check_model
 from symid.identification.friction import FrictionIdentification
+from symid.identification.hysteresis import HysteresisRecord
 from symid.serialization import list_unusable, read_record, write_plain
 
 StoredResult = Estimate | ElasticEstimate | FrictionIdentification
@@ -98,13 +99,55 @@ def read_fit(path: Path, card: ModelCard | None = None) -> StoredResult:
     return record
 
 
-def is_fit(path: Path) -> bool:
-    """Return whether `path` holds a fit that symid wrote, with mistakes or without."""
+_ELEMENT = "symid element"
+
+
+def write_element(
+    record: HysteresisRecord, path: Path, *, verdict: Mapping[str, object] | None = None
+) -> Path:
+    """Write an element that was identified to `path` as JSON and return the path; see `write_fit`."""
+    body: Any = write_plain(record)
+    said = {} if verdict is None else {"verdict": write_plain(verdict)}
+    data = {"format": _ELEMENT, "version": 1, **said, **body}
+    return write_file(path, json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
+
+
+def read_element(path: Path) -> HysteresisRecord:
+    """Return the element stored at `path`.
+
+    Raises:
+        EstimateError: there is no such file, or it holds something else; it names all mistakes.
+    """
+    data = _read_json(path)
+    if not isinstance(data, dict) or data.get("format") != _ELEMENT or data.get("version") != 1:
+        raise _refuse(path, "this is JSON, but no element written by this symid")
+    body = {key: value for key, value in data.items() if key not in _ABOUT}
+    mistakes = list(islice(list_unusable(body), _MOST))
+    if not mistakes:
+        try:
+            return read_record(HysteresisRecord, body, complete=True)
+        except SymidError as error:
+            mistakes = [notice.text for notice in error.notices]
+    raise EstimateError(*(Notice(code="estimate.format", text=text, file=str(path)) for text in mistakes))
+
+
+def is_element(path: Path) -> bool:
+    """Return whether `path` holds an element that symid wrote, with mistakes or without."""
+    return _name_format(path) == _ELEMENT
+
+
+def _name_format(path: Path) -> object:
+    """Return what a file says of its format, None where it says nothing."""
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
-        return False
-    return isinstance(data, dict) and _is_format(data.get("format"))
+        return None
+    return data.get("format") if isinstance(data, dict) else None
+
+
+def is_fit(path: Path) -> bool:
+    """Return whether `path` holds a fit that symid wrote, with mistakes or without."""
+    return _is_format(_name_format(path))
 
 
 def read_result(given: GivenResult) -> tuple[StoredResult, Path]:

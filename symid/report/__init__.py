@@ -34,9 +34,11 @@ if TYPE_CHECKING:
     from symid.report.friction_study_page import build_friction_study_page as build_friction_study_page
     from symid.report.hysteresis_page import (
         describe_element as describe_element,
+        draw_element as draw_element,
         judge_element as judge_element,
         judge_element_trial as judge_element_trial,
         show_element as show_element,
+        write_element_page as write_element_page,
     )
     from symid.report.log_text import (
         describe_excitation as describe_excitation,

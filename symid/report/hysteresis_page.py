@@ -1,15 +1,28 @@
 """A bare element as people read it: its verdict, numbers with intervals, the models that were tried.
 
-`HysteresisRecord` -> `FitVerdict`, blocks, plain types; the same of what it predicts of another recording.
+`HysteresisRecord` -> `FitVerdict`, blocks, plain types, page; and what it predicts of another recording.
 
-Supported: text, HTML and JSON through `blocks`. Not supported: figures.
+    energy of a cycle      work int y dx from one reversal to the next but one
+    Masing's rule          branches after reversals, moved to one point and turned, are one (Masing 1926)
+    first-order reversal   branches that begin at reversals of any size and end at the largest input
+
+Supported: text, JSON, HTML with figures. Not supported: reversal curves of a recording without a swing that
+grows or shrinks.
 """
 
+from collections.abc import Iterator
 from dataclasses import asdict
+from itertools import pairwise
+from pathlib import Path
 
-from symid.identification.hysteresis import HysteresisRecord, HysteresisTrial
+import numpy as np
+
+from symid.arrays import FloatArray
+from symid.identification.hysteresis import ElementTrace, HysteresisRecord, HysteresisTrial, find_strokes
 from symid.joint_models import describe_inverse
-from symid.report.blocks import Block, Table, select_fields
+from symid.report.blocks import Block, Drawing, Table, select_fields
+from symid.report.figures import Line, build_curve_figure, build_line_figure
+from symid.report.pages import Page, write_page
 from symid.report.verdict import FitVerdict, rate_output
 
 _POOR = 0.5
@@ -90,6 +103,172 @@ def show_element(record: HysteresisRecord) -> tuple[Block, ...]:
     passive = f"{passive} get{'s' if record.passive else ''} work out of the element."
     facts = f"Inverse: {inverse}\nPassivity: {passive}\nStart: {_STARTS[record.start]}."
     return (table, tried, facts)
+
+
+_LABELS = ("input (unit of the file)", "output (unit of the file)")
+
+
+def draw_element(record: HysteresisRecord) -> tuple[Drawing, ...]:
+    """Return the figures of an element: loops, time, residuals, energy of cycles, branches."""
+    trace = record.trace
+    shared = (("measured", "cloud", trace.measured), ("predicted", "predicted", trace.predicted))
+    loops = [Line(name, style, trace.position, y, joined=name == "predicted") for name, style, y in shared]
+    over_time = [
+        Line("measured", "measured", trace.time, trace.measured),
+        Line("predicted", "predicted", trace.time, trace.predicted),
+    ]
+    error = trace.measured - trace.predicted
+    time = "time (s)" if record.timed else "sample"
+    rest = [
+        build_curve_figure(
+            "Does the model miss at some inputs? Residual against input.",
+            (_LABELS[0], "residual"),
+            [Line("residual", "cloud", trace.position, error, joined=False)],
+            height=260.0,
+        ),
+        build_line_figure(
+            "Does it drift? Residual over time.",
+            (time, "residual"),
+            [Line("residual", "final", trace.time, error)],
+        ),
+    ]
+    if record.timed:
+        rate = np.gradient(trace.position, trace.time)
+        rest.append(
+            build_curve_figure(
+                "Does it depend on the speed? Residual against the rate of the input.",
+                ("rate of the input (unit of the file / s)", "residual"),
+                [Line("residual", "cloud", rate, error, joined=False)],
+                height=260.0,
+            )
+        )
+    return (
+        build_curve_figure("Output against input: measured samples, and the model.", _LABELS, loops),
+        build_line_figure("Output over time.", (time, _LABELS[1]), over_time),
+        *rest,
+        *_draw_cycles(trace),
+        *_draw_branches(trace),
+    )
+
+
+def compute_cycles(trace: ElementTrace) -> FloatArray:
+    """Return width, measured and predicted work (c, 3) of all cycles, from a reversal to the next but one."""
+    strokes = find_strokes(trace.position)[1:-1]
+    rows = []
+    for (low, _), (_, high) in pairwise(strokes):
+        part = slice(max(low - 1, 0), high)
+        x = trace.position[part]
+        work = [float(np.trapezoid(y[part], x)) for y in (trace.measured, trace.predicted)]
+        # What the ends leave open is no loop: closed by the straight line between them.
+        gap = float(x[0] - x[-1])
+        work = [
+            value + 0.5 * gap * float(y[part][0] + y[part][-1])
+            for value, y in zip(work, (trace.measured, trace.predicted), strict=True)
+        ]
+        rows.append((float(np.ptp(x)), *work))
+    return np.array(rows).reshape(-1, 3)
+
+
+def _draw_cycles(trace: ElementTrace) -> Iterator[Drawing]:
+    cycles = compute_cycles(trace)
+    if len(cycles) < _FEW:
+        return
+    width, measured, predicted = cycles.T
+    left = float(np.sqrt(np.mean((measured - predicted) ** 2)) / np.sqrt(np.mean(measured**2)))
+    yield build_curve_figure(
+        f"Is the lost energy right? Work of a cycle against its width: {100.0 * left:.2g} % is left, rms.",
+        ("width of the cycle (unit of the input)", "work (units of input and output)"),
+        [
+            Line("measured", "link", width, measured, markers=True, joined=False),
+            Line("predicted", "predicted", width, predicted, markers=True, joined=False),
+        ],
+        height=260.0,
+    )
+
+
+_FEW = 3
+
+
+def _draw_branches(trace: ElementTrace) -> Iterator[Drawing]:
+    """Yield branches after reversals moved to one point, and first-order reversal curves."""
+    parts = [
+        slice(low, high) for low, high in find_strokes(trace.position)[1:-1] if high - low >= _FEWEST_POINTS
+    ]
+    if len(parts) < _FEW:
+        return
+    moved = []
+    for part in parts:
+        x, y = trace.position[part], trace.measured[part]
+        side = 1.0 if x[-1] > x[0] else -1.0
+        moved.append((side * (x - x[0]), side * (y - y[0]), side))
+    spread = _compute_spread([(x, y) for x, y, _ in moved])
+    yield build_curve_figure(
+        "Masing's rule? Measured branches after reversals, moved to one point, those downwards "
+        f"turned: {100.0 * spread:.2g} % of their rms is spread.",
+        ("way from the reversal (unit of the input)", "change of the output"),
+        [
+            Line("upwards" if side > 0.0 else "downwards", "link" if side > 0.0 else "motor", x, y)
+            for x, y, side in moved
+        ],
+        height=300.0,
+    )
+    top = float(trace.position.max()) - _NEAR_TOP * float(np.ptp(trace.position))
+    curves = [part for part in parts if trace.position[part][-1] >= top]
+    begins = [float(trace.position[part][0]) for part in curves]
+    if len(curves) < _FEW or float(np.ptp(begins)) < _NEAR_TOP * float(np.ptp(trace.position)):
+        return
+    yield build_curve_figure(
+        "First-order reversal curves: upward branches from different reversals to the largest input.",
+        _LABELS,
+        [
+            *(Line("measured", "cloud", trace.position[p], trace.measured[p], joined=False) for p in curves),
+            *(Line("predicted", "predicted", trace.position[p], trace.predicted[p]) for p in curves),
+        ],
+        height=300.0,
+    )
+
+
+_SENSES = {1.0: ("upwards", "link"), -1.0: ("downwards", "motor")}
+_FEWEST_POINTS = 8
+_NEAR_TOP = 0.1
+"""Of the range of the input."""
+
+
+def _compute_spread(branches: list[tuple[FloatArray, FloatArray]]) -> float:
+    """Return the rms of branches about their mean curve, over the rms of that, where several have points."""
+    reach = max(float(x[-1]) for x, _ in branches)
+    places = np.linspace(0.0, reach, _PLACES)
+    rows = np.array(
+        [
+            np.where(places <= x.max(), np.interp(places, np.maximum.accumulate(x), y), np.nan)
+            for x, y in branches
+        ]
+    )
+    rows = rows[:, np.sum(np.isfinite(rows), axis=0) >= _FEW]
+    mean = np.nanmean(rows, axis=0)
+    size = float(np.sqrt(np.mean(mean**2))) if mean.size else 0.0
+    return float(np.sqrt(np.nanmean((rows - mean) ** 2))) / size if size else 0.0
+
+
+_PLACES = 60
+
+
+def write_element_page(path: Path, record: HysteresisRecord, *, source: str = "") -> Path:
+    """Write the page of an element and return the path; OutputError where it cannot be written."""
+    first, second, *further = draw_element(record)
+    page = Page(
+        robot=source or "element",
+        subject="element with hysteresis",
+        verdict=judge_element(record),
+        blocks=(first, second, *show_element(record), "== Figures ==", *further),
+        settings=(
+            ("model", record.model),
+            ("samples", str(record.samples)),
+            ("input", f"{record.span[0]:g} to {record.span[1]:g}"),
+        ),
+        conventions="units are those of the file",
+    )
+    return write_page(path, page)
 
 
 _STARTS = {

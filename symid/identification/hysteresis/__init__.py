@@ -5,9 +5,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from symid.identification.hysteresis.fit import (
         ElementParameter as ElementParameter,
+        ElementTrace as ElementTrace,
         HysteresisOptions as HysteresisOptions,
         HysteresisRecord as HysteresisRecord,
         HysteresisTrial as HysteresisTrial,
+        find_strokes as find_strokes,
         fit_hysteresis as fit_hysteresis,
         predict_element as predict_element,
         validate_element as validate_element,

@@ -113,6 +113,16 @@ class HysteresisCandidate:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ElementTrace(FrozenArrays):
+    """Samples of the recording, at even places: time (M,) in s, input, measured and predicted output (M,)."""
+
+    time: FloatArray
+    position: FloatArray
+    measured: FloatArray
+    predicted: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HysteresisRecord(FrozenArrays):
     """An element that was identified.
 
@@ -124,6 +134,7 @@ class HysteresisRecord(FrozenArrays):
         fitted, held_out: as in `HysteresisCandidate`, percent.
         samples: number; span: least and largest input; speed: the largest; output: rms about its mean.
         timed: whether the time of the samples was known.
+        trace: of the recording, for figures.
     """
 
     model: str
@@ -140,6 +151,7 @@ class HysteresisRecord(FrozenArrays):
     speed: float
     output: float
     timed: bool
+    trace: ElementTrace
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -493,9 +505,8 @@ _FINE, _FEWEST = 33, 5
 def _fit_spring(data: ElementData, *, knees: bool) -> _ElementTrial | None:
     """Return a passive spring with stops and knees where the data put them; None where there is no such."""
     x, output, start = data.path.position, data.output, data.path.start
-    if start == "fresh":
-        return None
-    side = {"zero": 0.0, "below": -1.0, "above": 1.0}[start]
+    # Virgin at the first sample is fitted as virgin at zero, and tried as it is.
+    side = {"below": -1.0, "above": 1.0}.get(start, 0.0)
     ahead = [x[0] + side * 4.0 * data.path.reach, x[0]] if side else []
     torsion: FloatArray = np.concatenate([np.array(ahead, dtype=np.float64), x])
     grid: FloatArray = data.path.reach * np.power(0.7, np.arange(_GRID, 0, -1))
@@ -530,7 +541,7 @@ def _fit_spring(data: ElementData, *, knees: bool) -> _ElementTrial | None:
         point=np.concatenate([found.stiffness, found.slopes, found.thresholds, found.knees]),
         rebuild=rebuild,
         jacobian=slopes[:, :-1],
-        error=output - slopes[:, -1],
+        error=output - predict_output(elasticity, data.path),
         held=np.empty((0, slopes.shape[1] - 1)),
     )
 
@@ -593,19 +604,32 @@ def _build_folds(data: ElementData) -> _Folds:
     edges = np.linspace(0, count, _BLOCKS + 1).astype(int)
     index = np.arange(count)
     blocks = tuple((index >= low) & (index < high) for low, high in itertools.pairwise(edges))
-    # Strokes: between reversals of the input, of more than a twentieth of its reach.
-    plays = data.path.compute_plays(np.array([0.05 * data.path.reach]))[:, 0]
-    sense = np.sign(np.diff(plays, prepend=plays[0]))
-    moving = np.flatnonzero(sense)
-    turns = [int(b) for a, b in itertools.pairwise(moving) if sense[a] != sense[b]]
-    bounds = [0, *turns, count]
     widths = np.zeros(count)
-    for low, high in itertools.pairwise(bounds):
-        if high > low:
-            widths[low:high] = np.ptp(x[low:high])
+    for low, high in find_strokes(x):
+        widths[low:high] = np.ptp(x[low:high])
     wide = widths > _WIDE * widths.max()
     share = float(np.mean(wide))
     return _Folds(blocks=blocks, wide=wide if 0.2 <= share <= 0.8 else None)
+
+
+def find_strokes(x: FloatArray) -> list[tuple[int, int]]:
+    """Return first and last sample, exclusive, of each way of an input (N,) between two reversals.
+
+    A reversal counts where the input then goes back by more than a twentieth of its range.
+    """
+    bounds, extreme, sense = [0], 0, 0.0
+    least = 0.05 * float(np.ptp(x))
+    for k, place in enumerate(x.tolist()):
+        ahead = (place - x[extreme]) * sense
+        if sense == 0.0:
+            if abs(place - x[0]) > least:
+                sense, extreme = float(np.sign(place - x[0])), k
+        elif ahead > 0.0:
+            extreme = k
+        elif ahead < -least:
+            bounds.append(extreme + 1)
+            sense, extreme = -sense, k
+    return list(itertools.pairwise([*bounds, len(x)]))
 
 
 def _list_trials(
@@ -636,7 +660,8 @@ def _list_trials(
     if options.passive:
         found = [trial for trial in found if is_passive_element(trial.elasticity)]
     if not found:
-        text = f"no passive {options.model} element explains the recording; try passive=None, or model auto"
+        kind = "passive element" if options.passive else "element"
+        text = f"no {kind} of model {options.model} explains the recording; try passive=None, or model auto"
         raise UsageError(Notice(code="usage.no-hysteresis", text=text))
     return found
 
@@ -744,6 +769,21 @@ def fit_hysteresis(
         speed=float(np.max(np.abs(whole.path.velocity))),
         output=spread,
         timed=t is not None,
+        trace=_build_trace(whole, predicted),
+    )
+
+
+_SHOWN = 3000
+
+
+def _build_trace(data: ElementData, predicted: FloatArray) -> ElementTrace:
+    every = slice(None, None, max(1, len(predicted) // _SHOWN))
+    time = np.cumsum(data.path.period) - data.path.period[0]
+    return ElementTrace(
+        time=time[every],
+        position=data.path.position[every],
+        measured=data.output[every],
+        predicted=predicted[every],
     )
 
 
