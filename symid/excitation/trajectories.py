@@ -62,7 +62,8 @@ class Trajectory(FrozenArrays):
         t = np.asarray(times, dtype=np.float64)[:, None]
         angle = self.frequency * t[:, :, None] + self.phase
         # The derivative of order k of a sine: a quarter turn each.
-        turns = (np.sin(angle), np.cos(angle), -np.sin(angle), -np.cos(angle))
+        sine, cosine = _compute_sines(angle)
+        turns = (sine, cosine, -sine, -cosine)
         waves = [(self.amplitude * self.frequency**k * turns[k % 4]).sum(axis=2) for k in range(order + 1)]
         envelope = 1.0 - self.decay * t
         inner = [
@@ -316,9 +317,21 @@ def build_basis(harmonics: int, period: float, times: FloatArray, orders: int) -
     basis[0, :, 0] = 1.0
     for order in range(orders):
         turned, factor = angle + 0.5 * np.pi * order, speed**order
-        basis[order, :, 1 : harmonics + 1] = factor * np.sin(turned)
-        basis[order, :, harmonics + 1 :] = factor * np.cos(turned)
+        sine, cosine = _compute_sines(turned)
+        basis[order, :, 1 : harmonics + 1] = factor * sine
+        basis[order, :, harmonics + 1 :] = factor * cosine
     return basis
+
+
+def _compute_sines(angle: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return sine and cosine of angles of any shape.
+
+    One by one, by the C library: NumPy's differ in the last bit from one processor to another, which sticking
+    joints and encoders make visible in a simulated log.
+    """
+    flat = angle.ravel().tolist()
+    found = np.array([list(map(math.sin, flat)), list(map(math.cos, flat))])
+    return found[0].reshape(angle.shape), found[1].reshape(angle.shape)
 
 
 def build_grid_basis(space: SeriesSpace, count: int, orders: int) -> FloatArray:

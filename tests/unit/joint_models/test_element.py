@@ -7,13 +7,7 @@ from hypothesis import given, settings, strategies as st
 
 from symid.errors import RobotError
 from symid.joint_models import (
-    BoucWen,
-    BristleBranch,
     Elasticity,
-    Knee,
-    Relaxation,
-    Relays,
-    SlipSpring,
     Stop,
     advance_element,
     build_casadi_carrier,
@@ -28,45 +22,8 @@ from symid.joint_models import (
     run_element,
     start_states,
 )
+from tests.elements import ELEMENTS, STOPS
 
-STOPS = (Stop(threshold=0.1, stiffness=2.0), Stop(threshold=0.3, stiffness=1.0))
-KNEES = (Knee(threshold=-1.0, slope=0.5), Knee(threshold=0.5, slope=-0.3))
-LUGRE = {"Fc": 2.0, "Fe": 0.5, "vs": 0.5, "gamma": 2.0, "Fv": 3.0, "sigma0": 30.0, "sigma1": 0.4}
-SLIP = {"Fc": 2.0, "stiffness1": 30.0, "stiffness2": 10.0, "share1": 0.4, "share2": 0.6}
-ELEMENTS = {
-    "stops": Elasticity(stiffness=3.0, stops=STOPS, offset=0.2),
-    "knees": Elasticity(stiffness=3.0, stops=STOPS, knees=KNEES),
-    "cubic": Elasticity(stiffness=3.0, cubic=2.0, stops=STOPS, damping=0.01),
-    "slip": Elasticity(
-        stiffness=1.0,
-        branches=(SlipSpring(deflections=(-0.2, -0.05, 0.05, 0.2), forces=(-4.0, -0.1, 0.1, 3.0)),),
-    ),
-    "falling": Elasticity(
-        stiffness=1.0,
-        branches=(SlipSpring(deflections=(-0.2, 0.0, 0.2), forces=(-4.0, 0.0, 3.0), falls=(0.1, 0.02)),),
-    ),
-    "relays": Elasticity(
-        stiffness=2.0,
-        branches=(
-            Relays(low=-1.0, step=0.5, ramps=(0.5, 1.0, 1.0, 0.5), weights=(0.3, 0.2, 0.4, 0.1, 0.1, 0.2)),
-        ),
-    ),
-    "bouc-wen": Elasticity(
-        stiffness=1.0, branches=(BoucWen(level=2.0, length=0.1, sharpness=1.6, loop=0.8, skew=0.3),)
-    ),
-    "dahl": Elasticity(
-        stiffness=1.0, branches=(BristleBranch(law="dahl", values=(("Fc", 2.0), ("sigma0", 30.0))),)
-    ),
-    "lugre": Elasticity(stiffness=1.0, branches=(BristleBranch(law="lugre", values=tuple(LUGRE.items())),)),
-    "maxwell-slip": Elasticity(
-        stiffness=1.0, branches=(BristleBranch(law="maxwell-slip", values=tuple(SLIP.items())),)
-    ),
-    "two": Elasticity(
-        stiffness=1.0, branches=(Relaxation(stiffness=5.0, time=0.02), BoucWen(level=2.0, length=0.1))
-    ),
-    "gap": Elasticity(stiffness=3.0, stops=STOPS, backlash=0.05),
-}
-"""An element of every kind."""
 NAMES = tuple(ELEMENTS)
 INVERTIBLE = tuple(name for name in NAMES if not describe_inverse(ELEMENTS[name]))
 
