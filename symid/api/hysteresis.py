@@ -15,7 +15,7 @@ from symid.api.code import Target, WrittenCode
 from symid.api.result import Figures, JudgedResult, Progress, ignore
 from symid.errors import LogError, Notice
 from symid.identification import hysteresis as elements, is_element, read_element, write_element
-from symid.joint_models import Elasticity, invert_element
+from symid.joint_models import Elasticity
 from symid.robot import suggest_names
 
 if TYPE_CHECKING:
@@ -152,16 +152,21 @@ class ElementFit(JudgedResult):
         time = None if t is None else np.asarray(t, dtype=np.float64)
         return elements.predict_element(self.record, np.asarray(x, dtype=np.float64), time)
 
-    def invert(self, y: "ArrayLike", t: "ArrayLike | None" = None) -> "FloatArray":
+    def invert(self, y: "ArrayLike", t: "ArrayLike | None" = None, *, beyond: bool = False) -> "FloatArray":
         """Return the input (N,) that gives an output `y` (N,), at times `t` (N,) in s where it needs them.
 
+        Args:
+            y: wanted output.
+            t: time.
+            beyond: accept inputs that leave those of the fit by more than half their range.
+
         Raises:
-            RobotError: the element has no inverse; the message says why.
+            UsageError: the element has no inverse, and why; or inputs go too far.
         """
         import numpy as np
 
         time = None if t is None else np.asarray(t, dtype=np.float64)
-        return invert_element(self.element, np.asarray(y, dtype=np.float64), time, start=self.record.start)
+        return elements.invert_fit(self.record, np.asarray(y, dtype=np.float64), time, beyond=beyond)
 
     def validate(self, x: "ArrayLike", y: "ArrayLike", t: "ArrayLike | None" = None) -> "ElementValidation":
         """Return what the element predicts of another recording, `x`, `y` and `t` as of `fit`."""
@@ -293,7 +298,10 @@ class ElementValidation(JudgedResult):
     def blocks(self) -> "tuple[Block, ...]":
         """Return the figures in a sentence."""
         trial = self.trial
-        return (f"{trial.samples} samples, mean error {trial.shift:.3g} in the unit of the output.",)
+        text = f"{trial.samples} samples, mean error {trial.shift:.3g} in the unit of the output."
+        if trial.inverse is not None:
+            text += f"\nInverse: misses the input by {trial.inverse:.3g} % of it."
+        return (text,)
 
     def to_dict(self) -> dict[str, object]:
         """Return the result in plain types."""

@@ -515,14 +515,14 @@ def invert_element(
         elasticity: of known numbers.
         output: (N,) N m or N.
         time: (N,) s, increasing, where the element needs it.
-        start: as for `run_element`; "fresh", "below" and "above" stand at x = 0.
+        start: as for `run_element`; "fresh", "below" and "above" stand where the first output is.
 
     Raises:
         RobotError: the element has no inverse (`describe_inverse`), or needs time.
     """
     _refuse_inverse(elasticity)
     output = np.asarray(output, dtype=np.float64)
-    states = _read_start(elasticity, 0.0, start)
+    states = _read_start(elasticity, _find_place(elasticity, output, start), start)
     periods = _read_periods(elasticity, len(output), time)
     if has_closed_inverse(elasticity):
         return invert_hysteresis(elasticity, output - elasticity.offset, np.array(states[1:]))
@@ -537,6 +537,19 @@ def invert_element(
         found[k] = find_input(move, goal, states[0], slope)
         states = move(float(found[k])).states
     return found
+
+
+def _find_place(elasticity: Elasticity, output: FloatArray, start: Start | Sequence[float]) -> float:
+    """Return where an element stands that begins with an output and a memory come there, rad or m."""
+    if not isinstance(start, str) or start == "zero" or not len(output):
+        return 0.0
+    algebra, values = build_float_carrier(), list_element_values(elasticity)
+
+    def stand(place: float) -> _Step:
+        before = start_states(elasticity, place, _SIDES[start])
+        return advance_element(algebra, elasticity, values, (place, 1.0), before)
+
+    return find_input(stand, float(output[0]), 0.0, find_least_slope(elasticity))
 
 
 def find_input(step: Callable[[float], _Step], goal: float, start: float, slope: float) -> float:

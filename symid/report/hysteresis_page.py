@@ -18,8 +18,13 @@ from pathlib import Path
 import numpy as np
 
 from symid.arrays import FloatArray
-from symid.identification.hysteresis import ElementTrace, HysteresisRecord, HysteresisTrial, find_strokes
-from symid.joint_models import describe_inverse
+from symid.identification.hysteresis import (
+    ElementTrace,
+    HysteresisRecord,
+    HysteresisTrial,
+    describe_inversion,
+    find_strokes,
+)
 from symid.report.blocks import Block, Drawing, Table, select_fields
 from symid.report.figures import Line, build_curve_figure, build_line_figure
 from symid.report.pages import Page, write_page
@@ -56,6 +61,8 @@ def judge_element_trial(trial: HysteresisTrial) -> FitVerdict:
             f"{100.0 * trial.beyond:.3g} % of its samples lie beyond the input of the fit, where the element"
         )
         details.append(f"{text} extrapolates.")
+    if trial.inverse is not None:
+        details.append(f"The inverse of the measured output misses the input by {trial.inverse:.3g} % of it.")
     return FitVerdict(level=rate_output(trial.error), headline=headline, details=tuple(details))
 
 
@@ -97,7 +104,7 @@ def show_element(record: HysteresisRecord) -> tuple[Block, ...]:
         title="Models that were tried",
         picked=0,
     )
-    reason = describe_inverse(record.elasticity)
+    reason = describe_inversion(record)
     inverse = f"There is none: {reason}." if reason else "It exists, for every output."
     passive = "no motion" if record.passive else "some motions may"
     passive = f"{passive} get{'s' if record.passive else ''} work out of the element."
@@ -287,4 +294,4 @@ def describe_element(record: HysteresisRecord) -> dict[str, object]:
     )
     plain["parameters"] = [asdict(entry) for entry in record.parameters]
     plain["candidates"] = [asdict(entry) for entry in record.candidates]
-    return {**plain, "inverse": describe_inverse(record.elasticity) or None}
+    return {**plain, "inverse": describe_inversion(record) or None}

@@ -32,6 +32,38 @@ def test_its_own_model_predicts_other_amplitudes(name):
         assert np.std(fit.predict(x, t) - y) < 0.02 * np.std(y)
 
 
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("prandtl-ishlinskii", "signed", "modified-prandtl-ishlinskii", "bouc-wen", "dahl", "one-sided"),
+        *("asymmetric", "viscous"),
+    ],
+)
+def test_the_inverse_before_the_element_gives_what_is_wanted(name):
+    t, x = make_input(1)
+    fit = symid.hysteresis.fit(*measure(t, x, TRUTHS[name], 2), t, model=OWN.get(name, name))
+    t, x = make_input(3, 0.7, 1200)
+    wanted = TRUTHS[name](t, x)
+    error = np.std(fit.predict(x, t) - wanted)
+    assert np.std(TRUTHS[name](t, fit.invert(wanted, t)) - wanted) < 1.5 * error
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("nonlinear-stops", "levels off or falls"),
+        ("krasnoselskii-pokrovskii", "levels off or falls"),
+        ("lugre", "falls with the speed"),
+    ],
+)
+def test_what_has_no_inverse_says_why(name, reason):
+    t, x = make_input(1)
+    x, y = measure(t, x, TRUTHS[name], 2)
+    fit = symid.hysteresis.fit(x, y, t, model=name)
+    with pytest.raises(symid.errors.UsageError, match=reason):
+        fit.invert(y, t)
+
+
 @pytest.mark.parametrize("joint", [0, 1])
 def test_springs_of_an_arm_have_their_stops_and_knees(joint, robots_folder, c_compiler):
     assert c_compiler

@@ -9,8 +9,10 @@ if TYPE_CHECKING:
         HysteresisOptions as HysteresisOptions,
         HysteresisRecord as HysteresisRecord,
         HysteresisTrial as HysteresisTrial,
+        describe_inversion as describe_inversion,
         find_strokes as find_strokes,
         fit_hysteresis as fit_hysteresis,
+        invert_fit as invert_fit,
         predict_element as predict_element,
         validate_element as validate_element,
     )

@@ -46,6 +46,8 @@ from symid.joint_models import (
     Elasticity,
     Start,
     compute_stop_basis,
+    describe_inverse,
+    invert_element,
     is_passive_element,
     list_element_values,
     needs_time,
@@ -801,6 +803,50 @@ def predict_element(record: HysteresisRecord, x: FloatArray, t: FloatArray | Non
     return predict_output(record.elasticity, path)
 
 
+def describe_inversion(record: HysteresisRecord) -> str:
+    """Return why an element that was identified has no inverse to rely on; empty where it has one."""
+    reason = describe_inverse(record.elasticity)
+    slope = next((entry for entry in record.parameters if entry.name == "k0"), None)
+    if reason or slope is None or slope.value > _SURE * slope.deviation:
+        return reason
+    return (
+        f"k0 = {slope.value:.3g} +- {slope.deviation:.2g} cannot be told from zero: large outputs may need "
+        "any input, or have none"
+    )
+
+
+_SURE = 3.0
+
+
+def invert_fit(
+    record: HysteresisRecord, y: FloatArray, t: FloatArray | None = None, *, beyond: bool = False
+) -> FloatArray:
+    """Return the input (N,) at which an element has an output (N,), at times (N,) in s where needed.
+
+    Raises:
+        UsageError: the element has no inverse, or the input would leave that of the fit by more than half its
+            range and `beyond` is False.
+    """
+    reason = describe_inversion(record)
+    if reason:
+        raise UsageError(Notice(code="usage.no-inverse", text=f"the element has no inverse: {reason}"))
+    _check_time(record, t)
+    x = invert_element(record.elasticity, y, t, start=record.start)
+    low, high = record.span
+    slack = _FAR * (high - low)
+    if not beyond and len(x) and not (low - slack <= x.min() and x.max() <= high + slack):
+        text = (
+            f"these outputs need inputs from {x.min():.4g} to {x.max():.4g}; the fit saw {low:.4g} to "
+            f"{high:.4g}. Ask for smaller outputs, or fit a recording that reaches so far (beyond=True goes "
+            "there all the same)"
+        )
+        raise UsageError(Notice(code="usage.inverse-beyond", text=text))
+    return x
+
+
+_FAR = 0.5
+
+
 def _check_time(record: HysteresisRecord, t: FloatArray | None) -> None:
     if t is None and needs_time(record.elasticity):
         text = "this element depends on the speed: give the time of the samples, too"
@@ -821,12 +867,15 @@ class HysteresisTrial:
         error: rms of the error over rms of the output, both about their means, percent.
         shift: mean of the error, N m or N: sensors may have other zeros.
         beyond: share of samples whose input is outside that of the fit; samples: number.
+        inverse: rms of the input that the inverse finds for the output less that of the recording, over the
+            rms of the latter, both about their means, percent; None where there is no inverse.
     """
 
     error: float
     shift: float
     beyond: float
     samples: int
+    inverse: float | None
 
 
 def validate_element(
@@ -850,7 +899,22 @@ def validate_element(
         shift=float(np.mean(error)),
         beyond=float(np.mean((x < low - slack) | (x > high + slack))),
         samples=len(x),
+        inverse=_measure_inverse(record, replace(data, path=replace(data.path, start=start))),
     )
+
+
+_INVERTED = 1500
+
+
+def _measure_inverse(record: HysteresisRecord, whole: ElementData) -> float | None:
+    """Return how far the inputs are that give the measured outputs, percent."""
+    if describe_inversion(record):
+        return None
+    data = whole.thin(_INVERTED)
+    time = np.cumsum(data.path.period)
+    shift = float(np.mean(whole.output - predict_output(record.elasticity, whole.path)))
+    found = invert_element(record.elasticity, data.output - shift, time, start=data.path.start)
+    return 100.0 * float(np.std(found - data.path.position) / np.std(data.path.position))
 
 
 _SLACK = 0.01

@@ -7,7 +7,7 @@ import pytest
 
 import symid
 from symid.cli.main import run
-from symid.errors import LogError, RobotError, UsageError
+from symid.errors import EstimateError, LogError, UsageError
 from symid.notation import HYSTERESIS_MODELS
 from tests.hysteresis_truths import make_dahl, make_input, make_stops, measure
 
@@ -68,8 +68,9 @@ def test_a_fit_that_needs_time_asks_for_it(recording):
     with pytest.raises(UsageError, match="give the time") as caught:
         found.predict(x)
     assert caught.value.notices[0].code == "usage.hysteresis-time"
-    with pytest.raises(RobotError, match="falls with the speed"):
+    with pytest.raises(UsageError, match="falls with the speed") as caught:
         found.invert(y, t)
+    assert caught.value.notices[0].code == "usage.no-inverse"
 
 
 @pytest.mark.parametrize(
@@ -134,3 +135,123 @@ def test_the_verb_prints_what_the_fit_says(file, capsys):
     answer = json.loads(capsys.readouterr().out)
     assert answer["ok"]
     assert answer["result"]["passive"]
+
+
+def test_a_fit_comes_back_from_its_file(fit, tmp_path):
+    path = fit.save(tmp_path / "fit.json")
+    assert symid.hysteresis.is_saved(path)
+    again = symid.hysteresis.load(path)
+    assert again.to_dict() == fit.to_dict()
+    assert again.element == fit.element
+    np.testing.assert_array_equal(again.record.trace.measured, fit.record.trace.measured)
+    assert again.save(tmp_path / "again.json").read_bytes() == path.read_bytes()
+
+
+@pytest.mark.parametrize("model", ["bouc-wen", "krasnoselskii-pokrovskii", "nonlinear-stops", "lugre"])
+def test_every_branch_comes_back_from_its_file(recording, model, tmp_path):
+    t, x, y = recording
+    fit = symid.hysteresis.fit(x, y, t, model=model)
+    again = symid.hysteresis.load(fit.save(tmp_path / "fit.json"))
+    assert again.element == fit.element
+    np.testing.assert_array_equal(again.predict(x, t), fit.predict(x, t))
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda data: data.pop("span"), "span is missing"),
+        (lambda data: data.update(start="nowhere"), "expected one of zero, fresh, below, above"),
+        (lambda data: data["elasticity"]["branches"].append({"length": 1.0, "low": 2.0}), "expected a table"),
+        (lambda data: data.update(format="another"), "no element written by"),
+    ],
+)
+def test_a_damaged_file_is_refused(fit, tmp_path, change, text):
+    path = fit.save(tmp_path / "fit.json")
+    data = json.loads(path.read_text())
+    change(data)
+    path.write_text(json.dumps(data))
+    with pytest.raises(EstimateError, match=text):
+        symid.hysteresis.load(path)
+
+
+def test_what_is_no_fit_is_not_saved(tmp_path):
+    assert not symid.hysteresis.is_saved(tmp_path / "nothing.json")
+    (tmp_path / "list.json").write_text("[1]")
+    assert not symid.hysteresis.is_saved(tmp_path / "list.json")
+
+
+def test_the_page_has_its_figures(fit, tmp_path):
+    text = fit.report(tmp_path / "page.html").read_text(encoding="utf-8")
+    assert text.count("<svg") == len(fit.plot()) == 7
+    for part in ("Output against input", "Work of a cycle", "Masing", "maxwell-slip"):
+        assert part in text
+    assert "First-order" not in text
+
+
+def test_reversal_curves_are_shown_where_the_recording_has_them(recording):
+    t, x, y = recording
+    fit = symid.hysteresis.fit(x, y, t, model="prandtl-ishlinskii", passive=True)
+    turns = [1.0, -0.8, 1.0, -0.4, 1.0, 0.0, 1.0, 0.4, 1.0]
+    path = np.interp(np.arange(900) / 100.0, range(9), turns)
+    other = symid.hysteresis.fit(path, make_stops(path, path), model="dahl")
+    assert not any("First-order" in entry.caption for entry in fit.plot().drawings)
+    assert sum("First-order" in entry.caption for entry in other.plot().drawings) == 1
+
+
+def test_cycles_lose_what_closed_loops_enclose():
+    from symid.identification.hysteresis import ElementTrace
+    from symid.report.hysteresis_page import compute_cycles
+
+    # One slider of threshold r behind a spring k loses 4 k r (X - r) a cycle of half width X.
+    k, r, half = 3.0, 0.2, 1.0
+    x = half * np.sin(np.linspace(0.0, 8.0 * np.pi, 8001))
+    bent, y, before = 0.0, [], 0.0
+    for place in x:
+        bent, before = float(np.clip(bent + place - before, -r, r)), place
+        y.append(k * bent)
+    trace = ElementTrace(
+        time=np.arange(len(x)) * 1.0, position=x, measured=np.array(y), predicted=0.5 * np.array(y)
+    )
+    width, measured, predicted = compute_cycles(trace).T
+    np.testing.assert_allclose(width, 2.0 * half, rtol=1e-3)
+    np.testing.assert_allclose(measured, 4.0 * k * r * (half - r), rtol=1e-3)
+    np.testing.assert_allclose(predicted, 0.5 * measured, rtol=1e-9)
+
+
+def test_an_inverse_that_goes_too_far_is_refused(recording):
+    t, x, y = recording
+    found = symid.hysteresis.fit(x, y, t, model="prandtl-ishlinskii", passive=True)
+    with pytest.raises(UsageError, match="need inputs from") as caught:
+        found.invert(20.0 * y)
+    assert caught.value.notices[0].code == "usage.inverse-beyond"
+    assert np.ptp(found.invert(20.0 * y, beyond=True)) > np.ptp(x)
+
+
+def test_a_slope_that_may_be_zero_has_no_inverse():
+    t, x = make_input(1, count=1500)
+    y = make_stops(t, x) - 0.8 * x
+    y += 0.01 * np.std(y) * np.random.default_rng(1).normal(size=len(y))
+    found = symid.hysteresis.fit(x, y, t, model="prandtl-ishlinskii", passive=True)
+    with pytest.raises(UsageError, match="no inverse"):
+        found.invert(y)
+
+
+def test_a_validation_says_what_the_inverse_misses(recording):
+    t, x, y = recording
+    found = symid.hysteresis.fit(x, y, t, model="prandtl-ishlinskii", passive=True)
+    tried = found.validate(x, y, t)
+    # Noise of 1 % in the output becomes noise of the input, at slopes near those of the element.
+    assert 0.1 < tried.trial.inverse < 3.0
+    assert "Inverse: misses the input by" in str(tried)
+
+
+def test_options_that_a_saved_fit_cannot_take(fit, tmp_path, capsys):
+    path = str(fit.save(tmp_path / "fit.json"))
+    assert run(["hysteresis", path, "--model", "dahl"]) == 2
+    assert "this file is a fit" in capsys.readouterr().err
+    assert run(["hysteresis", path, "--validate", "other.csv"]) == 2
+    assert "--input and --output: name the columns" in capsys.readouterr().err
+    assert run(["hysteresis", "recording.csv", "--json"]) == 2
+    assert "usage.columns" in capsys.readouterr().out
+    assert run(["hysteresis", path, "-o", path]) == 3
+    assert "would be overwritten" in capsys.readouterr().err
