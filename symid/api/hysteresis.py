@@ -353,6 +353,9 @@ def fit(
 def load(path: str | PathLike[str]) -> ElementFit:
     """Return a fit that `ElementFit.save` or `symid hysteresis` wrote.
 
+    Args:
+        path: of the file.
+
     Raises:
         EstimateError: there is no such file, or it holds something else; it names all mistakes.
 

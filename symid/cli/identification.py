@@ -377,6 +377,6 @@ def _check_columns(
         raise UsageError(*(Notice(code="usage.columns", text=text) for text in mistakes))
 
 
-def _read_columns(file: Path, names: Mapping[str, str | None]) -> symid.hysteresis.Columns:
+def _read_columns(file: Path, names: Mapping[str, str | None]) -> "symid.hysteresis.Columns":
     x, y = names["input"] or "", names["output"] or ""
     return symid.hysteresis.read_columns(file, x=x, y=y, t=names["time"])

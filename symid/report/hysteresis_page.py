@@ -207,8 +207,9 @@ def _draw_branches(trace: ElementTrace) -> Iterator[Drawing]:
     for part in parts:
         x, y = trace.position[part], trace.measured[part]
         side = 1.0 if x[-1] > x[0] else -1.0
-        moved.append((side * (x - x[0]), side * (y - y[0]), side))
-    spread = _compute_spread([(x, y) for x, y, _ in moved])
+        sense = ("upwards", "link") if side > 0.0 else ("downwards", "motor")
+        moved.append(Line(*sense, side * (x - x[0]), side * (y - y[0])))
+    spread = _compute_spread([(line.x, line.y) for line in moved])
     yield build_curve_figure(
         "Masing's rule? Measured branches after reversals, moved to one point, those downwards "
         f"turned: {100.0 * spread:.2g} % of their rms is spread.",
@@ -235,7 +236,6 @@ def _draw_branches(trace: ElementTrace) -> Iterator[Drawing]:
     )
 
 
-_SENSES = {1.0: ("upwards", "link"), -1.0: ("downwards", "motor")}
 _FEWEST_POINTS = 8
 _NEAR_TOP = 0.1
 """Of the range of the input."""
