@@ -207,8 +207,8 @@ def _draw_branches(trace: ElementTrace) -> Iterator[Drawing]:
     for part in parts:
         x, y = trace.position[part], trace.measured[part]
         side = 1.0 if x[-1] > x[0] else -1.0
-        sense = ("upwards", "link") if side > 0.0 else ("downwards", "motor")
-        moved.append(Line(*sense, side * (x - x[0]), side * (y - y[0])))
+        name, style = ("upwards", "link") if side > 0.0 else ("downwards", "motor")
+        moved.append(Line(name, style, side * (x - x[0]), side * (y - y[0])))
     spread = _compute_spread([(line.x, line.y) for line in moved])
     yield build_curve_figure(
         "Masing's rule? Measured branches after reversals, moved to one point, those downwards "
