@@ -214,10 +214,7 @@ def _draw_branches(trace: ElementTrace) -> Iterator[Drawing]:
         "Masing's rule? Measured branches after reversals, moved to one point, those downwards "
         f"turned: {100.0 * spread:.2g} % of their rms is spread.",
         ("way from the reversal (unit of the input)", "change of the output"),
-        [
-            Line("upwards" if side > 0.0 else "downwards", "link" if side > 0.0 else "motor", x, y)
-            for x, y, side in moved
-        ],
+        moved,
         height=300.0,
     )
     top = float(trace.position.max()) - _NEAR_TOP * float(np.ptp(trace.position))
