@@ -270,7 +270,8 @@ def write_element_page(path: Path, record: HysteresisRecord, *, source: str = ""
             ("samples", str(record.samples)),
             ("input", f"{record.span[0]:g} to {record.span[1]:g}"),
         ),
-        conventions="units are those of the file",
+        conventions="work is what goes in: output times way of the input",
+        units="Units are those of the file",
     )
     return write_page(path, page)
 

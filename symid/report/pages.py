@@ -46,7 +46,7 @@ class Page:
         settings: name and value of all that was used.
         notices: what else a reader should know, each once.
         origin: what the page was made from, in short texts.
-        conventions: of signs and sides, for the foot of the page.
+        conventions: of signs and sides, for the foot of the page; units: of all numbers, likewise.
     """
 
     robot: str
@@ -57,6 +57,7 @@ class Page:
     notices: Sequence[str] = ()
     origin: Sequence[str] = (WRITTEN_BY,)
     conventions: str = "friction opposes positive velocity with positive sign"
+    units: str = "SI units throughout"
 
 
 def build_fit_page(

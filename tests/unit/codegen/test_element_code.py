@@ -103,7 +103,7 @@ def test_c_and_python_agree(name, tmp_path, c_compiler):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ["knees", "falling", "relays", "lugre"])
 def test_c_and_python_agree_over_a_million_steps(name, tmp_path, c_compiler):
     worst, least, lost = follow(name, tmp_path, c_compiler, 1_000_000)
     assert worst < 1e-12
