@@ -1,6 +1,7 @@
 """Elements with hysteresis, one of every kind."""
 
 from symid.joint_models import (
+    AttractedSlip,
     BoucWen,
     BristleBranch,
     Elasticity,
@@ -42,6 +43,14 @@ ELEMENTS = {
     "lugre": Elasticity(stiffness=1.0, branches=(BristleBranch(law="lugre", values=tuple(LUGRE.items())),)),
     "maxwell-slip": Elasticity(
         stiffness=1.0, branches=(BristleBranch(law="maxwell-slip", values=tuple(SLIP.items())),)
+    ),
+    "attracted": Elasticity(
+        stiffness=1.0,
+        branches=(
+            AttractedSlip(
+                thresholds=(0.05, 0.2), stiffnesses=(20.0, 5.0), excess=0.4, speed=1.0, attraction=20.0
+            ),
+        ),
     ),
     "two": Elasticity(
         stiffness=1.0, branches=(Relaxation(stiffness=5.0, time=0.02), BoucWen(level=2.0, length=0.1))

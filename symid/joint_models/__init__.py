@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from symid.joint_models.branches import (
+        AttractedSlip as AttractedSlip,
         BoucWen as BoucWen,
         Branch as Branch,
         BristleBranch as BristleBranch,

@@ -4,6 +4,7 @@
     relays         sum_i d_i ramp_i(x) + sum_i>j c_ij (ramp_ij(x) - s_ij)      Krasnosel'skii and Pokrovskii
     Bouc-Wen       f u, L du/dx = 1 - |u|^n (1 +- skew) while |u| grows, 1 + (2 loop - 1) |u|^n while it falls
     bristles       a friction law with a state: Dahl, LuGre, Maxwell-slip
+    attracted      Maxwell-slip elements that reach their level only slowly
     relaxation     df/dt = k dx/dt - f / T: a spring behind a damper
 
 A step goes from the position before to another without turning back. `values` hold the numbers by name, in
@@ -534,6 +535,94 @@ class BristleBranch:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class AttractedSlip:
+    """Maxwell-slip elements that, once they slip, are attracted to their level, until they turn back.
+
+    z_i is the bending of element i, g(v) = 1 + excess exp(-(v / speed)^2) the level of all. Held,
+    dz/dx = 1, until |z| reaches r_i g; then dz/dt = sign(v) attraction (r_i - |z| / g) until v changes its
+    sign. Lampaert, Al-Bender and Swevers, IEEE Trans. Control Syst. Technol. 11 (2003) 683-687; exact for a
+    held velocity but for the sample in which an element begins to slip.
+
+    Args:
+        thresholds: r_i, rad or m, increasing; stiffnesses: k_i, N m/rad or N/m, of the force sum k_i z_i.
+        excess: of the level at standstill; speed: rad/s or m/s; attraction: 1/s.
+    """
+
+    kind: ClassVar[str] = "attracted"
+    needs_time: ClassVar[bool] = True
+    passive: ClassVar[bool] = False
+    least_slope: ClassVar[float] = -math.inf
+    thresholds: tuple[float, ...]
+    stiffnesses: tuple[float, ...]
+    excess: float
+    speed: float
+    attraction: float
+
+    def __post_init__(self) -> None:
+        """Raise a RobotError for numbers that are not positive, or counts that do not fit."""
+        places = list(self.thresholds)
+        allowed = (
+            (places == sorted(set(places)) and min(places, default=0.0) > 0.0, "thresholds must increase"),
+            (len(places) == len(self.stiffnesses), f"{len(places)} thresholds need as many stiffnesses"),
+            (self.excess > -1.0, "excess must be more than -1, so that there is a level"),
+            (self.speed > 0.0, "speed must be positive"),
+            (self.attraction > 0.0, "attraction must be positive"),
+        )
+        refuse_element([f"attracted slip: {text}" for kept, text in allowed if not kept])
+
+    def list_values(self) -> dict[str, float]:
+        """Return the numbers by name: excess, speed, attraction, r1, k1, ..."""
+        named = {name: getattr(self, name) for name in ("excess", "speed", "attraction")}
+        pairs = zip(self.thresholds, self.stiffnesses, strict=True)
+        for number, (threshold, stiffness) in enumerate(pairs, start=1):
+            named |= {f"r{number}": threshold, f"k{number}": stiffness}
+        return named
+
+    def start(self, algebra: Carrier[V], position: V, side: float) -> tuple[V, ...]:
+        """Return bendings, then in which sense each slips; `side` -1, 0, 1 times their bounds, held."""
+        del position
+        level = side * (1.0 + self.excess)
+        bends = [algebra.scale(level * threshold, algebra.one) for threshold in self.thresholds]
+        return (*bends, *[algebra.zero for _ in bends])
+
+    def advance(
+        self, algebra: Carrier[V], values: Mapping[str, V], motion: ElementMotion[V], states: Sequence[V]
+    ) -> BranchStep[V]:
+        """Return what a step leads to."""
+        count = len(self.thresholds)
+        sign = algebra.sign(motion.way)
+        moved = algebra.absolute(sign)
+        share = algebra.div(motion.velocity, values["speed"])
+        bell = algebra.exp(algebra.sub(algebra.zero, algebra.mul(share, share)))
+        level = algebra.add(algebra.one, algebra.mul(values["excess"], bell))
+        rate = algebra.div(algebra.mul(values["attraction"], motion.period), level)
+        kept = algebra.exp(algebra.sub(algebra.zero, rate))
+        way = algebra.absolute(motion.way)
+        bends, senses, forces, energies = [], [], [], []
+        for number in range(1, count + 1):
+            before, sense = states[number - 1], states[count + number - 1]
+            bound = algebra.mul(values[f"r{number}"], level)
+            # Turned so that the input grows.
+            bend = algebra.mul(sign, before)
+            slips = algebra.maximum(algebra.mul(sign, sense), algebra.zero)
+            slipped = algebra.add(bound, algebra.mul(kept, algebra.sub(bend, bound)))
+            held = algebra.add(bend, way)
+            begins = algebra.maximum(algebra.sign(algebra.sub(held, bound)), algebra.zero)
+            held = algebra.minimum(held, algebra.maximum(bound, bend))
+            turned = algebra.add(held, algebra.mul(slips, algebra.sub(slipped, held)))
+            rest = algebra.sub(algebra.one, moved)
+            bends.append(algebra.add(algebra.mul(rest, before), algebra.mul(sign, turned)))
+            senses.append(
+                algebra.add(algebra.mul(rest, sense), algebra.mul(sign, algebra.maximum(slips, begins)))
+            )
+            force = algebra.mul(values[f"k{number}"], bends[-1])
+            forces.append(force)
+            energies.append(algebra.scale(0.5, algebra.mul(force, bends[-1])))
+        total = add_all(algebra, energies)
+        return BranchStep(force=add_all(algebra, forces), states=(*bends, *senses), stored=total)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Relaxation:
     """A spring behind a damper, df/dt = k dx/dt - f / T, exact for a held velocity; it stores f^2 / (2 k).
 
@@ -584,7 +673,7 @@ class Relaxation:
         return BranchStep(force=after, states=(after,), stored=energy)
 
 
-Branch = SlipSpring | Relays | BoucWen | BristleBranch | Relaxation
+Branch = SlipSpring | Relays | BoucWen | BristleBranch | AttractedSlip | Relaxation
 """What an element may have beside its spring."""
 
 
@@ -595,4 +684,6 @@ def count_states(branch: Branch) -> int:
             return len(branch.weights)
         case BristleBranch():
             return branch.count
+        case AttractedSlip():
+            return 2 * len(branch.thresholds)
     return 1

@@ -27,6 +27,7 @@ import numpy as np
 from symid.arrays import FloatArray, freeze
 from symid.errors import Notice, RobotError
 from symid.joint_models.branches import (
+    AttractedSlip,
     BoucWen,
     Branch,
     BristleBranch,
@@ -455,7 +456,7 @@ def trace_branch(branch: Branch, path: tuple[FloatArray, ...], states: Sequence[
 
 
 def _accumulate(
-    branch: BoucWen | BristleBranch | Relaxation,
+    branch: BoucWen | BristleBranch | AttractedSlip | Relaxation,
     path: tuple[FloatArray, ...],
     memory: FloatArray,
 ) -> FloatArray:
@@ -465,15 +466,19 @@ def _accumulate(
         return np.empty((0, len(memory)))
     values = branch.list_values()
     # Numbers are inputs, so that one function serves all numbers of a structure.
-    plain: BoucWen | BristleBranch | Relaxation
-    if isinstance(branch, BristleBranch):
-        plain = replace(branch, values=tuple((name, 1.0) for name, _ in branch.values))
-    else:
-        plain = (
-            BoucWen(level=1.0, length=1.0)
-            if isinstance(branch, BoucWen)
-            else Relaxation(stiffness=1.0, time=1.0)
-        )
+    plain: BoucWen | BristleBranch | AttractedSlip | Relaxation
+    match branch:
+        case BristleBranch():
+            plain = replace(branch, values=tuple((name, 1.0) for name, _ in branch.values))
+        case AttractedSlip():
+            places = tuple(float(k) for k in range(1, len(branch.thresholds) + 1))
+            plain = AttractedSlip(
+                thresholds=places, stiffnesses=places, excess=0.0, speed=1.0, attraction=1.0
+            )
+        case BoucWen():
+            plain = BoucWen(level=1.0, length=1.0)
+        case Relaxation():
+            plain = Relaxation(stiffness=1.0, time=1.0)
     function = _build_accumulation(plain, len(position))
     motions = np.vstack(path)
     table = np.tile(np.array(list(values.values()))[:, None], (1, len(position)))
@@ -481,7 +486,7 @@ def _accumulate(
 
 
 @lru_cache(maxsize=32)
-def _build_accumulation(branch: BoucWen | BristleBranch | Relaxation, count: int) -> Any:  # noqa: ANN401  casadi
+def _build_accumulation(branch: BoucWen | BristleBranch | AttractedSlip | Relaxation, count: int) -> Any:  # noqa: ANN401  casadi
     """Return the function (states, motions, numbers) -> states after each of `count` steps."""
     import casadi
 

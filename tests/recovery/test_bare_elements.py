@@ -13,16 +13,11 @@ OWN = {
     "viscous": "prandtl-ishlinskii",
     "asymmetric": "bouc-wen",
 }
-UNMET = {"maxwell-slip": "elements slip at their level at once, those of the truth are attracted"}
 # A recording tells nothing of relays beyond its input.
 WITHIN = {"krasnoselskii-pokrovskii"}
-NAMES = [
-    pytest.param(name, marks=pytest.mark.xfail(reason=UNMET[name], strict=True)) if name in UNMET else name
-    for name in TRUTHS
-]
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", TRUTHS)
 def test_its_own_model_predicts_other_amplitudes(name):
     t, x = make_input(1)
     fit = symid.hysteresis.fit(*measure(t, x, TRUTHS[name], 2), t, model=OWN.get(name, name))

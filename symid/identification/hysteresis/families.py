@@ -20,6 +20,7 @@ import numpy as np
 
 from symid.arrays import FloatArray, FrozenArrays
 from symid.joint_models import (
+    AttractedSlip,
     BoucWen,
     BristleBranch,
     Elasticity,
@@ -61,7 +62,7 @@ class ElementPath(FrozenArrays):
         side = {"below": 1.0, "above": -1.0}.get(self.start, 0.0)
         return compute_plays(self.position, radii, begin - side * radii)
 
-    def trace(self, branch: BoucWen | BristleBranch) -> FloatArray:
+    def trace(self, branch: BoucWen | BristleBranch | AttractedSlip) -> FloatArray:
         """Return the states (N, n) of a branch after every sample."""
         begin = 0.0 if self.start == "zero" else float(self.position[0])
         side = {"below": 1.0, "above": -1.0}.get(self.start, 0.0)
@@ -462,6 +463,58 @@ class BristleFamily(ElementFamily):
         return replace(spring, branches=(BristleBranch(law=self.law, values=tuple(named)),))
 
 
+@final
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AttractedFamily(ElementFamily):
+    """Maxwell-slip elements on a grid, attracted to their level: excess plus one, speed, attraction."""
+
+    grid: tuple[float, ...]
+    name: str = "maxwell-slip"
+    needs_time: bool = True
+
+    def describe(self) -> tuple[str, ...]:
+        """Return what distinguishes it."""
+        return ("attracted to its level",)
+
+    def list_starts(self, path: ElementPath) -> list[FloatArray]:
+        """Return speeds and attractions over two decades."""
+        speed = float(np.max(np.abs(path.velocity))) or 1.0
+        rate = speed / path.reach
+        pairs = product((0.1, 0.4), (1.0, 10.0, 100.0))
+        return [np.array([1.4, share * speed, times * rate]) for share, times in pairs]
+
+    def _build_branch(self, shape: FloatArray, stiffnesses: FloatArray) -> AttractedSlip:
+        kept = stiffnesses > 0.0
+        return AttractedSlip(
+            thresholds=tuple(np.array(self.grid)[kept].tolist()),
+            stiffnesses=tuple(stiffnesses[kept].tolist()),
+            excess=float(shape[0]) - 1.0,
+            speed=float(shape[1]),
+            attraction=float(shape[2]),
+        )
+
+    def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
+        """Return x and the bendings."""
+        states = path.trace(self._build_branch(shape, np.ones(len(self.grid))))
+        return np.column_stack([path.position, states[:, : len(self.grid)]])
+
+    def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
+        """Return bounds: elements are springs."""
+        del shape
+        low, high = _free(count)
+        low[1:] = 0.0
+        if passive:
+            low[0] = 0.0
+        return low, high
+
+    def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
+        """Return the element."""
+        spring = Elasticity(stiffness=float(coefficients[0]))
+        if not np.any(coefficients[1:] > 0.0):
+            return spring
+        return replace(spring, branches=(self._build_branch(shape, np.asarray(coefficients[1:])),))
+
+
 _UNIFORM = tuple((np.arange(-4, 5) / 4.0).tolist())
 _GRID = 10
 _LEVELS = (8, 16)
@@ -490,6 +543,7 @@ def list_families(name: str, path: ElementPath, *, timed: bool) -> tuple[Element
         "maxwell-slip": (
             BristleFamily(law="maxwell-slip", name="maxwell-slip", grid=grid),
             BristleFamily(law="generalised-maxwell-slip", name="maxwell-slip", stribeck=True, grid=grid),
+            AttractedFamily(grid=tuple((path.reach * 0.6 ** np.arange(_GRID, 0, -1)).tolist())),
         ),
     }
     return tuple(family for family in forms[name] if timed or not family.needs_time)

@@ -5,8 +5,8 @@ x, y, t -> `HysteresisRecord`.
     search      min |y - Phi(s) c| over shape values s, coefficients c eliminated, bounded where passive
                 (variable projection, Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432)
     held out    p_(-b) = p - step of least squares without block b, from derivatives at p; r = y - y(p_(-b))
-    choice      least geometric mean of held-out mean squares, over blocks of time and the widest strokes; or
-                within one standard error of it, with at most half as many parameters
+    choice      least geometric mean of held-out mean squares, over blocks of time and the widest strokes; of
+                models within half a standard error of it the one with the fewest parameters
     deviations  mean of the covariance for coloured residuals (spectral) and of the jackknife over blocks
 
 Supported: uneven samples; a start from rest or from either side; one recording.
@@ -260,6 +260,18 @@ def _choose_start(data: ElementData) -> Start:
     # The plainest start counts unless another one explains much more.
     best = int(np.argmin(costs))
     return "zero" if costs[0] <= _PLAIN * costs[best] else _STARTS[best]
+
+
+def _revise_start(elasticity: Elasticity, data: ElementData, tried: set[Start]) -> Start | None:
+    """Return a start with which the element that was found explains more; None where there is none."""
+    starts = (data.path.start, *(start for start in _STARTS if start not in tried))
+    paths = [replace(data.path, start=start) for start in starts]
+    costs = [float(np.var(data.output - predict_output(elasticity, path))) for path in paths]
+    best = int(np.argmin(costs))
+    return starts[best] if best and len(tried) < _MOST_STARTS and costs[best] < _MORE * costs[0] else None
+
+
+_MORE, _MOST_STARTS = 0.9, 2
 
 
 def _fit_errors(family: ElementFamily, data: ElementData, shape: FloatArray) -> FloatArray:
@@ -576,12 +588,12 @@ class _Folds:
         """Return the geometric mean of the mean squares: blocks count by their ratios, not by their size."""
         return float(np.exp(np.mean(np.log(self.predict(trial) + _FLOOR))))
 
-    def is_better(self, trial: _ElementTrial, other: _ElementTrial) -> bool:
-        """Return whether a model predicts better than another by more than one standard error."""
+    def is_better(self, trial: _ElementTrial, other: _ElementTrial, *, sure: float = 1.0) -> bool:
+        """Return whether a model predicts better than another, by more than `sure` standard errors."""
         own, others = self.predict(trial), self.predict(other)
         count = min(len(own), len(others))
         gains = np.log((others[:count] + _FLOOR) / (own[:count] + _FLOOR))
-        return float(np.mean(gains)) > float(np.std(gains, ddof=1)) / math.sqrt(count)
+        return float(np.mean(gains)) > sure * float(np.std(gains, ddof=1)) / math.sqrt(count)
 
 
 _FLOOR = 1e-300
@@ -671,16 +683,18 @@ def _list_trials(
 def _choose(trials: list[_ElementTrial], folds: _Folds) -> list[_ElementTrial]:
     """Return the models, the chosen one first, then by what they predict.
 
-    Chosen is what predicts best, unless a model with half as many parameters is not surely worse.
+    Within half a standard error of the best, models are equal: that with the fewest parameters counts. One
+    with half as many parameters may be worse by a whole one.
     """
     ranked = sorted(trials, key=folds.score)
     best = ranked[0]
+    equal = [trial for trial in ranked if not folds.is_better(best, trial, sure=0.5)]
     simple = [
         trial
         for trial in ranked
         if 2 * len(trial.point) <= len(best.point) and not folds.is_better(best, trial)
     ]
-    chosen = min((best, *simple), key=lambda trial: len(trial.point))
+    chosen = min((*equal, *simple), key=lambda trial: len(trial.point))
     return [chosen, *(trial for trial in ranked if trial is not chosen)]
 
 
@@ -747,10 +761,15 @@ def fit_hysteresis(
     x, y = (np.asarray(part, dtype=np.float64) for part in (x, y))
     t = None if t is None else np.asarray(t, dtype=np.float64)
     whole = prepare_recording(x, y, t)
-    whole = replace(whole, path=replace(whole.path, start=_choose_start(whole)))
-    data = whole.thin(_SEARCHED)
-    folds = _build_folds(data)
-    ranked = _choose(_list_trials(data, folds, options, timed=t is not None), folds)
+    start: Start | None = _choose_start(whole)
+    tried: set[Start] = set()
+    while start is not None:
+        tried.add(start)
+        whole = replace(whole, path=replace(whole.path, start=start))
+        data = whole.thin(_SEARCHED)
+        folds = _build_folds(data)
+        ranked = _choose(_list_trials(data, folds, options, timed=t is not None), folds)
+        start = _revise_start(ranked[0].elasticity, data, tried)
     chosen = ranked[0]
     spread = float(np.std(y))
     candidates = tuple(_describe_candidate(trial, folds, float(np.std(data.output))) for trial in ranked)

@@ -8,6 +8,7 @@ from scipy.integrate import solve_ivp
 
 from symid.errors import RobotError
 from symid.joint_models import (
+    AttractedSlip,
     BoucWen,
     BristleBranch,
     Elasticity,
@@ -16,6 +17,7 @@ from symid.joint_models import (
     SlipSpring,
     run_element,
 )
+from tests.hysteresis_truths import make_attracted
 
 
 def run(branch, x, t=None, **settings):
@@ -160,3 +162,21 @@ def test_maxwell_slip_is_a_sum_of_stops():
 def test_impossible_numbers_are_refused(build, text):
     with pytest.raises(RobotError, match=text):
         build()
+
+
+def test_attracted_elements_against_another_integrator():
+    # The truth takes tenfold finer steps and knows nothing of held velocities.
+    stiffness, share = np.array([60.0, 25.0, 8.0]), np.array([0.4, 0.35, 0.25])
+    branch = AttractedSlip(
+        thresholds=tuple((2.0 * share / stiffness).tolist()),
+        stiffnesses=tuple(stiffness.tolist()),
+        excess=0.4,
+        speed=0.6,
+        attraction=20.0,
+    )
+    element = Elasticity(stiffness=1.2, branches=(branch,))
+    t = np.arange(0.0, 8.0, 6e-4)
+    x = 0.6 * np.sin(2.1 * t) + 0.2 * np.sin(5.3 * t)
+    y = make_attracted(t, x)
+    found = run_element(element, x, t, start="fresh").output
+    assert np.std(found - y) < 2e-3 * np.std(y)
