@@ -330,6 +330,7 @@ class RobotModel:
     ) -> "WrittenCode":
         """Write the robot's functions as code that stands alone, and run its self-test.
 
+        Springs with branches (`model` in [joint.elasticity]), backlash or an offset get a folder each in it.
         Where neither the robot nor anything else has changed since the last time, nothing is done.
 
         Args:
@@ -358,7 +359,7 @@ class RobotModel:
             'passed'
         """
         from symid.api.code import WrittenCode
-        from symid.codegen import CodeRequest, GenerateOptions, generate_folder
+        from symid.codegen import CodeRequest, GenerateOptions, generate_folder, generate_springs
 
         order = CodeRequest(
             names=None if functions is None else tuple(functions),
@@ -371,7 +372,11 @@ class RobotModel:
         )
         path = Path(fspath(folder))
         made = generate_folder(self.description, order, path, progress=self.progress, force=force)
-        return WrittenCode(robot=self.description, product=made)
+        springs, notices = generate_springs(
+            self.description, order, path, progress=self.progress, force=force
+        )
+        whole = replace(made, springs=springs, notices=(*made.notices, *notices))
+        return WrittenCode(robot=self.description, product=whole)
 
     @cached_property
     def library(self) -> "Library":

@@ -6,9 +6,8 @@ from typing import Any, Literal
 import click
 
 from symid.api import BaseForm
-from symid.cli.arguments import NamedRobot
 from symid.cli.call import Answer, Console, make_answer
-from symid.cli.options import friction_option, output_option, robot_argument
+from symid.cli.options import NamedRobot, friction_option, output_option, robot_argument
 from symid.cli.verbs import MODEL, OUTPUT, verb
 from symid.errors import Notice, UsageError
 

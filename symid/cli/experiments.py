@@ -6,9 +6,8 @@ from typing import Any
 
 import click
 
-from symid.cli.arguments import NamedRobot, check_output
 from symid.cli.call import Answer, Console, make_answer
-from symid.cli.options import friction_option, output_option, robot_argument
+from symid.cli.options import NamedRobot, check_output, friction_option, output_option, robot_argument
 from symid.cli.verbs import COUNT, INPUT, METHOD, MODEL, OUTPUT, POSITIVE, WHOLE, Finite, verb
 from symid.environment import check_suffix, show_path
 from symid.errors import Notice, UsageError

@@ -9,15 +9,17 @@ from typing import Any
 import click
 
 import symid
-from symid.cli.arguments import NamedRobot, check_output, split_pairs
 from symid.cli.call import Answer, Console, make_answer
 from symid.cli.options import (
+    NamedRobot,
     backend_option,
+    check_output,
     force_option,
     friction_option,
     output_option,
     robot_argument,
     settings_options,
+    split_pairs,
 )
 from symid.cli.verbs import FILE, INPUT, METHOD, MODEL, OUTPUT, WHOLE, verb
 from symid.environment import show_path

@@ -9,10 +9,11 @@ import click
 
 import symid
 from symid.api import HYSTERESIS_MODELS, METHODS, Fit, pair_parts
-from symid.cli.arguments import NamedRobot, check_output
 from symid.cli.call import Answer, Console, answer_saved, make_answer
 from symid.cli.options import (
+    NamedRobot,
     accept_option,
+    check_output,
     force_option,
     friction_option,
     output_option,

@@ -8,9 +8,16 @@ import click
 
 import symid
 from symid.api import ElasticFit, Precision, RigidFit, compare_fit, export_fit
-from symid.cli.arguments import NamedRobot, check_output
 from symid.cli.call import Answer, Console, make_answer
-from symid.cli.options import accept_option, output_option, robot_argument, robot_option, settings_options
+from symid.cli.options import (
+    NamedRobot,
+    accept_option,
+    check_output,
+    output_option,
+    robot_argument,
+    robot_option,
+    settings_options,
+)
 from symid.cli.verbs import FILE, INPUT, METHOD, OUTPUT, POSITIVE, PROCESSING, WHOLE, verb
 from symid.errors import Notice, UsageError
 

@@ -6,9 +6,15 @@ from typing import Any
 import click
 
 import symid
-from symid.cli.arguments import NamedRobot, check_output
 from symid.cli.call import Answer, Console, answer_saved, make_answer
-from symid.cli.options import output_option, robot_argument, robot_option, settings_options
+from symid.cli.options import (
+    NamedRobot,
+    check_output,
+    output_option,
+    robot_argument,
+    robot_option,
+    settings_options,
+)
 from symid.cli.verbs import COUNT, FILE, METHOD, OUTPUT, WHOLE, Decorator, Group, Verb, add_options
 
 _FLAGS = frozenset({"--json", "--quiet", "--verbose"})

@@ -19,7 +19,11 @@ if TYPE_CHECKING:
         list_robot_specs as list_robot_specs,
     )
     from symid.codegen.compiler import locate_compiler as locate_compiler
-    from symid.codegen.element_code import ElementCode as ElementCode, generate_element as generate_element
+    from symid.codegen.element_code import (
+        ElementCode as ElementCode,
+        generate_element as generate_element,
+        generate_springs as generate_springs,
+    )
     from symid.codegen.functions import (
         FunctionSpec as FunctionSpec,
         JointCard as JointCard,

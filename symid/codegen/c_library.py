@@ -417,7 +417,7 @@ _ELASTIC_NUMBERS |= {"frequency": 2.0, "one": 1.0, "two": 2.0, "four": 4.0}
 def _write_control_loop(material: Material) -> str | None:
     """Return the text of the example, None if the library lacks a function that it calls."""
     card, real = material.card, material.options.precision
-    torques = "elastic_inverse_dynamics" if card.springs else "inverse_dynamics"
+    torques = "elastic_inverse_dynamics" if any(card.elasticity) else "inverse_dynamics"
     wanted = {torques, "forward_dynamics", *(["friction"] if card.friction else [])}
     if not wanted <= {spec.name for spec in card.functions} or (card.springs and not material.stops):
         return None

@@ -7,7 +7,8 @@ k0_1, k2_1, r2_1, s1_1, R1_1. Damping is not among them.
 Supported: rigid robots with friction; robots all of whose joints are elastic; base or standard parameters,
 rotor inertias of elastic joints and friction as constants. Units are those of revolute joints; for prismatic
 ones read m for rad and N for N m.
-Not supported: springs as constants; functions of hysteresis take h.
+Not supported: springs as constants; functions of hysteresis take h. Springs with branches, backlash or an
+offset are no part of it: `element_code` writes them, a folder each.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -63,9 +64,9 @@ class ElasticSizes:
 
 
 def count_elastic_sizes(robot: Robot) -> ElasticSizes | None:
-    """Return the sizes of a robot whose joints are all elastic, None of another."""
+    """Return the sizes of a robot all of whose joints have springs that h can hold, None of another."""
     found = [joint.elasticity for joint in robot.axes if joint.elasticity is not None]
-    if len(found) < robot.freedom:
+    if len(found) < robot.freedom or not all(spring.is_plain for spring in found):
         return None
     invertible = not any(spring.cubic for spring in found)
     # What follows is a link without a motor: it must not brake one, nor give.
@@ -98,7 +99,7 @@ def _list_spring_entries(elasticity: Elasticity) -> list[tuple[str, int, float |
 def list_spring_parameters(robot: Robot) -> Iterator[ParameterCard]:
     """Yield the entries of h with the values of the robot file."""
     for number, joint in enumerate(robot.joints, start=1):
-        if joint.elasticity is None or joint.mimic is not None:
+        if joint.elasticity is None or joint.mimic is not None or not joint.elasticity.is_plain:
             continue
         prismatic = joint.kind is JointKind.PRISMATIC
         for letter, place, value in _list_spring_entries(joint.elasticity):
@@ -137,6 +138,9 @@ def build_spring_vector(elasticities: Sequence[Elasticity], card: ModelCard | No
                 "Generate a library for it"
             )
             raise UsageError(Notice(code="usage.spring-layout", text=text))
+    if not all(elasticity.is_plain for elasticity in elasticities):
+        text = "h holds springs with stops and knees; one has branches, backlash or an offset"
+        raise UsageError(Notice(code="usage.spring-layout", text=text))
     entries = [entry for elasticity in elasticities for entry in _list_spring_entries(elasticity)]
     values = [value for _, _, value in entries if value is not None]
     if len(values) < len(entries):

@@ -13,6 +13,7 @@ Not supported: energy of a cubic spring together with knees (NaN in Python, no f
 
 import json
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -21,6 +22,7 @@ from typing import TYPE_CHECKING
 from symid import __version__
 from symid.codegen.functions import FunctionSpec, Port
 from symid.codegen.generation import (
+    CodeRequest,
     GeneratedFolder,
     choose_runner,
     describe_untested,
@@ -33,8 +35,15 @@ from symid.codegen.printing import print_c, print_python, write_literal
 from symid.codegen.programs import ExpressionTable, Program, ValueAlgebra, count_operations
 from symid.codegen.source_folder import SourceSet, compute_digest, write_sources
 from symid.codegen.source_text import build_library_prefix, check_choice, clean_text, write_template
+from symid.errors import Notice
 from symid.joint_models import (
+    AttractedSlip,
+    BoucWen,
+    BristleBranch,
     Elasticity,
+    Relaxation,
+    Relays,
+    SlipSpring,
     advance_element,
     build_casadi_carrier,
     build_float_carrier,
@@ -48,6 +57,7 @@ from symid.joint_models import (
     start_element,
     start_states,
 )
+from symid.robot import Robot
 from symid.serialization import compute_signature
 
 if TYPE_CHECKING:
@@ -82,17 +92,20 @@ class ElementCode:
         check_choice("precision", self.precision, ("double", "float"))
 
 
-def build_step(elasticity: Elasticity) -> Program:
-    """Return a step: held (position, period), states -> y, after, stored (zero where it is not known)."""
+def build_step(elasticity: Elasticity, *, rated: bool = False) -> Program:
+    """Return a step: held (position, period), states -> y, after, stored (zero where it is not known).
+
+    `rated`: the velocity is a third number of `held`, else it is the way over the period.
+    """
     table, algebra, size = _begin(elasticity)
     held = (table.input(0, 0), table.input(0, 1))
+    velocity = table.input(0, 2) if rated else None
     states = [table.input(1, k) for k in range(size)]
     values = {name: table.constant(value) for name, value in list_element_values(elasticity).items()}
-    step = advance_element(algebra, elasticity, values, held, states)
+    step = advance_element(algebra, elasticity, values, held, states, velocity=velocity)
     stored = algebra.zero if step.stored is None else step.stored
-    spec = _specify(
-        "step", (_port("held", 2), _port("states", size)), (_port("y"), _port("after", size), _port("stored"))
-    )
+    taken = (_port("held", 3 if rated else 2), _port("states", size))
+    spec = _specify("step", taken, (_port("y"), _port("after", size), _port("stored")))
     return table.build_program(spec, [[step.output], step.states, [stored]])
 
 
@@ -320,6 +333,64 @@ def generate_element(
         unchanged=found is not None,
         notices=describe_untested(folder, record),
     )
+
+
+def generate_springs(
+    robot: Robot, order: CodeRequest, folder: Path, *, progress: Callable[[str], None], force: bool = False
+) -> tuple[tuple[GeneratedFolder, ...], tuple[Notice, ...]]:
+    """Write the springs of elastic joints to folders `spring_<joint>` in `folder`, where one is not plain.
+
+    With stops and knees alone they are functions of the robot's own library, and nothing is written. Notices
+    name joints whose stiffness is unknown, and which are left out. Errors are those of `generate_element`.
+    """
+    springs = {joint.name: joint.elasticity for joint in robot.axes if joint.elasticity is not None}
+    if all(spring.is_plain for spring in springs.values()):
+        return (), ()
+    known = {name: spring for name, spring in springs.items() if spring.initial_stiffness is not None}
+    made = []
+    for name, spring in known.items():
+        label = re.sub(r"\W", "_", name, flags=re.ASCII)
+        owner = f"joint {clean_text(name)} of robot {clean_text(robot.name)}"
+        own = ElementCode(
+            name=f"{robot.name}_{label}",
+            target=order.target,
+            precision=order.options.precision,
+            reach=_find_reach(spring),
+            facts=(f"Spring of {owner}: torque of its torsion.",),
+        )
+        place = folder / f"spring_{label}"
+        made.append(generate_element(spring, own, place, progress=progress, force=force))
+    text = "its stiffness is unknown, so that its spring was not written; identify it first"
+    notices = [
+        Notice(code="generate.unknown-spring", text=f"joint {name!r}: {text}")
+        for name in springs
+        if name not in known
+    ]
+    return tuple(made), tuple(notices)
+
+
+_SHARE = 3.0
+_REACH = 0.01
+
+
+def _find_reach(elasticity: Elasticity) -> float:
+    """Return a torsion, rad or m, at which all parts of a spring work: thrice what bends them."""
+    places = [stop.threshold for stop in elasticity.stops]
+    for branch in elasticity.branches:
+        match branch:
+            case SlipSpring():
+                places.append(branch.threshold)
+            case Relays():
+                places += [abs(branch.low), abs(branch.low + branch.step * len(branch.ramps))]
+            case BoucWen():
+                places.append(branch.length)
+            case AttractedSlip():
+                places += branch.thresholds
+            case BristleBranch():
+                places += [abs(bend) for bend in branch.start(build_float_carrier(), 0.0, 1.0)]
+            case Relaxation():
+                pass
+    return elasticity.backlash + (_SHARE * max(places) if places else _REACH)
 
 
 def build_sources(elasticity: Elasticity, order: ElementCode) -> SourceSet:

@@ -319,6 +319,7 @@ class GeneratedFolder:
     """The files of a folder, its manifest and the record of its self-test.
 
     `unchanged`: it was up to date, so that nothing was written. `notices`: as that the test was not run.
+    `springs`: folders in this one, of springs that no function of the robot has.
     """
 
     folder: Path
@@ -326,6 +327,7 @@ class GeneratedFolder:
     record: BuildRecord
     unchanged: bool
     notices: tuple[Notice, ...]
+    springs: tuple["GeneratedFolder", ...] = ()
 
     @property
     def files(self) -> tuple[Path, ...]:

@@ -2,7 +2,7 @@
 
 The source is one file that knows no robot; it calls the robot's functions through their addresses. The
 records are plain arrays: n joints with m stops and l knees each; what a joint lacks has a weight or slope of
-zero.
+zero. Springs of other kinds are compiled once for their numbers, and called in the same way.
 
 Supported: libraries in double precision; several processes at once.
 Not supported: machines without a compiler (the simulation has a NumPy version for those); anything that
@@ -11,7 +11,7 @@ changes during an experiment but the references.
 
 import ctypes
 import platform
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import final
 
@@ -20,11 +20,13 @@ import numpy as np
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen.cache import CacheEntry, obtain_entry
 from symid.codegen.compiler import compile_sources, locate_compiler
+from symid.codegen.element_code import build_step
 from symid.codegen.library import Library, open_shared
-from symid.codegen.source_text import build_library_prefix
+from symid.codegen.printing import print_c
+from symid.codegen.source_text import build_library_prefix, write_template
 from symid.environment import locate_resource_folder
 from symid.errors import GenerationError, Notice
-from symid.joint_models import REFERENCE_TEMPERATURE
+from symid.joint_models import REFERENCE_TEMPERATURE, Elasticity
 from symid.serialization import compute_signature
 
 
@@ -68,7 +70,7 @@ class PlantExperiment(FrozenArrays):
         step: (n,) of the encoders in the loop, 0 for perfect ones.
         period: of a tick, s. substeps: Runge-Kutta steps a tick. parts: pieces of a step in which a spring
             bends.
-        q, theta: (n,) at the start. play: P_i (n, m) there.
+        q, theta: (n,) at the start. play: P_i (n, m) there, or the states of springs of other kinds.
     """
 
     angle: FloatArray
@@ -125,6 +127,7 @@ class PlantLog:
 
 
 _PLANT_BINARY = "plant.so"
+_ELEMENT = "symid_plant_pull"
 _READS = {"q": 1, "load": 2, "temperature": 4}
 _SIZES = ("n", "m", "l")
 _TABLES = ("rotor", "stiffness", "cubic", "damping", "radius", "weight", "knee", "slope")
@@ -135,7 +138,7 @@ _LOGGED = ("q", "dq", "theta", "dtheta", "spring", "torque", "work", "friction",
 class _RobotStruct(ctypes.Structure):
     _fields_ = (
         *((name, ctypes.c_size_t) for name in _SIZES),
-        *((name, ctypes.c_void_p) for name in ("forward", "friction")),
+        *((name, ctypes.c_void_p) for name in ("element", "forward", "friction")),
         ("reads", ctypes.c_size_t),
         *((name, ctypes.c_void_p) for name in ("temperature", "beta", "f", *_TABLES)),
     )
@@ -156,9 +159,13 @@ class _LogStruct(ctypes.Structure):
 @final
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CompiledPlant:
-    """The loaded code; `notices` name its folder if that is not the user's cache."""
+    """The loaded code; `notices` name its folder if that is not the user's cache.
+
+    `springs`: the function of springs that no table holds, and what it computes torques of; None for tables.
+    """
 
     shared: ctypes.CDLL
+    springs: ctypes.CDLL | None = None
     notices: tuple[Notice, ...] = ()
 
     def run(self, library: Library, robot: PlantRobot, order: PlantExperiment) -> PlantLog:
@@ -170,12 +177,13 @@ class CompiledPlant:
         shape, warm = (order.ticks, robot.size), np.full(robot.size, REFERENCE_TEMPERATURE)
         arrays = {name: np.zeros(shape) for name in _LOGGED}
         size = ctypes.c_size_t
-        sizes = (size(robot.size), size(robot.radius.shape[1]))
+        sizes = (size(robot.size), size(order.play.shape[1]))
         self.shared.symid_plant_scratch.restype = self.shared.symid_plant_run.restype = size
         memory = np.zeros(self.shared.symid_plant_scratch(*sizes))
         start = np.concatenate([order.q, np.zeros(robot.size), order.theta, np.zeros(robot.size)])
         plant = _RobotStruct(
             **dict(zip(_SIZES, (*sizes, robot.knee.shape[1]), strict=True)),
+            element=None if self.springs is None else _get_address(self.springs, _ELEMENT),
             forward=_get_function_address(library, "forward_dynamics"),
             friction=_get_function_address(library, "friction") if robot.friction.size else None,
             reads=sum(_READS[name] for name in library.card.friction_inputs),
@@ -209,18 +217,24 @@ def _get_function_address(library: Library, name: str) -> int:
     if shared is None:
         text = f"the library of {library.card.robot!r} has no compiled functions in double precision"
         raise GenerationError(Notice(code="codegen.no-address", text=text))
-    symbol = getattr(shared, f"{build_library_prefix(library.card.robot)}_{name}")
-    return int(ctypes.cast(symbol, ctypes.c_void_p).value or 0)
+    return _get_address(shared, f"{build_library_prefix(library.card.robot)}_{name}")
+
+
+def _get_address(shared: ctypes.CDLL, name: str) -> int:
+    return int(ctypes.cast(getattr(shared, name), ctypes.c_void_p).value or 0)
 
 
 def _get_pointers(record: PlantRobot | PlantExperiment, names: tuple[str, ...]) -> dict[str, int]:
     return {name: getattr(record, name).ctypes.data for name in names}
 
 
-def load_plant_code(*, compiler: str | None = None, cache: Path | None = None) -> CompiledPlant | None:
+def load_plant_code(
+    springs: tuple[Elasticity, ...] = (), *, compiler: str | None = None, cache: Path | None = None
+) -> CompiledPlant | None:
     """Return the compiled plant, from the cache or made now; None on a machine without a C compiler.
 
     Args:
+        springs: of all joints where one of them fits no table of stops and knees; none where all do.
         compiler: command of the C compiler; None for the first of cc, gcc, clang.
         cache: folder to keep it in; None for the user's, or a temporary one with a notice.
 
@@ -231,16 +245,37 @@ def load_plant_code(*, compiler: str | None = None, cache: Path | None = None) -
     found = locate_compiler(compiler)
     if found is None:
         return None
-    source = locate_resource_folder("templates") / "c/plant.c"
     machine = (platform.system(), platform.machine())
 
-    def make(folder: Path) -> None:
-        folder.mkdir()
-        compile_sources(found, [source], folder / _PLANT_BINARY)
+    def load(name: str, text: str) -> tuple[ctypes.CDLL, tuple[Notice, ...]]:
+        def make(folder: Path) -> None:
+            folder.mkdir()
+            (folder / f"{name}.c").write_text(text, encoding="utf-8")
+            compile_sources(found, [folder / f"{name}.c"], folder / _PLANT_BINARY)
 
-    key = compute_signature("plant", source.read_bytes(), found, machine)
-    entry = CacheEntry(
-        name="plant", key=key, make=make, load=lambda folder: open_shared(folder / _PLANT_BINARY)
-    )
-    shared, notices = obtain_entry(entry, cache)
-    return CompiledPlant(shared=shared, notices=notices)
+        key = compute_signature(name, text, found, machine)
+        return obtain_entry(
+            CacheEntry(
+                name=name, key=key, make=make, load=lambda folder: open_shared(folder / _PLANT_BINARY)
+            ),
+            cache,
+        )
+
+    source = locate_resource_folder("templates") / "c/plant.c"
+    shared, notices = load("plant", source.read_text(encoding="utf-8"))
+    if not springs:
+        return CompiledPlant(shared=shared, notices=notices)
+    own, more = load("springs", _write_springs(springs))
+    return CompiledPlant(shared=shared, springs=own, notices=tuple(dict.fromkeys((*notices, *more))))
+
+
+def _write_springs(springs: tuple[Elasticity, ...]) -> str:
+    """Return the C of a function that computes the torque of any of these springs, without damping."""
+    helpers: list[str] = []
+    joints = []
+    for spring in springs:
+        program = build_step(replace(spring, damping=0.0), rated=True)
+        body = print_c(program, "double")
+        helpers += [helper for helper in body.helpers if helper not in helpers]
+        joints.append({"lines": body.statements, "size": program.spec.inputs[1].size})
+    return write_template("c/springs.c.jinja", {"helpers": helpers, "joints": joints, "name": _ELEMENT})

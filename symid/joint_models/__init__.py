@@ -41,11 +41,13 @@ if TYPE_CHECKING:
         write_dynamic_latex as write_dynamic_latex,
     )
     from symid.joint_models.element import (
+        ElementStep as ElementStep,
         Start as Start,
         advance_element as advance_element,
         describe_inverse as describe_inverse,
         find_input as find_input,
         find_least_slope as find_least_slope,
+        find_most_slope as find_most_slope,
         has_closed_inverse as has_closed_inverse,
         invert_element as invert_element,
         invert_step as invert_step,

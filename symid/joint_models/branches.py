@@ -147,6 +147,15 @@ class SlipSpring:
             least = min(least, total)
         return least
 
+    def _list_slopes(self) -> list[float]:
+        pairs = pairwise(zip(self.deflections, self.forces, strict=True))
+        return [(after - force) / (end - start) for (start, force), (end, after) in pairs]
+
+    @property
+    def most_slope(self) -> float:
+        """Return a bound above of the slope at a held speed, N m/rad or N/m."""
+        return max(0.0, *self._list_slopes())
+
     @property
     def least_slope(self) -> float:
         """Return the least slope of the force over a way without reversal, N m/rad or N/m.
@@ -155,9 +164,7 @@ class SlipSpring:
         """
         if self.needs_time:
             return -math.inf
-        pairs = pairwise(zip(self.deflections, self.forces, strict=True))
-        slopes = [(after - force) / (end - start) for (start, force), (end, after) in pairs]
-        return min(0.0, *slopes)
+        return min(0.0, *self._list_slopes())
 
     def list_values(self) -> dict[str, float]:
         """Return the numbers by name: least (of the energy), e1, ... (deflections), f1, ... (forces)."""
@@ -243,6 +250,11 @@ class Relays:
             least = min(least, total)
             force = after
         return least
+
+    @property
+    def most_slope(self) -> float:
+        """Return a bound above of the slope, N m/rad or N/m."""
+        return (max(0.0, *self.ramps) + math.fsum(map(abs, self.weights))) / self.step
 
     @property
     def least_slope(self) -> float:
@@ -371,10 +383,15 @@ class BoucWen:
         return self.level >= 0.0
 
     @property
+    def most_slope(self) -> float:
+        """Return a bound above of the slope, N m/rad or N/m."""
+        steepest = 1.0 + (2.0 * self.loop - 1.0) / (1.0 - abs(self.skew))
+        return abs(self.level) * steepest / self.length
+
+    @property
     def least_slope(self) -> float:
         """Return a bound below of the slope over a way without reversal, N m/rad or N/m."""
-        steepest = 1.0 + (2.0 * self.loop - 1.0) / (1.0 - abs(self.skew))
-        return min(0.0, self.level * steepest / self.length)
+        return 0.0 if self.level >= 0.0 else -self.most_slope
 
     def list_values(self) -> dict[str, float]:
         """Return the numbers by name."""
@@ -490,6 +507,13 @@ class BristleBranch:
         return given.get("Fv", 0.0) * least >= damping * abs(excess)
 
     @property
+    def most_slope(self) -> float:
+        """Return a bound above of the slope at a held speed, N m/rad or N/m: after a reversal."""
+        given = dict(self.values)
+        stiffnesses = (value for name, value in given.items() if name.startswith("stiffness"))
+        return 2.0 * given["sigma0"] if "sigma0" in given else math.fsum(stiffnesses)
+
+    @property
     def least_slope(self) -> float:
         """Return a bound below of the slope over the way for any period; minus infinity where there is none.
 
@@ -569,6 +593,11 @@ class AttractedSlip:
             (self.attraction > 0.0, "attraction must be positive"),
         )
         refuse_element([f"attracted slip: {text}" for kept, text in allowed if not kept])
+
+    @property
+    def most_slope(self) -> float:
+        """Return a bound above of the slope at a held speed, N m/rad or N/m."""
+        return math.fsum(map(abs, self.stiffnesses))
 
     def list_values(self) -> dict[str, float]:
         """Return the numbers by name: excess, speed, attraction, r1, k1, ..."""
@@ -651,6 +680,11 @@ class Relaxation:
         """Return True."""
         return True
 
+    @property
+    def most_slope(self) -> float:
+        """Return its slope in a fast motion, N m/rad or N/m."""
+        return self.stiffness
+
     def list_values(self) -> dict[str, float]:
         """Return the numbers by name."""
         return {"stiffness": self.stiffness, "time": self.time}
@@ -667,7 +701,9 @@ class Relaxation:
         stiffness, time = values["stiffness"], values["time"]
         half = algebra.tanh(algebra.scale(0.5, algebra.div(motion.period, time)))
         gone = algebra.div(algebra.scale(2.0, half), algebra.add(algebra.one, half))
-        goal = algebra.mul(stiffness, algebra.mul(time, motion.velocity))
+        # The mean velocity, whatever it is at the end; nothing has moved where no time has passed.
+        period = algebra.maximum(motion.period, algebra.scale(_SMALLEST, algebra.one))
+        goal = algebra.mul(stiffness, algebra.mul(time, algebra.div(motion.way, period)))
         after = algebra.add(states[0], algebra.mul(gone, algebra.sub(goal, states[0])))
         energy = algebra.scale(0.5, algebra.div(algebra.mul(after, after), stiffness))
         return BranchStep(force=after, states=(after,), stored=energy)

@@ -294,6 +294,14 @@ def find_least_slope(elasticity: Elasticity) -> float:
     return spring + math.fsum(branch.least_slope for branch in elasticity.branches)
 
 
+def find_most_slope(elasticity: Elasticity) -> float:
+    """Return a bound above of dy/dx at a held speed, its cubic part and damping left out, N m/rad or N/m."""
+    knees = [[knee.slope for knee in elasticity.knees if knee.threshold * side > 0.0] for side in (1.0, -1.0)]
+    outer = 1.0 + max(0.0, *map(math.fsum, knees))
+    slopes = (branch.most_slope for branch in elasticity.branches)
+    return (elasticity.initial_stiffness or 0.0) * outer + math.fsum(slopes)
+
+
 def describe_inverse(elasticity: Elasticity) -> str:
     """Return why an element has no inverse, in a sentence; empty where it has one."""
     if elasticity.backlash:

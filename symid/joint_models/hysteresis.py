@@ -98,6 +98,11 @@ class Elasticity:
         refuse_element(mistakes)
 
     @property
+    def is_plain(self) -> bool:
+        """Return whether it has neither branches nor backlash nor offset."""
+        return not (self.branches or self.backlash or self.offset)
+
+    @property
     def initial_stiffness(self) -> float | None:
         """Return the stiffness right after a reversal, k0 + sum k_i; None where a part is unknown."""
         parts = [self.stiffness, *(stop.stiffness for stop in self.stops)]

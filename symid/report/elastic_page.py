@@ -23,7 +23,15 @@ from symid.identification.elastic import (
     JointTrial,
     SpringEstimate,
 )
-from symid.joint_models import Elasticity, compute_first_curve, compute_hysteresis_torque, compute_spring_work
+from symid.joint_models import (
+    Elasticity,
+    compute_first_curve,
+    compute_hysteresis_torque,
+    compute_spring_work,
+    find_most_slope,
+    needs_time,
+    run_element,
+)
 from symid.report.blocks import Block, Drawing, Table
 from symid.report.figures import (
     STYLES,
@@ -176,12 +184,14 @@ def show_spring(estimate: SpringEstimate) -> Iterator[Block]:
     if knees:
         text = "Knees: beyond these torques the spring is stiffer or softer, by this total factor."
         yield Table((f"torque ({unit})", "slope beyond"), knees, title=text)
-    if estimate.truth is not None:
-        places = [
-            f"{value} {unit}/{torsion} at {place} m{torsion}"
-            for place, value, _ in _list_stops(estimate.truth)
-        ]
-        bends = [f"{slope} beyond {place} {unit}" for place, slope in _list_knees(estimate.truth)]
+    true = estimate.truth
+    if true is not None and not true.is_plain:
+        kinds = [f"a branch {branch.kind.replace('_', '-')}" for branch in true.branches]
+        kinds += [text for text, value in (("backlash", true.backlash), ("an offset", true.offset)) if value]
+        yield f"The true spring of the robot file has {', '.join(kinds)}, which stops and knees imitate."
+    elif true is not None:
+        places = [f"{value} {unit}/{torsion} at {place} m{torsion}" for place, value, _ in _list_stops(true)]
+        bends = [f"{slope} beyond {place} {unit}" for place, slope in _list_knees(true)]
         yield f"True stops: {', '.join(places) or 'none'}."
         yield f"True slopes: {', '.join(bends) or '1'}."
 
@@ -218,7 +228,8 @@ def _tabulate_spring(estimate: SpringEstimate) -> Table:
     amplitude = _choose_amplitude(estimate)
     stiffness = f"{estimate.torque_unit}/{estimate.position_unit}"
     found = _measure_spring(estimate.elasticity, amplitude)
-    known = None if estimate.truth is None else _measure_spring(estimate.truth, amplitude)
+    true = _get_traceable(estimate)
+    known = None if true is None else _measure_spring(true, amplitude)
     reach = f"\N{PLUS-MINUS SIGN}{1e3 * amplitude:.4g} m{estimate.position_unit}"
     names = (
         ("stiffness k0 once all stops slip", stiffness),
@@ -229,8 +240,8 @@ def _tabulate_spring(estimate: SpringEstimate) -> Table:
     rows: list[tuple[object, ...]] = []
     for index, (name, unit) in enumerate(names):
         value = found[index]
-        true = () if known is None else (f"{known[index]:.4g}", format_error(value, known[index]))
-        rows.append((name, f"{value:.4g}", *true, unit))
+        beside = () if known is None else (f"{known[index]:.4g}", format_error(value, known[index]))
+        rows.append((name, f"{value:.4g}", *beside, unit))
     extra = (
         ("cubic stiffness", estimate.elasticity.cubic, f"{stiffness}\N{SUPERSCRIPT THREE}"),
         ("damping", estimate.elasticity.damping, f"{estimate.torque_unit} s/{estimate.position_unit}"),
@@ -243,12 +254,25 @@ def _tabulate_spring(estimate: SpringEstimate) -> Table:
 
 def _measure_spring(spring: Elasticity, amplitude: float) -> tuple[float, float, float, float]:
     """Return k0, k0 + sum k_i, the secant stiffness at `amplitude`, and the loss of a cycle in J."""
-    first = float(compute_first_curve(spring, np.array([amplitude]))[0])
     # The second cycle is closed: the first one begins on the virgin curve.
     path = _sweep_torsion(amplitude, -amplitude, amplitude)
+    if not spring.is_plain:
+        from scipy.integrate import trapezoid
+
+        torque = run_element(spring, path).output
+        steepest, cycle = find_most_slope(spring), slice(_SAMPLES, None)
+        lost = float(trapezoid(torque[cycle], path[cycle]))
+        return spring.stiffness or 0.0, steepest, float(torque[_SAMPLES]) / amplitude, lost
+    first = float(compute_first_curve(spring, np.array([amplitude]))[0])
     work = compute_spring_work(spring, path) if not (spring.cubic and spring.knees) else None
     loss = float(work[-1] - work[_SAMPLES]) if work is not None else float("nan")
     return spring.stiffness or 0.0, spring.initial_stiffness or 0.0, first / amplitude, loss
+
+
+def _get_traceable(estimate: SpringEstimate) -> Elasticity | None:
+    """Return the true spring, None where it is not known, or its torque depends on the speed of a sweep."""
+    true = estimate.truth
+    return true if true is None or true.is_plain or not needs_time(replace(true, damping=0.0)) else None
 
 
 def _describe_reach(estimate: SpringEstimate) -> Iterator[str]:
@@ -288,10 +312,11 @@ def draw_branches(estimate: SpringEstimate) -> Drawing:
         ("first curve", "virgin", slice(0, _SAMPLES + 1)),
     )
     lines = [Line(label, style, 1e3 * whole[piece], torque[piece]) for label, style, piece in pieces]
-    if estimate.truth is not None:
+    true = _get_traceable(estimate)
+    if true is not None:
         path = _sweep_torsion(amplitude, -amplitude, amplitude)
-        true = compute_hysteresis_torque(estimate.truth, path)
-        lines.insert(0, Line("true outer loop", "truth", 1e3 * path[_SAMPLES:], true[_SAMPLES:]))
+        torque = run_element(replace(true, damping=0.0), path).output
+        lines.insert(0, Line("true outer loop", "truth", 1e3 * path[_SAMPLES:], torque[_SAMPLES:]))
     return build_curve_figure(
         f"The identified spring of {estimate.joint}: first curve from rest, outer loop, nested loops.",
         (f"torsion (m{estimate.position_unit})", f"joint torque ({estimate.torque_unit})"),

@@ -160,12 +160,14 @@ def draw_element(record: HysteresisRecord) -> tuple[Drawing, ...]:
 
 def compute_cycles(trace: ElementTrace) -> FloatArray:
     """Return width, measured and predicted work (c, 3) of all cycles, from a reversal to the next but one."""
+    from scipy.integrate import trapezoid
+
     strokes = find_strokes(trace.position)[1:-1]
     rows = []
     for (low, _), (_, high) in pairwise(strokes):
         part = slice(max(low - 1, 0), high)
         x = trace.position[part]
-        work = [float(np.trapezoid(y[part], x)) for y in (trace.measured, trace.predicted)]
+        work = [float(trapezoid(y[part], x)) for y in (trace.measured, trace.predicted)]
         # What the ends leave open is no loop: closed by the straight line between them.
         gap = float(x[0] - x[-1])
         work = [

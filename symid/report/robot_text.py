@@ -216,7 +216,8 @@ def show_code(made: "GeneratedFolder") -> tuple[Block, ...]:
         for name, counts in made.operations.items()
     ]
     units = ("code and stack in bytes; batches in manifest.json",) if sizes else ()
-    return (summarise_code(made), Table(("function", *counted, *measured), rows), *units)
+    springs = tuple(f"spring: {summarise_code(spring)}" for spring in made.springs)
+    return (summarise_code(made), Table(("function", *counted, *measured), rows), *units, *springs)
 
 
 def describe_code(robot: str, made: "GeneratedFolder") -> dict[str, object]:
@@ -231,6 +232,7 @@ def describe_code(robot: str, made: "GeneratedFolder") -> dict[str, object]:
         **select_fields(record, "selftest runner flags"),
         "sizes": {name: asdict(size) for name, size in record.sizes.items()},
         "unchanged": made.unchanged,
+        "springs": [str(spring.folder) for spring in made.springs],
     }
 
 

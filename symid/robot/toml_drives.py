@@ -1,35 +1,28 @@
-"""The tables of a joint that moves: `drive`, `friction`, `limits`, `spring`, `elasticity`; `[[coupling]]`.
+"""The tables of a joint that moves: `drive`, `friction`, `limits`, `spring`; `[[coupling]]`.
 
 Supported: rotor inertias on either side of the gear; every friction law of the catalogue, with all values
 or none where they are unknown, and a speed over which dry friction changes its sign; laws with a state,
-whose bristles or elements must be known; elastic
-joints with stiffness, damping, a cubic part, stops, knees on both sides or written for one and mirrored,
-catalogue values of harmonic drives; stiffnesses and rotor inertias that are "unknown", to be identified.
-Not supported: springs at a joint that are not linear; unknown shape values, thresholds and knees; a cubic
-part together with knees.
+whose bristles or elements must be known; stiffnesses and rotor inertias that are "unknown", to be
+identified. Springs between motor and link are read by `toml_elasticity`.
+Not supported: springs at a joint that are not linear; unknown shape values.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 
-from symid.errors import RobotError, UsageError
+from symid.errors import UsageError
 from symid.joint_models import (
     FRICTION_LAWS,
     NO_FRICTION,
     REFERENCE_TEMPERATURE,
     STATE_LAWS,
-    Elasticity,
     FrictionLaw,
     FrictionValues,
-    Knee,
     LawParameter,
-    Stop,
-    compute_catalogue_knees,
     compute_friction_torque,
     fix_exponent,
     free_exponent,
@@ -49,6 +42,7 @@ from symid.robot.description import (
     Spring,
 )
 from symid.robot.exact_values import read_fraction
+from symid.robot.toml_elasticity import UNKNOWN, read_elasticity
 from symid.robot.toml_values import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -252,9 +246,6 @@ def _warn_of_driving_friction(table: Section, friction: FrictionValues, fastest:
     table.warn("robot.negative-friction", key, text)
 
 
-UNKNOWN = "unknown"
-"""The text in place of a number that is to be identified."""
-
 _STIFFNESS = "N*m/rad"
 MOVING_KEYS = ("drive", "friction", "spring", "elasticity", "limits")
 
@@ -269,7 +260,7 @@ def complete_joint(section: Section, joint: Joint, *, fixed: bool) -> Joint:
             friction=_read_friction(section, limits.velocity or math.inf, shared="mimic" in section.values),
             limits=limits,
             spring=_read_spring(section),
-            elasticity=_read_elasticity(section),
+            elasticity=read_elasticity(section),
         )
     for key in MOVING_KEYS:
         if key in section.values:
@@ -395,115 +386,3 @@ def _read_terms(
         elif factor is not None:
             terms.append((names.index(name), factor))
     return tuple(sorted(terms))
-
-
-_ELASTICITY_KEYS = ("stiffness", "damping", "cubic", "stops", "knees", "symmetric", "catalogue")
-_CATALOGUE = ("K1", "K2", "K3", "T1", "T2")
-
-
-def _read_elasticity(section: Section) -> Elasticity | None:
-    """Return the `elasticity` table of a joint; a notice explains which side q is."""
-    table = section.read_table("elasticity", _ELASTICITY_KEYS)
-    if table is None:
-        return None
-    text = "q is the link position; friction and rotor inertia are on the motor side"
-    section.warn("robot.elastic-joint", "elasticity", text)
-    before = len(table.errors)
-    damping = table.read_float("damping", "N*m*s/rad", NOT_NEGATIVE)
-    cubic = table.read_float("cubic", "N*m/rad^3", NOT_NEGATIVE)
-    numbers = (
-        ("threshold", "0.002", "rad", POSITIVE, ""),
-        ("stiffness", "120", _STIFFNESS, NOT_NEGATIVE, UNKNOWN),
-    )
-    stops = tuple(Stop(threshold=at, stiffness=k) for at, k in _read_entries(table, "stops", *numbers))
-    if "catalogue" in table.values:
-        stiffness, knees = _read_catalogue(table)
-    else:
-        unit = adapt_unit(_STIFFNESS, prismatic=table.prismatic)
-        table.require("stiffness", f'write stiffness = 1e4 ({unit}) or stiffness = "{UNKNOWN}"')
-        stiffness = table.read_float("stiffness", _STIFFNESS, POSITIVE, word=UNKNOWN)
-        knees = _read_knees(table)
-    if cubic and "knees" in table.values:
-        text = "cannot be combined with knees: both harden the spring; use one of them"
-        table.refuse_key("robot.elasticity-mixed", "cubic", text)
-    if len(table.errors) > before:
-        return None
-    try:
-        return Elasticity(
-            stiffness=stiffness, damping=damping or 0.0, cubic=cubic or 0.0, stops=stops, knees=knees
-        )
-    except RobotError as error:
-        for notice in error.notices:
-            table.refuse(notice.code, "knees", notice.text)
-        return None
-
-
-def _read_catalogue(table: Section) -> tuple[float | None, tuple[Knee, ...]]:
-    """Return the stiffness K1 and the knees that a maker's table stands for."""
-    for key in ("stiffness", "knees", "symmetric", "cubic"):
-        if key in table.values:
-            text = "cannot be combined with catalogue, which gives stiffness and knees; leave one of them out"
-            table.refuse_key("robot.elasticity-mixed", key, text)
-    inner = table.read_table("catalogue", _CATALOGUE)
-    if inner is None:
-        return None, ()
-    values = {}
-    remedy = f"catalogue = {{ {', '.join(f'{name} = ..' for name in _CATALOGUE)} }} has all five"
-    for key in _CATALOGUE:
-        inner.require(key, remedy)
-        number = inner.read_float(key, _STIFFNESS if key[0] == "K" else "N*m", POSITIVE)
-        if number is not None:
-            values[key] = number
-    if len(values) < len(_CATALOGUE):
-        return None, ()
-    if not values["T1"] < values["T2"]:
-        text = f"must be greater than T1 = {values['T1']:g}, where the second slope begins"
-        inner.refuse("robot.out-of-range", "T2", text)
-        return None, ()
-    slopes = (values["K1"], values["K2"], values["K3"])
-    return values["K1"], compute_catalogue_knees(slopes, (values["T1"], values["T2"]))
-
-
-_Number = tuple[str, str, str, Range, str]
-"""Key, example, unit and range of a number, and the word that may stand in its place."""
-
-
-def _read_entries(table: Section, key: str, *numbers: _Number) -> list[tuple[float, float | None]]:
-    """Return threshold and other number of each table in the array at `key`; mistakes are reported."""
-    entries: Any = table.values.get(key, [])
-    if not isinstance(entries, list) or not all(isinstance(entry, Mapping) for entry in entries):
-        example = ", ".join(f"{name} = {number}" for name, number, *_ in numbers)
-        text = f"expected a list of tables, as in {key} = [{{ {example} }}], got {table.show(key)}"
-        table.refuse("robot.wrong-type", key, text)
-        return []
-    found: list[tuple[float, float | None]] = []
-    for index, values in enumerate(entries):
-        entry = table.inside(values, f"{table.label}: {key} {index + 1}", key, index)
-        entry.refuse_unknown_keys(name for name, *_ in numbers)
-        for name, _, unit, *_ in numbers:
-            shown = adapt_unit(unit, prismatic=entry.prismatic)
-            entry.require(name, f"write {name} = a number" + (f" in {shown}" if unit else ""))
-        threshold, value = (
-            entry.read_float(name, unit, allowed, word=word) for name, _, unit, allowed, word in numbers
-        )
-        if threshold == 0:
-            text = "must not be 0: the outer function has slope 1 there; change stiffness instead"
-            entry.refuse("robot.out-of-range", "threshold", text)
-        elif threshold is not None and (value is not None or key == "stops"):
-            if found and not threshold > found[-1][0]:
-                text = f"must be greater than {found[-1][0]:g} before it: thresholds increase, each once"
-                entry.refuse("robot.out-of-range", "threshold", text)
-            found.append((threshold, value))
-    return found
-
-
-def _read_knees(table: Section) -> tuple[Knee, ...]:
-    symmetric = table.read_flag("symmetric") or False
-    allowed = POSITIVE if symmetric else Range()
-    numbers = (("threshold", "3.0", "N*m", allowed, ""), ("slope", "0.5", "", Range(), ""))
-    found = [Knee(threshold=at, slope=slope or 0.0) for at, slope in _read_entries(table, "knees", *numbers)]
-    if symmetric and "knees" not in table.values:
-        text = "it mirrors knees, and there are none; write knees or leave it out"
-        table.refuse_key("robot.elasticity-mixed", "symmetric", text)
-    mirrored = [Knee(threshold=-knee.threshold, slope=knee.slope) for knee in reversed(found)]
-    return (*mirrored, *found) if symmetric else tuple(found)

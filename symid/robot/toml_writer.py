@@ -51,6 +51,7 @@ from symid.robot.exact_values import (
 )
 from symid.robot.geometry import IDENTITY, compose_placements, invert_placement, to_floats
 from symid.robot.inertia import explain_impossible_inertia, move_by_placement, move_parameters, split_body
+from symid.robot.toml_elasticity import list_branch_entries
 from symid.robot.toml_settings import compute_current_factor, list_controller, list_log, list_processing
 from symid.robot.toml_values import BASE
 
@@ -239,13 +240,18 @@ def _write_friction(owner: str, friction: FrictionValues) -> Iterator[str]:
 
 
 def _write_elasticity(elasticity: Elasticity, *, prismatic: bool) -> Iterator[str]:
-    damping, cubic = (write_number(x) if x else "" for x in (elasticity.damping, elasticity.cubic))
+    damping, cubic, backlash, offset = (
+        write_number(x) if x else ""
+        for x in (elasticity.damping, elasticity.cubic, elasticity.backlash, elasticity.offset)
+    )
     yield from ("", "[joint.elasticity]")
     yield from _write_values(
         prismatic,
         ("stiffness", write_known(elasticity.stiffness), "N m/rad"),
         ("damping", damping, "N m s/rad"),
         ("cubic", cubic, "N m/rad^3"),
+        ("backlash", backlash, "rad, half the gap"),
+        ("offset", offset, "N m"),
         ("stops", "[" if elasticity.stops else "", "threshold in rad, stiffness in N m/rad"),
     )
     for stop in elasticity.stops:
@@ -262,6 +268,18 @@ def _write_elasticity(elasticity: Elasticity, *, prismatic: bool) -> Iterator[st
         for knee in knees:
             yield f"  {{ threshold = {write_number(knee.threshold)}, slope = {write_number(knee.slope)} }},"
         yield "]"
+    for branch in elasticity.branches:
+        model, entries = list_branch_entries(branch)
+        if len(elasticity.branches) > 1:
+            yield from ("", "[[joint.elasticity.branch]]")
+        yield f'model = "{model}"'
+        for key, (value, unit) in entries.items():
+            text = (
+                f"[{', '.join(map(write_number, value))}]"
+                if isinstance(value, tuple)
+                else write_number(value)
+            )
+            yield from _write_values(prismatic, (key, text, unit))
 
 
 _HINT_COLUMN = 37

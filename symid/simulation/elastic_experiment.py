@@ -31,6 +31,7 @@ from symid.simulation import experiment
 from symid.simulation.elastic_plant import (
     ElasticValues,
     RestState,
+    build_elements,
     build_plant_robot,
     compute_rest,
     count_substeps,
@@ -248,14 +249,15 @@ def simulate_elastic(
     weight = library.evaluate("gravity", pose, stated.beta)[0][0]
     hold = weight + _compute_resting_friction(library, stated, pose, weight)
     plant = build_plant_robot(stated)
-    rest = compute_rest(plant, weight, tuple(joint.name for joint in robot.axes))
+    elements = build_elements(stated)
+    rest = compute_rest(plant, weight, tuple(joint.name for joint in robot.axes), elements)
     # Motors follow the trajectory shifted by the first torsion, and carry the weight.
     torque = np.broadcast_to(hold, desired.shape)
     followed = reference or MotorReference(angle=desired + rest.phi, speed=speed, torque=torque)
     order = _build_order(
         robot, library, stated, gains, options, desired=desired, reference=followed, rest=rest
     )
-    ran = simulate_plant(library, plant, order)
+    ran = simulate_plant(library, plant, order, elements)
     log, reach = ran.log, experiment.compute_reach(robot, desired)
     gone = np.flatnonzero(
         np.any((np.abs(log.q) >= reach) | (np.abs(log.theta) >= reach), axis=1)[: log.ticks]

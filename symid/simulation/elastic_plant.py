@@ -3,7 +3,7 @@
 Robot and its library's card -> ElasticValues -> PlantRobot. Library, PlantRobot, PlantExperiment -> PlantLog:
 compiled where there is a compiler, else by the same equations and steps as `templates/c/plant.c` in NumPy,
 several hundred times slower. Robots whose friction has a state are computed in NumPy alone, with the bristles
-of `rigid_plant`.
+of `rigid_plant`. Springs with branches, backlash or an offset are whole elements, compiled too.
 
     rest: S(v(phi)) = g,   v on the virgin curve: P_i = sign(phi) max(|phi| - r_i, 0)
 
@@ -13,8 +13,9 @@ Not supported: robots that are elastic in part; joints without rotor inertia; dr
 """
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import final
 
 import numpy as np
@@ -30,7 +31,17 @@ from symid.codegen import (
     load_plant_code,
 )
 from symid.errors import GenerationError, Notice, SolverError, UsageError
-from symid.joint_models import REFERENCE_TEMPERATURE, Elasticity, get_friction_law
+from symid.joint_models import (
+    REFERENCE_TEMPERATURE,
+    Elasticity,
+    ElementStep,
+    advance_element,
+    build_float_carrier,
+    find_most_slope,
+    get_friction_law,
+    list_element_values,
+    start_states,
+)
 from symid.robot import (
     Robot,
 )
@@ -151,10 +162,11 @@ _LOGGED = ("q", "dq", "theta", "dtheta", "spring", "torque", "work", "friction",
 class Springs:
     """The springs of all joints: tau = S(v), v = k0 phi + k3 phi^3 + sum k_i clamp(phi - P_i, r_i)."""
 
-    __slots__ = ("_cubic", "_knees", "_stiffness", "_stops")
+    __slots__ = ("_cubic", "_knees", "_radius", "_stiffness", "_stops")
 
     def __init__(self, robot: PlantRobot) -> None:
         """Take the numbers of `robot`; what has no weight or slope is left out."""
+        self._radius = robot.radius
         self._stiffness, self._cubic = robot.stiffness.tolist(), robot.cubic.tolist()
         self._stops = [
             [(k, r, w) for k, (r, w) in enumerate(zip(radius, weight, strict=True)) if w]
@@ -193,6 +205,26 @@ class Springs:
             start = kink
         return total
 
+    def compute(self, phi: FloatArray, rate: FloatArray, passed: float, play: FloatArray) -> FloatArray:
+        """Return the torques (n,) at torsions (n,); neither their rates nor the time count."""
+        del rate, passed
+        return np.array([self.compute_torque(j, float(angle), play) for j, angle in enumerate(phi)])
+
+    def settle(
+        self, ways: tuple[FloatArray, FloatArray], rate: FloatArray, passed: float, play: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the work (n,) in J from one torsion (n,) to another, and the plays there."""
+        del rate, passed
+        start, end = ways
+        pairs = enumerate(zip(start.tolist(), end.tolist(), strict=True))
+        work = np.array([self.integrate(joint, low, high, play) for joint, (low, high) in pairs])
+        return work, end[:, None] - np.clip(end[:, None] - play, -self._radius, self._radius)
+
+    def bends(self, start: FloatArray, end: FloatArray, play: FloatArray) -> bool:
+        """Return whether a slope changes between torsions (n,)."""
+        pairs = enumerate(zip(start.tolist(), end.tolist(), strict=True))
+        return any(self.locate_kink(joint, low, high, play) != high for joint, (low, high) in pairs)
+
     def locate_kink(self, joint: int, start: float, end: float, play: FloatArray) -> float:
         """Return the first torsion from `start` towards `end` at which the slope changes; `end` for none."""
         least, way = _LEAST_SHARE * abs(end - start), 1.0 if end > start else -1.0
@@ -228,11 +260,77 @@ class Springs:
 
 
 @final
-class _ElasticStepper:
-    """Runge-Kutta steps; a state is a row each for q, dq, theta, dtheta, lost in friction, damped: (6, n)."""
+class Elements:
+    """The springs of all joints as elements: whatever `Elasticity` holds, its damping apart.
 
-    def __init__(self, library: Library, robot: PlantRobot) -> None:
-        self.springs = Springs(robot)
+    Their memory (n, m) has the states of each as `start_states` orders them, then zeros.
+    """
+
+    __slots__ = ("_algebra", "_sizes", "_values", "springs")
+
+    def __init__(self, springs: Sequence[Elasticity]) -> None:
+        """Take the springs, all numbers known."""
+        self._algebra = build_float_carrier()
+        self.springs = tuple(replace(spring, damping=0.0) for spring in springs)
+        self._values = [list_element_values(spring) for spring in self.springs]
+        self._sizes = [len(start_states(spring, 0.0)) for spring in self.springs]
+
+    def _advance(
+        self, joint: int, torsion: float, motion: tuple[float, float], states: Sequence[float]
+    ) -> ElementStep[float]:
+        rate, passed = motion
+        held, spring, before = (torsion, passed), self.springs[joint], states[: self._sizes[joint]]
+        return advance_element(self._algebra, spring, self._values[joint], held, before, velocity=rate)
+
+    def load(self, joint: int, torsion: float) -> ElementStep[float]:
+        """Return where a virgin spring is that has gone slowly from zero to a torsion."""
+        return self._advance(joint, torsion, (0.0, 1.0), start_states(self.springs[joint], 0.0))
+
+    def pad(self, states: Sequence[Sequence[float]]) -> FloatArray:
+        """Return the memory of these states of all joints."""
+        memory = np.zeros((len(self._sizes), max(self._sizes)))
+        for row, own in zip(memory, states, strict=True):
+            row[: len(own)] = own
+        return memory
+
+    def compute(self, phi: FloatArray, rate: FloatArray, passed: float, memory: FloatArray) -> FloatArray:
+        """Return the torques (n,) at torsions (n,) with rates (n,), `passed` s after the memory was so."""
+        motion = enumerate(zip(phi.tolist(), rate.tolist(), memory.tolist(), strict=True))
+        return np.array([self._advance(j, at, (v, passed), states).output for j, (at, v, states) in motion])
+
+    def settle(
+        self, ways: tuple[FloatArray, FloatArray], rate: FloatArray, passed: float, memory: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the work (n,) in J from torsions (n,) to others, by Simpson's rule, and the states there."""
+        start, end = ways
+        middle = self.compute(0.5 * (start + end), rate, 0.5 * passed, memory)
+        pairs = enumerate(zip(end.tolist(), rate.tolist(), memory.tolist(), strict=True))
+        steps = [self._advance(joint, at, (v, passed), states) for joint, (at, v, states) in pairs]
+        last = np.array([step.output for step in steps])
+        work = (end - start) / 6.0 * (self.compute(start, rate, 0.0, memory) + 4.0 * middle + last)
+        return work, self.pad([step.states for step in steps])
+
+    def bends(self, start: FloatArray, end: FloatArray, memory: FloatArray) -> bool:
+        """Return False: where branches slip is not located; steps are cut at reversals alone."""
+        del start, end, memory
+        return False
+
+
+def build_elements(values: ElasticValues) -> Elements | None:
+    """Return the springs as elements, None where all have stops and knees alone."""
+    return None if all(spring.is_plain for spring in values.elasticity) else Elements(values.elasticity)
+
+
+@final
+class _ElasticStepper:
+    """Runge-Kutta steps; a state is a row each for q, dq, theta, dtheta, lost in friction, damped: (6, n).
+
+    `memory`: of the springs before the step; `passed`: time since then, s.
+    """
+
+    def __init__(self, library: Library, robot: PlantRobot, elements: Elements | None) -> None:
+        self.springs = elements or Springs(robot)
+        self._reverses = elements is not None or robot.radius.shape[1] > 0
         self._robot = robot
         self._forward: Callable[..., tuple[FloatArray, ...]] = library.bind("forward_dynamics")
         self._friction = library.bind("friction") if robot.friction.size else None
@@ -241,17 +339,17 @@ class _ElasticStepper:
         # Before and after a step.
         self.z = self.bent = np.zeros(0 if self._bristles is None else len(self._bristles.owner))
 
-    def compute_springs(self, x: FloatArray, play: FloatArray) -> FloatArray:
-        phi = x[2] - x[0]
-        pull = [self.springs.compute_torque(joint, float(angle), play) for joint, angle in enumerate(phi)]
-        torque: FloatArray = np.array(pull) + self._robot.damping * (x[3] - x[1])
+    def compute_springs(self, x: FloatArray, memory: FloatArray, passed: float = 0.0) -> FloatArray:
+        rate = x[3] - x[1]
+        torque: FloatArray = self._robot.damping * rate
+        torque += self.springs.compute(x[2] - x[0], rate, passed, memory)
         return torque
 
     def _compute_slope(
-        self, x: FloatArray, play: FloatArray, torque: FloatArray, z: FloatArray
+        self, x: FloatArray, push: FloatArray, torque: FloatArray, z: FloatArray
     ) -> FloatArray:
         robot, twist = self._robot, x[3] - x[1]
-        drag, push = np.zeros(robot.size), self.compute_springs(x, play)
+        drag = np.zeros(robot.size)
         if self._friction is not None:
             given = self._card.gather_friction_inputs(x[3], q=x[2], load=push, temperature=self._warm)
             (drag,) = self._friction(*given, robot.friction)
@@ -261,61 +359,62 @@ class _ElasticStepper:
         spin = (torque - push - drag) / robot.rotor
         return np.array([x[1], acceleration, x[3], spin, drag * x[3], robot.damping * twist * twist])
 
-    def step(self, x: FloatArray, play: FloatArray, torque: FloatArray, h: float) -> FloatArray:
-        bend, z = self._begin(x, play, torque, h), self.z
+    def step(self, x: FloatArray, memory: FloatArray, torque: FloatArray, h: float) -> FloatArray:
+        push, z = self.compute_springs(x, memory), self.z
+        bend = self._begin(x, push, torque, h)
 
-        def find_slope(y: FloatArray) -> FloatArray:
+        def find_slope(y: FloatArray, passed: float) -> FloatArray:
             bent = z if bend is None else bend.move(y[2] - x[2], y[3])
-            return self._compute_slope(y, play, torque, bent)
+            return self._compute_slope(y, self.compute_springs(y, memory, passed), torque, bent)
 
-        k1 = self._compute_slope(x, play, torque, z)
-        k2 = find_slope(x + 0.5 * h * k1)
-        k3 = find_slope(x + 0.5 * h * k2)
-        k4 = find_slope(x + h * k3)
+        k1 = self._compute_slope(x, push, torque, z)
+        k2 = find_slope(x + 0.5 * h * k1, 0.5 * h)
+        k3 = find_slope(x + 0.5 * h * k2, 0.5 * h)
+        k4 = find_slope(x + h * k3, h)
         after: FloatArray = x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
         if bend is not None:
             self.bent = bend.move(after[2] - x[2], after[3])
         return after
 
-    def _begin(self, x: FloatArray, play: FloatArray, torque: FloatArray, h: float) -> BristleStride | None:
+    def _begin(self, x: FloatArray, push: FloatArray, torque: FloatArray, h: float) -> BristleStride | None:
         """Return the step of the bristles; a motor at rest goes where it is pushed."""
         if self._bristles is None:
             return None
-        push = self._compute_slope(x, play, torque, self.z)[3]
-        modes = np.where(np.where(x[3] == 0.0, push, x[3]) < 0.0, -1, 1)
+        spin = self._compute_slope(x, push, torque, self.z)[3]
+        modes = np.where(np.where(x[3] == 0.0, spin, x[3]) < 0.0, -1, 1)
         state = RigidPlantState(q=x[2], dq=x[3], modes=tuple(modes.tolist()), bristles=self.z)
         return BristleStride(self._bristles, state, h)
 
-    def bends(self, x: FloatArray, after: FloatArray, play: FloatArray) -> bool:
+    def bends(self, x: FloatArray, after: FloatArray, memory: FloatArray) -> bool:
         if self._bristles is not None and bool(np.any((x[3] * after[3] < 0.0) & self._bristles.joints)):
             return True
         rates = (x[3] - x[1]) * (after[3] - after[1])
-        if self._robot.radius.shape[1] and bool(np.any(rates < 0.0)):
+        if self._reverses and bool(np.any(rates < 0.0)):
             return True
-        pairs = zip((x[2] - x[0]).tolist(), (after[2] - after[0]).tolist(), strict=True)
-        return any(
-            self.springs.locate_kink(joint, start, end, play) != end
-            for joint, (start, end) in enumerate(pairs)
-        )
+        return bool(self.springs.bends(x[2] - x[0], after[2] - after[0], memory))
 
 
-def simulate_in_numpy(library: Library, robot: PlantRobot, order: PlantExperiment) -> PlantLog:
-    """Return the motion of the robot, equal to that of the compiled plant up to rounding."""
-    stepper, size = _ElasticStepper(library, robot), robot.size
+def simulate_in_numpy(
+    library: Library, robot: PlantRobot, order: PlantExperiment, elements: Elements | None = None
+) -> PlantLog:
+    """Return the motion of the robot, equal to that of the compiled plant up to rounding.
+
+    `elements` stand in place of the springs of `robot`.
+    """
+    stepper, size = _ElasticStepper(library, robot, elements), robot.size
     rest = np.zeros(size)
     x = np.array([order.q, rest, order.theta, rest, rest, rest])
-    play, work, elastic = order.play.copy(), np.zeros(size), np.zeros(size)
+    memory = order.play.copy()
+    work, elastic = np.zeros(size), np.zeros(size)
     log = {name: np.zeros((order.ticks, size)) for name in _LOGGED}
     h = order.period / order.substeps
 
-    def settle(after: FloatArray) -> FloatArray:
-        start, end = x[2] - x[0], after[2] - after[0]
+    def take(after: FloatArray, length: float) -> FloatArray:
+        nonlocal memory
         work[:] += torque * (after[2] - x[2])
-        elastic[:] += [
-            stepper.springs.integrate(joint, float(start[joint]), float(end[joint]), play)
-            for joint in range(size)
-        ]
-        play[:] = end[:, None] - np.clip(end[:, None] - play, -robot.radius, robot.radius)
+        ways, rate = (x[2] - x[0], after[2] - after[0]), after[3] - after[1]
+        done, memory = stepper.springs.settle(ways, rate, length, memory)
+        elastic[:] += done
         stepper.z = stepper.bent
         return after
 
@@ -325,16 +424,16 @@ def simulate_in_numpy(library: Library, robot: PlantRobot, order: PlantExperimen
         measured = quantise(x[2], order.step)
         demand = order.stiffness * (order.angle[tick] - measured) + order.damping * (order.speed[tick] - x[3])
         torque: FloatArray = np.clip(demand + order.torque[tick], -order.limit, order.limit)
-        row = (x[0], x[1], x[2], x[3], stepper.compute_springs(x, play), torque, work, x[4], elastic, x[5])
+        row = (x[0], x[1], x[2], x[3], stepper.compute_springs(x, memory), torque, work, x[4], elastic, x[5])
         for name, values in zip(_LOGGED, row, strict=True):
             log[name][tick] = values
         for _ in range(order.substeps if tick + 1 < order.ticks else 0):
-            after = stepper.step(x, play, torque, h)
-            if order.parts > 1 and stepper.bends(x, after, play):
+            after, part = stepper.step(x, memory, torque, h), h / order.parts
+            if order.parts > 1 and stepper.bends(x, after, memory):
                 for _ in range(order.parts):
-                    x = settle(stepper.step(x, play, torque, h / order.parts))
+                    x = take(stepper.step(x, memory, torque, part), part)
             else:
-                x = settle(after)
+                x = take(after, h)
     return PlantLog(**log, ticks=order.ticks)
 
 
@@ -354,13 +453,20 @@ class PlantRun:
 
 
 def simulate_plant(
-    library: Library, robot: PlantRobot, order: PlantExperiment, *, compiler: str | None = None
+    library: Library,
+    robot: PlantRobot,
+    order: PlantExperiment,
+    elements: Elements | None = None,
+    *,
+    compiler: str | None = None,
 ) -> PlantRun:
     """Return the motion; a notice says where it was computed without a compiler (None: the first found)."""
     reason = "there is no C compiler"
     bends = any(spec.name == "friction_step" for spec in library.card.functions)
+    springs = () if elements is None else elements.springs
+    compiles = has_addresses(library) and not bends
     try:
-        plant = load_plant_code(compiler=compiler) if has_addresses(library) and not bends else None
+        plant = load_plant_code(springs, compiler=compiler) if compiles else None
     except GenerationError as error:
         plant, reason = None, str(error)
     if plant is not None:
@@ -371,7 +477,9 @@ def simulate_plant(
         reason = "friction has a state"
     text = f"{reason}: the elastic robot is simulated in NumPy, with the same numbers but many times slower"
     notice = Notice(code="simulate.slow-plant", text=text)
-    return PlantRun(log=simulate_in_numpy(library, robot, order), backend="python", notices=(notice,))
+    return PlantRun(
+        log=simulate_in_numpy(library, robot, order, elements), backend="python", notices=(notice,)
+    )
 
 
 def _find_bristle_rate(bristles: Bristles, rotor: FloatArray) -> float:
@@ -393,7 +501,7 @@ def count_substeps(
     # Links and rotors swing against each other, or settle by damping.
     (mass,) = library.evaluate("mass_matrix", poses, values.beta)
     mobility = np.linalg.inv(mass) + np.diag(1.0 / values.rotor)
-    root = np.sqrt([_compute_largest_stiffness(spring) for spring in values.elasticity])
+    root = np.sqrt([find_most_slope(spring) for spring in values.elasticity])
     rate = float(np.sqrt(np.linalg.eigvalsh(root[:, None] * mobility * root).max()))
     root = np.sqrt([spring.damping for spring in values.elasticity])
     rate = max(rate, float(np.linalg.eigvalsh(root[:, None] * mobility * root).max()))
@@ -416,38 +524,49 @@ def count_substeps(
     return max(1, math.ceil(period / longest - _ROUNDING))
 
 
-def _compute_largest_stiffness(spring: Elasticity) -> float:
-    """Return the largest slope of a spring whose cubic term is small at the torsions of use."""
-    sides = [sum(knee.slope for knee in spring.knees if knee.threshold * side > 0.0) for side in (1.0, -1.0)]
-    return (spring.initial_stiffness or 0.0) * (1.0 + max(0.0, *sides))
-
-
 _GROWTH = 1.1
 _MOST_TRIALS = 400
 _BISECTIONS = 200
+_LEAST_TORSION = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RestState(FrozenArrays):
-    """Springs under load: torsion `phi` (n,) rad or m, `play` P_i (n, m) rad or m."""
+    """Springs under load: torsion `phi` (n,) rad or m, `play` P_i (n, m) rad or m, or states of elements."""
 
     phi: FloatArray
     play: FloatArray
 
 
-def compute_rest(robot: PlantRobot, load: FloatArray, names: tuple[str, ...]) -> RestState:
+def compute_rest(
+    robot: PlantRobot, load: FloatArray, names: tuple[str, ...], elements: Elements | None = None
+) -> RestState:
     """Return torsions at which the springs carry `load` (n,) in N m or N, reached from zero.
 
     The first root is bracketed by trials that grow by a tenth, then halved to the last digit.
     """
     springs = Springs(robot)
+
+    def compute_torque(joint: int, phi: float) -> float:
+        if elements is not None:
+            return elements.load(joint, phi).output
+        play = _compute_virgin_play(robot, np.full(robot.size, phi))
+        return springs.compute_torque(joint, phi, play)
+
+    first = np.abs(load) / (robot.stiffness + robot.weight.sum(axis=1))
     phi = np.array(
-        [_locate_torsion(springs, robot, joint, float(load[joint])) for joint in range(robot.size)]
+        [
+            _locate_torsion(partial(compute_torque, joint), weight, scale)
+            for joint, (weight, scale) in enumerate(zip(load.tolist(), first.tolist(), strict=True))
+        ]
     )
     lost = [name for name, angle in zip(names, phi.tolist(), strict=True) if not np.isfinite(angle)]
     if lost:
         text = f"the springs of {', '.join(lost)} cannot carry the weight of the robot; make them stiffer"
         raise SolverError(Notice(code="simulate.weak-spring", text=text))
+    if elements is not None:
+        states = [elements.load(joint, torsion).states for joint, torsion in enumerate(phi.tolist())]
+        return RestState(phi=phi, play=elements.pad(states))
     return RestState(phi=phi, play=_compute_virgin_play(robot, phi))
 
 
@@ -456,17 +575,17 @@ def _compute_virgin_play(robot: PlantRobot, phi: FloatArray) -> FloatArray:
     return play
 
 
-def _locate_torsion(springs: Springs, robot: PlantRobot, joint: int, load: float) -> float:
-    """Return the torsion of one joint, not a number where there is none."""
-    side = 1.0 if load > 0.0 else -1.0
+def _locate_torsion(compute_torque: Callable[[float], float], load: float, scale: float) -> float:
+    """Return the torsion at which a spring carries a load, about `scale`; NaN where there is none."""
+    idle = compute_torque(0.0)
+    side = 1.0 if load > idle else -1.0
 
     def compute_excess(phi: float) -> float:
-        play = _compute_virgin_play(robot, np.full(robot.size, phi))
-        return side * springs.compute_torque(joint, phi, play) - abs(load)
+        return side * (compute_torque(phi) - load)
 
-    if not load:
+    if load == idle:
         return 0.0
-    high = abs(load) / float(robot.stiffness[joint] + robot.weight[joint].sum())
+    high = scale or _LEAST_TORSION
     for _ in range(_MOST_TRIALS):
         if compute_excess(side * high) >= 0.0:
             break

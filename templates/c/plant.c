@@ -6,6 +6,8 @@
  *
  * Classical Runge-Kutta steps with the plays P_i frozen inside a step and moved after it. A step within which the
  * slope of a spring changes, or its torsion turns, is taken again in `parts` pieces: there the error is largest.
+ * Springs of other kinds come as a function of torsion, rate and time since the step began; its states stand where
+ * the plays of stops would, and where its slope changes is not looked for.
  *
  * The robot's own functions come as pointers, so that this file is the same for every robot. No function allocates
  * memory or keeps state. Matrices are row-major.
@@ -27,9 +29,16 @@ typedef union {
     friction_call_3 three;
 } friction_pointer;
 
-/* n joints with m stops and l knees each; those that a joint lacks have a weight or slope of zero. */
+/* The torque of joint i whose torsion has gone to held[0] in held[1] s, at a rate of held[2], from its m states. */
+typedef double (*element_call)(size_t i, const double *held, const double *states, double *after);
+
+/*
+ * n joints with m stops and l knees each; those that a joint lacks have a weight or slope of zero. With `element`
+ * the tables of springs do not count, but damping, and m is the largest number of states.
+ */
 typedef struct {
     size_t n, m, l;
+    element_call element; /* NULL: stops and knees */
     forward_call forward;
     friction_pointer friction; /* NULL where there is none */
     size_t reads; /* what it reads besides dq: 1 positions, 2 loads, 4 temperatures, or their sum */
@@ -57,7 +66,7 @@ typedef struct {
 /* The state x holds q, dq, theta, dtheta, and what friction and damping took: 6 n numbers. */
 typedef struct {
     double *x, *before, *y, *k1, *k2, *k3, *k4;
-    double *play, *push, *drag, *work, *elastic;
+    double *play, *after, *push, *drag, *work, *elastic;
 } plant_scratch;
 
 enum { STATES = 6, ROOT_STEPS = 80 };
@@ -66,7 +75,7 @@ static const double LEAST_SHARE = 1e-9;
 /* How many numbers of scratch memory a run needs. */
 size_t symid_plant_scratch(size_t n, size_t m)
 {
-    return 7 * STATES * n + n * m + 4 * n;
+    return 7 * STATES * n + (n + 1) * m + 4 * n;
 }
 
 static plant_scratch divide(const plant_robot *r, double *memory)
@@ -82,6 +91,7 @@ static plant_scratch divide(const plant_robot *r, double *memory)
         *vectors[i] = memory;
     }
     w.play = memory;
+    w.after = memory + n * r->m;
     return w;
 }
 
@@ -179,6 +189,16 @@ static double integrate(const plant_robot *r, const double *play, size_t i, doub
     return sum;
 }
 
+/* The torque of joint i without damping, `passed` s after its memory was as it is; w->after has the next states. */
+static double pull(const plant_robot *r, const plant_scratch *w, size_t i, double phi, double rate, double passed)
+{
+    if (r->element == NULL) {
+        return spring(r, w->play, i, phi);
+    }
+    const double held[3] = {phi, passed, rate};
+    return r->element(i, held, w->play + i * r->m, w->after);
+}
+
 static void find_drag(const plant_robot *r, const double *theta, const double *dtheta, const double *load, double *drag)
 {
     const double *given[3] = {NULL, NULL, NULL};
@@ -208,13 +228,15 @@ static void find_drag(const plant_robot *r, const double *theta, const double *d
     }
 }
 
-static void find_slope(const plant_robot *r, const plant_scratch *w, const double *torque, const double *x, double *d)
+/* The rates d of the state x, `passed` s after the step began. */
+static void find_slope(const plant_robot *r, const plant_scratch *w, const double *torque, const double *x, double passed,
+                       double *d)
 {
     const size_t n = r->n;
     const double *q = x, *dq = x + n, *theta = x + 2 * n, *dtheta = x + 3 * n;
     for (size_t i = 0; i < n; ++i) {
         const double twist = dtheta[i] - dq[i], damp = r->damping[i] * twist;
-        w->push[i] = spring(r, w->play, i, theta[i] - q[i]) + damp;
+        w->push[i] = pull(r, w, i, theta[i] - q[i], twist, passed) + damp;
         d[i] = dq[i];
         d[2 * n + i] = dtheta[i];
         d[5 * n + i] = damp * twist;
@@ -234,19 +256,19 @@ static void take_step(const plant_robot *r, const plant_scratch *w, const double
 {
     const size_t s = STATES * r->n;
     const double *x = w->before;
-    find_slope(r, w, torque, x, w->k1);
+    find_slope(r, w, torque, x, 0.0, w->k1);
     for (size_t i = 0; i < s; ++i) {
         w->y[i] = x[i] + 0.5 * h * w->k1[i];
     }
-    find_slope(r, w, torque, w->y, w->k2);
+    find_slope(r, w, torque, w->y, 0.5 * h, w->k2);
     for (size_t i = 0; i < s; ++i) {
         w->y[i] = x[i] + 0.5 * h * w->k2[i];
     }
-    find_slope(r, w, torque, w->y, w->k3);
+    find_slope(r, w, torque, w->y, 0.5 * h, w->k3);
     for (size_t i = 0; i < s; ++i) {
         w->y[i] = x[i] + h * w->k3[i];
     }
-    find_slope(r, w, torque, w->y, w->k4);
+    find_slope(r, w, torque, w->y, h, w->k4);
     for (size_t i = 0; i < s; ++i) {
         w->x[i] = x[i] + h / 6.0 * (w->k1[i] + 2.0 * (w->k2[i] + w->k3[i]) + w->k4[i]);
     }
@@ -258,20 +280,27 @@ static int bends(const plant_robot *r, const plant_scratch *w)
     for (size_t i = 0; i < n; ++i) {
         const double from = w->before[2 * n + i] - w->before[i], to = w->x[2 * n + i] - w->x[i];
         const double rate = w->before[3 * n + i] - w->before[n + i], later = w->x[3 * n + i] - w->x[n + i];
-        if ((r->m && rate * later < 0.0) || find_kink(r, w->play, i, from, to) != to) {
+        if ((r->m && rate * later < 0.0) || (r->element == NULL && find_kink(r, w->play, i, from, to) != to)) {
             return 1;
         }
     }
     return 0;
 }
 
-/* Count the work of the step from w->before to w->x, then move the plays. */
-static void settle(const plant_robot *r, const plant_scratch *w, const double *torque)
+/* Count the work of the step of h s from w->before to w->x, then move the plays. */
+static void settle(const plant_robot *r, const plant_scratch *w, const double *torque, double h)
 {
     const size_t n = r->n;
     for (size_t i = 0; i < n; ++i) {
         const double from = w->before[2 * n + i] - w->before[i], to = w->x[2 * n + i] - w->x[i];
         w->work[i] += torque[i] * (w->x[2 * n + i] - w->before[2 * n + i]);
+        if (r->element != NULL) {
+            const double rate = w->x[3 * n + i] - w->x[n + i];
+            const double ends = pull(r, w, i, from, rate, 0.0) + 4.0 * pull(r, w, i, 0.5 * (from + to), rate, 0.5 * h);
+            w->elastic[i] += (to - from) / 6.0 * (ends + pull(r, w, i, to, rate, h));
+            memcpy(w->play + i * r->m, w->after, r->m * sizeof *w->after);
+            continue;
+        }
         w->elastic[i] += integrate(r, w->play, i, from, to);
         for (size_t j = i * r->m; j < (i + 1) * r->m; ++j) {
             w->play[j] = to - clamp(to - w->play[j], r->radius[j]);
@@ -286,11 +315,11 @@ static void advance(const plant_robot *r, const plant_scratch *w, const double *
     if (parts > 1 && bends(r, w)) {
         for (size_t part = 0; part < parts; ++part) {
             take_step(r, w, torque, h / (double)parts);
-            settle(r, w, torque);
+            settle(r, w, torque, h / (double)parts);
         }
         return;
     }
-    settle(r, w, torque);
+    settle(r, w, torque, h);
 }
 
 /* The torque of joint i at tick k: motor-side PD on the encoder, the speed from the drive's own observer. */
@@ -314,7 +343,8 @@ static void write_log(const plant_robot *r, const plant_order *o, const plant_sc
         log->damped[at] = x[5 * n + i];
         log->work[at] = w->work[i];
         log->elastic[at] = w->elastic[i];
-        log->spring[at] = spring(r, w->play, i, x[2 * n + i] - x[i]) + r->damping[i] * (x[3 * n + i] - x[n + i]);
+        const double twist = x[3 * n + i] - x[n + i];
+        log->spring[at] = pull(r, w, i, x[2 * n + i] - x[i], twist, 0.0) + r->damping[i] * twist;
         log->torque[at] = command(o, n, k, i, x[2 * n + i], x[3 * n + i]);
     }
 }

@@ -33,7 +33,7 @@ from symid.identification.elastic.regression import (
 )
 from symid.identification.estimators import Residual
 from symid.identification.hysteresis import filter_smooth
-from symid.joint_models import Elasticity, Knee, Stop, compute_hysteresis_torque
+from symid.joint_models import Elasticity, Knee, Stop, compute_hysteresis_torque, run_element
 from symid.logs import Recording, measure_overlap
 from symid.robot import (
     Robot,
@@ -162,7 +162,10 @@ def predict_elastic(
         spring = springs[joint] if springs else None
         if spring is None or spring.initial_stiffness is None:
             return None
-        torque = compute_hysteresis_torque(spring, phi[:, joint], rate[:, joint])
+        if spring.is_plain:
+            torque = compute_hysteresis_torque(spring, phi[:, joint], rate[:, joint])
+        else:
+            torque = run_element(spring, phi[:, joint], signals.time, velocity=rate[:, joint]).output
         return filter_smooth(torque, options.rate, signals.period)[rows.keep]
 
     told = identifiable or [True] * len(final.elasticity)

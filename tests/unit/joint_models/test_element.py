@@ -94,7 +94,7 @@ def test_the_inverse_returns_the_input(name):
 
 
 def test_elements_of_every_kind_are_inverted():
-    assert set(INVERTIBLE) == set(NAMES) - {"gap", "lugre", "falling"}
+    assert set(INVERTIBLE) == set(NAMES) - {"gap", "lugre", "falling", "attracted"}
 
 
 def test_the_least_slope_is_reached():

@@ -1,0 +1,137 @@
+"""Springs with branches in robot files: read as they are written, mistakes told with their place."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symid.environment import locate_resource_folder
+from symid.errors import RobotError
+from symid.joint_models import BoucWen, BristleBranch, Elasticity, SlipSpring, Stop, needs_time, run_element
+from symid.robot.toml_reader import parse_robot, read_robot
+from symid.robot.toml_writer import write_robot
+from tests.elements import ELEMENTS
+
+HEAD = 'convention = "modified"\ngravity = [0, 0, -9.81]\n[[joint]]\nname = "shoulder"\nkind = "revolute"\n'
+STOP = "stops = [{ threshold = 0.5, stiffness = 5 }]\n"
+SPRING = "[joint.elasticity]\nstiffness = 380\n"
+
+
+def read_spring(lines, kind="revolute"):
+    return parse_robot(HEAD.replace("revolute", kind) + SPRING + lines).joints[0].elasticity
+
+
+def write_arm(folder, springs):
+    """Write the shipped elastic arm with these springs, and return the file."""
+    arm = read_robot(locate_resource_folder("robots") / "two_link_elastic.toml")
+    joints = tuple(
+        replace(joint, elasticity=spring) for joint, spring in zip(arm.joints, springs, strict=True)
+    )
+    file = folder / "arm.toml"
+    file.write_text(write_robot(replace(arm, joints=joints)))
+    return file
+
+
+@pytest.mark.parametrize("kind", sorted(ELEMENTS))
+@pytest.mark.parametrize("joint", ["revolute", "prismatic"])
+def test_what_is_written_is_read_back(kind, joint):
+    spring = ELEMENTS[kind]
+    robot = parse_robot(HEAD.replace("revolute", joint) + SPRING)
+    text = write_robot(replace(robot, joints=(replace(robot.joints[0], elasticity=spring),)))
+    again = parse_robot(text).joints[0].elasticity
+    assert text == write_robot(parse_robot(text))
+    path = np.random.default_rng(3).uniform(-1.0, 1.0, 300)
+    time = np.arange(300) * 1e-2
+    before, after = (run_element(entry, path, time).output for entry in (spring, again))
+    np.testing.assert_array_equal(after, before)
+
+
+def test_the_file_says_what_the_record_holds():
+    bent = "level = 1.5\nlength = 0.004\nsharpness = 1.4\nloop = 0.8\nskew = 0.2\n"
+    branch = BoucWen(level=1.5, length=0.004, sharpness=1.4, loop=0.8, skew=0.2)
+    expected = Elasticity(stiffness=380.0, branches=(branch,))
+    assert read_spring('model = "bouc_wen"\n' + bent) == expected
+    assert read_spring('model = "bouc-wen"\n' + bent) == expected
+    assert read_spring('[[joint.elasticity.branch]]\nmodel = "bouc-wen"\n' + bent) == expected
+    assert read_spring('model = "prandtl-ishlinskii"\n') == Elasticity(stiffness=380.0)
+    plain = read_spring('model = "dahl"\nFc = 2\nsigma0 = 30\nbacklash = 0.01\noffset = -0.5\n')
+    bristle = BristleBranch(law="dahl", values=(("Fc", 2.0), ("sigma0", 30.0)))
+    assert plain == Elasticity(stiffness=380.0, branches=(bristle,), backlash=0.01, offset=-0.5)
+
+
+def test_maxwell_slip_is_a_set_of_stops():
+    found = read_spring('model = "maxwell_slip"\nstiffnesses = [120, 60]\nforces = [0.24, 0.3]\n')
+    stops = (Stop(threshold=0.3 / 60, stiffness=60.0), Stop(threshold=0.24 / 120, stiffness=120.0))
+    assert found == Elasticity(stiffness=380.0, stops=tuple(sorted(stops)))
+    with_stop = 'stops = [{ threshold = 0.1, stiffness = 5 }]\nmodel = "maxwell-slip"\nstiffnesses = [120]\n'
+    both = read_spring(with_stop + "forces = [0.24]\n")
+    assert [stop.threshold for stop in both.stops] == [0.002, 0.1]
+
+
+def test_a_level_that_falls_with_the_speed_is_lugre():
+    text = 'model = "lugre"\nFc = 1\nFe = 0.5\nvs = 0.1\nsigma0 = 50\nsigma1 = 0.2\nFv = 0.1\n'
+    (branch,) = read_spring(text).branches
+    assert branch.law == "lugre"
+    assert dict(branch.values)["gamma"] == 2.0
+    assert needs_time(read_spring(text))
+    elements = 'model = "generalised-maxwell-slip"\nFc = 1\nstiffnesses = [20, 10]\nshares = [0.4, 0.6]\n'
+    assert read_spring(elements).branches[0].law == "maxwell-slip"
+    assert read_spring(elements + "Fe = 1\nvs = 2\n").branches[0].law == "generalised-maxwell-slip"
+
+
+def test_several_branches_stand_beside_stops():
+    slip = '[[joint.elasticity.branch]]\nmodel = "nonlinear-stops"\n'
+    slip += "deflections = [-0.1, 0.1]\nforces = [-2, 1]\n"
+    spring = read_spring("stops = [{ threshold = 0.1, stiffness = 5 }]\n" + slip + slip)
+    assert spring.branches == (SlipSpring(deflections=(-0.1, 0.1), forces=(-2.0, 1.0)),) * 2
+    assert len(spring.stops) == 1
+
+
+@pytest.mark.parametrize(
+    ("code", "lines", "line", "said"),
+    [
+        ("robot.bad-choice", 'model = "bouc"\n', 8, "did you mean bouc-wen?"),
+        ("robot.bad-choice", "model = 3\n", 8, "expected one of"),
+        ("robot.missing-key", 'model = "bouc-wen"\nlevel = 3\n', 6, "a number in rad"),
+        ("robot.unknown-key", 'model = "dahl"\nFc = 1\nsigma0 = 2\nlevel = 3\n', 11, "allowed are"),
+        ("robot.unknown-key", "level = 3\n", 8, "allowed are"),
+        ("robot.out-of-range", 'model = "bouc-wen"\nlevel = 3\nlength = 1\nloop = 0.2\n', 11, "at least 0.5"),
+        ("robot.invalid-elasticity", 'model = "bouc-wen"\nlevel = 3\nlength = 1\nskew = 1\n', 8, "skew must"),
+        (
+            "robot.wrong-type",
+            'model = "maxwell-slip"\nstiffnesses = 3\nforces = [1]\n',
+            9,
+            "a list of numbers",
+        ),
+        ("robot.wrong-type", 'model = "maxwell-slip"\nstiffnesses = ["a"]\nforces = [1]\n', 9, "a number"),
+        (
+            "robot.invalid-elasticity",
+            'model = "maxwell-slip"\nstiffnesses = [1, 2]\nforces = [1]\n',
+            8,
+            "need as many forces",
+        ),
+        (
+            "robot.invalid-elasticity",
+            'model = "generalised-maxwell-slip"\nFc = 1\nstiffnesses = [1, 2]\nshares = [1]\n',
+            8,
+            "need as many shares",
+        ),
+        ("robot.missing-key", 'model = "lugre"\nFc = 1\nsigma0 = 2\nFe = 1\n', 6, "where Fe is not 0"),
+        ("robot.missing-key", "[[joint.elasticity.branch]]\nlevel = 1\n", 8, "write one of bouc-wen"),
+        (
+            "robot.elasticity-mixed",
+            STOP + 'model = "maxwell-slip"\nstiffnesses = [2]\nforces = [1]\n',
+            8,
+            "slips at 0.5",
+        ),
+        ("robot.out-of-range", "backlash = -1\n", 8, "at least 0 rad"),
+        ("robot.wrong-type", "branch = 3\n", 8, "two brackets"),
+    ],
+)
+def test_mistakes_are_told_with_their_place(code, lines, line, said):
+    with pytest.raises(RobotError) as caught:
+        read_spring(lines)
+    (notice,) = caught.value.notices
+    assert notice.code == code
+    assert said in notice.text
+    assert notice.line == line

@@ -1,0 +1,150 @@
+"""Elastic joints with branches: the plant against their differential equations, its C against NumPy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from symid.codegen.cache import prepare_library
+from symid.codegen.plant_code import has_addresses, load_plant_code
+from symid.joint_models import (
+    BoucWen,
+    BristleBranch,
+    Elasticity,
+    Relaxation,
+    Stop,
+    find_most_slope,
+    run_element,
+)
+from symid.simulation.elastic_plant import (
+    Elements,
+    build_elements,
+    build_plant_robot,
+    compute_rest,
+    get_elastic_values,
+    simulate_in_numpy,
+    simulate_plant,
+)
+from tests.elements import ELEMENTS
+from tests.unit.simulation.test_elastic_plant import B, find_bias, find_mass, find_plain_friction, order_run
+
+BENT = BoucWen(level=1.5, length=0.004, sharpness=1.4, loop=0.8, skew=0.2)
+SOFT = Relaxation(stiffness=20.0, time=0.05)
+DRY = BristleBranch(law="dahl", values=(("Fc", 0.2), ("sigma0", 60.0)))
+SPRINGS = (
+    Elasticity(stiffness=380.0, damping=0.05, branches=(BENT,)),
+    Elasticity(stiffness=90.0, branches=(SOFT, DRY), offset=0.1),
+)
+
+
+@pytest.fixture(scope="module")
+def values(elastic_robot, elastic_library):
+    return replace(get_elastic_values(elastic_robot, elastic_library.card), elasticity=SPRINGS)
+
+
+def find_rates(x, torque):
+    """Return the rates of q, dq, theta, dtheta, then Bouc-Wen's u, the force that relaxes, Dahl's force."""
+    q, dq, theta, dtheta = x[:8].reshape(4, 2)
+    u, soft, dry = x[8:]
+    phi, rate = theta - q, dtheta - dq
+    spring = np.array(
+        [380.0 * phi[0] + 0.05 * rate[0] + 1.5 * u, 90.0 * phi[1] + soft + dry + 0.1],
+    )
+    growth = 1.0 + 0.2 * np.sign(rate[0]) if u * rate[0] > 0.0 else -(2.0 * 0.8 - 1.0)
+    du = rate[0] / 0.004 * (1.0 - growth * abs(u) ** 1.4)
+    dsoft = 20.0 * rate[1] - soft / 0.05
+    ddry = 60.0 * rate[1] * (1.0 - dry / 0.2 * np.sign(rate[1]))
+    ddq = np.linalg.solve(find_mass(q), spring - find_bias(q, dq))
+    spin = (torque - spring - find_plain_friction(theta, dtheta, spring)) / B
+    return np.concatenate([dq, ddq, dtheta, spin, [du, dsoft, ddry]])
+
+
+def test_the_plant_is_the_solution_of_the_differential_equations(elastic_library, values):
+    order = order_run(ticks=120, substeps=40, play=build_elements(values).pad([(0.0,) * 2, (0.0,) * 3]))
+    ran = simulate_plant(elastic_library, build_plant_robot(values), order, build_elements(values))
+    x, worst = np.zeros(11), 0.0
+    for tick in range(order.ticks - 1):
+        found = solve_ivp(
+            lambda _t, y, tick=tick: find_rates(y, ran.log.torque[tick]),
+            (0.0, order.period),
+            x,
+            rtol=1e-9,
+            atol=1e-12,
+            max_step=order.period / 40,
+        )
+        x = found.y[:, -1]
+        worst = max(worst, float(np.abs(x[:2] - ran.log.q[tick + 1]).max()))
+    assert np.abs(ran.log.theta - ran.log.q).max() > 0.02
+    assert worst < 2e-6 * np.abs(ran.log.q).max()
+
+
+@pytest.mark.parametrize("kind", sorted(ELEMENTS))
+def test_c_and_numpy_are_equal(elastic_library, values, kind):
+    if not has_addresses(elastic_library):
+        pytest.skip("there is no C compiler")
+    # Stiff enough for the arm; forces and lengths of the element as they are.
+    springs = (replace(ELEMENTS[kind], stiffness=300.0), Elasticity(stiffness=90.0, branches=(SOFT,)))
+    own = replace(values, elasticity=springs)
+    plant, elements = build_plant_robot(own), Elements(springs)
+    rest = compute_rest(plant, np.array([3.0, -1.0]), ("a", "b"), elements)
+    order = order_run(ticks=15, theta=rest.phi, play=rest.play)
+    fast = load_plant_code(elements.springs).run(elastic_library, plant, order)
+    slow = simulate_in_numpy(elastic_library, plant, order, elements)
+    for name in ("q", "dq", "theta", "dtheta", "spring", "torque", "elastic", "work"):
+        a, b = getattr(fast, name), getattr(slow, name)
+        np.testing.assert_allclose(a, b, rtol=1e-8, atol=1e-10 * (1.0 + np.abs(b).max()))
+
+
+def test_the_logged_torque_is_that_of_the_element_along_the_torsion(elastic_library, values):
+    own = replace(values, elasticity=(SPRINGS[0], Elasticity(stiffness=90.0, backlash=0.002)))
+    plant, elements = build_plant_robot(own), build_elements(own)
+    order = order_run(play=elements.pad([(0.0,) * 2] * 2))
+    log = simulate_plant(elastic_library, plant, order, elements).log
+    time = np.arange(order.ticks) * order.period
+    phi, rate = log.theta - log.q, log.dtheta - log.dq
+    for joint, spring in enumerate(own.elasticity):
+        torque = run_element(spring, phi[:, joint], time, velocity=rate[:, joint]).output
+        assert np.abs(torque - log.spring[:, joint]).max() < 2e-3 * np.abs(torque).max()
+    # The spring works into what it stores and loses: never less than it stores.
+    stored = run_element(replace(own.elasticity[0], damping=0.0), phi[:, 0]).stored
+    assert np.all(log.elastic[:, 0] - stored > -1e-4 * log.elastic[-1, 0])
+
+
+def test_a_spring_at_rest_carries_its_load(values):
+    plant, elements = build_plant_robot(values), build_elements(values)
+    for load in ([12.0, -3.0], [0.0, 0.0], [-0.5, 0.1]):
+        rest = compute_rest(plant, np.array(load), ("a", "b"), elements)
+        torque = elements.compute(rest.phi, np.zeros(2), 0.0, rest.play)
+        np.testing.assert_allclose(torque, load, rtol=1e-9, atol=1e-9)
+
+
+def test_springs_with_stops_alone_are_no_elements(values):
+    plain = Elasticity(stiffness=3.0, stops=(Stop(threshold=0.1, stiffness=1.0),))
+    assert build_elements(replace(values, elasticity=(plain, plain))) is None
+
+
+@pytest.mark.parametrize("kind", sorted(ELEMENTS))
+def test_no_slope_is_beyond_the_bound(kind):
+    element = replace(ELEMENTS[kind], damping=0.0, cubic=0.0)
+    path = np.concatenate([np.linspace(a, b, 4001) for a, b in ((0, 1.5), (1.5, -1.2), (-1.2, 0.3))])
+    time = np.arange(len(path)) * 1e-9
+    # Fast, so that what relaxes has no time to; the speed is held, but where the path turns.
+    velocity = np.sign(np.diff(path, prepend=-1.0)) * 5.0
+    run = run_element(element, path, time, velocity=velocity)
+    way = np.diff(path)
+    held = (way != 0.0) & (velocity[1:] == velocity[:-1])
+    slopes = np.diff(run.output)[held] / way[held]
+    bound = find_most_slope(element)
+    assert slopes.max() <= bound * (1.0 + 1e-3)
+    # Of LuGre damping hides the bristles at this speed.
+    assert kind == "lugre" or bound < 40.0 * slopes.max()
+
+
+def test_an_arm_from_a_file_has_elements(tmp_path):
+    from symid.robot.toml_reader import read_robot
+    from tests.unit.robot.test_elasticity_branches import write_arm
+
+    robot = read_robot(write_arm(tmp_path, SPRINGS))
+    library = prepare_library(robot)
+    assert build_elements(get_elastic_values(robot, library.card)) is not None
