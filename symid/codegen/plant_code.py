@@ -265,11 +265,11 @@ def load_plant_code(
     shared, notices = load("plant", source.read_text(encoding="utf-8"))
     if not springs:
         return CompiledPlant(shared=shared, notices=notices)
-    own, more = load("springs", _write_springs(springs))
+    own, more = load("springs", write_springs(springs))
     return CompiledPlant(shared=shared, springs=own, notices=tuple(dict.fromkeys((*notices, *more))))
 
 
-def _write_springs(springs: tuple[Elasticity, ...]) -> str:
+def write_springs(springs: tuple[Elasticity, ...]) -> str:
     """Return the C of a function that computes the torque of any of these springs, without damping."""
     helpers: list[str] = []
     joints = []
@@ -278,4 +278,4 @@ def _write_springs(springs: tuple[Elasticity, ...]) -> str:
         body = print_c(program, "double")
         helpers += [helper for helper in body.helpers if helper not in helpers]
         joints.append({"lines": body.statements, "size": program.spec.inputs[1].size})
-    return write_template("c/springs.c.jinja", {"helpers": helpers, "joints": joints, "name": _ELEMENT})
+    return write_template("element/springs.c.jinja", {"helpers": helpers, "joints": joints, "name": _ELEMENT})

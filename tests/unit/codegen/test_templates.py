@@ -9,11 +9,13 @@ from symid.codegen import source_text
 from symid.codegen.c_friction import generate_friction_state
 from symid.codegen.c_library import generate_c_library, write_python_call
 from symid.codegen.casadi_functions import build_functions
+from symid.codegen.element_code import ElementCode, build_sources
+from symid.codegen.plant_code import write_springs
 from symid.codegen.printing import write_literal
 from symid.codegen.python_targets import generate_casadi_target, generate_python_module
 from symid.codegen.source_text import GenerateOptions, read_template_bytes, write_template
 from symid.errors import GenerationError, UsageError
-from symid.joint_models import FrictionValues, get_dynamic_law
+from symid.joint_models import Elasticity, FrictionValues, get_dynamic_law
 from symid.robot import load_robot
 
 
@@ -40,7 +42,11 @@ def test_every_template_is_written_by_a_target(monkeypatch):
     generate_casadi_target(functions, GenerateOptions(states=3))
     generate_friction_state(get_dynamic_law("lugre"))
     write_python_call(functions.card, "symid_x")
-    assert sorted(written) == sorted(dict(read_template_bytes("c", "python", "casadi")))
+    for target in ("c", "python", "casadi"):
+        build_sources(Elasticity(stiffness=1.0), ElementCode(target=target))
+    write_springs((Elasticity(stiffness=1.0, offset=0.5),))
+    folders = ("c", "python", "casadi", "element")
+    assert sorted(written) == sorted(dict(read_template_bytes(*folders)))
 
 
 def test_a_context_with_other_names_is_refused():

@@ -282,6 +282,15 @@ MISTAKES = [
         31,
         "symmetric: ",
     ),
+    (
+        "robot.invalid-elasticity",
+        HEAD
+        + JOINT
+        + 'elasticity = { stiffness = 1, model = "bouc-wen", level = 1, length = 1, skew = 1 }\n',
+        6,
+        39,
+        "skew must",
+    ),
     ("robot.wrong-type", HEAD + JOINT + 'spring = { stiffness = "unkown", rest = 0 }\n', 6, 24, "N*m/rad"),
     ("robot.missing-key", HEAD + JOINT + "mimic = { multiplier = 2 }\n", 6, 9, 'joint = "joint1"'),
     ("robot.unknown-joint", HEAD + JOINT + 'mimic = { joint = "elbow" }\n', 6, 19, "allowed are shoulder"),

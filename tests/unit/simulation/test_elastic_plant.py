@@ -383,7 +383,7 @@ def test_without_a_compiler_numpy_does_it_and_says_so(elastic_library, numbers):
 def test_a_compiler_that_fails_is_told(elastic_library, numbers, monkeypatch):
     from symid.errors import GenerationError, Notice
 
-    def fail(**_):
+    def fail(*_, **__):
         raise GenerationError(Notice(code="codegen.compiler-failed", text="no headers"))
 
     monkeypatch.setattr(elastic_plant, "load_plant_code", fail)
