@@ -151,6 +151,30 @@ def make_viscous(t, x):
     return make_stops(t, x) + 0.25 * find_velocity(t, x)
 
 
+def make_lost_motion(t, x):
+    """Stops behind a gap in the input, in which nothing moves."""
+    behind, found = 0.0, []
+    for place in x:
+        behind = min(max(behind, place - 0.06), place + 0.06)
+        found.append(behind)
+    return make_stops(t, np.array(found))
+
+
+def make_relaxing(t, x):
+    """Stops beside a spring behind a damper, whose force dies out in 0.4 s."""
+    v = find_velocity(t, x)
+    force = solve_ivp(
+        lambda time, f: 3.0 * np.interp(time, t, v) - f / 0.4,
+        (t[0], t[-1]),
+        [0.0],
+        t_eval=t,
+        rtol=1e-8,
+        atol=1e-10,
+        max_step=0.01,
+    ).y[0]
+    return make_stops(t, x) + force
+
+
 TRUTHS = {
     "prandtl-ishlinskii": make_stops,
     "signed": make_signed,
@@ -166,6 +190,8 @@ TRUTHS = {
     "viscous": make_viscous,
 }
 """Twelve elements."""
+FURTHER = {"backlash": make_lost_motion, "relaxation": make_relaxing}
+"""Elements with a part that any of them may have."""
 
 
 def measure(t, x, truth, seed):

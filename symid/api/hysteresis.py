@@ -145,12 +145,25 @@ class ElementFit(JudgedResult):
         """Return the result in plain types."""
         return {**self._describe_verdict(), **report.describe_element(self.record)}
 
-    def predict(self, x: "ArrayLike", t: "ArrayLike | None" = None) -> "FloatArray":
-        """Return the output (N,) for an input `x` (N,), at times `t` (N,) in s where it needs them."""
+    def predict(
+        self, x: "ArrayLike", t: "ArrayLike | None" = None, *, start: str | None = None
+    ) -> "FloatArray":
+        """Return the output (N,) for an input `x` (N,), at times `t` (N,) in s where it needs them.
+
+        Args:
+            x: input.
+            t: time.
+            start: what the element remembers at the first sample: `zero` (at rest at input zero, gone to the
+                sample), `fresh` (at rest there), `below` or `above` (come there from that side); None: as in
+                the recording of the fit.
+
+        Raises:
+            UsageError: no time where the element needs it, or an unknown start.
+        """
         import numpy as np
 
         time = None if t is None else np.asarray(t, dtype=np.float64)
-        return elements.predict_element(self.record, np.asarray(x, dtype=np.float64), time)
+        return elements.predict_element(self.record, np.asarray(x, dtype=np.float64), time, start=start)
 
     def invert(self, y: "ArrayLike", t: "ArrayLike | None" = None, *, beyond: bool = False) -> "FloatArray":
         """Return the input (N,) that gives an output `y` (N,), at times `t` (N,) in s where it needs them.

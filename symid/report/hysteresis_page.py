@@ -45,6 +45,7 @@ def judge_element(record: HysteresisRecord) -> FitVerdict:
     details = [
         f"Held out: every eighth of the recording in turn; the fit itself leaves {record.fitted:.3g} %."
     ]
+    details += _describe_skipped(record.skipped)
     if not record.timed:
         details.append("No time was given: models that depend on the speed were not tried.")
     remedy = "Plot output against input, and check columns, signs and units."
@@ -55,7 +56,7 @@ def judge_element(record: HysteresisRecord) -> FitVerdict:
 def judge_element_trial(trial: HysteresisTrial) -> FitVerdict:
     """Return what an element predicts of another recording."""
     headline = f"{trial.error:.3g} % of the output of this recording is left unexplained, means removed."
-    details = []
+    details = _describe_skipped(trial.skipped)
     if trial.beyond > 0.0:
         text = (
             f"{100.0 * trial.beyond:.3g} % of its samples lie beyond the input of the fit, where the element"
@@ -64,6 +65,11 @@ def judge_element_trial(trial: HysteresisTrial) -> FitVerdict:
     if trial.inverse is not None:
         details.append(f"The inverse of the measured output misses the input by {trial.inverse:.3g} % of it.")
     return FitVerdict(level=rate_output(trial.error), headline=headline, details=tuple(details))
+
+
+def _describe_skipped(count: int) -> list[str]:
+    text = f"The first {count} samples do not count: no memory at the start explains them like the rest."
+    return [text] if count else []
 
 
 def show_element(record: HysteresisRecord) -> tuple[Block, ...]:
@@ -290,7 +296,7 @@ def describe_element(record: HysteresisRecord) -> dict[str, object]:
     """Return an element in plain types."""
     plain = select_fields(
         record,
-        "model form start passive fitted held_out samples span speed output timed",
+        "model form start passive fitted held_out samples skipped span speed output timed",
     )
     plain["parameters"] = [asdict(entry) for entry in record.parameters]
     plain["candidates"] = [asdict(entry) for entry in record.candidates]

@@ -4,7 +4,7 @@
 
 Path, shape values -> columns Phi (N, m), bounds of c for a passive element, and the `Elasticity` that they
 make. Each family says where a search of its shape may begin. Further columns (viscous, cubic, offset) are
-added by the fit.
+added by the fit; a family may stand behind a gap or beside a spring that relaxes.
 
 Supported: thresholds on a grid that the search does not move (Prandtl-Ishlinskii, relays); up to four shape
 values that it does.
@@ -24,6 +24,7 @@ from symid.joint_models import (
     BoucWen,
     BristleBranch,
     Elasticity,
+    Relaxation,
     Relays,
     SlipSpring,
     Start,
@@ -62,7 +63,7 @@ class ElementPath(FrozenArrays):
         side = {"below": 1.0, "above": -1.0}.get(self.start, 0.0)
         return compute_plays(self.position, radii, begin - side * radii)
 
-    def trace(self, branch: BoucWen | BristleBranch | AttractedSlip) -> FloatArray:
+    def trace(self, branch: BoucWen | BristleBranch | AttractedSlip | Relaxation) -> FloatArray:
         """Return the states (N, n) of a branch after every sample."""
         begin = 0.0 if self.start == "zero" else float(self.position[0])
         side = {"below": 1.0, "above": -1.0}.get(self.start, 0.0)
@@ -343,7 +344,7 @@ class BoucWenFamily(ElementFamily):
         return BoucWen(
             level=level,
             length=float(shape[0]),
-            sharpness=1.0 + float(shape[1]),
+            sharpness=1.0 + min(float(shape[1]), _SHARPEST),
             loop=0.5 + float(shape[2]),
             skew=0.99 * skew,
         )
@@ -362,6 +363,10 @@ class BoucWenFamily(ElementFamily):
         """Return the element."""
         branch = self._build_unit(shape, float(coefficients[1]))
         return Elasticity(stiffness=float(coefficients[0]), branches=(branch,))
+
+
+_SHARPEST = 50.0
+"""Of Bouc-Wen: a corner as good as that of a stop."""
 
 
 @final
@@ -518,6 +523,112 @@ class AttractedFamily(ElementFamily):
 _UNIFORM = tuple((np.arange(-4, 5) / 4.0).tolist())
 _GRID = 10
 _LEVELS = (8, 16)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Extended(ElementFamily):
+    """A family with a further part, whose own value leads the shape; a shape that is not searched stays.
+
+    Args:
+        base: the family; begin: its shape, where the search begins.
+    """
+
+    base: ElementFamily
+    begin: tuple[float, ...]
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """Return the model of the base."""
+        return self.base.name
+
+    @property
+    def has_offset(self) -> bool:  # type: ignore[override]
+        """Return whether the fit adds a constant."""
+        return self.base.has_offset
+
+    @property
+    def falling(self) -> bool:  # type: ignore[override]
+        """Return whether slip springs of the base slip earlier when fast."""
+        return self.base.falling
+
+    def _own(self, shape: FloatArray) -> FloatArray:
+        """Return the shape of the base."""
+        return shape[1:] if self.base.searched else np.array(self.begin)
+
+    def _lead(self, firsts: FloatArray) -> list[FloatArray]:
+        """Return shapes that begin with these values."""
+        rest = self.begin if self.base.searched else ()
+        return [np.array([first, *rest]) for first in firsts]
+
+    def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
+        """Return those of the base."""
+        return self.base.list_limits(self._own(shape), count, passive=passive)
+
+    def list_penalties(self, count: int) -> FloatArray:
+        """Return those of the base."""
+        return self.base.list_penalties(count)
+
+
+@final
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WithBacklash(_Extended):
+    """A family behind a gap: it sees the play of the input, of half width g."""
+
+    def list_starts(self, path: ElementPath) -> list[FloatArray]:
+        """Return gaps over a decade and a half."""
+        return self._lead(path.reach * np.array([0.01, 0.05, 0.25]))
+
+    def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
+        """Return the columns of the base along the play."""
+        behind = path.compute_plays(shape[:1])[:, 0]
+        return self.base.compute_columns(replace(path, position=behind), self._own(shape))
+
+    def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
+        """Return the element."""
+        return replace(self.base.build(self._own(shape), coefficients), backlash=float(shape[0]))
+
+    def describe(self) -> tuple[str, ...]:
+        """Return the form of the base, and the backlash."""
+        return (*self.base.describe(), "backlash")
+
+
+@final
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WithRelaxation(_Extended):
+    """A family beside a spring behind a damper, of relaxation time T."""
+
+    needs_time: bool = True
+
+    def list_starts(self, path: ElementPath) -> list[FloatArray]:
+        """Return times between those of the samples and of the whole."""
+        step, whole = float(np.median(path.period)), float(np.sum(path.period))
+        return self._lead(np.geomspace(10.0 * step, 0.1 * whole, 3))
+
+    def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
+        """Return the columns of the base, then the force of a spring of stiffness one."""
+        spring = Relaxation(stiffness=1.0, time=float(shape[0]))
+        return np.hstack([self.base.compute_columns(path, self._own(shape)), path.trace(spring)])
+
+    def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
+        """Return those of the base; what relaxes is a spring."""
+        low, high = self.base.list_limits(self._own(shape), count - 1, passive=passive)
+        return np.append(low, 0.0), np.append(high, np.inf)
+
+    def list_penalties(self, count: int) -> FloatArray:
+        """Return those of the base."""
+        return np.pad(self.base.list_penalties(count - 1), ((0, 0), (0, 1)))
+
+    def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
+        """Return the element."""
+        found = self.base.build(self._own(shape), coefficients[:-1])
+        if not coefficients[-1] > 0.0:
+            return found
+        spring = Relaxation(stiffness=float(coefficients[-1]), time=float(shape[0]))
+        return replace(found, branches=(*found.branches, spring))
+
+    def describe(self) -> tuple[str, ...]:
+        """Return the form of the base, and the relaxation."""
+        return (*self.base.describe(), "relaxation")
 
 
 def list_families(name: str, path: ElementPath, *, timed: bool) -> tuple[ElementFamily, ...]:

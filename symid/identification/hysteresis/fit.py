@@ -29,6 +29,8 @@ from symid.identification.hysteresis.families import (
     NonlinearStops,
     RelayGrid,
     Stops,
+    WithBacklash,
+    WithRelaxation,
     list_families,
 )
 from symid.identification.hysteresis.spring_fit import (
@@ -134,7 +136,8 @@ class HysteresisRecord(FrozenArrays):
         parameters: all its numbers but those that are zero.
         candidates: all models that were tried, the best predicting first; passive: of the chosen one.
         fitted, held_out: as in `HysteresisCandidate`, percent.
-        samples: number; span: least and largest input; speed: the largest; output: rms about its mean.
+        samples: number; skipped: of them, at the beginning, not fitted; span: least and largest input; speed:
+            the largest; output: rms about its mean.
         timed: whether the time of the samples was known.
         trace: of the recording, for figures.
     """
@@ -149,6 +152,7 @@ class HysteresisRecord(FrozenArrays):
     fitted: float
     held_out: float
     samples: int
+    skipped: int = 0
     span: tuple[float, float]
     speed: float
     output: float
@@ -158,10 +162,20 @@ class HysteresisRecord(FrozenArrays):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ElementData:
-    """A recording as the fit uses it: path and output (N,), thinned."""
+    """A recording as the fit uses it: path and output (N,), thinned.
+
+    `skipped`: samples at the beginning that are followed and not fitted, since what the element remembered
+    there is not known.
+    """
 
     path: ElementPath
     output: FloatArray
+    skipped: int = 0
+
+    @property
+    def counted(self) -> FloatArray:
+        """Return the output of the samples that are fitted."""
+        return self.output[self.skipped :]
 
     def thin(self, most: int) -> "ElementData":
         """Return at most about `most` of the samples, at even places."""
@@ -179,6 +193,7 @@ class ElementData:
                 period=np.concatenate([np.diff(time)[:1], np.diff(time)]),
             ),
             output=self.output[::every],
+            skipped=-(-self.skipped // every),
         )
 
 
@@ -239,11 +254,12 @@ def prepare_recording(x: FloatArray, y: FloatArray, t: FloatArray | None) -> Ele
     return ElementData(path=path, output=y)
 
 
-def _choose_start(data: ElementData) -> Start:
-    """Return what the element remembered first: that with which the beginning is explained best.
+def _choose_start(data: ElementData) -> ElementData:
+    """Return the recording with what the element remembered first: that which explains the beginning best.
 
     By stops or relays of any sign, whichever explain the whole better. The beginning lasts until the input
-    has covered half its range: then most of the memory is another one.
+    has covered half its range: then most of the memory is another one. It is skipped where no start
+    explains it as the rest is explained.
     """
     thinned = data.thin(_SEARCHED)
     x = thinned.path.position
@@ -259,14 +275,21 @@ def _choose_start(data: ElementData) -> Start:
     costs = [float(error[rows] @ error[rows]) for error in chosen]
     # The plainest start counts unless another one explains much more.
     best = int(np.argmin(costs))
-    return "zero" if costs[0] <= _PLAIN * costs[best] else _STARTS[best]
+    best = 0 if costs[0] <= _PLAIN * costs[best] else best
+    begun = np.count_nonzero(rows)
+    rest = chosen[best][~rows]
+    strange = begun < _LONGEST * len(x) and len(rest) and costs[best] / begun > _STRANGE * np.mean(rest**2)
+    skipped = round(begun * len(data.output) / len(x)) if strange else 0
+    return replace(data, path=replace(data.path, start=_STARTS[best]), skipped=skipped)
 
 
 def _revise_start(elasticity: Elasticity, data: ElementData, tried: set[Start]) -> Start | None:
     """Return a start with which the element that was found explains more; None where there is none."""
     starts = (data.path.start, *(start for start in _STARTS if start not in tried))
     paths = [replace(data.path, start=start) for start in starts]
-    costs = [float(np.var(data.output - predict_output(elasticity, path))) for path in paths]
+    costs = [
+        float(np.var((data.output - predict_output(elasticity, path))[data.skipped :])) for path in paths
+    ]
     best = int(np.argmin(costs))
     return starts[best] if best and len(tried) < _MOST_STARTS and costs[best] < _MORE * costs[0] else None
 
@@ -277,10 +300,12 @@ _MORE, _MOST_STARTS = 0.9, 2
 def _fit_errors(family: ElementFamily, data: ElementData, shape: FloatArray) -> FloatArray:
     """Return the errors (N,) that a family leaves at a shape."""
     matrix = _build_matrix(family, data, shape, ())
-    return np.asarray(data.output - matrix @ _solve(family, matrix, data.output, (shape, (), False)))
+    return np.asarray(data.counted - matrix @ _solve(family, matrix, data.counted, (shape, (), False)))
 
 
 _DENSE, _COARSE, _PLAIN = 20, 8, 1.2
+_LONGEST, _STRANGE = 0.25, 3.0
+"""Largest share of a beginning that is skipped, and its mean square of the errors over that of the rest."""
 
 
 Parts = tuple[str, ...]
@@ -299,6 +324,7 @@ class _ElementTrial:
         refit: errors (n,) of samples of a mask (N,), from a search without them; None where a step of least
             squares says the same.
         wide: mean square of the errors of the widest strokes, left out; None where not measured.
+        family, shape: what it is of, where further parts may be added; None where they may not.
     """
 
     model: str
@@ -310,6 +336,8 @@ class _ElementTrial:
     held: FloatArray
     refit: Callable[[NDArray[np.bool_]], FloatArray] | None = None
     wide: float | None = None
+    family: ElementFamily | None = None
+    shape: FloatArray | None = None
 
     @property
     def elasticity(self) -> Elasticity:
@@ -318,7 +346,7 @@ class _ElementTrial:
 
 
 def _build_matrix(family: ElementFamily, data: ElementData, shape: FloatArray, parts: Parts) -> FloatArray:
-    """Return the columns of a family, then those of its parts, then a constant."""
+    """Return the columns of a family, then those of its parts, then a constant, at the samples fitted."""
     path = data.path
     columns = [family.compute_columns(path, shape)]
     if "viscous" in parts:
@@ -327,7 +355,7 @@ def _build_matrix(family: ElementFamily, data: ElementData, shape: FloatArray, p
         columns.append(path.position[:, None] ** 3)
     if family.has_offset:
         columns.append(np.ones((len(path.position), 1)))
-    return np.hstack(columns)
+    return np.hstack(columns)[data.skipped :]
 
 
 def _solve(
@@ -396,7 +424,7 @@ def _search(
 
     def errors(packed: FloatArray) -> FloatArray:
         shape = unpack(packed)
-        matrix, output = _build_matrix(family, data, shape, parts)[rows], data.output[rows]
+        matrix, output = _build_matrix(family, data, shape, parts)[rows], data.counted[rows]
         return np.asarray(output - matrix @ _solve(family, matrix, output, (shape, parts, passive)))
 
     packed = [np.where(positive, np.log(np.where(positive, s, 1.0)), s) for s in starts]
@@ -418,7 +446,7 @@ def _try(
 ) -> _ElementTrial:
     """Return a model at a shape, with derivatives of what the data decide."""
     matrix = _build_matrix(family, data, shape, parts)
-    found = _solve(family, matrix, data.output, (shape, parts, passive))
+    found = _solve(family, matrix, data.counted, (shape, parts, passive))
     count = matrix.shape[1] - len(parts) - family.has_offset
     low, high = family.list_limits(shape, count, passive=passive)
     free = np.ones(len(found), dtype=bool)
@@ -444,8 +472,8 @@ def _try(
     def refit(mask: NDArray[np.bool_]) -> FloatArray:
         own = _search(family, data, parts, passive=passive, begin=shape, kept=~mask)
         columns = _build_matrix(family, data, own, parts)
-        values = _solve(family, columns[~mask], data.output[~mask], (own, parts, passive))
-        return np.asarray((data.output - columns @ values)[mask])
+        values = _solve(family, columns[~mask], data.counted[~mask], (own, parts, passive))
+        return np.asarray((data.counted - columns @ values)[mask])
 
     return _ElementTrial(
         model=family.name,
@@ -453,9 +481,11 @@ def _try(
         point=np.concatenate([found[free], shape[:searched]]),
         rebuild=rebuild,
         jacobian=np.hstack(jacobian),
-        error=data.output - matrix @ found,
+        error=data.counted - matrix @ found,
         held=np.pad(_list_penalties(family, matrix)[:, free], ((0, 0), (0, searched))),
         refit=refit,
+        family=family,
+        shape=shape,
     )
 
 
@@ -491,7 +521,7 @@ def _refine_places(family: NonlinearStops, data: ElementData, *, passive: bool) 
     shape = _search(family, data, (), passive=passive)
     fine = np.linspace(-1.0, 1.0, _FINE)
     matrix = _build_matrix(replace(family, places=tuple(fine.tolist())), data, shape, ())
-    whole = np.column_stack([matrix, data.output])
+    whole = np.column_stack([matrix, data.counted])
     triangle = np.asarray(np.linalg.qr(whole, mode="r"))
 
     def measure(kept: FloatArray) -> float:
@@ -518,15 +548,14 @@ _FINE, _FEWEST = 33, 5
 
 def _fit_spring(data: ElementData, *, knees: bool) -> _ElementTrial | None:
     """Return a passive spring with stops and knees where the data put them; None where there is no such."""
-    x, output, start = data.path.position, data.output, data.path.start
+    x, output, start = data.path.position, data.counted, data.path.start
     # Virgin at the first sample is fitted as virgin at zero, and tried as it is.
     side = {"below": -1.0, "above": 1.0}.get(start, 0.0)
     ahead = [x[0] + side * 4.0 * data.path.reach, x[0]] if side else []
     torsion: FloatArray = np.concatenate([np.array(ahead, dtype=np.float64), x])
+    first = len(ahead) + data.skipped
     grid: FloatArray = data.path.reach * np.power(0.7, np.arange(_GRID, 0, -1))
-    spring = SpringData(
-        torsions=(torsion,), periods=(_PERIOD,), keeps=(slice(len(ahead), None, 1),), rate=_SHARP
-    )
+    spring = SpringData(torsions=(torsion,), periods=(_PERIOD,), keeps=(slice(first, None, 1),), rate=_SHARP)
     spring = spring.rebuild(grid)
     begun = spring.fit_stops(output)
     if knees:
@@ -540,7 +569,7 @@ def _fit_spring(data: ElementData, *, knees: bool) -> _ElementTrial | None:
         return None
     found = read_weights(elasticity)
     basis = compute_stop_basis(torsion, found.thresholds)
-    slopes = compute_spring_slopes(basis, found, compute_slips(basis, found.thresholds))[len(ahead) :]
+    slopes = compute_spring_slopes(basis, found, compute_slips(basis, found.thresholds))[first:]
     sizes = np.cumsum([len(found.stiffness), len(found.slopes), len(found.thresholds)])
 
     def rebuild(point: FloatArray) -> Elasticity:
@@ -555,8 +584,10 @@ def _fit_spring(data: ElementData, *, knees: bool) -> _ElementTrial | None:
         point=np.concatenate([found.stiffness, found.slopes, found.thresholds, found.knees]),
         rebuild=rebuild,
         jacobian=slopes[:, :-1],
-        error=output - predict_output(elasticity, data.path),
+        error=output - predict_output(elasticity, data.path)[data.skipped :],
         held=np.empty((0, slopes.shape[1] - 1)),
+        family=None if elasticity.knees else Stops(count=len(found.thresholds), searched=True),
+        shape=found.thresholds,
     )
 
 
@@ -614,7 +645,7 @@ def _leave_out(trial: _ElementTrial, mask: NDArray[np.bool_]) -> tuple[FloatArra
 
 def _build_folds(data: ElementData) -> _Folds:
     """Return blocks of equal length, and the widest strokes where there are enough narrower ones."""
-    x, count = data.path.position, len(data.output)
+    x, count = data.path.position[data.skipped :], len(data.counted)
     edges = np.linspace(0, count, _BLOCKS + 1).astype(int)
     index = np.arange(count)
     blocks = tuple((index >= low) & (index < high) for low, high in itertools.pairwise(edges))
@@ -680,6 +711,35 @@ def _list_trials(
     return found
 
 
+def _extend(
+    trial: _ElementTrial, data: ElementData, folds: _Folds, *, passive: bool, timed: bool
+) -> _ElementTrial | None:
+    """Return the model behind a gap, or beside a spring that relaxes, where that predicts surely better."""
+    if trial.family is None or trial.shape is None:
+        return None
+    kinds: list[type[WithBacklash | WithRelaxation]] = [] if passive else [WithBacklash]
+    kinds += [WithRelaxation] if timed else []
+    # Stops that a passive fit has placed stay springs.
+    springs = passive or (isinstance(trial.family, Stops) and is_passive_element(trial.elasticity))
+    begin = tuple(trial.shape.tolist())
+    families = [kind(base=trial.family, begin=begin) for kind in kinds if not _has_part(trial.family, kind)]
+    found = [_fit_family(family, data, folds, passive=springs, timed=timed) for family in families]
+    better = [entry for entry in found if folds.is_better(entry, trial, sure=_CLEARLY)]
+    return min(better, key=folds.score, default=None)
+
+
+def _has_part(family: ElementFamily, kind: type[WithBacklash | WithRelaxation]) -> bool:
+    while isinstance(family, WithBacklash | WithRelaxation):
+        if isinstance(family, kind):
+            return True
+        family = family.base
+    return False
+
+
+_CLEARLY = 2.0
+"""Standard errors: two further numbers must not come in by chance."""
+
+
 def _choose(trials: list[_ElementTrial], folds: _Folds) -> list[_ElementTrial]:
     """Return the models, the chosen one first, then by what they predict.
 
@@ -696,6 +756,28 @@ def _choose(trials: list[_ElementTrial], folds: _Folds) -> list[_ElementTrial]:
     ]
     chosen = min((*equal, *simple), key=lambda trial: len(trial.point))
     return [chosen, *(trial for trial in ranked if trial is not chosen)]
+
+
+def _rank(
+    data: ElementData, folds: _Folds, options: HysteresisOptions, *, timed: bool
+) -> list[_ElementTrial]:
+    """Return all models, the chosen one first, with the further parts that this one turned out to need."""
+    passive = bool(options.passive)
+    ranked = _choose(_list_trials(data, folds, options, timed=timed), folds)
+    while further := _extend(ranked[0], data, folds, passive=passive, timed=timed):
+        # What it turned out to need may make another model the better one, too.
+        best = {trial.model: trial for trial in reversed(ranked) if trial.model != ranked[0].model}
+        rivals = [trial for trial in best.values() if folds.score(trial) < _RIVAL * folds.score(ranked[0])]
+        added = [_extend(trial, data, folds, passive=passive, timed=timed) for trial in rivals]
+        more = [further, *(trial for trial in added if trial is not None)]
+        ranked = _choose([*more, *ranked], folds)
+        if not any(ranked[0] is trial for trial in more):
+            break
+    return ranked
+
+
+_RIVAL = 10.0
+"""Of the chosen model's mean square; what predicts worse is not tried with further parts."""
 
 
 def _compute_covariance(trial: _ElementTrial, folds: _Folds) -> FloatArray:
@@ -761,18 +843,19 @@ def fit_hysteresis(
     x, y = (np.asarray(part, dtype=np.float64) for part in (x, y))
     t = None if t is None else np.asarray(t, dtype=np.float64)
     whole = prepare_recording(x, y, t)
-    start: Start | None = _choose_start(whole)
+    whole = _choose_start(whole)
+    start: Start | None = whole.path.start
     tried: set[Start] = set()
     while start is not None:
         tried.add(start)
         whole = replace(whole, path=replace(whole.path, start=start))
         data = whole.thin(_SEARCHED)
         folds = _build_folds(data)
-        ranked = _choose(_list_trials(data, folds, options, timed=t is not None), folds)
+        ranked = _rank(data, folds, options, timed=t is not None)
         start = _revise_start(ranked[0].elasticity, data, tried)
     chosen = ranked[0]
-    spread = float(np.std(y))
-    candidates = tuple(_describe_candidate(trial, folds, float(np.std(data.output))) for trial in ranked)
+    spread = float(np.std(whole.counted))
+    candidates = tuple(_describe_candidate(trial, folds, float(np.std(data.counted))) for trial in ranked)
     elasticity = chosen.elasticity
     predicted = predict_output(elasticity, whole.path)
     return HysteresisRecord(
@@ -783,9 +866,10 @@ def fit_hysteresis(
         parameters=_list_parameters(chosen, _compute_covariance(chosen, folds)),
         candidates=candidates,
         passive=is_passive_element(elasticity),
-        fitted=100.0 * float(np.sqrt(np.mean((y - predicted) ** 2))) / spread,
+        fitted=100.0 * float(np.sqrt(np.mean((y - predicted)[whole.skipped :] ** 2))) / spread,
         held_out=candidates[0].held_out,
         samples=len(x),
+        skipped=whole.skipped,
         span=(float(x.min()), float(x.max())),
         speed=float(np.max(np.abs(whole.path.velocity))),
         output=spread,
@@ -808,17 +892,25 @@ def _build_trace(data: ElementData, predicted: FloatArray) -> ElementTrace:
     )
 
 
-def predict_element(record: HysteresisRecord, x: FloatArray, t: FloatArray | None = None) -> FloatArray:
+def predict_element(
+    record: HysteresisRecord, x: FloatArray, t: FloatArray | None = None, *, start: str | None = None
+) -> FloatArray:
     """Return the output (N,) of an element for an input (N,), at times (N,) in s where it needs them.
 
+    `start`: what it remembers first (`Start`); None: as in the recording of the fit.
+
     Raises:
-        UsageError: no time where the element needs it.
+        UsageError: no time where the element needs it, or an unknown start.
     """
     _check_time(record, t)
+    begun = next((known for known in _STARTS if known == (start or record.start)), None)
+    if begun is None:
+        text = f"unknown start {start!r}. Known: {', '.join(_STARTS)}"
+        raise UsageError(Notice(code="usage.unknown-start", text=text))
     time = np.arange(len(x), dtype=np.float64) if t is None else t
     steps = np.diff(time)
     periods = np.concatenate([steps[:1], steps])
-    path = ElementPath(position=x, velocity=compute_velocity(x, time), period=periods, start=record.start)
+    path = ElementPath(position=x, velocity=compute_velocity(x, time), period=periods, start=begun)
     return predict_output(record.elasticity, path)
 
 
@@ -885,7 +977,8 @@ class HysteresisTrial:
     Args:
         error: rms of the error over rms of the output, both about their means, percent.
         shift: mean of the error, N m or N: sensors may have other zeros.
-        beyond: share of samples whose input is outside that of the fit; samples: number.
+        beyond: share of samples whose input is outside that of the fit; samples: number; skipped: of them, at
+            the beginning, that do not count, since the memory there is not known.
         inverse: rms of the input that the inverse finds for the output less that of the recording, over the
             rms of the latter, both about their means, percent; None where there is no inverse.
     """
@@ -894,6 +987,7 @@ class HysteresisTrial:
     shift: float
     beyond: float
     samples: int
+    skipped: int
     inverse: float | None
 
 
@@ -908,17 +1002,17 @@ def validate_element(
     x, y = (np.asarray(part, dtype=np.float64) for part in (x, y))
     t = None if t is None else np.asarray(t, dtype=np.float64)
     _check_time(record, t)
-    data = prepare_recording(x, y, t)
-    start = _choose_start(data)
-    error = y - predict_output(record.elasticity, replace(data.path, start=start))
+    data = _choose_start(prepare_recording(x, y, t))
+    error = (y - predict_output(record.elasticity, data.path))[data.skipped :]
     low, high = record.span
     slack = _SLACK * (high - low)
     return HysteresisTrial(
-        error=100.0 * float(np.std(error)) / float(np.std(y)),
+        error=100.0 * float(np.std(error)) / float(np.std(data.counted)),
         shift=float(np.mean(error)),
         beyond=float(np.mean((x < low - slack) | (x > high + slack))),
         samples=len(x),
-        inverse=_measure_inverse(record, replace(data, path=replace(data.path, start=start))),
+        skipped=data.skipped,
+        inverse=_measure_inverse(record, data),
     )
 
 
@@ -931,9 +1025,10 @@ def _measure_inverse(record: HysteresisRecord, whole: ElementData) -> float | No
         return None
     data = whole.thin(_INVERTED)
     time = np.cumsum(data.path.period)
-    shift = float(np.mean(whole.output - predict_output(record.elasticity, whole.path)))
+    shift = float(np.mean((whole.output - predict_output(record.elasticity, whole.path))[whole.skipped :]))
     found = invert_element(record.elasticity, data.output - shift, time, start=data.path.start)
-    return 100.0 * float(np.std(found - data.path.position) / np.std(data.path.position))
+    counted = data.path.position[data.skipped :]
+    return 100.0 * float(np.std(found[data.skipped :] - counted) / np.std(counted))
 
 
 _SLACK = 0.01

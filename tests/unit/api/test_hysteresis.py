@@ -91,6 +91,17 @@ def test_what_is_no_recording_is_refused(recording, change, text):
     assert caught.value.notices[0].code == "usage.hysteresis-recording"
 
 
+def test_a_prediction_begins_with_the_memory_that_is_said(fit):
+    x = np.array([0.5, 0.5, 0.4])
+    below, above = (fit.predict(x, np.arange(3.0), start=side) for side in ("below", "above"))
+    # Stops are at their upper bound where the input has come from below.
+    assert below[0] > above[0]
+    assert below[1] == pytest.approx(below[0], rel=1e-6)
+    with pytest.raises(UsageError, match="Known: zero, fresh, below, above") as caught:
+        fit.predict(x, np.arange(3.0), start="middle")
+    assert caught.value.notices[0].code == "usage.unknown-start"
+
+
 def test_an_unknown_model_lists_all(recording):
     t, x, y = recording
     with pytest.raises(UsageError, match="Known: auto, prandtl-ishlinskii") as caught:
