@@ -77,6 +77,7 @@ if TYPE_CHECKING:
         decimate_blocks as decimate_blocks,
         describe_uneven as describe_uneven,
         differentiate as differentiate,
+        differentiate_smooth as differentiate_smooth,
         low_pass as low_pass,
         prepare_signals as prepare_signals,
     )

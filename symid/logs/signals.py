@@ -76,6 +76,19 @@ def differentiate(values: FloatArray, period: float) -> FloatArray:
     return slope
 
 
+def differentiate_smooth(values: FloatArray, period: float) -> FloatArray:
+    """Return the derivative of `values` (N, ...) that a low-pass has passed: differences of order four.
+
+    dx[k] = (8 x[k+1] - 8 x[k-1] - x[k+2] + x[k-2]) / (12 T), at two samples of each end as `differentiate`;
+    `period` T in s. At a tenth of the sample rate it is 0.5 % small, `differentiate` 6 %.
+    """
+    slope = differentiate(values, period)
+    if len(values) > 4:
+        near, far = values[3:-1] - values[1:-3], values[4:] - values[:-4]
+        slope[2:-2] = (8.0 * near - far) / (12.0 * period)
+    return slope
+
+
 def decimate(values: FloatArray, decimation: Decimation) -> FloatArray:
     """Return every `factor`-th sample of `values` (N, ...) after a zero-phase Chebyshev I low-pass.
 

@@ -26,7 +26,6 @@ from symid.identification.elastic import (
 from symid.joint_models import (
     Elasticity,
     compute_first_curve,
-    compute_hysteresis_torque,
     compute_spring_work,
     find_most_slope,
     needs_time,
@@ -42,7 +41,7 @@ from symid.report.figures import (
     build_mark_figure,
     list_lines,
 )
-from symid.report.fit_text import show_residual
+from symid.report.fit_text import show_effects, show_residual
 from symid.report.identification_page import UNTESTED
 from symid.report.pages import Page, build_fit_page, format_error, show_refused, tabulate_parameters
 from symid.report.verdict import judge_elastic
@@ -93,6 +92,7 @@ def build_elastic_page(
         *(("== Springs ==",) if springs else ()),
         *(block for entry in springs for block in show_spring(entry)),
         *("== Parameters ==", tabulate_parameters(kept), *show_refused(estimate.refused)),
+        *(("== Drives and sensors ==", show_effects(estimate)) if estimate.effects else ()),
         *("== Methods ==", f"{estimate.reason[:1].upper()}{estimate.reason[1:]}."),
         *_compare_methods(estimate),
         *_show_convergence(course),
@@ -295,7 +295,7 @@ def _describe_reach(estimate: SpringEstimate) -> Iterator[str]:
     if far:
         names = ", ".join(_write_minus(f"{value:.3g}") for value in far)
         yield f"The torque never reached the knees at {names} {unit}: the slope beyond is not identifiable."
-    if not estimate.elasticity.stops:
+    if not (estimate.elasticity.stops or estimate.elasticity.branches):
         yield "No stop has any stiffness: the identified spring has no hysteresis."
 
 
@@ -305,7 +305,7 @@ def draw_branches(estimate: SpringEstimate) -> Drawing:
     whole = _sweep_torsion(
         amplitude, -amplitude, amplitude, *(amplitude * turn for turn in _TURNS), amplitude
     )
-    torque = compute_hysteresis_torque(estimate.elasticity, whole)
+    torque = run_element(replace(estimate.elasticity, damping=0.0), whole).output
     pieces = (
         ("nested loops", "minor", slice(3 * _SAMPLES, None)),
         ("outer loop", "major", slice(_SAMPLES, 3 * _SAMPLES + 1)),

@@ -11,7 +11,7 @@ from symid.serialization import write_plain
 
 if TYPE_CHECKING:
     from symid.identification.diagnostics import BandResidual
-    from symid.identification.elastic import ElasticEstimate, StiffnessEstimate
+    from symid.identification.elastic import DriveEffect, ElasticEstimate, SpringEstimate, StiffnessEstimate
     from symid.identification.estimators import (
         Estimate,
         Evidence,
@@ -374,6 +374,7 @@ def describe_elastic(estimate: "ElasticEstimate") -> dict[str, object]:
             for entry in estimate.parameters
         ],
         "springs": [asdict(entry) for entry in estimate.springs],
+        "effects": [_describe_effect(estimate, effect) for effect in estimate.effects],
         "residual": describe_residual(estimate.residual),
         "energy": describe_residual((estimate.energy,))[0],
         "condition": estimate.condition,
@@ -398,6 +399,7 @@ def show_elastic(estimate: "ElasticEstimate") -> tuple[Block, ...]:
         f"{estimate.reason[:1].upper()}{estimate.reason[1:]}.",
         show_elastic_parameters(estimate),
         *([show_springs(estimate)] if estimate.springs else []),
+        *([show_effects(estimate)] if estimate.effects else []),
         show_residual((*estimate.residual, estimate.energy)),
         *([trials] if len(estimate.trials) > 1 else []),
         *(f"refused: {name}: {reason}" for name, reason in estimate.refused),
@@ -411,8 +413,20 @@ def show_elastic_parameters(estimate: "ElasticEstimate") -> Table:
 
 def show_springs(estimate: "ElasticEstimate") -> Table:
     """Return the table of springs: stiffness left and at small torsion, and how far they were excited."""
+    from symid.joint_models import find_most_slope
+
+    told = [entry for entry in estimate.springs if entry.told]
+    if any(entry.elasticity.branches for entry in told):
+        return tabulate(
+            told,
+            "joint; k0=elasticity.stiffness; at most=steepest; unit; branches; torsion; torque",
+            (0, 3, 4),
+            steepest=lambda entry: find_most_slope(entry.elasticity),
+            unit=lambda entry: f"{entry.torque_unit}/{entry.position_unit}",
+            branches=_name_branches,
+        )
     return tabulate(
-        [entry for entry in estimate.springs if entry.told],
+        told,
         "joint; k0=elasticity.stiffness; k0 + stops=elasticity.initial_stiffness; unit; stops; knees; "
         "torsion; slipped to=excited; torque",
         (0, 3),
@@ -420,6 +434,49 @@ def show_springs(estimate: "ElasticEstimate") -> Table:
         stops=lambda entry: len(entry.elasticity.stops),
         knees=lambda entry: len(entry.elasticity.knees),
     )
+
+
+def _name_branches(entry: "SpringEstimate") -> str:
+    names = [branch.kind for branch in entry.elasticity.branches]
+    counts = ((len(entry.elasticity.stops), "stops"), (len(entry.elasticity.knees), "knees"))
+    return ", ".join([*names, *(f"{count} {name}" for count, name in counts if count)]) or "linear"
+
+
+_EFFECTS = {
+    "torque-lag": "torque acts late",
+    "link-friction": "viscous friction of the link",
+    "torque-ripple": "torque ripple",
+    "kinematic-error": "kinematic error of the gear",
+    "torsion-offset": "zero of the torsion",
+}
+
+
+def _describe_effect(estimate: "ElasticEstimate", effect: "DriveEffect") -> dict[str, object]:
+    """Return an effect in plain types, with its joint and unit."""
+    springs = estimate.springs
+    torque, position = (springs[0].torque_unit, springs[0].position_unit) if springs else ("N m", "rad")
+    units = {
+        "torque-lag": "s",
+        "link-friction": f"{torque} s/{position}",
+        "torque-ripple": torque,
+        "kinematic-error": position,
+        "torsion-offset": position,
+    }
+    joint = "all" if effect.joint < 0 else estimate.residual[effect.joint].joint
+    return {**asdict(effect), "joint": joint, "unit": units[effect.kind]}
+
+
+def show_effects(estimate: "ElasticEstimate") -> Table:
+    """Return the table of what drives, gears and links add: amplitudes of waves, and their order."""
+    rows = []
+    for effect in estimate.effects:
+        plain = _describe_effect(estimate, effect)
+        size = math.hypot(*effect.values)
+        order = f"{effect.order:.6g}" if effect.order else ""
+        values = (f"{size if effect.order else effect.values[0]:.4g}", f"{effect.deviations[0]:.2g}")
+        rows.append((plain["joint"], _EFFECTS[effect.kind], order, *values, plain["unit"]))
+    title = "Taken off before the fit; orders are periods a turn of the motor, joint side."
+    return Table(("joint", "effect", "order", "value", "std", "unit"), rows, (0, 1, 5), title)
 
 
 _WIDTH = 100

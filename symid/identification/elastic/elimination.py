@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library, ModelCard
 from symid.errors import Notice
+from symid.identification.elastic.effects import mark_sliding
 from symid.identification.elastic.estimate import MethodFit, build_method_fit
 from symid.identification.elastic.problem import ElasticProblem, build_spring_data, fit_joint_spring
 from symid.identification.elastic.regression import (
@@ -38,7 +39,7 @@ from symid.identification.elastic.regression import (
 from symid.identification.elastic.uncertainty import compute_covariance
 from symid.identification.hysteresis import build_elasticity, filter_smooth
 from symid.identification.regression import choose_windows, integrate_windows
-from symid.logs import differentiate, low_pass
+from symid.logs import differentiate_smooth, low_pass
 
 
 def fit_elimination(problem: ElasticProblem) -> MethodFit:
@@ -56,12 +57,19 @@ class BandRows(FrozenArrays):
         design: (m, p + n + pf); torque: (m,) N m or N.
         group: (m,) which recording and joint; joints of one recording stand together.
         time: (m,) s since the start of the recording, as a part of its length.
+        slide: (m,) how many limits of the speed the motor keeps.
     """
 
     design: FloatArray
     torque: FloatArray
     group: NDArray[np.intp]
     time: FloatArray
+    slide: NDArray[np.intp]
+
+    def select(self, kept: NDArray[np.bool_]) -> "BandRows":
+        """Return the rows of a mask (m,)."""
+        parts = {name: getattr(self, name)[kept] for name in ("design", "torque", "group", "time", "slide")}
+        return BandRows(**parts)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -76,17 +84,25 @@ class BandFit:
     scatter: FloatArray
 
 
-def fit_band(card: ModelCard, rows: BandRows, rounds: int = 3) -> BandFit:
-    """Return the weighted least-squares fit, weights 1 / scatter of each group, found in a few rounds."""
+def fit_band(card: ModelCard, rows: BandRows, rounds: int = 3, scatter: FloatArray | None = None) -> BandFit:
+    """Return the weighted least-squares fit, weights 1 / scatter of each group, found in a few rounds.
+
+    `scatter` (g,) N m or N: given, zero where a group is not known; those of the fit else.
+    """
     design, torque, group = rows.design, rows.torque, rows.group
     floor = 1e-9 * max(float(np.sqrt(np.mean(torque**2))), 1e-300)
+    members = np.maximum(np.bincount(group), 1)
     weights = np.ones(len(torque))
     for _ in range(rounds):
         chi = solve_with_signs(card, design * weights[:, None], torque * weights)
         errors = torque - design @ chi
-        members = np.maximum(np.bincount(group), 1)
-        scatter = np.maximum(np.sqrt(np.bincount(group, errors**2) / members), floor)
-        weights = 1.0 / scatter[group]
+        found = np.maximum(np.sqrt(np.bincount(group, errors**2) / members), floor)
+        if scatter is not None:
+            known = np.zeros(len(found))
+            known[: len(scatter)] = scatter[: len(found)]
+            found = np.where(known > 0.0, known, found)
+        weights = 1.0 / found[group]
+    scatter = found
     return BandFit(chi=chi, covariance=compute_covariance(design * weights[:, None]), scatter=scatter)
 
 
@@ -100,6 +116,7 @@ def fit_momentum(problem: ElasticProblem) -> MethodFit:
         torque=impulse.reshape(-1),
         group=np.tile(np.arange(impulse.shape[1]), len(impulse)),
         time=np.zeros(impulse.size),
+        slide=np.zeros(impulse.size, dtype=np.intp),
     )
     chi = fit_band(problem.library.card, rows, rounds=2).chi
     springs = problem.fit_springs(problem.compute_motor_side(chi))
@@ -127,32 +144,42 @@ def _integrate_equations(
 
 _EDGE = 20.0
 """Hz; the band in which arms move, and in which white noise of the torque outweighs that of encoders."""
-_LEAST_RATIO = 25.0
-"""Of the sample rate to the band's edge."""
+_LEAST_RATIO, _FAST_RATIO = 25.0, 15.0
+"""Of the sample rate to the band's edge; and where the motion is that fast."""
 _ORDER = 4
 _CUT = 2.0
 """Periods of the band's edge that are cut at both ends."""
 _STATES = 5.0
 """Of the cut-off of the states to the band's edge."""
+_EFFECTS = 60.0
+"""Hz; ripple is faster than motion."""
 
 
-def _choose_edge(period: float) -> float:
-    return min(_EDGE, 1.0 / (_LEAST_RATIO * period))
+def _choose_edge(period: float, band: float) -> float:
+    """Return the band's edge in Hz: above the motion, whose band is given."""
+    return max(min(_EDGE, 1.0 / (_LEAST_RATIO * period)), min(band, 1.0 / (_FAST_RATIO * period)))
 
 
-def get_wide_cutoff(period: float) -> float:
-    """Return the cut-off of the states in Hz, for a sample period in s."""
-    return min(_STATES * _choose_edge(period), 0.4 / period)
+def get_effect_edge(period: float, band: float) -> float:
+    """Return up to where effects of the drives are sought, Hz."""
+    return min(max(_EFFECTS, band), 1.0 / (_FAST_RATIO * period))
 
 
-def build_band_rows(library: Library, signals: Sequence[ElasticSignals]) -> BandRows:
+def get_wide_cutoff(period: float, band: float = 0.0) -> float:
+    """Return the cut-off of the states in Hz, for a sample period in s and motion up to `band` Hz."""
+    return min(_STATES * _choose_edge(period, band), 0.4 / period)
+
+
+def build_band_rows(library: Library, signals: Sequence[ElasticSignals], band: float = 0.0) -> BandRows:
     """Return the equations of all recordings; their signals should pass `get_wide_cutoff`, or no filter.
 
     Every column is made of hardly filtered states and then filtered exactly as the torque is, so that kinks
-    of friction stay in place. Rows are taken at twice the edge of the band: noise is nearly independent.
+    of friction stay in place. Rows are taken at twice the edge of the band: noise is nearly independent. The
+    edge lies above `band`, that of the motion in Hz.
     """
-    parts = [_filter_equations(library, part) for part in signals]
-    design, torque, time = (np.concatenate(part) for part in zip(*parts, strict=True))
+    speeds = compute_speeds(signals)
+    parts = [_filter_equations(library, part, _choose_edge(part.period, band), speeds) for part in signals]
+    design, torque, time, slide = (np.concatenate(part) for part in zip(*parts, strict=True))
     joints = library.card.size
     owner = np.repeat(np.arange(len(parts)), [len(part[2]) for part in parts])
     return BandRows(
@@ -160,12 +187,76 @@ def build_band_rows(library: Library, signals: Sequence[ElasticSignals]) -> Band
         torque=torque.reshape(-1),
         group=(owner[:, None] * joints + np.arange(joints)).reshape(-1),
         time=np.repeat(time, joints),
+        slide=slide.reshape(-1),
     )
 
 
-def _filter_equations(library: Library, signals: ElasticSignals) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return design (m, n, p + n + pf), torque (m, n) and time (m,) from 0 to 1 of one recording."""
-    period, edge = signals.period, _choose_edge(signals.period)
+def compute_speeds(signals: Sequence[ElasticSignals]) -> FloatArray:
+    """Return the RMS speeds (n,) of the motors over all recordings, rad/s or m/s."""
+    return np.asarray(np.sqrt(np.mean(np.concatenate([part.dtheta for part in signals]) ** 2, axis=0)))
+
+
+_SHARES = (0.02, 0.05, 0.1, 0.2)
+"""Of a joint's RMS speed, below which rows may be left out."""
+_AGREE = 0.999
+"""Rows close in time share some of their noise, and ten pairs are compared."""
+
+
+def choose_sliding_rows(card: ModelCard, rows: BandRows) -> tuple[BandRows, float]:
+    """Return the rows without motors so slow that the estimate moves when they are left out, and the limit.
+
+    Friction near rest is no function of the speed (presliding, Stribeck). The least limit is taken at which
+    the estimate agrees with those of all larger ones (Hausman 1978); weights are those of the largest. It is
+    a share of the joints' RMS speeds, 0 where all rows stay.
+    """
+    sets = [rows.select(rows.slide >= number) for number in range(len(_SHARES) + 1)]
+    needed = _ENOUGH * rows.design.shape[1]
+    sets = [part for part in sets if len(part.torque) >= needed] or sets[:1]
+    scatter = fit_band(card, sets[-1]).scatter
+    fits = [fit_band(card, part, scatter=scatter) for part in sets]
+    number = 0
+    for number, fit in enumerate(fits[:-1]):
+        if all(_agree(fit, other) for other in fits[number + 1 :]):
+            break
+    else:
+        number = len(sets) - 1
+    return sets[number], (0.0, *_SHARES)[number]
+
+
+_ENOUGH = 20
+"""Rows a parameter."""
+
+
+def _agree(fit: BandFit, other: BandFit) -> bool:
+    """Return whether a fit of more rows agrees with one of fewer."""
+    from scipy.special import chdtri
+
+    known = np.isfinite(np.diag(other.covariance)) & np.isfinite(np.diag(fit.covariance))
+    if np.count_nonzero(known) < np.count_nonzero(np.isfinite(np.diag(fit.covariance))):
+        return True
+    apart = (fit.chi - other.chi)[known]
+    both = np.ix_(known, known)
+    spread = other.covariance[both] - fit.covariance[both]
+    lengths = np.sqrt(np.maximum(np.diag(other.covariance)[known], 1e-300))
+    values, vectors = np.linalg.eigh(spread / np.outer(lengths, lengths))
+    # Directions that the rows left out told nothing of cannot disagree.
+    open_ways = values > _OPEN
+    moved = vectors.T[open_ways] @ (apart / lengths)
+    limit = float(chdtri(max(1, np.count_nonzero(open_ways)), 1.0 - _AGREE))
+    return float(np.sum(moved**2 / values[open_ways])) <= limit
+
+
+_OPEN = 1e-3
+
+
+def _filter_equations(
+    library: Library, signals: ElasticSignals, edge: float, speeds: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.intp]]:
+    """Return design (m, n, p + n + pf), torque (m, n), time (m,) from 0 to 1, and how fast motors are (m, n).
+
+    The latter is the number of limits of `_SHARES` times `speeds` (n,), RMS of the joints, that they keep.
+    """
+    period = signals.period
     cut = int(np.ceil(_CUT / (edge * period)))
     keep = slice(cut, len(signals.time) - cut, max(1, round(0.5 / (edge * period))))
 
@@ -175,12 +266,13 @@ def _filter_equations(library: Library, signals: ElasticSignals) -> tuple[FloatA
     design = build_equations(
         library,
         signals,
-        lambda values: differentiate(low(values), period)[keep],
+        lambda values: differentiate_smooth(low(values), period)[keep],
         lambda values: low(values)[keep],
     )
     time = np.arange(len(signals.time))[keep] / len(signals.time)
     torque = center_held(signals.tau) if signals.hold == "zero" else signals.tau
-    return design, low(torque)[keep], time
+    slide = sum(mark_sliding(signals, 1.0 / edge, share * speeds)[keep].astype(np.intp) for share in _SHARES)
+    return design, low(torque - signals.link_drag)[keep], time, np.asarray(slide)
 
 
 _MOVING = 0.1
@@ -262,7 +354,7 @@ def estimate_virtual_torsion(problem: ElasticProblem, number: int, chi: FloatArr
                 phi[:, joint] = compliance * torque[:, joint]
         for _ in range(_TORSION_ROUNDS):
             q = theta - phi
-            dq = differentiate(q, period)
+            dq = differentiate_smooth(q, period)
             (momentum,) = library.evaluate("momentum_regressor", q, dq)
             (lagrange,) = library.evaluate("lagrange_regressor", q, dq)
             link = filter_derivative(momentum @ beta, rate, period)

@@ -11,6 +11,7 @@ import numpy as np
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import ModelCard
 from symid.errors import Notice
+from symid.identification.elastic.regression import DriveEffect
 from symid.identification.estimators import DynamicsRecord, Residual
 from symid.ipopt import Ending
 from symid.joint_models import NO_FRICTION, Elasticity, get_law
@@ -120,6 +121,7 @@ class ElasticEstimate(DynamicsRecord):
         energy: what is left of the energy rows.
         outcome, history: how the method ended, and its iterations.
         trials: all methods that were compared.
+        effects: of drives, gears and links, taken off before anything was fitted.
     """
 
     kind: ClassVar[str] = "elastic"
@@ -130,6 +132,7 @@ class ElasticEstimate(DynamicsRecord):
     outcome: Ending
     history: tuple[HistoryEntry, ...]
     trials: tuple[MethodTrial, ...]
+    effects: tuple[DriveEffect, ...] = ()
 
     def list_mistakes(self) -> list[str]:
         """Return what is wrong with a record from a file: entries that do not fit each other."""

@@ -26,12 +26,14 @@ from symid.identification.elastic.methods import (
     build_elastic_equations,
     build_linear_rows,
     choose_fit,
+    choose_springs,
     compute_relative_deviations,
     compute_spring_torque,
     fit_method,
 )
 from symid.identification.elastic.options import ElasticOptions, NlpOptions
 from symid.identification.elastic.regression import (
+    compute_joint_torque,
     fill_motor_loads,
     get_encoder_positions,
     locate_settled,
@@ -40,7 +42,6 @@ from symid.identification.elastic.uncertainty import measure_identifiability
 from symid.identification.estimators import Residual, list_parameters
 from symid.identification.regression import check_joints, list_measured_joints, warn_of_energy
 from symid.ipopt import Ending
-from symid.joint_models import compute_hysteresis_torque
 from symid.logs import Recording, differentiate
 
 _NOTHING = 0.9
@@ -100,7 +101,7 @@ def _list_springs(
     card, signals = work.problem.library.card, work.problem.signals
     for joint, (entry, elasticity) in enumerate(zip(card.joints, fit.elasticity, strict=True)):
         phi = [part.phi[:, joint] for part in signals]
-        torque = [compute_hysteresis_torque(elasticity, part) for part in phi]
+        torque = [compute_joint_torque(elasticity, part, joint) for part in signals]
         # A stop is sure to have slipped once the torsion's range exceeds twice its threshold.
         span = max(float(np.ptp(part)) for part in phi)
         slipped = [stop.threshold for stop in elasticity.stops if 2.0 * stop.threshold <= span]
@@ -293,7 +294,7 @@ def _warn_of_springs(work: ElasticEquations, fit: MethodFit, refused: Collection
             yield Notice(code="elastic.no-stiffness", text=text)
         for signals in work.problem.signals:
             phi = signals.phi[:, joint]
-            most = float(np.max(np.abs(compute_hysteresis_torque(spring, phi))))
+            most = float(np.max(np.abs(compute_joint_torque(spring, signals, joint))))
             span, before = float(np.ptp(phi)), float(np.ptp(phi[: signals.settled + 1]))
             late = [
                 (stop.threshold, stop.stiffness)
@@ -342,7 +343,7 @@ def identify_elastic(
     fits = [fit_method(work, method) for method in (AUTOMATIC_METHODS if automatic else (options.method,))]
     given = MethodSelection(fit=fits[0], reason="the method was given")
     choice = choose_fit(work, fits) if automatic else given
-    fit = choice.fit
+    fit = choose_springs(work, choice.fit, hidden) if automatic else choice.fit
     cards, joints = list_parameter_cards(library.card), library.card.joints
     identifiable, condition = measure_identifiability(build_linear_rows(work, fit).design)
     springs = _refuse_springs(work, fit, hidden, _warn_of_condition(work, fit, condition))
@@ -380,6 +381,7 @@ def identify_elastic(
             *((f"spring of {joints[joint].name}", entry.text) for joint, entry in springs.items()),
         ),
         covariance=() if fit.covariance is None else tuple(map(tuple, fit.covariance.tolist())),
+        effects=work.effects,
         notices=(*springs.values(), *choice.notices, *fit.notices, *warnings),
     )
 

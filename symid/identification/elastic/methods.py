@@ -11,7 +11,7 @@ Supported: all names of `METHODS`.
 Not supported: a choice of springs apart from dynamics; those of the chosen method are taken.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -24,29 +24,45 @@ from symid.errors import Notice
 from symid.identification.diagnostics import (
     choose_held_out,
 )
+from symid.identification.elastic.effects import (
+    compute_link_torque,
+    measure_effects,
+    measure_gears,
+    measure_offsets,
+)
 from symid.identification.elastic.elimination import (
     BandFit,
     BandRows,
     build_band_rows,
+    choose_sliding_rows,
+    compute_speeds,
     fit_band,
     fit_elimination,
     fit_independent,
+    get_effect_edge,
     get_wide_cutoff,
     split_recordings,
 )
 from symid.identification.elastic.estimate import MethodFit, build_method_fit
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.problem import ElasticProblem, build_elastic_problem
-from symid.identification.elastic.regression import prepare_elastic_signals, solve_with_signs
+from symid.identification.elastic.regression import (
+    DriveEffect,
+    ElasticSignals,
+    choose_cutoff,
+    compute_joint_torque,
+    measure_motion_band,
+    prepare_elastic_signals,
+    solve_with_signs,
+)
 from symid.identification.elastic.two_step import fit_alternation, fit_linear_spring, fit_two_step
 from symid.identification.elastic.uncertainty import (
     compute_covariance,
     mark_unidentifiable,
     measure_identifiability,
 )
-from symid.identification.hysteresis import filter_smooth
-from symid.joint_models import compute_hysteresis_torque
-from symid.logs import Recording
+from symid.identification.hysteresis import ElementPath, choose_spring, filter_smooth
+from symid.logs import Recording, differentiate_smooth
 
 _BLOCKS = 8
 _FINE = 50
@@ -103,12 +119,14 @@ class ElasticEquations:
     Args:
         problem: at the cut-off of the options; wide: the same recordings at a higher one, each at its own.
         rows, band: the weighted elimination in a band, equations and fit.
+        effects: of the drives, taken off the torque of all.
     """
 
     problem: ElasticProblem
     wide: ElasticProblem
     rows: BandRows
     band: BandFit
+    effects: tuple[DriveEffect, ...] = ()
 
     @property
     def identifiable(self) -> NDArray[np.bool_]:
@@ -133,19 +151,44 @@ def build_elastic_equations(
         LogError: a recording lacks an encoder, is too short or unevenly sampled.
         UsageError: windows or thresholds do not fit.
     """
-    signals = [prepare_elastic_signals(recording, options) for recording in recordings]
-    problem = build_elastic_problem(library, signals, options)
+    band = measure_motion_band(recordings)
+    broad = _prepare_wide(recordings, options, band)
+    effects: tuple[DriveEffect, ...] = ()
+    if options.effects:
+        edge = get_effect_edge(max(part.period for part in broad), band)
+        effects = (*measure_offsets(broad), *measure_effects(library, broad, edge))
+        broad = _prepare_wide(recordings, options, band, effects) if effects else broad
+    rows, share = choose_sliding_rows(library.card, build_band_rows(library, broad, band))
+    if options.effects:
+        beta = fit_band(library.card, rows).chi[: len(library.card.beta)]
+        gears = measure_gears(library, broad, beta)
+        if gears:
+            effects = (*effects, *gears)
+            broad = _prepare_wide(recordings, options, band, effects)
+    limits = share * compute_speeds(broad)
+    signals = [prepare_elastic_signals(recording, options, effects) for recording in recordings]
+    problem = build_elastic_problem(library, signals, options, limits)
     wide = problem
     if any(part.cutoff for part in signals):
+        wide = build_elastic_problem(library, broad, options, limits)
+    fit = fit_band(library.card, rows)
+    return ElasticEquations(problem=problem, wide=wide, rows=rows, band=fit, effects=effects)
+
+
+def _prepare_wide(
+    recordings: Sequence[Recording],
+    options: ElasticOptions,
+    band: float,
+    effects: Sequence[DriveEffect] = (),
+) -> list[ElasticSignals]:
+    """Return signals that pass what `get_wide_cutoff` says, or no filter where the options' pass none."""
+    broad = []
+    for recording in recordings:
+        filtered = choose_cutoff(recording) if options.cutoff is None else options.cutoff
         # A cut-off that suits fast sampling would be none for a slow one.
-        cutoffs = [get_wide_cutoff(part.period) if part.cutoff else 0.0 for part in signals]
-        broad = [
-            prepare_elastic_signals(recording, replace(options, cutoff=cutoff))
-            for recording, cutoff in zip(recordings, cutoffs, strict=True)
-        ]
-        wide = build_elastic_problem(library, broad, options)
-    rows = build_band_rows(library, wide.signals)
-    return ElasticEquations(problem=problem, wide=wide, rows=rows, band=fit_band(library.card, rows))
+        cutoff = get_wide_cutoff(recording.period, band) if filtered else 0.0
+        broad.append(prepare_elastic_signals(recording, replace(options, cutoff=cutoff), effects))
+    return broad
 
 
 def fit_method(work: ElasticEquations, method: str) -> MethodFit:
@@ -238,7 +281,7 @@ def _build_side_rows(problem: ElasticProblem, fit: MethodFit) -> _LinearRows:
         spring = compute_spring_torque(problem, fit, number)
         motor, link = rows.design.copy(), rows.design.copy()
         motor[:, :, : rows.bases], link[:, :, rows.bases :] = 0.0, 0.0
-        design, right = np.stack([motor, link]), np.stack([rows.torque - spring, spring])
+        design, right = np.stack([motor, link]), np.stack([rows.torque - spring, spring - rows.drag])
         floor = _FLOOR * max(float(np.sqrt(np.mean(rows.torque**2))), 1e-300)
         scatter = np.maximum(np.sqrt(np.mean((right - design @ fit.chi) ** 2, axis=1)), floor)[:, None, :]
         designs.append((design / scatter[..., None]).reshape(-1, len(fit.chi)))
@@ -255,7 +298,9 @@ def _list_row_times(problem: ElasticProblem, number: int) -> FloatArray:
 def compute_spring_torque(problem: ElasticProblem, fit: MethodFit, number: int) -> FloatArray:
     """Return F[tau_J] (M, n) of the springs of `fit` at the filtered rows of recording `number`."""
     signals, keep = problem.signals[number], problem.filtered[number].keep
-    torque = np.column_stack(list(map(compute_hysteresis_torque, fit.elasticity, signals.phi.T)))
+    torque = np.column_stack(
+        [compute_joint_torque(spring, signals, joint) for joint, spring in enumerate(fit.elasticity)]
+    )
     return filter_smooth(torque, problem.options.rate, signals.period)[keep]
 
 
@@ -329,3 +374,55 @@ def choose_fit(work: ElasticEquations, fits: Sequence[MethodFit]) -> MethodSelec
     )
     named = dict(zip((fit.method for fit in kept), errors.tolist(), strict=True))
     return MethodSelection(fit=best, errors=named, reason=reason, notices=notices)
+
+
+def choose_springs(work: ElasticEquations, fit: MethodFit, hidden: Collection[int]) -> MethodFit:
+    """Return the fit with springs of other kinds where these predict the joint torque surely better.
+
+    The torque is that of the links, which no friction of the motors blurs. Joints that are `hidden` keep
+    their springs.
+    """
+    problem, springs, notices = work.problem, list(fit.elasticity), []
+    beta = fit.chi[: problem.sizes[0]]
+    for joint, card in enumerate(problem.library.card.joints):
+        if joint in hidden or not springs:
+            continue
+        path, torque, kept = _follow_joint(problem, beta, joint)
+        spring, name, left, before = choose_spring(path, torque, kept, springs[joint])
+        if not name:
+            continue
+        springs[joint] = spring
+        text = (
+            f"joint {card.name!r}: a spring of another kind was taken: {name}. It leaves {left:.2g} % of "
+            f"held-out joint torque; stops and knees leave {before:.2g} %"
+        )
+        notices.append(Notice(code="elastic.spring-kind", text=text))
+    return replace(fit, elasticity=tuple(springs), notices=(*fit.notices, *notices))
+
+
+def _follow_joint(
+    problem: ElasticProblem, beta: FloatArray, joint: int
+) -> tuple[ElementPath, FloatArray, NDArray[np.bool_]]:
+    """Return torsion and torque (N,) of all recordings, one after the other, and the samples that count."""
+    spans = [float(np.ptp(part.phi[:, joint])) for part in problem.signals]
+    paths, torques, masks, speeds, periods = [], [], [], [], []
+    for part, span in zip(problem.signals, spans, strict=True):
+        if span < _LOADED * max(spans):
+            continue
+        edge = 1 + int(np.ceil(_EDGE / (part.cutoff * part.period))) if part.cutoff else 1
+        index = np.arange(len(part.time))
+        paths.append(part.phi[:, joint])
+        speeds.append(differentiate_smooth(paths[-1], part.period))
+        periods.append(np.full(len(index), part.period))
+        torques.append(compute_link_torque(problem.library, part, beta)[:, joint])
+        masks.append((index >= max(edge, part.settled)) & (index < len(index) - edge))
+    path = ElementPath(
+        position=np.concatenate(paths), velocity=np.concatenate(speeds), period=np.concatenate(periods)
+    )
+    return path, np.concatenate(torques), np.concatenate(masks)
+
+
+_LOADED = 0.3
+"""Of the largest range of the torsion: recordings with less tell little of a spring."""
+_EDGE = 2.0
+"""Periods of the cut-off at the ends that do not count."""

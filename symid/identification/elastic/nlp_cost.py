@@ -320,8 +320,11 @@ class ElasticNlpCost:
         """Return the cost with the rms of these residuals (M_b,) of every block as its scale."""
         sigmas = []
         for block, residual in zip(self.blocks, residuals, strict=True):
-            size, loads = (float(np.sqrt(np.mean(part**2))) for part in (residual, block.matrix @ chi))
-            sigmas.append(max(size, _LEAST_SIGMA * loads, 1e-300))
+            counted = len(residual) if block.counted is None else block.counted
+            parts = (residual, block.matrix @ chi)
+            size, loads = (float(np.linalg.norm(part)) / np.sqrt(max(1, counted)) for part in parts)
+            # Rows that are all empty weigh nothing, whatever their scale.
+            sigmas.append(max(size, _LEAST_SIGMA * loads, 1e-300) if counted else 1.0)
         return replace(self, sigmas=tuple(sigmas))
 
     def compute_covariance(self, x: FloatArray, places: Sequence[Sequence[FloatArray]] = ()) -> FloatArray:

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays
+from symid.identification.elastic.effects import mark_sliding
 from symid.identification.elastic.problem import ElasticProblem
 from symid.identification.elastic.regression import average_steps, build_equations
 from symid.identification.hysteresis import filter_smooth
@@ -205,6 +206,7 @@ class RowBlock:
         sign: 1 where the spring's torque stands with the loads, -1 where it drives.
         springs: of the joints that take part.
         friction: joint and sums of a Stribeck friction.
+        counted: rows that are not empty; None for all.
     """
 
     matrix: FloatArray
@@ -212,6 +214,7 @@ class RowBlock:
     sign: float
     springs: tuple[SpringColumns, ...]
     friction: tuple[tuple[int, StepSums], ...] = ()
+    counted: int | None = None
 
     def compute_linear_residuals(self, chi: FloatArray, stiffness: FloatArray) -> FloatArray:
         """Return the residuals (M,) with linear springs (n,) N m/rad, in the unit of its rows."""
@@ -247,7 +250,9 @@ def build_nlp_recording(
     if "filtered" in kinds:
         blocks += _join_blocks(problem.sizes[0], bases, _build_filtered_rows(problem, index))
     if "momentum" in kinds:
-        blocks += _join_blocks(problem.sizes[0], bases, _build_momentum_rows(problem, index))
+        blocks += _join_blocks(
+            problem.sizes[0], bases, _build_momentum_rows(problem, index), _mark_windows(problem, index)
+        )
     return NlpRecording(blocks=tuple(blocks), bases=bases, phi=phi, speed=signals.dtheta)
 
 
@@ -293,8 +298,8 @@ def _build_energy_block(problem: ElasticProblem, index: int, thresholds: Sequenc
     )
 
 
-_TorqueRows = tuple[FloatArray, FloatArray, _BuildColumns, StepSums]
-"""Design (M, n, p + n + pf) and torque (M, n) of the sum of both equations, and how springs get there."""
+_TorqueRows = tuple[FloatArray, FloatArray, FloatArray, _BuildColumns, StepSums]
+"""Design (M, n, p + n + pf), torque and drag of the links (M, n), and how springs get there."""
 
 
 def _build_filtered_rows(problem: ElasticProblem, index: int) -> _TorqueRows:
@@ -308,7 +313,7 @@ def _build_filtered_rows(problem: ElasticProblem, index: int) -> _TorqueRows:
     def build(_: FloatArray, basis: FloatArray) -> FloatArray:
         return filter_smooth(basis, rate, signals.period)[keep]
 
-    return rows.design[::skip], torque, build, sums
+    return rows.design[::skip], torque, rows.drag[::skip], build, sums
 
 
 def _build_momentum_rows(problem: ElasticProblem, index: int) -> _TorqueRows:
@@ -319,20 +324,53 @@ def _build_momentum_rows(problem: ElasticProblem, index: int) -> _TorqueRows:
         return sums.add(average_steps(values))
 
     design = build_equations(problem.library, signals, lambda values: np.diff(values[ends], axis=0), add)
-    return design, sums.add(signals.step_torque), lambda _, basis: add(basis), sums
+    torque = sums.add(signals.step_torque)
+    return design, torque, add(signals.link_drag), lambda _, basis: add(basis), sums
 
 
-def _join_blocks(count: int, bases: Sequence[FloatArray], rows: _TorqueRows) -> Iterator[RowBlock]:
-    """Yield the blocks of motor and link equations; `count` is p."""
-    design, torque, build, sums = rows
+def _mark_windows(problem: ElasticProblem, index: int) -> NDArray[np.bool_]:
+    """Return the windows (M, n) of the energy rows in which a motor slides from end to end."""
+    signals, ends = problem.signals[index], problem.energy[index].ends
+    slides = mark_sliding(signals, ends.step * signals.period, problem.limits)
+    # About the middle of a window, all of it counts.
+    return slides[ends][:-1] & slides[ends][1:] if np.any(problem.limits) else np.ones_like(slides[ends][1:])
+
+
+def _join_blocks(
+    count: int, bases: Sequence[FloatArray], rows: _TorqueRows, slides: NDArray[np.bool_] | None = None
+) -> Iterator[RowBlock]:
+    """Yield the blocks of motor and link equations; `count` is p.
+
+    Motors that do not slide (M, n) have empty rows.
+    """
+    design, torque, drag, build, sums = rows
     for joint, basis in enumerate(bases):
         columns = build(np.zeros(0), basis)
         springs = (SpringColumns(joint=joint, build=build, columns=columns, sums=sums),)
         motor, link = design[:, joint].copy(), design[:, joint].copy()
         motor[:, :count], link[:, count:] = 0.0, 0.0
-        values, own = torque[:, joint], ((joint, sums),)
-        yield RowBlock(matrix=motor, values=values, sign=1.0, springs=springs, friction=own)
-        yield RowBlock(matrix=link, values=np.zeros(len(torque)), sign=-1.0, springs=springs)
+        kept = np.ones(len(torque), dtype=bool) if slides is None else slides[:, joint]
+        own, adds, make = springs, sums, build
+        if isinstance(sums, WindowSums) and not np.all(kept):
+            weights = sums.weights.copy()
+            weights[sums.span] *= np.repeat(kept, sums.length)
+            adds = replace(sums, weights=weights)
+            make = _mask_columns(build, kept)
+            masked = np.where(kept[:, None], columns, 0.0)
+            own = (SpringColumns(joint=joint, build=make, columns=masked, sums=adds),)
+        yield RowBlock(
+            matrix=np.where(kept[:, None], motor, 0.0),
+            values=np.where(kept, torque[:, joint], 0.0),
+            sign=1.0,
+            springs=own,
+            friction=((joint, adds),),
+            counted=int(np.count_nonzero(kept)),
+        )
+        yield RowBlock(matrix=link, values=-drag[:, joint], sign=-1.0, springs=springs)
+
+
+def _mask_columns(build: _BuildColumns, kept: NDArray[np.bool_]) -> _BuildColumns:
+    return lambda thresholds, basis: np.where(kept[:, None], build(thresholds, basis), 0.0)
 
 
 def _build_window_sums(ends: slice, weights: FloatArray) -> WindowSums:

@@ -84,6 +84,7 @@ class ElasticOptions:
         cutoff: of the zero-phase low-pass in Hz; 0 for none, None to choose by the encoders' noise.
         tolerance: of the relative change of parameters and residuals at which the iteration stops.
         iterations: at most; nlp: of the method "nlp".
+        effects: find the lag of the torque, torque ripple and friction of the links, and take them off.
     """
 
     method: str = "automatic"
@@ -99,6 +100,7 @@ class ElasticOptions:
     tolerance: float = 1e-4
     iterations: int = 30
     nlp: NlpOptions = field(default_factory=NlpOptions)
+    effects: bool = True
 
     def __post_init__(self) -> None:
         """Refuse wrong values, all at once."""

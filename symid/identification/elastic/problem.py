@@ -9,9 +9,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, freeze
 from symid.codegen import Library
+from symid.identification.elastic.effects import mark_sliding
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.regression import (
     ElasticSignals,
@@ -30,6 +32,9 @@ from symid.identification.hysteresis import (
 )
 from symid.joint_models import Elasticity
 
+_MEMORY = 3.0
+"""Time constants of the filter."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ElasticProblem:
@@ -39,6 +44,7 @@ class ElasticProblem:
         signals, energy, filtered: one entry a recording.
         thresholds, springs: (m_i,) and stop basis of every joint.
         supplied: (m,) J; design: (m, p + n + pf), the energy rows of all recordings.
+        limits: (n,) rad/s or m/s, at and below which motors are not trusted to slide; 0 for none.
     """
 
     library: Library
@@ -50,6 +56,7 @@ class ElasticProblem:
     springs: tuple[SpringData, ...]
     supplied: FloatArray
     design: FloatArray
+    limits: FloatArray
 
     @property
     def sizes(self) -> tuple[int, int]:
@@ -62,11 +69,19 @@ class ElasticProblem:
         They are the sum of motor and link equations, in which the joint torques cancel.
         """
         rows = self.filtered if numbers is None else [self.filtered[number] for number in numbers]
-        return np.concatenate([part.design for part in rows]), np.concatenate([part.torque for part in rows])
+        torque = np.concatenate([part.torque - part.drag for part in rows])
+        return np.concatenate([part.design for part in rows]), torque
 
     def compute_motor_side(self, chi: FloatArray) -> FloatArray:
         """Return F[tau_J] (M, n) by the motor equation with the dynamic parameters chi (p + n + pf,)."""
         return np.concatenate([part.compute_motor_side(chi) for part in self.filtered])
+
+    @property
+    def slides(self) -> NDArray[np.bool_]:
+        """Return at which filtered rows (M, n) a motor slides, for as long as the filter remembers."""
+        width = 2.0 * _MEMORY / self.options.rate
+        pairs = zip(self.signals, self.filtered, strict=True)
+        return np.concatenate([mark_sliding(part, width, self.limits)[rows.keep] for part, rows in pairs])
 
     def compute_work(self, springs: Sequence[Elasticity]) -> FloatArray:
         """Return the work of all springs in the windows of the energy rows (m,), J."""
@@ -96,6 +111,9 @@ class ElasticProblem:
         joined = np.empty_like(motor)
         for joint, data in enumerate(self.springs):
             sides = [motor[:, joint], link[:, joint]]
+            if self.limits[joint]:
+                # What a motor near rest says holds friction that is not known.
+                sides[0] = np.where(self.slides[:, joint], sides[0], sides[1])
             start = build_start_spring(self.options, data, joint, sides[1])
             value = data.compute_torque(fit_spring(data, (sides[0] + sides[1]) / 2.0, start))
             inverse = [1.0 / max(float(np.mean((side - value) ** 2)), 1e-300) for side in sides]
@@ -104,7 +122,10 @@ class ElasticProblem:
 
 
 def build_elastic_problem(
-    library: Library, signals: Sequence[ElasticSignals], options: ElasticOptions
+    library: Library,
+    signals: Sequence[ElasticSignals],
+    options: ElasticOptions,
+    limits: FloatArray | None = None,
 ) -> ElasticProblem:
     """Return energy rows, filtered rows and stop bases; raise UsageError where windows do not fit."""
     energy = tuple(build_energy_windows(library, part, options.window) for part in signals)
@@ -123,6 +144,7 @@ def build_elastic_problem(
         springs=springs,
         supplied=freeze(np.concatenate([rows.supplied for rows in energy])),
         design=freeze(np.vstack([rows.design for rows in energy])),
+        limits=freeze(np.zeros(library.card.size) if limits is None else limits),
     )
 
 

@@ -32,8 +32,15 @@ from symid.identification.regression import (
     list_measured_joints,
     list_resting_joints,
 )
-from symid.joint_models import Elasticity, compute_spring_work, compute_work_columns, is_braking
-from symid.logs import Recording, describe_uneven, differentiate, low_pass
+from symid.joint_models import (
+    Elasticity,
+    compute_hysteresis_torque,
+    compute_spring_work,
+    compute_work_columns,
+    is_braking,
+    run_element,
+)
+from symid.logs import Recording, describe_uneven, differentiate_smooth, low_pass, shift_channel
 
 _ORDER = 4
 _CUTOFF = 25.0
@@ -59,6 +66,8 @@ class ElasticSignals(FrozenArrays):
         hold: "zero" where tau[k] acts over [t_k, t_k+1], "first" where it is a sampled smooth signal.
         cutoff: of the low-pass in Hz, 0 for none.
         load: (N, n) N m or N that the links take; temperature: (N, n) degC; None where not known.
+        drag: (N, n) N m or N, friction of the links' bearings; error: (N, n) rad or m, of the gears; None for
+            none.
     """
 
     time: FloatArray
@@ -73,11 +82,19 @@ class ElasticSignals(FrozenArrays):
     cutoff: float = 0.0
     load: FloatArray | None = None
     temperature: FloatArray | None = None
+    drag: FloatArray | None = None
+    error: FloatArray | None = None
 
     @property
     def phi(self) -> FloatArray:
-        """Return the torsions theta - q (N, n)."""
-        return self.theta - self.q
+        """Return the torsions (N, n): theta - q, and what the gear adds."""
+        torsion = self.theta - self.q
+        return np.asarray(torsion if self.error is None else torsion + self.error)
+
+    @property
+    def link_drag(self) -> FloatArray:
+        """Return the friction (N, n) of the links' bearings, N m or N."""
+        return np.zeros_like(self.dq) if self.drag is None else self.drag
 
     @property
     def step_torque(self) -> FloatArray:
@@ -95,12 +112,76 @@ def center_held(tau: FloatArray) -> FloatArray:
     return np.vstack([tau[:1], average_steps(tau)])
 
 
-def prepare_elastic_signals(recording: Recording, options: ElasticOptions) -> ElasticSignals:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriveEffect:
+    """One effect.
+
+    Args:
+        kind: "torque-lag", "link-friction", "torque-ripple", "kinematic-error" or "torsion-offset".
+        joint: its place, from 0; -1 for all.
+        values: lag in s; or d; or a_N, b_N in N m or N, of a kinematic error in rad or m; or the offset in
+            rad or m. deviations: of these.
+        order: N of a ripple or a kinematic error, 1/rad or 1/m.
+    """
+
+    kind: str
+    joint: int = -1
+    values: tuple[float, ...] = ()
+    deviations: tuple[float, ...] = ()
+    order: float = 0.0
+
+
+def correct_torque(
+    torque: FloatArray, theta: FloatArray, period: float, effects: Sequence[DriveEffect]
+) -> FloatArray:
+    """Return the torque (N, n) about each sample as it acts, without ripple.
+
+    Without a lag that was found it is held from sample to sample; theta (N, n) are positions of the motors.
+    """
+    lags = [effect.values[0] for effect in effects if effect.kind == "torque-lag"]
+    time = np.arange(len(torque), dtype=np.float64) * period
+    torque = np.asarray(shift_channel(time, torque, -lags[0]) if lags else center_held(torque))
+    return np.asarray(torque - _add_waves(theta, effects, "torque-ripple"))
+
+
+def _add_waves(theta: FloatArray, effects: Sequence[DriveEffect], kind: str) -> FloatArray:
+    waves = np.zeros_like(theta)
+    for effect in effects:
+        if effect.kind == kind:
+            angle = effect.order * theta[:, effect.joint]
+            waves[:, effect.joint] += effect.values[0] * np.cos(angle) + effect.values[1] * np.sin(angle)
+    return waves
+
+
+def compute_torsion_error(theta: FloatArray, q: FloatArray, effects: Sequence[DriveEffect]) -> FloatArray:
+    """Return what is to be added to theta - q (N, n) for the torsion of the springs, rad or m."""
+    error = _add_waves(theta, effects, "kinematic-error")
+    for effect in effects:
+        if effect.kind == "torsion-offset":
+            # Encoders that were brought into line have no offset left.
+            gap = abs(float(np.median(theta[:, effect.joint] - q[:, effect.joint])))
+            error[:, effect.joint] -= effect.values[0] if gap > 0.5 * abs(effect.values[0]) else 0.0
+    return error
+
+
+def compute_drag(dq: FloatArray, effects: Sequence[DriveEffect]) -> FloatArray:
+    """Return the friction (N, n) of the links' bearings, N m or N."""
+    drag = np.zeros_like(dq)
+    for effect in effects:
+        if effect.kind == "link-friction":
+            drag[:, effect.joint] = effect.values[0] * dq[:, effect.joint]
+    return drag
+
+
+def prepare_elastic_signals(
+    recording: Recording, options: ElasticOptions, effects: Sequence[DriveEffect] = ()
+) -> ElasticSignals:
     """Return states and torques of `recording`, filtered alike, differentiated, the end cut.
 
     Where velocities from raw differences are exact enough, nothing is filtered and tau[k] is the torque over
     [t_k, t_k+1]. Otherwise all signals pass the same zero-phase low-pass, and tau[k] is the mean of the two
-    torques that meet at t_k: a torque that is held acts half a period later than its sample says.
+    torques that meet at t_k: a torque that is held acts half a period later than its sample says. `effects`
+    of the drives are taken off the torque.
 
     Raises:
         LogError: the recording lacks one of the encoders, is too short or unevenly sampled.
@@ -118,38 +199,44 @@ def prepare_elastic_signals(recording: Recording, options: ElasticOptions) -> El
     if uneven is not None:
         raise LogError(uneven)
     period = recording.period
-    cutoff = _choose_cutoff(recording) if options.cutoff is None else options.cutoff
+    cutoff = choose_cutoff(recording) if options.cutoff is None else options.cutoff
     edge = int(np.ceil(_EDGE / (cutoff * period))) if cutoff else 1
     least = 4 * edge + 17
     if len(recording.time) < least:
         text = f"the log has {len(recording.time)} samples; the filter and the cut ends need at least {least}"
         raise LogError(Notice(code="log.too-short", text=text, file=recording.source))
     tau, load, warm = recording.torque, recording.load, recording.temperature
+    if cutoff or effects:
+        tau = correct_torque(tau, motor, period, effects)
+    error = compute_torsion_error(motor, link, effects)
     if cutoff:
-        motor, link, tau = (
+        motor, link, tau, error = (
             low_pass(values, period=period, cutoff=cutoff, order=_ORDER)
-            for values in (motor, link, center_held(tau))
+            for values in (motor, link, tau, error)
         )
         load = None if load is None else low_pass(load, period=period, cutoff=cutoff, order=_ORDER)
     kept = slice(0, len(recording.time) - edge)
     # Rows begin where plays are settled and filters have forgotten their start.
-    phi, starts = (motor - link)[kept], [int(np.ceil(5.0 / (options.rate * period)))]
+    phi, starts = (motor - link + error)[kept], [int(np.ceil(5.0 / (options.rate * period)))]
     for joint, torsion in enumerate(phi.T):
         largest = options.stops / (options.stops + 1.0) * float(np.abs(torsion).max())
         if options.thresholds is not None:
             largest = max(options.thresholds[joint], default=0.0)
         starts.append(locate_settled(torsion, largest))
+    dq = differentiate_smooth(link, period)[kept]
     return ElasticSignals(
         time=recording.time[kept],
         q=link[kept],
-        dq=differentiate(link, period)[kept],
+        dq=dq,
         theta=motor[kept],
-        dtheta=differentiate(motor, period)[kept],
+        dtheta=differentiate_smooth(motor, period)[kept],
         tau=tau[kept],
         period=period,
         settled=max(edge, min(max(starts), max(starts[0], int(_LATEST * len(phi))))),
-        hold="first" if cutoff else "zero",
+        hold="first" if cutoff or effects else "zero",
         cutoff=cutoff,
+        drag=compute_drag(dq, effects) if effects else None,
+        error=error[kept] if effects else None,
         load=None if load is None else load[kept],
         temperature=None if warm is None else warm[kept],
     )
@@ -170,8 +257,8 @@ def fill_motor_loads(
         period = recording.period
         cutoff = min(_CUTOFF, 1.0 / (_LEAST_RATIO * period))
         q = low_pass(get_encoder_positions(recording)[1], period=period, cutoff=cutoff, order=_ORDER)
-        dq = differentiate(q, period)
-        (load,) = library.evaluate("inverse_dynamics", q, dq, differentiate(dq, period), beta)
+        dq = differentiate_smooth(q, period)
+        (load,) = library.evaluate("inverse_dynamics", q, dq, differentiate_smooth(dq, period), beta)
         found.append(replace(recording, load=fill_load(recording.load, load, measured)))
     return tuple(found)
 
@@ -190,8 +277,8 @@ def get_encoder_positions(recording: Recording) -> tuple[FloatArray, FloatArray]
     raise LogError(Notice(code="elastic.one-encoder", text=text, file=recording.source))
 
 
-def _choose_cutoff(recording: Recording) -> float:
-    """Return the cut-off in Hz of the low-pass that the encoders' noise asks for, 0 for none.
+def choose_cutoff(recording: Recording) -> float:
+    """Return the cut-off in Hz of the low-pass that the encoders' noise asks for; 0 for none.
 
     The noise is taken from third differences d, sigma = |d|_rms / sqrt(20); that of a velocity by central
     differences is sigma / (sqrt(2) T).
@@ -203,7 +290,41 @@ def _choose_cutoff(recording: Recording) -> float:
         velocity_noise = noise / (np.sqrt(2.0) * recording.period)
         # A joint at rest has no speed to compare with; the fastest joint gives the scale.
         worst = max(worst, float(np.max(velocity_noise) / max(float(np.max(speed)), 1e-300)))
-    return 0.0 if worst < _EXACT else min(_CUTOFF, 1.0 / (_LEAST_RATIO * recording.period))
+    wanted = max(_CUTOFF, _ABOVE * measure_motion_band([recording]))
+    return 0.0 if worst < _EXACT else min(wanted, 1.0 / (_LEAST_RATIO * recording.period))
+
+
+_ABOVE = 1.5
+_SHARE = 0.99
+
+
+def measure_motion_band(recordings: Sequence[Recording]) -> float:
+    """Return the frequency in Hz below which 99 % of the power of the encoders' velocities lies, at most.
+
+    Noise of the positions, as in the highest quarter of the frequencies, is taken off. Joints and recordings
+    with less than a hundredth of the power of the liveliest one count as resting.
+    """
+    found = []
+    for recording in recordings:
+        count = len(recording.time)
+        frequency = np.fft.rfftfreq(count, recording.period)
+        for position in get_encoder_positions(recording):
+            # The straight line from end to end would leak into all frequencies.
+            ramp = np.linspace(0.0, 1.0, count)[:, None] * (position[-1] - position[0])
+            moved = np.hanning(count)[:, None] * (position - position[0] - ramp)
+            power = np.abs(np.fft.rfft(moved, axis=0)) ** 2 / count
+            floor = np.mean(power[-max(1, len(power) // 4) :], axis=0)
+            speed = np.where(power > _LOUD * floor, power - floor, 0.0) * frequency[:, None] ** 2
+            for total in np.cumsum(speed, axis=0).T:
+                edge = frequency[min(np.searchsorted(total, _SHARE * total[-1]), len(total) - 1)]
+                found.append((float(total[-1] / recording.period / count), float(edge)))
+    most = max((power for power, _ in found), default=0.0)
+    return max((edge for power, edge in found if power > _RESTING * most), default=0.0)
+
+
+_RESTING = 0.01
+_LOUD = 30.0
+"""Times the noise: what is above it moves."""
 
 
 def locate_settled(phi: FloatArray, threshold: float) -> int:
@@ -249,13 +370,14 @@ class FilteredRows(FrozenArrays):
 
     Args:
         design: (M, n, p + n + pf), columns [link beta | rotor | friction].
-        torque: (M, n), F[tau] in N m or N.
+        torque: (M, n), F[tau] in N m or N; drag: (M, n) of the links' bearings.
         keep: the samples of the signals that rows belong to.
         bases: p.
     """
 
     design: FloatArray
     torque: FloatArray
+    drag: FloatArray
     keep: slice
     bases: int
 
@@ -265,7 +387,7 @@ class FilteredRows(FrozenArrays):
 
     def compute_link_side(self, chi: FloatArray) -> FloatArray:
         """Return F[tau_J] (M, n) by the link equation."""
-        return self.design[:, :, : self.bases] @ chi[: self.bases]
+        return np.asarray(self.drag + self.design[:, :, : self.bases] @ chi[: self.bases])
 
 
 def filter_held(values: FloatArray, rate: float, period: float) -> FloatArray:
@@ -300,9 +422,19 @@ def build_filtered_rows(library: Library, signals: ElasticSignals, rate: float) 
             lambda values: filter_smooth(values, rate, period)[keep],
         ),
         torque=pass_torque(signals.tau, rate, period)[keep],
+        drag=filter_smooth(signals.link_drag, rate, period)[keep],
         keep=keep,
         bases=len(library.card.beta),
     )
+
+
+def compute_joint_torque(spring: Elasticity, signals: ElasticSignals, joint: int) -> FloatArray:
+    """Return the torque (N,) of a spring along the torsion of a joint, its memory empty at the start."""
+    torsion = signals.phi[:, joint]
+    if spring.is_plain:
+        return compute_hysteresis_torque(spring, torsion, (signals.dtheta - signals.dq)[:, joint])
+    rate = differentiate_smooth(torsion, signals.period)
+    return run_element(spring, torsion, signals.time, velocity=rate).output
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -322,8 +454,14 @@ class EnergyWindows(FrozenArrays):
     def compute_work(self, elasticity: Sequence[Elasticity], signals: ElasticSignals) -> FloatArray:
         """Return the work int tau_J dphi of all springs in every window (m,), J."""
         total = np.zeros(len(self.supplied))
-        for spring, torsion in zip(elasticity, signals.phi.T, strict=False):
-            total += np.diff(compute_spring_work(spring, torsion)[self.ends])
+        for joint, spring in enumerate(elasticity):
+            torsion = signals.phi[:, joint]
+            if spring.is_plain:
+                work = compute_spring_work(spring, torsion)
+            else:
+                steps = average_steps(compute_joint_torque(spring, signals, joint)) * np.diff(torsion)
+                work = np.concatenate([[0.0], np.cumsum(steps)])
+            total += np.diff(work[self.ends])
         return total
 
     def compute_columns(self, thresholds: Sequence[FloatArray], signals: ElasticSignals) -> list[FloatArray]:
@@ -358,6 +496,8 @@ def build_energy_windows(library: Library, signals: ElasticSignals, length: floa
         columns.append(add(np.einsum("ij,ijk->ik", turn, average_steps(friction))))
     # The work of a held torque is exact with the torque of the step's start.
     supplied = add(np.sum(signals.step_torque * turn, axis=1))
+    if signals.drag is not None:
+        supplied -= add(np.sum(average_steps(signals.drag) * np.diff(signals.q, axis=0), axis=1))
     return EnergyWindows(supplied=supplied, design=np.hstack(columns), ends=ends)
 
 

@@ -23,8 +23,14 @@ import numpy as np
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import JointCard, Library
 from symid.errors import LogError, Notice
-from symid.identification.regression import fill_load, list_measured_joints
-from symid.joint_models import compute_plays
+from symid.identification.elastic.options import ElasticOptions
+from symid.identification.elastic.regression import (
+    build_equations,
+    get_encoder_positions,
+    prepare_elastic_signals,
+)
+from symid.identification.regression import fill_load, list_measured_joints, solve_scaled
+from symid.joint_models import compute_plays, compute_stop_basis
 from symid.logs import (
     Alignment,
     Recording,
@@ -203,9 +209,19 @@ def _align(
     found = estimate_torsion_alignment(library, recordings)
     kept, moved = keep_significant(found), tuple(recordings)
     notices: tuple[Notice, ...] = ()
+    refuted = kept is not None and kept.delay != 0.0 and _refute_delay(library, recordings, kept)
+    if kept is not None and refuted:
+        offsets = np.nan_to_num(kept.offsets, nan=0.0)
+        kept = replace(kept, delay=0.0) if np.any(offsets) else None
     if kept is not None:
         moved = tuple(align(recording, kept, run=run) for run, recording in enumerate(recordings))
         notices = tuple(recording.notices[-1] for recording in moved)
+    if refuted:
+        text = (
+            f"the link encoders look {1e3 * found.delay:.3g} ms late, but the motors' torque says that they "
+            "are not: the links have friction. The delay was left alone"
+        )
+        notices = (*notices, Notice(code="log.delay-refuted", text=text))
     pairs = zip(library.card.joints, found.unknown, strict=True)
     names = [repr(card.name) for card, unknown in pairs if unknown]
     if names:
@@ -216,6 +232,51 @@ def _align(
         )
         notices = (*notices, Notice(code="log.offset-unknown", text=text))
     return moved, found, kept, notices
+
+
+_REFUTES, _APART = 0.9, 0.1
+"""The latter of the power of the motors' velocities, least of that of the torsion."""
+_GRID = 6
+
+
+def _refute_delay(library: Library, recordings: Sequence[Recording], alignment: Alignment) -> bool:
+    """Return whether the motors' torque speaks against a delay of the link encoders.
+
+    Viscous friction of the links gives the same torsion as a delay; the spring's torque on the motor tells
+    them apart: tau = [ddtheta, friction, spring and stops of the torsion] x, fitted with and without it.
+    """
+    # Where motor and link move as one, no torque tells a delay from friction: the delay is the likelier.
+    pairs = [get_encoder_positions(recording) for recording in recordings]
+    apart, moves = (
+        float(sum(np.mean(np.diff(values, axis=0) ** 2) for values in side))
+        for side in ([motor - link for motor, link in pairs], [motor for motor, _ in pairs])
+    )
+    if not library.card.elastic or apart < _APART * moves:
+        return False
+    plain = replace(alignment, delay=0.0)
+    lefts = []
+    for entry in (plain, alignment):
+        moved = [shift_link_channel(recording, entry, run=run) for run, recording in enumerate(recordings)]
+        lefts.append(sum(_measure_motor_misfit(library, recording) for recording in moved))
+    return lefts[0] < _REFUTES * lefts[1]
+
+
+def _measure_motor_misfit(library: Library, recording: Recording) -> float:
+    """Return the mean square that motor and spring leave of the torque, relative, summed over the joints."""
+    signals = prepare_elastic_signals(recording, ElasticOptions())
+    period, bases = signals.period, len(library.card.beta)
+    design = build_equations(library, signals, lambda x: differentiate(x, period), lambda x: x)
+    total = 0.0
+    for joint in range(library.card.size):
+        torsion, torque = signals.phi[:, joint], signals.tau[:, joint]
+        if not np.ptp(torsion) > 0.0 or not np.ptp(torque) > 0.0:
+            continue
+        grid = 0.5 * float(np.ptp(torsion)) * np.arange(1, _GRID + 1) / (_GRID + 1)
+        basis = compute_stop_basis(torsion - torsion.mean(), grid)
+        whole = np.column_stack([design[:, joint, bases:], basis, np.ones_like(torsion)])[signals.settled :]
+        left = torque[signals.settled :] - whole @ solve_scaled(whole, torque[signals.settled :], rcond=1e-10)
+        total += float(np.mean(left**2) / np.var(torque))
+    return total
 
 
 def prepare_aligned(

@@ -27,13 +27,15 @@ from symid.excitation import Trajectory
 from symid.identification.elastic.estimate import ElasticEstimate, MethodFit
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.regression import (
+    DriveEffect,
     build_filtered_rows,
+    compute_joint_torque,
     fill_motor_loads,
     prepare_elastic_signals,
 )
 from symid.identification.estimators import Residual
 from symid.identification.hysteresis import filter_smooth
-from symid.joint_models import Elasticity, Knee, Stop, compute_hysteresis_torque, run_element
+from symid.joint_models import Elasticity, Knee, Stop
 from symid.logs import Recording, measure_overlap
 from symid.robot import (
     Robot,
@@ -131,6 +133,7 @@ def evaluate_elastic(
         initial=initial,
         identifiable=[spring.told for spring in estimate.springs],
         truth=[spring.truth for spring in estimate.springs],
+        effects=estimate.effects,
         fitted=measure_overlap(recording, estimate.sources, estimate.settings) > 0.0,
     )
 
@@ -144,29 +147,28 @@ def predict_elastic(
     initial: Sequence[Elasticity] = (),
     identifiable: Sequence[bool] = (),
     truth: Sequence[Elasticity | None] = (),
+    effects: Sequence[DriveEffect] = (),
     fitted: bool = False,
 ) -> ElasticTrial:
     """Return what the models predict of `recording`, with the filters of the options; nothing is fitted.
 
     Sequences of springs, one a joint, are empty where there are none; `identifiable`, of the springs of
-    `final`, is empty where all are. `fitted` marks a log of the fit.
+    `final`, is empty where all are; `effects` of the drives belong to `final`. `fitted` marks a log of the
+    fit.
     """
     (recording,) = fill_motor_loads(library, [recording], final.beta)
-    signals = prepare_elastic_signals(recording, options)
+    signals = prepare_elastic_signals(recording, options, effects)
     rows = build_filtered_rows(library, signals, options.rate)
     motor, link = rows.compute_motor_side(final.chi), rows.compute_link_side(final.chi)
     torsion = filter_smooth(signals.phi, options.rate, signals.period)[rows.keep]
-    phi, rate = signals.phi, signals.dtheta - signals.dq
 
     def pass_spring(springs: Sequence[Elasticity | None], joint: int) -> FloatArray | None:
         spring = springs[joint] if springs else None
         if spring is None or spring.initial_stiffness is None:
             return None
-        if spring.is_plain:
-            torque = compute_hysteresis_torque(spring, phi[:, joint], rate[:, joint])
-        else:
-            torque = run_element(spring, phi[:, joint], signals.time, velocity=rate[:, joint]).output
-        return filter_smooth(torque, options.rate, signals.period)[rows.keep]
+        return filter_smooth(compute_joint_torque(spring, signals, joint), options.rate, signals.period)[
+            rows.keep
+        ]
 
     told = identifiable or [True] * len(final.elasticity)
     known = [spring if is_known else None for spring, is_known in zip(final.elasticity, told, strict=True)]

@@ -3,12 +3,14 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from symid.identification.hysteresis.families import ElementPath as ElementPath
     from symid.identification.hysteresis.fit import (
         ElementParameter as ElementParameter,
         ElementTrace as ElementTrace,
         HysteresisOptions as HysteresisOptions,
         HysteresisRecord as HysteresisRecord,
         HysteresisTrial as HysteresisTrial,
+        choose_spring as choose_spring,
         describe_inversion as describe_inversion,
         find_strokes as find_strokes,
         fit_hysteresis as fit_hysteresis,

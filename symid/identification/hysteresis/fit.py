@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import Notice, UsageError
 from symid.identification.hysteresis.families import (
+    BoucWenFamily,
     ElementFamily,
     ElementPath,
     NonlinearStops,
@@ -164,18 +165,18 @@ class HysteresisRecord(FrozenArrays):
 class ElementData:
     """A recording as the fit uses it: path and output (N,), thinned.
 
-    `skipped`: samples at the beginning that are followed and not fitted, since what the element remembered
-    there is not known.
+    `kept` (N,): samples that are fitted; the others, where what the element remembered is not known, are
+    only followed.
     """
 
     path: ElementPath
     output: FloatArray
-    skipped: int = 0
+    kept: NDArray[np.bool_]
 
     @property
     def counted(self) -> FloatArray:
-        """Return the output of the samples that are fitted."""
-        return self.output[self.skipped :]
+        """Return the output (M,) of the samples that are fitted."""
+        return self.output[self.kept]
 
     def thin(self, most: int) -> "ElementData":
         """Return at most about `most` of the samples, at even places."""
@@ -193,7 +194,7 @@ class ElementData:
                 period=np.concatenate([np.diff(time)[:1], np.diff(time)]),
             ),
             output=self.output[::every],
-            skipped=-(-self.skipped // every),
+            kept=self.kept[::every],
         )
 
 
@@ -251,7 +252,7 @@ def prepare_recording(x: FloatArray, y: FloatArray, t: FloatArray | None) -> Ele
     path = ElementPath(
         position=x, velocity=compute_velocity(x, time), period=np.concatenate([steps[:1], steps])
     )
-    return ElementData(path=path, output=y)
+    return ElementData(path=path, output=y, kept=np.ones(len(y), dtype=bool))
 
 
 def _choose_start(data: ElementData) -> ElementData:
@@ -280,16 +281,15 @@ def _choose_start(data: ElementData) -> ElementData:
     rest = chosen[best][~rows]
     strange = begun < _LONGEST * len(x) and len(rest) and costs[best] / begun > _STRANGE * np.mean(rest**2)
     skipped = round(begun * len(data.output) / len(x)) if strange else 0
-    return replace(data, path=replace(data.path, start=_STARTS[best]), skipped=skipped)
+    kept = np.arange(len(data.output)) >= skipped
+    return replace(data, path=replace(data.path, start=_STARTS[best]), kept=kept)
 
 
 def _revise_start(elasticity: Elasticity, data: ElementData, tried: set[Start]) -> Start | None:
     """Return a start with which the element that was found explains more; None where there is none."""
     starts = (data.path.start, *(start for start in _STARTS if start not in tried))
     paths = [replace(data.path, start=start) for start in starts]
-    costs = [
-        float(np.var((data.output - predict_output(elasticity, path))[data.skipped :])) for path in paths
-    ]
+    costs = [float(np.var((data.output - predict_output(elasticity, path))[data.kept])) for path in paths]
     best = int(np.argmin(costs))
     return starts[best] if best and len(tried) < _MOST_STARTS and costs[best] < _MORE * costs[0] else None
 
@@ -355,7 +355,7 @@ def _build_matrix(family: ElementFamily, data: ElementData, shape: FloatArray, p
         columns.append(path.position[:, None] ** 3)
     if family.has_offset:
         columns.append(np.ones((len(path.position), 1)))
-    return np.hstack(columns)[data.skipped :]
+    return np.hstack(columns)[data.kept]
 
 
 def _solve(
@@ -553,7 +553,7 @@ def _fit_spring(data: ElementData, *, knees: bool) -> _ElementTrial | None:
     side = {"below": -1.0, "above": 1.0}.get(start, 0.0)
     ahead = [x[0] + side * 4.0 * data.path.reach, x[0]] if side else []
     torsion: FloatArray = np.concatenate([np.array(ahead, dtype=np.float64), x])
-    first = len(ahead) + data.skipped
+    first = len(ahead) + int(np.argmax(data.kept))
     grid: FloatArray = data.path.reach * np.power(0.7, np.arange(_GRID, 0, -1))
     spring = SpringData(torsions=(torsion,), periods=(_PERIOD,), keeps=(slice(first, None, 1),), rate=_SHARP)
     spring = spring.rebuild(grid)
@@ -584,7 +584,7 @@ def _fit_spring(data: ElementData, *, knees: bool) -> _ElementTrial | None:
         point=np.concatenate([found.stiffness, found.slopes, found.thresholds, found.knees]),
         rebuild=rebuild,
         jacobian=slopes[:, :-1],
-        error=output - predict_output(elasticity, data.path)[data.skipped :],
+        error=output - predict_output(elasticity, data.path)[data.kept],
         held=np.empty((0, slopes.shape[1] - 1)),
         family=None if elasticity.knees else Stops(count=len(found.thresholds), searched=True),
         shape=found.thresholds,
@@ -619,12 +619,17 @@ class _Folds:
         """Return the geometric mean of the mean squares: blocks count by their ratios, not by their size."""
         return float(np.exp(np.mean(np.log(self.predict(trial) + _FLOOR))))
 
-    def is_better(self, trial: _ElementTrial, other: _ElementTrial, *, sure: float = 1.0) -> bool:
-        """Return whether a model predicts better than another, by more than `sure` standard errors."""
+    def is_better(
+        self, trial: _ElementTrial, other: _ElementTrial, *, sure: float = 1.0, least: float = 0.0
+    ) -> bool:
+        """Return whether a model predicts better than another, by more than `sure` standard errors.
+
+        And by more than `least`, of the logarithm of the mean square.
+        """
         own, others = self.predict(trial), self.predict(other)
         count = min(len(own), len(others))
         gains = np.log((others[:count] + _FLOOR) / (own[:count] + _FLOOR))
-        return float(np.mean(gains)) > sure * float(np.std(gains, ddof=1)) / math.sqrt(count)
+        return float(np.mean(gains)) > max(least, sure * float(np.std(gains, ddof=1)) / math.sqrt(count))
 
 
 _FLOOR = 1e-300
@@ -632,6 +637,8 @@ _FLOOR = 1e-300
 
 def _leave_out(trial: _ElementTrial, mask: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
     """Return errors (n,) of samples left out, and the point (p,) without them: a step of least squares."""
+    if not trial.jacobian.shape[1]:
+        return trial.error[mask], trial.point
     lengths = np.linalg.norm(trial.jacobian, axis=0)
     lengths = np.where(lengths > 0.0, lengths, 1.0)
     scaled, held = trial.jacobian / lengths, trial.held / lengths
@@ -645,7 +652,7 @@ def _leave_out(trial: _ElementTrial, mask: NDArray[np.bool_]) -> tuple[FloatArra
 
 def _build_folds(data: ElementData) -> _Folds:
     """Return blocks of equal length, and the widest strokes where there are enough narrower ones."""
-    x, count = data.path.position[data.skipped :], len(data.counted)
+    x, count = data.path.position[data.kept], len(data.counted)
     edges = np.linspace(0, count, _BLOCKS + 1).astype(int)
     index = np.arange(count)
     blocks = tuple((index >= low) & (index < high) for low, high in itertools.pairwise(edges))
@@ -866,10 +873,10 @@ def fit_hysteresis(
         parameters=_list_parameters(chosen, _compute_covariance(chosen, folds)),
         candidates=candidates,
         passive=is_passive_element(elasticity),
-        fitted=100.0 * float(np.sqrt(np.mean((y - predicted)[whole.skipped :] ** 2))) / spread,
+        fitted=100.0 * float(np.sqrt(np.mean((y - predicted)[whole.kept] ** 2))) / spread,
         held_out=candidates[0].held_out,
         samples=len(x),
-        skipped=whole.skipped,
+        skipped=int(np.count_nonzero(~whole.kept)),
         span=(float(x.min()), float(x.max())),
         speed=float(np.max(np.abs(whole.path.velocity))),
         output=spread,
@@ -970,6 +977,62 @@ def predict_output(elasticity: Elasticity, path: ElementPath) -> FloatArray:
     return run_element(elasticity, path.position, time, start=path.start, velocity=path.velocity).output
 
 
+def choose_spring(
+    path: ElementPath, output: FloatArray, kept: NDArray[np.bool_], known: Elasticity
+) -> tuple[Elasticity, str, float, float]:
+    """Return the spring of a joint that predicts its torque best with as few numbers as that takes.
+
+    A linear one, Bouc-Wen elements, all passive and with viscous or cubic parts where these help, and
+    `known`, whose errors are those of its fit; it is left only for what is surely better, or for the linear
+    one where nothing is.
+
+    Args:
+        path: torsion (N,), rad or m.
+        output: (N,) N m or N.
+        kept: (N,) samples that count.
+        known: a spring that was fitted to the same.
+
+    Returns:
+        the spring; its name, "" for `known`; what it and `known` leave of the output, percent.
+    """
+    whole = ElementData(path=path, output=output, kept=kept)
+    data = whole.thin(_SEARCHED)
+    folds = _build_folds(data)
+    families: tuple[ElementFamily, ...] = (
+        Stops(count=0, name="linear"),
+        BoucWenFamily(),
+        BoucWenFamily(asymmetric=True),
+    )
+    trials = [_fit_family(family, data, folds, passive=True, timed=True) for family in families]
+    # Along all samples: a thin path misses reversals.
+    left_over = whole.output - predict_output(known, path)
+    error = left_over[:: max(1, len(output) // _SEARCHED)][data.kept]
+    values = len(list_element_values(known))
+    own = _ElementTrial(
+        model="",
+        form="",
+        point=np.zeros(values),
+        rebuild=lambda _: known,
+        jacobian=np.zeros((len(error), 0)),
+        error=error,
+        held=np.empty((0, 0)),
+    )
+    best = min(trials, key=folds.score)
+    chosen = best if folds.is_better(best, own, least=_MATTERS) else own
+    if not folds.is_better(chosen, trials[0], least=_CURVED):
+        chosen = trials[0]
+    spread = float(np.std(data.counted))
+    left = [100.0 * math.sqrt(folds.score(trial)) / spread for trial in (chosen, own)]
+    parts = [word for word in ("viscous", "cubic") if word in chosen.form]
+    name = ", ".join((chosen.model, *parts)) if chosen.model else ""
+    return replace(chosen.elasticity, offset=0.0), name, left[0], left[1]
+
+
+_MATTERS, _CURVED = 0.2, 0.7
+"""Of the logarithm of a mean square: a tenth of the error, and three tenths, less than which is no reason to
+call a spring anything but linear."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HysteresisTrial:
     """What an element predicts of a recording that it was not fitted to.
@@ -1003,7 +1066,7 @@ def validate_element(
     t = None if t is None else np.asarray(t, dtype=np.float64)
     _check_time(record, t)
     data = _choose_start(prepare_recording(x, y, t))
-    error = (y - predict_output(record.elasticity, data.path))[data.skipped :]
+    error = (y - predict_output(record.elasticity, data.path))[data.kept]
     low, high = record.span
     slack = _SLACK * (high - low)
     return HysteresisTrial(
@@ -1011,7 +1074,7 @@ def validate_element(
         shift=float(np.mean(error)),
         beyond=float(np.mean((x < low - slack) | (x > high + slack))),
         samples=len(x),
-        skipped=data.skipped,
+        skipped=int(np.count_nonzero(~data.kept)),
         inverse=_measure_inverse(record, data),
     )
 
@@ -1025,10 +1088,10 @@ def _measure_inverse(record: HysteresisRecord, whole: ElementData) -> float | No
         return None
     data = whole.thin(_INVERTED)
     time = np.cumsum(data.path.period)
-    shift = float(np.mean((whole.output - predict_output(record.elasticity, whole.path))[whole.skipped :]))
+    shift = float(np.mean((whole.output - predict_output(record.elasticity, whole.path))[whole.kept]))
     found = invert_element(record.elasticity, data.output - shift, time, start=data.path.start)
-    counted = data.path.position[data.skipped :]
-    return 100.0 * float(np.std(found[data.skipped :] - counted) / np.std(counted))
+    counted = data.path.position[data.kept]
+    return 100.0 * float(np.std(found[data.kept] - counted) / np.std(counted))
 
 
 _SLACK = 0.01

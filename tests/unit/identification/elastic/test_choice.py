@@ -18,6 +18,7 @@ def rows():
         torque=design @ TRUTH + 0.5 * rng.normal(size=4000),
         group=np.repeat([0, 1], 2000),
         time=np.tile(np.arange(2000) / 2000.0, 2),
+        slide=np.zeros(4000, dtype=np.intp),
     )
 
 

@@ -1,0 +1,461 @@
+"""What drives and links add to elastic joints, found from the sum of both sides, in which no spring stands.
+
+    tau(t - lag) = Y chi + d dq + sum_N (a_N cos N theta + b_N sin N theta)
+
+    lag      the torque acts later than its samples say: a loop of the current, a bus          one a robot
+    d        viscous friction of the link's bearings, N m s/rad or N s/m                       one a joint
+    ripple   torque of period 2 pi / N: teeth, poles, the wave generator of a harmonic drive   any joint
+    gear     torsion = theta - q + a_N cos N theta + b_N sin N theta - offset                  any joint
+
+All columns pass one zero-phase low-pass, rows of slow motors are left out. A term enters where blocks of
+time, each predicted by a fit to the others, are predicted better: by three standard errors, and by one
+percent of the variance. The lag is the coefficient of the torque's derivative, repeated with the torque moved
+until it is zero. Orders N are peaks of the residual over theta. Errors of the gear are those of the torsion
+that a spring of many stops leaves of the links' torque.
+
+Supported: several recordings; any gear, N need not be whole.
+Not supported: ripple that grows with the load; encoders that run late (align the recordings first).
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symid.arrays import FloatArray, FrozenArrays
+from symid.codegen import Library
+from symid.identification.elastic.regression import (
+    DriveEffect,
+    ElasticSignals,
+    build_equations,
+    center_held,
+)
+from symid.identification.regression import solve_scaled
+from symid.joint_models import compute_stop_basis
+from symid.logs import differentiate_smooth, low_pass, shift_channel
+
+
+def mark_sliding(signals: ElasticSignals, width: float, limits: FloatArray) -> NDArray[np.bool_]:
+    """Return where (N, n) a motor surely slides: faster than `limits` (n,), rad/s or m/s.
+
+    Within `width` s about a sample, such as what a low-pass makes of it. A motor that turns back so often
+    that hardly anything is left is taken as it is: its friction changes its sign, and has no time to rest.
+    """
+    from scipy.ndimage import minimum_filter1d
+
+    # Zero where the motor turns back between two samples.
+    turned = np.zeros(signals.dtheta.shape, dtype=bool)
+    turned[1:] = signals.dtheta[1:] * signals.dtheta[:-1] < 0.0
+    count = 1 + 2 * max(1, round(0.5 * width / signals.period))
+    least = minimum_filter1d(np.where(turned, 0.0, np.abs(signals.dtheta)), count, axis=0)
+    slides: NDArray[np.bool_] = least > limits
+    busy = np.sqrt(np.mean(signals.dtheta**2, axis=0)) > _BUSY * limits
+    return np.asarray(slides | (busy & (np.mean(slides, axis=0) < _LEAST_SHARE)))
+
+
+_BUSY, _LEAST_SHARE = 3.0, 0.5
+
+
+_BLOCKS = 8
+_SURE, _GAIN = 3.0, 0.01
+_MOST = 10
+"""Effects; a robot with more has another problem."""
+_STILL = 0.1
+"""Of a joint's RMS speed: slower rows hold friction that no law of the speed has."""
+_ENOUGH = 20
+"""Rows a parameter."""
+_LAG_ROUNDS, _LEAST_LAG, _LONGEST_LAG = 4, 0.05, 0.01
+"""The least of the sample period, the longest in s."""
+_ORDER, _CUT = 4, 2.0
+"""Of the low-pass; and periods of its edge that are cut at both ends."""
+_RANK = 1e-10
+"""Relative singular value of what is not identifiable."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Rows(FrozenArrays):
+    """Rows of all recordings, design @ chi = torque, and where each stands.
+
+    Args:
+        design: (m, p); torque: (m,).
+        group: (m,) recording and joint; joint: (m,); block: (m,) of its recording; theta: (m,).
+        places: for each recording its samples; kept: for each recording (M, n) which rows count.
+    """
+
+    signals: tuple[ElasticSignals, ...]
+    edge: float
+    design: FloatArray
+    torque: FloatArray
+    group: NDArray[np.intp]
+    joint: NDArray[np.intp]
+    block: NDArray[np.intp]
+    theta: FloatArray
+    places: tuple[slice, ...]
+    kept: tuple[NDArray[np.bool_], ...]
+
+    def stack(self, columns: Sequence[FloatArray]) -> FloatArray:
+        """Return the rows (m, k) of columns (N, n, k) of every recording, low-passed."""
+        parts = []
+        for part, place, kept, values in zip(self.signals, self.places, self.kept, columns, strict=True):
+            smooth = low_pass(values, period=part.period, cutoff=self.edge, order=_ORDER)
+            parts.append(smooth[place][kept])
+        return np.concatenate(parts)
+
+    def build(self, effect: DriveEffect) -> FloatArray:
+        """Return the columns (m, k) of an effect."""
+        columns = []
+        for part in self.signals:
+            size = part.dq.shape[1]
+            if effect.kind == "torque-lag":
+                columns.append(differentiate_smooth(_center(part), part.period)[..., None])
+                continue
+            own = np.zeros((len(part.time), size, 1 + (effect.kind == "torque-ripple")))
+            if effect.kind == "link-friction":
+                own[:, effect.joint, 0] = part.dq[:, effect.joint]
+            else:
+                angle = effect.order * part.theta[:, effect.joint]
+                own[:, effect.joint] = np.column_stack([np.cos(angle), np.sin(angle)])
+            columns.append(own)
+        return self.stack(columns)
+
+    def solve(self, extra: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return coefficients of [design, extra], errors (m,), and weights (m,) 1 / scatter of the group."""
+        whole = np.hstack([self.design, extra])
+        floor = 1e-9 * max(float(np.sqrt(np.mean(self.torque**2))), 1e-300)
+        weights = np.ones(len(self.torque))
+        for _ in range(3):
+            values = solve_scaled(whole * weights[:, None], self.torque * weights, rcond=_RANK)
+            errors = self.torque - whole @ values
+            counts = np.maximum(np.bincount(self.group), 1)
+            scatter = np.sqrt(np.bincount(self.group, errors**2) / counts)
+            weights = 1.0 / np.maximum(scatter, floor)[self.group]
+        return values, errors, weights
+
+    def allow_lag(self, lag: float) -> bool:
+        """Return whether a torque can act `lag` s later than one that is held: hardly before its sample."""
+        period = max(part.period for part in self.signals)
+        return -1.5 * period <= lag <= _LONGEST_LAG
+
+    def predict(self, extra: FloatArray, weights: FloatArray) -> FloatArray:
+        """Return the mean squared weighted errors of every block, predicted by a fit to the others."""
+        whole, goal = np.hstack([self.design, extra]) * weights[:, None], self.torque * weights
+        losses = []
+        for number in range(_BLOCKS):
+            out = self.block == number
+            values = solve_scaled(whole[~out], goal[~out], rcond=_RANK)
+            losses.append(float(np.mean((goal[out] - whole[out] @ values) ** 2)))
+        return np.array(losses)
+
+
+def _center(part: ElasticSignals) -> FloatArray:
+    return center_held(part.tau) if part.hold == "zero" else part.tau
+
+
+def _build_rows(library: Library, signals: Sequence[ElasticSignals], edge: float) -> _Rows:
+    designs, torques, groups, joints, blocks, angles, places, keeps = ([] for _ in range(8))
+    size = library.card.size
+    speeds = np.sqrt(np.mean(np.concatenate([part.dtheta for part in signals]) ** 2, axis=0))
+    for number, part in enumerate(signals):
+        cut = int(np.ceil(_CUT / (edge * part.period)))
+        place = slice(cut, len(part.time) - cut, max(1, round(0.5 / (edge * part.period))))
+
+        def low(values: FloatArray, part: ElasticSignals = part) -> FloatArray:
+            return low_pass(values, period=part.period, cutoff=edge, order=_ORDER)
+
+        def rate(values: FloatArray, part: ElasticSignals = part, place: slice = place) -> FloatArray:
+            return differentiate_smooth(low(values), part.period)[place]
+
+        kept = mark_sliding(part, 1.0 / edge, _STILL * speeds)[place]
+
+        def pick(values: FloatArray, place: slice = place) -> FloatArray:
+            return low(values)[place]
+
+        design = build_equations(library, part, rate, pick)
+        designs.append(design[kept])
+        torques.append(low(_center(part))[place][kept])
+        where = np.broadcast_to(np.arange(size), kept.shape)[kept]
+        joints.append(where)
+        groups.append(number * size + where)
+        time = np.arange(len(kept)) * _BLOCKS // max(1, len(kept))
+        blocks.append(np.broadcast_to(time[:, None], kept.shape)[kept])
+        angles.append(part.theta[place][kept])
+        places.append(place)
+        keeps.append(kept)
+    return _Rows(
+        signals=tuple(signals),
+        edge=edge,
+        design=np.concatenate(designs),
+        torque=np.concatenate(torques),
+        group=np.concatenate(groups),
+        joint=np.concatenate(joints),
+        block=np.concatenate(blocks),
+        theta=np.concatenate(angles),
+        places=tuple(places),
+        kept=tuple(keeps),
+    )
+
+
+def measure_effects(
+    library: Library, signals: Sequence[ElasticSignals], edge: float
+) -> tuple[DriveEffect, ...]:
+    """Return the effects that recordings show beyond doubt, with their values.
+
+    `signals` are hardly filtered, without effects; rows reach up to `edge` Hz.
+    """
+    rows = _build_rows(library, signals, edge)
+    if len(rows.torque) < _ENOUGH * rows.design.shape[1] or len(set(rows.block.tolist())) < _BLOCKS:
+        return ()
+    found: list[DriveEffect] = []
+    extra = np.empty((len(rows.torque), 0))
+    while len(found) < _MOST:
+        _, errors, weights = rows.solve(extra)
+        before, tried = rows.predict(extra, weights), []
+        for effect in _list_candidates(rows, errors * weights, found):
+            further = np.hstack([extra, rows.build(effect)])
+            if effect.kind == "torque-lag" and not rows.allow_lag(float(rows.solve(further)[0][-1])):
+                continue
+            gains = np.log(before / rows.predict(further, weights))
+            mean, error = float(np.mean(gains)), float(np.std(gains, ddof=1)) / np.sqrt(_BLOCKS)
+            if mean > max(_GAIN, _SURE * error):
+                tried.append((mean, effect, further))
+        if not tried:
+            break
+        _, best, extra = max(tried, key=lambda entry: entry[0])
+        found.append(best)
+    return tuple(_measure_values(rows, found)) if found else ()
+
+
+def _list_candidates(rows: _Rows, errors: FloatArray, found: Sequence[DriveEffect]) -> Iterator[DriveEffect]:
+    """Yield effects that were not found yet, and the largest peak of every joint's errors (m,)."""
+    size = rows.signals[0].dq.shape[1]
+    motor, link = (
+        np.concatenate([getattr(part, name) for part in rows.signals]) for name in ("dtheta", "dq")
+    )
+    speeds, apart = (np.sqrt(np.mean(side**2, axis=0)) for side in (motor, motor - link))
+    # Where motor and link move as one, their friction cannot be told apart: it is the motor's.
+    shaken = (apart > _APART * speeds) & (speeds > _APART * float(np.max(speeds)))
+    plain = [DriveEffect(kind="torque-lag")]
+    plain += [DriveEffect(kind="link-friction", joint=joint) for joint in np.flatnonzero(shaken).tolist()]
+    yield from (effect for effect in plain if effect not in found)
+    for joint in range(size):
+        own = rows.joint == joint
+        order = _find_order(rows.theta[own], errors[own])
+        if order:
+            yield DriveEffect(kind="torque-ripple", joint=joint, order=order)
+
+
+_APART = 0.3
+"""Of a motor's RMS speed, that of the torsion; of the fastest motor's, that of the joint."""
+_LEAST_TURNS, _LARGEST_ORDER, _PEAK, _STEP = 4.0, 1000.0, 25.0, 0.25
+"""Of ripple: periods within the range; a turn; power over the median; of orders, over the resolution."""
+
+
+def _find_order(theta: FloatArray, errors: FloatArray) -> float:
+    """Return the order of the largest peak of errors (m,) over positions (m,), 0 for none that stands out."""
+    span = float(np.ptp(theta)) if len(theta) else 0.0
+    if not span > 0.0:
+        return 0.0
+    width = 2.0 * np.pi / span
+    orders = np.arange(_LEAST_TURNS * width, max(_LARGEST_ORDER, 2.0 * _LEAST_TURNS * width), _STEP * width)
+    power = _compute_power(theta, errors, orders)
+    best = int(np.argmax(power))
+    if power[best] < _PEAK * float(np.median(power)):
+        return 0.0
+    near = orders[best] + width * np.linspace(-_STEP, _STEP, 41)
+    order = float(near[np.argmax(_compute_power(theta, errors, near))])
+    # Teeth and poles come in whole numbers, gears often do.
+    return float(round(order)) if abs(order - round(order)) < _WHOLE * width else order
+
+
+_WHOLE = 0.02
+"""Of the resolution of orders."""
+
+
+def _compute_power(theta: FloatArray, errors: FloatArray, orders: FloatArray) -> FloatArray:
+    chunks = np.array_split(orders, max(1, len(orders) * len(theta) // _CHUNK))
+    return np.concatenate([np.abs(errors @ np.exp(1j * np.outer(theta, chunk))) ** 2 for chunk in chunks])
+
+
+_CHUNK = 4_000_000
+
+
+def _measure_values(rows: _Rows, found: Sequence[DriveEffect]) -> Iterator[DriveEffect]:
+    """Yield effects with values and deviations; the torque is moved until no lag is left."""
+    lags = [effect for effect in found if effect.kind == "torque-lag"]
+    others = [effect for effect in found if effect.kind != "torque-lag"]
+    lag, moved = 0.0, rows
+    ordered = [*lags, *others]
+    for _ in range(_LAG_ROUNDS if lags else 1):
+        parts = [moved.build(effect) for effect in ordered]
+        values, _, weights = moved.solve(np.hstack(parts))
+        own = values[rows.design.shape[1] :]
+        if not lags:
+            break
+        lag += float(own[0])
+        signals = tuple(replace(part, tau=shift_channel(part.time, part.tau, -lag)) for part in rows.signals)
+        moved = replace(rows, signals=signals, torque=rows.torque)
+        moved = replace(moved, torque=moved.stack([_center(part)[..., None] for part in signals])[:, 0])
+    whole = np.hstack([moved.design, *parts]) * weights[:, None]
+    lengths = np.maximum(np.linalg.norm(whole, axis=0), 1e-300)
+    spread = np.sqrt(np.diag(np.linalg.pinv((whole / lengths).T @ (whole / lengths), rcond=_RANK))) / lengths
+    own, deviations = (part[rows.design.shape[1] :].tolist() for part in (values, spread))
+    at = 0
+    for effect, columns in zip(ordered, parts, strict=True):
+        part = slice(at, at + columns.shape[1])
+        at = part.stop
+        if effect.kind != "torque-lag":
+            yield replace(effect, values=tuple(own[part]), deviations=tuple(deviations[part]))
+        elif abs(lag) > _LEAST_LAG * rows.signals[0].period:
+            # A torque that is held acts half a period after its sample, which the signals have already.
+            total = lag + 0.5 * rows.signals[0].period
+            yield replace(effect, values=(total,), deviations=tuple(deviations[part]))
+
+
+_STOPS = 12
+_SOFT = 0.1
+_GEAR_ROUNDS, _MOST_ORDERS, _GEAR_GAIN = 3, 3, 0.1
+"""Of the last: what a spring of stops misses can look like a wave of one percent."""
+
+
+def measure_gears(
+    library: Library, signals: Sequence[ElasticSignals], beta: FloatArray
+) -> tuple[DriveEffect, ...]:
+    """Return the kinematic errors of the gears, given the links' base parameters (p,)."""
+    found: list[DriveEffect] = []
+    loads = [compute_link_torque(library, part, beta) for part in signals]
+    for joint in range(library.card.size):
+        rows = _build_gear_rows(signals, loads, joint)
+        if rows is None:
+            continue
+        own: list[DriveEffect] = []
+        while len(own) < _MOST_ORDERS:
+            _, errors = _fit_gear(rows, own)
+            order = _find_order(np.concatenate([part.counted for part in rows]), np.concatenate(errors))
+            trial = [*own, DriveEffect(kind="kinematic-error", joint=joint, order=order, values=(0.0, 0.0))]
+            if not order or not _is_gear_better(errors, _fit_gear(rows, trial)[1]):
+                break
+            own = _fit_gear(rows, trial)[0]
+        found += own
+    return tuple(found)
+
+
+def compute_link_torque(library: Library, signals: ElasticSignals, beta: FloatArray) -> FloatArray:
+    """Return the torque (N, n) that moves the links, of base parameters (p,), N m or N."""
+    (momentum,) = library.evaluate("momentum_regressor", signals.q, signals.dq)
+    (lagrange,) = library.evaluate("lagrange_regressor", signals.q, signals.dq)
+    torque: FloatArray = differentiate_smooth(momentum @ beta, signals.period) - lagrange @ beta
+    return torque + signals.link_drag
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _GearRows(FrozenArrays):
+    """One joint in one recording: motor position, torsion and torque (N,), and the samples that count."""
+
+    theta: FloatArray
+    phi: FloatArray
+    torque: FloatArray
+    kept: slice
+    period: float
+    cutoff: float
+
+    @property
+    def counted(self) -> FloatArray:
+        """Return the positions (M,) of the samples that count."""
+        return self.theta[self.kept]
+
+    def pass_low(self, values: FloatArray) -> FloatArray:
+        """Return values (N, k) as the signals were filtered."""
+        if not self.cutoff:
+            return values
+        return low_pass(values, period=self.period, cutoff=self.cutoff, order=_ORDER)
+
+
+def _build_gear_rows(
+    signals: Sequence[ElasticSignals], loads: Sequence[FloatArray], joint: int
+) -> list[_GearRows] | None:
+    """Return the recordings in which a joint moves well."""
+    spans = [float(np.ptp(part.theta[:, joint])) for part in signals]
+    rows = []
+    for part, load, span in zip(signals, loads, spans, strict=True):
+        edge = int(np.ceil(_CUT / (part.cutoff * part.period))) if part.cutoff else 1
+        if span > _MOVES * max(spans) and len(part.time) > 4 * edge:
+            step = max(1, round(0.5 / (part.cutoff * part.period))) if part.cutoff else 1
+            rows.append(
+                _GearRows(
+                    theta=part.theta[:, joint],
+                    phi=part.phi[:, joint],
+                    torque=load[:, joint],
+                    kept=slice(max(edge, part.settled), len(part.time) - edge, step),
+                    period=part.period,
+                    cutoff=part.cutoff,
+                )
+            )
+    return rows or None
+
+
+_MOVES = 0.1
+
+
+def _fit_gear(
+    rows: Sequence[_GearRows], effects: Sequence[DriveEffect]
+) -> tuple[list[DriveEffect], list[FloatArray]]:
+    """Return effects with better values, and the errors (M,) of the torsion in every recording."""
+    found = list(effects)
+    errors: list[FloatArray] = []
+    for _ in range(_GEAR_ROUNDS if effects else 1):
+        errors, steps, counts = [], [], []
+        values = np.array([value for effect in found for value in effect.values])
+        for part in rows:
+            shapes = np.zeros((len(part.theta), 0))
+            if found:
+                angles = np.stack([effect.order * part.theta for effect in found], axis=1)
+                shapes = np.stack([np.cos(angles), np.sin(angles)], axis=2).reshape(len(angles), -1)
+                shapes = part.pass_low(shapes)
+            torsion = part.phi + shapes @ values
+            grid = 0.5 * float(np.ptp(torsion)) * np.arange(1, _STOPS + 1) / (_STOPS + 1)
+            further = np.column_stack([torsion**3, np.ones_like(torsion)])
+            basis = np.hstack([compute_stop_basis(torsion, grid), further])[part.kept]
+            torque, waves = part.torque[part.kept], shapes[part.kept]
+            weights = solve_scaled(np.hstack([basis, waves]), torque, rcond=_RANK)
+            # Waves are short: the spring answers them with the stiffness it has after a reversal.
+            slopes = weights[: _STOPS + 1]
+            stiffness = max(float(np.sum(slopes)), _SOFT * float(np.max(np.abs(slopes)))) or 1.0
+            errors.append((torque - basis @ solve_scaled(basis, torque, rcond=_RANK)) / stiffness)
+            steps.append(weights[basis.shape[1] :] / stiffness * len(torque))
+            counts.append(len(torque))
+        values = values + sum(steps) / sum(counts)
+        found = [
+            replace(effect, values=tuple(values[2 * k : 2 * k + 2].tolist()))
+            for k, effect in enumerate(found)
+        ]
+    # Waves are orthogonal to each other and to the rest: the mean square of each is one half.
+    square = float(np.mean(np.concatenate(errors) ** 2))
+    spread = float(np.sqrt(2.0 * square / sum(len(part) for part in errors)))
+    return [replace(effect, deviations=(spread, spread)) for effect in found], errors
+
+
+def _is_gear_better(before: Sequence[FloatArray], after: Sequence[FloatArray]) -> bool:
+    gains = [
+        float(np.log(np.mean(old**2) / np.mean(new**2)))
+        for one, other in zip(before, after, strict=True)
+        for old, new in zip(np.array_split(one, _BLOCKS), np.array_split(other, _BLOCKS), strict=True)
+    ]
+    mean, error = float(np.mean(gains)), float(np.std(gains, ddof=1)) / np.sqrt(len(gains))
+    return bool(mean > max(_GEAR_GAIN, _SURE * error))
+
+
+def measure_offsets(signals: Sequence[ElasticSignals]) -> tuple[DriveEffect, ...]:
+    """Return the offsets of torsions that lie beyond their own range: encoders with other zeros."""
+    found = []
+    for joint in range(signals[0].q.shape[1]):
+        torsion = np.concatenate([part.phi[:, joint] for part in signals])
+        low, high = float(torsion.min()), float(torsion.max())
+        middle = 0.5 * (low + high)
+        if abs(middle) > high - low:
+            found.append(
+                DriveEffect(
+                    kind="torsion-offset", joint=joint, values=(middle,), deviations=(0.5 * (high - low),)
+                )
+            )
+    return tuple(found)
