@@ -26,7 +26,7 @@ def main() -> None:
     repeats = int(sys.argv[1]) if len(sys.argv) > 1 else 5
     robot = read_robot(locate_robot_file("two_link_elastic"))
     library = prepare_library(robot)
-    runs = simulate_runs(robot, library, SensorCondition.NOISY, LOGS)
+    runs = simulate_runs(robot, library, SensorCondition.NOISY)
     times: dict[str, list[tuple[float, float]]] = {name: [] for name in ("equations", *METHODS)}
     for seed in range(repeats + 1):
         recordings = observe_runs(runs, LOGS, SensorCondition.NOISY, seed)

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
         FrictionTables as FrictionTables,
         Log as Log,
         LogValidation as LogValidation,
+        OneShotProblem as OneShotProblem,
+        OneShotSolution as OneShotSolution,
         PayloadResult as PayloadResult,
         Result as Result,
         RigidFit as RigidFit,

@@ -1,12 +1,14 @@
 """Ipopt through CasADi: smooth problems with bounds and constraints, and how a search ended, in words.
 
-    SmoothProblem, start -> minimise -> IpoptRun
+    SmoothProblem, start -> minimise -> IpoptRun            functions of NumPy arrays
+    GraphProblem, start -> minimise_graph -> IpoptRun       expressions of CasADi
 
 Of the linear solvers only MUMPS runs: the wheel of CasADi has no other one that works.
 
-Supported: exact Hessians where bounds are the only constraints; else, and without a Hessian, Ipopt's own
-limited-memory approximation. An unknown return status is a failure that names it.
-Not supported: parameters of the problem; second derivatives of constraints; other solvers.
+Supported: exact Hessians of expressions; of functions where bounds are the only constraints; else, and
+without a Hessian, Ipopt's own limited-memory approximation. An unknown return status is a failure that
+names it.
+Not supported: parameters of the problem; second derivatives of constraints that are functions; other solvers.
 """
 
 from collections.abc import Callable, Sequence
@@ -134,6 +136,25 @@ class SmoothProblem:
         )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GraphProblem:
+    """Minimise f(x) over x (n,) between bounds, with floor <= g(x) <= ceiling, all expressions of CasADi.
+
+    Args:
+        unknowns: x (n, 1), symbols of MX.
+        objective: f. constraints: g (m, 1), empty for none.
+        lower, upper: (n,), floor, ceiling: (m,), infinite where there is none.
+    """
+
+    unknowns: Any
+    objective: Any
+    constraints: Any
+    lower: FloatArray
+    upper: FloatArray
+    floor: FloatArray
+    ceiling: FloatArray
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IpoptOptions:
     """Tolerance of the scaled problem, limit of iterations, first barrier parameter (None: adaptive)."""
@@ -187,24 +208,54 @@ def minimise(
 
     units = np.ones(len(start)) if scales is None else scales
     scaled = problem if scales is None else problem.scale(scales)
-    first = np.clip(start, problem.lower, problem.upper)
     # The functions must live as long as the solver.
     functions = _build_functions(scaled)
     unknowns = casadi.MX.sym("x", len(start))
     expressions = {"x": unknowns, "f": functions["f"](unknowns)}
-    bounds = {"lbx": scaled.lower, "ubx": scaled.upper}
+    bounds = {}
     if scaled.constraints is not None:
         expressions["g"] = functions["g"](unknowns)
-        bounds |= {"lbg": scaled.constraints.lower, "ubg": scaled.constraints.upper}
+        bounds = {"lbg": scaled.constraints.lower, "ubg": scaled.constraints.upper}
     settings = {
         **{name: function for name, function in functions.items() if name not in expressions},
-        "no_nlp_grad": True,
-        "print_time": False,
-        "error_on_fail": False,
         "ipopt": _list_settings(options, exact=scaled.hessian is not None),
     }
-    solver = casadi.nlpsol("problem", "ipopt", expressions, settings)
-    answer = solver(x0=first / units, **bounds)
+    return _run(problem, start, units, (expressions, bounds, settings))
+
+
+def minimise_graph(
+    problem: GraphProblem, start: FloatArray, options: IpoptOptions, scales: FloatArray
+) -> IpoptRun:
+    """Return where Ipopt ends, as `minimise`; constraints are scaled by their slopes at the start."""
+    import casadi
+
+    x, unknowns = problem.unknowns, casadi.MX.sym("x", len(start))
+    first = np.clip(start, problem.lower, problem.upper)
+    jacobian = casadi.Function("jacobian", [x], [casadi.jacobian(problem.constraints, x)])(first)
+    lengths = np.linalg.norm(np.array(jacobian, dtype=np.float64) * scales, axis=1)
+    lengths = np.where(np.isfinite(lengths) & (lengths > 0.0), lengths, 1.0)
+    functions = casadi.Function("functions", [x], [problem.objective, problem.constraints / lengths])
+    # Inlined, so that what does not depend on an unknown is not differentiated by it.
+    objective, constraints = functions.call([unknowns * casadi.DM(scales)], True, False)
+    expressions = {"x": unknowns, "f": objective, "g": constraints}
+    bounds = {"lbg": problem.floor / lengths, "ubg": problem.ceiling / lengths}
+    return _run(problem, start, scales, (expressions, bounds, {"ipopt": _list_settings(options, exact=True)}))
+
+
+def _run(
+    problem: SmoothProblem | GraphProblem,
+    start: FloatArray,
+    units: FloatArray,
+    parts: tuple[dict[str, Any], dict[str, FloatArray], dict[str, Any]],
+) -> IpoptRun:
+    """Return where Ipopt ends; `parts` are expressions of x / units, bounds of g, settings."""
+    import casadi
+
+    expressions, bounds, settings = parts
+    common = {"no_nlp_grad": True, "print_time": False, "error_on_fail": False}
+    solver = casadi.nlpsol("problem", "ipopt", expressions, {**common, **settings})
+    first = np.clip(start, problem.lower, problem.upper)
+    answer = solver(x0=first / units, lbx=problem.lower / units, ubx=problem.upper / units, **bounds)
     statistics = solver.stats()
     status = str(statistics["return_status"])
     outcome, reason = describe_ipopt_status(status)

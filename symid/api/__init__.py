@@ -26,6 +26,8 @@ if TYPE_CHECKING:
         load_fit as load_fit,
     )
     from symid.api.identification import (
+        OneShotProblem as OneShotProblem,
+        OneShotSolution as OneShotSolution,
         PayloadEstimator as PayloadEstimator,
         PayloadResult as PayloadResult,
         PayloadRows as PayloadRows,

@@ -1,14 +1,16 @@
-"""Further results of identification: the stiffness of joints, and the payload of a robot.
+"""Further results of identification: stiffness of joints, payload of a robot, the open one-shot problem.
 
 `Stiffness`: joint by joint, with delay and offsets of encoders; `PayloadResult`: mass, centre of mass and
-inertia, from fits or logs with the payload and without it.
+inertia, from fits or logs with the payload and without it; `OneShotProblem`: dynamics and springs of elastic
+joints as expressions, whose methods return new problems; `OneShotSolution`: its optimum, values by name.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import inf
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypeAlias, final
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, final
 
 from symid import report
 from symid.api.log import Log, Logged, LogLike
@@ -16,10 +18,18 @@ from symid.api.result import Result
 from symid.errors import Notice
 
 if TYPE_CHECKING:
+    from symid.api.robot import RobotModel
     from symid.arrays import FloatArray
     from symid.dynamics import Payload, PayloadQuantity
     from symid.identification import GivenResult, GivenSide, PayloadFinding
-    from symid.identification.elastic import JointStiffness, StiffnessEstimate
+    from symid.identification.elastic import (
+        ElasticMotion,
+        JointStiffness,
+        NlpAnswer,
+        NlpGraph,
+        StiffnessEstimate,
+    )
+    from symid.joint_models import Elasticity
     from symid.report import Block
 
 
@@ -176,3 +186,266 @@ def list_payload_side(side: PayloadSide) -> "GivenSide":
     entries = side if isinstance(side, Sequence) and not isinstance(side, str) else (side,)
     found = (entry.log if isinstance(entry, Logged) else entry for entry in entries)
     return tuple(entry.recording if isinstance(entry, Log) else entry for entry in found)
+
+
+@final
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class OneShotProblem(Result):
+    """Dynamics, friction and springs of elastic joints in one problem, all of CasADi expressions (MX).
+
+    Minimised is half the mean square of the residuals, in units of their noise, plus terms that are added.
+    All quantities are in SI units.
+
+    Attributes:
+        robot: the robot.
+        graph: the problem itself.
+        remarks: notices on the robot and its logs.
+
+    Example:
+        >>> import symid
+        >>> robot = symid.load("two_link_elastic")
+        >>> problem = robot.one_shot(robot.simulate(duration=4.0, seed=1).log)
+        >>> list(problem.variables)[:3], problem.cost.shape
+        (['ZZR1', 'MXR1', 'MY1'], (1, 1))
+        >>> larger = problem.add_variable("kc", lower=0.0)
+        >>> larger = larger.add_torque("elbow", lambda motion: larger["kc"] * motion.phi**3)
+        >>> solution = larger.solve()
+        >>> solution["kc"] >= 0.0
+        True
+    """
+
+    robot: "RobotModel"
+    graph: "NlpGraph"
+    remarks: tuple[Notice, ...] = ()
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Return the notices on the robot and its logs."""
+        return self.remarks
+
+    @property
+    def variables(self) -> Mapping[str, Any]:
+        """Return the unknowns by name, symbols: parameters, weights and slopes of springs, those added."""
+        return {name: entry.symbol for name, entry in self.graph.variables.items()}
+
+    @property
+    def cost(self) -> Any:  # noqa: ANN401  # an expression of casadi
+        """Return what is minimised, an expression (1, 1)."""
+        return self.graph.cost
+
+    @property
+    def constraints(self) -> tuple[tuple[float, Any, float], ...]:
+        """Return the constraints that were added: lower limit, expression, upper limit."""
+        return tuple((entry.lower, entry.expression, entry.upper) for entry in self.graph.constraints)
+
+    @property
+    def rows(self) -> int:
+        """Return the number of rows M: a term ((x - z) / s)^2 / (2 M) counts as a measurement z +- s of x."""
+        return self.graph.rows
+
+    def __getitem__(self, name: str) -> Any:  # noqa: ANN401  # an expression of casadi
+        """Return the symbol of the variable called `name`.
+
+        Raises:
+            UsageError: there is none; the message gives the nearest names.
+        """
+        from symid.identification.elastic import get_variable
+
+        return get_variable(self.graph, name)
+
+    def add_variable(
+        self, name: str, *, start: float = 0.0, lower: float = -inf, upper: float = inf
+    ) -> "OneShotProblem":
+        """Return the problem with a further unknown.
+
+        Args:
+            name: not that of another variable.
+            start: where the search begins, in SI units.
+            lower: its lower bound.
+            upper: its upper bound.
+
+        Raises:
+            UsageError: the name is taken, or the start is not between the bounds.
+        """
+        from symid.identification.elastic import add_variable
+
+        return replace(self, graph=add_variable(self.graph, name, start, lower, upper))
+
+    def add_torque(
+        self, joint: str, torque: "Callable[[ElasticMotion], Any]", *, side: str = "spring"
+    ) -> "OneShotProblem":
+        """Return the problem with a further torque in a joint, parallel to its spring or to motor friction.
+
+        Args:
+            joint: its name.
+            torque: a function of the joint's motion along a log, with `q`, `dq`, `theta`, `dtheta`, `phi`,
+                `dphi` and `play(threshold)`, (N, 1) each; returns the torque (N, 1), N m or N.
+            side: "spring", positive where it pulls the link along, or "motor", positive where it brakes.
+
+        Raises:
+            UsageError: no such joint or side; not one number a sample; symbols that are no variables.
+        """
+        from symid.identification.elastic import add_torque
+
+        return replace(self, graph=add_torque(self.graph, joint, torque, side))
+
+    def add_term(self, term: Any) -> "OneShotProblem":  # noqa: ANN401  # an expression of casadi
+        """Return the problem with `term`, a scalar expression of its variables, added to the cost.
+
+        Raises:
+            UsageError: not a scalar, or with symbols that are no variables.
+        """
+        from symid.identification.elastic import add_term
+
+        return replace(self, graph=add_term(self.graph, term))
+
+    def add_constraint(
+        self,
+        expression: Any,  # noqa: ANN401  # of casadi
+        *,
+        lower: float = -inf,
+        upper: float = inf,
+    ) -> "OneShotProblem":
+        """Return the problem with the constraint lower <= expression <= upper.
+
+        Args:
+            expression: a scalar expression of the variables.
+            lower: its lower limit.
+            upper: its upper limit; the same as the lower one for an equation.
+
+        Raises:
+            UsageError: no limit, not a scalar, or with symbols that are no variables.
+        """
+        from symid.identification.elastic import add_constraint
+
+        return replace(self, graph=add_constraint(self.graph, expression, lower, upper))
+
+    def solve(self) -> "OneShotSolution":
+        """Return the optimum next to where the variables start.
+
+        Raises:
+            SolverError: the constraints contradict each other, or Ipopt gives no usable numbers.
+        """
+        from symid.identification.elastic import solve_nlp_graph
+
+        return OneShotSolution(problem=self, answer=solve_nlp_graph(self.graph))
+
+    def summarise(self) -> str:
+        """Return robot and sizes."""
+        sizes = f"{len(self.graph.variables)} variables, {self.rows} rows"
+        return f"{self.robot.name}: {sizes}, {len(self.graph.constraints)} added constraints"
+
+    def blocks(self) -> "tuple[Block, ...]":
+        """Return the sizes and the table of variables."""
+        entries = self.graph.variables.items()
+        rows = [(name, entry.start, entry.lower, entry.upper) for name, entry in entries]
+        return (self.summarise(), report.Table(("variable", "start", "lower", "upper"), rows))
+
+    def to_dict(self) -> dict[str, object]:
+        """Return robot, rows and variables in plain types."""
+        entries = self.graph.variables.items()
+        bounds = [
+            {"name": name, "start": entry.start, "lower": entry.lower, "upper": entry.upper}
+            for name, entry in entries
+        ]
+        return {"robot": self.robot.name, "rows": self.rows, "variables": bounds}
+
+
+@final
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class OneShotSolution(Result):
+    """The optimum of a one-shot problem, values by name in SI units.
+
+    Attributes:
+        problem: what was solved.
+        answer: values, objective, how the search ended.
+
+    Example:
+        >>> import symid
+        >>> robot = symid.load("two_link_elastic")
+        >>> problem = robot.one_shot(robot.simulate(duration=4.0, seed=1).log)
+        >>> solution = problem.add_constraint(problem["IA1"], upper=0.2).solve()
+        >>> solution.active, solution["IA1"] <= 0.2
+        ((True,), True)
+    """
+
+    problem: OneShotProblem
+    answer: "NlpAnswer"
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Return those of the problem, and a warning where the search did not converge."""
+        if self.converged:
+            return self.problem.notices
+        text = f"nlp did not converge: {self.answer.reason}; values are those of its last point"
+        return (*self.problem.notices, Notice(code="elastic.nlp-not-converged", text=text))
+
+    @property
+    def converged(self) -> bool:
+        """Return whether the search ended at an optimum."""
+        from symid.ipopt import Ending
+
+        return self.answer.outcome in {Ending.CONVERGED, Ending.ACCEPTABLE}
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """Return the values of all variables by name."""
+        return self.answer.values
+
+    @property
+    def objective(self) -> float:
+        """Return the cost at the optimum."""
+        return self.answer.objective
+
+    @property
+    def active(self) -> tuple[bool, ...]:
+        """Return which of the added constraints are at a limit, in their order."""
+        return self.answer.active
+
+    @property
+    def springs(self) -> "Mapping[str, Elasticity]":
+        """Return the spring of every joint by its name, without torques that were added."""
+        return dict(zip(self.problem.graph.joints, self.answer.springs, strict=True))
+
+    def __getitem__(self, name: str) -> float:
+        """Return the value of the variable called `name`.
+
+        Raises:
+            UsageError: there is none; the message gives the nearest names.
+        """
+        from symid.identification.elastic import get_variable
+
+        get_variable(self.problem.graph, name)
+        return self.answer.values[name]
+
+    def summarise(self) -> str:
+        """Return robot, outcome and cost."""
+        return f"{self.problem.robot.name}: {self.answer.outcome.value}, cost {self.objective:.6g}"
+
+    def blocks(self) -> "tuple[Block, ...]":
+        """Return the outcome, the table of values, and the added constraints."""
+        values = report.Table(("variable", "value"), list(self.values.items()))
+        if not self.active:
+            return self.summarise(), values
+        rows = [
+            (number, lower, level, upper, "yes" if active else "no")
+            for number, ((lower, _, upper), level, active) in enumerate(
+                zip(self.problem.constraints, self.answer.levels, self.active, strict=True), start=1
+            )
+        ]
+        header = ("constraint", "lower", "value", "upper", "active")
+        return self.summarise(), values, report.Table(header, rows)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return values and outcome in plain types."""
+        return {
+            "robot": self.problem.robot.name,
+            "outcome": self.answer.outcome.name.lower(),
+            "reason": self.answer.reason,
+            "cost": self.objective,
+            "values": dict(self.values),
+            "constraints": [
+                {"value": level, "active": active}
+                for level, active in zip(self.answer.levels, self.active, strict=True)
+            ],
+        }

@@ -32,7 +32,14 @@ if TYPE_CHECKING:
     from symid.api.dynamics import Derivation
     from symid.api.experiment import ExcitationCriterion, ExcitedTrajectory, Simulation
     from symid.api.fit import ElasticFit, Fit, FrictionFit, RigidFit
-    from symid.api.identification import PayloadEstimator, PayloadResult, PayloadRows, PayloadSide, Stiffness
+    from symid.api.identification import (
+        OneShotProblem,
+        PayloadEstimator,
+        PayloadResult,
+        PayloadRows,
+        PayloadSide,
+        Stiffness,
+    )
     from symid.api.log import LogLike, Logs, Parts, RobotCheck
     from symid.api.robot_files import ExportedFile, Precision
     from symid.api.studies import Study
@@ -674,6 +681,41 @@ class RobotModel:
         described, recordings = self._gather(logs, pairs, friction, train)
         found, notices = identify_stiffness(described, recordings, pairs, self.context)
         return Stiffness(estimate=found, notices=notices)
+
+    def one_shot(
+        self,
+        logs: "Logs",
+        *,
+        train: "Parts | None" = None,
+        settings: Settings | None = None,
+        elastic: "ElasticOptions | None" = None,
+    ) -> "OneShotProblem":
+        """Return the problem of the method "nlp" as CasADi expressions, open to terms and constraints.
+
+        The problem is that of the last round, and starts at the fit. `logs`, `train`, `settings` and
+        `elastic` are those of `identify`.
+
+        Raises:
+            UsageError: not all joints are elastic, or a setting does not apply.
+            LogError: a log lacks an encoder, or cannot be used.
+            IdentifiabilityError: no spring is identifiable.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link_elastic")
+            >>> problem = robot.one_shot(robot.simulate(duration=4.0, seed=1).log)
+            >>> problem.add_constraint(problem["IA1"], upper=0.2).solve()["IA1"] <= 0.2
+            True
+        """
+        from symid.api.identification import OneShotProblem
+        from symid.identification import build_elastic_graph
+        from symid.identification.elastic import ElasticOptions
+
+        pairs = list_pairs(settings)
+        described, recordings = self._gather(logs, pairs, None, train)
+        options = elastic or ElasticOptions()
+        graph, notices = build_elastic_graph(described, recordings, options, pairs, self.context)
+        return OneShotProblem(robot=self, graph=graph, remarks=notices)
 
     # Trajectories and experiments.
 

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
         FrictionRequest as FrictionRequest,
         IdentifyTask as IdentifyTask,
         TaskContext as TaskContext,
+        build_elastic_graph as build_elastic_graph,
         identify_robot as identify_robot,
         identify_robot_friction as identify_robot_friction,
         identify_stiffness as identify_stiffness,

@@ -11,7 +11,7 @@ and its parameters for every joint that moves, of elastic robots on the motor si
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -80,7 +80,7 @@ from symid.logs import (
 from symid.robot import Joint, Robot, describe_settings, load_robot, move_parameters
 
 if TYPE_CHECKING:
-    from symid.identification.elastic import StiffnessEstimate
+    from symid.identification.elastic import NlpGraph, StiffnessEstimate
 
 
 Fit_co = TypeVar("Fit_co", bound=FitRecord, covariant=True)
@@ -314,29 +314,78 @@ def _identify_elastic(
     robot: Robot, recordings: Sequence[Recording], method: str, task: IdentifyTask, context: TaskContext
 ) -> Identification[ElasticEstimate]:
     """Return dynamics, friction and springs; delay and offsets of the link encoders are taken out first."""
-    from symid.identification.elastic import identify_elastic, prepare_aligned
+    from symid.identification.elastic import identify_elastic
 
-    check_settings(task.pairs, "elastic")
-    recordings = cut_logs(recordings, robot.processing)
-    warnings = (*_list_log_notices(robot, recordings), *describe_states(robot, None))
     given = {name: value for name, value in task.elastic.items() if value is not None}
     if "thresholds" in given:
         given["stops"] = given.pop("thresholds")
-    cutoff = get_stated_cutoff(robot, task.pairs)
-    if cutoff is not None:
-        given["cutoff"] = cutoff
     if task.method is not None or task.options is None:
         given["method"] = method
     options = replace(task.options or ElasticOptions(), **given)  # type: ignore[arg-type]  # checked by the record
-    library = context.prepare(robot)
-    moved, alignment, aligned = prepare_aligned(library, recordings)
-    context.progress(f"identifying {robot.name} from {_count_logs(moved)} by the method {options.method!r}")
-    echo = {**describe_settings(robot), **describe_digests(recordings), **describe_runs(recordings)}
-    found = identify_elastic(library, moved, options, echo=echo)
+    ready = _prepare_elastic(robot, recordings, options, task.pairs, context)
+    echo = {**describe_settings(robot), **describe_digests(ready.cut), **describe_runs(ready.cut)}
+    found = identify_elastic(ready.library, ready.moved, ready.options, echo=echo)
     estimate = replace(found, notices=(*found.notices, *warn_of_rotors(found.parameters)))
+    return Identification(
+        estimate=estimate,
+        notices=(*ready.notices, *estimate.notices),
+        backend=ready.library.backend,
+        alignment=ready.alignment,
+    )
+
+
+class _ElasticInput(NamedTuple):
+    """What elastic joints are identified from: recordings cut, and those with encoders aligned."""
+
+    library: Library
+    options: ElasticOptions
+    cut: Sequence[Recording]
+    moved: Sequence[Recording]
+    alignment: Alignment | None
+    notices: tuple[Notice, ...]
+
+
+def _prepare_elastic(
+    robot: Robot,
+    recordings: Sequence[Recording],
+    options: ElasticOptions,
+    pairs: Sequence[tuple[str, str]],
+    context: TaskContext,
+) -> _ElasticInput:
+    from symid.identification.elastic import prepare_aligned
+
+    check_settings(pairs, "elastic")
+    cut = cut_logs(recordings, robot.processing)
+    warnings = (*_list_log_notices(robot, cut), *describe_states(robot, None))
+    cutoff = get_stated_cutoff(robot, pairs)
+    if cutoff is not None:
+        options = replace(options, cutoff=cutoff)
+    library = context.prepare(robot)
+    moved, alignment, aligned = prepare_aligned(library, cut)
+    context.progress(f"identifying {robot.name} from {_count_logs(moved)} by the method {options.method!r}")
     unused = list_unused_settings(robot, "elastic")
-    notices = (*unused, *warnings, *library.notices, *aligned, *estimate.notices)
-    return Identification(estimate=estimate, notices=notices, backend=library.backend, alignment=alignment)
+    notices = (*unused, *warnings, *library.notices, *aligned)
+    return _ElasticInput(library, options, cut, moved, alignment, notices)
+
+
+def build_elastic_graph(
+    robot: Robot,
+    recordings: Sequence[Recording],
+    options: ElasticOptions,
+    pairs: Sequence[tuple[str, str]],
+    context: TaskContext,
+) -> "tuple[NlpGraph, tuple[Notice, ...]]":
+    """Return the one-shot problem of elastic joints as expressions, with notices.
+
+    `pairs` are the settings of the call, keys and values, which the robot has already. Errors are those of
+    `identify_robot`.
+    """
+    from symid.identification.elastic import build_one_shot
+
+    refuse_known_payloads(recordings, "a robot with elastic joints")
+    choose_route(robot, recordings, method="nlp", elastic={}, rigid=())
+    ready = _prepare_elastic(robot, recordings, replace(options, method="nlp"), pairs, context)
+    return build_one_shot(ready.library, ready.moved, ready.options), ready.notices
 
 
 def identify_stiffness(

@@ -99,6 +99,7 @@ if TYPE_CHECKING:
         advance_spring as advance_spring,
         compute_catalogue_knees as compute_catalogue_knees,
         compute_outer_function as compute_outer_function,
+        compute_play as compute_play,
         convert_maxwell_elements as convert_maxwell_elements,
         convert_to_normal_form as convert_to_normal_form,
         invert_spring as invert_spring,

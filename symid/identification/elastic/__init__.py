@@ -15,11 +15,25 @@ if TYPE_CHECKING:
         SpringEstimate as SpringEstimate,
         name_friction as name_friction,
     )
-    from symid.identification.elastic.identify import identify_elastic as identify_elastic
+    from symid.identification.elastic.identify import (
+        build_one_shot as build_one_shot,
+        identify_elastic as identify_elastic,
+    )
     from symid.identification.elastic.methods import (
         build_elastic_equations as build_elastic_equations,
         choose_fit as choose_fit,
         fit_method as fit_method,
+    )
+    from symid.identification.elastic.nlp import (
+        ElasticMotion as ElasticMotion,
+        NlpAnswer as NlpAnswer,
+        NlpGraph as NlpGraph,
+        add_constraint as add_constraint,
+        add_term as add_term,
+        add_torque as add_torque,
+        add_variable as add_variable,
+        get_variable as get_variable,
+        solve_nlp_graph as solve_nlp_graph,
     )
     from symid.identification.elastic.options import (
         METHODS as METHODS,

@@ -10,6 +10,7 @@ Not supported: delays between channels and offsets of encoders (align the record
 import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from symid.identification.elastic.methods import (
     compute_relative_deviations,
     compute_spring_torque,
     fit_method,
+    fit_one_shot,
 )
 from symid.identification.elastic.options import ElasticOptions, NlpOptions
 from symid.identification.elastic.regression import (
@@ -43,6 +45,9 @@ from symid.identification.estimators import Residual, list_parameters
 from symid.identification.regression import check_joints, list_measured_joints, warn_of_energy
 from symid.ipopt import Ending
 from symid.logs import Recording, differentiate
+
+if TYPE_CHECKING:
+    from symid.identification.elastic.nlp import NlpGraph
 
 _NOTHING = 0.9
 """Of the joint torque's scatter; a spring that leaves as much explains less than a fifth of its square."""
@@ -384,6 +389,19 @@ def identify_elastic(
         effects=work.effects,
         notices=(*springs.values(), *choice.notices, *fit.notices, *warnings),
     )
+
+
+def build_one_shot(library: Library, recordings: Sequence[Recording], options: ElasticOptions) -> "NlpGraph":
+    """Return the one-shot problem of the recordings as expressions, starting at its own optimum.
+
+    Raises:
+        UsageError, LogError, IdentifiabilityError: as `identify_elastic`, apart from springs without effect.
+    """
+    from symid.identification.elastic.nlp import build_nlp_graph
+
+    _check_recordings(library, recordings)
+    work = build_elastic_equations(library, _fill_loads(library, recordings, options), options)
+    return build_nlp_graph(fit_one_shot(work), work.wide, options.nlp)
 
 
 def _fill_loads(

@@ -13,7 +13,7 @@ Not supported: a choice of springs apart from dynamics; those of the chosen meth
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +63,9 @@ from symid.identification.elastic.uncertainty import (
 )
 from symid.identification.hysteresis import ElementPath, choose_spring, filter_smooth
 from symid.logs import Recording, differentiate_smooth
+
+if TYPE_CHECKING:
+    from symid.identification.elastic.nlp import NlpFit
 
 _BLOCKS = 8
 _FINE = 50
@@ -203,21 +206,23 @@ def fit_method(work: ElasticEquations, method: str) -> MethodFit:
         "weighted": lambda _: _fit_weighted(work),
         "independent": fit_independent,
     }
-    if method == "nlp":
-        # Imported here: it needs CasADi, which the other methods do without.
-        from symid.identification.elastic.nlp import fit_nlp
-
-        # Hardly filtered states bend its columns least, and its windows average their noise. Where the
-        # options fix the places of stops and knees, the start is its own, which keeps them.
-        start = _fit_weighted(work) if work.problem.options.moves_stops else None
-        fit = fit_nlp(work.wide, start=start).fit
-    else:
-        fit = makers[method](work.problem)
+    fit = fit_one_shot(work).fit if method == "nlp" else makers[method](work.problem)
     rows = build_linear_rows(work, fit)
     if fit.covariance is None:
         return replace(fit, covariance=compute_covariance(rows.design, rows.right - rows.design @ fit.chi))
     identifiable, _ = measure_identifiability(rows.design)
     return replace(fit, covariance=mark_unidentifiable(fit.covariance, identifiable))
+
+
+def fit_one_shot(work: ElasticEquations) -> "NlpFit":
+    """Return what the one-shot problem gives, with its last round."""
+    # Imported here: it needs CasADi, which the other methods do without.
+    from symid.identification.elastic.nlp import fit_nlp
+
+    # Hardly filtered states bend its columns least, and its windows average their noise. Where the
+    # options fix the places of stops and knees, the start is its own, which keeps them.
+    start = _fit_weighted(work) if work.problem.options.moves_stops else None
+    return fit_nlp(work.wide, start=start)
 
 
 def _fit_weighted(work: ElasticEquations) -> MethodFit:

@@ -1,5 +1,7 @@
 """Dynamics, friction and hysteresis together, in one constrained problem: the one-shot reference.
 
+As functions of arrays, fitted in rounds:
+
     rows         linear parts once, knees and Stribeck friction as steps          (nlp_rows)
     unknowns     chi, weights k >= 0, slopes c > 0, Fs, vs                        (nlp_cost)
     rounds       minimise sum_b |r_b|^2 / sigma_b^2 by Ipopt, then sigma_b <- rms r_b
@@ -10,29 +12,67 @@
 Unknowns are scaled by the lengths of their columns at the start, x = d z; all constraints are bounds. Stops
 and knees that are given, or on a grid, stay; knees of a grid follow the torque that the springs reach.
 
-Supported: energy, filtered, momentum rows; Stribeck friction; odd springs; exact, Gauss-Newton Hessians.
-Not supported: joint damping, cubic springs; another number of stops and knees than that of the start;
-proof that no better optimum exists.
+As expressions of CasADi, the last round open to further unknowns, torques, terms and constraints:
+
+    cost         1 / (2 M) sum_b |r_b|^2 / sigma_b^2 + added terms
+    knee         step mean of its dead zone from excess a to b: max(a, b)^2 / (2 |b - a|) where only one of
+                 them is positive, else (max(a, 0) + max(b, 0)) / 2
+    play         P_k = max(x_k - r, min(x_k + r, P_k-1)), one step mapped over the samples
+
+Columns of what is linear in the unknowns, generated functions of the robot among them, are numbers there,
+because states are measured. The rest is expressions over samples, added up to rows by sparse matrices;
+derivatives, second ones too, are CasADi's. Weights of rows, stops and torques of knees are those of the fit.
+An added torque stands beside the spring with its knees; its work in energy rows is a sum of trapezoids.
+
+Supported: energy, filtered, momentum rows; Stribeck friction; odd springs; exact, Gauss-Newton Hessians;
+torques of any unknowns added to a spring or a motor, such as damping, a cubic spring, a stop whose threshold
+is an unknown.
+Not supported: another number of stops and knees than that of the start; proof that no better optimum exists;
+of expressions: covariance, weights that follow residuals, expressions of SX (its functions take MX).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from symid.arrays import FloatArray, FrozenArrays, freeze
 from symid.codegen import ModelCard
-from symid.errors import Notice
+from symid.errors import Notice, SolverError, UsageError
 from symid.identification.elastic.elimination import fit_elimination
 from symid.identification.elastic.estimate import HistoryEntry, MethodFit, build_method_fit
-from symid.identification.elastic.nlp_cost import ElasticNlpCost, NlpLayout, SpringGrid, list_weights
-from symid.identification.elastic.nlp_rows import NlpRecording, build_nlp_recording, move_stops
+from symid.identification.elastic.nlp_cost import (
+    ElasticNlpCost,
+    NlpLayout,
+    SpringGrid,
+    SpringLayout,
+    list_weights,
+)
+from symid.identification.elastic.nlp_rows import (
+    NlpRecording,
+    RowBlock,
+    StepSums,
+    WindowSums,
+    build_nlp_recording,
+    move_stops,
+)
 from symid.identification.elastic.options import NlpOptions
 from symid.identification.elastic.problem import ElasticProblem
+from symid.identification.elastic.regression import ElasticSignals, average_steps
 from symid.identification.elastic.two_step import fit_linear_spring
 from symid.identification.hysteresis import SpringWeights, build_knee_grid, compute_place_limits
-from symid.ipopt import Ending, IpoptOptions, SmoothProblem, keep_last, minimise
-from symid.joint_models import Elasticity
+from symid.ipopt import (
+    Ending,
+    GraphProblem,
+    IpoptOptions,
+    SmoothProblem,
+    keep_last,
+    minimise,
+    minimise_graph,
+)
+from symid.joint_models import Elasticity, build_casadi_carrier, compute_play, compute_stribeck_derivatives
+from symid.robot import suggest_names
 
 _AT_BOUND = 1e-9
 """Distance in scaled unknowns below which a bound that the gradient pushes against is active."""
@@ -414,3 +454,355 @@ def _list_notices(run: NlpRun, card: ModelCard, layout: NlpLayout) -> Iterator[N
         )
         text = f"joint {joint.name!r}: Stribeck friction on top of the model's: "
         yield Notice(code="elastic.stribeck", text=text + (found if excess > 0.0 else "none"))
+
+
+SIDES = ("spring", "motor")
+_FADED = 1e-18
+"""Share of a filter's input below which it is left out."""
+_REST = 1e-6
+"""Of a joint's stiffness: stops below it are left out of a spring."""
+_ACTIVE = 1e-6
+"""Relative distance from its limit within which a constraint counts as active."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ElasticMotion:
+    """One joint along one recording, (N, 1) each, as matrices of CasADi.
+
+    Args:
+        q, dq: of the link, rad and rad/s, or m and m/s; theta, dtheta: of the motor, on the joint side.
+        phi, dphi: torsion theta - q and its rate.
+    """
+
+    q: Any
+    dq: Any
+    theta: Any
+    dtheta: Any
+    phi: Any
+    dphi: Any
+
+    def play(self, threshold: Any) -> Any:  # noqa: ANN401  # an expression of casadi, or a number
+        """Return the play of the torsion (N, 1) for a threshold in rad or m, from the virgin state on."""
+        import casadi
+
+        memory, value, radius = (casadi.SX.sym(name) for name in ("memory", "value", "radius"))
+        after = compute_play(build_casadi_carrier(), value, radius, memory)
+        step, count = casadi.Function("play", [memory, value, radius], [after]), self.phi.shape[0]
+        return step.mapaccum(count)(0.0, self.phi.T, casadi.repmat(threshold, 1, count)).T
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NlpVariable:
+    """An unknown: its symbol of MX, where it starts, its bounds, SI units per scaled unknown (None: open)."""
+
+    symbol: Any
+    start: float
+    lower: float
+    upper: float
+    scale: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NlpConstraint:
+    """A constraint: lower <= expression <= upper, infinite where there is no limit."""
+
+    expression: Any
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NlpGraph:
+    """The problem.
+
+    Args:
+        variables: by name, in the order of the layout, then those added.
+        residuals: (M_b, 1) of each block, in units of its scale; terms: added to the cost.
+        joints: their names; motions: for each block, those of its recording.
+        blocks: the rows, each with its scale sigma.
+    """
+
+    variables: Mapping[str, NlpVariable]
+    residuals: tuple[Any, ...]
+    joints: tuple[str, ...]
+    motions: tuple[tuple[ElasticMotion, ...], ...]
+    blocks: tuple[tuple[RowBlock, float], ...]
+    layout: NlpLayout
+    options: NlpOptions
+    terms: tuple[Any, ...] = ()
+    constraints: tuple[NlpConstraint, ...] = ()
+
+    @property
+    def rows(self) -> int:
+        """Return the number of rows M."""
+        return sum(len(block.values) for block, _ in self.blocks)
+
+    @property
+    def cost(self) -> Any:  # noqa: ANN401  # an expression of casadi
+        """Return what is minimised, an expression (1, 1) of MX."""
+        import casadi
+
+        squares = sum(casadi.sumsqr(residual) for residual in self.residuals)
+        return squares / (2.0 * self.rows) + sum(self.terms)
+
+
+def build_nlp_graph(found: NlpFit, problem: ElasticProblem, options: NlpOptions) -> NlpGraph:
+    """Return the last round of a one-shot fit: the same cost, starting where the fit ended."""
+    import casadi
+
+    cost, start = found.cost, found.run.x
+    layout = cost.layout
+    numbers = zip(start, layout.lower, layout.upper, compute_scales(cost, start), strict=True)
+    variables = {
+        name: NlpVariable(symbol=casadi.MX.sym(name), start=value, lower=low, upper=high, scale=scale)
+        for name, (value, low, high, scale) in zip(
+            layout.names, (map(float, row) for row in numbers), strict=True
+        )
+    }
+    x = casadi.vertcat(*(entry.symbol for entry in variables.values()))
+    residuals, motions, blocks = [], [], []
+    sigmas = iter(cost.sigmas)
+    for part, signals in zip(cost.recordings, problem.signals, strict=True):
+        pairs = zip(layout.springs, part.bases, strict=True)
+        knees = [_build_knee_steps(spring, basis, x) for spring, basis in pairs]
+        drags = _build_drag_steps(layout, x, part.speed, cost.smoothing)
+        along = tuple(_read_motion(signals, joint) for joint in range(len(layout.springs)))
+        for block in part.blocks:
+            sigma = next(sigmas)
+            rows = casadi.DM(block.values) - casadi.DM(block.matrix) @ x[layout.dynamics]
+            for spring in block.springs:
+                weights = x[layout.springs[spring.joint].weights]
+                torque = casadi.DM(spring.columns) @ weights + _add_steps(spring.sums, knees[spring.joint])
+                rows = rows - block.sign * torque
+            for joint, sums in block.friction if drags else ():
+                rows = rows - _add_steps(sums, drags[joint])
+            residuals.append(rows / sigma)
+            motions.append(along)
+            blocks.append((block, sigma))
+    return NlpGraph(
+        variables=variables,
+        residuals=tuple(residuals),
+        joints=tuple(joint.name for joint in problem.library.card.joints),
+        motions=tuple(motions),
+        blocks=tuple(blocks),
+        layout=layout,
+        options=options,
+    )
+
+
+def _read_motion(signals: ElasticSignals, joint: int) -> ElasticMotion:
+    import casadi
+
+    q, dq, theta, dtheta = (
+        casadi.DM(part[:, joint]) for part in (signals.q, signals.dq, signals.theta, signals.dtheta)
+    )
+    return ElasticMotion(q=q, dq=dq, theta=theta, dtheta=dtheta, phi=theta - q, dphi=dtheta - dq)
+
+
+def _build_knee_steps(spring: SpringLayout, basis: FloatArray, x: Any) -> Any:  # noqa: ANN401
+    """Return the step means (N - 1, 1) of what all knees of a joint add to its torque; 0 for none."""
+    import casadi
+
+    torque = casadi.DM(basis) @ x[spring.weights]
+    changes = casadi.DM(spring.changes) @ x[spring.slopes] + casadi.DM(spring.offset)
+    total = 0
+    for knee, slot in zip(spring.knees, spring.slots, strict=True):
+        side = 1.0 if knee > 0 else -1.0
+        excess = side * (torque - knee)
+        before, after = excess[:-1], excess[1:]
+        crosses = (before > 0.0) != (after > 0.0)
+        # Of the branch that is not taken too, derivatives must be finite.
+        width = casadi.if_else(crosses, casadi.fabs(after - before), 1.0)
+        across = casadi.fmax(before, after) ** 2 / width
+        mean = casadi.if_else(crosses, across, casadi.fmax(before, 0.0) + casadi.fmax(after, 0.0)) / 2.0
+        total = total + side * changes[slot] * mean
+    return total
+
+
+def _build_drag_steps(layout: NlpLayout, x: Any, speed: FloatArray, smoothing: float) -> list[Any]:  # noqa: ANN401
+    """Return the step means (N - 1, 1) of the Stribeck friction of every joint that has some."""
+    import casadi
+
+    carrier, drags = build_casadi_carrier(), []
+    triples = zip(
+        speed.T, casadi.vertsplit(x[layout.excess]), casadi.vertsplit(x[layout.speed]), strict=False
+    )
+    for rates, excess, scale in triples:
+        shape, _, _ = compute_stribeck_derivatives(carrier, casadi.MX(casadi.DM(rates)), scale, smoothing)
+        drags.append(excess * average_steps(shape))
+    return drags
+
+
+def _add_steps(sums: StepSums, steps: Any) -> Any:  # noqa: ANN401
+    """Return the rows (M, 1) of step means (N - 1, 1)."""
+    import casadi
+    from scipy.sparse import csc_matrix, diags
+
+    if isinstance(steps, int):
+        return steps
+    if isinstance(sums, WindowSums):
+        places = np.repeat(np.arange(sums.count), sums.length), np.arange(sums.span.start, sums.span.stop)
+        shape = (sums.count, len(sums.weights))
+        return casadi.DM(csc_matrix((sums.weights[sums.span], places), shape=shape)) @ steps
+    # What flows in between two rows, then what is left of it in all later ones.
+    late = np.maximum(np.arange(sums.last) - sums.first, -1) // sums.length + 1
+    ends = sums.first + late * sums.length
+    shares = (1.0 - sums.decay) * sums.decay ** (ends - 1 - np.arange(sums.last))
+    inflow = csc_matrix((shares, (late, np.arange(sums.last))), shape=(sums.count, sums.steps))
+    reach = int(np.log(_FADED) / (np.log(sums.decay) * sums.length)) + 1
+    left = [sums.decay ** (sums.length * row) for row in range(min(reach, sums.count))]
+    outflow = diags(left, [-row for row in range(len(left))], shape=(sums.count, sums.count), format="csc")
+    return casadi.DM(outflow) @ (casadi.DM(inflow) @ steps)
+
+
+def get_variable(graph: NlpGraph, name: str) -> Any:  # noqa: ANN401
+    """Return the symbol of an unknown; raise UsageError where there is none of that name."""
+    if name not in graph.variables:
+        hint = suggest_names(name, graph.variables, otherwise="there are")
+        text = f"{name!r} is not a variable of this problem: {hint}"
+        raise UsageError(Notice(code="usage.unknown-variable", text=text))
+    return graph.variables[name].symbol
+
+
+def add_variable(graph: NlpGraph, name: str, start: float, lower: float, upper: float) -> NlpGraph:
+    """Return the problem with one unknown more, in SI units; raise UsageError for a name that is taken."""
+    import casadi
+
+    if name in graph.variables:
+        text = f"{name!r} is a variable of this problem already; give the new one another name"
+        raise UsageError(Notice(code="usage.variable-name", text=text))
+    if not (lower <= start <= upper and lower < upper and np.isfinite(start)):
+        text = f"{name}: the start {start:g} must be finite and between the bounds {lower:g} and {upper:g}"
+        raise UsageError(Notice(code="usage.variable-bounds", text=text))
+    added = NlpVariable(symbol=casadi.MX.sym(name), start=start, lower=lower, upper=upper)
+    return replace(graph, variables={**graph.variables, name: added})
+
+
+def add_torque(graph: NlpGraph, joint: str, torque: Callable[[ElasticMotion], Any], side: str) -> NlpGraph:
+    """Return the problem with a torque (N, 1), N m or N, added to a joint's spring or its motor's friction.
+
+    Raises:
+        UsageError: no such joint or side; the torque is not one number a sample, or of other symbols.
+    """
+    if joint not in graph.joints:
+        hint = suggest_names(joint, graph.joints, otherwise="there are")
+        raise UsageError(Notice(code="usage.unknown-joint", text=f"{joint!r} is not a joint: {hint}"))
+    if side not in SIDES:
+        text = f"side {side!r}: allowed are {', '.join(SIDES)}"
+        raise UsageError(Notice(code="usage.torque-side", text=text))
+    number, residuals = graph.joints.index(joint), []
+    steps: dict[int, Any] = {}
+    for residual, along, (block, sigma) in zip(graph.residuals, graph.motions, graph.blocks, strict=True):
+        motion = along[number]
+        if id(motion) not in steps:
+            shape = motion.phi.shape
+            steps[id(motion)] = average_steps(_take(graph, torque(motion), f"the torque of {joint}", shape))
+        pairs = [(own.joint, own.sums) for own in block.springs] if side == "spring" else block.friction
+        sign = block.sign if side == "spring" else 1.0
+        rows = [_add_steps(sums, steps[id(motion)]) for own, sums in pairs if own == number]
+        residuals.append(residual - sign / sigma * sum(rows) if rows else residual)
+    return replace(graph, residuals=tuple(residuals))
+
+
+def add_term(graph: NlpGraph, term: Any) -> NlpGraph:  # noqa: ANN401
+    """Return the problem with a term (1, 1) added to its cost; raise UsageError where it is none."""
+    return replace(graph, terms=(*graph.terms, _take(graph, term, "the term")))
+
+
+def add_constraint(graph: NlpGraph, expression: Any, lower: float, upper: float) -> NlpGraph:  # noqa: ANN401
+    """Return the problem with lower <= expression (1, 1) <= upper; raise UsageError where it is none."""
+    if not lower <= upper or lower == np.inf or upper == -np.inf or (lower, upper) == (-np.inf, np.inf):
+        text = f"the limits {lower:g} and {upper:g} of a constraint: give one at least, the lower one first"
+        raise UsageError(Notice(code="usage.constraint", text=text))
+    taken = _take(graph, expression, "the constraint")
+    added = NlpConstraint(expression=taken, lower=lower, upper=upper)
+    return replace(graph, constraints=(*graph.constraints, added))
+
+
+def _take(graph: NlpGraph, given: Any, what: str, shape: tuple[int, int] = (1, 1)) -> Any:  # noqa: ANN401
+    """Return an expression as MX; refuse other shapes, and symbols that are not of this problem."""
+    import casadi
+
+    try:
+        found = casadi.MX(given)
+    except (NotImplementedError, TypeError) as error:
+        text = f"{what} is {type(given).__name__}: expected a number, or an expression (MX) of the variables"
+        raise UsageError(Notice(code="usage.expression", text=text)) from error
+    if found.shape != shape:
+        wanted = "a scalar: sum its entries" if shape == (1, 1) else f"{shape[0]} x 1, a number a sample"
+        text = f"{what} has the shape {found.shape[0]} x {found.shape[1]}: must be {wanted}"
+        raise UsageError(Notice(code="usage.expression", text=text))
+    known = {hash(entry.symbol) for entry in graph.variables.values()}
+    strangers = [symbol.name() for symbol in casadi.symvar(found) if hash(symbol) not in known]
+    if strangers:
+        text = (
+            f"{what} has symbols that are not variables of this problem: {', '.join(strangers)}; add "
+            f"them, or take {', '.join(graph.variables)}"
+        )
+        raise UsageError(Notice(code="usage.expression", text=text))
+    return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NlpAnswer:
+    """The optimum: values by name, in SI units, and how the search ended.
+
+    Args:
+        levels: of the constraints, in their order; active: which of them are at a limit.
+        springs: one a joint, without torques that were added.
+    """
+
+    values: Mapping[str, float]
+    objective: float
+    outcome: Ending
+    reason: str
+    levels: tuple[float, ...]
+    active: tuple[bool, ...]
+    springs: tuple[Elasticity, ...]
+
+
+def solve_nlp_graph(graph: NlpGraph) -> NlpAnswer:
+    """Return the optimum next to where the variables start; raise SolverError where there is none."""
+    import casadi
+
+    entries = list(graph.variables.values())
+    x, cost = casadi.vertcat(*(entry.symbol for entry in entries)), graph.cost
+    start, lower, upper = np.array([(entry.start, entry.lower, entry.upper) for entry in entries]).T
+    limits = np.array([(entry.lower, entry.upper) for entry in graph.constraints]).reshape(-1, 2).T
+    problem = GraphProblem(
+        unknowns=x,
+        objective=cost,
+        constraints=casadi.vertcat(casadi.MX(0, 1), *(entry.expression for entry in graph.constraints)),
+        lower=lower,
+        upper=upper,
+        floor=limits[0],
+        ceiling=limits[1],
+    )
+    scales = np.array([entry.scale or _find_scale(entry, cost, x, start) for entry in entries])
+    options = IpoptOptions(tolerance=graph.options.tolerance, iterations=graph.options.iterations)
+    run = minimise_graph(problem, start, options, scales)
+    if not run.outcome.usable:
+        text = f"the one-shot problem has no solution: {run.reason}; relax constraints, or start elsewhere"
+        raise SolverError(Notice(code="solver.one-shot", text=text))
+    found = casadi.Function("found", [x], [cost, problem.constraints])(run.x)
+    objective, levels = (np.array(part, dtype=np.float64).ravel() for part in found)
+    near = np.isfinite(limits) & (np.abs(levels - limits) <= _ACTIVE * np.maximum(np.abs(limits), 1.0))
+    own = run.x[: graph.layout.size]
+    least = np.array([_REST * np.sum(own[spring.weights]) for spring in graph.layout.springs])
+    return NlpAnswer(
+        values=dict(zip(graph.variables, run.x.tolist(), strict=True)),
+        objective=float(objective[0]),
+        outcome=run.outcome,
+        reason=run.reason,
+        levels=tuple(levels.tolist()),
+        active=tuple(np.any(near, axis=0).tolist()),
+        springs=graph.layout.read_springs(own, least),
+    )
+
+
+def _find_scale(entry: NlpVariable, cost: Any, x: Any, start: FloatArray) -> float:  # noqa: ANN401
+    """Return one over the root of the cost's curvature by an unknown; its own size where that is none."""
+    import casadi
+
+    bend = float(casadi.Function("bend", [x], [casadi.hessian(cost, entry.symbol)[0]])(start))
+    return bend**-0.5 if 0.0 < bend < np.inf else max(abs(entry.start), 1e-3)

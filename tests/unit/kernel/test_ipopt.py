@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import casadi
@@ -14,11 +15,13 @@ from symid.ipopt import (
     LINEAR_SOLVER,
     Constraints,
     Ending,
+    GraphProblem,
     IpoptOptions,
     SmoothProblem,
     describe_ipopt_status,
     keep_last,
     minimise,
+    minimise_graph,
 )
 
 MATRIX = np.array([[2.0, 0.3, -0.1], [0.3, 1.0, 0.2], [-0.1, 0.2, 3.0]])
@@ -66,6 +69,30 @@ def test_constraints_hold_at_the_optimum(scales):
     assert np.linalg.norm(run.x) == pytest.approx(1.0, abs=1e-6)
     gradient = problem.gradient(run.x)
     np.testing.assert_allclose(gradient / np.linalg.norm(gradient), -run.x, atol=1e-5)
+
+
+@pytest.mark.parametrize("scales", [np.ones(3), np.array([2.0, 1e2, 1e-2])])
+def test_expressions_have_the_optimum_of_functions(scales):
+    """|x| <= 1 again, with second derivatives; and bounds alone."""
+    x = casadi.MX.sym("x", 3)
+    cost = casadi.mtimes([(x - casadi.DM(AIM)).T, casadi.DM(MATRIX), x - casadi.DM(AIM)]) / 2.0
+    wide, none = np.full(3, np.inf), np.zeros(0)
+    ball = GraphProblem(
+        unknowns=x,
+        objective=cost,
+        constraints=casadi.sumsqr(x),
+        lower=-wide,
+        upper=wide,
+        floor=np.array([-np.inf]),
+        ceiling=np.array([1.0]),
+    )
+    run = minimise_graph(ball, np.full(3, 0.1), OPTIONS, scales)
+    assert (run.outcome, run.status) == (Ending.CONVERGED, "Solve_Succeeded")
+    gradient = MATRIX @ (run.x - AIM)
+    np.testing.assert_allclose(gradient / np.linalg.norm(gradient), -run.x, atol=1e-6)
+    box = replace(ball, constraints=casadi.MX(0, 1), lower=np.full(3, -1.0), floor=none, ceiling=none)
+    expected = minimise(build(-1.0), np.zeros(3), OPTIONS).x
+    np.testing.assert_allclose(minimise_graph(box, np.zeros(3), OPTIONS, scales).x, expected, atol=1e-6)
 
 
 def test_a_scaled_problem_has_the_derivatives_of_its_value():
