@@ -21,14 +21,6 @@ if TYPE_CHECKING:
         simulate_runs as simulate_runs,
         study_elastic as study_elastic,
     )
-    from symid.study.friction_paper import (
-        RECOVERY_PEAKS as RECOVERY_PEAKS,
-        SWEEPS as SWEEPS,
-        TABLE_1 as TABLE_1,
-        TABLE_3 as TABLE_3,
-        TABLE_4 as TABLE_4,
-        draw_samples as draw_samples,
-    )
     from symid.study.friction_protocols import (
         AGREEMENT as AGREEMENT,
         CALIBRATION as CALIBRATION,
@@ -36,6 +28,11 @@ if TYPE_CHECKING:
         NEARNESS as NEARNESS,
         NOT_IDENTIFIABLE as NOT_IDENTIFIABLE,
         PEAK as PEAK,
+        RECOVERY_PEAKS as RECOVERY_PEAKS,
+        SWEEPS as SWEEPS,
+        TABLE_1 as TABLE_1,
+        TABLE_3 as TABLE_3,
+        TABLE_4 as TABLE_4,
         AgreementStudy as AgreementStudy,
         EstimatorComparison as EstimatorComparison,
         GainStudy as GainStudy,
@@ -45,6 +42,7 @@ if TYPE_CHECKING:
         build_gain_scene as build_gain_scene,
         build_recovery_scene as build_recovery_scene,
         build_sweep_scene as build_sweep_scene,
+        draw_samples as draw_samples,
     )
     from symid.study.friction_tables import (
         FrictionCheck as FrictionCheck,

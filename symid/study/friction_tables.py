@@ -17,12 +17,14 @@ from typing import Any
 
 from symid.errors import Notice, UsageError
 from symid.identification.friction import ESTIMATORS, VariableProjectionOptions
-from symid.study.friction_paper import RV_2SQ, SWEEPS, TABLE_3
 from symid.study.friction_protocols import (
     AGREEMENT,
     NEARNESS,
     NOT_IDENTIFIABLE,
     RACERS,
+    RV_2SQ,
+    SWEEPS,
+    TABLE_3,
     AgreementStudy,
     EstimatorComparison,
     GainStudy,

@@ -7,8 +7,7 @@ import numpy as np
 from symid.codegen.cache import prepare_library
 from symid.excitation.trajectories import build_ta, scale_trajectory
 from symid.identification.elastic.options import ElasticOptions
-from symid.identification.elastic.problem import build_elastic_problem
-from symid.identification.elastic.regression import prepare_elastic_signals
+from symid.identification.elastic.regression import build_elastic_problem, prepare_elastic_signals
 from symid.robot.toml_reader import read_robot
 from symid.simulation.elastic_experiment import build_clean_options, build_noisy_options, simulate_elastic
 

@@ -40,10 +40,10 @@ if TYPE_CHECKING:
         ElasticOptions as ElasticOptions,
         NlpOptions as NlpOptions,
     )
-    from symid.identification.elastic.problem import build_elastic_problem as build_elastic_problem
     from symid.identification.elastic.regression import (
         DriveEffect as DriveEffect,
         ElasticSignals as ElasticSignals,
+        build_elastic_problem as build_elastic_problem,
         get_encoder_positions as get_encoder_positions,
         prepare_elastic_signals as prepare_elastic_signals,
     )

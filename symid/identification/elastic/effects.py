@@ -30,32 +30,11 @@ from symid.identification.elastic.regression import (
     ElasticSignals,
     build_equations,
     center_held,
+    mark_sliding,
 )
 from symid.identification.regression import solve_scaled
 from symid.joint_models import compute_stop_basis
 from symid.logs import differentiate_smooth, low_pass, shift_channel
-
-
-def mark_sliding(signals: ElasticSignals, width: float, limits: FloatArray) -> NDArray[np.bool_]:
-    """Return where (N, n) a motor surely slides: faster than `limits` (n,), rad/s or m/s.
-
-    Within `width` s about a sample, such as what a low-pass makes of it. A motor that turns back so often
-    that hardly anything is left is taken as it is: its friction changes its sign, and has no time to rest.
-    """
-    from scipy.ndimage import minimum_filter1d
-
-    # Zero where the motor turns back between two samples.
-    turned = np.zeros(signals.dtheta.shape, dtype=bool)
-    turned[1:] = signals.dtheta[1:] * signals.dtheta[:-1] < 0.0
-    count = 1 + 2 * max(1, round(0.5 * width / signals.period))
-    least = minimum_filter1d(np.where(turned, 0.0, np.abs(signals.dtheta)), count, axis=0)
-    slides: NDArray[np.bool_] = least > limits
-    busy = np.sqrt(np.mean(signals.dtheta**2, axis=0)) > _BUSY * limits
-    return np.asarray(slides | (busy & (np.mean(slides, axis=0) < _LEAST_SHARE)))
-
-
-_BUSY, _LEAST_SHARE = 3.0, 0.5
-
 
 _BLOCKS = 8
 _SURE, _GAIN = 3.0, 0.01
@@ -65,7 +44,7 @@ _STILL = 0.1
 """Of a joint's RMS speed: slower rows hold friction that no law of the speed has."""
 _ENOUGH = 20
 """Rows a parameter."""
-_LAG_ROUNDS, _LEAST_LAG, _LONGEST_LAG = 4, 0.05, 0.01
+_LAG_ROUNDS, _LEAST_LAG, _LONGEST_LAG = 6, 0.05, 0.01
 """The least of the sample period, the longest in s."""
 _ORDER, _CUT = 4, 2.0
 """Of the low-pass; and periods of its edge that are cut at both ends."""
@@ -282,34 +261,39 @@ _CHUNK = 4_000_000
 
 def _measure_values(rows: _Rows, found: Sequence[DriveEffect]) -> Iterator[DriveEffect]:
     """Yield effects with values and deviations; the torque is moved until no lag is left."""
-    lags = [effect for effect in found if effect.kind == "torque-lag"]
-    others = [effect for effect in found if effect.kind != "torque-lag"]
-    lag, moved = 0.0, rows
-    ordered = [*lags, *others]
-    for _ in range(_LAG_ROUNDS if lags else 1):
+    late = any(effect.kind == "torque-lag" for effect in found)
+    ordered = sorted(found, key=lambda effect: effect.kind != "torque-lag")
+    lag, step, before, slope = 0.0, 0.0, 0.0, 1.0
+    moved, base = rows, rows.design.shape[1]
+    for number in range(_LAG_ROUNDS):
         parts = [moved.build(effect) for effect in ordered]
         values, _, weights = moved.solve(np.hstack(parts))
-        own = values[rows.design.shape[1] :]
-        if not lags:
+        if not late or number == _LAG_ROUNDS - 1:
             break
-        lag += float(own[0])
+        # Noise in the derivative makes the coefficient small: the secant says by how much.
+        left = float(values[base])
+        if number:
+            slope = float(np.clip((before - left) / step, _LEAST_SLOPE, 1.0)) if step else slope
+        step, before = left / slope, left
+        lag += step
         signals = tuple(replace(part, tau=shift_channel(part.time, part.tau, -lag)) for part in rows.signals)
-        moved = replace(rows, signals=signals, torque=rows.torque)
-        moved = replace(moved, torque=moved.stack([_center(part)[..., None] for part in signals])[:, 0])
+        torques = replace(rows, signals=signals).stack([_center(part)[..., None] for part in signals])
+        moved = replace(rows, signals=signals, torque=torques[:, 0])
     whole = np.hstack([moved.design, *parts]) * weights[:, None]
     lengths = np.maximum(np.linalg.norm(whole, axis=0), 1e-300)
     spread = np.sqrt(np.diag(np.linalg.pinv((whole / lengths).T @ (whole / lengths), rcond=_RANK))) / lengths
-    own, deviations = (part[rows.design.shape[1] :].tolist() for part in (values, spread))
-    at = 0
-    for effect, columns in zip(ordered, parts, strict=True):
-        part = slice(at, at + columns.shape[1])
-        at = part.stop
-        if effect.kind != "torque-lag":
-            yield replace(effect, values=tuple(own[part]), deviations=tuple(deviations[part]))
-        elif abs(lag) > _LEAST_LAG * rows.signals[0].period:
+    ends = base + np.cumsum([0, *(columns.shape[1] for columns in parts)])
+    for effect, start, end in zip(ordered, ends[:-1], ends[1:], strict=True):
+        own, deviations = values[start:end], spread[start:end]
+        if effect.kind == "torque-lag":
+            if abs(lag) <= _LEAST_LAG * rows.signals[0].period:
+                continue
             # A torque that is held acts half a period after its sample, which the signals have already.
-            total = lag + 0.5 * rows.signals[0].period
-            yield replace(effect, values=(total,), deviations=tuple(deviations[part]))
+            own, deviations = np.array([lag + 0.5 * rows.signals[0].period]), deviations / slope
+        yield replace(effect, values=tuple(own.tolist()), deviations=tuple(deviations.tolist()))
+
+
+_LEAST_SLOPE = 0.02
 
 
 _STOPS = 12

@@ -25,15 +25,17 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library, ModelCard
 from symid.errors import Notice
-from symid.identification.elastic.effects import mark_sliding
 from symid.identification.elastic.estimate import MethodFit, build_method_fit
-from symid.identification.elastic.problem import ElasticProblem, build_spring_data, fit_joint_spring
 from symid.identification.elastic.regression import (
+    ElasticProblem,
     ElasticSignals,
     build_equations,
     build_filtered_rows,
+    build_spring_data,
     center_held,
     filter_derivative,
+    fit_joint_spring,
+    mark_sliding,
     solve_with_signs,
 )
 from symid.identification.elastic.uncertainty import compute_covariance

@@ -45,10 +45,11 @@ from symid.identification.elastic.elimination import (
 )
 from symid.identification.elastic.estimate import MethodFit, build_method_fit
 from symid.identification.elastic.options import ElasticOptions
-from symid.identification.elastic.problem import ElasticProblem, build_elastic_problem
 from symid.identification.elastic.regression import (
     DriveEffect,
+    ElasticProblem,
     ElasticSignals,
+    build_elastic_problem,
     choose_cutoff,
     compute_joint_torque,
     measure_motion_band,

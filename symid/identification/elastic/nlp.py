@@ -58,8 +58,7 @@ from symid.identification.elastic.nlp_rows import (
     move_stops,
 )
 from symid.identification.elastic.options import NlpOptions
-from symid.identification.elastic.problem import ElasticProblem
-from symid.identification.elastic.regression import ElasticSignals, average_steps
+from symid.identification.elastic.regression import ElasticProblem, ElasticSignals, average_steps
 from symid.identification.elastic.two_step import fit_linear_spring
 from symid.identification.hysteresis import SpringWeights, build_knee_grid, compute_place_limits
 from symid.ipopt import (

@@ -24,9 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays
-from symid.identification.elastic.effects import mark_sliding
-from symid.identification.elastic.problem import ElasticProblem
-from symid.identification.elastic.regression import average_steps, build_equations
+from symid.identification.elastic.regression import (
+    ElasticProblem,
+    average_steps,
+    build_equations,
+    mark_sliding,
+)
 from symid.identification.hysteresis import filter_smooth
 from symid.joint_models import compute_stop_basis, compute_work_columns
 

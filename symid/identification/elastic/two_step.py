@@ -20,8 +20,7 @@ import numpy as np
 
 from symid.arrays import FloatArray
 from symid.identification.elastic.estimate import HistoryEntry, MethodFit, build_method_fit
-from symid.identification.elastic.problem import ElasticProblem, build_start_spring
-from symid.identification.elastic.regression import solve_with_signs
+from symid.identification.elastic.regression import ElasticProblem, build_start_spring, solve_with_signs
 from symid.identification.hysteresis import (
     SpringData,
     SpringWeights,

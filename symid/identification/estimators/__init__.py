@@ -3,11 +3,6 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from symid.identification.estimators.coloured_noise import (
-        Influence as Influence,
-        compute_coloured_covariance as compute_coloured_covariance,
-        measure_influence as measure_influence,
-    )
     from symid.identification.estimators.consistent import (
         Bodies as Bodies,
         build_bodies as build_bodies,
@@ -49,12 +44,15 @@ if TYPE_CHECKING:
         fit_instruments as fit_instruments,
     )
     from symid.identification.estimators.least_squares import (
+        Influence as Influence,
         RegressionFit as RegressionFit,
+        compute_coloured_covariance as compute_coloured_covariance,
         compute_residuals as compute_residuals,
         estimate_group_weights as estimate_group_weights,
         estimate_period_noise as estimate_period_noise,
         fit_condensed as fit_condensed,
         fit_weighted as fit_weighted,
+        measure_influence as measure_influence,
     )
     from symid.identification.estimators.linear_estimators import (
         ESTIMATORS as ESTIMATORS,

@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 
 from symid.identification.friction.estimators import ESTIMATORS, STOCHASTIC
-from symid.study.friction_paper import SWEEPS, TABLE_1, Sweep
 from symid.study.friction_protocols import (
     AGREEMENT,
     NEARNESS,
     RACERS,
+    SWEEPS,
+    TABLE_1,
     DrawnFit,
+    Sweep,
     build_sweep_scene,
     compare_estimators,
     conclude_races,
@@ -70,7 +72,7 @@ def test_all_estimators_reach_one_optimum():
 
 
 def test_a_contest_names_who_could_not_take_part():
-    from symid.study.friction_paper import FrictionScene, build_whole_cosines
+    from symid.study.friction_protocols import FrictionScene, build_whole_cosines
 
     scene = FrictionScene("1", "stribeck", TRUTH, build_whole_cosines((0.5,), 100), 0.7)
     runs = {run.estimator: run for run in compare_estimators("both directions", scene, 0, timed=True).runs}

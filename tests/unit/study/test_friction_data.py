@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from symid.study.friction_paper import (
+from symid.study.friction_protocols import (
     FrictionScene,
     build_half_cosine,
     build_whole_cosines,

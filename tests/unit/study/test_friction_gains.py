@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from symid.study.friction_paper import TABLE_4
-from symid.study.friction_protocols import LAWS, build_gain_scene, fit_laws, summarise_gains
+from symid.study.friction_protocols import LAWS, TABLE_4, build_gain_scene, fit_laws, summarise_gains
 
 
 @pytest.mark.parametrize("index", range(3))

@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 
-from symid.study.friction_paper import RV_2SQ, TABLE_3, FrictionScene, build_whole_cosines
 from symid.study.friction_protocols import (
+    RV_2SQ,
+    TABLE_3,
+    FrictionScene,
     build_recovery_scene,
     build_second_scene,
+    build_whole_cosines,
     fit_draw,
     summarise_recovery,
 )

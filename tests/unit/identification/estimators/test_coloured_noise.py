@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
-from symid.identification.estimators.coloured_noise import compute_coloured_covariance, measure_influence
+from symid.identification.estimators.least_squares import compute_coloured_covariance, measure_influence
 from symid.identification.regression.equations import Rows
 
 COUNT, STEP = 1000, 0.02

@@ -1,0 +1,173 @@
+"""Elastic joints that others built or simulated: a real coupling, and arms whose models are not symid's."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import symid
+from symid.identification.elastic import ElasticOptions, identify_elastic
+from symid.identification.elastic.effects import measure_effects
+from symid.identification.elastic.regression import correct_torque, prepare_elastic_signals
+from symid.joint_models import run_element
+from tests.recovery.elastic_runs import prepare_arm, run_arm
+
+BENCH = """
+name = "coupling_bench"
+convention = "modified"
+gravity = [0, 0, -9.81]
+[[joint]]
+name = "coupling"
+kind = "revolute"
+[joint.drive]
+rotor_inertia = "unknown"
+rotor_inertia_side = "joint"
+[joint.friction]
+model = "coulomb-viscous"
+smoothing = 0.01
+[joint.elasticity]
+stiffness = "unknown"
+"""
+TRUTH = {"ZZR1": 1.16, "MXR1": 3.0, "MY1": 0.0, "ZZ2": 0.35, "MX2": 0.8, "MY2": 0.0, "IA1": 0.8, "IA2": 0.25}
+SIZES = {**TRUTH, "MY1": 3.0, "MY2": 0.8}
+
+
+@pytest.fixture(scope="module")
+def bench(shared_data, tmp_path_factory):
+    path = tmp_path_factory.mktemp("bench") / "bench.toml"
+    path.write_text(BENCH)
+    robot = symid.load(path)
+    data = np.load(shared_data / "coupling_bench" / "run_b.npz")
+
+    def cut(part):
+        return symid.build_log(
+            robot,
+            time=data["t"][part],
+            q=-data["theta_load"][part, None],
+            theta=data["theta_motor"][part, None],
+            tau=data["current"][part, None],
+        )
+
+    return robot.identify([cut(slice(0, 25000))]), data
+
+
+def find_effect(estimate, kind, joint=0):
+    (found,) = (entry for entry in estimate.effects if entry.kind == kind and entry.joint in (joint, -1))
+    return found
+
+
+def test_a_linear_coupling_comes_out_linear(bench):
+    fit, _ = bench
+    values = {entry.name: entry.value for entry in fit.estimate.parameters}
+    (spring,) = fit.estimate.springs
+    assert 541.0 < spring.elasticity.stiffness < 567.0
+    assert (spring.elasticity.stops, spring.elasticity.knees, spring.elasticity.branches) == ((), (), ())
+    assert values["ZZ1"] == pytest.approx(4.85e-3, rel=0.03)
+    assert values["IA1"] == pytest.approx(4.85e-3, rel=0.03)
+    assert find_effect(fit.estimate, "torque-lag").values[0] == pytest.approx(1e-4, abs=3e-5)
+    codes = {notice.code for notice in fit.notices}
+    assert {"log.delay-refuted", "elastic.spring-kind"} <= codes
+
+
+def test_it_predicts_the_other_half_in_the_band_of_its_resonance(bench):
+    fit, data = bench
+    values = {entry.name: entry.value for entry in fit.estimate.parameters}
+    stiffness = fit.estimate.springs[0].elasticity.stiffness
+    lag = find_effect(fit.estimate, "torque-lag").values[0]
+    drag = find_effect(fit.estimate, "link-friction").values[0]
+    period = data["t"][1] - data["t"][0]
+    frequency = np.fft.rfftfreq(len(data["t"]), period)
+    way = 2j * np.pi * frequency
+
+    def pass_band(signal, order, shift=0.0):
+        # A period of the motion is a second: the whole recording is periodic.
+        gain = way**order * np.exp(way * shift) / np.sqrt(1.0 + (frequency / 150.0) ** 16)
+        return np.fft.irfft(np.fft.rfft(signal - signal.mean()) * gain, len(signal))[25000:47500]
+
+    theta, q, tau = data["theta_motor"], -data["theta_load"], pass_band(data["current"], 0, -lag)
+    spring = stiffness * pass_band(theta - q, 0)
+    speed = pass_band(theta, 1)
+    friction = values["Fv1"] * speed + values["Fc1"] * np.tanh(speed / 0.01)
+    motor = tau - values["IA1"] * pass_band(theta, 2) - friction - spring
+    link = values["ZZ1"] * pass_band(q, 2) + drag * pass_band(q, 1) - spring
+    assert np.std(motor) < 0.04 * np.std(tau)
+    assert np.std(link) < 0.012 * np.std(spring)
+
+
+@pytest.mark.parametrize(("case", "bar"), [("bouc_wen", 0.03), ("lugre", 0.02), ("ripple", 0.02)])
+def test_truths_of_another_simulator(shared_data, case, bar):
+    folder = shared_data / "foreign_elastic"
+    robot = symid.load(folder / "robot.toml")
+    logs = []
+    for name in ("ta10", "tb1", "tb2"):
+        data = np.load(folder / case / f"{name}.npz")
+        logs.append(symid.build_log(robot, time=data["t"], q=data["q"], theta=data["theta"], tau=data["tau"]))
+    estimate = robot.identify(logs).estimate
+    for entry in estimate.parameters:
+        if entry.name in TRUTH:
+            error = entry.value - TRUTH[entry.name]
+            assert abs(error) < 0.02 * SIZES[entry.name]
+            assert abs(error) < 3.0 * entry.std
+    held = np.load(folder / case / "held.npz")
+    waves = np.zeros_like(held["true_torsion"])
+    for effect in estimate.effects:
+        if effect.kind == "kinematic-error":
+            angle = effect.order * held["theta"][:, effect.joint]
+            waves[:, effect.joint] += effect.values[0] * np.cos(angle) + effect.values[1] * np.sin(angle)
+    for joint, spring in enumerate(estimate.springs):
+        torsion, torque = (held["true_torsion"] + waves)[:, joint], held["true_joint_torque"][:, joint]
+        error = run_element(spring.elasticity, torsion, held["t"], start="fresh").output - torque
+        assert np.sqrt(np.mean(error**2)) < bar * np.sqrt(np.mean(torque**2))
+
+
+@pytest.fixture(scope="module")
+def arm(robots_folder, c_compiler):
+    assert c_compiler
+    return prepare_arm(robots_folder)
+
+
+@pytest.fixture(scope="module")
+def run(arm):
+    return run_arm(*arm, noisy=True, duration=12.0)
+
+
+def test_nothing_is_found_in_an_arm_without_effects(arm, run):
+    signals = prepare_elastic_signals(run.recording, ElasticOptions(cutoff=100.0))
+    assert measure_effects(arm[1], [signals], 60.0) == ()
+
+
+def test_ripple_and_lag_are_found_and_taken_off(arm, run):
+    theta, time = run.recording.motor_position, run.recording.time
+    late = 0.7e-3
+    ripple = 0.3 * np.sin(160.0 * theta[:, 1]) - 0.2 * np.cos(160.0 * theta[:, 1])
+    # What acts now was logged earlier.
+    torque = np.column_stack([np.interp(time + late, time, part) for part in run.recording.torque.T])
+    # A held torque acts on average half a period after its sample.
+    torque[:, 1] += np.interp(time + late + 0.5e-3, time, ripple)
+    changed = replace(run.recording, torque=torque)
+    estimate = identify_elastic(arm[1], [changed], ElasticOptions(method="weighted"))
+    found = find_effect(estimate, "torque-ripple", joint=1)
+    assert found.order == pytest.approx(160.0, abs=0.1)
+    assert np.hypot(*found.values) == pytest.approx(np.hypot(0.3, 0.2), rel=0.1)
+    total = find_effect(estimate, "torque-lag")
+    assert total.values[0] == pytest.approx(late + 0.5e-3, abs=5.0 * total.deviations[0])
+    plain = identify_elastic(arm[1], [run.recording], ElasticOptions(method="weighted"))
+    for own, other in zip(estimate.parameters, plain.parameters, strict=True):
+        assert abs(own.value - other.value) < 3.0 * max(own.std, other.std)
+    clean = correct_torque(torque, theta, 1e-3, estimate.effects)
+    assert np.std(clean - run.recording.torque) < 0.5 * np.std(torque - run.recording.torque)
+
+
+def test_effects_can_be_left_alone(arm, run):
+    changed = replace(
+        run.recording, torque=run.recording.torque + 0.3 * np.sin(160.0 * run.recording.motor_position)
+    )
+    assert identify_elastic(arm[1], [changed], ElasticOptions(method="weighted", effects=False)).effects == ()
+
+
+def test_a_fit_with_effects_comes_back_from_its_file(bench, tmp_path):
+    fit, _ = bench
+    again = symid.load_fit(fit.save(tmp_path / "fit.json"))
+    assert again.estimate.effects == fit.estimate.effects
+    assert again.estimate.springs == fit.estimate.springs
+    assert "torque acts late" in str(again)
