@@ -319,11 +319,12 @@ def _kick_motor(p: HiddenJoints, rotor: FloatArray, before: _Motor, net: FloatAr
     bristle, dry, rest = before.bristle, level, np.zeros_like(level)
     stored, lost = rest, rest
     if p.bristle.any():
-        rate, steady = p.bristle * np.abs(speed) / level, np.sign(speed) * level / p.bristle
+        stiffness = np.maximum(p.bristle, 1.0)
+        rate, steady = stiffness * np.abs(speed) / level, np.sign(speed) * level / stiffness
         bristle = steady + (bristle - steady) * np.exp(-rate * step)
         flow, force = guess - rate * bristle, p.bristle * bristle
         net = net - force - p.damping * flow
-        stored, dry = 0.5 * force * bristle, rest
+        stored, dry = 0.5 * force * bristle, np.where(p.bristle > 0.0, 0.0, level)
         lost = force * rate * bristle + p.damping * flow * guess
     share = 0.5 * step / rotor
     slope, start = 1.0 + share * p.viscous, speed + share * net
@@ -408,23 +409,23 @@ def _advance_plant(plant: _Plant, s: _State, command: FloatArray) -> _State:
 
 
 def simulate_plant_runs(
-    arm: Arm, hidden: HiddenJoints, motions: Sequence[Motion], *, substeps: int = 5
+    arm: Arm, hidden: Sequence[HiddenJoints], motions: Sequence[Motion], *, substeps: int = 5
 ) -> tuple[PlantRun, ...]:
-    """Return the runs of an arm along `motions`, each from rest at q = 0, all computed together.
+    """Return runs along `motions`, each with its own `hidden` models, from rest at q = 0, computed together.
 
     The motors follow by tau = Kp (q_d - theta) + Kd (dq_d - dtheta) + rigid feed-forward, Kd = 2 w J and
     Kp = w^2 J with w = 2 pi 12 Hz, from an encoder of 20 bits, every millisecond of `substeps` steps.
     """
-    count, ticks, step = len(motions), max(len(motion.time) for motion in motions), PERIOD / substeps
+    ticks, step = max(len(motion.time) for motion in motions), PERIOD / substeps
     links = _build_links(arm)
-    values = {entry.name: getattr(hidden, entry.name) for entry in fields(hidden)}
-    p = HiddenJoints(**{name: np.broadcast_to(v, (count, *v.shape)) for name, v in values.items()})
+    names = [entry.name for entry in fields(HiddenJoints)]
+    p = HiddenJoints(**{name: np.stack([getattr(part, name) for part in hidden]) for name in names})
     rest = np.zeros((1, arm.size))
     effective = arm.rotor + np.diag(_compute_links(links, rest, rest)[0][0])
     angle, rate, feed = _build_commands(arm, links, motions, ticks)
     late = np.where(p.lag > 0.0, np.exp(-0.5 * step / np.where(p.lag > 0.0, p.lag, 1.0)), 0.0)
     plant, state = _Plant(arm.rotor, links, p, late, step), _start_plant(p)
-    log, energy = np.zeros((6, ticks, count, arm.size)), np.zeros((3, ticks, count))
+    log, energy = np.zeros((6, ticks, *p.linear.shape)), np.zeros((3, ticks, len(motions)))
     for tick in range(ticks):
         motor, lag = state.motor, angle[tick] - np.round(state.theta / ENCODER_STEP) * ENCODER_STEP
         command = _BANDWIDTH * effective * (_BANDWIDTH * lag + 2.0 * (rate[tick] - motor.speed)) + feed[tick]

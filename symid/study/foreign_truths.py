@@ -290,7 +290,7 @@ def _prepare_scene(arm_name: str, truth: str, size: float, share: float) -> _Sce
         values=list_true_values(prepare_library(write_arm(arm, truth=True)).card),
         hidden=hidden,
         names=tuple(motion.name for motion in motions),
-        runs=simulate_plant_runs(arm, hidden, motions),
+        runs=simulate_plant_runs(arm, [hidden] * len(motions), motions),
     )
 
 
@@ -484,7 +484,7 @@ def study_foreign(
         progress: as of `run_tasks`.
 
     Raises:
-        UsageError: an unknown arm, truth or method, or a size that is not positive.
+        UsageError: an unknown arm, truth or method, or a size or share out of range.
     """
     kinds = (("arm", [arm], ARMS), ("truth", truths, TRUTHS), ("method", methods, FOREIGN_METHODS))
     wrong = [
@@ -494,6 +494,8 @@ def study_foreign(
         if name not in known
     ]
     wrong += [f"size {size:g}: must be positive and finite" for size in sizes if not 0.0 < size < math.inf]
+    if not 0.0 < share <= 1.0:
+        wrong.append(f"share {share:g}: must be positive, and 1 at most")
     if wrong:
         raise UsageError(*(Notice(code="usage.foreign-study", text=text) for text in wrong))
     groups = [(truth, size) for truth in truths for size in sizes]
