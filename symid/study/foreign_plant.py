@@ -1,6 +1,6 @@
 """An elastic arm under control that shares no code with the models and simulators of symid: a foreign truth.
 
-Arm, hidden models, motions -> `PlantRun`: what sensors see of it, and the truth behind.
+Arm, hidden models, motions -> `HiddenRun`: what sensors see of it, and the truth behind.
 
     M(q) ddq + c(q, dq) + dV/dq = tau_J         IA ddtheta + F + (1 + e') tau_J + r = tau
     phi = theta + e - q                         e = A sin(N theta), r = R sin(N theta), N = 100 a turn
@@ -138,13 +138,6 @@ def _compute_links(links: _Links, q: FloatArray, dq: FloatArray) -> tuple[FloatA
     return found[:, :square].reshape(count, size, size), bias + found[:, cube:-1], found[:, -1]
 
 
-def compute_link_dynamics(
-    arm: Arm, q: FloatArray, dq: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return M (B, n, n) kg m^2, c + dV/dq (B, n) N m and V (B,) J at q, dq (B, n), rad and rad/s."""
-    return _compute_links(_build_links(arm), q, dq)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HiddenJoints(FrozenArrays):
     """The hidden models of all joints, (n,) each, (n, 3) of stops; zero leaves a part out.
@@ -193,7 +186,7 @@ class HiddenJoints(FrozenArrays):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Motion(FrozenArrays):
+class ForeignMotion(FrozenArrays):
     """A motion at the ticks of the control: `time` (N,) s; `q`, `dq`, `ddq` (N, n), rad, /s, /s^2."""
 
     name: str
@@ -204,7 +197,7 @@ class Motion(FrozenArrays):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PlantRun(FrozenArrays):
+class HiddenRun(FrozenArrays):
     """One motion of the plant at the ticks, without sensors; (N, n) each.
 
     Args:
@@ -338,7 +331,9 @@ def _kick_motor(p: HiddenJoints, rotor: FloatArray, before: _Motor, net: FloatAr
     return _Motor(after, (after - speed) / step, bristle, mean, stored, lost * step)
 
 
-def _build_commands(arm: Arm, links: _Links, motions: Sequence[Motion], ticks: int) -> tuple[FloatArray, ...]:
+def _build_commands(
+    arm: Arm, links: _Links, motions: Sequence[ForeignMotion], ticks: int
+) -> tuple[FloatArray, ...]:
     """Return angle, speed and torque (N, R, n) that the motors are asked for; the last tick is repeated."""
     found = []
     for motion in motions:
@@ -350,7 +345,7 @@ def _build_commands(arm: Arm, links: _Links, motions: Sequence[Motion], ticks: i
     return tuple(np.stack(parts, axis=1) for parts in zip(*found, strict=True))
 
 
-class _State(NamedTuple):
+class _PlantState(NamedTuple):
     """The plant at the end of a step; `pull` is ddq at its middle, `applied` the torque of the motors."""
 
     q: FloatArray
@@ -364,12 +359,12 @@ class _State(NamedTuple):
     held: FloatArray
 
 
-def _start_plant(p: HiddenJoints) -> _State:
+def _start_plant(p: HiddenJoints) -> _PlantState:
     zero = np.zeros(p.linear.shape)
     spring = _Spring(zero, zero, np.zeros(p.stops.shape), zero, zero, zero, zero, zero)
     held = -p.ripple.sum(axis=1) / _TEETH
     motor = _Motor(zero, zero, zero, zero, zero, zero)
-    return _State(zero, zero, zero, zero, zero, spring, motor, np.zeros((2, len(zero))), held)
+    return _PlantState(zero, zero, zero, zero, zero, spring, motor, np.zeros((2, len(zero))), held)
 
 
 class _Plant(NamedTuple):
@@ -382,7 +377,7 @@ class _Plant(NamedTuple):
     step: float
 
 
-def _advance_plant(plant: _Plant, s: _State, command: FloatArray) -> _State:
+def _advance_plant(plant: _Plant, s: _PlantState, command: FloatArray) -> _PlantState:
     """Return the plant a step later."""
     rotor, links, p, late, step = plant
     theta = s.theta + 0.5 * step * s.motor.speed
@@ -395,7 +390,7 @@ def _advance_plant(plant: _Plant, s: _State, command: FloatArray) -> _State:
     mass, bias, _ = _compute_links(links, q, s.dq + 0.5 * step * s.pull)
     pull = np.asarray(np.linalg.solve(mass, (spring.torque - bias)[:, :, None])[:, :, 0], np.float64)
     dq = s.dq + step * pull
-    return _State(
+    return _PlantState(
         q=q + 0.5 * step * dq,
         dq=dq,
         pull=pull,
@@ -409,8 +404,8 @@ def _advance_plant(plant: _Plant, s: _State, command: FloatArray) -> _State:
 
 
 def simulate_plant_runs(
-    arm: Arm, hidden: Sequence[HiddenJoints], motions: Sequence[Motion], *, substeps: int = 5
-) -> tuple[PlantRun, ...]:
+    arm: Arm, hidden: Sequence[HiddenJoints], motions: Sequence[ForeignMotion], *, substeps: int = 5
+) -> tuple[HiddenRun, ...]:
     """Return runs along `motions`, each with its own `hidden` models, from rest at q = 0, computed together.
 
     The motors follow by tau = Kp (q_d - theta) + Kd (dq_d - dtheta) + rigid feed-forward, Kd = 2 w J and
@@ -441,14 +436,16 @@ def simulate_plant_runs(
     return tuple(_gather_run(plant, motion, k, log, energy) for k, motion in enumerate(motions))
 
 
-def _gather_run(plant: _Plant, motion: Motion, number: int, log: FloatArray, energy: FloatArray) -> PlantRun:
+def _gather_run(
+    plant: _Plant, motion: ForeignMotion, number: int, log: FloatArray, energy: FloatArray
+) -> HiddenRun:
     """Return run `number` of a log of q, dq, theta, dtheta, tau, tau_J and of work, losses, stored energy."""
     ticks = len(motion.time)
     q, dq, theta, dtheta, command, torque = log[:, :ticks, number]
     work, loss, stored = energy[:, :ticks, number]
     mass, _, potential = _compute_links(plant.links, q, dq)
     moving = (dq[:, None, :] @ mass @ dq[:, :, None])[:, 0, 0]
-    return PlantRun(
+    return HiddenRun(
         time=motion.time,
         q=q,
         dq=dq,

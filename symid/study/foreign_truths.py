@@ -35,9 +35,9 @@ from symid.study.foreign_plant import (
     ENCODER_STEP,
     PERIOD,
     Arm,
+    ForeignMotion,
     HiddenJoints,
-    Motion,
-    PlantRun,
+    HiddenRun,
     simulate_plant_runs,
 )
 from symid.study.monte_carlo import Spread, compute_spread, run_tasks
@@ -202,7 +202,7 @@ _WAITING = 0.5
 """rad."""
 
 
-def build_motions(size: int, share: float = 1.0) -> tuple[Motion, ...]:
+def build_motions(size: int, share: float = 1.0) -> tuple[ForeignMotion, ...]:
     """Return ten times TA, TB of each joint, and TC, for `size` joints; `share` of their 20, 50 and 20 s.
 
     TA and TB are those of Zhang et al. (2023), with a row of our own for a third joint; there the joints that
@@ -234,7 +234,7 @@ def build_motions(size: int, share: float = 1.0) -> tuple[Motion, ...]:
         time = PERIOD * np.arange(round(_TIMES[name[:2]] * share / PERIOD), dtype=np.float64)
         before, here, after = (_ramp(time + nudge, write) for nudge in (-_NUDGE, 0.0, _NUDGE))
         speed, acceleration = (after - before) / (2.0 * _NUDGE), (after - 2.0 * here + before) / _NUDGE**2
-        found.append(Motion(name=name, time=time, q=here, dq=speed, ddq=acceleration))
+        found.append(ForeignMotion(name=name, time=time, q=here, dq=speed, ddq=acceleration))
     return tuple(found)
 
 
@@ -244,7 +244,7 @@ def _ramp(time: FloatArray, write: Callable[[FloatArray], FloatArray]) -> FloatA
 
 
 def observe_plant(
-    run: PlantRun, hidden: HiddenJoints, rng: np.random.Generator, *, source: str = ""
+    run: HiddenRun, hidden: HiddenJoints, rng: np.random.Generator, *, source: str = ""
 ) -> Recording:
     """Return the log of a run: encoders of 20 bits, that of the link with its faults, 2 % torque noise."""
     late = [
@@ -278,7 +278,7 @@ class _Scene:
     values: Mapping[str, tuple[float, float]]
     hidden: HiddenJoints
     names: tuple[str, ...]
-    runs: tuple[PlantRun, ...]
+    runs: tuple[HiddenRun, ...]
 
 
 @lru_cache(maxsize=1)

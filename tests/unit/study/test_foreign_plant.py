@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from symid.study.foreign_plant import compute_link_dynamics, simulate_plant_runs
+from symid.study.foreign_plant import _build_links, _compute_links, simulate_plant_runs
 from symid.study.foreign_truths import ARMS, TRUTHS, build_motions, build_truth, observe_plant
 
 
@@ -14,7 +14,7 @@ def draw_states(size):
 
 def test_the_planar_arm_has_its_closed_form():
     q, dq = draw_states(2)
-    mass, bias, potential = compute_link_dynamics(ARMS["2r"], q, dq)
+    mass, bias, potential = _compute_links(_build_links(ARMS["2r"]), q, dq)
     # ZZR1, MXR1, ZZ2, MX2 and the first length.
     first, pull, second, moment, length = 1.16, 3.0, 0.35, 0.8, 0.4
     coupled = length * moment * np.cos(q[:, 1])
@@ -47,7 +47,7 @@ def test_both_arms_agree_with_pinocchio(name):
         model.appendBodyToJoint(parent, body, pinocchio.SE3.Identity())
     data = model.createData()
     q, dq = draw_states(arm.size)
-    mass, bias, potential = compute_link_dynamics(arm, q, dq)
+    mass, bias, potential = _compute_links(_build_links(arm), q, dq)
     for k in range(len(q)):
         triangle = np.triu(pinocchio.crba(model, data, q[k]))
         assert np.triu(mass[k]) == pytest.approx(triangle, abs=1e-12)
