@@ -69,13 +69,6 @@ class Arm(FrozenArrays):
         return len(self.turn)
 
 
-class _Links(NamedTuple):
-    """Values of M (n n), its Christoffel symbols (n n n), dV/dq (n) and V are basis(q) @ weights."""
-
-    size: int
-    weights: FloatArray
-
-
 def _compute_basis(q: FloatArray) -> FloatArray:
     """Return products (B, 3 x 5^(n - 1)) of 1, cos, sin of the first angle, and of 1..sin 2 of the others."""
     waves = np.ones((5, *q.shape))
@@ -106,8 +99,8 @@ def _compute_pose(arm: Arm, q: FloatArray) -> FloatArray:
     return np.append(mass, potential)
 
 
-def _build_links(arm: Arm) -> _Links:
-    """Return the dynamics of the links, as exact as the solution of a well-conditioned linear system."""
+def _build_links(arm: Arm) -> FloatArray:
+    """Return W so that basis(q) @ W has M (n n), its Christoffel symbols (n n n), dV/dq (n) and V."""
     size = arm.size
     nodes = [2.0 * math.pi * np.arange(count) / count for count in (3, *[5] * (size - 1))]
     poses = np.array(list(product(*nodes)))
@@ -125,13 +118,15 @@ def _build_links(arm: Arm) -> _Links:
     symbols = 0.5 * (rates + rates.transpose(0, 1, 3, 2) - rates.transpose(0, 3, 1, 2))
     pull = np.stack([slope[:, -1] for slope in slopes], axis=1)
     columns = (weights[:, :-1], symbols.reshape(len(weights), -1), pull, weights[:, -1:])
-    return _Links(size=size, weights=np.hstack(columns))
+    return np.hstack(columns)
 
 
-def _compute_links(links: _Links, q: FloatArray, dq: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _compute_links(
+    links: FloatArray, q: FloatArray, dq: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return M (B, n, n), c + dV/dq (B, n) and V (B,) at q, dq (B, n)."""
     count, size = q.shape
-    found = _compute_basis(q) @ links.weights
+    found = _compute_basis(q) @ links
     square, cube = size**2, size**2 + size**3
     rates = (dq[:, :, None] * dq[:, None, :]).reshape(count, square, 1)
     bias = (found[:, square:cube].reshape(count, size, square) @ rates)[:, :, 0]
@@ -332,7 +327,7 @@ def _kick_motor(p: HiddenJoints, rotor: FloatArray, before: _Motor, net: FloatAr
 
 
 def _build_commands(
-    arm: Arm, links: _Links, motions: Sequence[ForeignMotion], ticks: int
+    arm: Arm, links: FloatArray, motions: Sequence[ForeignMotion], ticks: int
 ) -> tuple[FloatArray, ...]:
     """Return angle, speed and torque (N, R, n) that the motors are asked for; the last tick is repeated."""
     found = []
@@ -371,7 +366,7 @@ class _Plant(NamedTuple):
     """What does not change; `late` (R, n) is what a lag leaves of a torque in half a `step` (s)."""
 
     rotor: FloatArray
-    links: _Links
+    links: FloatArray
     hidden: HiddenJoints
     late: FloatArray
     step: float
