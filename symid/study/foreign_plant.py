@@ -308,8 +308,9 @@ def _kick_motor(p: HiddenJoints, rotor: FloatArray, before: _Motor, net: FloatAr
     stored, lost = rest, rest
     if p.bristle.any():
         stiffness = np.maximum(p.bristle, 1.0)
-        rate, steady = stiffness * np.abs(speed) / level, np.sign(speed) * level / stiffness
-        bristle = steady + (bristle - steady) * np.exp(-rate * step)
+        rate, steady = stiffness * np.abs(guess) / level, np.sign(speed) * level / stiffness
+        # From the middle of the last step to that of this one: the speed at its start is the mean one.
+        bristle = steady + (bristle - steady) * np.exp(-stiffness * np.abs(speed) / level * step)
         flow, force = guess - rate * bristle, p.bristle * bristle
         net = net - force - p.damping * flow
         stored, dry = 0.5 * force * bristle, np.where(p.bristle > 0.0, 0.0, level)
