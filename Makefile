@@ -1,7 +1,7 @@
 # Each target makes the environment it needs in .venv; nothing has to be installed or active before.
 #   make demo    simulate, generate, identify, validate, report, on a two-link arm
 #   make test    style, types and all tests
-#   make study   elastic joints whose hidden models are not those of symid, 10 seeds; takes an hour
+#   make study   elastic joints whose hidden models are not those of symid, 10 seeds; takes an hour or two
 #   make test-embedded    generated C under other compilers, sanitizers, cppcheck, and on Cortex-M in QEMU
 # PYTHON is the interpreter that .venv is made from (3.11 or later).
 
