@@ -54,6 +54,7 @@ if TYPE_CHECKING:
         new_robot as new_robot,
         read_log as read_log,
         read_logs as read_logs,
+        study_foreign as study_foreign,
         study_friction_tables as study_friction_tables,
     )
     from symid.errors import (

@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from symid.api.studies import (
         FrictionTables as FrictionTables,
         Study as Study,
+        study_foreign as study_foreign,
         study_friction_tables as study_friction_tables,
     )
     from symid.api.validation import (

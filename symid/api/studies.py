@@ -3,7 +3,7 @@
 Robot, number of noise draws -> `Study`, or `FrictionTables` for those of a paper.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from os import PathLike
 from pathlib import Path
@@ -15,7 +15,7 @@ from symid.errors import Notice
 
 if TYPE_CHECKING:
     from symid.report import Block
-    from symid.study import FrictionStudy
+    from symid.study import ForeignStudy, FrictionStudy
 
 T_co = TypeVar("T_co", covariant=True)
 
@@ -145,4 +145,61 @@ def study_friction_tables(
     numbers = list_seeds(seeds, seed)
     return FrictionTables(
         product=study_friction(numbers, jobs=jobs, timed=timed, progress=report_count(progress))
+    )
+
+
+def study_foreign(
+    *,
+    arm: str = "2r",
+    truths: Sequence[str] = (),
+    sizes: Sequence[float] = (1.0,),
+    seeds: int = 3,
+    seed: int = 1,
+    jobs: int | None = None,
+    share: float = 1.0,
+    progress: Progress = ignore,
+) -> "Study[ForeignStudy]":
+    """Compare the methods for elastic joints on arms with hidden models that are not those of symid.
+
+    The arms are simulated by code of their own, with Bouc-Wen springs, LuGre friction, torque ripple and
+    others. Each truth takes half a minute, and each draw of its noise as much again.
+
+    Args:
+        arm: "2r", planar, or "3r", spatial.
+        truths: names of hidden models; all if empty.
+        sizes: factors of what is foreign in them.
+        seeds: draws of the noise.
+        seed: the first one.
+        jobs: number of processes; one for each core by default. A script starts them below `if __name__ ==
+            "__main__":`.
+        share: of the full length of the logs.
+        progress: called with the number of finished tasks.
+
+    Raises:
+        UsageError: an unknown arm or truth, a size or a share out of range.
+
+    Example:
+        >>> import symid
+        >>> symid.study_foreign(truths=["rust"])
+        Traceback (most recent call last):
+        symid.errors.UsageError: unknown truth 'rust': choose from family, bouc-wen, asymmetric-bouc-wen, ...
+    """
+    from symid.study import TRUTHS, study_foreign
+
+    numbers = list_seeds(seeds, seed)
+    found = study_foreign(
+        numbers,
+        report.judge_fit,
+        arm=arm,
+        truths=tuple(truths) or tuple(TRUTHS),
+        sizes=sizes,
+        share=share,
+        jobs=jobs,
+        progress=report_count(progress),
+    )
+    return Study(
+        title=f"hidden models of {found.arm}",
+        product=found,
+        tables=report.show_foreign(found),
+        described=report.describe_foreign(found, numbers),
     )

@@ -15,7 +15,8 @@ from symid.cli.options import (
     robot_option,
     settings_options,
 )
-from symid.cli.verbs import COUNT, FILE, METHOD, OUTPUT, WHOLE, Decorator, Group, Verb, add_options
+from symid.cli.verbs import COUNT, FILE, METHOD, OUTPUT, POSITIVE, WHOLE, Decorator, Group, Verb, add_options
+from symid.errors import Notice, UsageError
 
 _FLAGS = frozenset({"--json", "--quiet", "--verbose"})
 _ELASTIC = "Robot with elastic joints and all values stated."
@@ -93,6 +94,23 @@ def _tracking(console: Console, *, robot: NamedRobot, seeds: int, seed: int, job
 def _six_joints(console: Console, *, robot: NamedRobot, seeds: int, seed: int) -> Answer:
     """Dynamics of an elastic six-axis arm, validated on a held-out motion."""
     return make_answer(robot.load(console).study_six_joints(seeds=seeds, seed=seed))
+
+
+@study_command.command("foreign")
+@METHOD.option("--arm", "2r, planar, or 3r, spatial.", click.Choice(("2r", "3r")), default="2r")
+@METHOD.option("--truths", "Hidden models, separated by commas.  [default: all]", metavar="NAME,...")
+@METHOD.option("--sizes", "Factors of what is foreign.", metavar="X,...", default="1")
+@METHOD.option("--share", "Part of the full length of the logs.", POSITIVE, "X", default=1.0)
+@_runs_options(3)
+def _foreign(console: Console, *, truths: str | None, sizes: str, **runs: Any) -> Answer:  # noqa: ANN401
+    """Errors of every method for elastic joints on hidden models that are not those of symid."""
+    try:
+        factors = tuple(float(part) for part in sizes.split(","))
+    except ValueError as error:
+        text = f"--sizes {sizes}: expected numbers with commas between them"
+        raise UsageError(Notice(code="usage.foreign-study", text=text)) from error
+    names = tuple(truths.split(",")) if truths else ()
+    return make_answer(symid.study_foreign(truths=names, sizes=factors, progress=console.progress, **runs))
 
 
 @study_command.command("friction-tables")

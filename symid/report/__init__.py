@@ -74,9 +74,11 @@ if TYPE_CHECKING:
     )
     from symid.report.study_text import (
         describe_elastic_study as describe_elastic_study,
+        describe_foreign as describe_foreign,
         describe_many_joints as describe_many_joints,
         show_cutoff as show_cutoff,
         show_elastic_study as show_elastic_study,
+        show_foreign as show_foreign,
         show_friction_tables as show_friction_tables,
         show_many_joints as show_many_joints,
         show_precision as show_precision,

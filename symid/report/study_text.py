@@ -33,6 +33,7 @@ if TYPE_CHECKING:
         CutoffStudy,
         DatasetStudy,
         ElasticStudy,
+        ForeignStudy,
         ManyJointsResult,
         MethodErrors,
         PrecisionStudy,
@@ -376,6 +377,79 @@ def _show_dataset(entry: "DatasetStudy") -> Table:
     ]
     heading = ["method", "param", "90th", "hyst", "90th", "in range", *(["s"] if timed else []), "outcome"]
     return Table(heading, rows, title=title)
+
+
+def describe_foreign(study: "ForeignStudy", numbers: range) -> dict[str, object]:
+    """Return the errors of every method on every truth as `--json` gives them."""
+    return {
+        "arm": study.arm,
+        "seeds": list(numbers),
+        "truths": [
+            {
+                **select_fields(entry, "truth size best near"),
+                "ratio": asdict(entry.ratio),
+                "methods": [
+                    {
+                        "method": cell.method,
+                        "parameter_error_percent": asdict(cell.worst),
+                        "spring_error_percent": asdict(cell.spring),
+                        **select_fields(cell, "z_rms z_most"),
+                        "verdicts": dict(cell.verdicts),
+                        "choices": dict(cell.choices),
+                    }
+                    for cell in entry.cells
+                ],
+            }
+            for entry in study.truths
+        ],
+    }
+
+
+def show_foreign(study: "ForeignStudy") -> tuple[Block, ...]:
+    """Return the automatic choice on every truth, then the errors of all methods."""
+
+    def write(value: float) -> str:
+        return f"{value:.3g}" if math.isfinite(value) else "-"
+
+    def join(counts: Sequence[tuple[str, int]]) -> str:
+        return ", ".join(word if len(counts) == 1 else f"{word} {count}" for word, count in counts)
+
+    sized = any(entry.size != 1.0 for entry in study.truths)
+    names = [f"{entry.truth} x {entry.size:g}" if sized else entry.truth for entry in study.truths]
+    chosen = [
+        [
+            name,
+            write(entry.cells[0].worst.median),
+            f"{write(entry.cells[0].z_rms)} ({write(entry.cells[0].z_most)})",
+            write(entry.cells[0].spring.median),
+            join(entry.cells[0].verdicts),
+            join(entry.cells[0].choices),
+            entry.best,
+            write(entry.ratio.median),
+            f"{entry.near} of {entry.seeds}",
+        ]
+        for name, entry in zip(names, study.truths, strict=True)
+    ]
+    header = ["truth", "worst", "z rms (max)", "spring", "verdict", "chosen", "best", "ratio", "near"]
+    tables = [
+        Table(
+            ["truth", *(cell.method for cell in study.truths[0].cells)],
+            [
+                [name, *(write(getattr(cell, field).median) for cell in entry.cells)]
+                for name, entry in zip(names, study.truths, strict=True)
+            ],
+            title=title,
+        )
+        for field, title in (("worst", "worst parameter, percent"), ("spring", "spring torque, percent"))
+    ]
+    note = (
+        "worst: parameter error in percent of the largest of its kind; z: errors over stated deviations; "
+        "spring: its torque on the held-out motion in percent; best: method of the least median error; "
+        "ratio: error of the choice over that of the best method of the same run; near: runs where it is at "
+        "most 1.2"
+    )
+    title = f"{study.arm}: automatic choice on hidden models, medians over {study.truths[0].seeds} seeds"
+    return (Table(header, chosen, left=(0, 4, 5, 6), title=title, note=note), *tables)
 
 
 def show_tracking(study: "TrackingStudy") -> tuple[Block, ...]:

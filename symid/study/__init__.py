@@ -21,6 +21,11 @@ if TYPE_CHECKING:
         simulate_runs as simulate_runs,
         study_elastic as study_elastic,
     )
+    from symid.study.foreign_truths import (
+        TRUTHS as TRUTHS,
+        ForeignStudy as ForeignStudy,
+        study_foreign as study_foreign,
+    )
     from symid.study.friction_protocols import (
         AGREEMENT as AGREEMENT,
         CALIBRATION as CALIBRATION,

@@ -117,7 +117,7 @@ def test_options_that_a_study_does_not_read_are_refused(capsys, arguments):
 def test_every_study_has_help_of_its_own(capsys):
     assert answer_call(["study", "--help"]) == 0
     names = re.findall(r"^  ([a-z-]+)  ", capsys.readouterr().out.partition("Commands:")[2], re.MULTILINE)
-    assert names == ["cutoff", "elastic", "friction-tables", "precision", "six-joints", "tracking"]
+    assert names == ["cutoff", "elastic", "foreign", "friction-tables", "precision", "six-joints", "tracking"]
     takes = {}
     for name in names:
         assert answer_call(["study", name, "--help"]) == 0

@@ -1,0 +1,511 @@
+"""Identification of elastic joints on truths that are not those of symid, and how honest its results are.
+
+Arm, truths, sizes, seeds -> `ForeignStudy`: every method and the automatic choice, on logs of the plant.
+
+    worst   largest |estimate - truth| of beta and IA, in percent of the largest true value of its kind
+            (inertias, first moments, rotor) on its link
+    z       (estimate - truth) / stated deviation of the same parameters, rms and largest |z|
+    spring  rms(torque of the identified spring at the true torsion, less tau_J) / rms(tau_J) along TC,
+            percent, of the worse joint; its memory starts from rest
+
+Logs: ten times TA, and TB of each joint (Zhang et al. 2023), 1 kHz, torque noise of 2 % of each joint's rms,
+encoders of 20 bits. The identification gets a robot file as users write it, with nothing of the truth.
+
+Not supported: robots other than the two arms of this file; a score of friction, which has other parameters.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Protocol
+
+import numpy as np
+
+from symid.arrays import FloatArray
+from symid.codegen import ModelCard, prepare_library
+from symid.errors import Notice, SymidError, UsageError
+from symid.identification import IdentifyTask, TaskContext, identify_robot
+from symid.identification.elastic import METHODS, ElasticEstimate
+from symid.joint_models import run_element
+from symid.logs import Recording
+from symid.robot import Robot, parse_robot
+from symid.study.foreign_plant import (
+    ENCODER_STEP,
+    PERIOD,
+    Arm,
+    ForeignMotion,
+    HiddenJoints,
+    HiddenRun,
+    simulate_plant_runs,
+)
+from symid.study.monte_carlo import Spread, compute_spread, run_tasks
+
+ARMS = {
+    "2r": Arm(
+        name="foreign_2r",
+        turn=np.zeros(2),
+        shift=np.array([0.0, 0.4]),
+        mass=np.array([7.0, 4.0]),
+        centre=np.array([0.2, 0.2]),
+        inertia=np.array([[0.01, 0.24, 0.24], [0.01, 0.19, 0.19]]),
+        rotor=np.array([0.8, 0.25]),
+        viscous=np.array([6.0, 3.0]),
+        coulomb=np.array([5.0, 2.5]),
+        stiffness=np.array([6700.0, 2900.0]),
+    ),
+    "3r": Arm(
+        name="foreign_3r",
+        turn=np.array([0.0, 0.5 * math.pi, -0.5 * math.pi]),
+        shift=np.array([0.0, 0.3, 0.3]),
+        mass=np.array([6.0, 4.0, 2.5]),
+        centre=np.array([0.15, 0.15, 0.15]),
+        inertia=np.array([[0.02, 0.12, 0.12], [0.01, 0.08, 0.08], [0.005, 0.05, 0.05]]),
+        rotor=np.array([0.8, 0.5, 0.2]),
+        viscous=np.array([6.0, 4.0, 2.0]),
+        coulomb=np.array([5.0, 3.5, 1.5]),
+        stiffness=np.array([6700.0, 4500.0, 1800.0]),
+    ),
+}
+"""A planar arm, and one whose axes cross; both hang along gravity at q = 0."""
+
+
+def write_arm(arm: Arm, *, truth: bool = False) -> Robot:
+    """Return the robot as a user writes it, or with the values of its links and rotors where `truth`."""
+    lines = [f'name = "{arm.name}"', 'convention = "modified"', f"gravity = [{arm.gravity}, 0, 0]"]
+    for k in range(arm.size):
+        turn = {-1: "-pi/2", 0: "0 deg", 1: "pi/2"}[round(2.0 * arm.turn[k] / math.pi)]
+        lines += [
+            "[[joint]]",
+            f'name = "joint{k + 1}"',
+            'kind = "revolute"',
+            f'alpha = "{turn}"',
+            f"a = {arm.shift[k]}",
+        ]
+        if truth:
+            xx, yy, zz = arm.inertia[k]
+            lines += ["[joint.link]", f"mass = {arm.mass[k]}", f"com = [{arm.centre[k]}, 0, 0]"]
+            lines += [f"inertia = {{ xx = {xx}, yy = {yy}, zz = {zz} }}"]
+        rotor = arm.rotor[k] if truth else '"unknown"'
+        lines += ["[joint.drive]", f"rotor_inertia = {rotor}", 'rotor_inertia_side = "joint"']
+        lines += ["[joint.friction]", 'model = "coulomb-viscous"', "smoothing = 0.01"]
+        lines += ["[joint.elasticity]", 'stiffness = "unknown"']
+    return parse_robot("\n".join(lines), f"{arm.name}.toml")
+
+
+def _build_family(arm: Arm, share: float = 0.4) -> dict[str, FloatArray]:
+    """Return the values of stops and knees, `share` of the stiffness in the stops, and plain friction."""
+    zero, one = np.zeros(arm.size), np.ones(arm.size)
+    values = dict.fromkeys(HiddenJoints.__dataclass_fields__, zero)
+    stops = np.outer(arm.stiffness, share * np.array([0.4, 0.35, 0.25]))
+    return values | {
+        "linear": (1.0 - share) * arm.stiffness,
+        "stops": stops,
+        "thresholds": np.outer(one, [0.5e-3, 1.2e-3, 2.5e-3]),
+        "knee": 4.0 * arm.coulomb,
+        "slope": 0.3 * one,
+        "slip_speed": one,
+        "attraction": np.inf * one,
+        "width": one,
+        "delay": one,
+        "viscous": arm.viscous,
+        "coulomb": arm.coulomb,
+        "stribeck": one,
+        "smoothing": 0.01 * one,
+    }
+
+
+def _build_bouc_wen(arm: Arm, size: float, bias: float = 0.0) -> dict[str, FloatArray]:
+    share, one = 0.4 * size / (0.6 + 0.4 * size), np.ones(arm.size)
+    return {
+        "linear": (1.0 - share) * arm.stiffness,
+        "stops": np.zeros((arm.size, 3)),
+        "slope": 0.0 * one,
+        "hysteretic": share * arm.stiffness,
+        "width": 1.5e-3 * one,
+        "bias": bias * one,
+    }
+
+
+def _build_lugre(arm: Arm, size: float) -> dict[str, FloatArray]:
+    bristle = arm.coulomb / (1e-3 * size)
+    return {
+        "static": 0.4 * arm.coulomb,
+        "stribeck": np.full(arm.size, 0.1),
+        "bristle": bristle,
+        "damping": 0.2 * np.sqrt(bristle * arm.rotor),
+    }
+
+
+def _build_ripple(arm: Arm, size: float) -> dict[str, FloatArray]:
+    return {"ripple": 0.1 * size * arm.coulomb, "kinematic": np.full(arm.size, 1e-4 * size)}
+
+
+def _build_delays(arm: Arm, size: float) -> dict[str, FloatArray]:
+    return {"lag": np.full(arm.size, 1e-3 * size), "encoder_lag": np.full(arm.size, 0.5e-3 * size)}
+
+
+def _build_branch(arm: Arm, size: float) -> dict[str, FloatArray]:
+    return {"branch": 0.15 * size * arm.stiffness, "delay": np.full(arm.size, 0.02)}
+
+
+def _build_maxwell_slip(arm: Arm, size: float) -> dict[str, FloatArray]:
+    one = np.ones(arm.size)
+    return {"rise": 0.4 * size * one, "slip_speed": 0.01 * one, "attraction": 200.0 * one, "slope": 0.0 * one}
+
+
+def _build_all(arm: Arm, size: float) -> dict[str, FloatArray]:
+    parts = (
+        _build_bouc_wen(arm, size, 0.2),
+        _build_branch(arm, size),
+        _build_lugre(arm, size),
+        _build_ripple(arm, size),
+        _build_delays(arm, size),
+        {"eccentricity": np.full(arm.size, 5e-4 * size)},
+    )
+    return {name: value for part in parts for name, value in part.items()}
+
+
+TRUTHS: Mapping[str, Callable[[Arm, float], dict[str, FloatArray]]] = {
+    "family": lambda arm, size: {
+        name: value for name, value in _build_family(arm, 0.4 * size).items() if name in {"linear", "stops"}
+    },
+    "bouc-wen": _build_bouc_wen,
+    "asymmetric-bouc-wen": lambda arm, size: _build_bouc_wen(arm, size, 0.2),
+    "backlash": lambda arm, size: {"gap": np.full(arm.size, 2e-4 * size)},
+    "viscoelastic": _build_branch,
+    "maxwell-slip": _build_maxwell_slip,
+    "cubic": lambda arm, size: {"cubic": 0.4 * size * arm.stiffness / 8e-3**2, "slope": np.zeros(arm.size)},
+    "lugre": _build_lugre,
+    "dahl": lambda arm, size: {"bristle": arm.coulomb / (2e-3 * size)},
+    "sharp-coulomb": lambda arm, size: {"smoothing": np.full(arm.size, 1e-3 / size)},
+    "stribeck": lambda arm, size: {"static": 0.6 * size * arm.coulomb, "stribeck": np.full(arm.size, 0.1)},
+    "ripple": _build_ripple,
+    "eccentricity": lambda arm, size: {"eccentricity": np.full(arm.size, 5e-4 * size)},
+    "delays": _build_delays,
+    "all-together": _build_all,
+}
+"""What differs from stops and knees with plain friction, by the size of the difference."""
+
+
+def build_truth(arm: Arm, truth: str, size: float = 1.0) -> HiddenJoints:
+    """Return the hidden models of a truth; `size` multiplies what is foreign in it."""
+    return HiddenJoints(**(_build_family(arm) | TRUTHS[truth](arm, size)))
+
+
+_TIMES = {"TA": 20.0, "TB": 50.0, "TC": 20.0}
+_SINES = 2.0 * math.pi * np.array([[1.0, 0.5, 0.2], [0.2, 1.0, 0.5], [0.5, 0.2, 1.0]])
+_PHASES = math.pi * np.array([[0.0, 1 / 6, 1 / 4], [0.0, 1 / 5, 1 / 2], [0.0, 1 / 3, 1 / 7]])
+_NUDGE = 1e-3
+_WAITING = 0.5
+"""rad."""
+
+
+def build_motions(size: int, share: float = 1.0) -> tuple[ForeignMotion, ...]:
+    """Return ten times TA, TB of each joint, and TC, for `size` joints; `share` of their 20, 50 and 20 s.
+
+    TA and TB are those of Zhang et al. (2023), with a row of our own for a third joint; there the joints that
+    TB does not move wait at 0.5 rad, so that gravity loads all. All begin at rest at q = 0, by a ramp of 2 s.
+    Derivatives are central differences over 1 ms: the motors have to follow, not the reference.
+    """
+    joint = np.arange(size)[:, None]
+
+    def write_ta(t: FloatArray) -> FloatArray:
+        q: FloatArray = (math.pi / 6.0) * np.sin(_SINES[:size] * t[:, None, None] + _PHASES[:size]).sum(
+            axis=2
+        )
+        return q
+
+    def write_tb(moving: int) -> Callable[[FloatArray], FloatArray]:
+        def write(t: FloatArray) -> FloatArray:
+            wave = 0.5 * math.pi * (1.0 - 0.02 * t) * np.sin(0.2 * math.pi * t - 1.5 * math.pi)
+            return np.where(np.arange(size) == moving, wave[:, None], _WAITING if size > 2 else 0.0)
+
+        return write
+
+    def write_tc(t: FloatArray) -> FloatArray:
+        angle = 2.0 * math.pi * np.array([0.15, 0.45, 0.9]) * t[:, None, None] + joint + np.arange(3)
+        return np.asarray(0.4 * np.sin(angle) @ np.array([1.0, 0.5, 0.25]))
+
+    motions = {"TA": write_ta, **{f"TB{k + 1}": write_tb(k) for k in range(size)}, "TC": write_tc}
+    found = []
+    for name, write in motions.items():
+        time = PERIOD * np.arange(round(_TIMES[name[:2]] * share / PERIOD), dtype=np.float64)
+        before, here, after = (_ramp(time + nudge, write) for nudge in (-_NUDGE, 0.0, _NUDGE))
+        speed, acceleration = (after - before) / (2.0 * _NUDGE), (after - 2.0 * here + before) / _NUDGE**2
+        found.append(ForeignMotion(name=name, time=time, q=here, dq=speed, ddq=acceleration))
+    return tuple(found)
+
+
+def _ramp(time: FloatArray, write: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    s = np.clip(time / 2.0, 0.0, 1.0)
+    return np.asarray((s**3 * (10.0 - 15.0 * s + 6.0 * s * s))[:, None] * write(time))
+
+
+def observe_plant(
+    run: HiddenRun, hidden: HiddenJoints, rng: np.random.Generator, *, source: str = ""
+) -> Recording:
+    """Return the log of a run: encoders of 20 bits, that of the link with its faults, 2 % torque noise."""
+    late = [
+        np.interp(run.time - lag, run.time, q) for lag, q in zip(hidden.encoder_lag, run.q.T, strict=True)
+    ]
+    q = np.stack(late, axis=1)
+    q = q + hidden.eccentricity * np.sin(q)
+    noise = 0.02 * np.sqrt(np.mean(run.command**2, axis=0)) * rng.standard_normal(q.shape)
+    return Recording(
+        time=run.time,
+        position=np.round(q / ENCODER_STEP) * ENCODER_STEP,
+        motor_position=np.round(run.theta / ENCODER_STEP) * ENCODER_STEP,
+        torque=run.command + noise,
+        source=source,
+    )
+
+
+class Judged(Protocol):
+    """A verdict."""
+
+    @property
+    def level(self) -> str:
+        """Return "good", "usable", "doubtful" or "wrong"."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Scene:
+    """What all seeds of a truth share: the robot of the user, true values and their sizes by name, runs."""
+
+    robot: Robot
+    values: Mapping[str, tuple[float, float]]
+    hidden: HiddenJoints
+    names: tuple[str, ...]
+    runs: tuple[HiddenRun, ...]
+
+
+@lru_cache(maxsize=1)
+def _prepare_scene(arm_name: str, truth: str, size: float, share: float) -> _Scene:
+    arm = ARMS[arm_name]
+    hidden, motions = build_truth(arm, truth, size), build_motions(arm.size, share)
+    return _Scene(
+        robot=write_arm(arm),
+        values=list_true_values(prepare_library(write_arm(arm, truth=True)).card),
+        hidden=hidden,
+        names=tuple(motion.name for motion in motions),
+        runs=simulate_plant_runs(arm, [hidden] * len(motions), motions),
+    )
+
+
+def list_true_values(card: ModelCard) -> dict[str, tuple[float, float]]:
+    """Return the true value of beta and IA by name, and the largest of its kind on its link."""
+    entries = [(entry, True) for entry in card.beta] + [(entry, False) for entry in card.rotors]
+    kinds = {entry.name: (entry.joint, entry.unit, link) for entry, link in entries}
+    values = {entry.name: float(entry.value or 0.0) for entry, _ in entries}
+    return {
+        name: (value, max(abs(values[other]) for other in values if kinds[other] == kinds[name]))
+        for name, value in values.items()
+    }
+
+
+AUTOMATIC = "automatic"
+FOREIGN_METHODS = tuple(method for method in METHODS if method != AUTOMATIC)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForeignRun:
+    """One method on the logs of one seed; nan and "refused" where it gave nothing.
+
+    Args:
+        method: its name; chosen: the method that the automatic choice took.
+        worst, spring: percent, of the parameters and of the torque of the springs.
+        z_rms, z_most: errors in units of their stated deviations. verdict: its level.
+    """
+
+    method: str
+    worst: float
+    spring: float
+    z_rms: float
+    z_most: float
+    verdict: str
+    chosen: str = ""
+
+
+def _score(scene: _Scene, method: str, estimate: ElasticEstimate, verdict: Judged) -> ForeignRun:
+    found = {entry.name: entry for entry in estimate.parameters}
+    errors = {name: found[name].value - value for name, (value, _) in scene.values.items()}
+    z = [error / found[name].std for name, error in errors.items() if 0.0 < found[name].std < math.inf]
+    held, parts = scene.runs[-1], []
+    for joint, spring in enumerate(estimate.springs):
+        torque = run_element(spring.elasticity, held.torsion[:, joint], held.time).output
+        true = held.joint_torque[:, joint]
+        parts.append(float(np.linalg.norm(torque - true) / np.linalg.norm(true)))
+    return ForeignRun(
+        method=method,
+        worst=100.0 * max(abs(error) / scene.values[name][1] for name, error in errors.items()),
+        spring=100.0 * max(parts, default=math.nan),
+        z_rms=float(np.sqrt(np.mean(np.square(z)))) if z else math.nan,
+        z_most=max(map(abs, z), default=math.nan),
+        verdict=verdict.level,
+        chosen=estimate.method if method == AUTOMATIC else "",
+    )
+
+
+_Task = tuple[str, str, float, float, int, tuple[str, ...], Callable[[ElasticEstimate], Judged]]
+
+
+def _run_task(task: _Task) -> tuple[ForeignRun, ...]:
+    """Return the automatic choice and all methods on the logs of one seed."""
+    arm, truth, size, share, seed, methods, judge = task
+    scene = _prepare_scene(arm, truth, size, share)
+    context = TaskContext(prepare=prepare_library, progress=lambda _: None)
+    logs = [
+        observe_plant(run, scene.hidden, np.random.default_rng([seed, number]), source=f"{truth}, {name}")
+        for number, (name, run) in enumerate(zip(scene.names[:-1], scene.runs[:-1], strict=True))
+    ]
+
+    def run(method: str) -> ForeignRun:
+        try:
+            found = identify_robot(scene.robot, logs, IdentifyTask(method=method), context).estimate
+        except SymidError:
+            found = None
+        if not isinstance(found, ElasticEstimate):
+            lost = math.nan
+            return ForeignRun(
+                method=method, worst=lost, spring=lost, z_rms=lost, z_most=lost, verdict="refused"
+            )
+        return _score(scene, method, found, judge(found))
+
+    # What the choice took is not computed once more.
+    first = run(AUTOMATIC)
+    rest = (
+        replace(first, method=method, chosen="") if method == first.chosen else run(method)
+        for method in methods
+    )
+    return (first, *rest)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForeignCell:
+    """One method on one truth: spreads over the seeds, verdicts and choices with how often they came.
+
+    `z_rms` is the median, `z_most` the largest |z| of all seeds.
+    """
+
+    method: str
+    worst: Spread
+    spring: Spread
+    z_rms: float
+    z_most: float
+    verdicts: tuple[tuple[str, int], ...]
+    choices: tuple[tuple[str, int], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForeignTruth:
+    """All methods on one truth.
+
+    Args:
+        truth, size: of the hidden models. seeds: how many draws of the noise.
+        cells: the automatic choice first, then every method.
+        best: the method of the least median.
+        ratio: worst parameter of the choice over that of the best method of the same run.
+        near: runs in which it is 1.2 at most.
+    """
+
+    truth: str
+    size: float
+    seeds: int
+    cells: tuple[ForeignCell, ...]
+    best: str
+    ratio: Spread
+    near: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForeignStudy:
+    """All truths on one arm."""
+
+    arm: str
+    truths: tuple[ForeignTruth, ...]
+
+
+_NEAR = 1.2
+
+
+def _summarise(truth: str, size: float, results: Sequence[tuple[ForeignRun, ...]]) -> ForeignTruth:
+    cells = tuple(
+        ForeignCell(
+            method=runs[0].method,
+            worst=compute_spread(np.array([run.worst for run in runs])),
+            spring=compute_spread(np.array([run.spring for run in runs])),
+            z_rms=float(np.median([run.z_rms for run in runs])),
+            z_most=float(np.fmax.reduce([run.z_most for run in runs])),
+            verdicts=tuple(sorted(Counter(run.verdict for run in runs).items())),
+            choices=tuple(sorted(Counter(run.chosen for run in runs if run.chosen).items())),
+        )
+        for runs in zip(*results, strict=True)
+    )
+    least = np.array(
+        [min((run.worst for run in runs[1:] if run.worst == run.worst), default=math.nan) for runs in results]
+    )
+    ratios = np.array([runs[0].worst for runs in results]) / least
+    return ForeignTruth(
+        truth=truth,
+        size=size,
+        seeds=len(results),
+        cells=cells,
+        best=min(cells[1:], key=lambda cell: cell.worst.median).method,
+        ratio=compute_spread(ratios),
+        near=int(np.sum(ratios <= _NEAR)),
+    )
+
+
+def study_foreign(
+    seeds: Sequence[int],
+    judge: Callable[[ElasticEstimate], Judged],
+    *,
+    arm: str = "2r",
+    truths: Sequence[str] = tuple(TRUTHS),
+    sizes: Sequence[float] = (1.0,),
+    methods: Sequence[str] = FOREIGN_METHODS,
+    share: float = 1.0,
+    jobs: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> ForeignStudy:
+    """Return the errors of all methods, and of the automatic choice, on truths that are not those of symid.
+
+    Args:
+        seeds: of the sensors; the motion is the same for all.
+        judge: returns the verdict on an estimate; a function of a module.
+        arm: one of `ARMS`.
+        truths: some of `TRUTHS`.
+        sizes: factors of what is foreign in them.
+        methods: some of `FOREIGN_METHODS`.
+        share: of the full length of the logs.
+        jobs: processes, as of `run_tasks`.
+        progress: as of `run_tasks`.
+
+    Raises:
+        UsageError: an unknown arm, truth or method, or a size or share out of range.
+    """
+    kinds = (("arm", [arm], ARMS), ("truth", truths, TRUTHS), ("method", methods, FOREIGN_METHODS))
+    wrong = [
+        f"unknown {kind} {name!r}: choose from {', '.join(known)}"
+        for kind, names, known in kinds
+        for name in names
+        if name not in known
+    ]
+    wrong += [f"size {size:g}: must be positive and finite" for size in sizes if not 0.0 < size < math.inf]
+    if not 0.0 < share <= 1.0:
+        wrong.append(f"share {share:g}: must be positive, and 1 at most")
+    if wrong:
+        raise UsageError(*(Notice(code="usage.foreign-study", text=text) for text in wrong))
+    groups = [(truth, size) for truth in truths for size in sizes]
+    tasks = [
+        (arm, truth, size, share, seed, tuple(methods), judge) for truth, size in groups for seed in seeds
+    ]
+    # A process gets all seeds of a truth, whose motion it computes once.
+    results = run_tasks(_run_task, tasks, jobs=jobs, batch=len(seeds), progress=progress)
+    parts = [results[k : k + len(seeds)] for k in range(0, len(results), len(seeds))]
+    return ForeignStudy(
+        arm=ARMS[arm].name,
+        truths=tuple(_summarise(*group, part) for group, part in zip(groups, parts, strict=True)),
+    )
