@@ -22,11 +22,19 @@ from typing import ClassVar
 
 NOTES = frozenset(
     (
-        *("check.elastic", "elastic.motor-side", "estimate.settings-differ"),
+        *("check.elastic", "elastic.motor-side", "elastic.spring-kind", "estimate.settings-differ"),
         *("identify.automatic", "identify.friction-state", "identify.second-encoder", "identify.slow-rows"),
         *("identify.measured-load", "identify.plain-friction", "identify.resampled"),
         "identify.unused-processing",
-        *("log.aligned", "log.converted", "log.cut", "log.folded", "log.in-line", "log.motor-position"),
+        *(
+            "log.aligned",
+            "log.converted",
+            "log.cut",
+            "log.delay-refuted",
+            "log.folded",
+            "log.in-line",
+            "log.motor-position",
+        ),
         *("log.offset", "log.payload", "log.resampled"),
         *("new.assumed-gear", "new.assumed-order", "new.assumed-side", "new.gravity"),
         *("new.preset", "new.unused-columns"),

@@ -117,6 +117,13 @@ def _free(count: int) -> Limits:
     return np.full(count, -np.inf), np.full(count, np.inf)
 
 
+def _brake(count: int, *, passive: bool) -> Limits:
+    """Return bounds where all but the first, a spring, must brake."""
+    low, high = _free(count)
+    low[0 if passive else 1 :] = 0.0
+    return low, high
+
+
 @final
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stops(ElementFamily):
@@ -437,11 +444,7 @@ class BristleFamily(ElementFamily):
     def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
         """Return bounds: bristles brake, and their damping does."""
         del shape
-        low, high = _free(count)
-        low[1:] = 0.0
-        if passive:
-            low[0] = 0.0
-        return low, high
+        return _brake(count, passive=passive)
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
         """Return the element."""
@@ -506,11 +509,7 @@ class AttractedFamily(ElementFamily):
     def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
         """Return bounds: elements are springs."""
         del shape
-        low, high = _free(count)
-        low[1:] = 0.0
-        if passive:
-            low[0] = 0.0
-        return low, high
+        return _brake(count, passive=passive)
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
         """Return the element."""
