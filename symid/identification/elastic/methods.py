@@ -281,15 +281,23 @@ def build_candidate(work: ElasticEquations, fit: MethodFit) -> MethodCandidate:
 
 
 def _build_side_rows(problem: ElasticProblem, fit: MethodFit) -> _LinearRows:
-    """Return motor and link equations with the springs' torques, each weighted by its scatter."""
+    """Return motor and link equations with the springs' torques, each weighted by its scatter.
+
+    Motors that are not trusted to slide have empty rows.
+    """
     designs, rights, times = [], [], []
+    slides, start = problem.slides, 0
     for number, rows in enumerate(problem.filtered):
         spring = compute_spring_torque(problem, fit, number)
         motor, link = rows.design.copy(), rows.design.copy()
         motor[:, :, : rows.bases], link[:, :, rows.bases :] = 0.0, 0.0
-        design, right = np.stack([motor, link]), np.stack([rows.torque - spring, spring - rows.drag])
+        kept = np.stack([slides[start : start + len(spring)], np.ones(spring.shape, dtype=bool)])
+        start += len(spring)
+        design = np.where(kept[..., None], np.stack([motor, link]), 0.0)
+        right = np.where(kept, np.stack([rows.torque - spring, spring - rows.drag]), 0.0)
         floor = _FLOOR * max(float(np.sqrt(np.mean(rows.torque**2))), 1e-300)
-        scatter = np.maximum(np.sqrt(np.mean((right - design @ fit.chi) ** 2, axis=1)), floor)[:, None, :]
+        squares = np.sum((right - design @ fit.chi) ** 2, axis=1) / np.maximum(np.sum(kept, axis=1), 1)
+        scatter = np.maximum(np.sqrt(squares), floor)[:, None, :]
         designs.append((design / scatter[..., None]).reshape(-1, len(fit.chi)))
         rights.append((right / scatter).reshape(-1))
         times.append(np.tile(_list_row_times(problem, number), 2))

@@ -629,6 +629,8 @@ class ElasticProblem:
     @property
     def slides(self) -> NDArray[np.bool_]:
         """Return at which filtered rows (M, n) a motor slides, for as long as the filter remembers."""
+        if not np.any(self.limits):
+            return np.ones((sum(len(rows.torque) for rows in self.filtered), self.sizes[1]), dtype=bool)
         width = 2.0 * _MEMORY / self.options.rate
         pairs = zip(self.signals, self.filtered, strict=True)
         return np.concatenate([mark_sliding(part, width, self.limits)[rows.keep] for part, rows in pairs])

@@ -1018,8 +1018,8 @@ def choose_spring(
         held=np.empty((0, 0)),
     )
     best = min(trials, key=folds.score)
-    chosen = best if folds.is_better(best, own, least=_MATTERS) else own
-    if not folds.is_better(chosen, trials[0], least=_CURVED):
+    chosen = best if folds.is_better(best, own, least=_SURELY) else own
+    if not folds.is_better(chosen, trials[0], least=_SURELY):
         chosen = trials[0]
     spread = float(np.std(data.counted))
     left = [100.0 * math.sqrt(folds.score(trial)) / spread for trial in (chosen, own)]
@@ -1028,9 +1028,9 @@ def choose_spring(
     return replace(chosen.elasticity, offset=0.0), name, left[0], left[1]
 
 
-_MATTERS, _CURVED = 0.2, 0.7
-"""Of the logarithm of a mean square: a tenth of the error, and three tenths, less than which is no reason to
-call a spring anything but linear."""
+_SURELY = 0.7
+"""Of the logarithm of a mean square: three tenths of the error. Less is no reason to call a spring anything
+but linear, or anything but stops and knees."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
