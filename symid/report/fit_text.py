@@ -453,8 +453,8 @@ _EFFECTS = {
 
 def _describe_effect(estimate: "ElasticEstimate", effect: "DriveEffect") -> dict[str, object]:
     """Return an effect in plain types, with its joint and unit."""
-    springs = estimate.springs
-    torque, position = (springs[0].torque_unit, springs[0].position_unit) if springs else ("N m", "rad")
+    spring = estimate.springs[max(effect.joint, 0)] if estimate.springs else None
+    torque, position = (spring.torque_unit, spring.position_unit) if spring else ("N m", "rad")
     units = {
         "torque-lag": "s",
         "link-friction": f"{torque} s/{position}",
@@ -475,7 +475,7 @@ def show_effects(estimate: "ElasticEstimate") -> Table:
         order = f"{effect.order:.6g}" if effect.order else ""
         values = (f"{size if effect.order else effect.values[0]:.4g}", f"{effect.deviations[0]:.2g}")
         rows.append((plain["joint"], _EFFECTS[effect.kind], order, *values, plain["unit"]))
-    title = "Taken off before the fit; orders are periods a turn of the motor, joint side."
+    title = "Taken off before the fit; an order N is of waves cos(N theta), theta on the joint side."
     return Table(("joint", "effect", "order", "value", "std", "unit"), rows, (0, 1, 5), title)
 
 

@@ -136,6 +136,21 @@ def test_nothing_is_found_in_an_arm_without_effects(arm, run):
     assert measure_effects(arm[1], [signals], 60.0) == ()
 
 
+@pytest.mark.parametrize("duration", [6.0, 12.0])
+def test_nothing_is_taken_off_an_arm_without_effects(duration):
+    robot = symid.load("two_link_elastic")
+    log = robot.simulate(duration=duration, seed=1).log
+    assert robot.identify([log], elastic=ElasticOptions(method="weighted")).estimate.effects == ()
+
+
+def test_a_file_with_an_effect_that_is_none_is_refused(bench, tmp_path):
+    fit, _ = bench
+    path = fit.save(tmp_path / "fit.json")
+    path.write_text(path.read_text().replace('"torque-lag"', '"torque-late"'))
+    with pytest.raises(symid.errors.EstimateError, match="torque-late of joint -1: no such effect"):
+        symid.load_fit(path)
+
+
 def test_ripple_and_lag_are_found_and_taken_off(arm, run):
     theta, time = run.recording.motor_position, run.recording.time
     late = 0.7e-3

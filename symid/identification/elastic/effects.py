@@ -13,7 +13,7 @@ percent of the variance. The lag is the coefficient of the torque's derivative, 
 until it is zero. Orders N are peaks of the residual over theta. Errors of the gear are those of the torsion
 that a spring of many stops leaves of the links' torque.
 
-Supported: several recordings; any gear, N need not be whole.
+Supported: several recordings, for a lag of one rate; any gear, N need not be whole.
 Not supported: ripple that grows with the load; encoders that run late (align the recordings first).
 """
 
@@ -116,7 +116,7 @@ class _Rows(FrozenArrays):
     def allow_lag(self, lag: float) -> bool:
         """Return whether a torque can act `lag` s later than one that is held: hardly before its sample."""
         period = max(part.period for part in self.signals)
-        return -1.5 * period <= lag <= _LONGEST_LAG
+        return -0.75 * period <= lag <= _LONGEST_LAG
 
     def predict(self, extra: FloatArray, weights: FloatArray) -> FloatArray:
         """Return the mean squared weighted errors of every block, predicted by a fit to the others."""
@@ -222,7 +222,9 @@ def _list_candidates(rows: _Rows, errors: FloatArray, found: Sequence[DriveEffec
     speeds, apart = (np.sqrt(np.mean(side**2, axis=0)) for side in (motor, motor - link))
     # Where motor and link move as one, their friction cannot be told apart: it is the motor's.
     shaken = (apart > _APART * speeds) & (speeds > _APART * float(np.max(speeds)))
-    plain = [DriveEffect(kind="torque-lag")]
+    # Recordings of several rates are not late alike.
+    rates = {part.period for part in rows.signals}
+    plain = [DriveEffect(kind="torque-lag")] if len(rates) == 1 else []
     plain += [DriveEffect(kind="link-friction", joint=joint) for joint in np.flatnonzero(shaken).tolist()]
     yield from (effect for effect in plain if effect not in found)
     for joint in range(size):
@@ -234,17 +236,20 @@ def _list_candidates(rows: _Rows, errors: FloatArray, found: Sequence[DriveEffec
 
 _APART = 0.3
 """Of a motor's RMS speed, that of the torsion; of the fastest motor's, that of the joint."""
-_LEAST_TURNS, _LARGEST_ORDER, _PEAK, _STEP = 4.0, 1000.0, 25.0, 0.25
+_LEAST_TURNS, _LARGEST_ORDER, _PEAK, _STEP = 10.0, 1000.0, 25.0, 0.25
 """Of ripple: periods within the range; a turn; power over the median; of orders, over the resolution."""
 
 
-def _find_order(theta: FloatArray, errors: FloatArray) -> float:
-    """Return the order of the largest peak of errors (m,) over positions (m,), 0 for none that stands out."""
+def _find_order(theta: FloatArray, errors: FloatArray, turns: float = _LEAST_TURNS) -> float:
+    """Return the order of the largest peak of errors (m,) over positions (m,), 0 for none that stands out.
+
+    It has at least `turns` periods within the range of the positions.
+    """
     span = float(np.ptp(theta)) if len(theta) else 0.0
     if not span > 0.0:
         return 0.0
     width = 2.0 * np.pi / span
-    orders = np.arange(_LEAST_TURNS * width, max(_LARGEST_ORDER, 2.0 * _LEAST_TURNS * width), _STEP * width)
+    orders = np.arange(turns * width, max(_LARGEST_ORDER, 2.0 * turns * width), _STEP * width)
     power = _compute_power(theta, errors, orders)
     best = int(np.argmax(power))
     if power[best] < _PEAK * float(np.median(power)):
@@ -290,14 +295,18 @@ def _measure_values(rows: _Rows, found: Sequence[DriveEffect]) -> Iterator[Drive
     whole = np.hstack([moved.design, *parts]) * weights[:, None]
     lengths = np.maximum(np.linalg.norm(whole, axis=0), 1e-300)
     spread = np.sqrt(np.diag(np.linalg.pinv((whole / lengths).T @ (whole / lengths), rcond=_RANK))) / lengths
+    # A torque that is held acts half a period after its sample, which the signals have already.
+    total = lag + 0.5 * rows.signals[0].period
+    if late and not -3.0 * spread[base] / slope <= total <= _LONGEST_LAG:
+        yield from _measure_values(rows, [effect for effect in ordered if effect.kind != "torque-lag"])
+        return
     ends = base + np.cumsum([0, *(columns.shape[1] for columns in parts)])
     for effect, start, end in zip(ordered, ends[:-1], ends[1:], strict=True):
         own, deviations = values[start:end], spread[start:end]
         if effect.kind == "torque-lag":
             if abs(lag) <= _LEAST_LAG * rows.signals[0].period:
                 continue
-            # A torque that is held acts half a period after its sample, which the signals have already.
-            own, deviations = np.array([lag + 0.5 * rows.signals[0].period]), deviations / slope
+            own, deviations = np.array([total]), deviations / slope
         yield replace(effect, values=tuple(own.tolist()), deviations=tuple(deviations.tolist()))
 
 
@@ -306,7 +315,7 @@ _LEAST_SLOPE = 0.02
 
 _STOPS = 12
 _SOFT = 0.1
-_GEAR_ROUNDS, _MOST_ORDERS, _GEAR_GAIN = 3, 3, 0.1
+_GEAR_ROUNDS, _MOST_ORDERS, _GEAR_TURNS, _GEAR_GAIN = 3, 3, 30.0, 0.1
 """Of the last: what a spring of stops misses can look like a wave of one percent."""
 
 
@@ -323,7 +332,9 @@ def measure_gears(
         own: list[DriveEffect] = []
         while len(own) < _MOST_ORDERS:
             _, errors = _fit_gear(rows, own)
-            order = _find_order(np.concatenate([part.counted for part in rows]), np.concatenate(errors))
+            theta = np.concatenate([part.counted for part in rows])
+            # What a spring of stops misses is long: a few waves within the range of the motion.
+            order = _find_order(theta, np.concatenate(errors), _GEAR_TURNS)
             trial = [*own, DriveEffect(kind="kinematic-error", joint=joint, order=order, values=(0.0, 0.0))]
             if not order or not _is_gear_better(errors, _fit_gear(rows, trial)[1]):
                 break
@@ -437,17 +448,31 @@ def _is_gear_better(before: Sequence[FloatArray], after: Sequence[FloatArray]) -
     return bool(mean > max(_GEAR_GAIN, _SURE * error))
 
 
-def measure_offsets(signals: Sequence[ElasticSignals]) -> tuple[DriveEffect, ...]:
-    """Return the offsets of torsions that lie beyond their own range: encoders with other zeros."""
+def measure_offsets(
+    library: Library, signals: Sequence[ElasticSignals], beta: FloatArray
+) -> tuple[DriveEffect, ...]:
+    """Return the offsets of torsions that lie beyond their own range: encoders with other zeros.
+
+    A load of one sign bends a spring to one side, too: torsion = torque / k + offset is fitted, with the base
+    parameters of the links (p,), and the offset counts where it is most of the mean.
+    """
     found = []
-    for joint in range(signals[0].q.shape[1]):
+    loads = np.concatenate([compute_link_torque(library, part, beta) for part in signals])
+    for joint in range(library.card.size):
         torsion = np.concatenate([part.phi[:, joint] for part in signals])
         low, high = float(torsion.min()), float(torsion.max())
         middle = 0.5 * (low + high)
-        if abs(middle) > high - low:
+        if abs(middle) <= high - low:
+            continue
+        design = np.column_stack([np.ones_like(torsion), loads[:, joint]])
+        offset = float(solve_scaled(design, torsion, rcond=_RANK)[0])
+        if abs(offset - middle) < _MOST_APART * abs(middle):
+            half = 0.5 * (high - low)
             found.append(
-                DriveEffect(
-                    kind="torsion-offset", joint=joint, values=(middle,), deviations=(0.5 * (high - low),)
-                )
+                DriveEffect(kind="torsion-offset", joint=joint, values=(middle,), deviations=(half,))
             )
     return tuple(found)
+
+
+_MOST_APART = 0.2
+"""Of a torsion's middle, what its load may explain of it."""

@@ -137,6 +137,14 @@ class ElasticEstimate(DynamicsRecord):
     def list_mistakes(self) -> list[str]:
         """Return what is wrong with a record from a file: entries that do not fit each other."""
         mistakes = DynamicsRecord.list_mistakes(self)
+        counts = {"torque-ripple": 2, "kinematic-error": 2} | dict.fromkeys(
+            ("torque-lag", "link-friction", "torsion-offset"), 1
+        )
+        for effect in self.effects:
+            count, joints = counts.get(effect.kind), range(-1, len(self.residual))
+            whole = len(effect.values) == len(effect.deviations) == count and effect.joint in joints
+            if not whole or not all(map(math.isfinite, (*effect.values, *effect.deviations, effect.order))):
+                mistakes.append(f"effects: {effect.kind} of joint {effect.joint}: no such effect")
         for entry in self.springs:
             for spring in (entry.elasticity, entry.truth):
                 if spring is None:

@@ -160,15 +160,16 @@ def build_elastic_equations(
     effects: tuple[DriveEffect, ...] = ()
     if options.effects:
         edge = get_effect_edge(max(part.period for part in broad), band)
-        effects = (*measure_offsets(broad), *measure_effects(library, broad, edge))
+        effects = measure_effects(library, broad, edge)
         broad = _prepare_wide(recordings, options, band, effects) if effects else broad
     rows, share = choose_sliding_rows(library.card, build_band_rows(library, broad, band))
     if options.effects:
         beta = fit_band(library.card, rows).chi[: len(library.card.beta)]
-        gears = measure_gears(library, broad, beta)
-        if gears:
-            effects = (*effects, *gears)
-            broad = _prepare_wide(recordings, options, band, effects)
+        for measure in (measure_offsets, measure_gears):
+            further = measure(library, broad, beta)
+            if further:
+                effects = (*effects, *further)
+                broad = _prepare_wide(recordings, options, band, effects)
     limits = share * compute_speeds(broad)
     signals = [prepare_elastic_signals(recording, options, effects) for recording in recordings]
     problem = build_elastic_problem(library, signals, options, limits)
@@ -394,9 +395,11 @@ def choose_springs(work: ElasticEquations, fit: MethodFit, hidden: Collection[in
     """Return the fit with springs of other kinds where these predict the joint torque surely better.
 
     The torque is that of the links, which no friction of the motors blurs. Joints that are `hidden` keep
-    their springs.
+    their springs, and so do all where stops or knees were given.
     """
     problem, springs, notices = work.problem, list(fit.elasticity), []
+    if problem.options.thresholds is not None or problem.options.knee_torques is not None:
+        return fit
     beta = fit.chi[: problem.sizes[0]]
     for joint, card in enumerate(problem.library.card.joints):
         if joint in hidden or not springs:
@@ -408,7 +411,7 @@ def choose_springs(work: ElasticEquations, fit: MethodFit, hidden: Collection[in
         springs[joint] = spring
         text = (
             f"joint {card.name!r}: a spring of another kind was taken: {name}. It leaves {left:.2g} % of "
-            f"held-out joint torque; stops and knees leave {before:.2g} %"
+            f"held-out joint torque, stops and knees {before:.2g} % of what they were fitted to"
         )
         notices.append(Notice(code="elastic.spring-kind", text=text))
     return replace(fit, elasticity=tuple(springs), notices=(*fit.notices, *notices))

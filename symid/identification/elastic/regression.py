@@ -192,8 +192,8 @@ def compute_torsion_error(theta: FloatArray, q: FloatArray, effects: Sequence[Dr
     for effect in effects:
         if effect.kind == "torsion-offset":
             # Encoders that were brought into line have no offset left.
-            gap = abs(float(np.median(theta[:, effect.joint] - q[:, effect.joint])))
-            error[:, effect.joint] -= effect.values[0] if gap > 0.5 * abs(effect.values[0]) else 0.0
+            gap = float(np.median(theta[:, effect.joint] - q[:, effect.joint]))
+            error[:, effect.joint] -= effect.values[0] if gap / effect.values[0] > 0.5 else 0.0
     return error
 
 
@@ -489,7 +489,7 @@ class EnergyWindows(FrozenArrays):
         total = np.zeros(len(self.supplied))
         for joint, spring in enumerate(elasticity):
             torsion = signals.phi[:, joint]
-            if spring.is_plain:
+            if spring.is_plain and not spring.damping:
                 work = compute_spring_work(spring, torsion)
             else:
                 steps = average_steps(compute_joint_torque(spring, signals, joint)) * np.diff(torsion)
