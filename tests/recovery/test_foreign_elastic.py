@@ -7,8 +7,8 @@ import pytest
 
 import symid
 from symid.identification.elastic import ElasticOptions, identify_elastic
-from symid.identification.elastic.effects import measure_effects
-from symid.identification.elastic.regression import correct_torque, prepare_elastic_signals
+from symid.identification.elastic.effects import _build_rows, _measure_values, measure_effects
+from symid.identification.elastic.regression import DriveEffect, correct_torque, prepare_elastic_signals
 from symid.joint_models import run_element
 from tests.recovery.elastic_runs import prepare_arm, run_arm
 
@@ -171,6 +171,17 @@ def test_ripple_and_lag_are_found_and_taken_off(arm, run):
         assert abs(own.value - other.value) < 3.0 * max(own.std, other.std)
     clean = correct_torque(torque, theta, 1e-3, estimate.effects)
     assert np.std(clean - run.recording.torque) < 0.5 * np.std(torque - run.recording.torque)
+
+
+def test_a_torque_that_acts_before_its_sample_is_none_of_a_drive(arm, run):
+    time = run.recording.time
+    early = np.column_stack([np.interp(time - 5e-3, time, part) for part in run.recording.torque.T])
+    changed = replace(run.recording, torque=early)
+    signals = prepare_elastic_signals(changed, ElasticOptions(cutoff=100.0))
+    assert "torque-lag" not in {entry.kind for entry in measure_effects(arm[1], [signals], 60.0)}
+    # Where it is asked for all the same, it is given up after the search.
+    rows = _build_rows(arm[1], [signals], 60.0)
+    assert list(_measure_values(rows, [DriveEffect(kind="torque-lag")])) == []
 
 
 def test_effects_can_be_left_alone(arm, run):

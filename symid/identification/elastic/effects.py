@@ -274,6 +274,8 @@ _CHUNK = 4_000_000
 
 def _measure_values(rows: _Rows, found: Sequence[DriveEffect]) -> Iterator[DriveEffect]:
     """Yield effects with values and deviations; the torque is moved until no lag is left."""
+    if not found:
+        return
     late = any(effect.kind == "torque-lag" for effect in found)
     ordered = sorted(found, key=lambda effect: effect.kind != "torque-lag")
     lag, step, before, slope = 0.0, 0.0, 0.0, 1.0
