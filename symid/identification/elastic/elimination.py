@@ -104,8 +104,7 @@ def fit_band(card: ModelCard, rows: BandRows, rounds: int = 3, scatter: FloatArr
             known[: len(scatter)] = scatter[: len(found)]
             found = np.where(known > 0.0, known, found)
         weights = 1.0 / found[group]
-    scatter = found
-    return BandFit(chi=chi, covariance=compute_covariance(design * weights[:, None]), scatter=scatter)
+    return BandFit(chi=chi, covariance=compute_covariance(design * weights[:, None]), scatter=found)
 
 
 def fit_momentum(problem: ElasticProblem) -> MethodFit:

@@ -500,7 +500,7 @@ def _fit_family(
     plain = best = _try(family, data, shape, (), passive=passive)
     chosen: Parts = ()
     for parts in _PARTS[1:]:
-        # A level that falls with the speed and damping that rises with it are told apart by high speeds only.
+        # Only high speeds separate a level that falls with the speed from damping that rises with it.
         if "viscous" in parts and (not timed or family.falling):
             continue
         trial = _try(family, data, shape, parts, passive=passive)
@@ -1005,8 +1005,7 @@ def choose_spring(
     )
     trials = [_fit_family(family, data, folds, passive=True, timed=True) for family in families]
     # Along all samples: a thin path misses reversals.
-    left_over = whole.output - predict_output(known, path)
-    error = left_over[:: max(1, len(output) // _SEARCHED)][data.kept]
+    error = replace(whole, output=output - predict_output(known, path)).thin(_SEARCHED).counted
     values = len(list_element_values(known))
     own = _ElementTrial(
         model="",
