@@ -34,6 +34,7 @@ if TYPE_CHECKING:
         identify_robot as identify_robot,
         identify_robot_friction as identify_robot_friction,
         identify_stiffness as identify_stiffness,
+        prepare_elastic_methods as prepare_elastic_methods,
     )
     from symid.identification.payload import (
         GivenSide as GivenSide,

@@ -334,6 +334,19 @@ def _identify_elastic(
     )
 
 
+def prepare_elastic_methods(
+    robot: Robot, recordings: Sequence[Recording], context: TaskContext
+) -> Callable[[str], ElasticEstimate]:
+    """Return what identifies by a method of a name, with the options of a user who gives none.
+
+    Equations are built once for all methods. Errors are those of `identify_robot`.
+    """
+    from symid.identification.elastic import prepare_methods
+
+    ready = _prepare_elastic(robot, recordings, ElasticOptions(), (), context)
+    return prepare_methods(ready.library, ready.moved, ready.options)
+
+
 class _ElasticInput(NamedTuple):
     """What elastic joints are identified from: recordings cut, and those with encoders aligned."""
 

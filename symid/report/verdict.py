@@ -27,7 +27,7 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.errors import Notice
 from symid.identification import AnyValidation, ElasticValidation, FrictionValidation, RigidValidation
-from symid.identification.elastic import ElasticEstimate, ElasticTrial, JointTrial
+from symid.identification.elastic import ElasticEstimate, ElasticEvidence, ElasticTrial, JointTrial
 from symid.identification.estimators import (
     STILL,
     Estimate,
@@ -414,10 +414,17 @@ def judge_elastic(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
         caps.append(("doubtful", f"the method failed: {estimate.outcome.value}"))
     elif estimate.outcome not in (Ending.SOLVED, Ending.CONVERGED):
         caps.append(("usable", f"the iteration did not converge: {estimate.outcome.value}"))
-    level = "usable"
-    headline = "Dynamics and springs fit their own logs; no held-out log has tested them yet."
+    level, headline = (
+        "usable",
+        "Dynamics and springs fit their own logs; no held-out log has tested them yet.",
+    )
+    if estimate.evidence is not None:
+        level, headline, more = _judge_stretches(estimate, estimate.evidence)
+        caps += more
     if held_out:
-        level, headline, text = _judge_springs(held_out)
+        tried, sentence, text = _judge_springs(held_out)
+        level = tried if estimate.evidence is None else min(level, tried, key=LEVELS.index)
+        headline = sentence if estimate.evidence is None else f"{sentence} {headline}"
         details.append(text)
     # Without standard deviations nothing can be said of chance.
     parameters = estimate.parameters if estimate.covariance else ()
@@ -428,6 +435,31 @@ def judge_elastic(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
         error, name = max(errors)
         details.append(f"The largest error against a true value is {error:.2g} % ({name}).")
     return _limit(level, headline, details, caps + more)
+
+
+_CONTRARY = 5.0
+"""Times its limit, chi^2 of dynamics with springs against those without: no chance, and no small matter."""
+
+
+def _judge_stretches(estimate: ElasticEstimate, evidence: ElasticEvidence) -> tuple[str, str, Caps]:
+    """Return level, headline and limits by held-out stretches of the logs, and by what springs leave."""
+    percent, noise = max(evidence.held_out), max(evidence.noise)
+    text = (
+        f"Fits to other stretches of the logs leave at most {percent:.3g} % of a motor's torque unexplained, "
+        f"{noise:.2g} times its noise"
+    )
+    told = [spring.told for spring in estimate.springs]
+    springs = [share for share, known in zip(evidence.springs, told, strict=False) if known]
+    if springs:
+        text += f"; the springs leave at most {max(springs):.3g} % of a joint's torque"
+    caps: Caps = []
+    if evidence.contradiction > _CONTRARY:
+        reason = (
+            "with springs the dynamics come out otherwise than without: encoders or springs differ from the "
+            f"model (chi^2 {evidence.contradiction:.2g} times its limit)"
+        )
+        caps.append(("usable", reason))
+    return _rate(max(percent, *springs, 0.0)), f"{text}.", caps
 
 
 def _judge_springs(trials: Sequence[ElasticTrial]) -> tuple[str, str, str]:

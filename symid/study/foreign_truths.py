@@ -17,7 +17,7 @@ Not supported: robots other than the two arms of this file; a score of friction,
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Protocol
 
@@ -26,7 +26,7 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.codegen import ModelCard, prepare_library
 from symid.errors import Notice, SymidError, UsageError
-from symid.identification import IdentifyTask, TaskContext, identify_robot
+from symid.identification import TaskContext, prepare_elastic_methods
 from symid.identification.elastic import METHODS, ElasticEstimate
 from symid.joint_models import run_element
 from symid.logs import Recording
@@ -361,25 +361,24 @@ def _run_task(task: _Task) -> tuple[ForeignRun, ...]:
         for number, (name, run) in enumerate(zip(scene.names[:-1], scene.runs[:-1], strict=True))
     ]
 
+    try:
+        identify = prepare_elastic_methods(scene.robot, logs, context)
+    except SymidError:
+        return tuple(_refuse(method) for method in (AUTOMATIC, *methods))
+
     def run(method: str) -> ForeignRun:
         try:
-            found = identify_robot(scene.robot, logs, IdentifyTask(method=method), context).estimate
+            found = identify(method)
         except SymidError:
-            found = None
-        if not isinstance(found, ElasticEstimate):
-            lost = math.nan
-            return ForeignRun(
-                method=method, worst=lost, spring=lost, z_rms=lost, z_most=lost, verdict="refused"
-            )
+            return _refuse(method)
         return _score(scene, method, found, judge(found))
 
-    # What the choice took is not computed once more.
-    first = run(AUTOMATIC)
-    rest = (
-        replace(first, method=method, chosen="") if method == first.chosen else run(method)
-        for method in methods
-    )
-    return (first, *rest)
+    return tuple(run(method) for method in (AUTOMATIC, *methods))
+
+
+def _refuse(method: str) -> ForeignRun:
+    lost = math.nan
+    return ForeignRun(method=method, worst=lost, spring=lost, z_rms=lost, z_most=lost, verdict="refused")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     )
     from symid.identification.elastic.estimate import (
         ElasticEstimate as ElasticEstimate,
+        ElasticEvidence as ElasticEvidence,
         HistoryEntry as HistoryEntry,
         MethodFit as MethodFit,
         SpringEstimate as SpringEstimate,
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from symid.identification.elastic.identify import (
         build_one_shot as build_one_shot,
         identify_elastic as identify_elastic,
+        prepare_methods as prepare_methods,
     )
     from symid.identification.elastic.methods import (
         build_elastic_equations as build_elastic_equations,

@@ -192,6 +192,31 @@ def build_band_rows(library: Library, signals: Sequence[ElasticSignals], band: f
     )
 
 
+def measure_torque_noise(signals: Sequence[ElasticSignals], band: float = 0.0) -> FloatArray:
+    """Return the noise (g,) of the torque in band rows, N m or N, as it is above the band of the motion.
+
+    The median of the power spectrum there, of every recording and joint, is taken as that of white noise:
+    lines and resonances do not move it. `signals` and `band` are those of `build_band_rows`.
+    """
+    found = []
+    for part in signals:
+        edge = _choose_edge(part.period, band)
+        frequency = np.fft.rfftfreq(len(part.tau), part.period)
+        # Below what the low-pass of the states passes as it is.
+        top = 0.5 * part.cutoff if part.cutoff else 0.4 / part.period
+        above = (frequency > _ABOVE_BAND * edge) & (frequency < max(top, (_ABOVE_BAND + 0.5) * edge))
+        window = np.hanning(len(part.tau))[:, None]
+        power = np.abs(np.fft.rfft((part.tau - part.tau.mean(axis=0)) * window, axis=0)) ** 2
+        density = np.median(power[above], axis=0) / np.log(2.0) / float(np.sum(window**2))
+        found.append(np.sqrt(2.0 * density * part.period * edge * _BANDWIDTH))
+    return np.concatenate(found)
+
+
+_ABOVE_BAND = 1.5
+_BANDWIDTH = 0.875 * (np.pi / 8.0) / np.sin(np.pi / 8.0)
+"""Of the low-pass of order four, forward and backward, over its edge: that of 1 / (1 + x^8)^2."""
+
+
 def compute_speeds(signals: Sequence[ElasticSignals]) -> FloatArray:
     """Return the RMS speeds (n,) of the motors over all recordings, rad/s or m/s."""
     return np.asarray(np.sqrt(np.mean(np.concatenate([part.dtheta for part in signals]) ** 2, axis=0)))

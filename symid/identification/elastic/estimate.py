@@ -107,6 +107,24 @@ class MethodTrial:
     values: tuple[Finite, ...]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ElasticEvidence:
+    """What is left unexplained, one value a joint.
+
+    Args:
+        held_out: percent of a motor's torque below the edge of the band that fits of the dynamics without
+            its stretch leave; noise: the same in units of the torque's noise, as it is above the motion.
+        springs: percent of a joint's torque, by the links, that its spring leaves; empty without springs.
+        contradiction: chi^2 of the one-shot problem against dynamics without springs, over its limit; 0 where
+            there was none, or where another kind of spring explains it.
+    """
+
+    held_out: tuple[Finite, ...]
+    noise: tuple[Finite, ...]
+    springs: tuple[Finite, ...] = ()
+    contradiction: Finite = 0.0
+
+
 @final
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ElasticEstimate(DynamicsRecord):
@@ -122,6 +140,7 @@ class ElasticEstimate(DynamicsRecord):
         outcome, history: how the method ended, and its iterations.
         trials: all methods that were compared.
         effects: of drives, gears and links, taken off before anything was fitted.
+        evidence: what is left unexplained; None in files of earlier editions.
     """
 
     kind: ClassVar[str] = "elastic"
@@ -133,6 +152,7 @@ class ElasticEstimate(DynamicsRecord):
     history: tuple[HistoryEntry, ...]
     trials: tuple[MethodTrial, ...]
     effects: tuple[DriveEffect, ...] = ()
+    evidence: ElasticEvidence | None = None
 
     def list_mistakes(self) -> list[str]:
         """Return what is wrong with a record from a file: entries that do not fit each other."""
@@ -145,6 +165,10 @@ class ElasticEstimate(DynamicsRecord):
             whole = len(effect.values) == len(effect.deviations) == count and effect.joint in joints
             if not whole or not all(map(math.isfinite, (*effect.values, *effect.deviations, effect.order))):
                 mistakes.append(f"effects: {effect.kind} of joint {effect.joint}: no such effect")
+        if self.evidence is not None:
+            lists = (self.evidence.held_out, self.evidence.noise, self.evidence.springs)
+            if any(len(values) not in (len(self.residual), 0) for values in lists):
+                mistakes.append("evidence: expected one value a joint")
         for entry in self.springs:
             for spring in (entry.elasticity, entry.truth):
                 if spring is None:

@@ -8,8 +8,8 @@ Not supported: delays between channels and offsets of encoders (align the record
 """
 
 import json
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,6 +32,7 @@ from symid.identification.elastic.methods import (
     compute_spring_torque,
     fit_method,
     fit_one_shot,
+    weigh_evidence,
 )
 from symid.identification.elastic.options import ElasticOptions, NlpOptions
 from symid.identification.elastic.regression import (
@@ -341,14 +342,51 @@ def identify_elastic(
             encoders, or no spring explains any joint's torque.
     """
     options = options or ElasticOptions()
+    return prepare_methods(library, recordings, options, echo=echo)(options.method)
+
+
+def prepare_methods(
+    library: Library,
+    recordings: Sequence[Recording],
+    options: ElasticOptions,
+    *,
+    echo: Mapping[str, object] | None = None,
+) -> Callable[[str], ElasticEstimate]:
+    """Return what identifies by a method of a name: equations are built, and every method fitted, once.
+
+    Arguments and errors are those of `identify_elastic`; the method of the options does not count.
+    """
     hidden = _check_recordings(library, recordings)
-    loaded = _fill_loads(library, recordings, options)
-    work = build_elastic_equations(library, loaded, options)
-    automatic = options.method == "automatic"
-    fits = [fit_method(work, method) for method in (AUTOMATIC_METHODS if automatic else (options.method,))]
-    given = MethodSelection(fit=fits[0], reason="the method was given")
-    choice = choose_fit(work, fits) if automatic else given
-    fit = choose_springs(work, choice.fit, hidden) if automatic else choice.fit
+    work = build_elastic_equations(library, _fill_loads(library, recordings, options), options)
+    known: dict[str, MethodFit] = {}
+
+    def fit(method: str) -> MethodFit:
+        if method not in known:
+            known[method] = fit_method(work, method)
+        return known[method]
+
+    def identify(method: str) -> ElasticEstimate:
+        automatic = method == "automatic"
+        fits = [fit(name) for name in (AUTOMATIC_METHODS if automatic else (method,))]
+        given = MethodSelection(fit=fits[0], reason="the method was given")
+        choice = _choose(work, fits, hidden) if automatic else given
+        settings = _write_settings(work, replace(options, method=method), echo or {})
+        sources = [recording.source for recording in recordings]
+        return _build_estimate(work, choice, fits, hidden, settings=settings, sources=sources)
+
+    return identify
+
+
+def _build_estimate(
+    work: ElasticEquations,
+    choice: MethodSelection,
+    fits: Sequence[MethodFit],
+    hidden: Mapping[int, Notice],
+    *,
+    settings: Mapping[str, object],
+    sources: Sequence[str],
+) -> ElasticEstimate:
+    library, fit = work.problem.library, choice.fit
     cards, joints = list_parameter_cards(library.card), library.card.joints
     identifiable, condition = measure_identifiability(build_linear_rows(work, fit).design)
     springs = _refuse_springs(work, fit, hidden, _warn_of_condition(work, fit, condition))
@@ -379,16 +417,28 @@ def identify_elastic(
             )
             for entry in fits
         ),
-        sources=tuple(recording.source for recording in recordings),
-        settings=_write_settings(work, options, echo or {}),
+        sources=tuple(sources),
+        settings=settings,
         refused=(
             *((card.name, refused[card.name]) for card in cards if card.name in refused),
             *((f"spring of {joints[joint].name}", entry.text) for joint, entry in springs.items()),
         ),
         covariance=() if fit.covariance is None else tuple(map(tuple, fit.covariance.tolist())),
         effects=work.effects,
+        evidence=weigh_evidence(work, fit, choice.contradiction),
         notices=(*springs.values(), *choice.notices, *fit.notices, *warnings),
     )
+
+
+def _choose(work: ElasticEquations, fits: Sequence[MethodFit], hidden: Collection[int]) -> MethodSelection:
+    """Return the choice of dynamics and of the kinds of springs."""
+    plain = next(fit for fit in fits if fit.method == "weighted")
+    sprung, kinds = choose_springs(work, plain, hidden)
+    choice = choose_fit(work, fits, kinds)
+    if choice.fit is plain:
+        return replace(choice, fit=sprung)
+    # Stops and knees that suit one method suit all.
+    return replace(choice, fit=choose_springs(work, choice.fit, hidden)[0]) if any(kinds) else choice
 
 
 def build_one_shot(library: Library, recordings: Sequence[Recording], options: ElasticOptions) -> "NlpGraph":

@@ -1,11 +1,14 @@
 """The methods by name, how well each predicts held-out torques, and the automatic choice among them.
 
     score = mean of ((tau - Y chi) / sigma)^2 over all rows, each predicted by a fit without it
-    (chi_nlp - chi_w)' C_w^-1 (chi_nlp - chi_w) <= chi^2_0.999(parameters),   C_w the covariance of chi_w
+    X = d' (C_w + T)^-1 d <= chi^2_0.999(parameters),   d = (beta, IA)_nlp - (beta, IA)_w
+    C_nlp <- C_nlp max(1, d' C_w^-1 d / parameters)     (Birge 1932)
 
 Rows are the sum of motor and link equations in a band. Every fold leaves blocks of time out, springs held as
 they are. Of the methods whose score is within two standard errors of the least one, that of the smallest
-deviations is taken. The one-shot problem must first agree with the weighted elimination (Hausman 1978).
+deviations is taken. The one-shot problem must first agree with the weighted elimination (Hausman 1978), of
+covariance C_w, up to what does not matter, T; friction near rest is not the same in its rows. And no joint
+may have a spring that it cannot describe. What is left of a contradiction widens its deviations.
 
 Supported: all names of `METHODS`.
 Not supported: a choice of springs apart from dynamics; those of the chosen method are taken.
@@ -22,7 +25,7 @@ from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import Notice
 from symid.identification.diagnostics import (
-    choose_held_out,
+    measure_behind,
 )
 from symid.identification.elastic.effects import (
     compute_link_torque,
@@ -41,9 +44,10 @@ from symid.identification.elastic.elimination import (
     fit_independent,
     get_effect_edge,
     get_wide_cutoff,
+    measure_torque_noise,
     split_recordings,
 )
-from symid.identification.elastic.estimate import MethodFit, build_method_fit
+from symid.identification.elastic.estimate import ElasticEvidence, MethodFit, build_method_fit
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.regression import (
     DriveEffect,
@@ -71,6 +75,8 @@ if TYPE_CHECKING:
 _BLOCKS = 8
 _FINE = 50
 _CLEAR = 2.0
+_ALIKE = 1.03
+"""Of the least mean square: half as much of the noise is no difference that matters."""
 FOLDS = 4
 
 
@@ -96,18 +102,27 @@ def choose_candidate(
     An error is the mean squared one in units of the noise, `scatter` (g,) of the groups of rows, N m or N; 1
     is what noise alone would leave. All candidates are compared on the same rows.
     """
-    folds = assign_folds(rows.time)
     blocks = rows.group * _FINE + np.minimum((rows.time * _FINE).astype(np.intp), _FINE - 1)
     losses = []
     for candidate in candidates:
-        errors = np.empty(len(rows.torque))
-        for fold in range(FOLDS):
-            held = folds == fold
-            errors[held] = rows.torque[held] - rows.design[held] @ candidate.refit(fold)
+        errors = predict_held_out(candidate, rows)
         losses.append(np.bincount(blocks, (errors / scatter[rows.group]) ** 2))
-    choice = choose_held_out(np.array(losses), [entry.spread for entry in candidates], _CLEAR)
     means = np.sum(losses, axis=1) / len(blocks)
-    return choice.taken, means, int(np.count_nonzero(choice.behind <= _CLEAR))
+    best = int(np.argmin(means))
+    alike = (measure_behind(np.array(losses), best) <= _CLEAR) | (means <= _ALIKE * means[best])
+    close = np.flatnonzero(alike).tolist()
+    taken = min(close, key=lambda index: (candidates[index].spread, means[index]))
+    return taken, means, len(close)
+
+
+def predict_held_out(candidate: MethodCandidate, rows: BandRows) -> FloatArray:
+    """Return the errors (m,) of rows, N m or N, each predicted by a fit without its fold."""
+    folds = assign_folds(rows.time)
+    errors = np.empty(len(rows.torque))
+    for fold in range(FOLDS):
+        held = folds == fold
+        errors[held] = rows.torque[held] - rows.design[held] @ candidate.refit(fold)
+    return errors
 
 
 ENERGY_METHODS = ("linear-spring", "two-step", "same-cost")
@@ -123,6 +138,7 @@ class ElasticEquations:
     Args:
         problem: at the cut-off of the options; wide: the same recordings at a higher one, each at its own.
         rows, band: the weighted elimination in a band, equations and fit.
+        noise: (g,) of the torque in the rows of every group, N m or N.
         effects: of the drives, taken off the torque of all.
     """
 
@@ -130,6 +146,7 @@ class ElasticEquations:
     wide: ElasticProblem
     rows: BandRows
     band: BandFit
+    noise: FloatArray
     effects: tuple[DriveEffect, ...] = ()
 
     @property
@@ -177,7 +194,8 @@ def build_elastic_equations(
     if any(part.cutoff for part in signals):
         wide = build_elastic_problem(library, broad, options, limits)
     fit = fit_band(library.card, rows)
-    return ElasticEquations(problem=problem, wide=wide, rows=rows, band=fit, effects=effects)
+    noise = measure_torque_noise(broad, band)
+    return ElasticEquations(problem=problem, wide=wide, rows=rows, band=fit, noise=noise, effects=effects)
 
 
 def _prepare_wide(
@@ -208,12 +226,13 @@ def fit_method(work: ElasticEquations, method: str) -> MethodFit:
         "weighted": lambda _: _fit_weighted(work),
         "independent": fit_independent,
     }
-    fit = fit_one_shot(work).fit if method == "nlp" else makers[method](work.problem)
+    fit = _widen(work, fit_one_shot(work).fit) if method == "nlp" else makers[method](work.problem)
     rows = build_linear_rows(work, fit)
     if fit.covariance is None:
-        return replace(fit, covariance=compute_covariance(rows.design, rows.right - rows.design @ fit.chi))
-    identifiable, _ = measure_identifiability(rows.design)
-    return replace(fit, covariance=mark_unidentifiable(fit.covariance, identifiable))
+        covariance = compute_covariance(rows.design, rows.right - rows.design @ fit.chi)
+    else:
+        covariance = mark_unidentifiable(fit.covariance, measure_identifiability(rows.design)[0])
+    return _add_model_error(work, replace(fit, covariance=covariance))
 
 
 def fit_one_shot(work: ElasticEquations) -> "NlpFit":
@@ -258,7 +277,12 @@ def build_candidate(work: ElasticEquations, fit: MethodFit) -> MethodCandidate:
     """Return `fit` as a candidate whose dynamics can be fitted again without a part of the rows."""
     card = work.problem.library.card
     # What no method can identify does not set them apart.
-    spread = np.max(compute_relative_deviations(work, fit)[work.identifiable], initial=0.0)
+    rivals = [fit]
+    if fit.method == "elimination":
+        # The same equations, not weighted by their noise, cannot be surer (Gauss and Markov).
+        rivals.append(replace(fit, covariance=work.band.covariance))
+    relative = np.array([compute_relative_deviations(work, rival) for rival in rivals])
+    spread = np.max(relative[:, work.identifiable], initial=0.0)
     count = len(fit.chi)
     offset = np.zeros(count)
     if fit.method == "nlp":
@@ -319,54 +343,94 @@ def compute_spring_torque(problem: ElasticProblem, fit: MethodFit, number: int) 
     return filter_smooth(torque, problem.options.rate, signals.period)[keep]
 
 
+def weigh_evidence(work: ElasticEquations, fit: MethodFit, contradiction: float) -> ElasticEvidence:
+    """Return what fits without a stretch of the logs leave of it, and the springs of the links' torque."""
+    size, rows = work.problem.sizes[1], work.rows
+    errors, joint = predict_held_out(build_candidate(work, fit), rows), rows.group % size
+    left, whole, beyond = (
+        np.bincount(joint, values**2, minlength=size).astype(np.float64)
+        for values in (errors, rows.torque, errors / np.maximum(work.noise[rows.group], 1e-300))
+    )
+    springs: FloatArray = np.zeros(0)
+    if fit.elasticity:
+        link = np.concatenate([part.compute_link_side(fit.chi) for part in work.problem.filtered])
+        numbers = range(len(work.problem.signals))
+        torque = np.concatenate([compute_spring_torque(work.problem, fit, number) for number in numbers])
+        springs = 100.0 * _divide(np.linalg.norm(link - torque, axis=0), np.linalg.norm(link, axis=0))
+    counts = np.maximum(np.bincount(joint, minlength=size), 1)
+    return ElasticEvidence(
+        held_out=tuple((100.0 * np.sqrt(_divide(left, whole))).tolist()),
+        noise=tuple(np.sqrt(beyond / counts).tolist()),
+        springs=tuple(springs.tolist()),
+        contradiction=contradiction,
+    )
+
+
+def _divide(part: FloatArray, whole: FloatArray) -> FloatArray:
+    """Return the shares (n,); one of nothing is all."""
+    return np.divide(part, whole, out=np.ones_like(part), where=whole > 0.0)
+
+
 def compute_relative_deviations(work: ElasticEquations, fit: MethodFit) -> FloatArray:
-    """Return the standard deviation of every dynamic parameter relative to its size (p + n + pf,).
+    """Return the standard deviation of every dynamic parameter relative to its size (p + n + pf,)."""
+    if fit.covariance is None:
+        return np.full(len(fit.chi), np.inf)
+    deviations = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+    relative: FloatArray = deviations / np.maximum(_measure_sizes(work, fit.chi), 1e-300)
+    return relative
+
+
+def _measure_sizes(work: ElasticEquations, chi: FloatArray) -> FloatArray:
+    """Return the sizes (p + n + pf,) of the dynamic parameters chi.
 
     A parameter near zero is measured by what would matter: 5 % of a joint's torque through its column alone.
     """
-    if fit.covariance is None:
-        return np.full(len(fit.chi), np.inf)
     size = work.problem.sizes[1]
-    matter = np.full(len(fit.chi), np.inf)
+    matter = np.full(len(chi), np.inf)
     for joint in range(size):
         own = work.rows.group % size == joint
         lengths = np.linalg.norm(work.rows.design[own], axis=0)
         lengths[lengths == 0.0] = np.nan
         matter = np.fmin(matter, _MATTER * np.linalg.norm(work.rows.torque[own]) / lengths)
     matter[~np.isfinite(matter)] = 0.0
-    deviations = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-    relative: FloatArray = deviations / np.maximum(np.maximum(np.abs(fit.chi), matter), 1e-300)
-    return relative
+    sizes: FloatArray = np.maximum(np.abs(chi), matter)
+    return sizes
 
 
 AUTOMATIC_METHODS = ("linear-spring", "two-step", "elimination", "weighted", "nlp")
-_LEVEL = 0.999
+_LEVEL, _TOLERATED = 0.999, 1e-3
+"""Of a contradiction: its level, and what of a parameter's size is none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MethodSelection:
-    """The fit taken, the errors of all that could be, by method, why, and what a reader should know."""
+    """The fit taken, the errors of all that could be, by method, why, and what a reader should know.
+
+    `contradiction` is that of `ElasticEvidence`.
+    """
 
     fit: MethodFit
     reason: str
     errors: Mapping[str, float] = field(default_factory=dict)
+    contradiction: float = 0.0
     notices: tuple[Notice, ...] = ()
 
 
-def choose_fit(work: ElasticEquations, fits: Sequence[MethodFit]) -> MethodSelection:
-    """Return the choice among `fits`, at least one of which is usable."""
-    from scipy.special import chdtri
+def choose_fit(
+    work: ElasticEquations, fits: Sequence[MethodFit], kinds: Sequence[str] = ()
+) -> MethodSelection:
+    """Return the choice among `fits`, at least one of which is usable.
 
+    `kinds` are names of springs, one a joint, that describe a joint better than stops and knees; "" for none.
+    """
     usable = [fit for fit in fits if fit.outcome.usable and np.all(np.isfinite(fit.chi))]
-    limit = float(chdtri(np.count_nonzero(work.identifiable), 1.0 - _LEVEL))
-    known = np.flatnonzero(work.identifiable)
-    covariance = work.band.covariance[np.ix_(known, known)]
-    lengths = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    inverse = np.linalg.pinv(covariance / np.outer(lengths, lengths), rcond=1e-12, hermitian=True)
-    shifts = {fit.method: (fit.chi - work.band.chi)[known] / lengths for fit in usable if fit.method == "nlp"}
-    chi2 = {method: float(shift @ inverse @ shift) for method, shift in shifts.items()}
-    contrary = [fit for fit in usable if not chi2.get(fit.method, 0.0) <= limit]
-    kept = [fit for fit in usable if fit not in contrary] or usable
+    found = {fit.method: _find_contradiction(work, fit, kinds) for fit in usable if fit.method == "nlp"}
+    notices = tuple(
+        Notice(code="elastic.contradiction", text=f"the method {method} was left out of the choice: {why}")
+        for method, (why, _) in found.items()
+        if why
+    )
+    kept = [fit for fit in usable if not found.get(fit.method, ("", 0.0))[0]] or usable
     candidates = [build_candidate(work, fit) for fit in kept]
     taken, errors, close = choose_candidate(candidates, work.rows, work.band.scatter)
     best = kept[taken]
@@ -378,28 +442,101 @@ def choose_fit(work: ElasticEquations, fits: Sequence[MethodFit]) -> MethodSelec
         )
     else:
         reason = f"{best.method} predicts held-out torque best of {len(kept)} methods {noise} and was chosen"
-    text = (
-        "the method {} was left out of the choice: its dynamics contradict those identified without springs "
-        f"(chi^2 {{:.3g}}, limit {limit:.3g}). Its spring model does not describe these joints well enough"
-    )
-    notices = tuple(
-        Notice(code="elastic.contradiction", text=text.format(fit.method, chi2[fit.method]))
-        for fit in contrary
-        if fit not in kept
-    )
     named = dict(zip((fit.method for fit in kept), errors.tolist(), strict=True))
-    return MethodSelection(fit=best, errors=named, reason=reason, notices=notices)
+    return MethodSelection(
+        fit=best,
+        errors=named,
+        reason=reason,
+        contradiction=max((ratio for _, ratio in found.values()), default=0.0),
+        notices=notices if kept != usable else (),
+    )
 
 
-def choose_springs(work: ElasticEquations, fit: MethodFit, hidden: Collection[int]) -> MethodFit:
+def _find_contradiction(work: ElasticEquations, fit: MethodFit, kinds: Sequence[str]) -> tuple[str, float]:
+    """Return what speaks against a fit by stops and knees, "" for nothing, and chi^2 over its limit.
+
+    The latter is zero where springs of another kind explain it.
+    """
+    from scipy.special import chdtri
+
+    others = [
+        f"that of {card.name!r} is {kind}"
+        for card, kind in zip(work.problem.library.card.joints, kinds, strict=False)
+        if kind not in ("", "linear")
+    ]
+    if others:
+        return f"its springs have stops and knees, and {', '.join(others)}", 0.0
+    chi2, count = _measure_disagreement(work, fit, _TOLERATED)
+    limit = float(chdtri(max(1, count), 1.0 - _LEVEL))
+    if chi2 <= limit:
+        return "", chi2 / limit
+    text = (
+        f"its dynamics contradict those identified without springs (chi^2 {chi2:.3g}, limit {limit:.3g}). "
+        "Its spring model does not describe these joints well enough"
+    )
+    return text, chi2 / limit
+
+
+def _measure_disagreement(
+    work: ElasticEquations, fit: MethodFit, tolerated: float = 0.0
+) -> tuple[float, int]:
+    """Return chi^2 of beta and IA of a fit about those of the weighted elimination, and their number.
+
+    A share `tolerated` of the parameters' sizes does not count.
+    """
+    known = np.flatnonzero(work.identifiable[: sum(work.problem.sizes)])
+    covariance = work.band.covariance[np.ix_(known, known)]
+    slack = tolerated * _measure_sizes(work, work.band.chi)[known]
+    covariance = covariance + np.diag(slack**2)
+    lengths = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    inverse = np.linalg.pinv(covariance / np.outer(lengths, lengths), rcond=1e-12, hermitian=True)
+    shift = (fit.chi - work.band.chi)[known] / lengths
+    return float(shift @ inverse @ shift), len(known)
+
+
+def _widen(work: ElasticEquations, fit: MethodFit) -> MethodFit:
+    """Return a fit with deviations that its distance from the weighted elimination allows (Birge 1932)."""
+    chi2, count = _measure_disagreement(work, fit)
+    if fit.covariance is None or not chi2 > count > 0:
+        return fit
+    return replace(fit, covariance=fit.covariance * (chi2 / count))
+
+
+def _add_model_error(work: ElasticEquations, fit: MethodFit) -> MethodFit:
+    """Return a fit with variances that also count what no row shows: columns are made of measured states.
+
+    The size of a parameter is that of the largest of its kind on its link. Friction is what the rows show.
+    """
+    if fit.covariance is None:
+        return fit
+    card = work.problem.library.card
+    kinds = [*((entry.joint, entry.unit) for entry in card.beta), *((joint.name,) for joint in card.joints)]
+    values = np.abs(fit.chi[: len(kinds)])
+    sizes = np.array([max(values[k] for k, other in enumerate(kinds) if other == kind) for kind in kinds])
+    share = _STICKING if np.any(work.problem.limits) else _STATES
+    variances = np.zeros(len(fit.chi))
+    variances[: len(kinds)] = (share * sizes) ** 2
+    return replace(fit, covariance=fit.covariance + np.diag(variances))
+
+
+_STATES, _STICKING = 2e-4, 5e-4
+"""Of a parameter's size, the error that filtered states leave, and friction near rest beside; found on arms
+of other simulators, where no noise explained it."""
+
+
+def choose_springs(
+    work: ElasticEquations, fit: MethodFit, hidden: Collection[int]
+) -> tuple[MethodFit, tuple[str, ...]]:
     """Return the fit with springs of other kinds where these predict the joint torque surely better.
 
     The torque is that of the links, which no friction of the motors blurs. Joints that are `hidden` keep
-    their springs, and so do all where stops or knees were given.
+    their springs, and so do all where stops or knees were given. The names of the kinds, one a joint, are
+    empty where the springs were kept.
     """
     problem, springs, notices = work.problem, list(fit.elasticity), []
+    kinds = [""] * len(problem.library.card.joints)
     if problem.options.thresholds is not None or problem.options.knee_torques is not None:
-        return fit
+        return fit, tuple(kinds)
     beta = fit.chi[: problem.sizes[0]]
     for joint, card in enumerate(problem.library.card.joints):
         if joint in hidden or not springs:
@@ -408,13 +545,13 @@ def choose_springs(work: ElasticEquations, fit: MethodFit, hidden: Collection[in
         spring, name, left, before = choose_spring(path, torque, kept, springs[joint])
         if not name:
             continue
-        springs[joint] = spring
+        springs[joint], kinds[joint] = spring, name
         text = (
             f"joint {card.name!r}: a spring of another kind was taken: {name}. It leaves {left:.2g} % of "
             f"held-out joint torque, stops and knees {before:.2g} % of what they were fitted to"
         )
         notices.append(Notice(code="elastic.spring-kind", text=text))
-    return replace(fit, elasticity=tuple(springs), notices=(*fit.notices, *notices))
+    return replace(fit, elasticity=tuple(springs), notices=(*fit.notices, *notices)), tuple(kinds)
 
 
 def _follow_joint(
@@ -433,8 +570,12 @@ def _follow_joint(
         periods.append(np.full(len(index), part.period))
         torques.append(compute_link_torque(problem.library, part, beta)[:, joint])
         masks.append((index >= max(edge, part.settled)) & (index < len(index) - edge))
+    lengths = np.cumsum([0, *map(len, paths)])[:-1]
     path = ElementPath(
-        position=np.concatenate(paths), velocity=np.concatenate(speeds), period=np.concatenate(periods)
+        position=np.concatenate(paths),
+        velocity=np.concatenate(speeds),
+        period=np.concatenate(periods),
+        begins=tuple(lengths.tolist()),
     )
     return path, np.concatenate(torques), np.concatenate(masks)
 

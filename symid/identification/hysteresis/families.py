@@ -45,12 +45,28 @@ class ElementPath(FrozenArrays):
     Args:
         position: (N,) rad or m; velocity: (N,) rad/s or m/s; period: (N,) of the steps, s.
         start: what the element remembers before the first sample.
+        begins: first samples of recordings that stand one after the other; each begins from `start`.
     """
 
     position: FloatArray
     velocity: FloatArray
     period: FloatArray
     start: Start = "zero"
+    begins: tuple[int, ...] = (0,)
+
+    def split(self) -> "list[ElementPath]":
+        """Return the path of every recording."""
+        ends = [*self.begins[1:], len(self.position)]
+        parts = [slice(*pair) for pair in zip(self.begins, ends, strict=True)]
+        return [
+            ElementPath(
+                position=self.position[part],
+                velocity=self.velocity[part],
+                period=self.period[part],
+                start=self.start,
+            )
+            for part in parts
+        ]
 
     @property
     def reach(self) -> float:
@@ -59,12 +75,16 @@ class ElementPath(FrozenArrays):
 
     def compute_plays(self, radii: FloatArray) -> FloatArray:
         """Return plays (N, m) of the input for thresholds (m,)."""
+        if self.begins[1:]:
+            return np.concatenate([part.compute_plays(radii) for part in self.split()])
         begin = 0.0 if self.start == "zero" else float(self.position[0])
         side = {"below": 1.0, "above": -1.0}.get(self.start, 0.0)
         return compute_plays(self.position, radii, begin - side * radii)
 
     def trace(self, branch: BoucWen | BristleBranch | AttractedSlip | Relaxation) -> FloatArray:
         """Return the states (N, n) of a branch after every sample."""
+        if self.begins[1:]:
+            return np.concatenate([part.trace(branch) for part in self.split()])
         begin = 0.0 if self.start == "zero" else float(self.position[0])
         side = {"below": 1.0, "above": -1.0}.get(self.start, 0.0)
         states = branch.start(build_float_carrier(), begin, side)
@@ -127,11 +147,15 @@ def _brake(count: int, *, passive: bool) -> Limits:
 @final
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stops(ElementFamily):
-    """Prandtl-Ishlinskii, stops of either sign: on a uniform grid, or where the search puts them."""
+    """Prandtl-Ishlinskii, stops of either sign: on a grid, or where the search puts them.
+
+    The grid is uniform; or geometric, of a ratio below one.
+    """
 
     count: int
     name: str = "prandtl-ishlinskii"
     searched: bool = False
+    ratio: float = 1.0
 
     def describe(self) -> tuple[str, ...]:
         """Return where the thresholds come from."""
@@ -139,6 +163,8 @@ class Stops(ElementFamily):
 
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
         """Return the grid, or geometric ones of several ratios."""
+        if not self.searched and self.ratio < 1.0:
+            return [path.reach * np.power(self.ratio, np.arange(self.count, 0, -1))]
         if not self.searched:
             return [path.reach * np.arange(1, self.count + 1) / (self.count + 1)]
         ratios = (0.2, 0.4, 0.6)

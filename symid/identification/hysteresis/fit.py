@@ -178,24 +178,32 @@ class ElementData:
         """Return the output (M,) of the samples that are fitted."""
         return self.output[self.kept]
 
-    def thin(self, most: int) -> "ElementData":
-        """Return at most about `most` of the samples, at even places."""
-        every = max(1, len(self.output) // most)
-        path = self.path
+    def thin(self, most: int, *, turns: bool = False) -> "ElementData":
+        """Return at most about `most` of the samples, at even places; and, with `turns`, where x turns."""
+        every, path = max(1, len(self.output) // most), self.path
         if every == 1:
             return self
-        position = path.position[::every]
-        time = np.cumsum(path.period)[::every]
+        taken = np.zeros(len(self.output), dtype=bool)
+        taken[::every] = True
+        taken[list(path.begins)] = True
+        if turns:
+            taken[[low for low, _ in find_strokes(path.position, _SMALL_TURN)]] = True
+        index = np.flatnonzero(taken)
+        steps = np.diff(np.cumsum(path.period)[index])
         return ElementData(
             path=replace(
                 path,
-                position=position,
-                velocity=path.velocity[::every],
-                period=np.concatenate([np.diff(time)[:1], np.diff(time)]),
+                position=path.position[index],
+                velocity=path.velocity[index],
+                period=np.concatenate([steps[:1], steps]),
+                begins=tuple(np.searchsorted(index, path.begins).tolist()),
             ),
-            output=self.output[::every],
-            kept=self.kept[::every],
+            output=self.output[index],
+            kept=self.kept[index],
         )
+
+
+_SMALL_TURN = 0.005
 
 
 def check_recording(x: FloatArray, y: FloatArray, t: FloatArray | None) -> None:
@@ -664,13 +672,13 @@ def _build_folds(data: ElementData) -> _Folds:
     return _Folds(blocks=blocks, wide=wide if 0.2 <= share <= 0.8 else None)
 
 
-def find_strokes(x: FloatArray) -> list[tuple[int, int]]:
+def find_strokes(x: FloatArray, share: float = 0.05) -> list[tuple[int, int]]:
     """Return first and last sample, exclusive, of each way of an input (N,) between two reversals.
 
-    A reversal counts where the input then goes back by more than a twentieth of its range.
+    A reversal counts where the input then goes back by more than a `share` of its range.
     """
     bounds, extreme, sense = [0], 0, 0.0
-    least = 0.05 * float(np.ptp(x))
+    least = share * float(np.ptp(x))
     for k, place in enumerate(x.tolist()):
         ahead = (place - x[extreme]) * sense
         if sense == 0.0:
@@ -973,6 +981,8 @@ def _check_time(record: HysteresisRecord, t: FloatArray | None) -> None:
 
 def predict_output(elasticity: Elasticity, path: ElementPath) -> FloatArray:
     """Return the output (N,) of an element along a path."""
+    if path.begins[1:]:
+        return np.concatenate([predict_output(elasticity, part) for part in path.split()])
     time = np.cumsum(path.period)
     return run_element(elasticity, path.position, time, start=path.start, velocity=path.velocity).output
 
@@ -982,9 +992,9 @@ def choose_spring(
 ) -> tuple[Elasticity, str, float, float]:
     """Return the spring of a joint that predicts its torque best with as few numbers as that takes.
 
-    A linear one, Bouc-Wen elements, all passive and with viscous or cubic parts where these help, and
-    `known`, whose errors are those of its fit; it is left only for what is surely better, or for the linear
-    one where nothing is.
+    A linear one, Bouc-Wen elements, stops without knees, all passive and with viscous or cubic parts where
+    these help, and `known`, whose errors are those of its fit; it is left only for what is surely better, or
+    for the linear one where nothing is.
 
     Args:
         path: torsion (N,), rad or m.
@@ -996,16 +1006,17 @@ def choose_spring(
         the spring; its name, "" for `known`; what it and `known` leave of the output, percent.
     """
     whole = ElementData(path=path, output=output, kept=kept)
-    data = whole.thin(_SEARCHED)
+    data = whole.thin(_SEARCHED, turns=True)
     folds = _build_folds(data)
     families: tuple[ElementFamily, ...] = (
         Stops(count=0, name="linear"),
         BoucWenFamily(),
         BoucWenFamily(asymmetric=True),
+        Stops(count=16, ratio=0.8, name="stops"),
     )
     trials = [_fit_family(family, data, folds, passive=True, timed=True) for family in families]
-    # Along all samples: a thin path misses reversals.
-    error = replace(whole, output=output - predict_output(known, path)).thin(_SEARCHED).counted
+    # Along all samples: a thin path misses small reversals.
+    error = replace(whole, output=output - predict_output(known, path)).thin(_SEARCHED, turns=True).counted
     values = len(list_element_values(known))
     own = _ElementTrial(
         model="",
@@ -1018,7 +1029,7 @@ def choose_spring(
     )
     best = min(trials, key=folds.score)
     chosen = best if folds.is_better(best, own, least=_SURELY) else own
-    if not folds.is_better(chosen, trials[0], least=_SURELY):
+    if not folds.is_better(chosen, trials[0], least=_PLAINLY if chosen is own else _SURELY):
         chosen = trials[0]
     spread = float(np.std(data.counted))
     left = [100.0 * math.sqrt(folds.score(trial)) / spread for trial in (chosen, own)]
@@ -1027,9 +1038,9 @@ def choose_spring(
     return replace(chosen.elasticity, offset=0.0), name, left[0], left[1]
 
 
-_SURELY = 0.7
-"""Of the logarithm of a mean square: three tenths of the error. Less is no reason to call a spring anything
-but linear, or anything but stops and knees."""
+_SURELY, _PLAINLY = 0.7, 0.35
+"""Of the logarithm of a mean square: three tenths of the error, below which a spring is called nothing but
+linear, or stops and knees; half of that for stops and knees instead of a linear one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
