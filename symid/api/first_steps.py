@@ -8,7 +8,7 @@ import platform
 import shutil
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from os import PathLike
 from pathlib import Path
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from symid.identification.elastic import TrackingRun
     from symid.report import Block, FitVerdict
     from symid.simulation import ElasticRun
+    from symid.study import ForeignRun
 
 
 _PACKAGES = ("casadi", "click", "filelock", "jinja2", "numpy", "scipy", "sympy")
@@ -163,6 +164,14 @@ _METHODS = ("linear-spring", "two-step", "independent", _AUTOMATIC)
 _LOGS = {"TA": "ta.npz", "TA10": "ta10.npz", "TB1": "tb1.npz", "TB2": "tb2.npz", "TC": "tc.npz"}
 _OURS = frozenset({"code", *_LOGS.values(), "estimate.json", "identified.toml", "report.html"})
 
+_FOREIGN, _SHARE = "lugre", 0.2
+"""Hidden model of the second arm, and the part of the study's logs that it gets."""
+_WHAT = (
+    "The arm is simulated with the models that are then identified, stops and knees in its springs and "
+    "Coulomb and viscous friction, so that its errors are those of noise alone. A second arm has motors with "
+    "LuGre friction, in a simulator that shares no model with the identification: its errors are those of "
+    "models that do not fit. Real arms are like the second one."
+)
 DemoErrors = tuple[float, float]
 """Of parameters and of the hysteresis, percent."""
 
@@ -178,6 +187,7 @@ class DemoResult(JudgedResult):
         deviations: by method: errors (percent) of the worst parameter, and of the worse hysteresis on a
             held-out motion.
         tracking: closed loops along the held-out motion: rigid feed-forward first, then identified ones.
+        foreign: the automatic choice on an arm whose motors have friction that no model of symid's describes.
         seed: of the noise.
         folder: with code, logs, estimate.json, identified.toml and report.html.
         files: C sources.
@@ -195,6 +205,7 @@ class DemoResult(JudgedResult):
     fits: Mapping[str, ElasticFit]
     deviations: Mapping[str, DemoErrors]
     tracking: "tuple[TrackingRun, ...]"
+    foreign: "ForeignRun"
     seed: int
     folder: Path
     files: tuple[Path, ...]
@@ -241,7 +252,9 @@ class DemoResult(JudgedResult):
         errors = [[chosen if name == _AUTOMATIC else name, *pair] for name, pair in self.deviations.items()]
         header = ["feed-forward", *(f"{joint.name}/mrad" for joint in self.robot.joints)]
         rows = [[run.name, *(1e3 * run.rms).tolist()] for run in self.tracking]
+        foreign = self.foreign
         return (
+            _WHAT,
             f"{self.robot.name}: dynamics, friction and hysteresis identified from {logs}\n{best.reason}",
             report.show_elastic_parameters(best),
             report.show_springs(best),
@@ -250,6 +263,11 @@ class DemoResult(JudgedResult):
                 f"the held-out motion {_LOGS[_HELD_OUT]}"
             ),
             report.Table(["method", "parameters", "hysteresis"], errors),
+            (
+                f"the arm with LuGre friction, method {foreign.chosen}: parameters {foreign.worst:.2g} %, "
+                f"hysteresis {foreign.spring:.2g} %; errors {foreign.z_rms:.2g} times the stated deviations "
+                f"(rms), verdict {foreign.verdict}"
+            ),
             f"RMS tracking errors of the links in closed loop, motion of {_LOGS[_HELD_OUT]}",
             report.Table(header, rows),
             f"{len(self.files)} files of C in {show_path(self.folder / 'code')}, {self.built}",
@@ -267,6 +285,7 @@ class DemoResult(JudgedResult):
                 for name, pair in self.deviations.items()
             },
             "tracking_rms": {run.name: run.rms.tolist() for run in self.tracking},
+            "foreign": asdict(self.foreign),
             "seed": self.seed,
             "backend": self.robot.library.backend,
             "code": self.folder / "code",
@@ -302,6 +321,7 @@ def demo(
         True
     """
     from symid.identification.elastic import evaluate_elastic
+    from symid.study import try_foreign
 
     place = Path(folder)
     _prepare_folder(place, force=force)
@@ -318,6 +338,8 @@ def demo(
     estimate = fits[_AUTOMATIC].save(place / "estimate.json")
     export_fit(robot.description, estimate, place / "identified.toml", accept=True, progress=progress)
     tracking = _simulate_tracking(robot, fits)
+    progress("simulating and identifying an arm with friction of another kind")
+    foreign = try_foreign(_FOREIGN, seed, report.judge_fit, share=_SHARE)
     progress("writing the report")
     library, best = robot.library, fits[_AUTOMATIC].estimate
     initial = [spring.elasticity for spring in fits["linear-spring"].estimate.springs]
@@ -336,6 +358,7 @@ def demo(
         fits=fits,
         deviations=deviations,
         tracking=tracking,
+        foreign=foreign,
         seed=seed,
         folder=place,
         files=code.files,

@@ -23,8 +23,10 @@ if TYPE_CHECKING:
     )
     from symid.study.foreign_truths import (
         TRUTHS as TRUTHS,
+        ForeignRun as ForeignRun,
         ForeignStudy as ForeignStudy,
         study_foreign as study_foreign,
+        try_foreign as try_foreign,
     )
     from symid.study.friction_protocols import (
         AGREEMENT as AGREEMENT,

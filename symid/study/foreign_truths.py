@@ -381,6 +381,16 @@ def _refuse(method: str) -> ForeignRun:
     return ForeignRun(method=method, worst=lost, spring=lost, z_rms=lost, z_most=lost, verdict="refused")
 
 
+def try_foreign(
+    truth: str, seed: int, judge: Callable[[ElasticEstimate], Judged], *, share: float = 1.0
+) -> ForeignRun:
+    """Return the automatic choice on the logs of the planar arm with hidden models of a truth.
+
+    `seed` is that of the sensors, `share` that of the full length of the logs; `judge` as of `study_foreign`.
+    """
+    return _run_task(("2r", truth, 1.0, share, seed, (), judge))[0]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForeignCell:
     """One method on one truth: spreads over the seeds, verdicts and choices with how often they came.

@@ -519,7 +519,7 @@ def _add_model_error(work: ElasticEquations, fit: MethodFit) -> MethodFit:
     return replace(fit, covariance=fit.covariance + np.diag(variances))
 
 
-_STATES, _STICKING = 2e-4, 5e-4
+_STATES, _STICKING = 1e-4, 4e-4
 """Of a parameter's size, the error that filtered states leave, and friction near rest beside; found on arms
 of other simulators, where no noise explained it."""
 

@@ -7,7 +7,13 @@ import pytest
 
 from symid import __version__
 from symid.errors import Notice
-from symid.identification.elastic.estimate import ElasticEstimate, HistoryEntry, MethodTrial, SpringEstimate
+from symid.identification.elastic.estimate import (
+    ElasticEstimate,
+    ElasticEvidence,
+    HistoryEntry,
+    MethodTrial,
+    SpringEstimate,
+)
 from symid.identification.elastic.validation import ElasticTrial, JointTrial, TrackingRun
 from symid.identification.estimators.estimate import ParameterEstimate, Residual
 from symid.ipopt import Ending
@@ -16,6 +22,7 @@ from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
 from symid.report.blocks import Drawing, Table
 from symid.report.elastic_page import build_elastic_page, draw_loops, show_spring
 from symid.report.pages import render_page, write_page
+from symid.report.verdict import judge_elastic
 
 TRUTH = Elasticity(
     stiffness=380.0,
@@ -406,3 +413,38 @@ def test_robots_without_truth_have_no_column_for_it(estimate):
     text = write(replace(estimate, parameters=unknown, springs=springs))
     assert ">truth<" not in text
     assert "True stops" not in text
+
+
+@pytest.mark.parametrize(
+    ("held_out", "springs", "contradiction", "level"),
+    [
+        (4.0, 0.3, 0.0, "good"),
+        (12.0, 0.3, 0.0, "usable"),
+        (4.0, 15.0, 0.0, "usable"),
+        (4.0, 0.3, 9.0, "usable"),
+    ],
+)
+def test_without_a_held_out_log_stretches_of_its_own_logs_judge(
+    estimate, held_out, springs, contradiction, level
+):
+    evidence = ElasticEvidence(
+        held_out=(held_out, 1.0), noise=(1.3, 1.0), springs=(springs, 0.2), contradiction=contradiction
+    )
+    plain = replace(
+        estimate, evidence=evidence, outcome=Ending.CONVERGED, parameters=(), refused=(), covariance=()
+    )
+    verdict = judge_elastic(plain, ())
+    assert verdict.level == level
+    assert (
+        f"at most {held_out:.3g} % of a motor's torque unexplained, 1.3 times its noise" in verdict.headline
+    )
+    assert ("otherwise than without" in verdict.headline) == (contradiction > 5.0)
+
+
+def test_a_refused_spring_does_not_judge(estimate):
+    lost = replace(estimate.springs[0], told=False, reason="no torsion")
+    evidence = ElasticEvidence(held_out=(4.0, 1.0), noise=(1.0, 1.0), springs=(90.0, 0.2))
+    plain = replace(
+        estimate, evidence=evidence, springs=(lost, *estimate.springs[1:]), parameters=(), covariance=()
+    )
+    assert "at most 0.2 %" in judge_elastic(plain, ()).headline or len(estimate.springs) == 1

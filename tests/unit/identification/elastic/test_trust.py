@@ -1,0 +1,117 @@
+"""How sure results of elastic joints are said to be: noise, widened deviations, contradictions, evidence."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from symid.identification.elastic.elimination import BandRows, measure_torque_noise
+from symid.identification.elastic.estimate import MethodFit
+from symid.identification.elastic.methods import (
+    _add_model_error,
+    _find_contradiction,
+    _measure_disagreement,
+    _widen,
+)
+from symid.identification.elastic.regression import ElasticSignals
+from symid.logs import low_pass
+
+PERIOD = 1e-3
+SIGMA = np.array([0.01, 0.02, 0.05])
+
+
+def build_work(limits=0.0):
+    """Two base parameters and a rotor of one joint, identified without springs as 2, 1 and 0.5."""
+    rows = BandRows(
+        design=np.eye(3),
+        torque=np.array([2.0, 1.0, 0.5]),
+        group=np.zeros(3, dtype=np.intp),
+        time=np.linspace(0.0, 1.0, 3),
+        slide=np.zeros(3, dtype=np.intp),
+    )
+    beta = [SimpleNamespace(joint="a", unit="kg m"), SimpleNamespace(joint="a", unit="kg m")]
+    card = SimpleNamespace(beta=beta, joints=[SimpleNamespace(name="a")])
+    return SimpleNamespace(
+        rows=rows,
+        band=SimpleNamespace(chi=np.array([2.0, 1.0, 0.5]), covariance=np.diag(SIGMA**2)),
+        identifiable=np.ones(3, dtype=bool),
+        problem=SimpleNamespace(sizes=(2, 1), library=SimpleNamespace(card=card), limits=np.array([limits])),
+    )
+
+
+def build_fit(chi, covariance):
+    chi = np.asarray(chi)
+    return MethodFit(
+        method="nlp", beta=chi[:2], rotor=chi[2:], friction=np.zeros(0), covariance=np.asarray(covariance)
+    )
+
+
+def make_signals(tau, cutoff=0.0):
+    zero = np.zeros_like(tau)
+    return ElasticSignals(
+        time=np.arange(len(tau)) * PERIOD,
+        q=zero,
+        dq=zero,
+        theta=zero,
+        dtheta=zero,
+        tau=tau,
+        period=PERIOD,
+        settled=0,
+        hold="first",
+        cutoff=cutoff,
+    )
+
+
+@pytest.mark.parametrize("cutoff", [0.0, 200.0])
+def test_noise_is_that_which_the_band_of_the_rows_lets_through(cutoff):
+    # A band of 20 Hz; the oracle is the filter itself.
+    rng = np.random.default_rng(5)
+    time = np.arange(60000) * PERIOD
+    noise = np.array([0.3, 2.0]) * rng.standard_normal((len(time), 2))
+    motion = 50.0 * np.sin(2.0 * np.pi * np.array([0.7, 3.1]) * time[:, None])
+    resonance = 0.5 * np.sin(2.0 * np.pi * 90.0 * time)[:, None]
+    tau = motion + resonance + noise
+    if cutoff:
+        tau = low_pass(tau, period=PERIOD, cutoff=cutoff, order=4)
+    found = measure_torque_noise([make_signals(tau, cutoff)])
+    expected = np.std(low_pass(noise, period=PERIOD, cutoff=20.0, order=4), axis=0)
+    assert found == pytest.approx(expected, rel=0.06)
+
+
+def test_deviations_grow_with_the_distance_from_what_needs_no_springs():
+    work, raw = build_work(), np.diag([1e-6, 4e-6, 9e-6])
+    near = build_fit([2.001, 1.0, 0.5], raw)
+    assert np.array_equal(_widen(work, near).covariance, raw)
+    # Three deviations in every parameter: chi^2 = 27, nine a parameter.
+    far = build_fit(np.array([2.0, 1.0, 0.5]) + 3.0 * SIGMA, raw)
+    assert _measure_disagreement(work, far) == (pytest.approx(27.0), 3)
+    assert _widen(work, far).covariance == pytest.approx(9.0 * raw)
+
+
+def test_no_parameter_is_surer_than_the_states_that_its_column_is_made_of():
+    raw = np.diag([1e-12, 1e-12, 1e-12])
+    fit = build_fit([2.0, 0.01, 0.5], raw)
+    plain, sticking = (
+        np.sqrt(np.diag(_add_model_error(build_work(limits), fit).covariance)) for limits in (0.0, 0.1)
+    )
+    # The second is of the first one's kind, and measured by its size.
+    assert plain == pytest.approx(plain[0] * np.array([1.0, 1.0, 0.25]), rel=1e-3)
+    assert np.all(sticking > 3.0 * plain)
+
+
+def test_a_contradiction_must_matter_to_count():
+    work = build_work()
+    sharp = SimpleNamespace(chi=work.band.chi, covariance=np.diag([1e-12, 1e-12, 1e-12]))
+    work.band = sharp
+    # A thousandth is far beyond these deviations, and no matter.
+    assert _find_contradiction(work, build_fit([2.001, 1.0, 0.5], np.eye(3)), [""])[0] == ""
+    text, ratio = _find_contradiction(work, build_fit([2.1, 1.0, 0.5], np.eye(3)), [""])
+    assert "contradict" in text
+    assert ratio > 5.0
+
+
+def test_springs_of_another_kind_explain_a_contradiction():
+    text, ratio = _find_contradiction(build_work(), build_fit([2.0, 1.0, 0.5], np.eye(3)), ["bouc-wen"])
+    assert "'a' is bouc-wen" in text
+    assert ratio == 0.0
+    assert _find_contradiction(build_work(), build_fit([2.0, 1.0, 0.5], np.eye(3)), ["linear"])[0] == ""
