@@ -110,17 +110,36 @@ def _build_elastic(robot: Robot, found: ElasticEstimate, source: Path) -> Identi
             *(f"the spring of {joint!r}" for joint in lacking),
         ),
         # The robot file's own springs are written in place of those that are refused.
-        notices=tuple(
-            Notice(
-                code="export.spring",
-                text=f"the identified spring of {entry.joint!r} is not written: {entry.reason}",
-                file=str(source),
-            )
-            for entry in found.springs
-            if not entry.told
+        notices=(
+            *(
+                Notice(
+                    code="export.spring",
+                    text=f"the identified spring of {entry.joint!r} is not written: {entry.reason}",
+                    file=str(source),
+                )
+                for entry in found.springs
+                if not entry.told
+            ),
+            *_list_effects(found, source),
         ),
         covariance=tuple(tuple(found.covariance[i][j] for j in places) for i in places if found.covariance),
     )
+
+
+def _list_effects(found: ElasticEstimate, source: Path) -> tuple[Notice, ...]:
+    """Return a notice on what was taken off before the fit, for which robots have no place."""
+    joints = [entry.joint for entry in found.residual]
+    names = [
+        effect.kind if effect.joint < 0 else f"{effect.kind} of {joints[effect.joint]!r}"
+        for effect in found.effects
+    ]
+    if not names:
+        return ()
+    text = (
+        f"the robot has no place for what was taken off before the fit: {', '.join(names)}; its torques lack "
+        "them"
+    )
+    return (Notice(code="export.effects", text=text, file=str(source)),)
 
 
 def _list_missing(base: BaseParameters, values: Sequence[ParameterEstimate]) -> tuple[str, ...]:

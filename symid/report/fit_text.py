@@ -375,6 +375,7 @@ def describe_elastic(estimate: "ElasticEstimate") -> dict[str, object]:
         ],
         "springs": [asdict(entry) for entry in estimate.springs],
         "effects": [_describe_effect(estimate, effect) for effect in estimate.effects],
+        "evidence": None if estimate.evidence is None else asdict(estimate.evidence),
         "residual": describe_residual(estimate.residual),
         "energy": describe_residual((estimate.energy,))[0],
         "condition": estimate.condition,
@@ -419,17 +420,18 @@ def show_springs(estimate: "ElasticEstimate") -> Table:
     if any(entry.elasticity.branches for entry in told):
         return tabulate(
             told,
-            "joint; k0=elasticity.stiffness; at most=steepest; unit; branches; torsion; torque",
-            (0, 3, 4),
+            "joint; k0=elasticity.stiffness; at most=steepest; std=slope_std; unit; branches; torsion; "
+            "torque; std=spread",
+            (0, 4, 5),
             steepest=lambda entry: find_most_slope(entry.elasticity),
             unit=lambda entry: f"{entry.torque_unit}/{entry.position_unit}",
             branches=_name_branches,
         )
     return tabulate(
         told,
-        "joint; k0=elasticity.stiffness; k0 + stops=elasticity.initial_stiffness; unit; stops; knees; "
-        "torsion; slipped to=excited; torque",
-        (0, 3),
+        "joint; k0=elasticity.stiffness; k0 + stops=elasticity.initial_stiffness; std=slope_std; unit; "
+        "stops; knees; torsion; slipped to=excited; torque; std=spread",
+        (0, 4),
         unit=lambda entry: f"{entry.torque_unit}/{entry.position_unit}",
         stops=lambda entry: len(entry.elasticity.stops),
         knees=lambda entry: len(entry.elasticity.knees),

@@ -69,6 +69,14 @@ def test_a_linear_coupling_comes_out_linear(bench):
     assert {"log.delay-refuted", "elastic.spring-kind"} <= codes
 
 
+def test_an_export_says_what_a_robot_has_no_place_for(bench, tmp_path):
+    fit, _ = bench
+    exported = fit.export(tmp_path / "bench.toml")
+    (notice,) = (entry for entry in exported.notices if entry.code == "export.effects")
+    assert "torque-lag" in notice.text
+    assert "link-friction of 'coupling'" in notice.text
+
+
 def test_it_predicts_the_other_half_in_the_band_of_its_resonance(bench):
     fit, data = bench
     values = {entry.name: entry.value for entry in fit.estimate.parameters}

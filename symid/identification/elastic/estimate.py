@@ -77,6 +77,8 @@ class SpringEstimate:
         torsion: the largest |phi| in the recordings, rad or m.
         excited: the largest threshold whose stop slipped, 0 for none: stops beyond it are not identifiable.
         torque: the largest |tau_J| that the spring gave: knees beyond it are not identifiable.
+        spread: standard deviation of its torque in the recordings, rms, N m or N; slope_std: that of the
+            largest slope, without branches that near zero, N m/rad or N/m; None where not computed.
         told: whether the spring is identifiable; where not, its numbers mean nothing: `reason` says why.
     """
 
@@ -90,6 +92,8 @@ class SpringEstimate:
     truth: Elasticity | None = None
     told: bool = True
     reason: str = ""
+    spread: Finite | None = None
+    slope_std: Finite | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -41,10 +41,12 @@ from symid.identification.elastic.regression import (
     get_encoder_positions,
     locate_settled,
 )
-from symid.identification.elastic.uncertainty import measure_identifiability
+from symid.identification.elastic.uncertainty import measure_identifiability, measure_spring_spread
 from symid.identification.estimators import Residual, list_parameters
+from symid.identification.hysteresis import filter_smooth
 from symid.identification.regression import check_joints, list_measured_joints, warn_of_energy
 from symid.ipopt import Ending
+from symid.joint_models import Elasticity
 from symid.logs import Recording, differentiate
 
 if TYPE_CHECKING:
@@ -112,6 +114,9 @@ def _list_springs(
         span = max(float(np.ptp(part)) for part in phi)
         slipped = [stop.threshold for stop in elasticity.stops if 2.0 * stop.threshold <= span]
         stated = card.elasticity[joint]
+        spread, slope = (None, None)
+        if joint not in refused and fit.covariance is not None:
+            spread, slope = _measure_spread(work, fit, joint)
         yield SpringEstimate(
             joint=entry.name,
             torque_unit=entry.torque_unit,
@@ -123,7 +128,29 @@ def _list_springs(
             truth=stated if stated is not None and stated.initial_stiffness is not None else None,
             told=joint not in refused,
             reason=refused[joint].text if joint in refused else "",
+            spread=spread,
+            slope_std=slope,
         )
+
+
+def _measure_spread(work: ElasticEquations, fit: MethodFit, joint: int) -> tuple[float, float]:
+    """Return the deviations of a spring's torque and of its slope after a reversal."""
+    problem, count = work.problem, work.problem.sizes[0]
+    pairs = list(zip(problem.signals, problem.filtered, strict=True))
+
+    def compute(spring: Elasticity) -> list[FloatArray]:
+        return [
+            filter_smooth(compute_joint_torque(spring, part, joint), problem.options.rate, part.period)[
+                rows.keep
+            ]
+            for part, rows in pairs
+        ]
+
+    spring, covariance = fit.elasticity[joint], np.asarray(fit.covariance)[:count, :count]
+    link = [rows.compute_link_side(fit.chi)[:, joint] for _, rows in pairs]
+    errors = [torque - own for torque, own in zip(link, compute(spring), strict=True)]
+    columns = [rows.design[:, joint, :count] for _, rows in pairs]
+    return measure_spring_spread(spring, compute, columns, errors, covariance)
 
 
 _CLEAR = 10.0

@@ -3,16 +3,22 @@
     motor   IA ddtheta + F(dtheta) f + S w = tau + noise
     link    Y beta - S w = 0                                     exact, as the states are
 
-S are the derivatives of the springs' torque by all their numbers w. The bound is N (N' I N)^-1 N', N the null
-space of the link equations, I the information of the motor equations (Gorman and Hero 1990).
+    springs   dw = J^+ (Y dbeta + e),   J = d F[spring] / dw, Y beta + e = F[spring]
+
+S are the derivatives of the springs' torque by all their numbers w. Springs follow the torque of the links,
+whose parameters have a covariance, and what they leave of it, e, is correlated in stretches. The bound is
+N (N' I N)^-1 N', N the null space of the link equations, I the information of the motor equations (Gorman and
+Hero 1990).
 
 Supported: residuals correlated over less than a hundredth of the rows (Liang and Zeger 1986); rows that do
 not identify all parameters, whose variance is then infinite; springs of stops and knees; several recordings.
-Not supported: the uncertainty of springs that a fit took as given; cubic springs, damping; noise of the
-encoders, with which one can only do worse.
+Not supported: the uncertainty of dynamics from springs that a fit took as given; numbers of springs that do
+not hold between samples, such as elements on grids; in bounds, cubic springs, damping, noise of the encoders.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import fields, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +29,10 @@ from symid.identification.diagnostics import sum_block_scores
 from symid.identification.elastic.regression import ElasticSignals, average_steps, build_equations
 from symid.identification.hysteresis import compute_slips, compute_spring_slopes, read_weights
 from symid.identification.regression import RankRule, compute_spectrum
-from symid.joint_models import Elasticity, compute_stop_basis
+from symid.joint_models import Elasticity, compute_stop_basis, find_most_slope
 from symid.logs import differentiate
 
-_BLOCKS = 100
+_BLOCKS, _STRETCHES = 100, 30
 _RULE = RankRule()
 
 
@@ -60,6 +66,85 @@ def compute_covariance(design: FloatArray, errors: FloatArray | None = None) -> 
         scores, _ = sum_block_scores(design, errors, np.zeros(len(errors), dtype=np.intp), _BLOCKS)
         covariance = root @ (root.T @ scores @ root) @ root.T
     return mark_unidentifiable(covariance, spectrum.mask_identifiable(_RULE))
+
+
+def list_spring_moves(spring: Elasticity) -> list[tuple[float, Callable[[float], Elasticity]]]:
+    """Return every number of a spring that data decide, and how to put another in its place."""
+    plain = [(name, -1, "") for name in ("stiffness", "cubic", "damping")]
+    parts = [
+        (name, index, part.name)
+        for name in ("stops", "knees", "branches")
+        for index, entry in enumerate(getattr(spring, name))
+        for part in fields(entry)
+    ]
+    values = [
+        getattr(spring, name) if index < 0 else getattr(getattr(spring, name)[index], part)
+        for name, index, part in (*plain, *parts)
+    ]
+    return [
+        (value, partial(_move, spring, place))
+        for value, place in zip(values, (*plain, *parts), strict=True)
+        if isinstance(value, float) and value
+    ]
+
+
+def _move(spring: Elasticity, place: tuple[str, int, str], value: float) -> Elasticity:
+    name, index, part = place
+    if index < 0:
+        return replace(spring, **{name: value})  # type: ignore[arg-type]  # a number of the spring
+    whole = list(getattr(spring, name))
+    whole[index] = replace(whole[index], **{part: value})
+    return replace(spring, **{name: tuple(whole)})  # type: ignore[arg-type]  # stops, knees or branches
+
+
+def measure_spring_spread(
+    spring: Elasticity,
+    compute: Callable[[Elasticity], Sequence[FloatArray]],
+    columns: Sequence[FloatArray],
+    errors: Sequence[FloatArray],
+    covariance: FloatArray,
+) -> tuple[float, float]:
+    """Return the deviation of a spring's torque, rms over the rows, and that of its slope.
+
+    The slope is the largest one, of springs without branches that near zero.
+
+    Args:
+        spring: N m/rad or N/m.
+        compute: returns F[torque] (M,) of another spring at the rows of every recording, N m or N.
+        columns: (M, p) of the links' parameters there.
+        errors: (M,) what the spring leaves, N m or N.
+        covariance: (p, p) of these parameters.
+    """
+    slopes, parts = [], []
+    for value, put in list_spring_moves(spring):
+        step = _SMALL * abs(value)
+        above, below = put(value + step), put(value - step)
+        pairs = zip(compute(above), compute(below), strict=True)
+        parts.append([(ahead - behind) / (2.0 * step) for ahead, behind in pairs])
+        slopes.append((_get_slope(above) - _get_slope(below)) / (2.0 * step))
+    jacobians = [np.stack(part, axis=1) for part in zip(*parts, strict=True)]
+    whole = np.concatenate(jacobians)
+    lengths: FloatArray = np.linalg.norm(whole, axis=0)
+    # A number without effect has no deviation that matters.
+    lengths = np.where(lengths > 0.0, lengths, np.inf)
+    scaled = whole / lengths
+    inverse = np.linalg.pinv(scaled.T @ scaled, rcond=_FLAT, hermitian=True)
+    carried = inverse @ (scaled.T @ np.concatenate(columns))
+    spread = carried @ np.where(np.isfinite(covariance), covariance, 0.0) @ carried.T
+    for jacobian, error in zip(jacobians, errors, strict=True):
+        owner = np.zeros(len(error), dtype=np.intp)
+        spread += inverse @ sum_block_scores(jacobian / lengths, error, owner, _STRETCHES)[0] @ inverse
+    torque = float(np.sqrt(np.mean(np.einsum("ij,jk,ik->i", scaled, spread, scaled))))
+    way = np.array(slopes) / lengths
+    return torque, float(np.sqrt(max(0.0, float(way @ spread @ way))))
+
+
+def _get_slope(spring: Elasticity) -> float:
+    return find_most_slope(spring) if spring.branches else spring.initial_stiffness or 0.0
+
+
+_SMALL, _FLAT = 1e-4, 1e-10
+"""Steps of derivatives, relative; singular values that are zero."""
 
 
 def compute_elimination_bound(

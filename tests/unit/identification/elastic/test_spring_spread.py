@@ -1,0 +1,65 @@
+"""Deviations of springs, against many fits to noise that was drawn."""
+
+import numpy as np
+import pytest
+
+from symid.identification.elastic.uncertainty import list_spring_moves, measure_spring_spread
+from symid.joint_models import BoucWen, Elasticity, Knee, Stop, run_element
+
+TIME = np.linspace(0.0, 12.0, 1200)
+PHI = 0.01 * (np.sin(2.0 * np.pi * 0.5 * TIME) + 0.6 * np.sin(2.0 * np.pi * 1.3 * TIME + 1.0))
+LEVER = np.cos(0.9 * TIME)
+
+
+def follow(spring):
+    return run_element(spring, PHI, TIME).output
+
+
+def test_deviations_of_torque_and_slope_are_those_of_many_fits():
+    # The torque of the links is the spring's; a parameter of theirs is known to 0.02, and noise is white.
+    truth = Elasticity(stiffness=400.0, stops=(Stop(threshold=0.004, stiffness=150.0),))
+    basis = np.stack(
+        [PHI, follow(Elasticity(stiffness=1e-9, stops=(Stop(threshold=0.004, stiffness=1.0),)))], axis=1
+    )
+    rng = np.random.default_rng(2)
+    draws = []
+    for _ in range(2000):
+        torque = basis @ [400.0, 150.0] + 0.02 * rng.standard_normal() * LEVER
+        torque = torque + 0.1 * rng.standard_normal(len(TIME))
+        draws.append(np.linalg.lstsq(basis, torque, rcond=None)[0])
+    cases = np.cov(np.array(draws).T)
+    slope = np.sqrt(np.sum(cases))
+    torque = np.sqrt(np.mean(np.einsum("ij,jk,ik->i", basis, cases, basis)))
+    errors = 0.1 * rng.standard_normal(len(TIME))
+    # The threshold counts as well, so that the deviations are somewhat larger than with a known one.
+    found = measure_spring_spread(
+        truth, lambda spring: [follow(spring)], [LEVER[:, None]], [errors], np.array([[0.02**2]])
+    )
+    assert torque < found[0] < 1.8 * torque
+    assert 0.8 * slope < found[1] < 2.5 * slope
+
+
+def test_a_stiffness_scales_with_the_only_parameter_of_the_links():
+    # tau = beta phi is followed by k phi: k has the relative deviation of beta, exactly.
+    spring = Elasticity(stiffness=500.0)
+    torque, slope = measure_spring_spread(
+        spring, lambda moved: [follow(moved)], [PHI[:, None]], [np.zeros(len(PHI))], np.array([[9.0]])
+    )
+    assert slope == pytest.approx(3.0)
+    assert torque == pytest.approx(3.0 * np.sqrt(np.mean(PHI**2)))
+
+
+def test_every_number_of_a_spring_moves_by_itself():
+    spring = Elasticity(
+        stiffness=300.0,
+        cubic=2.0,
+        damping=1.0,
+        stops=(Stop(threshold=0.1, stiffness=50.0),),
+        branches=(BoucWen(level=2.0, length=0.01, skew=0.2),),
+    )
+    moves = list_spring_moves(spring)
+    assert [value for value, _ in moves] == [300.0, 2.0, 1.0, 0.1, 50.0, 2.0, 0.01, 1.0, 0.5, 0.2]
+    assert all(put(value) == spring for value, put in moves)
+    assert len({put(1.01 * value) for value, put in moves}) == len(moves)
+    knees = Elasticity(stiffness=300.0, knees=(Knee(threshold=2.0, slope=0.5),))
+    assert [value for value, _ in list_spring_moves(knees)] == [300.0, 2.0, 0.5]
