@@ -38,6 +38,9 @@ from symid.logs import differentiate_smooth, low_pass, shift_channel
 
 _BLOCKS = 8
 _SURE, _GAIN = 3.0, 0.01
+_AGREED, _LESS = 6.0, 2.0
+"""Standard errors of the gain of an effect, and least gain; deviations (jackknife) of a number that blocks
+agree on, and the standard errors that then do."""
 _MOST = 10
 """Effects; a robot with more has another problem."""
 _STILL = 0.1
@@ -118,21 +121,25 @@ class _Rows(FrozenArrays):
         period = max(part.period for part in self.signals)
         return -0.75 * period <= lag <= _LONGEST_LAG
 
-    def predict(self, extra: FloatArray, weights: FloatArray) -> FloatArray:
-        """Return the mean squared weighted errors of every block, predicted by a fit to the others."""
+    def predict(self, extra: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the mean squared weighted errors (b,) of every block, predicted by a fit to the others.
+
+        And the last coefficient (b,) of these fits.
+        """
         whole = np.column_stack([self.design, extra, self.torque]) * weights[:, None]
         lengths = np.maximum(np.linalg.norm(whole, axis=0), 1e-300)
         whole /= lengths
         parts = [whole[self.block == number] for number in range(_BLOCKS)]
         grams = [part.T @ part for part in parts]
         total = sum(grams)
-        losses = []
+        losses, last = [], []
         for part, gram in zip(parts, grams, strict=True):
             left = total - gram
             values = np.linalg.lstsq(left[:-1, :-1], left[:-1, -1], rcond=_RANK)[0]
             losses.append(float(np.mean((part[:, -1] - part[:, :-1] @ values) ** 2)))
+            last.append(values[-1] / lengths[-2])
         # What is left of exact logs is rounding, which no effect explains.
-        return np.array(losses) + _EXACT / len(whole)
+        return np.array(losses) + _EXACT / len(whole), np.array(last)
 
 
 def _center(part: ElasticSignals) -> FloatArray:
@@ -197,14 +204,19 @@ def measure_effects(
     extra = np.empty((len(rows.torque), 0))
     while len(found) < _MOST:
         _, errors, weights = rows.solve(extra)
-        before, tried = rows.predict(extra, weights), []
+        (before, _), tried = rows.predict(extra, weights), []
         for effect in _list_candidates(rows, errors * weights, found):
             further = np.hstack([extra, rows.build(effect)])
             if effect.kind == "torque-lag" and not rows.allow_lag(float(rows.solve(further)[0][-1])):
                 continue
-            gains = np.log(before / rows.predict(further, weights))
+            after, values = rows.predict(further, weights)
+            gains = np.log(before / after)
             mean, error = float(np.mean(gains)), float(np.std(gains, ddof=1)) / np.sqrt(_BLOCKS)
-            if mean > max(_GAIN, _SURE * error):
+            # Blocks gain unequally where motions differ: a number that all agree on needs less of it.
+            deviation = np.sqrt(_BLOCKS - 1.0) * float(np.std(values))
+            alone = further.shape[1] == extra.shape[1] + 1
+            agreed = alone and abs(float(np.mean(values))) > _AGREED * deviation
+            if mean > max(_GAIN, (_LESS if agreed else _SURE) * error):
                 tried.append((mean, effect, further))
         if not tried:
             break

@@ -75,7 +75,7 @@ if TYPE_CHECKING:
 _BLOCKS = 8
 _FINE = 50
 _CLEAR = 2.0
-_ALIKE = 1.03
+_ALIKE = 1.05
 """Of the least mean square: half as much of the noise is no difference that matters."""
 FOLDS = 4
 
