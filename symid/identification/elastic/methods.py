@@ -140,6 +140,7 @@ class ElasticEquations:
         rows, band: the weighted elimination in a band, equations and fit.
         noise: (g,) of the torque in the rows of every group, N m or N.
         effects: of the drives, taken off the torque of all.
+        share: of the joints' RMS speeds, below which motors near rest are left out; 0 for none.
     """
 
     problem: ElasticProblem
@@ -148,6 +149,7 @@ class ElasticEquations:
     band: BandFit
     noise: FloatArray
     effects: tuple[DriveEffect, ...] = ()
+    share: float = 0.0
 
     @property
     def identifiable(self) -> NDArray[np.bool_]:
@@ -195,7 +197,9 @@ def build_elastic_equations(
         wide = build_elastic_problem(library, broad, options, limits)
     fit = fit_band(library.card, rows)
     noise = measure_torque_noise(broad, band)
-    return ElasticEquations(problem=problem, wide=wide, rows=rows, band=fit, noise=noise, effects=effects)
+    return ElasticEquations(
+        problem=problem, wide=wide, rows=rows, band=fit, noise=noise, effects=effects, share=share
+    )
 
 
 def _prepare_wide(
@@ -513,15 +517,15 @@ def _add_model_error(work: ElasticEquations, fit: MethodFit) -> MethodFit:
     kinds = [*((entry.joint, entry.unit) for entry in card.beta), *((joint.name,) for joint in card.joints)]
     values = np.abs(fit.chi[: len(kinds)])
     sizes = np.array([max(values[k] for k, other in enumerate(kinds) if other == kind) for kind in kinds])
-    share = _STICKING if np.any(work.problem.limits) else _STATES
     variances = np.zeros(len(fit.chi))
-    variances[: len(kinds)] = (share * sizes) ** 2
+    variances[: len(kinds)] = ((_STATES + _STICKING * work.share) * sizes) ** 2
     return replace(fit, covariance=fit.covariance + np.diag(variances))
 
 
-_STATES, _STICKING = 1e-4, 4e-4
-"""Of a parameter's size, the error that filtered states leave, and friction near rest beside; found on arms
-of other simulators, where no noise explained it."""
+_STATES, _STICKING = 1e-4, 1.5e-3
+"""Of a parameter's size, the error that filtered states leave; and friction near rest, beyond the speed up to
+which it is left out, times that speed over its RMS. Found on arms of other simulators, where no noise explained
+them."""
 
 
 def choose_springs(

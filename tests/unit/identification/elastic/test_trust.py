@@ -20,7 +20,7 @@ PERIOD = 1e-3
 SIGMA = np.array([0.01, 0.02, 0.05])
 
 
-def build_work(limits=0.0):
+def build_work(share=0.0):
     """Two base parameters and a rotor of one joint, identified without springs as 2, 1 and 0.5."""
     rows = BandRows(
         design=np.eye(3),
@@ -92,7 +92,7 @@ def test_no_parameter_is_surer_than_the_states_that_its_column_is_made_of():
     raw = np.diag([1e-12, 1e-12, 1e-12])
     fit = build_fit([2.0, 0.01, 0.5], raw)
     plain, sticking = (
-        np.sqrt(np.diag(_add_model_error(build_work(limits), fit).covariance)) for limits in (0.0, 0.1)
+        np.sqrt(np.diag(_add_model_error(build_work(share), fit).covariance)) for share in (0.0, 0.2)
     )
     # The second is of the first one's kind, and measured by its size.
     assert plain == pytest.approx(plain[0] * np.array([1.0, 1.0, 0.25]), rel=1e-3)
