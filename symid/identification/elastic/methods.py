@@ -523,9 +523,8 @@ def _add_model_error(work: ElasticEquations, fit: MethodFit) -> MethodFit:
 
 
 _STATES, _STICKING = 1e-4, 1.5e-3
-"""Of a parameter's size, the error that filtered states leave; and friction near rest, beyond the speed up to
-which it is left out, times that speed over its RMS. Found on arms of other simulators, where no noise explained
-them."""
+"""Of a parameter's size, the error that filtered states leave; and what friction near rest leaves, for each
+unit of the share. Found on arms of other simulators, where no noise explained them."""
 
 
 def choose_springs(
