@@ -169,8 +169,8 @@ _FOREIGN, _SHARE = "lugre", 0.2
 _WHAT = (
     "The arm is simulated with the models that are then identified, stops and knees in its springs and "
     "Coulomb and viscous friction, so that its errors are those of noise alone. A second arm has motors with "
-    "LuGre friction, in a simulator that shares no model with the identification: its errors are those of "
-    "models that do not fit. Real arms are like the second one."
+    "LuGre friction, in a simulator that shares no model with the identification. Its errors are those of "
+    "models that do not fit, as on real arms."
 )
 DemoErrors = tuple[float, float]
 """Of parameters and of the hysteresis, percent."""
