@@ -448,3 +448,13 @@ def test_a_refused_spring_does_not_judge(estimate):
         estimate, evidence=evidence, springs=(lost, *estimate.springs[1:]), parameters=(), covariance=()
     )
     assert "at most 0.2 %" in judge_elastic(plain, ()).headline or len(estimate.springs) == 1
+
+
+def test_springs_have_deviations_where_they_are_known(estimate):
+    plain = list_texts(build_elastic_page(estimate).blocks)
+    assert not any(text.startswith("Standard deviations: ") for text in plain)
+    first = replace(estimate.springs[0], spread=0.0123, slope_std=4.56)
+    page = build_elastic_page(replace(estimate, springs=(first, *estimate.springs[1:])))
+    (text,) = (text for text in list_texts(page.blocks) if text.startswith("Standard deviations: "))
+    assert "4.6 N m/rad of the slope near zero" in text
+    assert "0.012 N m (rms)" in text
