@@ -33,7 +33,9 @@ def list_deviations(task: tuple[str, int]) -> dict[str, float]:
     estimate = prepare_elastic_methods(scene.robot, logs, context)(AUTOMATIC)
     found = {entry.name: entry for entry in estimate.parameters}
     ratios = {
-        name: (found[name].value - value) / found[name].std for name, (value, _) in scene.values.items()
+        name: (found[name].value - value) / found[name].std
+        for name, (value, _) in scene.values.items()
+        if np.isfinite(found[name].std)
     }
     for spring, stiffness in zip(estimate.springs, ARMS[ARM].stiffness, strict=True):
         # Springs with branches have no slope near zero of their own.

@@ -253,6 +253,13 @@ class DemoResult(JudgedResult):
         header = ["feed-forward", *(f"{joint.name}/mrad" for joint in self.robot.joints)]
         rows = [[run.name, *(1e3 * run.rms).tolist()] for run in self.tracking]
         foreign = self.foreign
+        second = f"the arm with LuGre friction: {foreign.verdict}"
+        if foreign.chosen:
+            second = (
+                f"the arm with LuGre friction, method {foreign.chosen}: parameters {foreign.worst:.2g} %, "
+                f"hysteresis {foreign.spring:.2g} %; errors {foreign.z_rms:.2g} times the stated deviations "
+                f"(rms), verdict {foreign.verdict}"
+            )
         return (
             _WHAT,
             f"{self.robot.name}: dynamics, friction and hysteresis identified from {logs}\n{best.reason}",
@@ -263,11 +270,7 @@ class DemoResult(JudgedResult):
                 f"the held-out motion {_LOGS[_HELD_OUT]}"
             ),
             report.Table(["method", "parameters", "hysteresis"], errors),
-            (
-                f"the arm with LuGre friction, method {foreign.chosen}: parameters {foreign.worst:.2g} %, "
-                f"hysteresis {foreign.spring:.2g} %; errors {foreign.z_rms:.2g} times the stated deviations "
-                f"(rms), verdict {foreign.verdict}"
-            ),
+            second,
             f"RMS tracking errors of the links in closed loop, motion of {_LOGS[_HELD_OUT]}",
             report.Table(header, rows),
             f"{len(self.files)} files of C in {show_path(self.folder / 'code')}, {self.built}",

@@ -137,7 +137,7 @@ class _Rows(FrozenArrays):
             left = total - gram
             values = np.linalg.lstsq(left[:-1, :-1], left[:-1, -1], rcond=_RANK)[0]
             losses.append(float(np.mean((part[:, -1] - part[:, :-1] @ values) ** 2)))
-            last.append(values[-1] / lengths[-2])
+            last.append(values[-1] * lengths[-1] / lengths[-2])
         # What is left of exact logs is rounding, which no effect explains.
         return np.array(losses) + _EXACT / len(whole), np.array(last)
 

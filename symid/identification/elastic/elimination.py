@@ -18,6 +18,7 @@ Not supported: encoder noise as large as torque noise within the band; the motor
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +42,7 @@ from symid.identification.elastic.regression import (
 from symid.identification.elastic.uncertainty import compute_covariance
 from symid.identification.hysteresis import build_elasticity, filter_smooth
 from symid.identification.regression import choose_windows, integrate_windows
-from symid.logs import differentiate_smooth, low_pass
+from symid.logs import Recording, differentiate_smooth, low_pass
 
 
 def fit_elimination(problem: ElasticProblem) -> MethodFit:
@@ -192,27 +193,29 @@ def build_band_rows(library: Library, signals: Sequence[ElasticSignals], band: f
     )
 
 
-def measure_torque_noise(signals: Sequence[ElasticSignals], band: float = 0.0) -> FloatArray:
+def measure_torque_noise(recordings: Sequence[Recording], band: float = 0.0) -> FloatArray:
     """Return the noise (g,) of the torque in band rows, N m or N, as it is above the band of the motion.
 
-    The median of the power spectrum there, of every recording and joint, is taken as that of white noise:
-    lines and resonances do not move it. `signals` and `band` are those of `build_band_rows`.
+    The power spectrum of every recording and joint is taken as that of white noise where it is least, by its
+    median in parts of the frequencies: lines, resonances and the harmonics of friction do not move it. `band`
+    is that of `build_band_rows`.
     """
     found = []
-    for part in signals:
-        edge = _choose_edge(part.period, band)
-        frequency = np.fft.rfftfreq(len(part.tau), part.period)
-        # Below what the low-pass of the states passes as it is.
-        top = 0.5 * part.cutoff if part.cutoff else 0.4 / part.period
-        above = (frequency > _ABOVE_BAND * edge) & (frequency < max(top, (_ABOVE_BAND + 0.5) * edge))
-        window = np.hanning(len(part.tau))[:, None]
-        power = np.abs(np.fft.rfft((part.tau - part.tau.mean(axis=0)) * window, axis=0)) ** 2
-        density = np.median(power[above], axis=0) / np.log(2.0) / float(np.sum(window**2))
+    for part in recordings:
+        edge, torque = _choose_edge(part.period, band), part.torque
+        frequency = np.fft.rfftfreq(len(torque), part.period)
+        window = np.hanning(len(torque))[:, None]
+        power = np.abs(np.fft.rfft((torque - torque.mean(axis=0)) * window, axis=0)) ** 2
+        bounds = np.linspace(_ABOVE_BAND * edge, _HIGHEST / part.period, _PARTS + 1)
+        parts = [power[(frequency >= low) & (frequency < high)] for low, high in pairwise(bounds)]
+        levels = [np.median(values, axis=0) for values in parts if len(values)]
+        density = np.min(levels, axis=0) / np.log(2.0) / float(np.sum(window**2))
         found.append(np.sqrt(2.0 * density * part.period * edge * _BANDWIDTH))
     return np.concatenate(found)
 
 
-_ABOVE_BAND = 1.5
+_ABOVE_BAND, _HIGHEST, _PARTS = 1.5, 0.45, 6
+"""Times the edge, and of the sample rate: where noise is looked for, in so many parts."""
 _BANDWIDTH = 0.875 * (np.pi / 8.0) / np.sin(np.pi / 8.0)
 """Of the low-pass of order four, forward and backward, over its edge: that of 1 / (1 + x^8)^2."""
 

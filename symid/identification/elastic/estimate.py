@@ -40,7 +40,8 @@ class MethodFit(FrozenArrays):
         friction: (pf,) in the order of the model card.
         elasticity: one a joint; empty if the method gives none.
         history: of the iterations, the start first.
-        covariance: (p + n + pf, p + n + pf) of `chi`, empty where the method has none.
+        covariance: (p + n + pf, p + n + pf) of `chi`, empty where the method has none; plain: what its rows
+            alone say, before it was widened.
     """
 
     method: str
@@ -51,6 +52,7 @@ class MethodFit(FrozenArrays):
     history: tuple[HistoryEntry, ...] = ()
     outcome: Ending = Ending.SOLVED
     covariance: FloatArray | None = None
+    plain: FloatArray | None = None
     notices: tuple[Notice, ...] = ()
 
     @property
@@ -119,8 +121,8 @@ class ElasticEvidence:
         held_out: percent of a motor's torque below the edge of the band that fits of the dynamics without
             its stretch leave; noise: the same in units of the torque's noise, as it is above the motion.
         springs: percent of a joint's torque, by the links, that its spring leaves; empty without springs.
-        contradiction: chi^2 of the one-shot problem against dynamics without springs, over its limit; 0 where
-            there was none, or where another kind of spring explains it.
+        contradiction: chi^2 of the one-shot problem against dynamics without springs, over its limit, beyond
+            which they contradict each other; 0 where they were not compared.
     """
 
     held_out: tuple[Finite, ...]
@@ -170,9 +172,10 @@ class ElasticEstimate(DynamicsRecord):
             if not whole or not all(map(math.isfinite, (*effect.values, *effect.deviations, effect.order))):
                 mistakes.append(f"effects: {effect.kind} of joint {effect.joint}: no such effect")
         if self.evidence is not None:
-            lists = (self.evidence.held_out, self.evidence.noise, self.evidence.springs)
-            if any(len(values) not in (len(self.residual), 0) for values in lists):
-                mistakes.append("evidence: expected one value a joint")
+            found, size = self.evidence, len(self.residual)
+            lengths = (len(found.held_out), len(found.noise), len(found.springs) or size)
+            if lengths != (size,) * 3 or min(*found.held_out, *found.noise, *found.springs, 0.0) < 0.0:
+                mistakes.append("evidence: expected one value a joint, not negative")
         for entry in self.springs:
             for spring in (entry.elasticity, entry.truth):
                 if spring is None:

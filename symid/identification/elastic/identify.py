@@ -32,6 +32,7 @@ from symid.identification.elastic.methods import (
     compute_spring_torque,
     fit_method,
     fit_one_shot,
+    measure_contradiction,
     weigh_evidence,
 )
 from symid.identification.elastic.options import ElasticOptions, NlpOptions
@@ -133,8 +134,8 @@ def _list_springs(
         )
 
 
-def _measure_spread(work: ElasticEquations, fit: MethodFit, joint: int) -> tuple[float, float]:
-    """Return the deviations of a spring's torque and of its slope after a reversal."""
+def _measure_spread(work: ElasticEquations, fit: MethodFit, joint: int) -> tuple[float | None, float | None]:
+    """Return the deviations of a spring's torque and of its slope, None where links are not identified."""
     problem, count = work.problem, work.problem.sizes[0]
     pairs = list(zip(problem.signals, problem.filtered, strict=True))
 
@@ -147,6 +148,9 @@ def _measure_spread(work: ElasticEquations, fit: MethodFit, joint: int) -> tuple
         ]
 
     spring, covariance = fit.elasticity[joint], np.asarray(fit.covariance)[:count, :count]
+    if not np.all(np.isfinite(covariance)):
+        # Sums of parameters that cannot be told apart have deviations that are not kept.
+        return None, None
     link = [rows.compute_link_side(fit.chi)[:, joint] for _, rows in pairs]
     errors = [torque - own for torque, own in zip(link, compute(spring), strict=True)]
     columns = [rows.design[:, joint, :count] for _, rows in pairs]
@@ -393,11 +397,13 @@ def prepare_methods(
         return known[method]
 
     def identify(method: str) -> ElasticEstimate:
-        automatic = method == "automatic"
+        stated, automatic = replace(options, method=method), method == "automatic"
         fits = [fit(name) for name in (AUTOMATIC_METHODS if automatic else (method,))]
-        given = MethodSelection(fit=fits[0], reason="the method was given")
+        given = MethodSelection(
+            fit=fits[0], reason="the method was given", contradiction=measure_contradiction(work, fits[0])
+        )
         choice = _choose(work, fits, hidden) if automatic else given
-        settings = _write_settings(work, replace(options, method=method), echo or {})
+        settings = _write_settings(work, stated, echo or {})
         sources = [recording.source for recording in recordings]
         return _build_estimate(work, choice, fits, hidden, settings=settings, sources=sources)
 
@@ -464,8 +470,10 @@ def _choose(work: ElasticEquations, fits: Sequence[MethodFit], hidden: Collectio
     choice = choose_fit(work, fits, kinds)
     if choice.fit is plain:
         return replace(choice, fit=sprung)
-    # Stops and knees that suit one method suit all.
-    return replace(choice, fit=choose_springs(work, choice.fit, hidden)[0]) if any(kinds) else choice
+    # Stops and knees that suit one method suit all that have them.
+    if not any(kinds) and choice.fit.method != "linear-spring":
+        return choice
+    return replace(choice, fit=choose_springs(work, choice.fit, hidden)[0])
 
 
 def build_one_shot(library: Library, recordings: Sequence[Recording], options: ElasticOptions) -> "NlpGraph":

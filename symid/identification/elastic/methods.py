@@ -1,17 +1,17 @@
 """The methods by name, how well each predicts held-out torques, and the automatic choice among them.
 
     score = mean of ((tau - Y chi) / sigma)^2 over all rows, each predicted by a fit without it
-    X = d' (C_w + T)^-1 d <= chi^2_0.999(parameters),   d = (beta, IA)_nlp - (beta, IA)_w
-    C_nlp <- C_nlp max(1, d' C_w^-1 d / parameters)     (Birge 1932)
+    X = d' (C_w + C_nlp + T)^-1 d <= chi^2_0.999(parameters),   d = (beta, IA)_nlp - (beta, IA)_w
+    C_nlp <- C_nlp max(1, d' (C_w + C_nlp)^-1 d / parameters)     (Birge 1932)
 
 Rows are the sum of motor and link equations in a band. Every fold leaves blocks of time out, springs held as
-they are. Of the methods whose score is within two standard errors of the least one, that of the smallest
-deviations is taken. The one-shot problem must first agree with the weighted elimination (Hausman 1978), of
-covariance C_w, up to what does not matter, T; friction near rest is not the same in its rows. And no joint
-may have a spring that it cannot describe. What is left of a contradiction widens its deviations.
+they are. Of the methods whose score is within two standard errors, or 5 %, of the least one, that of the
+smallest deviations is taken. The one-shot problem must first agree with the weighted elimination, of
+covariance C_w (Hausman 1978), up to what does not matter, T; friction near rest is not the same in its rows.
+And no joint may have a spring that it cannot describe. What is left of a contradiction widens its deviations.
 
 Supported: all names of `METHODS`.
-Not supported: a choice of springs apart from dynamics; those of the chosen method are taken.
+Not supported: springs of other kinds inside the one-shot problem.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -196,7 +196,7 @@ def build_elastic_equations(
     if any(part.cutoff for part in signals):
         wide = build_elastic_problem(library, broad, options, limits)
     fit = fit_band(library.card, rows)
-    noise = measure_torque_noise(broad, band)
+    noise = measure_torque_noise(recordings, band)
     return ElasticEquations(
         problem=problem, wide=wide, rows=rows, band=fit, noise=noise, effects=effects, share=share
     )
@@ -351,10 +351,13 @@ def weigh_evidence(work: ElasticEquations, fit: MethodFit, contradiction: float)
     """Return what fits without a stretch of the logs leave of it, and the springs of the links' torque."""
     size, rows = work.problem.sizes[1], work.rows
     errors, joint = predict_held_out(build_candidate(work, fit), rows), rows.group % size
-    left, whole, beyond = (
-        np.bincount(joint, values**2, minlength=size).astype(np.float64)
-        for values in (errors, rows.torque, errors / np.maximum(work.noise[rows.group], 1e-300))
+    left, whole = (
+        np.bincount(joint, values**2, minlength=size).astype(np.float64) for values in (errors, rows.torque)
     )
+    # A joint without torque has no noise either.
+    floor = _FLOOR * max(float(np.sqrt(np.mean(rows.torque**2))), 1e-300)
+    beyond = np.bincount(joint, (errors / np.maximum(work.noise[rows.group], floor)) ** 2, minlength=size)
+    beyond = np.where(whole > 0.0, beyond, 0.0)
     springs: FloatArray = np.zeros(0)
     if fit.elasticity:
         link = np.concatenate([part.compute_link_side(fit.chi) for part in work.problem.filtered])
@@ -371,8 +374,8 @@ def weigh_evidence(work: ElasticEquations, fit: MethodFit, contradiction: float)
 
 
 def _divide(part: FloatArray, whole: FloatArray) -> FloatArray:
-    """Return the shares (n,); one of nothing is all."""
-    return np.divide(part, whole, out=np.ones_like(part), where=whole > 0.0)
+    """Return the shares (n,); of nothing, nothing is left."""
+    return np.divide(part, whole, out=np.zeros_like(part), where=whole > 0.0)
 
 
 def compute_relative_deviations(work: ElasticEquations, fit: MethodFit) -> FloatArray:
@@ -457,10 +460,7 @@ def choose_fit(
 
 
 def _find_contradiction(work: ElasticEquations, fit: MethodFit, kinds: Sequence[str]) -> tuple[str, float]:
-    """Return what speaks against a fit by stops and knees, "" for nothing, and chi^2 over its limit.
-
-    The latter is zero where springs of another kind explain it.
-    """
+    """Return what speaks against a fit by stops and knees, "" for nothing, and chi^2 over its limit."""
     from scipy.special import chdtri
 
     others = [
@@ -468,10 +468,10 @@ def _find_contradiction(work: ElasticEquations, fit: MethodFit, kinds: Sequence[
         for card, kind in zip(work.problem.library.card.joints, kinds, strict=False)
         if kind not in ("", "linear")
     ]
-    if others:
-        return f"its springs have stops and knees, and {', '.join(others)}", 0.0
     chi2, count = _measure_disagreement(work, fit, _TOLERATED)
     limit = float(chdtri(max(1, count), 1.0 - _LEVEL))
+    if others:
+        return f"its springs have stops and knees, and {', '.join(others)}", chi2 / limit
     if chi2 <= limit:
         return "", chi2 / limit
     text = (
@@ -481,15 +481,23 @@ def _find_contradiction(work: ElasticEquations, fit: MethodFit, kinds: Sequence[
     return text, chi2 / limit
 
 
+def measure_contradiction(work: ElasticEquations, fit: MethodFit) -> float:
+    """Return chi^2 of a one-shot fit against dynamics without springs over its limit; 0 for other methods."""
+    return _find_contradiction(work, fit, ())[1] if fit.method == "nlp" else 0.0
+
+
 def _measure_disagreement(
     work: ElasticEquations, fit: MethodFit, tolerated: float = 0.0
 ) -> tuple[float, int]:
     """Return chi^2 of beta and IA of a fit about those of the weighted elimination, and their number.
 
-    A share `tolerated` of the parameters' sizes does not count.
+    Both are uncertain; a share `tolerated` of the parameters' sizes does not count.
     """
-    known = np.flatnonzero(work.identifiable[: sum(work.problem.sizes)])
-    covariance = work.band.covariance[np.ix_(known, known)]
+    plain = fit.covariance if fit.plain is None else fit.plain
+    own = np.zeros_like(work.band.covariance) if plain is None else plain
+    both = work.identifiable & np.isfinite(np.diag(own))
+    known = np.flatnonzero(both[: sum(work.problem.sizes)])
+    covariance = (work.band.covariance + own)[np.ix_(known, known)]
     slack = tolerated * _measure_sizes(work, work.band.chi)[known]
     covariance = covariance + np.diag(slack**2)
     lengths = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
@@ -503,7 +511,7 @@ def _widen(work: ElasticEquations, fit: MethodFit) -> MethodFit:
     chi2, count = _measure_disagreement(work, fit)
     if fit.covariance is None or not chi2 > count > 0:
         return fit
-    return replace(fit, covariance=fit.covariance * (chi2 / count))
+    return replace(fit, covariance=fit.covariance * (chi2 / count), plain=fit.covariance)
 
 
 def _add_model_error(work: ElasticEquations, fit: MethodFit) -> MethodFit:
@@ -519,7 +527,8 @@ def _add_model_error(work: ElasticEquations, fit: MethodFit) -> MethodFit:
     sizes = np.array([max(values[k] for k, other in enumerate(kinds) if other == kind) for kind in kinds])
     variances = np.zeros(len(fit.chi))
     variances[: len(kinds)] = ((_STATES + _STICKING * work.share) * sizes) ** 2
-    return replace(fit, covariance=fit.covariance + np.diag(variances))
+    plain = fit.covariance if fit.plain is None else fit.plain
+    return replace(fit, covariance=fit.covariance + np.diag(variances), plain=plain)
 
 
 _STATES, _STICKING = 1e-4, 1.5e-3
@@ -548,7 +557,8 @@ def choose_springs(
         spring, name, left, before = choose_spring(path, torque, kept, springs[joint])
         if not name:
             continue
-        springs[joint], kinds[joint] = spring, name
+        # Stops are no other kind.
+        springs[joint], kinds[joint] = spring, "" if name == "stops" else name
         text = (
             f"joint {card.name!r}: a spring of another kind was taken: {name}. It leaves {left:.2g} % of "
             f"held-out joint torque, stops and knees {before:.2g} % of what they were fitted to"

@@ -113,7 +113,7 @@ def measure_spring_spread(
         compute: returns F[torque] (M,) of another spring at the rows of every recording, N m or N.
         columns: (M, p) of the links' parameters there.
         errors: (M,) what the spring leaves, N m or N.
-        covariance: (p, p) of these parameters.
+        covariance: (p, p) of these parameters, finite.
     """
     slopes, parts = [], []
     for value, put in list_spring_moves(spring):
@@ -130,7 +130,7 @@ def measure_spring_spread(
     scaled = whole / lengths
     inverse = np.linalg.pinv(scaled.T @ scaled, rcond=_FLAT, hermitian=True)
     carried = inverse @ (scaled.T @ np.concatenate(columns))
-    spread = carried @ np.where(np.isfinite(covariance), covariance, 0.0) @ carried.T
+    spread = carried @ covariance @ carried.T
     for jacobian, error in zip(jacobians, errors, strict=True):
         owner = np.zeros(len(error), dtype=np.intp)
         spread += inverse @ sum_block_scores(jacobian / lengths, error, owner, _STRETCHES)[0] @ inverse

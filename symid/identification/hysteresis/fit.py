@@ -187,7 +187,11 @@ class ElementData:
         taken[::every] = True
         taken[list(path.begins)] = True
         if turns:
-            taken[[low for low, _ in find_strokes(path.position, _SMALL_TURN)]] = True
+            share = _SMALL_TURN
+            while len(strokes := find_strokes(path.position, share)) > most:
+                # Noise turns as well: only what stands out of it counts.
+                share *= 2.0
+            taken[[low - 1 for low, _ in strokes[1:]]] = True
         index = np.flatnonzero(taken)
         steps = np.diff(np.cumsum(path.period)[index])
         return ElementData(
@@ -1016,16 +1020,16 @@ def choose_spring(
     )
     trials = [_fit_family(family, data, folds, passive=True, timed=True) for family in families]
     # Along all samples: a thin path misses small reversals.
-    error = replace(whole, output=output - predict_output(known, path)).thin(_SEARCHED, turns=True).counted
-    values = len(list_element_values(known))
+    predicted = replace(whole, output=predict_output(known, path)).thin(_SEARCHED, turns=True).counted
     own = _ElementTrial(
         model="",
         form="",
-        point=np.zeros(values),
+        point=np.zeros(2),
         rebuild=lambda _: known,
-        jacobian=np.zeros((len(error), 0)),
-        error=error,
-        held=np.empty((0, 0)),
+        # It was fitted to another torque, of nearly the same scale and zero.
+        jacobian=np.column_stack([predicted, np.ones_like(predicted)]),
+        error=data.counted - predicted,
+        held=np.empty((0, 2)),
     )
     best = min(trials, key=folds.score)
     chosen = best if folds.is_better(best, own, least=_SURELY) else own

@@ -445,9 +445,18 @@ def test_a_refused_spring_does_not_judge(estimate):
     lost = replace(estimate.springs[0], told=False, reason="no torsion")
     evidence = ElasticEvidence(held_out=(4.0, 1.0), noise=(1.0, 1.0), springs=(90.0, 0.2))
     plain = replace(
-        estimate, evidence=evidence, springs=(lost, *estimate.springs[1:]), parameters=(), covariance=()
+        estimate, evidence=evidence, springs=(lost, replace(lost, told=True)), parameters=(), covariance=()
     )
-    assert "at most 0.2 %" in judge_elastic(plain, ()).headline or len(estimate.springs) == 1
+    verdict = judge_elastic(plain, ())
+    assert "the springs leave at most 0.2 %" in verdict.headline
+
+
+def test_evidence_from_a_file_has_a_value_a_joint(estimate):
+    whole = ElasticEvidence(held_out=(4.0, 1.0), noise=(1.0, 1.0), springs=(90.0, 0.2))
+    assert not any("evidence" in text for text in replace(estimate, evidence=whole).list_mistakes())
+    for broken in ({"held_out": ()}, {"noise": (1.0,)}, {"springs": (-1.0, 0.2)}):
+        wrong = replace(estimate, evidence=replace(whole, **broken)).list_mistakes()
+        assert any(text.startswith("evidence: ") for text in wrong)
 
 
 def test_springs_have_deviations_where_they_are_known(estimate):
