@@ -9,8 +9,8 @@ x, y, t -> `HysteresisRecord`.
                 models within half a standard error of it the one with the fewest parameters
     deviations  mean of the covariance for coloured residuals (spectral) and of the jackknife over blocks
 
-Supported: uneven samples; a start from rest or from either side; one recording.
-Not supported: several recordings; outputs that are noisier than they are large.
+Supported: uneven samples; a start from rest or from either side; one recording, for springs of joints several.
+Not supported: relays and nonlinear stops of several recordings; outputs noisier than they are large.
 """
 
 import itertools
