@@ -9,7 +9,7 @@ x, y, t -> `HysteresisRecord`.
                 models within half a standard error of it the one with the fewest parameters
     deviations  mean of the covariance for coloured residuals (spectral) and of the jackknife over blocks
 
-Supported: uneven samples; a start from rest or from either side; one recording, for springs of joints several.
+Supported: uneven samples; a start from rest or either side; one recording, several for springs of joints.
 Not supported: relays and nonlinear stops of several recordings; outputs noisier than they are large.
 """
 
