@@ -414,10 +414,8 @@ def judge_elastic(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
         caps.append(("doubtful", f"the method failed: {estimate.outcome.value}"))
     elif estimate.outcome not in (Ending.SOLVED, Ending.CONVERGED):
         caps.append(("usable", f"the iteration did not converge: {estimate.outcome.value}"))
-    level, headline = (
-        "usable",
-        "Dynamics and springs fit their own logs; no held-out log has tested them yet.",
-    )
+    level = "usable"
+    headline = "Dynamics and springs fit their own logs; no held-out log has tested them yet."
     if estimate.evidence is not None:
         level, headline, more = _judge_stretches(estimate, estimate.evidence)
         caps += more

@@ -17,6 +17,7 @@ not hold between samples, such as elements on grids; in bounds, cubic springs, d
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import fields, replace
 from functools import partial
 
@@ -25,6 +26,7 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
+from symid.errors import RobotError
 from symid.identification.diagnostics import sum_block_scores
 from symid.identification.elastic.regression import ElasticSignals, average_steps, build_equations
 from symid.identification.hysteresis import compute_slips, compute_spring_slopes, read_weights
@@ -117,11 +119,13 @@ def measure_spring_spread(
     """
     slopes, parts = [], []
     for value, put in list_spring_moves(spring):
-        step = _SMALL * abs(value)
-        above, below = put(value + step), put(value - step)
+        sides = _list_sides(spring, put, value)
+        if len(sides) < 2:
+            continue
+        (above, high), (below, low) = sides
         pairs = zip(compute(above), compute(below), strict=True)
-        parts.append([(ahead - behind) / (2.0 * step) for ahead, behind in pairs])
-        slopes.append((_get_slope(above) - _get_slope(below)) / (2.0 * step))
+        parts.append([(ahead - behind) / (high - low) for ahead, behind in pairs])
+        slopes.append((_get_slope(above) - _get_slope(below)) / (high - low))
     jacobians = [np.stack(part, axis=1) for part in zip(*parts, strict=True)]
     whole = np.concatenate(jacobians)
     lengths: FloatArray = np.linalg.norm(whole, axis=0)
@@ -137,6 +141,18 @@ def measure_spring_spread(
     torque = float(np.sqrt(np.mean(np.einsum("ij,jk,ik->i", scaled, spread, scaled))))
     way = np.array(slopes) / lengths
     return torque, float(np.sqrt(max(0.0, float(way @ spread @ way))))
+
+
+def _list_sides(
+    spring: Elasticity, put: Callable[[float], Elasticity], value: float
+) -> list[tuple[Elasticity, float]]:
+    """Return two springs about or beside `spring`, with a number of theirs; one where it cannot move."""
+    step, sides = _SMALL * abs(value), []
+    for number in (value + step, value - step):
+        # At the edge of what springs can be, such as a knee that all but flattens them, one side is left.
+        with suppress(RobotError):
+            sides.append((put(number), number))
+    return sides if len(sides) == 2 else [*sides, (spring, value)]
 
 
 def _get_slope(spring: Elasticity) -> float:

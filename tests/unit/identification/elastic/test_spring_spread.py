@@ -63,3 +63,17 @@ def test_every_number_of_a_spring_moves_by_itself():
     assert len({put(1.01 * value) for value, put in moves}) == len(moves)
     knees = Elasticity(stiffness=300.0, knees=(Knee(threshold=2.0, slope=0.5),))
     assert [value for value, _ in list_spring_moves(knees)] == [300.0, 2.0, 0.5]
+
+
+def test_numbers_at_the_edge_of_what_springs_can_be_move_to_one_side():
+    # Beyond its knee the slope is 1e-5, less than a step of the knee's change: only upwards is a spring left.
+    edge = Elasticity(stiffness=300.0, knees=(Knee(threshold=2.0, slope=-0.99999),))
+    free = Elasticity(stiffness=300.0, knees=(Knee(threshold=2.0, slope=-0.9),))
+    found = [
+        measure_spring_spread(
+            spring, lambda moved: [follow(moved)], [PHI[:, None]], [np.zeros(len(PHI))], np.array([[9.0]])
+        )
+        for spring in (edge, free)
+    ]
+    assert found[0] == pytest.approx(found[1], rel=0.2)
+    assert found[0][1] > 0.0
