@@ -22,7 +22,8 @@ from typing import ClassVar
 
 NOTES = frozenset(
     (
-        *("check.elastic", "elastic.motor-side", "elastic.spring-kind", "estimate.settings-differ"),
+        *("check.elastic", "elastic.known", "elastic.motor-side", "elastic.spring-kind"),
+        "estimate.settings-differ",
         *("identify.automatic", "identify.friction-state", "identify.second-encoder", "identify.slow-rows"),
         *("identify.measured-load", "identify.plain-friction", "identify.resampled"),
         "identify.unused-processing",
@@ -34,6 +35,7 @@ NOTES = frozenset(
             "log.folded",
             "log.in-line",
             "log.motor-position",
+            "log.rigid-joint",
         ),
         *("log.offset", "log.payload", "log.resampled"),
         *("new.assumed-gear", "new.assumed-order", "new.assumed-side", "new.gravity"),

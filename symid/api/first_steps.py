@@ -410,7 +410,7 @@ def _compute_errors(robot: RobotModel, fit: ElasticFit, held_out: "ElasticRun") 
     from symid.study import compute_hysteresis_errors, compute_parameter_error, get_true_parameters
 
     card = robot.library.card
-    found = fit.estimate.build_fit(len(card.beta))
+    found = fit.estimate.build_fit(card)
     hysteresis = compute_hysteresis_errors(found, held_out.phi, held_out.joint_torque)
     return compute_parameter_error(found, get_true_parameters(card)), float(hysteresis.max())
 
@@ -422,10 +422,10 @@ def _simulate_tracking(robot: RobotModel, fits: Mapping[str, ElasticFit]) -> "tu
     from symid.simulation import build_noisy_options
 
     robot.progress("tracking the held-out motion with feed-forward of the identified models")
-    bases = len(robot.library.card.beta)
+    card = robot.library.card
     models = {
-        "Case 1: identified together": fits[_AUTOMATIC].estimate.build_fit(bases),
-        "Case 2: identified apart": fits["independent"].estimate.build_fit(bases),
+        "Case 1: identified together": fits[_AUTOMATIC].estimate.build_fit(card),
+        "Case 2: identified apart": fits["independent"].estimate.build_fit(card),
     }
     return simulate_tracking(
         robot.description, robot.library, models, build_tc(), build_noisy_options(), progress=robot.progress

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from symid.identification.friction import FrictionIdentification, JointFriction
     from symid.logs import Alignment, LogPart, Recording
     from symid.report import Block, FitVerdict
+    from symid.robot import Robot
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -708,6 +709,29 @@ def take_estimate(fit: "Fit | str | PathLike[str] | None") -> "Estimate | Path |
             text = "expected base parameters of a rigid robot, as `robot.identify` returns them"
             raise EstimateError(Notice(code="estimate.kind", text=text, file=_name_file(fit.file)))
     return Path(fspath(fit))
+
+
+def take_known(
+    known: "Fit | RobotModel | str | PathLike[str] | Mapping[str, float] | None",
+) -> "ElasticEstimate | Robot | Path | Mapping[str, float] | None":
+    """Return known dynamics of elastic joints: of a fit, of a robot, by name, or the path of their file.
+
+    Raises:
+        EstimateError: the fit is of another kind.
+    """
+    match known:
+        case None:
+            return None
+        case RobotModel():
+            return known.description
+        case ElasticFit():
+            return known.estimate
+        case Fit():
+            text = "expected a fit of elastic joints, as `robot.identify` returns it"
+            raise EstimateError(Notice(code="estimate.kind", text=text, file=_name_file(known.file)))
+        case Mapping():
+            return {name: float(value) for name, value in known.items()}
+    return Path(fspath(known))
 
 
 def _name_file(file: Path | None) -> str:

@@ -470,6 +470,7 @@ class RobotModel:
         thresholds: int | None = None,
         knees: int | None = None,
         rate: float | None = None,
+        known: "Fit | RobotModel | str | PathLike[str] | Mapping[str, float] | None" = None,
         elastic: "ElasticOptions | None" = None,
     ) -> "RigidFit | ElasticFit":
         """Identify base parameters and friction from logs; for elastic joints also springs and hysteresis.
@@ -509,11 +510,15 @@ class RobotModel:
             thresholds: for elastic joints: number of stops of each joint's hysteresis.
             knees: for elastic joints: number of knees on each side of a spring.
             rate: for elastic joints: rad/s, corner frequency of the first-order filter.
+            known: for elastic joints: dynamics that are not identified: a robot with values (such as those of
+                CAD) or its file, .toml or .urdf, its links and the rotors whose inertia it states; a fit of
+                this robot or its file; or parameters by name, in SI units.
             elastic: all options for elastic joints; the arguments above take precedence.
 
         Raises:
             UsageError: options that do not go together, or not with this robot and these logs.
             LogError: a log cannot be read or used; the message lists all mistakes.
+            EstimateError: `prior`, `start` or `known` is of another model, or its robot lacks values.
             IdentifiabilityError: too few parameters are identifiable; the message names the others.
             SolverError: a search ended without a usable result.
 
@@ -524,7 +529,7 @@ class RobotModel:
             >>> abs(fit["ZZ2"].value - robot.base.values["ZZ2"]) < 4 * fit["ZZ2"].std
             True
         """
-        from symid.api.fit import ElasticFit, RigidFit, take_estimate
+        from symid.api.fit import ElasticFit, RigidFit, take_estimate, take_known
         from symid.identification import IdentifyTask, identify_robot, needs_search, read_joint_laws
         from symid.identification.elastic import ElasticEstimate
         from symid.identification.rigid import RigidOptions
@@ -546,7 +551,13 @@ class RobotModel:
         friction = read_joint_laws(friction, self.description)
         searched = friction if needs_search(friction) else None
         task = IdentifyTask(
-            pairs=pairs, rigid=options, method=method, elastic=plain, options=elastic, friction=searched
+            pairs=pairs,
+            rigid=options,
+            method=method,
+            elastic=plain,
+            options=elastic,
+            friction=searched,
+            known=take_known(known),
         )
         stated = friction if isinstance(friction, str) and not searched else None
         found = identify_robot(*self._gather(logs, pairs, stated, train), task, self.context)

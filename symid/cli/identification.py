@@ -8,7 +8,7 @@ from typing import Any, Literal
 import click
 
 import symid
-from symid.api import HYSTERESIS_MODELS, METHODS, Fit, pair_parts
+from symid.api import HYSTERESIS_MODELS, METHODS, Fit, RobotModel, pair_parts
 from symid.cli.call import Answer, Console, answer_saved, make_answer
 from symid.cli.options import (
     NamedRobot,
@@ -38,7 +38,7 @@ from symid.errors import Notice, UsageError
 
 RIGID = ("overlap", "prior", "prior_deviation", "prior_weight", "start", "partial")
 ELASTIC = ("tolerance", "thresholds", "knees", "window", "rate")
-FRICTION = ("model", "known", "smoothing", "seed")
+FRICTION = ("model", "smoothing", "seed")
 """Names of the options of each kind."""
 
 
@@ -141,8 +141,8 @@ FRICTION = ("model", "known", "smoothing", "seed")
 )
 @MODEL.option(
     "--known",
-    "With --rows friction: base parameters to subtract, of an estimate or of a robot file with values.  "
-    "[default: the rigid part is fitted too]",
+    "With --rows friction or elastic joints: base parameters that are not identified, of an estimate or of a "
+    "robot file with values.  [default: they are fitted too]",
     FILE,
     "FILE",
 )
@@ -163,6 +163,7 @@ def identify_command(
     rows: str | None,
     estimator: str | None,
     method: str | None,
+    known: Path | None,
     period: tuple[float, ...],
     train: tuple[str, ...],
     test: tuple[str, ...],
@@ -186,14 +187,17 @@ def identify_command(
     model = robot.load(console, settings=shared["settings"])
     check_output(output, force=force, inputs=(model.path, *logs))
     shared["train"], tests = pair_parts(train, test, logs)
+    before: Path | RobotModel | None = known
+    if known is not None and known.suffix.lower() == ".urdf":
+        # Cut at the same links as ROBOT, where that is a URDF.
+        before = replace(robot, name=str(known)).load(console)
     if rows == "friction":
-        if (known := law["known"]) is not None and known.suffix.lower() == ".urdf":
-            # Cut at the same links as ROBOT, where that is a URDF.
-            law["known"] = replace(robot, name=str(known)).load(console)
-        laws = model.identify_friction(logs, estimator=estimator, period=period, **law, **shared)
+        laws = model.identify_friction(
+            logs, estimator=estimator, period=period, known=before, **law, **shared
+        )
         return _add_tests(answer_saved(laws, output, "result"), laws, tests)
     if method == "stiffness":
-        others = {"rows": rows, "estimator": estimator, "period": period, "test": test}
+        others = {"rows": rows, "estimator": estimator, "known": known, "period": period, "test": test}
         rest = _list_given({**others, **rigid, **elastic})
         if rest:
             them = "them" if rest[1:] else "it"
@@ -204,6 +208,7 @@ def identify_command(
             if value is not None:
                 shared["settings"][f"processing.{name}"] = value
         return answer_saved(model.identify_stiffness(logs, **shared), output, "result")
+    shared |= {"known": before}
     fit = model.identify(
         logs, rows=rows, estimator=estimator, method=method, period=period, **rigid, **elastic, **shared
     )

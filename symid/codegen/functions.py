@@ -152,6 +152,11 @@ class ModelCard:
         return bool(self.elasticity) and None not in self.elasticity
 
     @property
+    def yielding(self) -> tuple[bool, ...]:
+        """Return for every coordinate whether it belongs to an elastic joint."""
+        return tuple(entry is not None for entry in self.elasticity) or (False,) * self.size
+
+    @property
     def size(self) -> int:
         """Return the number of coordinates."""
         return len(self.joints)

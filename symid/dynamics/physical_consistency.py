@@ -298,12 +298,12 @@ def build_identified_robot(
     *,
     deviations: Mapping[str, float] | None = None,
     rotors: Mapping[str, float] | None = None,
-    elasticity: Sequence[Elasticity] = (),
+    elasticity: Sequence[Elasticity | None] = (),
 ) -> IdentifiedRobot:
     """Return `robot` with the values of an identification.
 
     `rotors`: rotor inertias of elastic joints by name (IA1), kg m^2 or kg; `elasticity`: one record a
-    coordinate, none for a robot without elastic joints; the rest and the errors as in `compute_standard_set`.
+    coordinate, None for a rigid joint, or none at all; the rest and the errors as in `compute_standard_set`.
     """
     # The prior is the file's own bodies, where it states them all and they can exist.
     rows = [joint.inertial for joint in robot.joints]

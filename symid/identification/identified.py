@@ -1,28 +1,41 @@
-"""The identified values of a robot beside its model.
+"""From parameters to a robot with these values, and back to the parameters that are known of one.
 
-Robot, estimate (rigid or elastic, itself or its file) -> `Identified`, and the robot with these values.
+    estimate (rigid or elastic)             -> `Identified`, and the robot with its values
+    estimate, or robot with values (CAD)    -> its links seen from the frames of the robot that is identified
+                                            -> base parameters that are known, rotors of elastic joints
+
+Supported, of a robot with values: joints, axes and drives are the same, however its link frames stand.
+Not supported: a part of a robot; other units; friction and springs of elastic joints.
 """
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from symid.codegen import build_model_card
-from symid.dynamics import BaseParameters, IdentifiedRobot, build_identified_robot, derive_base_parameters
-from symid.errors import Notice
+import numpy as np
+
+from symid.arrays import FloatArray
+from symid.codegen import Library, build_model_card
+from symid.dynamics import (
+    BaseParameters,
+    IdentifiedRobot,
+    build_identified_robot,
+    compute_parameter_values,
+    derive_base_parameters,
+)
+from symid.errors import EstimateError, Notice
 from symid.identification.elastic import ElasticEstimate, build_rigid_estimate, build_rigid_variant
 from symid.identification.estimators import Estimate, ParameterEstimate, check_model
 from symid.identification.rigid import restore_robot
+from symid.identification.stored import read_fit, read_rigid
 from symid.joint_models import Elasticity
-from symid.robot import (
-    Robot,
-)
+from symid.robot import Joint, Robot, load_robot, move_parameters
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Identified:
-    """Identified values of a robot, rotors of elastic joints, springs one a joint.
+    """Identified values of a robot, rotors of elastic joints, springs one a joint, None for rigid ones.
 
     `robot` is the robot as it was identified, `base` its base parameters; `missing` names what has no value;
     `covariance` is that of `values`, empty where the method gives none.
@@ -33,7 +46,7 @@ class Identified:
     sources: tuple[str, ...]
     values: tuple[ParameterEstimate, ...]
     rotors: Mapping[str, float] = field(default_factory=dict)
-    springs: tuple[Elasticity, ...] = ()
+    springs: tuple[Elasticity | None, ...] = ()
     missing: tuple[str, ...] = ()
     notices: tuple[Notice, ...] = ()
     covariance: tuple[tuple[float, ...], ...] = ()
@@ -84,18 +97,10 @@ def _build_elastic(robot: Robot, found: ElasticEstimate, source: Path) -> Identi
     names = {entry.name for entry in (*base.parameters, *base.friction)}
     values = tuple(entry for entry in known if entry.name in names)
     rotors = tuple(entry.name for entry in found.parameters if entry.name not in names)
-    own = [robot.joints[index].elasticity for index in robot.coordinates]
-    springs = (
-        tuple(
-            entry.elasticity if entry.told else stated or Elasticity()
-            for entry, stated in zip(found.springs, own, strict=True)
-        )
-        if found.springs
-        else ()
-    )
-    lacking = [entry.joint for entry in found.springs if not entry.told]
-    if not found.springs:
-        lacking = [entry.joint for entry in found.residual]
+    stated = {joint.name: joint.elasticity for joint in robot.axes}
+    told = {entry.joint: entry.elasticity for entry in found.springs if entry.told}
+    springs = tuple(told.get(name, spring) for name, spring in stated.items()) if found.springs else ()
+    lacking = [name for name, spring in stated.items() if spring is not None and name not in told]
     places = [k for k, entry in enumerate(found.parameters) if entry in values]
     return Identified(
         robot=robot,
@@ -182,3 +187,168 @@ def list_warnings(identified: IdentifiedRobot, found: Identified, source: Path) 
         text = f"not identified, taken from the robot file or the nearest bodies: {names}"
         notices.append(Notice(code="export.not-identified", text=text, file=str(source)))
     return tuple(notices)
+
+
+_ROBOT_FILES = frozenset({".toml", ".urdf"})
+_SAME_PLACE = 1e-6
+"""Distance of axes, in m and rad, up to which they count as one: files round angles."""
+
+
+def name_known_dynamics(
+    known: ElasticEstimate | Robot | Path | Mapping[str, float], robot: Robot, library: Library
+) -> dict[str, float]:
+    """Return dynamic parameters of elastic joints by name: of links, and of rotors where they are stated.
+
+    Args:
+        known: a fit or its file, a robot with values or its file, or parameters by name in SI units.
+        robot: that is identified.
+        library: its functions.
+
+    Raises:
+        EstimateError: it cannot be read, is of another model, or lacks values.
+    """
+    if isinstance(known, Mapping):
+        return {name: float(value) for name, value in known.items()}
+    if isinstance(known, Path) and known.suffix.lower() in _ROBOT_FILES:
+        known = load_robot(str(known))
+    if isinstance(known, Robot):
+        beta, _ = read_known_values(known, robot, library)
+        names = (entry.name for entry in library.card.beta)
+        rotors = {
+            f"IA{number}": joint.drive.rotor_inertia
+            for number, joint in enumerate(known.joints, start=1)
+            if joint.drive.rotor_inertia is not None
+        }
+        return dict(zip(names, beta.tolist(), strict=True)) | rotors
+    file = str(known) if isinstance(known, Path) else ""
+    found = read_fit(known) if isinstance(known, Path) else known
+    if not isinstance(found, ElasticEstimate):
+        text = "known dynamics of elastic joints: expected a fit of elastic joints, or a robot with values"
+        raise EstimateError(Notice(code="estimate.kind", text=text, file=file))
+    check_model(found, library.card, file)
+    dynamics = {entry.name for entry in library.card.beta}
+    dynamics |= {f"IA{joint.number}" for joint in library.card.joints}
+    return {
+        entry.name: entry.value
+        for entry in found.parameters
+        if entry.name in dynamics and np.isfinite(entry.std)
+    }
+
+
+def read_known_values(
+    known: Estimate | Robot | Path, robot: Robot, library: Library
+) -> tuple[FloatArray, str]:
+    """Return the base parameters (p,) that are known, of a fit or a robot, and where they are from."""
+    name = str(known) if isinstance(known, Path) else "an estimate in memory"
+    if isinstance(known, Path) and known.suffix.lower() in _ROBOT_FILES:
+        known = load_robot(str(known))
+    names = [entry.name for entry in library.card.beta]
+    if not isinstance(known, Robot):
+        return read_rigid(known, library.card).assemble(names), name
+    values = _compute_known_values(known, robot)
+    return np.array([values[entry] for entry in names]), known.path or f"robot {known.name!r} in memory"
+
+
+def _compute_known_values(known: Robot, robot: Robot) -> dict[str, float]:
+    """Return the base parameters of `robot` by name, with links, rotors and springs of `known`.
+
+    Raises:
+        EstimateError: the robots differ in more than values, or values are missing; all mistakes at once.
+    """
+    mistakes = _list_differences(known, robot)
+    remedy = "give a file with the joints of the robot that is identified, or an estimate of it"
+    if not mistakes:
+        trios = zip(robot.joints, known.joints, _list_turns(known, robot), strict=True)
+        joints = tuple(
+            replace(
+                joint,
+                inertial=_move_link(other, turn),
+                drive=replace(joint.drive, rotor_inertia=other.drive.rotor_inertia),
+                spring=other.spring,
+            )
+            for joint, other, turn in trios
+        )
+        drives = zip(robot.couplings, known.couplings, strict=True)
+        couplings = tuple(replace(one, rotor_inertia=other.rotor_inertia) for one, other in drives)
+        base = derive_base_parameters(robot)
+        values = compute_parameter_values(replace(robot, joints=joints, couplings=couplings), base)
+        lost = [entry.name for entry in base.parameters if entry.name not in values]
+        if not lost:
+            return values
+        mistakes = _list_missing_values(known)
+        mistakes.append(f"so {len(lost)} of {len(base.parameters)} base parameters have no value")
+        remedy = "state them, or give an estimate of base parameters"
+    texts = [f"--known: {text}" for text in mistakes]
+    texts[-1] += f"; {remedy}"
+    file = known.path
+    raise EstimateError(*(Notice(code="estimate.known-robot", text=text, file=file) for text in texts))
+
+
+def _move_link(joint: Joint, turn: FloatArray) -> tuple[float, ...] | None:
+    """Return a link's parameters seen from its frame turned by (4, 4); None where it has none."""
+    if joint.inertial is None:
+        return None
+    rotation = turn[:3, :3].T
+    return move_parameters(joint.inertial, rotation, -rotation @ turn[:3, 3])
+
+
+def _list_turns(known: Robot, robot: Robot) -> list[FloatArray]:
+    """Return the link frames of `robot`, each (4, 4) seen from that of `known`, of joints with one order.
+
+    Frames that are turned about the joint's axis or shifted along it have the same motion.
+    """
+    turns: list[FloatArray] = []
+    for other, joint in zip(known.joints, robot.joints, strict=True):
+        before = turns[joint.parent] if joint.parent >= 0 else np.eye(4)
+        turn = np.linalg.solve(_build_frame(other, known), before @ _build_frame(joint, robot))
+        turns.append(np.asarray(turn, dtype=np.float64))
+    return turns
+
+
+def _build_frame(joint: Joint, robot: Robot) -> FloatArray:
+    symbols, frame = dict(robot.symbols), np.eye(4)
+    frame[:3, :3] = [[entry.to_float(symbols) for entry in row] for row in joint.placement.rotation]
+    frame[:3, 3] = [entry.to_float(symbols) for entry in joint.placement.translation]
+    return frame
+
+
+def _list_differences(known: Robot, robot: Robot) -> list[str]:
+    """Return what keeps values of `known` from being those of `robot`; gravity and names of robots may."""
+    names, wanted = ([joint.name for joint in entry.joints] for entry in (known, robot))
+    if names != wanted:
+        listed = f"its joints are {', '.join(names)}, those of {robot.name!r} {', '.join(wanted)}"
+        return [f"{listed}: names and order must be the same"]
+    pairs = list(zip(known.joints, robot.joints, strict=True))
+    differences = [
+        f"joint {joint.name!r} is of another kind, follows or stands on another one"
+        for other, joint in pairs
+        if (other.kind, other.parent, other.mimic) != (joint.kind, joint.parent, joint.mimic)
+    ]
+    # An axis moves all that it carries: the first one that differs tells most.
+    for name, turn in zip(names, [] if differences else _list_turns(known, robot), strict=False):
+        # Its direction z, and where it meets the plane across it.
+        apart = float(np.max(np.abs([*(turn[:3, 2] - (0.0, 0.0, 1.0)), *turn[:2, 3]])))
+        if apart > _SAME_PLACE:
+            where = f"elsewhere than in {robot.name!r}, by {apart:.3g} m or rad"
+            differences.append(f"the axis of joint {name!r} stands {where}")
+            break
+    for other, joint in pairs:
+        head = f"joint {joint.name!r}"
+        # Rotors of elastic joints are parameters of their own.
+        if other.drive.has_rotor != joint.drive.has_rotor and joint.elasticity is None:
+            which = ("the file", "the robot") if other.drive.has_rotor else ("the robot", "the file")
+            differences.append(f"{head} has a rotor in {which[0]} and none in {which[1]}; declare it in both")
+        if (other.spring is None) != (joint.spring is None):
+            differences.append(f"{head} has a spring in only one of the two")
+    drives = [[(one.name, one.terms, one.has_rotor) for one in entry.couplings] for entry in (known, robot)]
+    return differences + ["its coupled drives are others"] * (drives[0] != drives[1])
+
+
+def _list_missing_values(robot: Robot) -> list[str]:
+    links = [joint.name for joint in robot.joints if joint.inertial is None]
+    rotors = [one.name for one in robot.joints if one.drive.has_rotor and one.drive.rotor_inertia is None]
+    rotors += [one.name for one in robot.couplings if one.has_rotor and one.rotor_inertia is None]
+    held = [(joint.name, joint.spring) for joint in robot.joints if joint.spring is not None]
+    springs = [name for name, spring in held if None in (spring.stiffness, spring.rest)]
+    parts = (("link values", links), ("rotor inertia", rotors), ("stiffness or rest", springs))
+    return [f"it states no {what} of {', '.join(names)}" for what, names in parts if names]

@@ -13,12 +13,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
-import numpy as np
-
-from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.environment import show_path
-from symid.errors import EstimateError, Notice, UsageError
+from symid.errors import Notice, UsageError
 from symid.identification.elastic import (
     ElasticEstimate,
     ElasticOptions,
@@ -28,7 +25,6 @@ from symid.identification.elastic import (
     choose_route,
     cut_logs,
     get_stated_cutoff,
-    has_both_encoders,
     list_unused_settings,
     refuse_elasticity,
     warn_of_rotors,
@@ -77,7 +73,7 @@ from symid.logs import (
     get_second_encoder_side,
     refuse_known_payloads,
 )
-from symid.robot import Joint, Robot, describe_settings, load_robot, move_parameters
+from symid.robot import Robot, describe_settings
 
 if TYPE_CHECKING:
     from symid.identification.elastic import NlpGraph, StiffnessEstimate
@@ -106,6 +102,8 @@ class IdentifyTask:
         options: all options of elastic joints, in place of the defaults; `elastic` wins over them.
         friction: a law whose shape values are to be found, or "auto" for the choice of a law, of all joints
             or of single ones by name; None where the robot has its laws.
+        known: dynamics of elastic joints that are not identified: a fit, a robot with values, a file of
+            either, or parameters by name.
     """
 
     pairs: tuple[tuple[str, str], ...] = ()
@@ -114,6 +112,7 @@ class IdentifyTask:
     elastic: Mapping[str, object] = field(default_factory=dict)
     options: ElasticOptions | None = None
     friction: str | Mapping[str, str] | None = None
+    known: ElasticEstimate | Robot | Path | Mapping[str, float] | None = None
 
     def __post_init__(self) -> None:
         """Refuse an unknown estimator before a log is read.
@@ -167,6 +166,12 @@ def identify_robot(
         refuse_states(robot, f"--estimator {estimator}")
     if route.kind == "elastic":
         return _identify_elastic(robot, recordings, route.method, task, context)
+    if task.known is not None:
+        text = (
+            f"--known cannot be used with {robot.name!r}, identified as rigid; leave it out, or use it with "
+            "--rows friction, or give known values as a prior (--estimator ridge --prior)"
+        )
+        raise UsageError(Notice(code="usage.mixed-options", text=text))
     if task.options is not None:
         text = (
             f"options of elastic joints (elastic=...) do not apply to {robot.name!r}, identified as rigid; "
@@ -203,8 +208,6 @@ def _identify_rigid(
     rows, estimator = options.rows or "torque", options.estimator
     check_rigid_options(rows, estimator, options)
     warnings = (*_list_log_notices(robot, recordings), *describe_states(robot, friction))
-    both = has_both_encoders(recordings)
-    recordings = [build_motor_recording(recording, robot) for recording in recordings]
     rigid = build_rigid_variant(robot) if motor_side else robot
     if estimator in SIMULATING:
         from symid.identification.rigid import check_closed_loop
@@ -222,10 +225,7 @@ def _identify_rigid(
     else:
         estimate, library = _search_rigid(rigid, recordings, options, friction, context)
     if motor_side:
-        estimate = refuse_elasticity(estimate, robot, both=both)
-        warnings += tuple(
-            note for entry in recordings for note in entry.notices if note.code == "log.motor-position"
-        )
+        estimate = refuse_elasticity(estimate, robot)
     elif any(get_second_encoder_side(recording) for recording in recordings):
         text = (
             "the second encoder of the log is not used: a rigid model takes the position of [log.position]; "
@@ -323,8 +323,14 @@ def _identify_elastic(
         given["method"] = method
     options = replace(task.options or ElasticOptions(), **given)  # type: ignore[arg-type]  # checked by the record
     ready = _prepare_elastic(robot, recordings, options, task.pairs, context)
+    options = ready.options
+    if task.known is not None:
+        # Imported here: it needs SymPy.
+        from symid.identification.identified import name_known_dynamics
+
+        options = replace(options, known=name_known_dynamics(task.known, robot, ready.library))
     echo = {**describe_settings(robot), **describe_digests(ready.cut), **describe_runs(ready.cut)}
-    found = identify_elastic(ready.library, ready.moved, ready.options, echo=echo)
+    found = identify_elastic(ready.library, ready.moved, options, echo=echo)
     estimate = replace(found, notices=(*found.notices, *warn_of_rotors(found.parameters)))
     return Identification(
         estimate=estimate,
@@ -479,7 +485,9 @@ def identify_robot_friction(
     beta, known = None, None
     names = [entry.name for entry in library.card.beta]
     if request.known is not None:
-        beta, known = _read_known(request.known, described, library)
+        from symid.identification.identified import read_known_values
+
+        beta, known = read_known_values(request.known, described, library)
     options = request.options if request.seed is None else replace(request.options, seed=request.seed)
     task = FrictionTask(
         model=model,
@@ -508,130 +516,6 @@ def identify_robot_friction(
         *_warn_of_unused_loads(measured, request),
     )
     return Identification(estimate=found, notices=notices, backend=library.backend)
-
-
-_ROBOT_FILES = frozenset({".toml", ".urdf"})
-_SAME_PLACE = 1e-6
-"""Distance of axes, in m and rad, up to which they count as one: files round angles."""
-
-
-def _read_known(known: Estimate | Robot | Path, robot: Robot, library: Library) -> tuple[FloatArray, str]:
-    """Return the base parameters (p,) that are known, of a fit or a robot, and where they are from."""
-    name = str(known) if isinstance(known, Path) else "an estimate in memory"
-    if isinstance(known, Path) and known.suffix.lower() in _ROBOT_FILES:
-        known = load_robot(str(known))
-    names = [entry.name for entry in library.card.beta]
-    if not isinstance(known, Robot):
-        return read_rigid(known, library.card).assemble(names), name
-    values = _compute_known_values(known, robot)
-    return np.array([values[entry] for entry in names]), known.path or f"robot {known.name!r} in memory"
-
-
-def _compute_known_values(known: Robot, robot: Robot) -> dict[str, float]:
-    """Return the base parameters of `robot` by name, with links, rotors and springs of `known`.
-
-    Raises:
-        EstimateError: the robots differ in more than values, or values are missing; all mistakes at once.
-    """
-    # Imported here: nothing else in this module needs SymPy.
-    from symid.dynamics import compute_parameter_values, derive_base_parameters
-
-    mistakes = _list_differences(known, robot)
-    remedy = "give a file with the joints of the robot that is identified, or an estimate of it"
-    if not mistakes:
-        trios = zip(robot.joints, known.joints, _list_turns(known, robot), strict=True)
-        joints = tuple(
-            replace(
-                joint,
-                inertial=_move_link(other, turn),
-                drive=replace(joint.drive, rotor_inertia=other.drive.rotor_inertia),
-                spring=other.spring,
-            )
-            for joint, other, turn in trios
-        )
-        drives = zip(robot.couplings, known.couplings, strict=True)
-        couplings = tuple(replace(one, rotor_inertia=other.rotor_inertia) for one, other in drives)
-        base = derive_base_parameters(robot)
-        values = compute_parameter_values(replace(robot, joints=joints, couplings=couplings), base)
-        lost = [entry.name for entry in base.parameters if entry.name not in values]
-        if not lost:
-            return values
-        mistakes = _list_missing_values(known)
-        mistakes.append(f"so {len(lost)} of {len(base.parameters)} base parameters have no value")
-        remedy = "state them, or give an estimate of base parameters"
-    texts = [f"--known: {text}" for text in mistakes]
-    texts[-1] += f"; {remedy}"
-    file = known.path
-    raise EstimateError(*(Notice(code="estimate.known-robot", text=text, file=file) for text in texts))
-
-
-def _move_link(joint: Joint, turn: FloatArray) -> tuple[float, ...] | None:
-    """Return a link's parameters seen from its frame turned by (4, 4); None where it has none."""
-    if joint.inertial is None:
-        return None
-    rotation = turn[:3, :3].T
-    return move_parameters(joint.inertial, rotation, -rotation @ turn[:3, 3])
-
-
-def _list_turns(known: Robot, robot: Robot) -> list[FloatArray]:
-    """Return the link frames of `robot`, each (4, 4) seen from that of `known`, of joints with one order.
-
-    Frames that are turned about the joint's axis or shifted along it have the same motion.
-    """
-    turns: list[FloatArray] = []
-    for other, joint in zip(known.joints, robot.joints, strict=True):
-        before = turns[joint.parent] if joint.parent >= 0 else np.eye(4)
-        turn = np.linalg.solve(_build_frame(other, known), before @ _build_frame(joint, robot))
-        turns.append(np.asarray(turn, dtype=np.float64))
-    return turns
-
-
-def _build_frame(joint: Joint, robot: Robot) -> FloatArray:
-    symbols, frame = dict(robot.symbols), np.eye(4)
-    frame[:3, :3] = [[entry.to_float(symbols) for entry in row] for row in joint.placement.rotation]
-    frame[:3, 3] = [entry.to_float(symbols) for entry in joint.placement.translation]
-    return frame
-
-
-def _list_differences(known: Robot, robot: Robot) -> list[str]:
-    """Return what keeps values of `known` from being those of `robot`; gravity and names of robots may."""
-    names, wanted = ([joint.name for joint in entry.joints] for entry in (known, robot))
-    if names != wanted:
-        listed = f"its joints are {', '.join(names)}, those of {robot.name!r} {', '.join(wanted)}"
-        return [f"{listed}: names and order must be the same"]
-    pairs = list(zip(known.joints, robot.joints, strict=True))
-    differences = [
-        f"joint {joint.name!r} is of another kind, follows or stands on another one"
-        for other, joint in pairs
-        if (other.kind, other.parent, other.mimic) != (joint.kind, joint.parent, joint.mimic)
-    ]
-    # An axis moves all that it carries: the first one that differs tells most.
-    for name, turn in zip(names, [] if differences else _list_turns(known, robot), strict=False):
-        # Its direction z, and where it meets the plane across it.
-        apart = float(np.max(np.abs([*(turn[:3, 2] - (0.0, 0.0, 1.0)), *turn[:2, 3]])))
-        if apart > _SAME_PLACE:
-            where = f"elsewhere than in {robot.name!r}, by {apart:.3g} m or rad"
-            differences.append(f"the axis of joint {name!r} stands {where}")
-            break
-    for other, joint in pairs:
-        head = f"joint {joint.name!r}"
-        if other.drive.has_rotor != joint.drive.has_rotor:
-            which = ("the file", "the robot") if other.drive.has_rotor else ("the robot", "the file")
-            differences.append(f"{head} has a rotor in {which[0]} and none in {which[1]}; declare it in both")
-        if (other.spring is None) != (joint.spring is None):
-            differences.append(f"{head} has a spring in only one of the two")
-    drives = [[(one.name, one.terms, one.has_rotor) for one in entry.couplings] for entry in (known, robot)]
-    return differences + ["its coupled drives are others"] * (drives[0] != drives[1])
-
-
-def _list_missing_values(robot: Robot) -> list[str]:
-    links = [joint.name for joint in robot.joints if joint.inertial is None]
-    rotors = [one.name for one in robot.joints if one.drive.has_rotor and one.drive.rotor_inertia is None]
-    rotors += [one.name for one in robot.couplings if one.has_rotor and one.rotor_inertia is None]
-    held = [(joint.name, joint.spring) for joint in robot.joints if joint.spring is not None]
-    springs = [name for name, spring in held if None in (spring.stiffness, spring.rest)]
-    parts = (("link values", links), ("rotor inertia", rotors), ("stiffness or rest", springs))
-    return [f"it states no {what} of {', '.join(names)}" for what, names in parts if names]
 
 
 def _warn_of_unused(

@@ -2,7 +2,7 @@
 
 FitRecord of any kind <-> file;  a fit or its file -> FitRecord, and where it is from.
 
-Supported: format "symid fit", version 2, SI units; a number that is not finite is null. Version 1, which had
+Supported: format "symid fit", version 4, SI units; a number that is not finite is null. Version 1, which had
 a format for each kind, is still read, with defaults for fields that it did not have.
 """
 
@@ -24,8 +24,9 @@ from symid.serialization import list_unusable, read_record, write_plain
 
 StoredResult = Estimate | ElasticEstimate | FrictionIdentification
 _FORMAT = "symid fit"
-_VERSION, _READ = 3, (2, 3)
-"""The version that is written, and those that are read: 2 has no friction laws of its own."""
+_VERSION, _READ = 4, (2, 3, 4)
+"""The version that is written, and those that are read: 2 has no friction laws of its own, 3 no evidence and
+no deviations of springs."""
 _ABOUT = frozenset({"format", "version", "kind", "verdict"})
 """Entries of a file that are not fields of the record."""
 _MOST = 20
@@ -256,7 +257,7 @@ def _split(path: Path, data: object) -> tuple[str, dict[str, Any], bool]:
     version, kind = data.get("version"), str(data.get("kind")) if name == _FORMAT else _BEFORE[str(name)]
     known = _READ if name == _FORMAT else (1,)
     if type(version) is not int or version not in known:
-        read = " and ".join(map(str, known))
+        read = ", ".join(map(str, known))
         raise _refuse(path, f"version {version!r} of the format; this symid reads {read}")
     if kind not in _KINDS:
         raise _refuse(path, f"kind: expected one of {', '.join(_KINDS)}, got {kind!r}")

@@ -376,11 +376,10 @@ def _track(
 ) -> TrackingComparison:
     """Return the closed loops of all cases, simulated with the values of the robot file."""
     context.progress(f"tracking {task.trajectory.source} with {len(cases) + 1} kinds of feed-forward")
-    bases = len(library.card.beta)
     runs = simulate_tracking(
         robot,
         library,
-        {name: estimate.build_fit(bases) for name, estimate in cases.items()},
+        {name: estimate.build_fit(library.card) for name, estimate in cases.items()},
         task.trajectory,
         build_noisy_options(),
         progress=context.progress,

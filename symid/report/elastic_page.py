@@ -177,11 +177,11 @@ def show_spring(estimate: SpringEstimate) -> Iterator[Block]:
     yield from _describe_reach(estimate)
     yield draw_branches(estimate)
     yield _tabulate_spring(estimate)
-    if estimate.spread is not None and estimate.slope_std is not None:
+    if estimate.torque_std is not None and estimate.slope_std is not None:
         place = "at its steepest" if estimate.elasticity.branches else "near zero"
         yield (
             f"Standard deviations: {estimate.slope_std:.2g} {unit}/{torsion} of the slope {place}, "
-            f"{estimate.spread:.2g} {unit} (rms) of the torque in the logs."
+            f"{estimate.torque_std:.2g} {unit} (rms) of the torque in the logs."
         )
     stops, knees = _list_stops(estimate.elasticity), _list_knees(estimate.elasticity)
     if stops:

@@ -420,8 +420,8 @@ def show_springs(estimate: "ElasticEstimate") -> Table:
     if any(entry.elasticity.branches for entry in told):
         return tabulate(
             told,
-            "joint; k0=elasticity.stiffness; at most=steepest; std=slope_std; unit; branches; torsion; "
-            "torque; std=spread",
+            "joint; k0=elasticity.stiffness; at most=steepest; slope std=slope_std; unit; branches; torsion; "
+            "torque; torque std=torque_std",
             (0, 4, 5),
             steepest=lambda entry: find_most_slope(entry.elasticity),
             unit=lambda entry: f"{entry.torque_unit}/{entry.position_unit}",
@@ -429,8 +429,8 @@ def show_springs(estimate: "ElasticEstimate") -> Table:
         )
     return tabulate(
         told,
-        "joint; k0=elasticity.stiffness; k0 + stops=elasticity.initial_stiffness; std=slope_std; unit; "
-        "stops; knees; torsion; slipped to=excited; torque; std=spread",
+        "joint; k0=elasticity.stiffness; k0 + stops=elasticity.initial_stiffness; slope std=slope_std; unit; "
+        "stops; knees; torsion; slipped to=excited; torque; torque std=torque_std",
         (0, 4),
         unit=lambda entry: f"{entry.torque_unit}/{entry.position_unit}",
         stops=lambda entry: len(entry.elasticity.stops),
@@ -455,8 +455,8 @@ _EFFECTS = {
 
 def _describe_effect(estimate: "ElasticEstimate", effect: "DriveEffect") -> dict[str, object]:
     """Return an effect in plain types, with its joint and unit."""
-    spring = estimate.springs[max(effect.joint, 0)] if estimate.springs else None
-    torque, position = (spring.torque_unit, spring.position_unit) if spring else ("N m", "rad")
+    torque = estimate.residual[max(effect.joint, 0)].unit
+    position = "m" if torque == "N" else "rad"
     units = {
         "torque-lag": "s",
         "link-friction": f"{torque} s/{position}",

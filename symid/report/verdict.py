@@ -446,8 +446,9 @@ def _judge_stretches(estimate: ElasticEstimate, evidence: ElasticEvidence) -> tu
         f"Fits to other stretches of the logs leave at most {percent:.3g} % of a motor's torque unexplained, "
         f"{noise:.2g} times its noise"
     )
-    told = [spring.told for spring in estimate.springs]
-    springs = [share for share, known in zip(evidence.springs, told, strict=False) if known]
+    told = {spring.joint for spring in estimate.springs if spring.told}
+    joints = zip(evidence.springs, estimate.residual, strict=False)
+    springs = [share for share, entry in joints if entry.joint in told]
     if springs:
         text += f"; the springs leave at most {max(springs):.3g} % of a joint's torque"
     caps: Caps = []
@@ -457,6 +458,9 @@ def _judge_stretches(estimate: ElasticEstimate, evidence: ElasticEvidence) -> tu
             f"model (chi^2 {evidence.contradiction:.2g} times its limit)"
         )
         caps.append(("usable", reason))
+    if evidence.known > 1.0:
+        reason = f"what was known contradicts the logs (chi^2 {evidence.known:.2g} times its limit)"
+        caps.append(("doubtful" if evidence.known > _CONTRARY else "usable", reason))
     return _rate(max(percent, *springs, 0.0)), f"{text}.", caps
 
 

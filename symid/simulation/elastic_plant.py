@@ -64,15 +64,20 @@ class ElasticValues(FrozenArrays):
     elasticity: tuple[Elasticity, ...]
 
 
-def get_elastic_values(robot: Robot, card: ModelCard) -> ElasticValues:
-    """Return the values that the robot file states, or raise a UsageError with all reasons why not."""
-    if not card.elastic:
-        names = [joint.name for joint, elastic in zip(robot.axes, robot.elastic, strict=True) if not elastic]
+def refuse_rigid_joints(robot: Robot) -> None:
+    """Raise a UsageError for a robot to be simulated as an elastic one that has rigid joints."""
+    names = [joint.name for joint, elastic in zip(robot.axes, robot.elastic, strict=True) if not elastic]
+    if names:
         text = (
-            f"robot {robot.name!r} is elastic in part: {', '.join(names)} have no [joint.elasticity]; give "
-            "one to all joints or to none"
+            f"robot {robot.name!r} cannot be simulated with elastic joints: {', '.join(names)} have no "
+            "[joint.elasticity]; give one to all joints or to none"
         )
         raise UsageError(Notice(code="usage.not-elastic", text=text))
+
+
+def get_elastic_values(robot: Robot, card: ModelCard) -> ElasticValues:
+    """Return the values that the robot file states, or raise a UsageError with all reasons why not."""
+    refuse_rigid_joints(robot)
     notices = tuple(_describe_gaps(robot, card))
     if notices:
         raise UsageError(*notices)

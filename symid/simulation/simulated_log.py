@@ -18,6 +18,7 @@ from symid.joint_models import NO_FRICTION
 from symid.logs import Recording
 from symid.robot import Coupling, Joint, Robot
 from symid.simulation.elastic_experiment import build_clean_options, build_noisy_options, simulate_elastic
+from symid.simulation.elastic_plant import refuse_rigid_joints
 from symid.simulation.experiment import ExperimentOptions, SensorOptions, simulate_experiment
 
 DEFAULT_NOISE = 0.05
@@ -123,7 +124,14 @@ def _list_gaps(part: Joint | Coupling) -> Iterator[str]:
 
 
 def check_stated_values(robot: Robot) -> None:
-    """Refuse a robot whose file lacks values, by a RobotError, before minutes go into its derivation."""
+    """Refuse a robot that cannot be simulated before minutes go into its derivation.
+
+    Raises:
+        RobotError: its file lacks values.
+        UsageError: only some of its joints are elastic.
+    """
+    if any(robot.elastic):
+        refuse_rigid_joints(robot)
     lacking = [f"joint '{joint.name}': {gap}" for joint in robot.joints for gap in _list_gaps(joint)]
     lacking += [f"coupling '{one.name}': {gap}" for one in robot.couplings for gap in _list_gaps(one)]
     if lacking:

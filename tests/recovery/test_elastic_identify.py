@@ -161,7 +161,7 @@ def test_an_estimate_is_read_as_it_was_written(tmp_path, arm, estimate):
     path = write_fit(estimate, tmp_path / "estimate.json")
     assert is_fit(path)
     assert read_fit(path, arm[1].card) == estimate
-    fit = estimate.build_fit(len(arm[1].card.beta))
+    fit = estimate.build_fit(arm[1].card)
     assert np.array_equal(fit.chi, values(estimate))
     assert len(fit.elasticity) == 2
 

@@ -339,8 +339,8 @@ def measure_gears(
     """Return the kinematic errors of the gears, given the links' base parameters (p,)."""
     found: list[DriveEffect] = []
     loads = [compute_link_torque(library, part, beta) for part in signals]
-    for joint in range(library.card.size):
-        rows = _build_gear_rows(signals, loads, joint)
+    for joint, gives in enumerate(library.card.yielding):
+        rows = _build_gear_rows(signals, loads, joint) if gives else None
         if rows is None:
             continue
         own: list[DriveEffect] = []

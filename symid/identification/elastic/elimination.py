@@ -47,7 +47,7 @@ from symid.logs import Recording, differentiate_smooth, low_pass
 
 def fit_elimination(problem: ElasticProblem) -> MethodFit:
     """Return dynamics by elimination of the joint torque, and the springs that it then shows."""
-    chi = solve_with_signs(problem.library.card, *problem.stack_filtered())
+    chi = solve_with_signs(problem.library.card, *problem.stack_filtered(), problem.known)
     springs = problem.fit_springs(problem.compute_motor_side(chi))
     return build_method_fit("elimination", chi, problem.sizes, springs)
 
@@ -87,25 +87,33 @@ class BandFit:
     scatter: FloatArray
 
 
-def fit_band(card: ModelCard, rows: BandRows, rounds: int = 3, scatter: FloatArray | None = None) -> BandFit:
+def fit_band(
+    card: ModelCard,
+    rows: BandRows,
+    rounds: int = 3,
+    scatter: FloatArray | None = None,
+    known: FloatArray | None = None,
+) -> BandFit:
     """Return the weighted least-squares fit, weights 1 / scatter of each group, found in a few rounds.
 
-    `scatter` (g,) N m or N: given, zero where a group is not known; those of the fit else.
+    `scatter` (g,) N m or N: given, zero where a group is not known; those of the fit else. `known` is that of
+    `solve_with_signs`.
     """
     design, torque, group = rows.design, rows.torque, rows.group
     floor = 1e-9 * max(float(np.sqrt(np.mean(torque**2))), 1e-300)
     members = np.maximum(np.bincount(group), 1)
     weights = np.ones(len(torque))
     for _ in range(rounds):
-        chi = solve_with_signs(card, design * weights[:, None], torque * weights)
+        chi = solve_with_signs(card, design * weights[:, None], torque * weights, known)
         errors = torque - design @ chi
         found = np.maximum(np.sqrt(np.bincount(group, errors**2) / members), floor)
         if scatter is not None:
-            known = np.zeros(len(found))
-            known[: len(scatter)] = scatter[: len(found)]
-            found = np.where(known > 0.0, known, found)
+            stated = np.zeros(len(found))
+            stated[: len(scatter)] = scatter[: len(found)]
+            found = np.where(stated > 0.0, stated, found)
         weights = 1.0 / found[group]
-    return BandFit(chi=chi, covariance=compute_covariance(design * weights[:, None]), scatter=found)
+    covariance = compute_covariance(design * weights[:, None], known=known)
+    return BandFit(chi=chi, covariance=covariance, scatter=found)
 
 
 def fit_momentum(problem: ElasticProblem) -> MethodFit:
@@ -120,7 +128,7 @@ def fit_momentum(problem: ElasticProblem) -> MethodFit:
         time=np.zeros(impulse.size),
         slide=np.zeros(impulse.size, dtype=np.intp),
     )
-    chi = fit_band(problem.library.card, rows, rounds=2).chi
+    chi = fit_band(problem.library.card, rows, rounds=2, known=problem.known).chi
     springs = problem.fit_springs(problem.compute_motor_side(chi))
     return build_method_fit("momentum", chi, problem.sizes, springs)
 
@@ -231,7 +239,9 @@ _AGREE = 0.999
 """Rows close in time share some of their noise, and ten pairs are compared."""
 
 
-def choose_sliding_rows(card: ModelCard, rows: BandRows) -> tuple[BandRows, float]:
+def choose_sliding_rows(
+    card: ModelCard, rows: BandRows, known: FloatArray | None = None
+) -> tuple[BandRows, float]:
     """Return the rows without motors so slow that the estimate moves when they are left out, and the limit.
 
     Friction near rest is no function of the speed (presliding, Stribeck). The least limit is taken at which
@@ -241,8 +251,8 @@ def choose_sliding_rows(card: ModelCard, rows: BandRows) -> tuple[BandRows, floa
     sets = [rows.select(rows.slide >= number) for number in range(len(_SHARES) + 1)]
     needed = _ENOUGH * rows.design.shape[1]
     sets = [part for part in sets if len(part.torque) >= needed] or sets[:1]
-    scatter = fit_band(card, sets[-1]).scatter
-    fits = [fit_band(card, part, scatter=scatter) for part in sets]
+    scatter = fit_band(card, sets[-1], known=known).scatter
+    fits = [fit_band(card, part, scatter=scatter, known=known) for part in sets]
     number = 0
     for number, fit in enumerate(fits[:-1]):
         if all(_agree(fit, other) for other in fits[number + 1 :]):
@@ -332,7 +342,7 @@ def fit_independent(problem: ElasticProblem, *, encoder: bool = False) -> Method
     With `encoder` the torsion is taken from the link encoder too, in place of motor-side samples alone.
     """
     together, apart = split_recordings(problem.signals)
-    chi = solve_with_signs(problem.library.card, *problem.stack_filtered(together))
+    chi = solve_with_signs(problem.library.card, *problem.stack_filtered(together), problem.known)
     torsions = {
         number: problem.signals[number].phi if encoder else estimate_virtual_torsion(problem, number, chi)
         for number in apart

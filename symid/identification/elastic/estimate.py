@@ -79,7 +79,7 @@ class SpringEstimate:
         torsion: the largest |phi| in the recordings, rad or m.
         excited: the largest threshold whose stop slipped, 0 for none: stops beyond it are not identifiable.
         torque: the largest |tau_J| that the spring gave: knees beyond it are not identifiable.
-        spread: standard deviation of its torque in the recordings, rms, N m or N; slope_std: that of the
+        torque_std: standard deviation of its torque in the recordings, rms, N m or N; slope_std: that of the
             largest slope, without branches that near zero, N m/rad or N/m; None where not computed.
         told: whether the spring is identifiable; where not, its numbers mean nothing: `reason` says why.
     """
@@ -94,7 +94,7 @@ class SpringEstimate:
     truth: Elasticity | None = None
     told: bool = True
     reason: str = ""
-    spread: Finite | None = None
+    torque_std: Finite | None = None
     slope_std: Finite | None = None
 
 
@@ -122,13 +122,15 @@ class ElasticEvidence:
             its stretch leave; noise: the same in units of the torque's noise, as it is above the motion.
         springs: percent of a joint's torque, by the links, that its spring leaves; empty without springs.
         contradiction: chi^2 of the one-shot problem against dynamics without springs, over its limit, beyond
-            which they contradict each other; 0 where they were not compared.
+            which they contradict each other; 0 where they were not compared. known: the same of what was
+            known against the logs alone.
     """
 
     held_out: tuple[Finite, ...]
     noise: tuple[Finite, ...]
     springs: tuple[Finite, ...] = ()
     contradiction: Finite = 0.0
+    known: Finite = 0.0
 
 
 @final
@@ -141,7 +143,7 @@ class ElasticEstimate(DynamicsRecord):
 
     Args:
         method: whose result this is; `reason` why it was chosen.
-        springs: one a joint, empty where the method gives none.
+        springs: one an elastic joint, empty where the method gives none.
         energy: what is left of the energy rows.
         outcome, history: how the method ended, and its iterations.
         trials: all methods that were compared.
@@ -193,24 +195,34 @@ class ElasticEstimate(DynamicsRecord):
 
     def list_strangers(self, card: ModelCard) -> list[str]:
         """Return where parameters, springs or residuals are not those of the model, in its order."""
-        rotors = [f"IA{joint.number}" for joint in card.joints]
+        elastic = [joint for joint, gives in zip(card.joints, card.yielding, strict=True) if gives]
+        rotors = [f"IA{joint.number}" for joint in elastic]
         expected = [*(entry.name for entry in card.beta), *rotors, *(entry.name for entry in card.friction)]
-        joints = [joint.name for joint in card.joints]
+        joints = [joint.name for joint in elastic]
         found = [entry.name for entry in self.parameters]
         springs = [entry.joint for entry in self.springs]
-        if found == expected and springs in ([], joints) and len(self.residual) == len(joints):
+        if found == expected and springs in ([], joints) and len(self.residual) == card.size:
             return []
         return [f"expected parameters {', '.join(expected)}, and springs for {', '.join(joints)} or none"]
 
-    def build_fit(self, bases: int) -> MethodFit:
-        """Return the values as a fit, with `bases` base parameters at its beginning."""
-        values = np.array([entry.value for entry in self.parameters])
-        springs = tuple(spring.elasticity for spring in self.springs)
+    def build_fit(self, card: ModelCard) -> MethodFit:
+        """Return the values as a fit of the model of `card`; rigid joints have no rotor and no spring."""
+        bases, size = len(card.beta), card.size
+        places = [bases + joint for joint in range(size) if card.yielding[joint]]
+        places = [*range(bases), *places, *range(bases + size, bases + size + len(card.friction))]
+        values = np.zeros(bases + size + len(card.friction))
+        values[places] = [entry.value for entry in self.parameters]
+        springs = {spring.joint: spring.elasticity for spring in self.springs}
+        whole = tuple(springs.get(joint.name, Elasticity()) for joint in card.joints)
+        covariance = None
+        if self.covariance:
+            covariance = np.zeros((len(values),) * 2)
+            covariance[np.ix_(places, places)] = self.covariance
         return replace(
-            build_method_fit(self.method, values, (bases, len(self.residual)), springs),
+            build_method_fit(self.method, values, (bases, size), whole if springs else ()),
             history=self.history,
             outcome=self.outcome,
-            covariance=np.array(self.covariance) if self.covariance else None,
+            covariance=covariance,
             notices=self.notices,
         )
 

@@ -3,7 +3,8 @@
     Recording -> signals -> rows -> methods -> choice -> estimate, residuals, warnings
 
 Supported: several recordings; one method, or an automatic choice among those that take moments; friction that
-reads the load of the links: measured, or computed and iterated with a fit that needs no springs.
+reads the load of the links: measured, or computed and iterated with a fit that needs no springs; robots that
+have rigid joints, too, whose two positions are the same.
 Not supported: delays between channels and offsets of encoders (align the recordings first); one encoder only.
 """
 
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from symid.arrays import FloatArray
-from symid.codegen import Library, ModelCard, ParameterCard
+from symid.codegen import Library
 from symid.errors import IdentifiabilityError, Notice, UsageError
 from symid.identification.diagnostics import build_warning, warn_of_mass_matrix
 from symid.identification.elastic.estimate import ElasticEstimate, MethodFit, MethodTrial, SpringEstimate
@@ -32,6 +33,7 @@ from symid.identification.elastic.methods import (
     compute_spring_torque,
     fit_method,
     fit_one_shot,
+    list_contradicted,
     measure_contradiction,
     weigh_evidence,
 )
@@ -40,7 +42,9 @@ from symid.identification.elastic.regression import (
     compute_joint_torque,
     fill_motor_loads,
     get_encoder_positions,
+    list_parameter_cards,
     locate_settled,
+    mark_rigid_rotors,
 )
 from symid.identification.elastic.uncertainty import measure_identifiability, measure_spring_spread
 from symid.identification.estimators import Residual, list_parameters
@@ -89,7 +93,11 @@ def _refuse_springs(
     refused = dict(hidden)
     for joint, card in enumerate(work.problem.library.card.joints):
         stiff = fit.elasticity[joint].initial_stiffness
-        if joint not in refused and not (stiff and left[joint] < _NOTHING * whole[joint]):
+        if (
+            work.problem.gives[joint]
+            and joint not in refused
+            and not (stiff and left[joint] < _NOTHING * whole[joint])
+        ):
             share = 100.0 * left[joint] / max(whole[joint], 1e-300)
             text = (
                 f"joint {card.name!r}: no spring explains its torque: the best one leaves {share:.0f} % of "
@@ -98,7 +106,7 @@ def _refuse_springs(
                 "another method"
             )
             refused[joint] = Notice(code="elastic.no-spring", text=text)
-    if len(refused) == work.problem.sizes[1]:
+    if len(refused) == sum(work.problem.gives):
         raise IdentifiabilityError(*(refused[joint] for joint in sorted(refused)), *warnings)
     return {joint: refused[joint] for joint in sorted(refused)}
 
@@ -106,18 +114,20 @@ def _refuse_springs(
 def _list_springs(
     work: ElasticEquations, fit: MethodFit, refused: Mapping[int, Notice]
 ) -> Iterator[SpringEstimate]:
-    """Yield the spring of every joint, and how far it was excited; `refused` comes from `_refuse_springs`."""
+    """Yield the spring of every elastic joint, and how far it was excited; see `_refuse_springs`."""
     card, signals = work.problem.library.card, work.problem.signals
     for joint, (entry, elasticity) in enumerate(zip(card.joints, fit.elasticity, strict=True)):
+        if not work.problem.gives[joint]:
+            continue
         phi = [part.phi[:, joint] for part in signals]
         torque = [compute_joint_torque(elasticity, part, joint) for part in signals]
         # A stop is sure to have slipped once the torsion's range exceeds twice its threshold.
         span = max(float(np.ptp(part)) for part in phi)
         slipped = [stop.threshold for stop in elasticity.stops if 2.0 * stop.threshold <= span]
         stated = card.elasticity[joint]
-        spread, slope = (None, None)
+        torque_std, slope_std = None, None
         if joint not in refused and fit.covariance is not None:
-            spread, slope = _measure_spread(work, fit, joint)
+            torque_std, slope_std = _measure_spread(work, fit, joint)
         yield SpringEstimate(
             joint=entry.name,
             torque_unit=entry.torque_unit,
@@ -129,8 +139,8 @@ def _list_springs(
             truth=stated if stated is not None and stated.initial_stiffness is not None else None,
             told=joint not in refused,
             reason=refused[joint].text if joint in refused else "",
-            spread=spread,
-            slope_std=slope,
+            torque_std=torque_std,
+            slope_std=slope_std,
         )
 
 
@@ -177,10 +187,10 @@ _FELT = 0.01
 def _check_recordings(library: Library, recordings: Sequence[Recording]) -> Mapping[int, Notice]:
     """Return, by joint, why its torsion cannot be used; for raised errors see `identify_elastic`."""
     card = library.card
-    if not card.elastic:
+    if not any(card.yielding):
         text = (
-            f"the robot {card.robot!r} has no elastic joints: state [joint.elasticity] for every joint, or "
-            "identify it as a rigid robot"
+            f"the robot {card.robot!r} has no elastic joints: state [joint.elasticity] for those that are "
+            "elastic, or identify it as a rigid robot"
         )
         raise UsageError(Notice(code="usage.not-elastic", text=text))
     if not recordings:
@@ -208,6 +218,8 @@ def _check_recordings(library: Library, recordings: Sequence[Recording]) -> Mapp
     motor_moves, link_moves = np.any(motors > 0.0, axis=0), np.any(links > 0.0, axis=0)
     hidden = {}
     for joint, entry in enumerate(card.joints):
+        if not card.yielding[joint]:
+            continue
         if motor_moves[joint] != link_moves[joint]:
             side, other = ("link", "motor") if motor_moves[joint] else ("motor", "link")
             text = (
@@ -223,7 +235,7 @@ def _check_recordings(library: Library, recordings: Sequence[Recording]) -> Mapp
                 "describe the joint as rigid"
             )
             hidden[joint] = Notice(code="elastic.no-torsion", text=text)
-    if len(hidden) == card.size:
+    if len(hidden) == sum(card.yielding):
         raise IdentifiabilityError(*hidden.values())
     return hidden
 
@@ -255,18 +267,6 @@ def warn_of_fit(
         *_warn_of_springs(work, fit, refused),
         *warn_of_mass_matrix(library, fit.beta, poses),
     )
-
-
-def list_parameter_cards(card: ModelCard) -> tuple[ParameterCard, ...]:
-    """Return the cards of chi; an elastic joint whose file states no rotor has one nevertheless."""
-    known = {entry.name: entry for entry in card.rotors}
-    rotors = []
-    for joint in card.joints:
-        name = f"IA{joint.number}"
-        unit = "kg" if joint.kind == "prismatic" else "kg m^2"
-        plain = ParameterCard(name=name, expression=name, unit=unit, reason="", joint=joint.name)
-        rotors.append(known.get(name, plain))
-    return (*card.beta, *rotors, *card.friction)
 
 
 def list_unknown_parameters(work: ElasticEquations, fit: MethodFit) -> dict[str, str]:
@@ -321,7 +321,7 @@ def _warn_of_springs(work: ElasticEquations, fit: MethodFit, refused: Collection
     """Yield springs without stiffness, and stops whose state was not known when the rows of a log began."""
     cards = work.problem.library.card.joints
     for joint, (card, spring) in enumerate(zip(cards, fit.elasticity, strict=False)):
-        if joint in refused:
+        if joint in refused or not work.problem.gives[joint]:
             continue
         if not spring.stiffness:
             text = (
@@ -421,10 +421,13 @@ def _build_estimate(
 ) -> ElasticEstimate:
     library, fit = work.problem.library, choice.fit
     cards, joints = list_parameter_cards(library.card), library.card.joints
-    identifiable, condition = measure_identifiability(build_linear_rows(work, fit).design)
+    identifiable, condition = measure_identifiability(build_linear_rows(work, fit).design, work.problem.known)
     springs = _refuse_springs(work, fit, hidden, _warn_of_condition(work, fit, condition))
     residual, energy = _compute_residuals(work, fit)
     warnings = warn_of_fit(work, fit, condition, springs)
+    # Rotors of rigid joints have a place in chi only.
+    shown = np.flatnonzero(~mark_rigid_rotors(library.card)).tolist()
+    covariance = None if fit.covariance is None else np.asarray(fit.covariance)[np.ix_(shown, shown)]
     refused = list_unknown_parameters(work, fit) | {
         card.name: _INSEPARABLE for card, known in zip(cards, identifiable, strict=True) if not known
     }
@@ -434,7 +437,7 @@ def _build_estimate(
         friction=tuple(joint.friction for joint in joints),
         method=fit.method,
         reason=choice.reason,
-        parameters=list_parameters(cards, fit.chi, fit.covariance),
+        parameters=list_parameters([cards[k] for k in shown], fit.chi[shown], covariance),
         springs=tuple(_list_springs(work, fit, springs)),
         residual=residual,
         energy=energy,
@@ -446,7 +449,7 @@ def _build_estimate(
                 method=entry.method,
                 outcome=entry.outcome,
                 error=choice.errors.get(entry.method),
-                values=tuple(map(float, entry.chi)),
+                values=tuple(map(float, entry.chi[shown])),
             )
             for entry in fits
         ),
@@ -456,11 +459,32 @@ def _build_estimate(
             *((card.name, refused[card.name]) for card in cards if card.name in refused),
             *((f"spring of {joints[joint].name}", entry.text) for joint, entry in springs.items()),
         ),
-        covariance=() if fit.covariance is None else tuple(map(tuple, fit.covariance.tolist())),
+        covariance=() if covariance is None else tuple(map(tuple, covariance.tolist())),
         effects=work.effects,
         evidence=weigh_evidence(work, fit, choice.contradiction),
-        notices=(*springs.values(), *choice.notices, *fit.notices, *warnings),
+        notices=(*springs.values(), *choice.notices, *fit.notices, *warnings, *_tell_known(work)),
     )
+
+
+def _tell_known(work: ElasticEquations) -> Iterator[Notice]:
+    """Yield which dynamic parameters were known."""
+    cards = list_parameter_cards(work.problem.library.card)
+    told = np.isfinite(work.problem.known) & ~mark_rigid_rotors(work.problem.library.card)
+    names = [card.name for card, known in zip(cards, told, strict=True) if known]
+    if not names:
+        return
+    text = f"{len(names)} dynamic parameters were known and not identified: {', '.join(names)}"
+    yield Notice(code="elastic.known", text=text)
+    ratio, far = list_contradicted(work)
+    if ratio > 1.0:
+        units = {card.name: card.unit for card in cards}
+        alone = ", ".join(f"{name} {value:.4g} +- {std:.2g} {units[name]}" for name, value, std in far)
+        text = (
+            f"what was known contradicts the logs (chi^2 {ratio:.3g} times its limit), which alone give "
+            f"{alone}. Check loads and scales of the torque, or leave these out of what is known; else the "
+            "rest is wrong by as much"
+        )
+        yield Notice(code="elastic.known-contradicted", text=text)
 
 
 def _choose(work: ElasticEquations, fits: Sequence[MethodFit], hidden: Collection[int]) -> MethodSelection:
@@ -520,5 +544,7 @@ def _write_settings(
     settings = {**echo, **asdict(options), "cutoffs": cutoffs, "grid": grid}
     if options.nlp == NlpOptions():
         del settings["nlp"]
+    if not options.known:
+        del settings["known"]
     plain: dict[str, object] = json.loads(json.dumps(settings))
     return plain

@@ -56,8 +56,11 @@ from symid.identification.elastic.regression import (
     build_elastic_problem,
     choose_cutoff,
     compute_joint_torque,
+    list_parameter_cards,
+    mark_rigid_rotors,
     measure_motion_band,
     prepare_elastic_signals,
+    read_known,
     solve_with_signs,
 )
 from symid.identification.elastic.two_step import fit_alternation, fit_linear_spring, fit_two_step
@@ -181,9 +184,10 @@ def build_elastic_equations(
         edge = get_effect_edge(max(part.period for part in broad), band)
         effects = measure_effects(library, broad, edge)
         broad = _prepare_wide(recordings, options, band, effects) if effects else broad
-    rows, share = choose_sliding_rows(library.card, build_band_rows(library, broad, band))
+    known = read_known(library.card, options.known)
+    rows, share = choose_sliding_rows(library.card, build_band_rows(library, broad, band), known)
     if options.effects:
-        beta = fit_band(library.card, rows).chi[: len(library.card.beta)]
+        beta = fit_band(library.card, rows, known=known).chi[: len(library.card.beta)]
         for measure in (measure_offsets, measure_gears):
             further = measure(library, broad, beta)
             if further:
@@ -195,7 +199,7 @@ def build_elastic_equations(
     wide = problem
     if any(part.cutoff for part in signals):
         wide = build_elastic_problem(library, broad, options, limits)
-    fit = fit_band(library.card, rows)
+    fit = fit_band(library.card, rows, known=known)
     noise = measure_torque_noise(recordings, band)
     return ElasticEquations(
         problem=problem, wide=wide, rows=rows, band=fit, noise=noise, effects=effects, share=share
@@ -233,9 +237,10 @@ def fit_method(work: ElasticEquations, method: str) -> MethodFit:
     fit = _widen(work, fit_one_shot(work).fit) if method == "nlp" else makers[method](work.problem)
     rows = build_linear_rows(work, fit)
     if fit.covariance is None:
-        covariance = compute_covariance(rows.design, rows.right - rows.design @ fit.chi)
+        covariance = compute_covariance(rows.design, rows.right - rows.design @ fit.chi, work.problem.known)
     else:
-        covariance = mark_unidentifiable(fit.covariance, measure_identifiability(rows.design)[0])
+        identifiable = measure_identifiability(rows.design, work.problem.known)[0]
+        covariance = mark_unidentifiable(fit.covariance, identifiable)
     return _add_model_error(work, replace(fit, covariance=covariance))
 
 
@@ -279,7 +284,7 @@ def build_linear_rows(work: ElasticEquations, fit: MethodFit) -> _LinearRows:
 
 def build_candidate(work: ElasticEquations, fit: MethodFit) -> MethodCandidate:
     """Return `fit` as a candidate whose dynamics can be fitted again without a part of the rows."""
-    card = work.problem.library.card
+    card, known = work.problem.library.card, work.problem.known
     # What no method can identify does not set them apart.
     rivals = [fit]
     if fit.method == "elimination":
@@ -293,7 +298,7 @@ def build_candidate(work: ElasticEquations, fit: MethodFit) -> MethodCandidate:
         # Exact where the fit is the least-squares solution of these rows, and near to it the influence of
         # the rows left out.
         rows = _build_side_rows(work.wide, fit)
-        offset = fit.chi - solve_with_signs(card, rows.design, rows.right)
+        offset = fit.chi - solve_with_signs(card, rows.design, rows.right, known)
     else:
         rows = build_linear_rows(work, fit)
     if fit.method == "linear-spring":
@@ -304,7 +309,7 @@ def build_candidate(work: ElasticEquations, fit: MethodFit) -> MethodCandidate:
 
     def refit(fold: int) -> FloatArray:
         kept = folds != fold
-        return offset + solve_with_signs(card, rows.design[kept], rows.right[kept])[:count]
+        return offset + solve_with_signs(card, rows.design[kept], rows.right[kept], known)[:count]
 
     return MethodCandidate(refit, float(spread))
 
@@ -315,15 +320,17 @@ def _build_side_rows(problem: ElasticProblem, fit: MethodFit) -> _LinearRows:
     Motors that are not trusted to slide have empty rows.
     """
     designs, rights, times = [], [], []
-    slides, start = problem.slides, 0
+    slides, start, gives = problem.slides, 0, np.array(problem.gives)
     for number, rows in enumerate(problem.filtered):
         spring = compute_spring_torque(problem, fit, number)
         motor, link = rows.design.copy(), rows.design.copy()
-        motor[:, :, : rows.bases], link[:, :, rows.bases :] = 0.0, 0.0
-        kept = np.stack([slides[start : start + len(spring)], np.ones(spring.shape, dtype=bool)])
+        # The rows of a rigid joint's motor are those of both sides.
+        motor[:, gives, : rows.bases], link[:, :, rows.bases :] = 0.0, 0.0
+        kept = np.stack([slides[start : start + len(spring)], np.ones(spring.shape, dtype=bool) & gives])
         start += len(spring)
         design = np.where(kept[..., None], np.stack([motor, link]), 0.0)
-        right = np.where(kept, np.stack([rows.torque - spring, spring - rows.drag]), 0.0)
+        passed = np.where(gives, spring, rows.drag)
+        right = np.where(kept, np.stack([rows.torque - passed, spring - rows.drag]), 0.0)
         floor = _FLOOR * max(float(np.sqrt(np.mean(rows.torque**2))), 1e-300)
         squares = np.sum((right - design @ fit.chi) ** 2, axis=1) / np.maximum(np.sum(kept, axis=1), 1)
         scatter = np.maximum(np.sqrt(squares), floor)[:, None, :]
@@ -339,12 +346,16 @@ def _list_row_times(problem: ElasticProblem, number: int) -> FloatArray:
 
 
 def compute_spring_torque(problem: ElasticProblem, fit: MethodFit, number: int) -> FloatArray:
-    """Return F[tau_J] (M, n) of the springs of `fit` at the filtered rows of recording `number`."""
-    signals, keep = problem.signals[number], problem.filtered[number].keep
+    """Return F[tau_J] (M, n) of the springs of `fit` at the filtered rows of recording `number`.
+
+    That of a rigid joint is by the links.
+    """
+    signals, rows = problem.signals[number], problem.filtered[number]
     torque = np.column_stack(
         [compute_joint_torque(spring, signals, joint) for joint, spring in enumerate(fit.elasticity)]
     )
-    return filter_smooth(torque, problem.options.rate, signals.period)[keep]
+    passed = filter_smooth(torque, problem.options.rate, signals.period)[rows.keep]
+    return np.where(problem.gives, passed, rows.compute_link_side(fit.chi))
 
 
 def weigh_evidence(work: ElasticEquations, fit: MethodFit, contradiction: float) -> ElasticEvidence:
@@ -360,7 +371,7 @@ def weigh_evidence(work: ElasticEquations, fit: MethodFit, contradiction: float)
     beyond = np.where(whole > 0.0, beyond, 0.0)
     springs: FloatArray = np.zeros(0)
     if fit.elasticity:
-        link = np.concatenate([part.compute_link_side(fit.chi) for part in work.problem.filtered])
+        link = work.problem.compute_link_side(fit.chi)
         numbers = range(len(work.problem.signals))
         torque = np.concatenate([compute_spring_torque(work.problem, fit, number) for number in numbers])
         springs = 100.0 * _divide(np.linalg.norm(link - torque, axis=0), np.linalg.norm(link, axis=0))
@@ -370,6 +381,7 @@ def weigh_evidence(work: ElasticEquations, fit: MethodFit, contradiction: float)
         noise=tuple(np.sqrt(beyond / counts).tolist()),
         springs=tuple(springs.tolist()),
         contradiction=contradiction,
+        known=list_contradicted(work)[0],
     )
 
 
@@ -481,6 +493,38 @@ def _find_contradiction(work: ElasticEquations, fit: MethodFit, kinds: Sequence[
     return text, chi2 / limit
 
 
+def list_contradicted(work: ElasticEquations) -> tuple[float, tuple[tuple[str, float, float], ...]]:
+    """Return chi^2 of what was known against the logs alone, over its limit, and what lies far apart.
+
+    The latter are names, what the weighted elimination finds where nothing is known, and its deviations.
+    """
+    from scipy.special import chdtri
+
+    problem = work.problem
+    rigid = np.where(mark_rigid_rotors(problem.library.card), 0.0, np.nan)
+    alone = fit_band(problem.library.card, work.rows, known=rigid)
+    told = np.isfinite(problem.known) & ~mark_rigid_rotors(problem.library.card)
+    known = np.flatnonzero(told & np.isfinite(np.diag(alone.covariance)))
+    if not len(known):
+        return 0.0, ()
+    slack = _TOLERATED * _measure_sizes(work, alone.chi)[known]
+    covariance = alone.covariance[np.ix_(known, known)] + np.diag(slack**2)
+    lengths = np.sqrt(np.diag(covariance))
+    shift = (alone.chi - problem.known)[known] / lengths
+    inverse = np.linalg.pinv(covariance / np.outer(lengths, lengths), rcond=1e-12, hermitian=True)
+    names = [card.name for card in list_parameter_cards(problem.library.card)]
+    far = tuple(
+        (names[place], float(alone.chi[place]), float(length))
+        for place, away, length in zip(known.tolist(), shift.tolist(), lengths.tolist(), strict=True)
+        if abs(away) > _FAR
+    )
+    return float(shift @ inverse @ shift) / float(chdtri(len(known), 1.0 - _LEVEL)), far
+
+
+_FAR = 3.0
+"""Standard deviations."""
+
+
 def measure_contradiction(work: ElasticEquations, fit: MethodFit) -> float:
     """Return chi^2 of a one-shot fit against dynamics without springs over its limit; 0 for other methods."""
     return _find_contradiction(work, fit, ())[1] if fit.method == "nlp" else 0.0
@@ -495,7 +539,7 @@ def _measure_disagreement(
     """
     plain = fit.covariance if fit.plain is None else fit.plain
     own = np.zeros_like(work.band.covariance) if plain is None else plain
-    both = work.identifiable & np.isfinite(np.diag(own))
+    both = work.identifiable & np.isfinite(np.diag(own)) & np.isnan(work.problem.known)
     known = np.flatnonzero(both[: sum(work.problem.sizes)])
     covariance = (work.band.covariance + own)[np.ix_(known, known)]
     slack = tolerated * _measure_sizes(work, work.band.chi)[known]
@@ -527,6 +571,7 @@ def _add_model_error(work: ElasticEquations, fit: MethodFit) -> MethodFit:
     sizes = np.array([max(values[k] for k, other in enumerate(kinds) if other == kind) for kind in kinds])
     variances = np.zeros(len(fit.chi))
     variances[: len(kinds)] = ((_STATES + _STICKING * work.share) * sizes) ** 2
+    variances[~np.isnan(work.problem.known)] = 0.0
     plain = fit.covariance if fit.plain is None else fit.plain
     return replace(fit, covariance=fit.covariance + np.diag(variances), plain=plain)
 
@@ -551,7 +596,7 @@ def choose_springs(
         return fit, tuple(kinds)
     beta = fit.chi[: problem.sizes[0]]
     for joint, card in enumerate(problem.library.card.joints):
-        if joint in hidden or not springs:
+        if joint in hidden or not springs or not problem.gives[joint]:
             continue
         path, torque, kept = _follow_joint(problem, beta, joint)
         spring, name, left, before = choose_spring(path, torque, kept, springs[joint])

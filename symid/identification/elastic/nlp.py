@@ -240,6 +240,9 @@ class NlpSetting:
         grids = []
         for joint, thresholds in enumerate(self.thresholds):
             bases = [part.bases[joint] for part in self.recordings]
+            if not self.problem.gives[joint]:
+                grids.append(SpringGrid(thresholds=np.zeros(0), knees=(), stiffness=0.0, reach=0.0))
+                continue
             if self.knees is not None:
                 knees = self.knees[joint]
             else:
@@ -249,7 +252,7 @@ class NlpSetting:
                 knees = tuple(sorted(map(float, grid)))
             stiffness, reach = float(self.stiffness[joint]), max(float(np.abs(b[:, 0]).max()) for b in bases)
             grids.append(SpringGrid(thresholds=thresholds, knees=knees, stiffness=stiffness, reach=reach))
-        return NlpLayout.build(self.problem.library.card, grids, self.options)
+        return NlpLayout.build(self.problem.library.card, grids, self.options, self.problem.known)
 
     def shift(self, places: Sequence[NlpPlace], steps: FloatArray) -> "NlpSetting":
         """Return the setting with each of the places moved by a step (places,)."""
@@ -433,7 +436,13 @@ def _list_notices(run: NlpRun, card: ModelCard, layout: NlpLayout) -> Iterator[N
     if not run.converged:
         text = f"nlp did not converge: {run.reason}; parameters and springs are those of its last point"
         yield Notice(code="elastic.nlp-not-converged", text=text)
-    unknown = run.certificate.undetermined
+    # Dynamic parameters with one bound are known, and rigid joints have no spring.
+    places = [
+        *range(*layout.dynamics.indices(layout.size)),
+        *(entry.weights.start for entry in layout.springs),
+    ]
+    known = {layout.names[place] for place in places if layout.lower[place] == layout.upper[place]}
+    unknown = [name for name in run.certificate.undetermined if name not in known]
     if unknown:
         text = (
             f"not identifiable from these logs: {', '.join(unknown)}; record larger motions, other speeds or "

@@ -25,7 +25,11 @@ from symid.arrays import FloatArray, freeze
 from symid.codegen import ModelCard
 from symid.identification.elastic.nlp_rows import KneeSteps, NlpRecording, RowBlock, build_knee_steps
 from symid.identification.elastic.options import NlpOptions
-from symid.identification.elastic.regression import average_steps, list_lower_bounds
+from symid.identification.elastic.regression import (
+    average_steps,
+    list_lower_bounds,
+    list_parameter_cards,
+)
 from symid.identification.hysteresis import build_stops
 from symid.joint_models import Elasticity, Knee, build_numpy_carrier, compute_stribeck_derivatives
 
@@ -105,14 +109,22 @@ class NlpLayout:
         return len(self.names)
 
     @classmethod
-    def build(cls, card: ModelCard, grids: Sequence[SpringGrid], options: NlpOptions) -> "NlpLayout":
-        """Return the unknowns: dynamic parameters of the card, perhaps Stribeck friction, a spring a grid."""
+    def build(
+        cls,
+        card: ModelCard,
+        grids: Sequence[SpringGrid],
+        options: NlpOptions,
+        known: FloatArray | None = None,
+    ) -> "NlpLayout":
+        """Return the unknowns: dynamic parameters of the card, perhaps Stribeck friction, a spring a grid.
+
+        Dynamic parameters that are `known` (p + n + pf,), NaN where not, have two equal bounds.
+        """
         joints = range(1, card.size + 1)
-        # A joint whose file states no rotor has one nevertheless, and it is identified.
-        rotors = [f"IA{joint}" for joint in joints]
-        names = [*(entry.name for entry in card.beta), *rotors, *(entry.name for entry in card.friction)]
-        lower = [list_lower_bounds(card)]
-        upper = [np.full(len(names), np.inf)]
+        names = [entry.name for entry in list_parameter_cards(card)]
+        free = np.full(len(names), True) if known is None else np.isnan(known)
+        lower = [np.where(free, list_lower_bounds(card), known if known is not None else 0.0)]
+        upper = [np.where(free, np.inf, lower[0])]
         dynamics = slice(0, len(names))
         excess = speed = slice(len(names), len(names))
         if options.stribeck:

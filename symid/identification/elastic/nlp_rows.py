@@ -251,10 +251,10 @@ def build_nlp_recording(
     bases = tuple(compute_stop_basis(phi[:, joint], grid) for joint, grid in enumerate(thresholds))
     blocks = [_build_energy_block(problem, index, thresholds)] if "energy" in kinds else []
     if "filtered" in kinds:
-        blocks += _join_blocks(problem.sizes[0], bases, _build_filtered_rows(problem, index))
+        blocks += _join_blocks(problem, bases, _build_filtered_rows(problem, index))
     if "momentum" in kinds:
         blocks += _join_blocks(
-            problem.sizes[0], bases, _build_momentum_rows(problem, index), _mark_windows(problem, index)
+            problem, bases, _build_momentum_rows(problem, index), _mark_windows(problem, index)
         )
     return NlpRecording(blocks=tuple(blocks), bases=bases, phi=phi, speed=signals.dtheta)
 
@@ -340,18 +340,29 @@ def _mark_windows(problem: ElasticProblem, index: int) -> NDArray[np.bool_]:
 
 
 def _join_blocks(
-    count: int, bases: Sequence[FloatArray], rows: _TorqueRows, slides: NDArray[np.bool_] | None = None
+    problem: ElasticProblem,
+    bases: Sequence[FloatArray],
+    rows: _TorqueRows,
+    slides: NDArray[np.bool_] | None = None,
 ) -> Iterator[RowBlock]:
-    """Yield the blocks of motor and link equations; `count` is p.
+    """Yield the blocks of motor and link equations, or their sum for rigid joints.
 
     Motors that do not slide (M, n) have empty rows.
     """
     design, torque, drag, build, sums = rows
+    count = problem.sizes[0]
     for joint, basis in enumerate(bases):
         columns = build(np.zeros(0), basis)
-        springs = (SpringColumns(joint=joint, build=build, columns=columns, sums=sums),)
+        springs: tuple[SpringColumns, ...] = (
+            SpringColumns(joint=joint, build=build, columns=columns, sums=sums),
+        )
+        gives, torques = problem.gives[joint], torque[:, joint]
         motor, link = design[:, joint].copy(), design[:, joint].copy()
-        motor[:, :count], link[:, count:] = 0.0, 0.0
+        link[:, count:] = 0.0
+        if gives:
+            motor[:, :count] = 0.0
+        else:
+            torques, springs = torques - drag[:, joint], ()
         kept = np.ones(len(torque), dtype=bool) if slides is None else slides[:, joint]
         own, adds, make = springs, sums, build
         if isinstance(sums, WindowSums) and not np.all(kept):
@@ -360,16 +371,17 @@ def _join_blocks(
             adds = replace(sums, weights=weights)
             make = _mask_columns(build, kept)
             masked = np.where(kept[:, None], columns, 0.0)
-            own = (SpringColumns(joint=joint, build=make, columns=masked, sums=adds),)
+            own = (SpringColumns(joint=joint, build=make, columns=masked, sums=adds),) if gives else ()
         yield RowBlock(
             matrix=np.where(kept[:, None], motor, 0.0),
-            values=np.where(kept, torque[:, joint], 0.0),
+            values=np.where(kept, torques, 0.0),
             sign=1.0,
             springs=own,
             friction=((joint, adds),),
             counted=int(np.count_nonzero(kept)),
         )
-        yield RowBlock(matrix=link, values=-drag[:, joint], sign=-1.0, springs=springs)
+        if gives:
+            yield RowBlock(matrix=link, values=-drag[:, joint], sign=-1.0, springs=springs)
 
 
 def _mask_columns(build: _BuildColumns, kept: NDArray[np.bool_]) -> _BuildColumns:

@@ -85,6 +85,7 @@ class ElasticOptions:
         tolerance: of the relative change of parameters and residuals at which the iteration stops.
         iterations: at most; nlp: of the method "nlp".
         effects: find the lag of the torque, torque ripple and friction of the links, and take them off.
+        known: dynamic parameters that are not identified, by name, such as those of CAD, in SI units.
     """
 
     method: str = "automatic"
@@ -101,6 +102,7 @@ class ElasticOptions:
     iterations: int = 30
     nlp: NlpOptions = field(default_factory=NlpOptions)
     effects: bool = True
+    known: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Refuse wrong values, all at once."""
@@ -118,6 +120,11 @@ class ElasticOptions:
                 if not allowed or list(grid) != sorted(set(grid)):
                     sign = "positive" if least == 0.0 else "finite, not 0,"
                     mistakes.append(f"{name} {grid}: must be {sign} and increase, each once")
+        mistakes += [
+            f"known {name} {value:g}: must be finite"
+            for name, value in self.known.items()
+            if not math.isfinite(value)
+        ]
         _refuse("usage.elastic-option", mistakes)
 
     @property

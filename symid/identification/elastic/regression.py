@@ -19,14 +19,14 @@ Not supported: one encoder only; delays between the channels (align the recordin
 link side that is not viscous; full physical consistency of the links.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays, freeze
-from symid.codegen import Library, ModelCard
+from symid.codegen import Library, ModelCard, ParameterCard
 from symid.errors import LogError, Notice, UsageError
 from symid.identification.elastic.options import ElasticOptions, check_grids
 from symid.identification.hysteresis import (
@@ -53,6 +53,7 @@ from symid.joint_models import (
     run_element,
 )
 from symid.logs import Recording, describe_uneven, differentiate_smooth, low_pass, shift_channel
+from symid.robot import suggest_names
 
 _ORDER = 4
 _CUTOFF = 25.0
@@ -310,6 +311,39 @@ def get_encoder_positions(recording: Recording) -> tuple[FloatArray, FloatArray]
     raise LogError(Notice(code="elastic.one-encoder", text=text, file=recording.source))
 
 
+def join_rigid_joints(
+    card: ModelCard, recordings: Sequence[Recording]
+) -> tuple[tuple[Recording, ...], tuple[Notice, ...]]:
+    """Return recordings in which rigid joints have one position, and notices where they had two.
+
+    It is that of the motor, or of the link where the motor's never changes.
+
+    Raises:
+        LogError: a recording has one encoder a joint only.
+    """
+    rigid = ~np.array(card.yielding)
+    # A robot without any elastic joint may have encoders on both sides of all.
+    if not np.any(rigid) or np.all(rigid):
+        return tuple(recordings), ()
+    joined, notices = [], []
+    for recording in recordings:
+        motor, link = get_encoder_positions(recording)
+        taken = np.where(np.ptp(motor, axis=0) > 0.0, motor, link)
+        for joint in np.flatnonzero(rigid & np.any(motor != link, axis=0)).tolist():
+            entry, apart = card.joints[joint], float(np.max(np.abs(motor - link)[:, joint]))
+            text = (
+                f"joint {entry.name!r} is rigid: one of its two positions was taken; they differ by up to "
+                f"{apart:.2g} {entry.position_unit}. If that is torsion, give the joint [joint.elasticity]"
+            )
+            notices.append(Notice(code="log.rigid-joint", text=text, file=recording.source))
+        motor, link = (np.where(rigid, taken, side) for side in (motor, link))
+        if recording.motor_position is not None:
+            joined.append(replace(recording, position=link, motor_position=motor))
+        else:
+            joined.append(replace(recording, position=motor, link_position=link))
+    return tuple(joined), tuple(notices)
+
+
 def choose_cutoff(recording: Recording) -> float:
     """Return the cut-off in Hz of the low-pass that the encoders' noise asks for; 0 for none.
 
@@ -541,6 +575,21 @@ def evaluate_motor_friction(library: Library, signals: ElasticSignals) -> tuple[
     return library.evaluate("friction_regressor", *given)
 
 
+def list_parameter_cards(card: ModelCard) -> tuple[ParameterCard, ...]:
+    """Return the cards of chi; an elastic joint whose file states no rotor has one nevertheless.
+
+    That of a rigid joint is a part of the base parameters, and its place in chi is known to be zero.
+    """
+    known = {entry.name: entry for entry in card.rotors}
+    rotors = []
+    for joint, gives in zip(card.joints, card.yielding, strict=True):
+        name = f"IA{joint.number}" if gives else f"IA{joint.number} (rigid)"
+        unit = "kg" if joint.kind == "prismatic" else "kg m^2"
+        plain = ParameterCard(name=name, expression=name, unit=unit, reason="", joint=joint.name)
+        rotors.append(known.get(name, plain))
+    return (*card.beta, *rotors, *card.friction)
+
+
 def list_lower_bounds(card: ModelCard, extra: int = 0) -> FloatArray:
     """Return the least value (p + n + pf + extra,) of every parameter: zero, or minus infinity.
 
@@ -551,14 +600,51 @@ def list_lower_bounds(card: ModelCard, extra: int = 0) -> FloatArray:
     return np.array(free + [0.0] * card.size + friction + [0.0] * extra)
 
 
-def solve_with_signs(card: ModelCard, matrix: FloatArray, right: FloatArray) -> FloatArray:
+def read_known(card: ModelCard, known: Mapping[str, float]) -> FloatArray:
+    """Return what is known of chi (p + n + pf,), NaN where nothing is; raise UsageError for other names."""
+    names = [entry.name for entry in list_parameter_cards(card)]
+    values = np.array([known.get(name, np.nan) for name in names])
+    low = list_lower_bounds(card)
+    rigid = mark_rigid_rotors(card)
+    allowed = [name for name, merged in zip(names, rigid, strict=True) if not merged]
+    mistakes = [
+        f"known {name!r} is no parameter of {card.robot!r}{suggest_names(name, allowed, before='; ')}"
+        for name in known
+        if name not in allowed
+    ]
+    mistakes += [
+        f"known {names[place]} {values[place]:g}: must not be negative"
+        for place in np.flatnonzero(values < low)
+    ]
+    if mistakes:
+        raise UsageError(*(Notice(code="usage.elastic-option", text=text) for text in mistakes))
+    return np.where(rigid, 0.0, values)
+
+
+def mark_rigid_rotors(card: ModelCard) -> NDArray[np.bool_]:
+    """Return which of chi (p + n + pf,) are rotors of rigid joints, which turn with their links."""
+    rigid = [not gives for gives in card.yielding]
+    return np.array([False] * len(card.beta) + rigid + [False] * len(card.friction))
+
+
+def solve_with_signs(
+    card: ModelCard, matrix: FloatArray, right: FloatArray, known: FloatArray | None = None
+) -> FloatArray:
     """Return argmin |matrix x - right| (p,), x = [chi; stiffnesses], not below its bounds.
 
     By QR with columns of the matrix (..., p) scaled to length one; the bounded problem is solved only where a
-    bound is broken. Columns and directions without effect (`RankRule`) get zero.
+    bound is broken. Columns and directions without effect (`RankRule`) get zero. Of x, `known` (q,) are the
+    first q, NaN where they are to be found.
     """
     count = matrix.shape[-1]
     matrix, right = matrix.reshape(-1, count), right.reshape(-1)
+    given = np.full(count, np.nan)
+    if known is not None:
+        given[: len(known)] = known
+    if not np.all(np.isnan(given)):
+        free, values = np.isnan(given), np.nan_to_num(given)
+        found = solve_with_signs(card, np.where(free, matrix, 0.0), right - matrix @ values)
+        return np.asarray(np.where(free, found, values))
     lengths = np.linalg.norm(matrix, axis=0)
     rule = RankRule()
     alive: NDArray[np.bool_] = lengths > rule.zero * max(float(lengths.max(initial=0.0)), 1e-300)
@@ -586,6 +672,10 @@ _MEMORY = 3.0
 """Time constants of the filter."""
 
 
+RIGID = Elasticity(stiffness=0.0)
+"""In place of the spring of a rigid joint, whose torsion is zero; its torque is that of the link."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ElasticProblem:
     """The equations of all recordings.
@@ -595,6 +685,7 @@ class ElasticProblem:
         thresholds, springs: (m_i,) and stop basis of every joint.
         supplied: (m,) J; design: (m, p + n + pf), the energy rows of all recordings.
         limits: (n,) rad/s or m/s, at and below which motors are not trusted to slide; 0 for none.
+        known: (p + n + pf,) of the dynamic parameters, NaN where they are to be found.
     """
 
     library: Library
@@ -607,11 +698,17 @@ class ElasticProblem:
     supplied: FloatArray
     design: FloatArray
     limits: FloatArray
+    known: FloatArray
 
     @property
     def sizes(self) -> tuple[int, int]:
         """Return the numbers of base parameters and joints."""
         return len(self.library.card.beta), self.library.card.size
+
+    @property
+    def gives(self) -> tuple[bool, ...]:
+        """Return which joints are elastic; the others are rigid, and what passes them is eliminated."""
+        return self.library.card.yielding
 
     def stack_filtered(self, numbers: Sequence[int] | None = None) -> tuple[FloatArray, FloatArray]:
         """Return design (M, n, p + n + pf) and torque (M, n) of the given recordings, of all by default.
@@ -625,6 +722,10 @@ class ElasticProblem:
     def compute_motor_side(self, chi: FloatArray) -> FloatArray:
         """Return F[tau_J] (M, n) by the motor equation with the dynamic parameters chi (p + n + pf,)."""
         return np.concatenate([part.compute_motor_side(chi) for part in self.filtered])
+
+    def compute_link_side(self, chi: FloatArray) -> FloatArray:
+        """Return F[tau_J] (M, n) by the link equation."""
+        return np.concatenate([part.compute_link_side(chi) for part in self.filtered])
 
     @property
     def slides(self) -> NDArray[np.bool_]:
@@ -649,6 +750,8 @@ class ElasticProblem:
         """Return the springs, one a joint, that explain F[tau_J] best: (M, n) in N m at the filtered rows."""
         return tuple(
             build_elasticity(fit_joint_spring(self.options, data, joint, torque[:, joint]))
+            if self.gives[joint]
+            else RIGID
             for joint, data in enumerate(self.springs)
         )
 
@@ -659,10 +762,13 @@ class ElasticProblem:
         (p + n + pf,) are the dynamic parameters.
         """
         motor = self.compute_motor_side(chi)
-        link = np.concatenate([rows.compute_link_side(chi) for rows in self.filtered])
+        link = self.compute_link_side(chi)
         joined = np.empty_like(motor)
         for joint, data in enumerate(self.springs):
             sides = [motor[:, joint], link[:, joint]]
+            if not self.gives[joint]:
+                joined[:, joint] = sides[1]
+                continue
             if self.limits[joint]:
                 # What a motor near rest says holds friction that is not known.
                 sides[0] = np.where(self.slides[:, joint], sides[0], sides[1])
@@ -697,6 +803,7 @@ def build_elastic_problem(
         supplied=freeze(np.concatenate([rows.supplied for rows in energy])),
         design=freeze(np.vstack([rows.design for rows in energy])),
         limits=freeze(np.zeros(library.card.size) if limits is None else limits),
+        known=freeze(read_known(library.card, options.known)),
     )
 
 
@@ -713,6 +820,9 @@ def build_spring_data(
     """
     if options.thresholds is not None:
         grid = freeze(options.thresholds[joint])
+    elif not any(np.any(phi) for phi in torsions):
+        # A rigid joint.
+        grid = freeze(np.zeros(0))
     else:
         largest = max(float(np.abs(phi).max()) for phi in torsions)
         grid = freeze(np.arange(1, options.stops + 1) / (options.stops + 1.0) * largest)

@@ -80,10 +80,6 @@ _SPLIT = (
 )
 _LINK_NAME = re.compile(r"link_position_?\d*")
 _ROTOR_NAME = re.compile(r"IA\d+")
-_MIXED = (
-    "the methods for springs and hysteresis need a robot whose joints are all elastic, and this one also has "
-    "rigid joints; use --method stiffness for its springs"
-)
 
 
 def build_rigid_variant(robot: Robot) -> Robot:
@@ -155,30 +151,24 @@ def has_both_encoders(recordings: Sequence[Recording]) -> bool:
     return all(entry.motor_position is not None or entry.link_position is not None for entry in recordings)
 
 
-def list_unidentifiable(robot: Robot, *, both: bool = False) -> tuple[tuple[str, str], ...]:
-    """Return name and reason of what is not identified of an elastic robot.
-
-    With `both` the logs have both positions, so that only the robot's rigid joints stand in the way.
-    """
-    reasons = (_MIXED,) * 3 if both else (_STIFFNESS, _HYSTERESIS, _SPLIT)
+def list_unidentifiable(robot: Robot) -> tuple[tuple[str, str], ...]:
+    """Return name and reason of what is not identified of an elastic robot by one position a joint."""
     refused: list[tuple[str, str]] = []
     for number, joint in enumerate(robot.joints, start=1):
         if joint.elasticity is not None:
-            refused += [(f"stiffness{number}", reasons[0]), (f"hysteresis{number}", reasons[1])]
+            refused += [(f"stiffness{number}", _STIFFNESS), (f"hysteresis{number}", _HYSTERESIS)]
             if joint.drive.has_rotor:
-                refused.append((f"IA{number} apart from the link", reasons[2]))
+                refused.append((f"IA{number} apart from the link", _SPLIT))
     return tuple(refused)
 
 
-def refuse_elasticity(estimate: Estimate, robot: Robot, *, both: bool = False) -> Estimate:
+def refuse_elasticity(estimate: Estimate, robot: Robot) -> Estimate:
     """Return the estimate of the rigid variant, with what is not identifiable of `robot`."""
-    one = "the logs have one position a joint, taken as that of its motor"
-    why = "some joints are rigid" if both else one
     text = (
-        f"{why}: the rigid model was identified, with rotor inertias merged into the base parameters; "
-        "stiffness and hysteresis are not identifiable"
+        "the logs have one position a joint, taken as that of its motor: the rigid model was identified, "
+        "with rotor inertias merged into the base parameters; stiffness and hysteresis are not identifiable"
     )
-    refused = (*estimate.refused, *list_unidentifiable(robot, both=both))
+    refused = (*estimate.refused, *list_unidentifiable(robot))
     notices = (Notice(code="elastic.motor-side", text=text), *warn_of_rotors(estimate.parameters))
     notices += estimate.notices
     return replace(estimate, refused=refused, outcome=Outcome.SOME_REFUSED, notices=notices)
@@ -213,7 +203,7 @@ def choose_route(
     if 0 < len(without) < len(recordings) and any(robot.elastic):
         text = "this log has one position a joint, others have two; give logs of one kind in one call"
         raise LogError(*(Notice(code="log.mixed-encoders", text=text, file=source) for source in without))
-    if all(robot.elastic) and (not without or method is not None):
+    if any(robot.elastic) and (not without or method is not None):
         if without:
             text = (
                 f"--method {method} needs the positions of motors and links, and the log has one a joint. "
@@ -222,10 +212,15 @@ def choose_route(
             )
             raise UsageError(Notice(code="usage.one-encoder", text=text))
         _refuse_options(rigid, f"the elastic robot {robot.name!r}")
+        if method == "independent" and not all(robot.elastic):
+            text = "--method independent needs a robot whose joints are all elastic; leave it out"
+            raise UsageError(Notice(code="usage.method", text=text))
         return Route(kind="elastic", method=method or "automatic")
     if method is not None:
-        kind = "also has rigid joints" if any(robot.elastic) else "has no elastic joints"
-        text = f"--method {method}: the robot {robot.name!r} {kind}; leave it out, or use --method stiffness"
+        text = (
+            f"--method {method}: the robot {robot.name!r} has no elastic joints; leave it out, or use "
+            "--method stiffness"
+        )
         raise UsageError(Notice(code="usage.method", text=text))
     given = [name for name, value in elastic.items() if name != "window" and value is not None]
     options = [f"--{'lambda' if name == 'rate' else name}" for name in given]

@@ -27,6 +27,7 @@ from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.regression import (
     build_equations,
     get_encoder_positions,
+    join_rigid_joints,
     prepare_elastic_signals,
 )
 from symid.identification.regression import fill_load, list_measured_joints, solve_scaled
@@ -251,7 +252,7 @@ def _refute_delay(library: Library, recordings: Sequence[Recording], alignment: 
         float(sum(np.mean(np.diff(values, axis=0) ** 2) for values in side))
         for side in ([motor - link for motor, link in pairs], [motor for motor, _ in pairs])
     )
-    if not library.card.elastic or apart < _APART * moves:
+    if not any(library.card.yielding) or apart < _APART * moves:
         return False
     plain = replace(alignment, delay=0.0)
     lefts = []
@@ -285,18 +286,20 @@ def prepare_aligned(
     """Return the recordings with delay and offsets of their link encoders taken out, if there are any.
 
     What is not significant is left alone, and so is a zero that is not identifiable; notices say so.
-    Recordings that are too short for that are returned as they are.
+    Recordings that are too short for that are returned as they are. Rigid joints get one position.
 
     Raises:
         LogError: see `estimate_alignment`.
     """
+    recordings, joined = join_rigid_joints(library.card, recordings)
     try:
         moved, found, kept, notices = _align(library, recordings)
     except LogError as error:
         if {notice.code for notice in error.notices} != {"log.short-alignment"}:
             raise
         short = (replace(notice, text=f"{notice.text}; it was taken as none") for notice in error.notices)
-        return tuple(recordings), None, tuple(short)
+        return tuple(recordings), None, (*joined, *short)
+    notices = (*joined, *notices)
     if kept is not None:
         return moved, kept, notices
     text = (

@@ -64,6 +64,12 @@ class TwoStepState:
         return self.history[-1].merit if self.history else float("inf")
 
 
+_NO_SPRING = SpringWeights(
+    thresholds=np.zeros(0), stiffness=np.zeros(1), knees=np.zeros(0), slopes=np.zeros(0)
+)
+"""Of a rigid joint."""
+
+
 def init_two_step(problem: ElasticProblem) -> TwoStepState:
     """Return the start: dynamics with a linear spring in every joint."""
     return TwoStepState(chi=fit_linear_spring(problem).chi, data=problem.springs)
@@ -73,7 +79,7 @@ def fit_linear_spring(problem: ElasticProblem) -> MethodFit:
     """Return dynamics and linear springs that explain the energy rows best: the initialisation step."""
     joints = problem.sizes[1]
     design = np.hstack([problem.design, problem.compute_stop_work([np.zeros(0)] * joints)])
-    solution = solve_with_signs(problem.library.card, design, problem.supplied)
+    solution = solve_with_signs(problem.library.card, design, problem.supplied, problem.known)
     springs = tuple(Elasticity(stiffness=float(value)) for value in solution[-joints:])
     return build_method_fit("linear-spring", solution[:-joints], problem.sizes, springs)
 
@@ -86,6 +92,10 @@ def step_two_step(problem: ElasticProblem, state: TwoStepState) -> TwoStepState:
     for joint, (known, aim) in enumerate(
         zip(state.data, problem.compute_motor_side(state.chi).T, strict=True)
     ):
+        if not problem.gives[joint]:
+            data.append(known)
+            springs.append(_NO_SPRING)
+            continue
         first = not state.springs
         start = build_start_spring(problem.options, known, joint, aim) if first else state.springs[joint]
         if count == _GRID_STEPS:
@@ -95,12 +105,15 @@ def step_two_step(problem: ElasticProblem, state: TwoStepState) -> TwoStepState:
         data.append(known.rebuild(start.thresholds))
         springs.append(fit_spring(data[-1], aim, start))
     work = problem.compute_work(list(map(build_elasticity, springs)))
-    goal = solve_with_signs(problem.library.card, problem.design, problem.supplied - work)
+    goal = solve_with_signs(problem.library.card, problem.design, problem.supplied - work, problem.known)
     spring_torques = [known.compute_torque(spring) for known, spring in zip(data, springs, strict=True)]
+    rigid = [joint for joint, gives in enumerate(problem.gives) if not gives]
     fraction = 1.0
     for _ in range(_HALVINGS):
         chi = state.chi + fraction * (goal - state.chi)
         motor_side = problem.compute_motor_side(chi).T
+        for joint in rigid:
+            spring_torques[joint] = problem.compute_link_side(chi)[:, joint]
         errors = [
             problem.supplied - work - problem.design @ chi,
             *(aim - torque for aim, torque in zip(motor_side, spring_torques, strict=True)),
@@ -161,7 +174,8 @@ def fit_alternation(problem: ElasticProblem, *, iterations: int = _LONGEST) -> M
 
     The history's `change` is the relative step of chi, its `merit` the cost in J^2.
     """
-    design, supplied = problem.design, problem.supplied
+    free, values = np.isnan(problem.known), np.nan_to_num(problem.known)
+    design, supplied = problem.design[:, free], problem.supplied - problem.design @ values
     columns = problem.compute_stop_work(problem.thresholds)
     chi = solve_scaled(design, supplied, rcond=_RANK)
     stiffness = np.zeros(columns.shape[1])
@@ -183,5 +197,6 @@ def fit_alternation(problem: ElasticProblem, *, iterations: int = _LONGEST) -> M
         Elasticity(stiffness=float(own[0]), stops=build_stops(grid, own[1:], -1.0))
         for grid, own in zip(problem.thresholds, np.split(stiffness, ends), strict=True)
     )
-    fit = build_method_fit("same-cost", chi, problem.sizes, springs)
+    values[free] = chi
+    fit = build_method_fit("same-cost", values, problem.sizes, springs)
     return replace(fit, history=tuple(history), outcome=outcome)

@@ -38,11 +38,21 @@ _BLOCKS, _STRETCHES = 100, 30
 _RULE = RankRule()
 
 
-def measure_identifiability(design: FloatArray) -> tuple[NDArray[np.bool_], float]:
-    """Return which parameters (p,) rows F (m, p) identify, and the condition number of their regressor."""
-    spectrum = compute_spectrum(design, _RULE.zero)
+def measure_identifiability(
+    design: FloatArray, known: FloatArray | None = None
+) -> tuple[NDArray[np.bool_], float]:
+    """Return which parameters (p,) rows F (m, p) identify, and the condition number of their regressor.
+
+    Those of the `known` (p,) that are no NaN need no rows.
+    """
+    free = np.ones(design.shape[1], dtype=bool) if known is None else np.isnan(known)
+    if not np.any(free):
+        return ~free, 1.0
+    spectrum = compute_spectrum(design[:, free], _RULE.zero)
     kept = spectrum.singular[spectrum.singular > _RULE.singular * spectrum.singular[0]]
-    return spectrum.mask_identifiable(_RULE), float(kept[0] / kept[-1])
+    identifiable = ~free
+    identifiable[free] = spectrum.mask_identifiable(_RULE)
+    return identifiable, float(kept[0] / kept[-1])
 
 
 def mark_unidentifiable(covariance: FloatArray, identifiable: NDArray[np.bool_]) -> FloatArray:
@@ -52,13 +62,23 @@ def mark_unidentifiable(covariance: FloatArray, identifiable: NDArray[np.bool_])
     return marked
 
 
-def compute_covariance(design: FloatArray, errors: FloatArray | None = None) -> FloatArray:
+def compute_covariance(
+    design: FloatArray, errors: FloatArray | None = None, known: FloatArray | None = None
+) -> FloatArray:
     """Return the covariance (p, p) of a least-squares fit, with infinite variances where not identifiable.
+
+    It is zero for those of the `known` (p,) that are no NaN.
 
     G = (F'F)^-1 of rows F (m, p) for noise of size one; with errors e (m,), in the order of time,
     G (sum_b F_b' e_b e_b' F_b) G over blocks b, which holds for noise that differs from row to row and is
     correlated within blocks (Liang and Zeger 1986).
     """
+    if known is not None and not np.all(np.isnan(known)):
+        free = np.flatnonzero(np.isnan(known))
+        covariance = np.zeros((len(known),) * 2)
+        if len(free):
+            covariance[np.ix_(free, free)] = compute_covariance(design[:, free], errors)
+        return covariance
     spectrum = compute_spectrum(design, _RULE.zero)
     kept = spectrum.singular > _RULE.singular * spectrum.singular[0]
     # A root (p, r) of the pseudo-inverse of F'F.

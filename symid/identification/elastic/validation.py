@@ -16,12 +16,12 @@ Not supported: one encoder only; noise in the loop; springs that the generated f
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from symid.arrays import FloatArray, FrozenArrays
-from symid.codegen import Library, build_spring_vector, prepare_library
+from symid.codegen import Library, ModelCard, build_spring_vector, prepare_library
 from symid.errors import EstimateError, Notice, UsageError
 from symid.excitation import Trajectory
 from symid.identification.elastic.estimate import ElasticEstimate, MethodFit
@@ -79,6 +79,7 @@ class JointTrial(FrozenArrays):
 class ElasticTrial:
     """One log under the models; `residuals` are tables of residuals, each with its caption.
 
+    `joints` are the elastic ones.
     `fitted` marks a log of the fit, which is no test.
     """
 
@@ -129,13 +130,21 @@ def evaluate_elastic(
         library,
         recording,
         options,
-        estimate.build_fit(len(library.card.beta)),
+        estimate.build_fit(library.card),
         initial=initial,
-        identifiable=[spring.told for spring in estimate.springs],
-        truth=[spring.truth for spring in estimate.springs],
+        identifiable=_spread(library.card, {spring.joint: spring.told for spring in estimate.springs}),
+        truth=_spread(library.card, {spring.joint: spring.truth for spring in estimate.springs}),
         effects=estimate.effects,
         fitted=measure_overlap(recording, estimate.sources, estimate.settings) > 0.0,
     )
+
+
+_Value = TypeVar("_Value")
+
+
+def _spread(card: ModelCard, values: Mapping[str, _Value]) -> list[_Value | None]:
+    """Return the value of every joint, None for joints without one; nothing where there are no values."""
+    return [values.get(joint.name) for joint in card.joints] if values else []
 
 
 def predict_elastic(
@@ -145,7 +154,7 @@ def predict_elastic(
     final: MethodFit,
     *,
     initial: Sequence[Elasticity] = (),
-    identifiable: Sequence[bool] = (),
+    identifiable: Sequence[bool | None] = (),
     truth: Sequence[Elasticity | None] = (),
     effects: Sequence[DriveEffect] = (),
     fitted: bool = False,
@@ -186,21 +195,25 @@ def predict_elastic(
             truth=pass_spring(truth, joint),
         )
         for joint, card in enumerate(library.card.joints)
+        if library.card.yielding[joint]
     )
-    residuals = _list_residuals(joints, rows.torque)
+    both = tuple(
+        Residual.measure(card.name, error, torque, card.torque_unit, float(np.std(error)))
+        for card, error, torque in zip(library.card.joints, (motor - link).T, rows.torque.T, strict=True)
+    )
+    torques = {card.name: torque for card, torque in zip(library.card.joints, rows.torque.T, strict=True)}
+    residuals = _list_residuals(joints, both, torques)
     return ElasticTrial(source=recording.source, joints=joints, residuals=residuals, fitted=fitted)
 
 
 def _list_residuals(
-    joints: tuple[JointTrial, ...], torques: FloatArray
+    joints: tuple[JointTrial, ...], both: tuple[Residual, ...], torques: Mapping[str, FloatArray]
 ) -> tuple[tuple[str, tuple[Residual, ...]], ...]:
     def measure(entry: JointTrial, measured: FloatArray, errors: FloatArray) -> Residual:
         return Residual.measure(entry.joint, errors, measured, entry.unit, float(np.std(errors)))
 
-    pairs = list(zip(joints, torques.T, strict=True))
-    both = tuple(measure(entry, torque, entry.motor - entry.link) for entry, torque in pairs)
     tables = [("Torque of the motors by the dynamics of motors and links together, without springs.", both)]
-    known = [(entry, torque, entry.final) for entry, torque in pairs if entry.final is not None]
+    known = [(entry, torques[entry.joint], entry.final) for entry in joints if entry.final is not None]
     if known:
         motors = (measure(entry, torque, entry.motor - final) for entry, torque, final in known)
         links = (measure(entry, entry.link, entry.link - final) for entry, _, final in known)

@@ -445,7 +445,11 @@ def test_a_refused_spring_does_not_judge(estimate):
     lost = replace(estimate.springs[0], told=False, reason="no torsion")
     evidence = ElasticEvidence(held_out=(4.0, 1.0), noise=(1.0, 1.0), springs=(90.0, 0.2))
     plain = replace(
-        estimate, evidence=evidence, springs=(lost, replace(lost, told=True)), parameters=(), covariance=()
+        estimate,
+        evidence=evidence,
+        springs=(lost, replace(lost, joint="two", told=True)),
+        parameters=(),
+        covariance=(),
     )
     verdict = judge_elastic(plain, ())
     assert "the springs leave at most 0.2 %" in verdict.headline
@@ -462,7 +466,7 @@ def test_evidence_from_a_file_has_a_value_a_joint(estimate):
 def test_springs_have_deviations_where_they_are_known(estimate):
     plain = list_texts(build_elastic_page(estimate).blocks)
     assert not any(text.startswith("Standard deviations: ") for text in plain)
-    first = replace(estimate.springs[0], spread=0.0123, slope_std=4.56)
+    first = replace(estimate.springs[0], torque_std=0.0123, slope_std=4.56)
     page = build_elastic_page(replace(estimate, springs=(first, *estimate.springs[1:])))
     (text,) = (text for text in list_texts(page.blocks) if text.startswith("Standard deviations: "))
     assert "4.6 N m/rad of the slope near zero" in text

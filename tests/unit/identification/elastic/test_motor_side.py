@@ -60,12 +60,11 @@ def test_what_is_not_seen_is_refused_with_its_reason(arm):
     assert all(unseen.values())
     assert list_unidentifiable(build_rigid_variant(arm)) == ()
     mixed = replace(arm, joints=(arm.joints[0], replace(arm.joints[1], elasticity=None)))
-    assert [name for name, _ in list_unidentifiable(mixed, both=True)] == [
+    assert [name for name, _ in list_unidentifiable(mixed)] == [
         "stiffness1",
         "hysteresis1",
         "IA1 apart from the link",
     ]
-    assert all("--method stiffness" in reason for _, reason in list_unidentifiable(mixed, both=True))
 
 
 def test_the_rigid_part_is_identified(arm):

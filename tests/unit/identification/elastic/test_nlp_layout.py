@@ -14,7 +14,14 @@ def name(*names):
     return tuple(SimpleNamespace(name=entry) for entry in names)
 
 
-CARD = SimpleNamespace(beta=name("ZZ1"), rotors=name("IA1"), friction=name("Fv1", "Fc1", "offset1"), size=1)
+CARD = SimpleNamespace(
+    beta=name("ZZ1"),
+    rotors=name("IA1"),
+    friction=name("Fv1", "Fc1", "offset1"),
+    size=1,
+    joints=(SimpleNamespace(name="a", number=1, kind="revolute"),),
+    yielding=(True,),
+)
 GRID = SpringGrid(
     thresholds=np.array([0.01, 0.02, 0.05]), knees=(-3.0, -1.0, 1.0, 2.0), stiffness=100.0, reach=0.04
 )
@@ -33,7 +40,7 @@ def test_names_bounds_and_places():
 
 
 def test_a_joint_whose_file_states_no_rotor_has_one_nevertheless():
-    card = SimpleNamespace(beta=CARD.beta, rotors=(), friction=CARD.friction, size=1)
+    card = SimpleNamespace(**{**vars(CARD), "rotors": ()})
     layout = NlpLayout.build(card, [GRID], NlpOptions())
     assert layout.names == NlpLayout.build(CARD, [GRID], NlpOptions()).names
     assert len(layout.lower) == len(layout.upper) == layout.size

@@ -34,7 +34,7 @@ def build_work(share=0.0):
         rows=rows,
         band=SimpleNamespace(chi=np.array([2.0, 1.0, 0.5]), covariance=np.diag(SIGMA**2)),
         identifiable=np.ones(3, dtype=bool),
-        problem=SimpleNamespace(sizes=(2, 1), library=SimpleNamespace(card=card)),
+        problem=SimpleNamespace(sizes=(2, 1), library=SimpleNamespace(card=card), known=np.full(3, np.nan)),
         share=share,
     )
 

@@ -1,0 +1,162 @@
+"""Elastic joints whose dynamics are known, in part or all: from a robot with values, a fit, or by name."""
+
+import json
+
+import numpy as np
+import pytest
+
+import symid
+from symid.cli.main import run
+from symid.identification.elastic import ElasticOptions
+from tests.recovery.written_out_arm import DYNAMICS, ROBOT, TRUTH, build, simulate
+
+LINKS = {"ZZR1": 0.4, "MXR1": 1.0, "MY1": 0.0, "ZZ2": 0.07, "MX2": 0.3, "MY2": 0.0, "IA2": 0.06}
+FRICTION = ("Fv1", "Fc1", "Fv2", "Fc2")
+
+
+DRAWING = """
+name = "drawing"
+convention = "modified"
+gravity = [9.81, 0, 0]
+[[joint]]
+name = "shoulder"
+kind = "revolute"
+[joint.link]
+mass = 4.0
+com = [0.1375, 0, 0]
+inertia = {{ xx = 0.01, yy = 0.189375, zz = 0.189375 }}
+{shoulder}
+[[joint]]
+name = "elbow"
+kind = "revolute"
+a = 0.3
+[joint.link]
+mass = {mass}
+com = [0.2, 0, 0]
+inertia = {{ xx = 0.005, yy = 0.01, zz = 0.01 }}
+[joint.drive]
+rotor_inertia = 0.06
+rotor_inertia_side = "joint"
+"""
+"""The plant's links as a drawing has them: ZZR1 = ZZ1 + l^2 M2 and MXR1 = MX1 + l M2, l = 0.3 m."""
+
+
+def draw(folder, name="cad", *, rotor=None, mass=1.5):
+    """Write the drawing, without friction and springs, the shoulder's rotor only if it is given."""
+    drive = f'[joint.drive]\nrotor_inertia = {rotor}\nrotor_inertia_side = "joint"' if rotor else ""
+    path = folder / f"{name}.toml"
+    path.write_text(DRAWING.format(shoulder=drive, mass=mass))
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("known")
+
+
+@pytest.fixture(scope="module")
+def robot(folder):
+    path = folder / "mixed.toml"
+    path.write_text(ROBOT)
+    return symid.load(path)
+
+
+@pytest.fixture(scope="module")
+def log(robot):
+    return build(robot, simulate(12.0, 5))
+
+
+@pytest.mark.parametrize(
+    "method", ["automatic", "linear-spring", "two-step", "elimination", "weighted", "nlp"]
+)
+def test_what_is_known_stays_and_the_rest_is_found(robot, log, folder, method):
+    fit = robot.identify(log, known=draw(folder), method=method)
+    for name, value in LINKS.items():
+        assert fit[name].value == pytest.approx(value, abs=1e-12)
+        assert fit[name].std == 0.0
+    assert fit["IA1"].value == pytest.approx(TRUTH["IA1"], rel=0.02 if method != "linear-spring" else 0.1)
+    assert fit["IA1"].std > 0.0
+    (notice,) = (entry for entry in fit.notices if entry.code == "elastic.known")
+    assert notice.text.startswith("7 dynamic parameters were known and not identified: ZZR1, ")
+    if method == "automatic":
+        assert fit.verdict.level == "good"
+        assert abs(fit["IA1"].value - TRUTH["IA1"]) <= 3.0 * fit["IA1"].std
+        assert all(fit[name].value == pytest.approx(TRUTH[name], rel=0.02) for name in FRICTION)
+
+
+def test_what_is_known_makes_the_rest_surer(robot, log, folder):
+    plain = robot.identify(log, method="weighted")
+    fit = robot.identify(log, method="weighted", known=symid.load(draw(folder)))
+    assert fit["IA1"].std < 0.5 * plain["IA1"].std
+    again = robot.identify(log, method="weighted", known=plain)
+    assert all(again[name].value == plain[name].value for name in DYNAMICS)
+    saved = plain.save(folder / "plain.json")
+    assert robot.identify(log, method="weighted", known=saved).values == again.values
+    # Columns that are known stand for themselves, whatever the rest of the rows says.
+    np.testing.assert_allclose(
+        [again[name].value for name in FRICTION], [plain[name].value for name in FRICTION], rtol=1e-6
+    )
+
+
+def test_a_rotor_of_a_data_sheet_is_known_by_its_file_or_name(robot, log, folder):
+    path = draw(folder, "sheet", rotor=0.2)
+    fit = robot.identify(log, known=path, method="weighted")
+    assert (fit["IA1"].value, fit["IA1"].std) == (0.2, 0.0)
+    named = robot.identify(log, known={"IA1": 0.2}, method="weighted")
+    assert (named["IA1"].value, named["IA1"].std) == (0.2, 0.0)
+    assert named["ZZR1"].std > 0.0
+    same = robot.identify(log, elastic=ElasticOptions(known={"IA1": 0.2}, method="weighted"))
+    assert same.values == named.values
+    assert same.estimate.settings["known"] == {"IA1": 0.2}
+
+
+def test_values_that_the_logs_contradict_are_told_and_judged(robot, log, folder):
+    fit = robot.identify(log, known=draw(folder, "heavy", mass=1.65))
+    (notice,) = (entry for entry in fit.notices if entry.code == "elastic.known-contradicted")
+    assert "MX2 0.3" in notice.text
+    assert fit.estimate.evidence.known > 5.0
+    assert fit.verdict.level == "doubtful"
+    right = robot.identify(log, known=draw(folder))
+    assert right.estimate.evidence.known < 1.0
+    assert "elastic.known-contradicted" not in {entry.code for entry in right.notices}
+
+
+@pytest.mark.parametrize(
+    ("known", "text"),
+    [
+        ({"ZZR2": 1.0}, r"known 'ZZR2' is no parameter of 'mixed'; did you mean ZZR1"),
+        ({"IA1": -0.1}, r"known IA1 -0.1: must not be negative"),
+        ({"IA1": float("nan"), "ZZ2": float("inf")}, r"(?s)known IA1 nan: must be finite.*known ZZ2 inf"),
+    ],
+)
+def test_values_that_cannot_be_are_refused(robot, log, known, text):
+    with pytest.raises(symid.UsageError, match=text):
+        robot.identify(log, known=known, method="weighted")
+
+
+def test_what_is_no_model_of_this_robot_is_refused(robot, log, folder):
+    with pytest.raises(symid.EstimateError, match="the axis of joint 'elbow' stands elsewhere"):
+        robot.identify(log, known=symid.load("two_link"))
+    rigid = symid.load("two_link")
+    record = rigid.simulate(duration=5.0, seed=1).log
+    fit = rigid.identify(record)
+    with pytest.raises(symid.EstimateError, match="expected a fit of elastic joints"):
+        robot.identify(log, known=fit)
+    with pytest.raises(symid.EstimateError, match="expected a fit of elastic joints, or a robot"):
+        robot.identify(log, known=fit.save(folder / "rigid.json"))
+    with pytest.raises(
+        symid.UsageError, match=r"--known cannot be used with 'two_link', identified as rigid"
+    ):
+        rigid.identify(record, known={"ZZ2": 0.1})
+
+
+def test_the_command_line_takes_a_robot_file(capsys, robot, log, folder):
+    path = folder / "log.npz"
+    time, motor, link, torque = simulate(6.0, 5)
+    np.savez(path, t=time, q=link, theta=motor, tau=torque)
+    arguments = ["identify", str(robot.path), str(path), "--method", "weighted", "--known", str(draw(folder))]
+    assert run([*arguments, "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    found = {entry["name"]: entry for entry in answer["result"]["parameters"]}
+    assert (found["ZZR1"]["value"], found["ZZR1"]["std"]) == (pytest.approx(0.4), 0.0)
+    assert "elastic.known" in {entry["code"] for entry in answer["warnings"]}

@@ -1,0 +1,108 @@
+"""A robot with an elastic and a rigid joint: the rigid one has no rotor of its own, and no spring."""
+
+import math
+
+import numpy as np
+import pytest
+
+import symid
+from symid.errors import UsageError
+from tests.recovery.written_out_arm import LEVEL, REACH, ROBOT, STIFFNESS, TRUTH, build, simulate
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return simulate(20.0, 5)
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory):
+    path = tmp_path_factory.mktemp("mixed") / "mixed.toml"
+    path.write_text(ROBOT)
+    return symid.load(path)
+
+
+@pytest.fixture(scope="module")
+def fit(robot, motion):
+    return robot.identify(build(robot, motion))
+
+
+def test_the_plant_keeps_its_energy_balance_when_its_step_is_halved(motion):
+    """The integrator is exact where it matters: half the step moves nothing by an encoder's count."""
+    time, motor, link, _ = simulate(1.0, 5, steps=16)
+    np.testing.assert_allclose(motor, motion[1][: len(time)], atol=2e-5)
+    np.testing.assert_allclose(link, motion[2][: len(time)], atol=2e-5)
+
+
+def test_dynamics_and_the_one_spring_are_found(fit):
+    assert [entry.name for entry in fit.estimate.parameters] == [*TRUTH]
+    for entry in fit.estimate.parameters:
+        away = abs(entry.value - TRUTH[entry.name])
+        assert away <= 3.0 * entry.std, entry
+        if entry.name in ("ZZR1", "MXR1", "ZZ2", "MX2", "IA1", "IA2"):
+            assert away <= 0.02 * abs(TRUTH[entry.name]), entry
+    (spring,) = fit.springs
+    assert (spring.joint, spring.told) == ("shoulder", True)
+    assert not fit.estimate.refused or {name for name, _ in fit.estimate.refused} <= {"MY1", "MY2"}
+    assert fit.verdict.level == "good"
+
+
+def test_the_spring_predicts_the_joint_torque(fit, motion):
+    from symid.joint_models import run_element
+
+    time, motor, link, _ = motion
+    phi = (motor - link)[:, 0]
+    loop = np.zeros(len(phi))
+    for k, change in enumerate(np.diff(phi)):
+        # One step of Dahl's equation, exact for a torsion that moves at one speed.
+        goal = LEVEL if change > 0.0 else -LEVEL
+        loop[k + 1] = goal + (loop[k] - goal) * math.exp(-abs(change) / REACH)
+    true = STIFFNESS * phi + loop
+    spring = fit.springs[0].elasticity
+    left = run_element(spring, phi, time).output - true
+    assert np.sqrt(np.mean(left**2) / np.mean(true**2)) < 0.02
+
+
+@pytest.mark.parametrize("method", ["linear-spring", "two-step", "elimination", "weighted", "nlp"])
+def test_every_method_takes_rigid_joints(robot, motion, method):
+    found = robot.identify(build(robot, motion), method=method)
+    values = {entry.name: entry.value for entry in found.estimate.parameters}
+    worst = max(
+        abs(values[name] / TRUTH[name] - 1.0) for name in ("ZZR1", "MXR1", "ZZ2", "MX2", "IA1", "IA2")
+    )
+    assert worst < {"linear-spring": 0.15, "two-step": 0.15}.get(method, 0.03)
+    assert [spring.joint for spring in found.springs] == ["shoulder"]
+
+
+def test_a_rigid_joint_with_two_encoders_has_one_position(robot, motion):
+    time, motor, link, torque = motion
+    apart = link + np.array([0.0, 3e-3])
+    found = robot.identify(build(robot, (time, motor, apart, torque)), method="weighted")
+    plain = robot.identify(build(robot, motion), method="weighted")
+    assert found.values == plain.values
+    (notice,) = (entry for entry in found.notices if entry.code == "log.rigid-joint")
+    assert "0.003 rad" in notice.text
+    assert "log.rigid-joint" not in {entry.code for entry in plain.notices}
+
+
+def test_it_is_saved_validated_reported_and_exported(fit, robot, motion, tmp_path):
+    again = symid.load_fit(fit.save(tmp_path / "fit.json"), robot)
+    assert again.values == fit.values
+    trial = again.validate(build(robot, simulate(6.0, 9)))
+    assert [joint.joint for joint in trial.product.trial.joints] == ["shoulder"]
+    assert [entry.joint for entry in trial.product.trial.residuals[0][1]] == ["shoulder", "elbow"]
+    assert trial.verdict.level == "good"
+    fit.report(tmp_path / "fit.html")
+    exported = symid.load(fit.export(tmp_path / "found.toml").file)
+    assert [joint.elasticity is None for joint in exported.description.joints] == [False, True]
+    for name, value in exported.base.values.items():
+        assert value == pytest.approx(fit.values[name], rel=1e-6, abs=1e-6)
+    # Closed loops are simulated with springs in all joints.
+    found = exported.identify(build(exported, motion), method="weighted")
+    with pytest.raises(UsageError, match="elbow have no"):
+        found.track(build(exported, motion))
+
+
+def test_a_procedure_for_elastic_robots_alone_is_refused(robot, motion):
+    with pytest.raises(UsageError, match="--method independent needs a robot whose joints are all elastic"):
+        robot.identify(build(robot, motion), method="independent")
