@@ -449,6 +449,7 @@ _EFFECTS = {
     "link-friction": "viscous friction of the link",
     "torque-ripple": "torque ripple",
     "kinematic-error": "kinematic error of the gear",
+    "link-eccentricity": "eccentricity of the link's encoder",
     "torsion-offset": "zero of the torsion",
 }
 
@@ -462,6 +463,7 @@ def _describe_effect(estimate: "ElasticEstimate", effect: "DriveEffect") -> dict
         "link-friction": f"{torque} s/{position}",
         "torque-ripple": torque,
         "kinematic-error": position,
+        "link-eccentricity": position,
         "torsion-offset": position,
     }
     joint = "all" if effect.joint < 0 else estimate.residual[effect.joint].joint

@@ -165,9 +165,8 @@ class ElasticEstimate(DynamicsRecord):
     def list_mistakes(self) -> list[str]:
         """Return what is wrong with a record from a file: entries that do not fit each other."""
         mistakes = DynamicsRecord.list_mistakes(self)
-        counts = {"torque-ripple": 2, "kinematic-error": 2} | dict.fromkeys(
-            ("torque-lag", "link-friction", "torsion-offset"), 1
-        )
+        counts = dict.fromkeys(("torque-ripple", "kinematic-error", "link-eccentricity"), 2)
+        counts |= dict.fromkeys(("torque-lag", "link-friction", "torsion-offset"), 1)
         for effect in self.effects:
             count, joints = counts.get(effect.kind), range(-1, len(self.residual))
             whole = len(effect.values) == len(effect.deviations) == count and effect.joint in joints

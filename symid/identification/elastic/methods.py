@@ -29,9 +29,11 @@ from symid.identification.diagnostics import (
 )
 from symid.identification.elastic.effects import (
     compute_link_torque,
+    measure_eccentricity,
     measure_effects,
     measure_gears,
     measure_offsets,
+    refine_eccentricity,
 )
 from symid.identification.elastic.elimination import (
     BandFit,
@@ -81,6 +83,7 @@ _CLEAR = 2.0
 _ALIKE = 1.05
 """Of the least mean square: half as much of the noise is no difference that matters."""
 FOLDS = 4
+_DISC_ROUNDS = 2
 
 
 class MethodCandidate(NamedTuple):
@@ -178,32 +181,69 @@ def build_elastic_equations(
         UsageError: windows or thresholds do not fit.
     """
     band = measure_motion_band(recordings)
-    broad = _prepare_wide(recordings, options, band)
+    known = read_known(library.card, options.known)
+
+    def free(effects: tuple[DriveEffect, ...]) -> _Freed:
+        broad = _prepare_wide(recordings, options, band, effects)
+        rows, share = choose_sliding_rows(library.card, build_band_rows(library, broad, band), known)
+        return _Freed(effects, broad, rows, share, fit_band(library.card, rows, known=known))
+
     effects: tuple[DriveEffect, ...] = ()
     if options.effects:
-        edge = get_effect_edge(max(part.period for part in broad), band)
-        effects = measure_effects(library, broad, edge)
-        broad = _prepare_wide(recordings, options, band, effects) if effects else broad
-    known = read_known(library.card, options.known)
-    rows, share = choose_sliding_rows(library.card, build_band_rows(library, broad, band), known)
+        broad = _prepare_wide(recordings, options, band)
+        effects = measure_effects(library, broad, get_effect_edge(max(part.period for part in broad), band))
+    freed = free(effects)
     if options.effects:
-        beta = fit_band(library.card, rows, known=known).chi[: len(library.card.beta)]
-        for measure in (measure_offsets, measure_gears):
-            further = measure(library, broad, beta)
-            if further:
-                effects = (*effects, *further)
-                broad = _prepare_wide(recordings, options, band, effects)
-    limits = share * compute_speeds(broad)
-    signals = [prepare_elastic_signals(recording, options, effects) for recording in recordings]
+        freed = _free_of_gears(library, options, freed, free)
+    limits = freed.share * compute_speeds(freed.broad)
+    signals = [prepare_elastic_signals(recording, options, freed.effects) for recording in recordings]
     problem = build_elastic_problem(library, signals, options, limits)
     wide = problem
     if any(part.cutoff for part in signals):
-        wide = build_elastic_problem(library, broad, options, limits)
-    fit = fit_band(library.card, rows, known=known)
-    noise = measure_torque_noise(recordings, band)
+        wide = build_elastic_problem(library, freed.broad, options, limits)
     return ElasticEquations(
-        problem=problem, wide=wide, rows=rows, band=fit, noise=noise, effects=effects, share=share
+        problem=problem,
+        wide=wide,
+        rows=freed.rows,
+        band=freed.fit,
+        noise=measure_torque_noise(recordings, band),
+        effects=freed.effects,
+        share=freed.share,
     )
+
+
+class _Freed(NamedTuple):
+    """Signals that are freed of effects, rows in a band of them, the share of their speeds, and a fit."""
+
+    effects: tuple[DriveEffect, ...]
+    broad: list[ElasticSignals]
+    rows: BandRows
+    share: float
+    fit: BandFit
+
+
+def _free_of_gears(
+    library: Library,
+    options: ElasticOptions,
+    freed: _Freed,
+    free: Callable[[tuple[DriveEffect, ...]], _Freed],
+) -> _Freed:
+    """Return signals that are also freed of what gears and encoders of the links add."""
+    bases, torques = len(library.card.beta), freed.effects
+    discs = measure_eccentricity(library, freed.broad, freed.fit.chi[:bases])
+    for _ in range(_DISC_ROUNDS if discs else 0):
+        freed = free((*torques, *discs))
+        limits = freed.share * compute_speeds(freed.broad)
+        trial = build_elastic_problem(library, freed.broad, options, limits)
+        discs = refine_eccentricity(trial, freed.fit.chi, discs)
+    freed = free((*torques, *discs)) if discs else freed
+    for measure in (measure_offsets, measure_gears):
+        further = measure(library, freed.broad, freed.fit.chi[:bases])
+        # They move the torsion alone, of which the rows in the band know nothing.
+        if further:
+            wider = free((*freed.effects, *further))
+            freed = freed._replace(effects=wider.effects, broad=wider.broad)
+    return freed
 
 
 def _prepare_wide(

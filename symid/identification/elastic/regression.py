@@ -151,11 +151,12 @@ class DriveEffect:
     """One effect.
 
     Args:
-        kind: "torque-lag", "link-friction", "torque-ripple", "kinematic-error" or "torsion-offset".
+        kind: "torque-lag", "link-friction", "torque-ripple", "kinematic-error", "link-eccentricity" or
+            "torsion-offset".
         joint: its place, from 0; -1 for all.
-        values: lag in s; or d; or a_N, b_N in N m or N, of a kinematic error in rad or m; or the offset in
-            rad or m. deviations: of these.
-        order: N of a ripple or a kinematic error, 1/rad or 1/m.
+        values: lag in s; or d; or a_N, b_N in N m or N, of an error in rad or m; or the offset in rad or m.
+        deviations: of these.
+        order: N of a ripple or an error, 1/rad or 1/m.
     """
 
     kind: str
@@ -198,6 +199,11 @@ def compute_torsion_error(theta: FloatArray, q: FloatArray, effects: Sequence[Dr
     return error
 
 
+def correct_link(q: FloatArray, effects: Sequence[DriveEffect]) -> FloatArray:
+    """Return the positions (N, n) of links whose encoders are not round, rad or m."""
+    return np.asarray(q - _add_waves(q, effects, "link-eccentricity"))
+
+
 def compute_drag(dq: FloatArray, effects: Sequence[DriveEffect]) -> FloatArray:
     """Return the friction (N, n) of the links' bearings, N m or N."""
     drag = np.zeros_like(dq)
@@ -215,13 +221,14 @@ def prepare_elastic_signals(
     Where velocities from raw differences are exact enough, nothing is filtered and tau[k] is the torque over
     [t_k, t_k+1]. Otherwise all signals pass the same zero-phase low-pass, and tau[k] is the mean of the two
     torques that meet at t_k: a torque that is held acts half a period later than its sample says. `effects`
-    of the drives are taken off the torque.
+    are taken off.
 
     Raises:
         LogError: the recording lacks one of the encoders, is too short or unevenly sampled.
         UsageError: thresholds or knees are given for another number of joints.
     """
     motor, link = get_encoder_positions(recording)
+    link = correct_link(link, effects)
     sides = [replace(recording, position=side, motor_position=None) for side in (motor, link)]
     resting = sorted(set.intersection(*(set(list_resting_joints(side)) for side in sides)))
     if resting:

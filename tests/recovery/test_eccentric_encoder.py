@@ -1,0 +1,67 @@
+"""A link's encoder whose disc is not centred, on an arm whose equations are written out in the tests."""
+
+import numpy as np
+import pytest
+
+import symid
+from tests.recovery.written_out_arm import LEVEL, REACH, ROBOT, STIFFNESS, TRUTH, build, simulate
+
+OFF = 1.2e-3
+"""Rad: the encoder reads q + OFF sin q, a twentieth of the torsion's range."""
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory):
+    path = tmp_path_factory.mktemp("disc") / "mixed.toml"
+    path.write_text(ROBOT)
+    return symid.load(path)
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return simulate(20.0, 7)
+
+
+@pytest.fixture(scope="module")
+def fit(robot, motion):
+    time, motor, link, torque = motion
+    wrong = link.copy()
+    wrong[:, 0] += OFF * np.sin(link[:, 0])
+    return robot.identify(build(robot, (time, motor, wrong, torque)))
+
+
+def find(estimate):
+    return [effect for effect in estimate.effects if effect.kind == "link-eccentricity"]
+
+
+def test_it_is_found_and_taken_off(fit):
+    (effect,) = find(fit.estimate)
+    assert effect.joint == 0
+    assert effect.values[1] == pytest.approx(OFF, rel=0.05)
+    assert all(
+        abs(value - true) < 4.0 * std
+        for value, true, std in zip(effect.values, (0.0, OFF), effect.deviations, strict=True)
+    )
+    for entry in fit.estimate.parameters:
+        assert abs(entry.value - TRUTH[entry.name]) <= 4.0 * entry.std, entry
+    assert fit.verdict.level == "good"
+    (row,) = (entry for entry in fit.to_dict()["effects"] if entry["kind"] == "link-eccentricity")
+    assert (row["joint"], row["unit"], row["order"]) == ("shoulder", "rad", 1.0)
+
+
+def test_the_spring_is_that_of_the_true_torsion(fit, motion):
+    from symid.joint_models import run_element
+
+    time, motor, link, _ = motion
+    phi = (motor - link)[:, 0]
+    loop = np.zeros(len(phi))
+    for k, change in enumerate(np.diff(phi)):
+        goal = LEVEL if change > 0.0 else -LEVEL
+        loop[k + 1] = goal + (loop[k] - goal) * np.exp(-abs(change) / REACH)
+    true = STIFFNESS * phi + loop
+    left = run_element(fit.springs[0].elasticity, phi, time).output - true
+    assert np.sqrt(np.mean((left - left.mean()) ** 2) / np.mean(true**2)) < 0.02
+
+
+def test_none_is_found_where_there_is_none(robot, motion):
+    assert not find(robot.identify(build(robot, motion), method="weighted").estimate)
