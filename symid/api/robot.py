@@ -475,7 +475,7 @@ class RobotModel:
     ) -> "RigidFit | ElasticFit":
         """Identify base parameters and friction from logs; for elastic joints also springs and hysteresis.
 
-        Robot and logs decide the model: rigid; elastic, if all joints are elastic and the logs have positions
+        Robot and logs decide the model: rigid; elastic, if there are elastic joints and the logs have positions
         of motors and links; otherwise the motor side alone.
 
         Args:
@@ -707,7 +707,7 @@ class RobotModel:
         `elastic` are those of `identify`.
 
         Raises:
-            UsageError: not all joints are elastic, or a setting does not apply.
+            UsageError: no joint is elastic, or a setting does not apply.
             LogError: a log lacks an encoder, or cannot be used.
             IdentifiabilityError: no spring is identifiable.
 

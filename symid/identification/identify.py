@@ -345,7 +345,7 @@ def prepare_elastic_methods(
 ) -> Callable[[str], ElasticEstimate]:
     """Return what identifies by a method of a name, with the options of a user who gives none.
 
-    Equations are built once for all methods. The robot's joints are all elastic and its logs have both
+    Equations are built once for all methods. The robot has elastic joints and its logs have both
     positions; else, errors are those of `identify_robot`.
     """
     from symid.identification.elastic import prepare_methods

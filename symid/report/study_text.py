@@ -386,7 +386,7 @@ def describe_foreign(study: "ForeignStudy", numbers: range) -> dict[str, object]
         "seeds": list(numbers),
         "truths": [
             {
-                **select_fields(entry, "truth size best near"),
+                **select_fields(entry, "truth size best near near_best"),
                 "ratio": asdict(entry.ratio),
                 "methods": [
                     {
@@ -427,10 +427,12 @@ def show_foreign(study: "ForeignStudy") -> tuple[Block, ...]:
             entry.best,
             write(entry.ratio.median),
             f"{entry.near} of {entry.seeds}",
+            f"{entry.near_best} of {entry.seeds}",
         ]
         for name, entry in zip(names, study.truths, strict=True)
     ]
     header = ["truth", "worst", "z rms (max)", "spring", "verdict", "chosen", "best", "ratio", "near"]
+    header.append("near best")
     tables = [
         Table(
             ["truth", *(cell.method for cell in study.truths[0].cells)],
@@ -445,8 +447,8 @@ def show_foreign(study: "ForeignStudy") -> tuple[Block, ...]:
     note = (
         "worst: parameter error in percent of the largest of its kind; z: errors over stated deviations; "
         "spring: its torque on the held-out motion in percent; best: method of the least median error; "
-        "ratio: error of the choice over that of the best method of the same run; near: runs where it is at "
-        "most 1.2"
+        "ratio: error of the choice over the least one of all methods in the same run; near: runs where that "
+        "is at most 1.2; near best: runs where the choice is at most 1.2 times as far off as the best method"
     )
     title = f"{study.arm}: automatic choice on hidden models, medians over {study.truths[0].seeds} seeds"
     return (Table(header, chosen, left=(0, 4, 5, 6), title=title, note=note), *tables)

@@ -415,8 +415,9 @@ class ForeignTruth:
         truth, size: of the hidden models. seeds: how many draws of the noise.
         cells: the automatic choice first, then every method.
         best: the method of the least median.
-        ratio: worst parameter of the choice over that of the best method of the same run.
+        ratio: worst parameter of the choice over the least one of all methods in the same run.
         near: runs in which it is 1.2 at most.
+        near_best: runs in which the choice is at most 1.2 times as far off as `best`.
     """
 
     truth: str
@@ -426,6 +427,7 @@ class ForeignTruth:
     best: str
     ratio: Spread
     near: int
+    near_best: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -455,15 +457,19 @@ def _summarise(truth: str, size: float, results: Sequence[tuple[ForeignRun, ...]
     least = np.array(
         [min((run.worst for run in runs[1:] if run.worst == run.worst), default=math.nan) for runs in results]
     )
-    ratios = np.array([runs[0].worst for runs in results]) / least
+    chosen = np.array([runs[0].worst for runs in results])
+    ratios = chosen / least
+    place = min(range(1, len(cells)), key=lambda number: cells[number].worst.median)
+    best = np.array([runs[place].worst for runs in results])
     return ForeignTruth(
         truth=truth,
         size=size,
         seeds=len(results),
         cells=cells,
-        best=min(cells[1:], key=lambda cell: cell.worst.median).method,
+        best=cells[place].method,
         ratio=compute_spread(ratios),
         near=int(np.sum(ratios <= _NEAR)),
+        near_best=int(np.sum(chosen <= _NEAR * best)),
     )
 
 

@@ -99,6 +99,13 @@ LOOSER = (
     ("runs-identify", "result.*", 5e-3, 0.0, "one count of an encoder, in noise and deviations"),
     ("two-compare", "result.others.*", 1e-4, 1e-9, "differences of two fits that agree"),
     ("kr300-*", "result.choice.candidates.*.behind", 1e-6, 0.0, "a difference of two errors that are near"),
+    (
+        "tx40-*",
+        "result.choice.candidates.*",
+        2e-3,
+        0.0,
+        "some end a search on a plateau, elsewhere on other processors",
+    ),
     ("excite", "file.*", 1e-7, 0.0, "the end of a search for a smooth optimum"),
     ("elastic-*", "file.covariance.*", 1e-7, 0.0, "the inverse of a matrix whose condition is large"),
     ("elastic-*", "*.springs.*.torque_std", 1e-4, 0.0, "the same, of the numbers of a spring"),

@@ -82,6 +82,20 @@ def test_a_method_that_gives_nothing_counts_as_worst():
     first = ForeignRun(method="automatic", chosen="nlp", **good)
     runs = (first, ForeignRun(method="weighted", verdict="refused", **lost), ForeignRun(method="nlp", **good))
     entry = foreign_truths._summarise("lugre", 1.0, [runs, runs])
-    assert (entry.best, entry.ratio.median, entry.near) == ("nlp", 1.0, 2)
+    assert (entry.best, entry.ratio.median, entry.near, entry.near_best) == ("nlp", 1.0, 2, 2)
     assert entry.cells[1].worst.median == math.inf
     assert entry.cells[1].verdicts == (("refused", 2),)
+
+
+def test_the_luckiest_method_of_a_run_need_not_be_the_best():
+    def build(*errors):
+        shared = {"spring": 1.0, "z_rms": 1.0, "z_most": 2.0, "verdict": "good"}
+        names = ("automatic", "weighted", "elimination")
+        return tuple(
+            ForeignRun(method=name, worst=error, chosen="weighted" if name == "automatic" else "", **shared)
+            for name, error in zip(names, errors, strict=True)
+        )
+
+    runs = [build(1.0, 1.0, 0.5), build(1.0, 1.0, 2.0), build(1.1, 1.0, 3.0)]
+    entry = foreign_truths._summarise("cubic", 1.0, runs)
+    assert (entry.best, entry.near, entry.near_best) == ("weighted", 2, 3)
