@@ -475,8 +475,8 @@ class RobotModel:
     ) -> "RigidFit | ElasticFit":
         """Identify base parameters and friction from logs; for elastic joints also springs and hysteresis.
 
-        Robot and logs decide the model: rigid; elastic, if there are elastic joints and the logs have positions
-        of motors and links; otherwise the motor side alone.
+        Robot and logs decide the model: rigid; elastic, if joints are elastic and the logs have positions of
+        motors and links; otherwise the motor side alone.
 
         Args:
             logs: files, files of runs, or logs that were read.
