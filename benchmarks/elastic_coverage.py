@@ -3,7 +3,8 @@
     python benchmarks/elastic_coverage.py [SEEDS [TRUTH ...]]
 
 The planar arm of `symid study foreign`, its automatic choice, draws of the sensors. For each truth: how many
-intervals hold, of all dynamic parameters, of the slopes of springs near zero, and of the least of all.
+intervals hold, of all dynamic parameters, of the slopes of springs near zero, and of the least of all; then
+the errors of each over their deviations.
 """
 
 import sys
@@ -56,8 +57,12 @@ def show(truth: str, runs: Sequence[dict[str, float]]) -> list[bool]:
         own = [value for name in names if name.startswith("slope") == kind for value in held[name]]
         parts.append(f"{100.0 * np.mean(own):5.1f} %" if own else "  none")
     print(
-        f"{truth:10} dynamics {parts[0]}  springs {parts[1]}  least {100.0 * shares[least]:5.1f} % ({least})"
+        f"{truth:10} dynamics {parts[0]}  springs {parts[1]}  least {100.0 * shares[least]:5.1f} % ({least})",
+        flush=True,
     )
+    for name in names:
+        ratios = [run[name] for run in runs if name in run]
+        print(f"    {name:16} mean {np.mean(ratios):6.2f}  rms {np.sqrt(np.mean(np.square(ratios))):5.2f}")
     return [value for entry in held.values() for value in entry]
 
 

@@ -35,7 +35,6 @@ NOTES = frozenset(
             "log.folded",
             "log.in-line",
             "log.motor-position",
-            "log.rigid-joint",
         ),
         *("log.offset", "log.payload", "log.resampled"),
         *("new.assumed-gear", "new.assumed-order", "new.assumed-side", "new.gravity"),

@@ -730,7 +730,7 @@ def take_known(
             text = "expected a fit of elastic joints, as `robot.identify` returns it"
             raise EstimateError(Notice(code="estimate.kind", text=text, file=_name_file(known.file)))
         case Mapping():
-            return {name: float(value) for name, value in known.items()}
+            return dict(known)
     return Path(fspath(known))
 
 

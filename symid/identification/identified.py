@@ -155,7 +155,10 @@ def _list_missing(base: BaseParameters, values: Sequence[ParameterEstimate]) -> 
 def build_robot(found: Identified) -> IdentifiedRobot:
     """Return the robot with the estimate's values, in bodies that exist."""
     # Some methods give no deviations; those of some values alone do not say how to weigh the others.
-    deviations = {entry.name: entry.std for entry in found.values if 0.0 < entry.std < math.inf}
+    deviations = {entry.name: entry.std for entry in found.values if 0.0 <= entry.std < math.inf}
+    least = _SURER * min((std for std in deviations.values() if std), default=0.0)
+    # What was known before moves least.
+    deviations = {name: std or least for name, std in deviations.items() if std or least}
     return build_identified_robot(
         found.robot,
         found.base,
@@ -164,6 +167,10 @@ def build_robot(found: Identified) -> IdentifiedRobot:
         rotors=found.rotors,
         elasticity=found.springs,
     )
+
+
+_SURER = 1e-3
+"""Of the least deviation: that of a value that was known."""
 
 
 def list_warnings(identified: IdentifiedRobot, found: Identified, source: Path) -> tuple[Notice, ...]:
@@ -208,18 +215,16 @@ def name_known_dynamics(
         EstimateError: it cannot be read, is of another model, or lacks values.
     """
     if isinstance(known, Mapping):
-        return {name: float(value) for name, value in known.items()}
+        return dict(known)
+    gives = library.card.yielding
     if isinstance(known, Path) and known.suffix.lower() in _ROBOT_FILES:
         known = load_robot(str(known))
     if isinstance(known, Robot):
-        beta, _ = read_known_values(known, robot, library)
-        names = (entry.name for entry in library.card.beta)
-        rotors = {
-            f"IA{number}": joint.drive.rotor_inertia
-            for number, joint in enumerate(known.joints, start=1)
-            if joint.drive.rotor_inertia is not None
-        }
-        return dict(zip(names, beta.tolist(), strict=True)) | rotors
+        # Rotors of rigid joints are parts of the base parameters.
+        numbers = [joint.number for joint, own in zip(library.card.joints, gives, strict=True) if own]
+        stated = {number: known.joints[number - 1].drive.rotor_inertia for number in numbers if known.joints}
+        values = _compute_known_values(known, robot, partly=True)
+        return values | {f"IA{number}": value for number, value in stated.items() if value is not None}
     file = str(known) if isinstance(known, Path) else ""
     found = read_fit(known) if isinstance(known, Path) else known
     if not isinstance(found, ElasticEstimate):
@@ -227,7 +232,8 @@ def name_known_dynamics(
         raise EstimateError(Notice(code="estimate.kind", text=text, file=file))
     check_model(found, library.card, file)
     dynamics = {entry.name for entry in library.card.beta}
-    dynamics |= {f"IA{joint.number}" for joint in library.card.joints}
+    dynamics |= {f"IA{joint.number}" for joint, own in zip(library.card.joints, gives, strict=True) if own}
+    dynamics -= {name for name, _ in found.refused}
     return {
         entry.name: entry.value
         for entry in found.parameters
@@ -249,13 +255,15 @@ def read_known_values(
     return np.array([values[entry] for entry in names]), known.path or f"robot {known.name!r} in memory"
 
 
-def _compute_known_values(known: Robot, robot: Robot) -> dict[str, float]:
+def _compute_known_values(known: Robot, robot: Robot, *, partly: bool = False) -> dict[str, float]:
     """Return the base parameters of `robot` by name, with links, rotors and springs of `known`.
+
+    With `partly` those without a value are left out, such as those with rotors that a drawing lacks.
 
     Raises:
         EstimateError: the robots differ in more than values, or values are missing; all mistakes at once.
     """
-    mistakes = _list_differences(known, robot)
+    mistakes = _list_differences(known, robot, rotors=not partly)
     remedy = "give a file with the joints of the robot that is identified, or an estimate of it"
     if not mistakes:
         trios = zip(robot.joints, known.joints, _list_turns(known, robot), strict=True)
@@ -273,7 +281,7 @@ def _compute_known_values(known: Robot, robot: Robot) -> dict[str, float]:
         base = derive_base_parameters(robot)
         values = compute_parameter_values(replace(robot, joints=joints, couplings=couplings), base)
         lost = [entry.name for entry in base.parameters if entry.name not in values]
-        if not lost:
+        if not lost or (partly and values):
             return values
         mistakes = _list_missing_values(known)
         mistakes.append(f"so {len(lost)} of {len(base.parameters)} base parameters have no value")
@@ -312,8 +320,11 @@ def _build_frame(joint: Joint, robot: Robot) -> FloatArray:
     return frame
 
 
-def _list_differences(known: Robot, robot: Robot) -> list[str]:
-    """Return what keeps values of `known` from being those of `robot`; gravity and names of robots may."""
+def _list_differences(known: Robot, robot: Robot, *, rotors: bool = True) -> list[str]:
+    """Return what keeps values of `known` from being those of `robot`; gravity and names of robots may.
+
+    Without `rotors` one may have rotors that the other has not.
+    """
     names, wanted = ([joint.name for joint in entry.joints] for entry in (known, robot))
     if names != wanted:
         listed = f"its joints are {', '.join(names)}, those of {robot.name!r} {', '.join(wanted)}"
@@ -334,8 +345,7 @@ def _list_differences(known: Robot, robot: Robot) -> list[str]:
             break
     for other, joint in pairs:
         head = f"joint {joint.name!r}"
-        # Rotors of elastic joints are parameters of their own.
-        if other.drive.has_rotor != joint.drive.has_rotor and joint.elasticity is None:
+        if rotors and other.drive.has_rotor != joint.drive.has_rotor:
             which = ("the file", "the robot") if other.drive.has_rotor else ("the robot", "the file")
             differences.append(f"{head} has a rotor in {which[0]} and none in {which[1]}; declare it in both")
         if (other.spring is None) != (joint.spring is None):

@@ -25,6 +25,7 @@ from symid.identification.elastic import (
     choose_route,
     cut_logs,
     get_stated_cutoff,
+    has_both_encoders,
     list_unused_settings,
     refuse_elasticity,
     warn_of_rotors,
@@ -208,6 +209,8 @@ def _identify_rigid(
     rows, estimator = options.rows or "torque", options.estimator
     check_rigid_options(rows, estimator, options)
     warnings = (*_list_log_notices(robot, recordings), *describe_states(robot, friction))
+    both = has_both_encoders(recordings)
+    recordings = [build_motor_recording(recording, robot) for recording in recordings]
     rigid = build_rigid_variant(robot) if motor_side else robot
     if estimator in SIMULATING:
         from symid.identification.rigid import check_closed_loop
@@ -225,7 +228,10 @@ def _identify_rigid(
     else:
         estimate, library = _search_rigid(rigid, recordings, options, friction, context)
     if motor_side:
-        estimate = refuse_elasticity(estimate, robot)
+        estimate = refuse_elasticity(estimate, robot, both=both)
+        warnings += tuple(
+            note for entry in recordings for note in entry.notices if note.code == "log.motor-position"
+        )
     elif any(get_second_encoder_side(recording) for recording in recordings):
         text = (
             "the second encoder of the log is not used: a rigid model takes the position of [log.position]; "
@@ -372,15 +378,19 @@ def _prepare_elastic(
     pairs: Sequence[tuple[str, str]],
     context: TaskContext,
 ) -> _ElasticInput:
-    from symid.identification.elastic import prepare_aligned
+    from symid.identification.elastic import join_rigid_joints, prepare_aligned
 
     check_settings(pairs, "elastic")
     cut = cut_logs(recordings, robot.processing)
-    warnings = (*_list_log_notices(robot, cut), *describe_states(robot, None))
     cutoff = get_stated_cutoff(robot, pairs)
     if cutoff is not None:
         options = replace(options, cutoff=cutoff)
     library = context.prepare(robot)
+    # What a log says of the unused position of a rigid joint is no news.
+    warnings = (
+        *_list_log_notices(robot, join_rigid_joints(library.card, cut)[0]),
+        *describe_states(robot, None),
+    )
     moved, alignment, aligned = prepare_aligned(library, cut)
     context.progress(f"identifying {robot.name} from {_count_logs(moved)} by the method {options.method!r}")
     unused = list_unused_settings(robot, "elastic")

@@ -69,8 +69,8 @@ def refuse_rigid_joints(robot: Robot) -> None:
     names = [joint.name for joint, elastic in zip(robot.axes, robot.elastic, strict=True) if not elastic]
     if names:
         text = (
-            f"robot {robot.name!r} cannot be simulated with elastic joints: {', '.join(names)} have no "
-            "[joint.elasticity]; give one to all joints or to none"
+            f"robot {robot.name!r} cannot be simulated with elastic joints: without [joint.elasticity] are "
+            f"{', '.join(names)}; give one to all joints or to none"
         )
         raise UsageError(Notice(code="usage.not-elastic", text=text))
 

@@ -65,3 +65,11 @@ def test_the_spring_is_that_of_the_true_torsion(fit, motion):
 
 def test_none_is_found_where_there_is_none(robot, motion):
     assert not find(robot.identify(build(robot, motion), method="weighted").estimate)
+
+
+def test_a_link_whose_zero_is_not_known_is_not_taken_for_a_disc(robot, motion):
+    """Gravity of a link that is turned is a wave of one turn, too."""
+    time, motor, link, torque = motion
+    turned = link + np.array([0.3, 0.0])
+    fit = robot.identify(build(robot, (time, motor, turned, torque)), method="weighted")
+    assert not find(fit.estimate)

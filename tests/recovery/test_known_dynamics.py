@@ -116,9 +116,41 @@ def test_values_that_the_logs_contradict_are_told_and_judged(robot, log, folder)
     assert "MX2 0.3" in notice.text
     assert fit.estimate.evidence.known > 5.0
     assert fit.verdict.level == "doubtful"
+    # A combination of small errors is told by its farthest.
     right = robot.identify(log, known=draw(folder))
     assert right.estimate.evidence.known < 1.0
     assert "elastic.known-contradicted" not in {entry.code for entry in right.notices}
+
+
+def test_what_a_drawing_lacks_is_identified(robot, log, folder):
+    """A drawing has no rotors: what they are a part of stays open."""
+    path = folder / "links.toml"
+    path.write_text(DRAWING.format(shoulder="", mass=1.5).replace("rotor_inertia = 0.06", "gear = 1"))
+    path.write_text(path.read_text().replace('rotor_inertia_side = "joint"\n', ""))
+    fit = robot.identify(log, known=path, method="weighted")
+    assert fit["IA2"].std > 0.0
+    assert fit["IA2"].value == pytest.approx(TRUTH["IA2"], rel=0.02)
+    assert fit["ZZR1"].std == fit["ZZ2"].std == 0.0
+
+
+def test_noise_that_is_not_white_is_no_contradiction(robot, folder):
+    time, motor, link, torque = simulate(12.0, 5)
+    rng = np.random.default_rng(11)
+    drift = np.zeros_like(torque)
+    for k, draws in enumerate(rng.normal(size=torque.shape)[1:], start=1):
+        drift[k] = 0.97 * drift[k - 1] + draws
+    noisy = torque + 0.02 * np.std(torque, axis=0) * drift / np.std(drift, axis=0)
+    fit = robot.identify(build(robot, (time, motor, link, noisy)), known=draw(folder), method="weighted")
+    assert fit.estimate.evidence.known < 1.0
+
+
+def test_an_export_is_known_to_its_own_robot(robot, log, folder):
+    fit = robot.identify(log, method="weighted", known={"MX2": 0.3})
+    path = fit.export(folder / "out.toml").file
+    again = robot.identify(log, known=path, method="weighted")
+    assert again["IA1"].std == 0.0
+    # What was known moves least where bodies must be physical.
+    assert symid.load(path).base.values["MX2"] == pytest.approx(0.3, rel=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -126,7 +158,8 @@ def test_values_that_the_logs_contradict_are_told_and_judged(robot, log, folder)
     [
         ({"ZZR2": 1.0}, r"known 'ZZR2' is no parameter of 'mixed'; did you mean ZZR1"),
         ({"IA1": -0.1}, r"known IA1 -0.1: must not be negative"),
-        ({"IA1": float("nan"), "ZZ2": float("inf")}, r"(?s)known IA1 nan: must be finite.*known ZZ2 inf"),
+        ({"IA1": float("nan"), "ZZ2": float("inf")}, r"(?s)known IA1 nan: must be a finite.*known ZZ2 inf"),
+        ({"IA1": "much"}, r"known IA1 'much': must be a finite number"),
     ],
 )
 def test_values_that_cannot_be_are_refused(robot, log, known, text):

@@ -76,13 +76,79 @@ def test_every_method_takes_rigid_joints(robot, motion, method):
 
 def test_a_rigid_joint_with_two_encoders_has_one_position(robot, motion):
     time, motor, link, torque = motion
-    apart = link + np.array([0.0, 3e-3])
-    found = robot.identify(build(robot, (time, motor, apart, torque)), method="weighted")
+    apart = motor + np.array([0.0, 3e-3])
+    found = robot.identify(build(robot, (time, apart, link, torque)), method="weighted")
     plain = robot.identify(build(robot, motion), method="weighted")
     assert found.values == plain.values
     (notice,) = (entry for entry in found.notices if entry.code == "log.rigid-joint")
-    assert "0.003 rad" in notice.text
-    assert "log.rigid-joint" not in {entry.code for entry in plain.notices}
+    assert "0.003 rad on the mean" in notice.text
+    # A channel without an encoder is not used, and its zeros are no news.
+    dead = link * np.array([1.0, 0.0])
+    other = robot.identify(build(robot, (time, motor, dead, torque)), method="weighted")
+    assert other.values == plain.values
+    for entry in (plain, other):
+        codes = {notice.code for notice in entry.notices}
+        assert not codes & {"log.rigid-joint", "log.constant-position", "log.no-second-encoder"}
+
+
+def test_thresholds_of_a_rigid_joint_do_not_count(robot, motion):
+    from symid.identification.elastic import ElasticOptions
+
+    given = ElasticOptions(thresholds=((1e-3, 3e-3), (1e-3,)), method="nlp")
+    plain = ElasticOptions(thresholds=((1e-3, 3e-3), ()), method="nlp")
+    log = build(robot, motion)
+    assert robot.identify(log, elastic=given).values == robot.identify(log, elastic=plain).values
+
+
+def test_a_coupled_drive_of_rigid_joints_is_no_obstacle(tmp_path):
+    """Two rigid joints turn a drive together, a third joint is elastic: no parameter lacks a load."""
+    joint = """[[joint]]
+name = "{0}"
+kind = "revolute"
+a = 0.3
+[joint.link]
+mass = 2.0
+com = [0.15, 0, 0]
+inertia = {{ xx = 0.01, yy = 0.05, zz = 0.05 }}
+[joint.drive]
+rotor_inertia = 0.1
+rotor_inertia_side = "joint"
+[joint.friction]
+model = "coulomb-viscous"
+Fv = 0.4
+Fc = 0.5
+smoothing = 0.01
+"""
+    text = 'name = "wrist"\nconvention = "modified"\ngravity = [9.81, 0, 0]\n'
+    text += "".join(joint.format(name) for name in "abc")
+    text += "[joint.elasticity]\nstiffness = 600\n"
+    text += '[[coupling]]\nname = "m"\nterms = { a = 1, b = -1 }\nrotor_inertia = 0.05\n'
+    path = tmp_path / "wrist.toml"
+    path.write_text(text)
+    robot = symid.load(path)
+    rng, time = np.random.default_rng(3), np.arange(8000) * 1e-3
+    w = 2.0 * np.pi * rng.uniform(0.2, 1.2, (3, 4))
+    angle = w * time[:, None, None] + rng.uniform(0.0, 6.0, (3, 4))
+    q, dq = 0.3 * np.sin(angle).sum(axis=2), 0.3 * (w * np.cos(angle)).sum(axis=2)
+    ddq = -0.3 * (w**2 * np.sin(angle)).sum(axis=2)
+    library = robot.library
+    beta = np.array([entry.value for entry in library.card.beta])
+    (load,) = library.evaluate("inverse_dynamics", q, dq, ddq, beta)
+    theta = q + load / 600.0 * np.array([0.0, 0.0, 1.0])
+    dtheta = np.gradient(theta, 1e-3, axis=0)
+    torque = load + np.array([0.0, 0.0, 0.1]) * np.gradient(dtheta, 1e-3, axis=0)
+    log = symid.build_log(robot, time=time, q=q, theta=theta, tau=torque)
+    fit = robot.identify(log, method="weighted")
+    assert fit["IA3"].value == pytest.approx(0.1, rel=0.05)
+    # A drive that turns with the elastic joint is described by no method for springs.
+    bound = tmp_path / "bound.toml"
+    bound.write_text(text.replace("{ a = 1, b = -1 }", "{ b = 1, c = -1 }"))
+    other = symid.load(bound)
+    with pytest.raises(UsageError, match="turn with elastic joints"):
+        other.identify(log, method="weighted")
+    assert "coupled drives turn with elastic joints" in "".join(
+        notice.text for notice in other.identify(log).notices
+    )
 
 
 def test_it_is_saved_validated_reported_and_exported(fit, robot, motion, tmp_path):
@@ -99,7 +165,7 @@ def test_it_is_saved_validated_reported_and_exported(fit, robot, motion, tmp_pat
         assert value == pytest.approx(fit.values[name], rel=1e-6, abs=1e-6)
     # Closed loops are simulated with springs in all joints.
     found = exported.identify(build(exported, motion), method="weighted")
-    with pytest.raises(UsageError, match="elbow have no"):
+    with pytest.raises(UsageError, match="are elbow"):
         found.track(build(exported, motion))
 
 

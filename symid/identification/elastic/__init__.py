@@ -47,6 +47,7 @@ if TYPE_CHECKING:
         ElasticSignals as ElasticSignals,
         build_elastic_problem as build_elastic_problem,
         get_encoder_positions as get_encoder_positions,
+        join_rigid_joints as join_rigid_joints,
         prepare_elastic_signals as prepare_elastic_signals,
     )
     from symid.identification.elastic.routing import (

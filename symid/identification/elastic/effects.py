@@ -481,11 +481,14 @@ def measure_eccentricity(
     loads = [compute_link_torque(library, part, beta) for part in signals]
     for joint, card in enumerate(library.card.joints):
         turns = library.card.yielding[joint] and card.kind == "revolute"
-        rows = _build_gear_rows(signals, loads, joint) if turns else None
+        torsion = np.concatenate([part.phi[:, joint] for part in signals])
+        # Where the link's zero is not known, it is turned, and the wave is that of wrong gravity.
+        turned = abs(float(np.mean(torsion))) > float(np.ptp(torsion))
+        rows = _build_gear_rows(signals, loads, joint) if turns and not turned else None
         if rows is None or _screen_disc(rows) < 0.5 * _DISC_GAIN:
             continue
         values, deviations, gain = _fit_disc(rows)
-        if gain > _DISC_GAIN:
+        if gain > _DISC_GAIN and math.hypot(*values) > _DISC_SURE * math.hypot(*deviations):
             found.append(
                 DriveEffect(
                     kind="link-eccentricity",
@@ -547,6 +550,7 @@ def refine_eccentricity(
 
 
 _WAVE_STEP = 1e-3
+_DISC_SURE = 3.0
 _DISC_GAIN = 0.1
 """Logarithm of the ratio of mean squares: springs of seven other kinds gave 0.04 at most, discs that are off
 by a thirtieth of the torsion 0.13 to 0.8."""

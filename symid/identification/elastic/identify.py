@@ -295,7 +295,9 @@ def list_unknown_parameters(work: ElasticEquations, fit: MethodFit) -> dict[str,
     unknown = {}
     cards = list_parameter_cards(card)
     for entry, value, deviation in zip(cards, fit.chi.tolist(), deviations.tolist(), strict=True):
-        little = _LITTLE * loads[entry.joint] / motions.get(entry.unit, 1.0)
+        # A coupled drive has no load of its own.
+        load = loads.get(entry.joint, max(loads.values()))
+        little = _LITTLE * load / motions.get(entry.unit, 1.0)
         if max(abs(value), little) < deviation < np.inf:
             unknown[entry.name] = (
                 f"not identifiable: its standard deviation of {deviation:.3g} exceeds its value of "
@@ -424,6 +426,7 @@ def _build_estimate(
     identifiable, condition = measure_identifiability(build_linear_rows(work, fit).design, work.problem.known)
     springs = _refuse_springs(work, fit, hidden, _warn_of_condition(work, fit, condition))
     residual, energy = _compute_residuals(work, fit)
+    contradicted = list_contradicted(work)
     warnings = warn_of_fit(work, fit, condition, springs)
     # Rotors of rigid joints have a place in chi only.
     shown = np.flatnonzero(~mark_rigid_rotors(library.card)).tolist()
@@ -461,13 +464,21 @@ def _build_estimate(
         ),
         covariance=() if covariance is None else tuple(map(tuple, covariance.tolist())),
         effects=work.effects,
-        evidence=weigh_evidence(work, fit, choice.contradiction),
-        notices=(*springs.values(), *choice.notices, *fit.notices, *warnings, *_tell_known(work)),
+        evidence=weigh_evidence(work, fit, choice.contradiction, contradicted[0]),
+        notices=(
+            *springs.values(),
+            *choice.notices,
+            *fit.notices,
+            *warnings,
+            *_tell_known(work, contradicted),
+        ),
     )
 
 
-def _tell_known(work: ElasticEquations) -> Iterator[Notice]:
-    """Yield which dynamic parameters were known."""
+def _tell_known(
+    work: ElasticEquations, contradicted: tuple[float, Sequence[tuple[str, float, float]]]
+) -> Iterator[Notice]:
+    """Yield which dynamic parameters were known, and whether the logs contradict them."""
     cards = list_parameter_cards(work.problem.library.card)
     told = np.isfinite(work.problem.known) & ~mark_rigid_rotors(work.problem.library.card)
     names = [card.name for card, known in zip(cards, told, strict=True) if known]
@@ -475,7 +486,7 @@ def _tell_known(work: ElasticEquations) -> Iterator[Notice]:
         return
     text = f"{len(names)} dynamic parameters were known and not identified: {', '.join(names)}"
     yield Notice(code="elastic.known", text=text)
-    ratio, far = list_contradicted(work)
+    ratio, far = contradicted
     if ratio > 1.0:
         units = {card.name: card.unit for card in cards}
         alone = ", ".join(f"{name} {value:.4g} +- {std:.2g} {units[name]}" for name, value, std in far)

@@ -398,8 +398,13 @@ def compute_spring_torque(problem: ElasticProblem, fit: MethodFit, number: int) 
     return np.where(problem.gives, passed, rows.compute_link_side(fit.chi))
 
 
-def weigh_evidence(work: ElasticEquations, fit: MethodFit, contradiction: float) -> ElasticEvidence:
-    """Return what fits without a stretch of the logs leave of it, and the springs of the links' torque."""
+def weigh_evidence(
+    work: ElasticEquations, fit: MethodFit, contradiction: float, known: float = 0.0
+) -> ElasticEvidence:
+    """Return what fits without a stretch of the logs leave of it, and the springs of the links' torque.
+
+    `contradiction` and `known` are those of `ElasticEvidence`.
+    """
     size, rows = work.problem.sizes[1], work.rows
     errors, joint = predict_held_out(build_candidate(work, fit), rows), rows.group % size
     left, whole = (
@@ -421,7 +426,7 @@ def weigh_evidence(work: ElasticEquations, fit: MethodFit, contradiction: float)
         noise=tuple(np.sqrt(beyond / counts).tolist()),
         springs=tuple(springs.tolist()),
         contradiction=contradiction,
-        known=list_contradicted(work)[0],
+        known=known,
     )
 
 
@@ -534,35 +539,40 @@ def _find_contradiction(work: ElasticEquations, fit: MethodFit, kinds: Sequence[
 
 
 def list_contradicted(work: ElasticEquations) -> tuple[float, tuple[tuple[str, float, float], ...]]:
-    """Return chi^2 of what was known against the logs alone, over its limit, and what lies far apart.
+    """Return chi^2 of what was known against the logs alone, over its limit, and what lies farthest apart.
 
     The latter are names, what the weighted elimination finds where nothing is known, and its deviations.
     """
+    told = np.isfinite(work.problem.known) & ~mark_rigid_rotors(work.problem.library.card)
+    if not np.any(told):
+        return 0.0, ()
     from scipy.special import chdtri
 
     problem = work.problem
     rigid = np.where(mark_rigid_rotors(problem.library.card), 0.0, np.nan)
     alone = fit_band(problem.library.card, work.rows, known=rigid)
-    told = np.isfinite(problem.known) & ~mark_rigid_rotors(problem.library.card)
-    known = np.flatnonzero(told & np.isfinite(np.diag(alone.covariance)))
+    weights = 1.0 / alone.scatter[work.rows.group]
+    design, errors = work.rows.design * weights[:, None], work.rows.torque - work.rows.design @ alone.chi
+    # Noise that is not white must not look like a contradiction.
+    spread = compute_covariance(design, errors * weights, rigid)
+    known = np.flatnonzero(told & np.isfinite(np.diag(spread)))
     if not len(known):
         return 0.0, ()
     slack = _TOLERATED * _measure_sizes(work, alone.chi)[known]
-    covariance = alone.covariance[np.ix_(known, known)] + np.diag(slack**2)
+    covariance = spread[np.ix_(known, known)] + np.diag(slack**2)
     lengths = np.sqrt(np.diag(covariance))
     shift = (alone.chi - problem.known)[known] / lengths
     inverse = np.linalg.pinv(covariance / np.outer(lengths, lengths), rcond=1e-12, hermitian=True)
     names = [card.name for card in list_parameter_cards(problem.library.card)]
-    far = tuple(
-        (names[place], float(alone.chi[place]), float(length))
-        for place, away, length in zip(known.tolist(), shift.tolist(), lengths.tolist(), strict=True)
-        if abs(away) > _FAR
-    )
+    # Where only a combination is wrong, those that are farthest off stand for it.
+    order = np.argsort(-np.abs(shift))
+    count = max(_NAMED, int(np.count_nonzero(np.abs(shift) > _FAR)))
+    far = tuple((names[known[k]], float(alone.chi[known[k]]), float(lengths[k])) for k in order[:count])
     return float(shift @ inverse @ shift) / float(chdtri(len(known), 1.0 - _LEVEL)), far
 
 
-_FAR = 3.0
-"""Standard deviations."""
+_FAR, _NAMED = 3.0, 2
+"""Standard deviations; and parameters that are named in any case."""
 
 
 def measure_contradiction(work: ElasticEquations, fit: MethodFit) -> float:

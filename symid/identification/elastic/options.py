@@ -7,6 +7,7 @@ Not supported: another hysteresis model for each joint. Loads nothing heavy: the
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from numbers import Real
 
 from symid.errors import Notice, UsageError
 
@@ -84,7 +85,7 @@ class ElasticOptions:
         cutoff: of the zero-phase low-pass in Hz; 0 for none, None to choose by the encoders' noise.
         tolerance: of the relative change of parameters and residuals at which the iteration stops.
         iterations: at most; nlp: of the method "nlp".
-        effects: find the lag of the torque, torque ripple and friction of the links, and take them off.
+        effects: find what drives, gears and encoders add (`DriveEffect`), and take it off.
         known: dynamic parameters that are not identified, by name, such as those of CAD, in SI units.
     """
 
@@ -121,9 +122,9 @@ class ElasticOptions:
                     sign = "positive" if least == 0.0 else "finite, not 0,"
                     mistakes.append(f"{name} {grid}: must be {sign} and increase, each once")
         mistakes += [
-            f"known {name} {value:g}: must be finite"
+            f"known {name} {value!r}: must be a finite number"
             for name, value in self.known.items()
-            if not math.isfinite(value)
+            if not _is_finite(value)
         ]
         _refuse("usage.elastic-option", mistakes)
 
@@ -142,6 +143,10 @@ def check_grids(options: ElasticOptions, joints: int) -> None:
         if grid is not None and len(grid) != joints
     ]
     _refuse("usage.elastic-option", mistakes)
+
+
+def _is_finite(value: object) -> bool:
+    return isinstance(value, Real) and math.isfinite(value)
 
 
 def _refuse(code: str, mistakes: Sequence[str]) -> None:

@@ -323,7 +323,7 @@ def join_rigid_joints(
 ) -> tuple[tuple[Recording, ...], tuple[Notice, ...]]:
     """Return recordings in which rigid joints have one position, and notices where they had two.
 
-    It is that of the motor, or of the link where the motor's never changes.
+    It is that of [log.position], or the other one if that never changes in any recording.
 
     Raises:
         LogError: a recording has one encoder a joint only.
@@ -332,23 +332,41 @@ def join_rigid_joints(
     # A robot without any elastic joint may have encoders on both sides of all.
     if not np.any(rigid) or np.all(rigid):
         return tuple(recordings), ()
+    pairs = [_list_positions(recording) for recording in recordings]
+    moves = [np.any([np.ptp(pair[side], axis=0) > 0.0 for pair in pairs], axis=0) for side in (0, 1)]
     joined, notices = [], []
-    for recording in recordings:
-        motor, link = get_encoder_positions(recording)
-        taken = np.where(np.ptp(motor, axis=0) > 0.0, motor, link)
-        for joint in np.flatnonzero(rigid & np.any(motor != link, axis=0)).tolist():
-            entry, apart = card.joints[joint], float(np.max(np.abs(motor - link)[:, joint]))
+    for recording, (first, second) in zip(recordings, pairs, strict=True):
+        gap = first - second
+        noise = np.sqrt(
+            sum(np.mean(np.diff(side, n=3, axis=0) ** 2, axis=0) for side in (first, second)) / 20.0
+        )
+        apart, moving = np.abs(np.mean(gap, axis=0)), np.std(gap, axis=0)
+        for joint in np.flatnonzero(rigid & moves[0] & moves[1] & (np.hypot(apart, moving) > _SAME * noise)):
+            name, unit = card.joints[joint].name, card.joints[joint].position_unit
             text = (
-                f"joint {entry.name!r} is rigid: one of its two positions was taken; they differ by up to "
-                f"{apart:.2g} {entry.position_unit}. If that is torsion, give the joint [joint.elasticity]"
+                f"joint {name!r} is rigid, and its two positions differ, by {apart[joint]:.2g} {unit} on the "
+                f"mean and by {moving[joint]:.2g} {unit} about it; that of [log.position] was taken. If the "
+                "zero of the other is right, name that one; if they move apart by torsion, give the joint "
+                "[joint.elasticity]"
             )
             notices.append(Notice(code="log.rigid-joint", text=text, file=recording.source))
-        motor, link = (np.where(rigid, taken, side) for side in (motor, link))
-        if recording.motor_position is not None:
-            joined.append(replace(recording, position=link, motor_position=motor))
+        taken = np.where(moves[0], first, second)
+        one, other = (np.where(rigid, taken, side) for side in (first, second))
+        if recording.motor_position is None:
+            joined.append(replace(recording, position=one, link_position=other))
         else:
-            joined.append(replace(recording, position=motor, link_position=link))
+            joined.append(replace(recording, position=one, motor_position=other))
     return tuple(joined), tuple(notices)
+
+
+_SAME = 3.0
+"""Times the noise of both encoders."""
+
+
+def _list_positions(recording: Recording) -> tuple[FloatArray, FloatArray]:
+    """Return the position (N, n) of [log.position], and the other one."""
+    motor, link = get_encoder_positions(recording)
+    return (motor, link) if recording.motor_position is None else (link, motor)
 
 
 def choose_cutoff(recording: Recording) -> float:
@@ -825,11 +843,11 @@ def build_spring_data(
 
     Thresholds are those given, or r_i = i / (m + 1) max |phi|, i = 1 .. m (Kuhnen 2003).
     """
-    if options.thresholds is not None:
-        grid = freeze(options.thresholds[joint])
-    elif not any(np.any(phi) for phi in torsions):
-        # A rigid joint.
+    if not any(np.any(phi) for phi in torsions):
+        # A rigid joint, whatever thresholds it was given.
         grid = freeze(np.zeros(0))
+    elif options.thresholds is not None:
+        grid = freeze(options.thresholds[joint])
     else:
         largest = max(float(np.abs(phi).max()) for phi in torsions)
         grid = freeze(np.arange(1, options.stops + 1) / (options.stops + 1.0) * largest)

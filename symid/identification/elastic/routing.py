@@ -16,7 +16,7 @@ import numpy as np
 from symid.errors import LogError, Notice, UsageError
 from symid.identification.estimators import Estimate, Outcome, ParameterEstimate
 from symid.logs import Recording, cut_ends
-from symid.robot import Processing, Robot
+from symid.robot import Coupling, Processing, Robot
 
 _PREFIX = "processing."
 _CUTOFF = "filter_cutoff"
@@ -162,11 +162,17 @@ def list_unidentifiable(robot: Robot) -> tuple[tuple[str, str], ...]:
     return tuple(refused)
 
 
-def refuse_elasticity(estimate: Estimate, robot: Robot) -> Estimate:
-    """Return the estimate of the rigid variant, with what is not identifiable of `robot`."""
+def refuse_elasticity(estimate: Estimate, robot: Robot, *, both: bool = False) -> Estimate:
+    """Return the estimate of the rigid variant, with what is not identifiable of `robot`.
+
+    With `both` the logs have both positions, and coupled drives stand in the way.
+    """
+    why = "the logs have one position a joint, taken as that of its motor"
+    if both:
+        why = "coupled drives turn with elastic joints"
     text = (
-        "the logs have one position a joint, taken as that of its motor: the rigid model was identified, "
-        "with rotor inertias merged into the base parameters; stiffness and hysteresis are not identifiable"
+        f"{why}: the rigid model was identified, with rotor inertias merged into the base parameters; "
+        "stiffness and hysteresis are not identifiable"
     )
     refused = (*estimate.refused, *list_unidentifiable(robot))
     notices = (Notice(code="elastic.motor-side", text=text), *warn_of_rotors(estimate.parameters))
@@ -203,7 +209,14 @@ def choose_route(
     if 0 < len(without) < len(recordings) and any(robot.elastic):
         text = "this log has one position a joint, others have two; give logs of one kind in one call"
         raise LogError(*(Notice(code="log.mixed-encoders", text=text, file=source) for source in without))
-    if any(robot.elastic) and (not without or method is not None):
+    bound = [one.name for one in robot.couplings if _turns_elastic(robot, one)]
+    if bound and method is not None:
+        text = (
+            f"--method {method}: the coupled drives {', '.join(bound)} turn with elastic joints, which no "
+            "method for springs describes; leave it out"
+        )
+        raise UsageError(Notice(code="usage.method", text=text))
+    if any(robot.elastic) and not bound and (not without or method is not None):
         if without:
             text = (
                 f"--method {method} needs the positions of motors and links, and the log has one a joint. "
@@ -228,6 +241,10 @@ def choose_route(
     if any(robot.elastic) and without:
         check_motor_side(robot, recordings)
     return Route(kind="motor-side" if any(robot.elastic) else "rigid")
+
+
+def _turns_elastic(robot: Robot, coupling: Coupling) -> bool:
+    return any(robot.joints[index].elasticity is not None for index, _ in coupling.terms)
 
 
 def _refuse_options(given: Sequence[str], what: str) -> None:

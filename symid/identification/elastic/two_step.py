@@ -185,7 +185,8 @@ def fit_alternation(problem: ElasticProblem, *, iterations: int = _LONGEST) -> M
     for _ in range(iterations):
         stiffness = solve_scaled(columns, supplied - design @ chi, rcond=_RANK)
         moved = solve_scaled(design, supplied - columns @ stiffness, rcond=_RANK)
-        change = float(np.linalg.norm((moved - chi) * lengths) / np.linalg.norm(moved * lengths))
+        size = max(float(np.linalg.norm(moved * lengths)), 1e-300)
+        change = float(np.linalg.norm((moved - chi) * lengths)) / size
         chi = moved
         norm = float(np.linalg.norm(supplied - design @ chi - columns @ stiffness))
         history.append(HistoryEntry(merit=norm**2, change=change, norms=(norm,)))

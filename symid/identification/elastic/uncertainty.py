@@ -160,7 +160,9 @@ def measure_spring_spread(
         spread += inverse @ sum_block_scores(jacobian / lengths, error, owner, _STRETCHES)[0] @ inverse
     torque = float(np.sqrt(np.mean(np.einsum("ij,jk,ik->i", scaled, spread, scaled))))
     way = np.array(slopes) / lengths
-    return torque, float(np.sqrt(max(0.0, float(way @ spread @ way))))
+    # States are filtered, which rounds the corner at a reversal, where the slope is that near zero.
+    rounded = _ROUNDED * abs(_get_slope(spring))
+    return torque, float(np.hypot(rounded, np.sqrt(max(0.0, float(way @ spread @ way)))))
 
 
 def _list_sides(
@@ -179,7 +181,7 @@ def _get_slope(spring: Elasticity) -> float:
     return find_most_slope(spring) if spring.branches else spring.initial_stiffness or 0.0
 
 
-_SMALL, _FLAT = 1e-4, 1e-10
+_SMALL, _FLAT, _ROUNDED = 1e-4, 1e-10, 1e-3
 """Steps of derivatives, relative; singular values that are zero."""
 
 
