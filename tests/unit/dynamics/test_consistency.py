@@ -309,9 +309,7 @@ def test_equations_that_nothing_fulfils_have_no_solution():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_equations_that_steps_do_not_reach_have_no_solution(seed):
-    """Two rows that differ by rounding: steps end 1e-8 of what the rows add up away, or, by their own rounding
-    on some processors, arrive.
-    """
+    """Two rows that differ by rounding: steps end far from them, or arrive by the rounding of a processor."""
     problem = draw_problem(np.random.default_rng(seed), 1.0)
     parts = {name: getattr(problem, name).copy() for name in ("blocks", "positive", "others", "target")}
     for part in parts.values():
