@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import symid
-from tests.recovery.written_out_arm import LEVEL, REACH, ROBOT, STIFFNESS, TRUTH, build, simulate
+from tests.recovery.written_out_arm import ROBOT, TRUTH, build, compute_spring_torque, simulate
 
 OFF = 1.2e-3
 """Rad: the encoder reads q + OFF sin q, a twentieth of the torsion's range."""
@@ -53,12 +53,7 @@ def test_the_spring_is_that_of_the_true_torsion(fit, motion):
     from symid.joint_models import run_element
 
     time, motor, link, _ = motion
-    phi = (motor - link)[:, 0]
-    loop = np.zeros(len(phi))
-    for k, change in enumerate(np.diff(phi)):
-        goal = LEVEL if change > 0.0 else -LEVEL
-        loop[k + 1] = goal + (loop[k] - goal) * np.exp(-abs(change) / REACH)
-    true = STIFFNESS * phi + loop
+    phi, true = compute_spring_torque(motor, link)
     left = run_element(fit.springs[0].elasticity, phi, time).output - true
     assert np.sqrt(np.mean((left - left.mean()) ** 2) / np.mean(true**2)) < 0.02
 

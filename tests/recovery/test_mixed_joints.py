@@ -1,13 +1,11 @@
 """A robot with an elastic and a rigid joint: the rigid one has no rotor of its own, and no spring."""
 
-import math
-
 import numpy as np
 import pytest
 
 import symid
 from symid.errors import UsageError
-from tests.recovery.written_out_arm import LEVEL, REACH, ROBOT, STIFFNESS, TRUTH, build, simulate
+from tests.recovery.written_out_arm import ROBOT, TRUTH, build, compute_spring_torque, simulate
 
 
 @pytest.fixture(scope="module")
@@ -51,13 +49,7 @@ def test_the_spring_predicts_the_joint_torque(fit, motion):
     from symid.joint_models import run_element
 
     time, motor, link, _ = motion
-    phi = (motor - link)[:, 0]
-    loop = np.zeros(len(phi))
-    for k, change in enumerate(np.diff(phi)):
-        # One step of Dahl's equation, exact for a torsion that moves at one speed.
-        goal = LEVEL if change > 0.0 else -LEVEL
-        loop[k + 1] = goal + (loop[k] - goal) * math.exp(-abs(change) / REACH)
-    true = STIFFNESS * phi + loop
+    phi, true = compute_spring_torque(motor, link)
     spring = fit.springs[0].elasticity
     left = run_element(spring, phi, time).output - true
     assert np.sqrt(np.mean(left**2) / np.mean(true**2)) < 0.02

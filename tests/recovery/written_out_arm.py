@@ -122,3 +122,13 @@ def simulate(duration, seed, steps=8):
 def build(robot, motion):
     time, motor, link, torque = motion
     return symid.build_log(robot, time=time, q=link, theta=motor, tau=torque)
+
+
+def compute_spring_torque(motor, link):
+    """Return torsion and torque of the shoulder's spring along positions, exact for steps of one speed."""
+    phi = (motor - link)[:, 0]
+    loop = np.zeros(len(phi))
+    for k, change in enumerate(np.diff(phi)):
+        goal = LEVEL if change > 0.0 else -LEVEL
+        loop[k + 1] = goal + (loop[k] - goal) * math.exp(-abs(change) / REACH)
+    return phi, STIFFNESS * phi + loop
