@@ -183,18 +183,21 @@ def build_elastic_equations(
     band = measure_motion_band(recordings)
     known = read_known(library.card, options.known)
 
+    def prepare(effects: tuple[DriveEffect, ...]) -> list[ElasticSignals]:
+        return _prepare_wide(recordings, options, band, effects)
+
     def free(effects: tuple[DriveEffect, ...]) -> _Freed:
-        broad = _prepare_wide(recordings, options, band, effects)
+        broad = prepare(effects)
         rows, share = choose_sliding_rows(library.card, build_band_rows(library, broad, band), known)
         return _Freed(effects, broad, rows, share, fit_band(library.card, rows, known=known))
 
     effects: tuple[DriveEffect, ...] = ()
     if options.effects:
-        broad = _prepare_wide(recordings, options, band)
+        broad = prepare(())
         effects = measure_effects(library, broad, get_effect_edge(max(part.period for part in broad), band))
     freed = free(effects)
     if options.effects:
-        freed = _free_of_gears(library, options, freed, free)
+        freed = _free_of_gears(library, options, freed, free, prepare)
     limits = freed.share * compute_speeds(freed.broad)
     signals = [prepare_elastic_signals(recording, options, freed.effects) for recording in recordings]
     problem = build_elastic_problem(library, signals, options, limits)
@@ -227,6 +230,7 @@ def _free_of_gears(
     options: ElasticOptions,
     freed: _Freed,
     free: Callable[[tuple[DriveEffect, ...]], _Freed],
+    prepare: Callable[[tuple[DriveEffect, ...]], list[ElasticSignals]],
 ) -> _Freed:
     """Return signals that are also freed of what gears and encoders of the links add."""
     bases, torques = len(library.card.beta), freed.effects
@@ -241,8 +245,8 @@ def _free_of_gears(
         further = measure(library, freed.broad, freed.fit.chi[:bases])
         # They move the torsion alone, of which the rows in the band know nothing.
         if further:
-            wider = free((*freed.effects, *further))
-            freed = freed._replace(effects=wider.effects, broad=wider.broad)
+            effects = (*freed.effects, *further)
+            freed = freed._replace(effects=effects, broad=prepare(effects))
     return freed
 
 
