@@ -488,7 +488,7 @@ class RobotModel:
                 "ridge", "consistent", "sequential", "output-error" or "instrumental"; chosen from the logs
                 among the first three by default.
             method: of elastic joints: "automatic" (the default), "two-step", "linear-spring", "elimination",
-                "weighted", "nlp" or "independent".
+                "weighted", "nlp", "simultaneous" or "independent".
             friction: the friction law of all joints, in place of the robot file's, its shape values found
                 from the logs; "auto" for the law of each joint that predicts held-out torque best. Or laws
                 of single joints, such as {"elbow": "stribeck", "wrist": "auto"}; the others keep theirs.

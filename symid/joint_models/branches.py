@@ -2,7 +2,7 @@
 
     slip spring    f(E), E = x - P_r[x], f piecewise linear: a slider behind a spring of any shape
     relays         sum_i d_i ramp_i(x) + sum_i>j c_ij (ramp_ij(x) - s_ij)      Krasnosel'skii and Pokrovskii
-    Bouc-Wen       f u, L du/dx = 1 - |u|^n (1 +- skew) while |u| grows, 1 + (2 loop - 1) |u|^n while it falls
+    Bouc-Wen       f u, L du/dx = 1 - |u|^n (1 +- skew) while |u| grows, else 1 + |u|^n (2 loop - 1 -+ lean)
     bristles       a friction law with a state: Dahl, LuGre, Maxwell-slip
     attracted      Maxwell-slip elements that reach their level only slowly
     relaxation     df/dt = k dx/dt - f / T: a spring behind a damper
@@ -14,7 +14,7 @@ Hysteresis (2007).
 
 Supported: any carrier, any length of a step. Exact but for Bouc-Wen, whose error falls with the square of the
 step over L (and is zero for n = 1 away from u = 0).
-Not supported: Bouc-Wen outside loop >= 1/2, |skew| < 1, n >= 1, where it is not passive or not bounded.
+Not supported: Bouc-Wen outside |lean| <= 2 loop - 1, |skew| < 1, n >= 1, where it is not passive or bounded.
 """
 
 import math
@@ -350,12 +350,14 @@ class BoucWen:
     """A Bouc-Wen branch: a force `level` u, where u has no unit and stays within bounds near -1 and 1.
 
     `length` du/dx = 1 - |u|^n (1 + skew) where u > 0 grows, 1 - |u|^n (1 - skew) where u < 0 falls further,
-    1 + (2 loop - 1) |u|^n where |u| falls. Its initial stiffness is level / length, its bounds
-    (1 + skew)^(-1/n) and -(1 - skew)^(-1/n). It stores level length u^2 / 2.
+    1 + (2 loop - 1 - lean) |u|^n where u > 0 falls, 1 + (2 loop - 1 + lean) |u|^n where u < 0 rises. Its
+    initial stiffness is level / length, its bounds (1 + skew)^(-1/n) and -(1 - skew)^(-1/n). It stores
+    level length u^2 / 2.
 
     Args:
         level: N m or N; length: rad or m.
-        sharpness: n; loop: 1/2 for straight unloading, more for fuller loops; skew: asymmetry.
+        sharpness: n; loop: 1/2 for straight unloading, more for fuller loops.
+        skew, lean: asymmetry while loading and while unloading.
     """
 
     kind: ClassVar[str] = "bouc_wen"
@@ -365,6 +367,7 @@ class BoucWen:
     sharpness: float = 1.0
     loop: float = 0.5
     skew: float = 0.0
+    lean: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse, by a RobotError, numbers outside the class that `Supported` names."""
@@ -374,6 +377,10 @@ class BoucWen:
             (self.sharpness >= 1, "sharpness must be at least 1"),
             (self.loop >= 0.5, "loop must be at least 1/2; below it a loop gives work"),
             (abs(self.skew) < 1, "skew must lie between -1 and 1; else one side has no bound"),
+            (
+                abs(self.lean) <= 2.0 * max(self.loop, 0.5) - 1.0,
+                "lean must lie between 1 - 2 loop and 2 loop - 1; beyond, a loop gives work",
+            ),
         )
         refuse_element([f"Bouc-Wen: {text}" for kept, text in allowed if not kept])
 
@@ -385,7 +392,7 @@ class BoucWen:
     @property
     def most_slope(self) -> float:
         """Return a bound above of the slope, N m/rad or N/m."""
-        steepest = 1.0 + (2.0 * self.loop - 1.0) / (1.0 - abs(self.skew))
+        steepest = 1.0 + (2.0 * self.loop - 1.0 + abs(self.lean)) / (1.0 - abs(self.skew))
         return abs(self.level) * steepest / self.length
 
     @property
@@ -395,7 +402,7 @@ class BoucWen:
 
     def list_values(self) -> dict[str, float]:
         """Return the numbers by name."""
-        names = ("level", "length", "sharpness", "loop", "skew")
+        names = ("level", "length", "sharpness", "loop", "skew", *(["lean"] if self.lean else []))
         return {name: getattr(self, name) for name in names}
 
     def start(self, algebra: Carrier[V], position: V, side: float) -> tuple[V, ...]:
@@ -414,6 +421,8 @@ class BoucWen:
         before = algebra.mul(sign, states[0])
         # Turned so that the input grows: first |u| falls where u < 0, then u grows towards its bound.
         release = algebra.sub(algebra.one, algebra.scale(2.0, values["loop"]))
+        if "lean" in values:
+            release = algebra.sub(release, algebra.mul(sign, values["lean"]))
         low = _relax(algebra, -1.0, algebra.minimum(before, algebra.zero), (way, release, power))
         rest = algebra.maximum(low, algebra.zero)
         growth = algebra.add(algebra.one, algebra.mul(sign, values["skew"]))

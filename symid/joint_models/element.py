@@ -484,7 +484,7 @@ def _accumulate(
                 thresholds=places, stiffnesses=places, excess=0.0, speed=1.0, attraction=1.0
             )
         case BoucWen():
-            plain = BoucWen(level=1.0, length=1.0)
+            plain = BoucWen(level=1.0, length=1.0, loop=1.0, lean=0.5 if branch.lean else 0.0)
         case Relaxation():
             plain = Relaxation(stiffness=1.0, time=1.0)
     function = _build_accumulation(plain, len(position))

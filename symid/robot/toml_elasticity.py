@@ -107,6 +107,7 @@ _MODELS: Mapping[str, _Model] = {
             _Key(name="sharpness", allowed=Range(low=1), default=1.0),
             _Key(name="loop", allowed=Range(low=0.5), default=0.5),
             _Key(name="skew", allowed=Range(low=-1, high=1), default=0.0),
+            _Key(name="lean", default=0.0),
         ),
         build=lambda values: BoucWen(**values),
     ),

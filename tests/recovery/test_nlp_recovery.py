@@ -255,7 +255,11 @@ def test_a_file_without_rotor_inertias_is_identified_by_every_method(
     values = {entry.name: entry.value for entry in found.parameters}
     assert values["IA1"] == pytest.approx(0.25, rel=0.02)
     assert values["IA2"] == pytest.approx(0.05, rel=0.02)
-    assert {trial.method for trial in found.trials} == set(METHODS) - {"automatic", "independent"}
+    assert {trial.method for trial in found.trials} == set(METHODS) - {
+        "automatic",
+        "independent",
+        "simultaneous",
+    }
     with pytest.raises(UsageError, match="IA1, IA2") as caught:
         get_true_parameters(library.card)
     assert [notice.code for notice in caught.value.notices] == ["usage.study-robot"]

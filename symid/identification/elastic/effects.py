@@ -39,7 +39,7 @@ from symid.identification.elastic.regression import (
     compute_joint_torque,
     mark_sliding,
 )
-from symid.identification.elastic.uncertainty import compute_covariance, list_spring_moves
+from symid.identification.elastic.uncertainty import compute_covariance, list_spring_numbers, move_spring
 from symid.identification.hysteresis import filter_smooth
 from symid.identification.regression import solve_scaled
 from symid.joint_models import Elasticity, compute_stop_basis
@@ -487,14 +487,14 @@ def measure_eccentricity(
         rows = _build_gear_rows(signals, loads, joint) if turns and not turned else None
         if rows is None or _screen_disc(rows) < 0.5 * _DISC_GAIN:
             continue
-        values, deviations, gain = _fit_disc(rows)
-        if gain > _DISC_GAIN and math.hypot(*values) > _DISC_SURE * math.hypot(*deviations):
+        values, covariance, gain = _fit_disc(rows)
+        if gain > _DISC_GAIN and values @ np.linalg.pinv(covariance) @ values > _DISC_SURE:
             found.append(
                 DriveEffect(
                     kind="link-eccentricity",
                     joint=joint,
                     values=tuple(values.tolist()),
-                    deviations=tuple(deviations.tolist()),
+                    deviations=tuple(np.sqrt(np.diag(covariance)).tolist()),
                     order=1.0,
                 )
             )
@@ -530,10 +530,13 @@ def refine_eccentricity(
             (compute(spring, (step, 0.0)) - compute(spring, (-step, 0.0))) / (2.0 * step),
             (compute(spring, (0.0, step)) - compute(spring, (0.0, -step))) / (2.0 * step),
         ]
-        for value, put in list_spring_moves(spring):
+        for value, place in list_spring_numbers(spring):
             # At the edge of what springs can be, a number stays.
             with suppress(RobotError):
-                above, below = (compute(put(value * (1.0 + side * _WAVE_STEP))) for side in (1.0, -1.0))
+                above, below = (
+                    compute(move_spring(spring, place, value * (1.0 + side * _WAVE_STEP)))
+                    for side in (1.0, -1.0)
+                )
                 columns.append((above - below) / (2.0 * _WAVE_STEP * value))
         design = np.column_stack(columns)
         moved = solve_scaled(design, left, rcond=_RANK)
@@ -550,10 +553,11 @@ def refine_eccentricity(
 
 
 _WAVE_STEP = 1e-3
-_DISC_SURE = 3.0
-_DISC_GAIN = 0.1
-"""Logarithm of the ratio of mean squares: springs of seven other kinds gave 0.04 at most, discs that are off
-by a thirtieth of the torsion 0.13 to 0.8."""
+_DISC_SURE = 16.0
+"""Chi^2 of two numbers: three in ten thousand by chance."""
+_DISC_GAIN = 0.07
+"""Logarithm of the ratio of mean squares: springs of eight other kinds gave 0.03 at most, discs that are off
+by a thirtieth of the torsion 0.1 to 0.8."""
 
 
 def _list_turn_waves(rows: Sequence[_GearRows]) -> list[FloatArray]:
@@ -575,13 +579,13 @@ def _compute_gain(before: FloatArray, after: FloatArray) -> float:
 
 def _screen_disc(rows: Sequence[_GearRows]) -> float:
     """Return the gain of a torque of the same form: a small wave of the torsion gives little more."""
-    bases = [_build_spring_basis(part.phi, hard=True) for part in rows]
+    bases = [_build_spring_basis(part.phi, part.period) for part in rows]
     wider = [np.hstack(pair) for pair in zip(bases, _list_turn_waves(rows), strict=True)]
     return _compute_gain(_leave_torque(rows, bases), _leave_torque(rows, wider))
 
 
 def _fit_disc(rows: Sequence[_GearRows]) -> tuple[FloatArray, FloatArray, float]:
-    """Return a, b (2,) of a wave of one turn, their deviations (2,), and its gain.
+    """Return a, b (2,) of a wave of one turn, their covariance (2, 2), and its gain.
 
     It is as long as the motion, so that a spring answers it with all it has: springs are fitted again for
     every trial (variable projection, Golub and Pereyra 1973).
@@ -592,8 +596,9 @@ def _fit_disc(rows: Sequence[_GearRows]) -> tuple[FloatArray, FloatArray, float]
     size = max(float(np.std(part.phi)) for part in rows)
 
     def leave(values: FloatArray) -> FloatArray:
-        torsions = [part.phi + wave @ (size * values) for part, wave in zip(rows, waves, strict=True)]
-        return _leave_torque(rows, [_build_spring_basis(torsion, hard=True) for torsion in torsions])
+        pairs = zip(rows, waves, strict=True)
+        bases = [_build_spring_basis(part.phi + wave @ (size * values), part.period) for part, wave in pairs]
+        return _leave_torque(rows, bases)
 
     before = leave(np.zeros(2))
     level = float(np.sqrt(np.mean(before**2))) or 1.0
@@ -601,27 +606,31 @@ def _fit_disc(rows: Sequence[_GearRows]) -> tuple[FloatArray, FloatArray, float]
     # What springs of stops leave is correlated.
     inverse = np.linalg.pinv(fit.jac.T @ fit.jac)
     scores, _ = sum_block_scores(fit.jac, fit.fun, np.zeros(len(fit.fun), dtype=np.intp), _STRETCHES)
-    variance = np.diag(inverse @ scores @ inverse)
-    return size * fit.x, size * np.sqrt(variance), _compute_gain(before, level * fit.fun)
+    covariance = size**2 * (inverse @ scores @ inverse)
+    return size * fit.x, covariance, _compute_gain(before, level * fit.fun)
 
 
-def _build_spring_basis(torsion: FloatArray, *, hard: bool = False) -> FloatArray:
+def _build_spring_basis(torsion: FloatArray, period: float | None = None) -> FloatArray:
     """Return the columns (N, c) of a spring of many stops, with a cubic part and an offset.
 
-    A `hard` one has stops whose stiffness changes with the torsion, as behind knees.
+    Where the `period` (s) of its samples is given, it has stops whose stiffness changes with the torsion, as
+    behind knees, and springs behind dampers.
     """
     grid = 0.5 * float(np.ptp(torsion)) * np.arange(1, _STOPS + 1) / (_STOPS + 1)
     stops = compute_stop_basis(torsion, grid)
     further = [torsion**3, np.ones_like(torsion)]
-    if hard:
+    if period is not None:
         part = torsion / max(float(np.max(np.abs(torsion))), 1e-300)
         some = stops[:, ::_HARD]
         further += [*(some.T * np.abs(part)), *(some.T * part**2), part**5, part * np.abs(part)]
+        further += [filter_smooth(torsion, rate, period) for rate in _RELAXATIONS]
     return np.column_stack([stops, *further])
 
 
 _HARD, _STRETCHES = 3, 30
 """Every third stop; of time, whose errors are correlated."""
+_RELAXATIONS = (10.0, 40.0, 160.0)
+"""1/s."""
 
 
 def measure_offsets(

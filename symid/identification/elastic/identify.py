@@ -11,6 +11,7 @@ Not supported: delays between channels and offsets of encoders (align the record
 import json
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,11 +31,11 @@ from symid.identification.elastic.methods import (
     choose_fit,
     choose_springs,
     compute_relative_deviations,
-    compute_spring_torque,
     fit_method,
     fit_one_shot,
     list_contradicted,
     measure_contradiction,
+    refine_fit,
     weigh_evidence,
 )
 from symid.identification.elastic.options import ElasticOptions, NlpOptions
@@ -46,6 +47,7 @@ from symid.identification.elastic.regression import (
     locate_settled,
     mark_rigid_rotors,
 )
+from symid.identification.elastic.simultaneous import compute_spring_torques
 from symid.identification.elastic.uncertainty import measure_identifiability, measure_spring_spread
 from symid.identification.estimators import Residual, list_parameters
 from symid.identification.hysteresis import filter_smooth
@@ -64,9 +66,8 @@ _NOTHING = 0.9
 def _compute_joint_torques(work: ElasticEquations, fit: MethodFit) -> tuple[FloatArray, FloatArray]:
     """Return F[tau_J] (M, n) by the motor equation, and what the springs leave of it."""
     problem = work.problem
-    spring = [compute_spring_torque(problem, fit, number) for number in range(len(problem.signals))]
     target = problem.compute_motor_side(fit.chi)
-    return target, target - np.concatenate(spring)
+    return target, target - np.concatenate(compute_spring_torques(problem, fit))
 
 
 def _compute_residuals(work: ElasticEquations, fit: MethodFit) -> tuple[tuple[Residual, ...], Residual]:
@@ -391,20 +392,25 @@ def prepare_methods(
     """
     hidden = _check_recordings(library, recordings)
     work = build_elastic_equations(library, _fill_loads(library, recordings, options), options)
-    known: dict[str, MethodFit] = {}
 
+    @cache
+    def spring() -> tuple[MethodFit, tuple[str, ...]]:
+        return choose_springs(work, fit("weighted"), hidden)
+
+    @cache
     def fit(method: str) -> MethodFit:
-        if method not in known:
-            known[method] = fit_method(work, method)
-        return known[method]
+        return refine_fit(work, spring()[0]) if method == "simultaneous" else fit_method(work, method)
 
     def identify(method: str) -> ElasticEstimate:
         stated, automatic = replace(options, method=method), method == "automatic"
-        fits = [fit(name) for name in (AUTOMATIC_METHODS if automatic else (method,))]
+        names = AUTOMATIC_METHODS if automatic else (method,)
+        if automatic and not hidden and any(kind not in ("", "linear") for kind in spring()[1]):
+            names = (*names, "simultaneous")
+        fits = [fit(name) for name in names]
         given = MethodSelection(
             fit=fits[0], reason="the method was given", contradiction=measure_contradiction(work, fits[0])
         )
-        choice = _choose(work, fits, hidden) if automatic else given
+        choice = _choose(work, fits, spring(), hidden) if automatic else given
         settings = _write_settings(work, stated, echo or {})
         sources = [recording.source for recording in recordings]
         return _build_estimate(work, choice, fits, hidden, settings=settings, sources=sources)
@@ -498,15 +504,20 @@ def _tell_known(
         yield Notice(code="elastic.known-contradicted", text=text)
 
 
-def _choose(work: ElasticEquations, fits: Sequence[MethodFit], hidden: Collection[int]) -> MethodSelection:
-    """Return the choice of dynamics and of the kinds of springs."""
-    plain = next(fit for fit in fits if fit.method == "weighted")
-    sprung, kinds = choose_springs(work, plain, hidden)
+def _choose(
+    work: ElasticEquations,
+    fits: Sequence[MethodFit],
+    spring: tuple[MethodFit, Sequence[str]],
+    hidden: Collection[int],
+) -> MethodSelection:
+    """Return the choice of dynamics and of the kinds of springs, those for `weighted` being given."""
+    sprung, kinds = spring
     choice = choose_fit(work, fits, kinds)
-    if choice.fit is plain:
+    if choice.fit.method == "weighted":
         return replace(choice, fit=sprung)
     # Stops and knees that suit one method suit all that have them.
-    if not any(kinds) and choice.fit.method != "linear-spring":
+    kept = not any(kinds) and choice.fit.method != "linear-spring"
+    if kept or choice.fit.method == "simultaneous":
         return choice
     return replace(choice, fit=choose_springs(work, choice.fit, hidden)[0])
 

@@ -57,7 +57,6 @@ from symid.identification.elastic.regression import (
     ElasticSignals,
     build_elastic_problem,
     choose_cutoff,
-    compute_joint_torque,
     list_parameter_cards,
     mark_rigid_rotors,
     measure_motion_band,
@@ -65,13 +64,21 @@ from symid.identification.elastic.regression import (
     read_known,
     solve_with_signs,
 )
+from symid.identification.elastic.simultaneous import (
+    LinearRows,
+    build_side_rows,
+    calm_torsions,
+    compute_spring_torques,
+    fit_simultaneous,
+    list_row_times,
+)
 from symid.identification.elastic.two_step import fit_alternation, fit_linear_spring, fit_two_step
 from symid.identification.elastic.uncertainty import (
     compute_covariance,
     mark_unidentifiable,
     measure_identifiability,
 )
-from symid.identification.hysteresis import ElementPath, choose_spring, filter_smooth
+from symid.identification.hysteresis import ElementPath, choose_spring
 from symid.logs import Recording, differentiate_smooth
 
 if TYPE_CHECKING:
@@ -133,6 +140,8 @@ def predict_held_out(candidate: MethodCandidate, rows: BandRows) -> FloatArray:
 
 ENERGY_METHODS = ("linear-spring", "two-step", "same-cost")
 """The methods whose dynamics come from energy rows."""
+SPRUNG_METHODS = ("nlp", "simultaneous")
+"""The methods whose dynamics rest on springs: they must not contradict those that need none."""
 _MATTER = 0.05
 _FLOOR = 1e-9
 
@@ -161,14 +170,6 @@ class ElasticEquations:
     def identifiable(self) -> NDArray[np.bool_]:
         """Return which parameters (p + n + pf,) the weighted elimination identifies."""
         return np.isfinite(np.diag(self.band.covariance))
-
-
-class _LinearRows(NamedTuple):
-    """design @ chi = right, with the time of each row from 0 to 1 within its recording."""
-
-    design: FloatArray
-    right: FloatArray
-    time: FloatArray
 
 
 def build_elastic_equations(
@@ -269,7 +270,7 @@ def _prepare_wide(
 def fit_method(work: ElasticEquations, method: str) -> MethodFit:
     """Return dynamics and springs by one method, with the covariance of the dynamics.
 
-    What the rows do not identify has an infinite variance.
+    What the rows do not identify has an infinite variance. For "simultaneous" see `refine_fit`.
     """
     makers: dict[str, Callable[[ElasticProblem], MethodFit]] = {
         "linear-spring": fit_linear_spring,
@@ -279,6 +280,16 @@ def fit_method(work: ElasticEquations, method: str) -> MethodFit:
         "independent": fit_independent,
     }
     fit = _widen(work, fit_one_shot(work).fit) if method == "nlp" else makers[method](work.problem)
+    return _state_covariance(work, fit)
+
+
+def refine_fit(work: ElasticEquations, fit: MethodFit) -> MethodFit:
+    """Return dynamics and springs of the kinds of `fit`, found together."""
+    return _state_covariance(work, _widen(work, fit_simultaneous(work.wide, work.problem, fit)))
+
+
+def _state_covariance(work: ElasticEquations, fit: MethodFit) -> MethodFit:
+    """Return a fit with the covariance of its dynamics, infinite where its rows do not identify them."""
     rows = build_linear_rows(work, fit)
     if fit.covariance is None:
         covariance = compute_covariance(rows.design, rows.right - rows.design @ fit.chi, work.problem.known)
@@ -306,22 +317,24 @@ def _fit_weighted(work: ElasticEquations) -> MethodFit:
     return replace(fit, covariance=work.band.covariance)
 
 
-def build_linear_rows(work: ElasticEquations, fit: MethodFit) -> _LinearRows:
+def build_linear_rows(work: ElasticEquations, fit: MethodFit) -> LinearRows:
     """Return the equations that are linear in the dynamics of `fit`, its springs given."""
     problem, band = work.problem, work.rows
-    if fit.method in {"elimination", "independent", "nlp"}:
+    if fit.method in {"elimination", "independent", *SPRUNG_METHODS}:
         numbers: Sequence[int] = range(len(problem.signals))
         if fit.method == "independent":
             numbers = split_recordings(problem.signals)[0]
         design, torque = problem.stack_filtered(numbers)
-        time = np.concatenate([_list_row_times(problem, number) for number in numbers])
-        return _LinearRows(design.reshape(-1, design.shape[2]), torque.reshape(-1), time)
+        time = np.concatenate(
+            [np.repeat(list_row_times(problem, number), problem.sizes[1]) for number in numbers]
+        )
+        return LinearRows(design.reshape(-1, design.shape[2]), torque.reshape(-1), time)
     if fit.method == "weighted":
         weights = 1.0 / work.band.scatter[band.group]
-        return _LinearRows(band.design * weights[:, None], band.torque * weights, band.time)
+        return LinearRows(band.design * weights[:, None], band.torque * weights, band.time)
     pairs = list(zip(problem.signals, problem.energy, strict=True))
     times = [np.arange(len(signals.time))[rows.ends][:-1] / len(signals.time) for signals, rows in pairs]
-    return _LinearRows(
+    return LinearRows(
         problem.design, problem.supplied - problem.compute_work(fit.elasticity), np.concatenate(times)
     )
 
@@ -338,17 +351,19 @@ def build_candidate(work: ElasticEquations, fit: MethodFit) -> MethodCandidate:
     spread = np.max(relative[:, work.identifiable], initial=0.0)
     count = len(fit.chi)
     offset = np.zeros(count)
-    if fit.method == "nlp":
+    if fit.method in SPRUNG_METHODS:
         # Exact where the fit is the least-squares solution of these rows, and near to it the influence of
         # the rows left out.
-        rows = _build_side_rows(work.wide, fit)
+        calm = fit.method == "simultaneous"
+        problem = calm_torsions(work.wide, work.problem, fit) if calm else work.wide
+        rows = build_side_rows(problem, fit, zeros=calm)
         offset = fit.chi - solve_with_signs(card, rows.design, rows.right, known)
     else:
         rows = build_linear_rows(work, fit)
     if fit.method == "linear-spring":
         # Its springs are linear too, and are fitted with the dynamics.
         work_of_springs = work.problem.compute_stop_work([np.zeros(0)] * card.size)
-        rows = _LinearRows(np.hstack([rows.design, work_of_springs]), work.problem.supplied, rows.time)
+        rows = LinearRows(np.hstack([rows.design, work_of_springs]), work.problem.supplied, rows.time)
     folds = assign_folds(rows.time)
 
     def refit(fold: int) -> FloatArray:
@@ -356,50 +371,6 @@ def build_candidate(work: ElasticEquations, fit: MethodFit) -> MethodCandidate:
         return offset + solve_with_signs(card, rows.design[kept], rows.right[kept], known)[:count]
 
     return MethodCandidate(refit, float(spread))
-
-
-def _build_side_rows(problem: ElasticProblem, fit: MethodFit) -> _LinearRows:
-    """Return motor and link equations with the springs' torques, each weighted by its scatter.
-
-    Motors that are not trusted to slide have empty rows.
-    """
-    designs, rights, times = [], [], []
-    slides, start, gives = problem.slides, 0, np.array(problem.gives)
-    for number, rows in enumerate(problem.filtered):
-        spring = compute_spring_torque(problem, fit, number)
-        motor, link = rows.design.copy(), rows.design.copy()
-        # The rows of a rigid joint's motor are those of both sides.
-        motor[:, gives, : rows.bases], link[:, :, rows.bases :] = 0.0, 0.0
-        kept = np.stack([slides[start : start + len(spring)], np.ones(spring.shape, dtype=bool) & gives])
-        start += len(spring)
-        design = np.where(kept[..., None], np.stack([motor, link]), 0.0)
-        passed = np.where(gives, spring, rows.drag)
-        right = np.where(kept, np.stack([rows.torque - passed, spring - rows.drag]), 0.0)
-        floor = _FLOOR * max(float(np.sqrt(np.mean(rows.torque**2))), 1e-300)
-        squares = np.sum((right - design @ fit.chi) ** 2, axis=1) / np.maximum(np.sum(kept, axis=1), 1)
-        scatter = np.maximum(np.sqrt(squares), floor)[:, None, :]
-        designs.append((design / scatter[..., None]).reshape(-1, len(fit.chi)))
-        rights.append((right / scatter).reshape(-1))
-        times.append(np.tile(_list_row_times(problem, number), 2))
-    return _LinearRows(np.concatenate(designs), np.concatenate(rights), np.concatenate(times))
-
-
-def _list_row_times(problem: ElasticProblem, number: int) -> FloatArray:
-    count = len(problem.signals[number].time)
-    return np.repeat(np.arange(count)[problem.filtered[number].keep] / count, problem.sizes[1])
-
-
-def compute_spring_torque(problem: ElasticProblem, fit: MethodFit, number: int) -> FloatArray:
-    """Return F[tau_J] (M, n) of the springs of `fit` at the filtered rows of recording `number`.
-
-    That of a rigid joint is by the links.
-    """
-    signals, rows = problem.signals[number], problem.filtered[number]
-    torque = np.column_stack(
-        [compute_joint_torque(spring, signals, joint) for joint, spring in enumerate(fit.elasticity)]
-    )
-    passed = filter_smooth(torque, problem.options.rate, signals.period)[rows.keep]
-    return np.where(problem.gives, passed, rows.compute_link_side(fit.chi))
 
 
 def weigh_evidence(
@@ -421,8 +392,7 @@ def weigh_evidence(
     springs: FloatArray = np.zeros(0)
     if fit.elasticity:
         link = work.problem.compute_link_side(fit.chi)
-        numbers = range(len(work.problem.signals))
-        torque = np.concatenate([compute_spring_torque(work.problem, fit, number) for number in numbers])
+        torque = np.concatenate(compute_spring_torques(work.problem, fit))
         springs = 100.0 * _divide(np.linalg.norm(link - torque, axis=0), np.linalg.norm(link, axis=0))
     counts = np.maximum(np.bincount(joint, minlength=size), 1)
     return ElasticEvidence(
@@ -466,6 +436,7 @@ def _measure_sizes(work: ElasticEquations, chi: FloatArray) -> FloatArray:
 
 
 AUTOMATIC_METHODS = ("linear-spring", "two-step", "elimination", "weighted", "nlp")
+"""And "simultaneous", where a spring is of another kind than stops and knees."""
 _LEVEL, _TOLERATED = 0.999, 1e-3
 """Of a contradiction: its level, and what of a parameter's size is none."""
 
@@ -492,7 +463,9 @@ def choose_fit(
     `kinds` are names of springs, one a joint, that describe a joint better than stops and knees; "" for none.
     """
     usable = [fit for fit in fits if fit.outcome.usable and np.all(np.isfinite(fit.chi))]
-    found = {fit.method: _find_contradiction(work, fit, kinds) for fit in usable if fit.method == "nlp"}
+    found = {
+        fit.method: _find_contradiction(work, fit, kinds) for fit in usable if fit.method in SPRUNG_METHODS
+    }
     notices = tuple(
         Notice(code="elastic.contradiction", text=f"the method {method} was left out of the choice: {why}")
         for method, (why, _) in found.items()
@@ -531,7 +504,7 @@ def _find_contradiction(work: ElasticEquations, fit: MethodFit, kinds: Sequence[
     ]
     chi2, count = _measure_disagreement(work, fit, _TOLERATED)
     limit = float(chdtri(max(1, count), 1.0 - _LEVEL))
-    if others:
+    if others and fit.method == "nlp":
         return f"its springs have stops and knees, and {', '.join(others)}", chi2 / limit
     if chi2 <= limit:
         return "", chi2 / limit
@@ -580,8 +553,8 @@ _FAR, _NAMED = 3.0, 2
 
 
 def measure_contradiction(work: ElasticEquations, fit: MethodFit) -> float:
-    """Return chi^2 of a one-shot fit against dynamics without springs over its limit; 0 for other methods."""
-    return _find_contradiction(work, fit, ())[1] if fit.method == "nlp" else 0.0
+    """Return chi^2 of a fit that rests on springs against dynamics without, over its limit; 0 for others."""
+    return _find_contradiction(work, fit, ())[1] if fit.method in SPRUNG_METHODS else 0.0
 
 
 def _measure_disagreement(
@@ -624,15 +597,17 @@ def _add_model_error(work: ElasticEquations, fit: MethodFit) -> MethodFit:
     values = np.abs(fit.chi[: len(kinds)])
     sizes = np.array([max(values[k] for k, other in enumerate(kinds) if other == kind) for kind in kinds])
     variances = np.zeros(len(fit.chi))
-    variances[: len(kinds)] = ((_STATES + _STICKING * work.share) * sizes) ** 2
+    states = _SPRUNG if fit.method == "simultaneous" else _STATES
+    variances[: len(kinds)] = ((states + _STICKING * work.share) * sizes) ** 2
     variances[~np.isnan(work.problem.known)] = 0.0
     plain = fit.covariance if fit.plain is None else fit.plain
     return replace(fit, covariance=fit.covariance + np.diag(variances), plain=plain)
 
 
-_STATES, _STICKING = 1e-4, 1.5e-3
-"""Of a parameter's size, the error that filtered states leave; and what friction near rest leaves, for each
-unit of the share. Found on arms of other simulators, where no noise explained them."""
+_STATES, _SPRUNG, _STICKING = 1e-4, 5e-4, 1.5e-3
+"""Of a parameter's size, the error that filtered states leave, and that where torsions are filtered more; and
+what friction near rest leaves, for each unit of the share. Found on arms of other simulators, where no noise
+explained them."""
 
 
 def choose_springs(

@@ -11,7 +11,16 @@ from numbers import Real
 
 from symid.errors import Notice, UsageError
 
-METHODS = ("automatic", "two-step", "linear-spring", "elimination", "weighted", "nlp", "independent")
+METHODS = (
+    "automatic",
+    "two-step",
+    "linear-spring",
+    "elimination",
+    "weighted",
+    "nlp",
+    "simultaneous",
+    "independent",
+)
 SCHEMES = ("two-cost", "same-cost")
 NLP_ROWS = ("energy", "filtered", "momentum")
 HESSIANS = ("exact", "gauss-newton")

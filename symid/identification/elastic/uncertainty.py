@@ -19,7 +19,7 @@ not hold between samples, such as elements on grids; in bounds, cubic springs, d
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
-from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,27 +90,35 @@ def compute_covariance(
     return mark_unidentifiable(covariance, spectrum.mask_identifiable(_RULE))
 
 
-def list_spring_moves(spring: Elasticity) -> list[tuple[float, Callable[[float], Elasticity]]]:
-    """Return every number of a spring that data decide, and how to put another in its place."""
-    plain = [(name, -1, "") for name in ("stiffness", "cubic", "damping")]
-    parts = [
+class SpringNumber(NamedTuple):
+    """A number of a spring that data decide, and its place: the field, which of its parts, and their field.
+
+    The last two are -1 and "" for a field that is a number itself.
+    """
+
+    value: float
+    place: tuple[str, int, str]
+
+
+def list_spring_numbers(spring: Elasticity) -> list[SpringNumber]:
+    """Return every number of a spring that data decide."""
+    places = [(name, -1, "") for name in ("stiffness", "cubic", "damping")]
+    places += [
         (name, index, part.name)
         for name in ("stops", "knees", "branches")
         for index, entry in enumerate(getattr(spring, name))
         for part in fields(entry)
     ]
-    values = [
-        getattr(spring, name) if index < 0 else getattr(getattr(spring, name)[index], part)
-        for name, index, part in (*plain, *parts)
-    ]
-    return [
-        (value, partial(_move, spring, place))
-        for value, place in zip(values, (*plain, *parts), strict=True)
-        if isinstance(value, float) and value
-    ]
+    found = []
+    for name, index, part in places:
+        value = getattr(spring, name) if index < 0 else getattr(getattr(spring, name)[index], part)
+        if isinstance(value, float) and value:
+            found.append(SpringNumber(value, (name, index, part)))
+    return found
 
 
-def _move(spring: Elasticity, place: tuple[str, int, str], value: float) -> Elasticity:
+def move_spring(spring: Elasticity, place: tuple[str, int, str], value: float) -> Elasticity:
+    """Return a spring with another number in a place; raise RobotError where no spring has it."""
     name, index, part = place
     if index < 0:
         return replace(spring, **{name: value})  # type: ignore[arg-type]  # a number of the spring
@@ -138,8 +146,8 @@ def measure_spring_spread(
         covariance: (p, p) of these parameters, finite.
     """
     slopes, parts = [], []
-    for value, put in list_spring_moves(spring):
-        sides = _list_sides(spring, put, value)
+    for number in list_spring_numbers(spring):
+        sides = _list_sides(spring, number)
         if len(sides) < 2:
             continue
         (above, high), (below, low) = sides
@@ -165,16 +173,14 @@ def measure_spring_spread(
     return torque, float(np.hypot(rounded, np.sqrt(max(0.0, float(way @ spread @ way)))))
 
 
-def _list_sides(
-    spring: Elasticity, put: Callable[[float], Elasticity], value: float
-) -> list[tuple[Elasticity, float]]:
+def _list_sides(spring: Elasticity, number: SpringNumber) -> list[tuple[Elasticity, float]]:
     """Return two springs about or beside `spring`, with a number of theirs; one where it cannot move."""
-    step, sides = _SMALL * abs(value), []
-    for number in (value + step, value - step):
+    step, sides = _SMALL * abs(number.value), []
+    for value in (number.value + step, number.value - step):
         # At the edge of what springs can be, such as a knee that all but flattens them, one side is left.
         with suppress(RobotError):
-            sides.append((put(number), number))
-    return sides if len(sides) == 2 else [*sides, (spring, value)]
+            sides.append((move_spring(spring, number.place, value), value))
+    return sides if len(sides) == 2 else [*sides, (spring, number.value)]
 
 
 def _get_slope(spring: Elasticity) -> float:

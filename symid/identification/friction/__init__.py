@@ -16,8 +16,13 @@ if TYPE_CHECKING:
     )
     from symid.identification.friction.identify import (
         AUTO as AUTO,
+        FrictionIdentification as FrictionIdentification,
         FrictionTask as FrictionTask,
+        JointFriction as JointFriction,
+        build_robot_friction as build_robot_friction,
+        describe_obstacle as describe_obstacle,
         identify_friction as identify_friction,
+        set_identified_friction as set_identified_friction,
     )
     from symid.identification.friction.output_error import (
         AxisModel as AxisModel,
@@ -36,13 +41,6 @@ if TYPE_CHECKING:
         FrictionOptions as FrictionOptions,
         VariableProjectionOptions as VariableProjectionOptions,
         build_problem as build_problem,
-    )
-    from symid.identification.friction.results import (
-        FrictionIdentification as FrictionIdentification,
-        JointFriction as JointFriction,
-        build_robot_friction as build_robot_friction,
-        describe_obstacle as describe_obstacle,
-        set_identified_friction as set_identified_friction,
     )
     from symid.identification.friction.samples import FrictionSamples as FrictionSamples
     from symid.identification.friction.selection import (

@@ -6,7 +6,7 @@ Path, shape values -> columns Phi (N, m), bounds of c for a passive element, and
 make. Each family says where a search of its shape may begin. Further columns (viscous, cubic, offset) are
 added by the fit; a family may stand behind a gap or beside a spring that relaxes.
 
-Supported: thresholds on a grid that the search does not move (Prandtl-Ishlinskii, relays); up to four shape
+Supported: thresholds on a grid that the search does not move (Prandtl-Ishlinskii, relays); up to five shape
 values that it does.
 Not supported: several branches of one kind.
 """
@@ -357,14 +357,14 @@ _SMOOTH = 0.01
 @final
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoucWenFamily(ElementFamily):
-    """Bouc-Wen with a linear spring: length, sharpness less one, loop less one half; skew if asymmetric."""
+    """Bouc-Wen with a linear spring: length, sharpness less one, loop less one half; two for asymmetry."""
 
     asymmetric: bool = False
     name: str = "bouc-wen"
 
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
         """Return lengths over two decades."""
-        skew = [0.0] if self.asymmetric else []
+        skew = [0.0, 0.0] if self.asymmetric else []
         pairs = product((0.03, 0.1, 0.3, 1.0), (0.1, 1.0))
         return [np.array([share * path.reach, power, 0.1, *skew]) for share, power in pairs]
 
@@ -373,13 +373,14 @@ class BoucWenFamily(ElementFamily):
         return ("asymmetric",) if self.asymmetric else ()
 
     def _build_unit(self, shape: FloatArray, level: float = 1.0) -> BoucWen:
-        skew = float(np.tanh(shape[3])) if self.asymmetric else 0.0
+        skew, lean = np.tanh(shape[3:5]).tolist() if self.asymmetric else (0.0, 0.0)
         return BoucWen(
             level=level,
             length=float(shape[0]),
             sharpness=1.0 + min(float(shape[1]), _SHARPEST),
             loop=0.5 + float(shape[2]),
             skew=0.99 * skew,
+            lean=0.99 * lean * 2.0 * float(shape[2]),
         )
 
     def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:

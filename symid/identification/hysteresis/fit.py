@@ -426,7 +426,7 @@ def _search(
     from scipy.optimize import least_squares
 
     rows = slice(None) if kept is None else kept
-    # Positive values in their logarithm; a skew, which may be negative, as it is.
+    # Positive values in their logarithm; an asymmetry, which may be negative, as it is.
     positive = np.array(
         [all(start[k] > 0.0 for start in family.list_starts(data.path)) for k in range(len(starts[0]))]
     )
@@ -1039,6 +1039,7 @@ def choose_spring(
     left = [100.0 * math.sqrt(folds.score(trial)) / spread for trial in (chosen, own)]
     parts = [word for word in ("viscous", "cubic") if word in chosen.form]
     name = ", ".join((chosen.model, *parts)) if chosen.model else ""
+    # Encoders are brought into line by what gravity does, which leaves some of their offset.
     return replace(chosen.elasticity, offset=0.0), name, left[0], left[1]
 
 

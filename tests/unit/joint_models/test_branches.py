@@ -45,7 +45,8 @@ def solve_bouc_wen(branch, turns, count):
 
         def rate(_, z, sign=sign):
             growing = z * sign > 0.0
-            factor = 1.0 + np.sign(z) * branch.skew if growing else 1.0 - 2.0 * branch.loop
+            side = np.sign(z)
+            factor = 1.0 + side * branch.skew if growing else 1.0 - 2.0 * branch.loop + side * branch.lean
             return (1.0 - factor * np.abs(z) ** branch.sharpness) / branch.length
 
         places = np.linspace(start, end, count)
@@ -56,9 +57,11 @@ def solve_bouc_wen(branch, turns, count):
     return np.array(x), branch.level * np.array(u)
 
 
-@pytest.mark.parametrize(("sharpness", "skew"), [(1.0, 0.0), (1.5, 0.4), (3.0, -0.6)])
-def test_bouc_wen_against_an_ode_solver(sharpness, skew):
-    branch = BoucWen(level=2.0, length=0.1, sharpness=sharpness, loop=0.9, skew=skew)
+@pytest.mark.parametrize(
+    ("sharpness", "skew", "lean"), [(1.0, 0.0, 0.0), (1.5, 0.4, 0.0), (3.0, -0.6, 0.0), (2.0, 0.3, -0.7)]
+)
+def test_bouc_wen_against_an_ode_solver(sharpness, skew, lean):
+    branch = BoucWen(level=2.0, length=0.1, sharpness=sharpness, loop=0.9, skew=skew, lean=lean)
     errors = []
     for count in (41, 81):
         x, expected = solve_bouc_wen(branch, [0.0, 0.4, -0.3, 0.1, -0.5], count)
@@ -149,6 +152,7 @@ def test_maxwell_slip_is_a_sum_of_stops():
         (lambda: BoucWen(level=1.0, length=0.0), "length must be positive"),
         (lambda: BoucWen(level=1.0, length=1.0, loop=0.4), "a loop gives work"),
         (lambda: BoucWen(level=1.0, length=1.0, skew=1.0), "one side has no bound"),
+        (lambda: BoucWen(level=1.0, length=1.0, loop=0.7, lean=0.5), "a loop gives work"),
         (lambda: BristleBranch(law="coulomb", values=()), "known laws: dahl, lugre"),
         (lambda: BristleBranch(law="dahl", values=(("Fc", 1.0),)), "sigma0 is missing"),
         (

@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 from symid.dynamics import compute_friction_columns
-from symid.identification.friction.identify import FrictionTask, identify_friction
-from symid.identification.friction.results import build_robot_friction, describe_obstacle
+from symid.identification.friction.identify import (
+    FrictionTask,
+    build_robot_friction,
+    describe_obstacle,
+    identify_friction,
+)
 from symid.joint_models.carriers import build_numpy_carrier
 from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import compute_friction_torque
