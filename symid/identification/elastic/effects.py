@@ -488,7 +488,9 @@ def measure_eccentricity(
         if rows is None or _screen_disc(rows) < 0.5 * _DISC_GAIN:
             continue
         values, covariance, gain = _fit_disc(rows)
-        if gain > _DISC_GAIN and values @ np.linalg.pinv(covariance) @ values > _DISC_SURE:
+        # Where a joint turns little, a wave far longer than its torsion would do for a spring.
+        small = math.hypot(*values) < 0.5 * float(np.ptp(torsion))
+        if small and gain > _DISC_GAIN and values @ np.linalg.pinv(covariance) @ values > _DISC_SURE:
             found.append(
                 DriveEffect(
                     kind="link-eccentricity",

@@ -11,7 +11,7 @@ import numpy as np
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import ModelCard
 from symid.errors import Notice
-from symid.identification.elastic.regression import DriveEffect
+from symid.identification.elastic.regression import WAVES, DriveEffect
 from symid.identification.estimators import DynamicsRecord, Residual
 from symid.ipopt import Ending
 from symid.joint_models import NO_FRICTION, Elasticity, get_law
@@ -165,7 +165,7 @@ class ElasticEstimate(DynamicsRecord):
     def list_mistakes(self) -> list[str]:
         """Return what is wrong with a record from a file: entries that do not fit each other."""
         mistakes = DynamicsRecord.list_mistakes(self)
-        counts = dict.fromkeys(("torque-ripple", "kinematic-error", "link-eccentricity"), 2)
+        counts = dict.fromkeys(WAVES, 2)
         counts |= dict.fromkeys(("torque-lag", "link-friction", "torsion-offset"), 1)
         for effect in self.effects:
             count, joints = counts.get(effect.kind), range(-1, len(self.residual))

@@ -52,6 +52,7 @@ from symid.identification.elastic.elimination import (
 from symid.identification.elastic.estimate import ElasticEvidence, MethodFit, build_method_fit
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.regression import (
+    WAVES,
     DriveEffect,
     ElasticProblem,
     ElasticSignals,
@@ -598,16 +599,18 @@ def _add_model_error(work: ElasticEquations, fit: MethodFit) -> MethodFit:
     sizes = np.array([max(values[k] for k, other in enumerate(kinds) if other == kind) for kind in kinds])
     variances = np.zeros(len(fit.chi))
     states = _SPRUNG if fit.method == "simultaneous" else _STATES
+    if any(effect.kind in WAVES for effect in work.effects):
+        states = max(states, _WAVY)
     variances[: len(kinds)] = ((states + _STICKING * work.share) * sizes) ** 2
     variances[~np.isnan(work.problem.known)] = 0.0
     plain = fit.covariance if fit.plain is None else fit.plain
     return replace(fit, covariance=fit.covariance + np.diag(variances), plain=plain)
 
 
-_STATES, _SPRUNG, _STICKING = 1e-4, 5e-4, 1.5e-3
-"""Of a parameter's size, the error that filtered states leave, and that where torsions are filtered more; and
-what friction near rest leaves, for each unit of the share. Found on arms of other simulators, where no noise
-explained them."""
+_STATES, _WAVY, _SPRUNG, _STICKING = 1e-4, 3e-4, 5e-4, 2e-3
+"""Of a parameter's size, the error that filtered states leave, that where waves were taken off them, and that
+where torsions are filtered more; and what friction near rest leaves, for each unit of the share. Found on
+arms of other simulators, where no noise explained them."""
 
 
 def choose_springs(

@@ -146,6 +146,10 @@ def center_held(tau: FloatArray) -> FloatArray:
     return np.vstack([tau[:1], average_steps(tau)])
 
 
+WAVES = ("torque-ripple", "kinematic-error", "link-eccentricity")
+"""Effects that are waves over a position."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveEffect:
     """One effect.

@@ -1,5 +1,6 @@
 """How sure results of elastic joints are said to be: noise, widened deviations, contradictions, evidence."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,13 +14,14 @@ from symid.identification.elastic.methods import (
     _measure_disagreement,
     _widen,
 )
+from symid.identification.elastic.regression import DriveEffect
 from symid.logs import Recording, low_pass
 
 PERIOD = 1e-3
 SIGMA = np.array([0.01, 0.02, 0.05])
 
 
-def build_work(share=0.0):
+def build_work(share=0.0, effects=()):
     """Two base parameters and a rotor of one joint, identified without springs as 2, 1 and 0.5."""
     rows = BandRows(
         design=np.eye(3),
@@ -36,6 +38,7 @@ def build_work(share=0.0):
         identifiable=np.ones(3, dtype=bool),
         problem=SimpleNamespace(sizes=(2, 1), library=SimpleNamespace(card=card), known=np.full(3, np.nan)),
         share=share,
+        effects=effects,
     )
 
 
@@ -93,7 +96,13 @@ def test_no_parameter_is_surer_than_the_states_that_its_column_is_made_of():
     )
     # The second is of the first one's kind, and measured by its size.
     assert plain == pytest.approx([2e-4, 2e-4, 0.5e-4], rel=1e-3)
-    assert sticking == pytest.approx([8e-4, 8e-4, 2e-4], rel=1e-3)
+    assert sticking == pytest.approx([10e-4, 10e-4, 2.5e-4], rel=1e-3)
+    ripple = DriveEffect(
+        kind="torque-ripple", joint=0, values=(0.1, 0.0), deviations=(0.01, 0.01), order=100.0
+    )
+    for work, method in (build_work(effects=(ripple,)), "weighted"), (build_work(), "simultaneous"):
+        found = _add_model_error(work, replace(fit, method=method)).covariance
+        assert np.all(np.sqrt(np.diag(found)) > 2.9 * plain)
 
 
 def test_a_contradiction_must_matter_to_count():
