@@ -403,9 +403,11 @@ def prepare_methods(
 
     def identify(method: str) -> ElasticEstimate:
         stated, automatic = replace(options, method=method), method == "automatic"
-        names = AUTOMATIC_METHODS if automatic else (method,)
-        if automatic and not hidden and any(kind not in ("", "linear") for kind in spring()[1]):
-            names = (*names, "simultaneous")
+        names: tuple[str, ...] = AUTOMATIC_METHODS if automatic else (method,)
+        if automatic and any(kind not in ("", "linear") for kind in spring()[1]):
+            # The one-shot problem has no such springs; others have none for joints whose torsion is hidden.
+            names = tuple(name for name in names if name != "nlp")
+            names = names if hidden else (*names, "simultaneous")
         fits = [fit(name) for name in names]
         given = MethodSelection(
             fit=fits[0], reason="the method was given", contradiction=measure_contradiction(work, fits[0])
@@ -512,7 +514,7 @@ def _choose(
 ) -> MethodSelection:
     """Return the choice of dynamics and of the kinds of springs, those for `weighted` being given."""
     sprung, kinds = spring
-    choice = choose_fit(work, fits, kinds)
+    choice = choose_fit(work, fits)
     if choice.fit.method == "weighted":
         return replace(choice, fit=sprung)
     # Stops and knees that suit one method suit all that have them.

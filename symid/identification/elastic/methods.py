@@ -6,9 +6,10 @@
 
 Rows are the sum of motor and link equations in a band. Every fold leaves blocks of time out, springs held as
 they are. Of the methods whose score is within two standard errors, or 5 %, of the least one, that of the
-smallest deviations is taken. The one-shot problem must first agree with the weighted elimination, of
-covariance C_w (Hausman 1978), up to what does not matter, T; friction near rest is not the same in its rows.
-And no joint may have a spring that it cannot describe. What is left of a contradiction widens its deviations.
+smallest deviations is taken. Methods that rest on springs, the one-shot problem and the simultaneous one that
+takes its place for springs of other kinds, must first agree with the weighted elimination, of covariance
+C_w (Hausman 1978), up to what does not matter, T; friction near rest is not the same in their rows. What is
+left of a contradiction widens their deviations.
 
 Supported: all names of `METHODS`.
 Not supported: springs of other kinds inside the one-shot problem.
@@ -437,7 +438,7 @@ def _measure_sizes(work: ElasticEquations, chi: FloatArray) -> FloatArray:
 
 
 AUTOMATIC_METHODS = ("linear-spring", "two-step", "elimination", "weighted", "nlp")
-"""And "simultaneous", where a spring is of another kind than stops and knees."""
+"""But "simultaneous" in place of "nlp", where a spring is of another kind than stops and knees."""
 _LEVEL, _TOLERATED = 0.999, 1e-3
 """Of a contradiction: its level, and what of a parameter's size is none."""
 
@@ -456,17 +457,10 @@ class MethodSelection:
     notices: tuple[Notice, ...] = ()
 
 
-def choose_fit(
-    work: ElasticEquations, fits: Sequence[MethodFit], kinds: Sequence[str] = ()
-) -> MethodSelection:
-    """Return the choice among `fits`, at least one of which is usable.
-
-    `kinds` are names of springs, one a joint, that describe a joint better than stops and knees; "" for none.
-    """
+def choose_fit(work: ElasticEquations, fits: Sequence[MethodFit]) -> MethodSelection:
+    """Return the choice among `fits`, at least one of which is usable."""
     usable = [fit for fit in fits if fit.outcome.usable and np.all(np.isfinite(fit.chi))]
-    found = {
-        fit.method: _find_contradiction(work, fit, kinds) for fit in usable if fit.method in SPRUNG_METHODS
-    }
+    found = {fit.method: _find_contradiction(work, fit) for fit in usable if fit.method in SPRUNG_METHODS}
     notices = tuple(
         Notice(code="elastic.contradiction", text=f"the method {method} was left out of the choice: {why}")
         for method, (why, _) in found.items()
@@ -494,19 +488,12 @@ def choose_fit(
     )
 
 
-def _find_contradiction(work: ElasticEquations, fit: MethodFit, kinds: Sequence[str]) -> tuple[str, float]:
-    """Return what speaks against a fit by stops and knees, "" for nothing, and chi^2 over its limit."""
+def _find_contradiction(work: ElasticEquations, fit: MethodFit) -> tuple[str, float]:
+    """Return what speaks against a fit that rests on springs, "" for nothing, and chi^2 over its limit."""
     from scipy.special import chdtri
 
-    others = [
-        f"that of {card.name!r} is {kind}"
-        for card, kind in zip(work.problem.library.card.joints, kinds, strict=False)
-        if kind not in ("", "linear")
-    ]
     chi2, count = _measure_disagreement(work, fit, _TOLERATED)
     limit = float(chdtri(max(1, count), 1.0 - _LEVEL))
-    if others and fit.method == "nlp":
-        return f"its springs have stops and knees, and {', '.join(others)}", chi2 / limit
     if chi2 <= limit:
         return "", chi2 / limit
     text = (
@@ -555,7 +542,7 @@ _FAR, _NAMED = 3.0, 2
 
 def measure_contradiction(work: ElasticEquations, fit: MethodFit) -> float:
     """Return chi^2 of a fit that rests on springs against dynamics without, over its limit; 0 for others."""
-    return _find_contradiction(work, fit, ())[1] if fit.method in SPRUNG_METHODS else 0.0
+    return _find_contradiction(work, fit)[1] if fit.method in SPRUNG_METHODS else 0.0
 
 
 def _measure_disagreement(
