@@ -405,7 +405,7 @@ def prepare_methods(
         stated, automatic = replace(options, method=method), method == "automatic"
         names: tuple[str, ...] = AUTOMATIC_METHODS if automatic else (method,)
         if automatic and any(kind not in ("", "linear") for kind in spring()[1]):
-            # The one-shot problem has no such springs; others have none for joints whose torsion is hidden.
+            # The one-shot problem has no such springs; a hidden torsion has none to rely on.
             names = tuple(name for name in names if name != "nlp")
             names = names if hidden else (*names, "simultaneous")
         fits = [fit(name) for name in names]

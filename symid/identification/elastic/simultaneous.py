@@ -125,18 +125,18 @@ def build_side_rows(problem: ElasticProblem, fit: MethodFit, *, zeros: bool = Fa
     `zeros`: whether those of the encoders may be off, so that springs have an offset in every recording.
     """
     sides, size = _build_sides(problem, fit), problem.sizes[1]
-    if zeros:
-        sides = [
-            entry._replace(design=entry.free(entry.design), right=entry.free(entry.right)) for entry in sides
-        ]
     times = [np.repeat(list_row_times(problem, number), 2 * size) for number in range(len(sides))]
-    return LinearRows(*_stack(sides), np.concatenate(times))
+    return LinearRows(*_stack(sides, zeros=zeros), np.concatenate(times))
 
 
-def _stack(sides: Sequence[_Sides]) -> tuple[FloatArray, FloatArray]:
-    count = sides[0].design.shape[-1]
-    design = np.concatenate([entry.design.reshape(-1, count) for entry in sides])
-    return design, np.concatenate([entry.right.reshape(-1) for entry in sides])
+def _stack(sides: Sequence[_Sides], *, zeros: bool) -> tuple[FloatArray, FloatArray]:
+    """Return design (M, p + n + pf) and right sides (M,) of all recordings; `zeros` as above."""
+    parts = [(entry.design, entry.right) for entry in sides]
+    if zeros:
+        parts = [(entry.free(entry.design), entry.free(entry.right)) for entry in sides]
+    designs, rights = zip(*parts, strict=True)
+    design = np.concatenate([entry.reshape(-1, entry.shape[-1]) for entry in designs])
+    return design, np.concatenate([entry.reshape(-1) for entry in rights])
 
 
 def calm_torsions(wide: ElasticProblem, narrow: ElasticProblem, fit: MethodFit) -> ElasticProblem:
@@ -145,26 +145,21 @@ def calm_torsions(wide: ElasticProblem, narrow: ElasticProblem, fit: MethodFit) 
     Noise that turns a torsion back moves springs with memory and no sharp thresholds a little every time;
     a cut-off that takes it away bends fast motion. `fit` has the springs, `narrow` the same recordings.
     """
-    joints = range(len(fit.elasticity))
-    left = [
-        [
-            np.array([np.std(torque - link[:, joint]) for torque, link in zip(torques, links, strict=True)])
-            for joint in joints
-            for torques in [filter_spring(problem, fit.elasticity[joint], joint)]
-        ]
-        for problem in (wide, narrow)
-        for links in [[rows.compute_link_side(fit.chi) for rows in problem.filtered]]
-    ]
-    calmer = np.array(left[1]) < np.array(left[0])
+    calmer = _measure_left(narrow, fit) < _measure_left(wide, fit)
     signals = []
-    for part, other, better in zip(wide.signals, narrow.signals, calmer.T, strict=True):
+    for part, other, better in zip(wide.signals, narrow.signals, calmer, strict=True):
         # A lower cut-off cuts more of the end.
         count = min(len(part.time), len(other.time))
         error = part.phi - (part.theta - part.q)
-        gain = np.where(better, other.phi[:count] - part.phi[:count], 0.0)
-        error[:count] += gain
+        error[:count] += np.where(better, other.phi[:count] - part.phi[:count], 0.0)
         signals.append(replace(part, error=error))
     return replace(wide, signals=tuple(signals))
+
+
+def _measure_left(problem: ElasticProblem, fit: MethodFit) -> FloatArray:
+    """Return the scatter (r, n) that springs leave of the links' torque in every recording, N m or N."""
+    pairs = zip(compute_spring_torques(problem, fit), problem.filtered, strict=True)
+    return np.array([np.std(torque - rows.compute_link_side(fit.chi), axis=0) for torque, rows in pairs])
 
 
 def fit_simultaneous(wide: ElasticProblem, narrow: ElasticProblem, start: MethodFit) -> MethodFit:
@@ -257,18 +252,19 @@ class _Springs:
         return np.column_stack(columns)
 
 
-def _follow_springs(problem: ElasticProblem, fit: MethodFit) -> tuple[LinearRows, _Springs]:
-    """Return both equations over their scatter about `fit`, and how its springs change their right sides."""
-    rows = build_side_rows(problem, fit, zeros=True)
+def _follow_springs(problem: ElasticProblem, fit: MethodFit) -> tuple[FloatArray, _Springs]:
+    """Return the design (M, p + n + pf) of both equations, and how springs move their right sides."""
+    sides = _build_sides(problem, fit)
+    design, right = _stack(sides, zeros=True)
     springs = _Springs(
         problem=problem,
         start=fit.elasticity,
-        sides=_build_sides(problem, fit),
+        sides=sides,
         numbers=_list_numbers(fit.elasticity, problem.gives),
-        right=rows.right,
+        right=right,
         begun=[filter_spring(problem, spring, joint) for joint, spring in enumerate(fit.elasticity)],
     )
-    return rows, springs
+    return design, springs
 
 
 def _improve(problem: ElasticProblem, fit: MethodFit) -> tuple[MethodFit, float]:
@@ -278,10 +274,10 @@ def _improve(problem: ElasticProblem, fit: MethodFit) -> tuple[MethodFit, float]
     """
     from scipy.optimize import least_squares
 
-    rows, springs = _follow_springs(problem, fit)
+    design, springs = _follow_springs(problem, fit)
     free = np.isnan(problem.known)
-    base: FloatArray = np.linalg.qr(rows.design[:, free], mode="reduced")[0]
-    given = rows.design[:, ~free] @ problem.known[~free]
+    base: FloatArray = np.linalg.qr(design[:, free], mode="reduced")[0]
+    given = design[:, ~free] @ problem.known[~free]
 
     def project(values: FloatArray) -> FloatArray:
         return np.asarray(values - base @ (base.T @ values))
@@ -295,15 +291,16 @@ def _improve(problem: ElasticProblem, fit: MethodFit) -> tuple[MethodFit, float]
         ftol=_SAME**2,
         xtol=_SAME,
     )
-    chi = solve_with_signs(problem.library.card, rows.design, springs.move(found.x), problem.known)
+    chi = solve_with_signs(problem.library.card, design, springs.move(found.x), problem.known)
     moved = float(np.max(np.abs(found.x - 1.0), initial=0.0))
     return build_method_fit(fit.method, chi, problem.sizes, springs.build(found.x)), moved
 
 
 def _measure_covariance(problem: ElasticProblem, fit: MethodFit) -> FloatArray:
     """Return the covariance (p + n + pf, p + n + pf) of the dynamics, whatever the springs are."""
-    rows, springs = _follow_springs(problem, fit)
+    design, springs = _follow_springs(problem, fit)
     count = len(springs.numbers)
-    whole = np.hstack([rows.design, -springs.differentiate(np.ones(count))])
+    whole = np.hstack([design, -springs.differentiate(np.ones(count))])
     known = np.concatenate([problem.known, np.full(count, np.nan)])
-    return compute_covariance(whole, rows.right - rows.design @ fit.chi, known)[:-count, :-count]
+    dynamics = slice(len(fit.chi))
+    return compute_covariance(whole, springs.right - design @ fit.chi, known)[dynamics, dynamics]
