@@ -18,6 +18,14 @@ if TYPE_CHECKING:
         build_spring_vector as build_spring_vector,
         list_robot_specs as list_robot_specs,
     )
+    from symid.codegen.compiled_models import (
+        PlantExperiment as PlantExperiment,
+        PlantLog as PlantLog,
+        PlantRobot as PlantRobot,
+        has_addresses as has_addresses,
+        load_plant_code as load_plant_code,
+        run_compiled_branch as run_compiled_branch,
+    )
     from symid.codegen.compiler import locate_compiler as locate_compiler
     from symid.codegen.element_code import (
         ElementCode as ElementCode,
@@ -37,13 +45,6 @@ if TYPE_CHECKING:
         generate_folder as generate_folder,
     )
     from symid.codegen.library import Library as Library
-    from symid.codegen.plant_code import (
-        PlantExperiment as PlantExperiment,
-        PlantLog as PlantLog,
-        PlantRobot as PlantRobot,
-        has_addresses as has_addresses,
-        load_plant_code as load_plant_code,
-    )
     from symid.codegen.routes import (
         RouteCount as RouteCount,
         count_route_operations as count_route_operations,

@@ -41,9 +41,12 @@ if TYPE_CHECKING:
         write_dynamic_latex as write_dynamic_latex,
     )
     from symid.joint_models.element import (
+        BranchPath as BranchPath,
         ElementStep as ElementStep,
         Start as Start,
+        SteppedBranch as SteppedBranch,
         advance_element as advance_element,
+        build_branch_step as build_branch_step,
         describe_inverse as describe_inverse,
         find_input as find_input,
         find_least_slope as find_least_slope,
@@ -54,9 +57,11 @@ if TYPE_CHECKING:
         is_passive_element as is_passive_element,
         list_element_values as list_element_values,
         needs_time as needs_time,
+        run_branch as run_branch,
         run_element as run_element,
         start_element as start_element,
         start_states as start_states,
+        strip_branch as strip_branch,
         trace_branch as trace_branch,
     )
     from symid.joint_models.friction_catalogue import (

@@ -361,6 +361,14 @@ class ElementRun:
     states: tuple[float, ...]
 
 
+SteppedBranch = BoucWen | BristleBranch | AttractedSlip | Relaxation
+"""Branches whose states follow from those before, step by step."""
+BranchPath = tuple[FloatArray, ...]
+"""Input, way to each sample, rad or m, velocity, rad/s or m/s, and length of the step, s, (N,) each."""
+BranchRunner = Callable[[SteppedBranch, BranchPath, FloatArray], FloatArray]
+"""Returns the states (N, n) of a branch after every sample of a path, from those before it (n,)."""
+
+
 def run_element(
     elasticity: Elasticity,
     position: FloatArray,
@@ -368,6 +376,7 @@ def run_element(
     *,
     start: Start | Sequence[float] = "zero",
     velocity: FloatArray | None = None,
+    runner: BranchRunner | None = None,
 ) -> ElementRun:
     """Return what an element does along a recording whose input does not turn back between samples.
 
@@ -377,6 +386,7 @@ def run_element(
         time: (N,) s, increasing; None where the element does not need it.
         start: what it remembers before the first sample, or its states there.
         velocity: (N,) rad/s or m/s; None where it is the way to each sample over the time that it took.
+        runner: steps branches; None for CasADi's virtual machine.
 
     Raises:
         RobotError: an element that depends on the speed and no time.
@@ -386,7 +396,7 @@ def run_element(
     periods = _read_periods(elasticity, len(position), time)
     if velocity is None:
         velocity = np.diff(position, prepend=states[0]) / periods
-    traces = _trace_states(elasticity, (position, velocity, periods), states)
+    traces = _trace_states(elasticity, (position, velocity, periods), states, runner)
     step = advance_element(
         build_numpy_carrier(),
         elasticity,
@@ -404,7 +414,10 @@ def run_element(
 
 
 def _trace_states(
-    elasticity: Elasticity, recording: tuple[FloatArray, FloatArray, FloatArray], states: tuple[float, ...]
+    elasticity: Elasticity,
+    recording: tuple[FloatArray, FloatArray, FloatArray],
+    states: tuple[float, ...],
+    runner: BranchRunner | None,
 ) -> list[FloatArray]:
     """Return every state (N + 1,) along position, velocity and periods: before, and after every sample."""
     position, velocity, periods = recording
@@ -421,7 +434,7 @@ def _trace_states(
     path = (middle[1:], np.diff(middle), velocity, periods)
     for branch in elasticity.branches:
         size = count_states(branch)
-        traces += list(trace_branch(branch, path, states[at : at + size]).T)
+        traces += list(trace_branch(branch, path, states[at : at + size], runner).T)
         at += size
     return traces
 
@@ -444,11 +457,10 @@ def _read_periods(elasticity: Elasticity, count: int, time: FloatArray | None) -
     return np.concatenate([steps[:1], steps]) if count > 1 else np.ones(count)
 
 
-def trace_branch(branch: Branch, path: tuple[FloatArray, ...], states: Sequence[float]) -> FloatArray:
-    """Return the states (N + 1, n) of a branch along a path: before it, and after every sample.
-
-    `path`: input, way to each sample, rad or m, velocity, rad/s or m/s, and length of the step, s.
-    """
+def trace_branch(
+    branch: Branch, path: BranchPath, states: Sequence[float], runner: BranchRunner | None = None
+) -> FloatArray:
+    """Return the states (N + 1, n) of a branch along a path: before it, and after every sample."""
     (position, _, velocity, _), memory = path, np.array(states, dtype=np.float64)
     if isinstance(branch, SlipSpring):
         speed = np.abs(velocity)
@@ -458,55 +470,54 @@ def trace_branch(branch: Branch, path: tuple[FloatArray, ...], states: Sequence[
         places = branch.low + branch.step * np.array(branch.pairs, dtype=np.float64).reshape(-1, 2).T
         ramps = [np.clip((position[:, None] - edge) / branch.step, 0.0, 1.0) for edge in places]
         after = compute_clamps(ramps[0], ramps[1], memory)
+    elif len(position):
+        after = (runner or run_branch)(branch, path, memory)
     else:
-        after = _accumulate(branch, path, memory)
+        after = np.empty((0, len(memory)))
     return np.vstack([memory, after])
 
 
-def _accumulate(
-    branch: BoucWen | BristleBranch | AttractedSlip | Relaxation,
-    path: tuple[FloatArray, ...],
-    memory: FloatArray,
-) -> FloatArray:
+def run_branch(branch: SteppedBranch, path: BranchPath, states: FloatArray) -> FloatArray:
     """Return the states (N, n) of a branch after every sample, step by step in CasADi's virtual machine."""
-    position = path[0]
-    if not len(position):
-        return np.empty((0, len(memory)))
-    values = branch.list_values()
-    # Numbers are inputs, so that one function serves all numbers of a structure.
-    plain: BoucWen | BristleBranch | AttractedSlip | Relaxation
-    match branch:
-        case BristleBranch():
-            plain = replace(branch, values=tuple((name, 1.0) for name, _ in branch.values))
-        case AttractedSlip():
-            places = tuple(float(k) for k in range(1, len(branch.thresholds) + 1))
-            plain = AttractedSlip(
-                thresholds=places, stiffnesses=places, excess=0.0, speed=1.0, attraction=1.0
-            )
-        case BoucWen():
-            plain = BoucWen(level=1.0, length=1.0, loop=1.0, lean=0.5 if branch.lean else 0.0)
-        case Relaxation():
-            plain = Relaxation(stiffness=1.0, time=1.0)
-    function = _build_accumulation(plain, len(position))
-    motions = np.vstack(path)
-    table = np.tile(np.array(list(values.values()))[:, None], (1, len(position)))
-    return np.asarray(function(memory, motions, table).full().T)
+    count, values = len(path[0]), list(branch.list_values().values())
+    table = np.tile(np.array(values)[:, None], (1, count))
+    return np.asarray(_accumulate(strip_branch(branch), count)(states, np.vstack(path), table).full().T)
 
 
 @lru_cache(maxsize=32)
-def _build_accumulation(branch: BoucWen | BristleBranch | AttractedSlip | Relaxation, count: int) -> Any:  # noqa: ANN401  casadi
-    """Return the function (states, motions, numbers) -> states after each of `count` steps."""
+def _accumulate(plain: SteppedBranch, count: int) -> Any:  # noqa: ANN401  casadi
+    return build_branch_step(plain).mapaccum(count)
+
+
+def strip_branch(branch: SteppedBranch) -> SteppedBranch:
+    """Return a branch of the same structure with numbers that do not matter."""
+    match branch:
+        case BristleBranch():
+            return replace(branch, values=tuple((name, 1.0) for name, _ in branch.values))
+        case AttractedSlip():
+            places = tuple(float(k) for k in range(1, len(branch.thresholds) + 1))
+            return AttractedSlip(thresholds=places, stiffnesses=places, excess=0.0, speed=1.0, attraction=1.0)
+        case BoucWen():
+            return BoucWen(level=1.0, length=1.0, loop=1.0, lean=0.5 if branch.lean else 0.0)
+        case Relaxation():
+            return Relaxation(stiffness=1.0, time=1.0)
+
+
+def build_branch_step(plain: SteppedBranch) -> Any:  # noqa: ANN401  casadi
+    """Return CasADi's function (states, a sample of the path, numbers) -> states after it.
+
+    The numbers, in the order of `list_values`, are inputs: one function serves all branches of a structure.
+    """
     import casadi
 
-    names = tuple(branch.list_values())
-    states = casadi.SX.sym("states", count_states(branch))
+    names = tuple(plain.list_values())
+    states = casadi.SX.sym("states", count_states(plain))
     given, numbers = casadi.SX.sym("motion", 4), casadi.SX.sym("numbers", len(names))
     position, way, velocity, period = casadi.vertsplit(given)
     motion = ElementMotion(position=position, way=way, velocity=velocity, period=period)
     values = dict(zip(names, casadi.vertsplit(numbers), strict=True))
-    step = branch.advance(build_casadi_carrier(), values, motion, casadi.vertsplit(states))
-    function = casadi.Function("step", [states, given, numbers], [casadi.vertcat(*step.states)])
-    return function.mapaccum(count)
+    step = plain.advance(build_casadi_carrier(), values, motion, casadi.vertsplit(states))
+    return casadi.Function("step", [states, given, numbers], [casadi.vertcat(*step.states)])
 
 
 _Step = ElementStep[float]

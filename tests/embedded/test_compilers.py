@@ -33,7 +33,7 @@ def test_no_compiler_warns(folder, tmp_path, compiler):
 @each_compiler
 def test_the_self_test_passes_under_sanitizers(folder, tmp_path, figure, compiler):
     program = find_tool(compiler)
-    flags = ("-std=c99", "-g", "-O1", *SANITIZE, f"-I{folder.path}")
+    flags = ("-std=c99", "-g1", "-O1", *SANITIZE, f"-I{folder.path}")
     run_command(
         program, *flags, *folder.library, folder.path / "selftest.c", "-lm", "-o", tmp_path / "selftest"
     )
@@ -80,7 +80,7 @@ def test_cppcheck_does_find_something(tmp_path):
 @with_folders(("two_link", "two_link_elastic"), ("double",))
 @each_compiler
 def test_the_example_runs_under_sanitizers(folder, tmp_path, compiler):
-    flags = ("-std=c99", "-g", "-O1", *SANITIZE, f"-I{folder.path}")
+    flags = ("-std=c99", "-g1", "-O1", *SANITIZE, f"-I{folder.path}")
     example, target = folder.path / "control_loop.c", tmp_path / "loop"
     run_command(find_tool(compiler), *flags, *folder.library, example, "-lm", "-o", target)
     (error,) = re.findall(r"over 5 s: (\S+) rad", run_command(target))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
-from symid.codegen.plant_code import has_addresses
+from symid.codegen.compiled_models import has_addresses
 from symid.identification.elastic.methods import build_elastic_equations, fit_method
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.rigid.fit import identify_parameters

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays, freeze
-from symid.codegen import Library, ModelCard, ParameterCard
+from symid.codegen import Library, ModelCard, ParameterCard, run_compiled_branch
 from symid.errors import LogError, Notice, UsageError
 from symid.identification.elastic.options import ElasticOptions, check_grids
 from symid.identification.hysteresis import (
@@ -530,7 +530,7 @@ def compute_joint_torque(spring: Elasticity, signals: ElasticSignals, joint: int
     if spring.is_plain:
         return compute_hysteresis_torque(spring, torsion, (signals.dtheta - signals.dq)[:, joint])
     rate = differentiate_smooth(torsion, signals.period)
-    return run_element(spring, torsion, signals.time, velocity=rate).output
+    return run_element(spring, torsion, signals.time, velocity=rate, runner=run_compiled_branch).output
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

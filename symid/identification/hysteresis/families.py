@@ -19,6 +19,7 @@ from typing import final
 import numpy as np
 
 from symid.arrays import FloatArray, FrozenArrays
+from symid.codegen import run_compiled_branch
 from symid.joint_models import (
     AttractedSlip,
     BoucWen,
@@ -89,7 +90,9 @@ class ElementPath(FrozenArrays):
         side = {"below": 1.0, "above": -1.0}.get(self.start, 0.0)
         states = branch.start(build_float_carrier(), begin, side)
         ways = np.diff(self.position, prepend=begin)
-        return trace_branch(branch, (self.position, ways, self.velocity, self.period), states)[1:]
+        return trace_branch(
+            branch, (self.position, ways, self.velocity, self.period), states, run_compiled_branch
+        )[1:]
 
 
 Limits = tuple[FloatArray, FloatArray]

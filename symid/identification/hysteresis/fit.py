@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays
+from symid.codegen import run_compiled_branch
 from symid.errors import Notice, UsageError
 from symid.identification.hysteresis.families import (
     BoucWenFamily,
@@ -988,7 +989,10 @@ def predict_output(elasticity: Elasticity, path: ElementPath) -> FloatArray:
     if path.begins[1:]:
         return np.concatenate([predict_output(elasticity, part) for part in path.split()])
     time = np.cumsum(path.period)
-    return run_element(elasticity, path.position, time, start=path.start, velocity=path.velocity).output
+    run = run_element(
+        elasticity, path.position, time, start=path.start, velocity=path.velocity, runner=run_compiled_branch
+    )
+    return run.output
 
 
 def choose_spring(

@@ -9,13 +9,13 @@ from symid.codegen import source_text
 from symid.codegen.c_friction import generate_friction_state
 from symid.codegen.c_library import generate_c_library, write_python_call
 from symid.codegen.casadi_functions import build_functions
+from symid.codegen.compiled_models import write_branch, write_springs
 from symid.codegen.element_code import ElementCode, build_sources
-from symid.codegen.plant_code import write_springs
 from symid.codegen.printing import write_literal
 from symid.codegen.python_targets import generate_casadi_target, generate_python_module
 from symid.codegen.source_text import GenerateOptions, read_template_bytes, write_template
 from symid.errors import GenerationError, UsageError
-from symid.joint_models import Elasticity, FrictionValues, get_dynamic_law
+from symid.joint_models import Elasticity, FrictionValues, Relaxation, get_dynamic_law
 from symid.robot import load_robot
 
 
@@ -45,6 +45,7 @@ def test_every_template_is_written_by_a_target(monkeypatch):
     for target in ("c", "python", "casadi"):
         build_sources(Elasticity(stiffness=1.0), ElementCode(target=target))
     write_springs((Elasticity(stiffness=1.0, offset=0.5),))
+    write_branch(Relaxation(stiffness=1.0, time=1.0))
     folders = ("c", "python", "casadi", "element")
     assert sorted(written) == sorted(dict(read_template_bytes(*folders)))
 

@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 
 import symid
 from symid.codegen.cache import prepare_library
-from symid.codegen.plant_code import PlantExperiment
+from symid.codegen.compiled_models import PlantExperiment
 from symid.robot.toml_reader import parse_robot
 from symid.simulation.elastic_plant import (
     build_plant_robot,

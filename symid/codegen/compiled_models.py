@@ -1,17 +1,22 @@
-"""The compiled plant of elastic robots: built once for all robots, kept in the cache, called without copies.
+"""What simulations and fits run for long, compiled once, kept in the cache, called without copies.
 
-The source is one file that knows no robot; it calls the robot's functions through their addresses. The
-records are plain arrays: n joints with m stops and l knees each; what a joint lacks has a weight or slope of
-zero. Springs of other kinds are compiled once for their numbers, and called in the same way.
+    plant     of elastic robots: one file that knows no robot calls the robot's functions by their addresses.
+              Records are plain arrays: n joints with m stops and l knees each; what a joint lacks has a
+              weight or slope of zero. Springs of other kinds are compiled for their numbers.
+    branch    of an element along a recording: its step, as C of CasADi, in one loop over the samples, for
+              all numbers of a structure; the bytes of CasADi's virtual machine, sooner.
 
-Supported: libraries in double precision; several processes at once.
-Not supported: machines without a compiler (the simulation has a NumPy version for those); anything that
-changes during an experiment but the references.
+Supported: libraries in double precision; several processes at once; branches on machines without a compiler,
+or without a place for what it makes: there the virtual machine steps.
+Not supported: the plant without a compiler (the simulation has a NumPy version for that); anything that
+changes during an experiment but the references; derivatives of branches.
 """
 
 import ctypes
 import platform
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import final
 
@@ -19,14 +24,22 @@ import numpy as np
 
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen.cache import CacheEntry, obtain_entry
-from symid.codegen.compiler import compile_sources, locate_compiler
+from symid.codegen.compiler import Compiler, compile_sources, locate_compiler
 from symid.codegen.element_code import build_step
 from symid.codegen.library import Library, open_shared
 from symid.codegen.printing import print_c
 from symid.codegen.source_text import build_library_prefix, write_template
 from symid.environment import locate_resource_folder
-from symid.errors import GenerationError, Notice
-from symid.joint_models import REFERENCE_TEMPERATURE, Elasticity
+from symid.errors import GenerationError, Notice, OutputError
+from symid.joint_models import (
+    REFERENCE_TEMPERATURE,
+    BranchPath,
+    Elasticity,
+    SteppedBranch,
+    build_branch_step,
+    run_branch,
+    strip_branch,
+)
 from symid.serialization import compute_signature
 
 
@@ -126,8 +139,8 @@ class PlantLog:
                 getattr(self, field.name).setflags(write=False)
 
 
-_PLANT_BINARY = "plant.so"
 _ELEMENT = "symid_plant_pull"
+_BRANCH = "symid_branch"
 _READS = {"q": 1, "load": 2, "temperature": 4}
 _SIZES = ("n", "m", "l")
 _TABLES = ("rotor", "stiffness", "cubic", "damping", "radius", "weight", "knee", "slope")
@@ -245,28 +258,28 @@ def load_plant_code(
     found = locate_compiler(compiler)
     if found is None:
         return None
-    machine = (platform.system(), platform.machine())
-
-    def load(name: str, text: str) -> tuple[ctypes.CDLL, tuple[Notice, ...]]:
-        def make(folder: Path) -> None:
-            folder.mkdir()
-            (folder / f"{name}.c").write_text(text, encoding="utf-8")
-            compile_sources(found, [folder / f"{name}.c"], folder / _PLANT_BINARY)
-
-        key = compute_signature(name, text, found, machine)
-        return obtain_entry(
-            CacheEntry(
-                name=name, key=key, make=make, load=lambda folder: open_shared(folder / _PLANT_BINARY)
-            ),
-            cache,
-        )
-
     source = locate_resource_folder("templates") / "c/plant.c"
-    shared, notices = load("plant", source.read_text(encoding="utf-8"))
+    shared, notices = _obtain_code("plant", source.read_text(encoding="utf-8"), found, cache)
     if not springs:
         return CompiledPlant(shared=shared, notices=notices)
-    own, more = load("springs", write_springs(springs))
+    own, more = _obtain_code("springs", write_springs(springs), found, cache)
     return CompiledPlant(shared=shared, springs=own, notices=tuple(dict.fromkeys((*notices, *more))))
+
+
+def _obtain_code(
+    name: str, text: str, compiler: Compiler, cache: Path | None
+) -> tuple[ctypes.CDLL, tuple[Notice, ...]]:
+    """Return the library of one file of C, from the cache or made now, and notices."""
+    binary = f"{name}.so"
+
+    def make(folder: Path) -> None:
+        folder.mkdir()
+        (folder / f"{name}.c").write_text(text, encoding="utf-8")
+        compile_sources(compiler, [folder / f"{name}.c"], folder / binary)
+
+    key = compute_signature(name, text, compiler, (platform.system(), platform.machine()))
+    entry = CacheEntry(name=name, key=key, make=make, load=lambda folder: open_shared(folder / binary))
+    return obtain_entry(entry, cache)
 
 
 def write_springs(springs: tuple[Elasticity, ...]) -> str:
@@ -279,3 +292,43 @@ def write_springs(springs: tuple[Elasticity, ...]) -> str:
         helpers += [helper for helper in body.helpers if helper not in helpers]
         joints.append({"lines": body.statements, "size": program.spec.inputs[1].size})
     return write_template("element/springs.c.jinja", {"helpers": helpers, "joints": joints, "name": _ELEMENT})
+
+
+def run_compiled_branch(branch: SteppedBranch, path: BranchPath, states: FloatArray) -> FloatArray:
+    """Return the states (N, n) of a branch after every sample of a path, from those before it (n,)."""
+    call = _load_branch(strip_branch(branch))
+    if call is None:
+        return run_branch(branch, path, states)
+    motions = np.ascontiguousarray(np.vstack(path), dtype=np.float64)
+    numbers = np.array(list(branch.list_values().values()), dtype=np.float64)
+    before, after = np.array(states, dtype=np.float64), np.empty((motions.shape[1], len(states)))
+    pointers = (ctypes.c_void_p(array.ctypes.data) for array in (motions, numbers, before, after))
+    call(ctypes.c_size_t(len(after)), *pointers)
+    return after
+
+
+@lru_cache(maxsize=64)
+def _load_branch(plain: SteppedBranch) -> Callable[..., None] | None:
+    """Return the compiled loop of a structure; None where this machine makes none."""
+    compiler = locate_compiler()
+    if compiler is None:
+        return None
+    try:
+        shared, _ = _obtain_code("branch", write_branch(plain), compiler, None)
+    except (GenerationError, OutputError):
+        # Nothing is lost but time, and who needs the library of a robot is told the reason there.
+        return None
+    found: Callable[..., None] = getattr(shared, _BRANCH)
+    return found
+
+
+def write_branch(plain: SteppedBranch) -> str:
+    """Return the C of a structure's loop."""
+    import casadi
+
+    step = build_branch_step(plain)
+    generator = casadi.CodeGenerator("step")
+    generator.add(step)
+    return write_template(
+        "element/branch.c.jinja", {"step": generator.dump(), "size": step.size1_out(0), "name": _BRANCH}
+    )

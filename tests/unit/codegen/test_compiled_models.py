@@ -1,4 +1,4 @@
-"""The compiled plant: kept under its key, made again when damaged, told where it stands."""
+"""The compiled plant and branches: kept under their keys, made again when damaged, told where they stand."""
 
 import shutil
 import subprocess
@@ -6,17 +6,29 @@ import subprocess
 import numpy as np
 import pytest
 
-from symid.codegen import cache, plant_code
-from symid.codegen.plant_code import PlantExperiment, PlantLog, PlantRobot, load_plant_code
+from symid.codegen import cache, compiled_models
+from symid.codegen.compiled_models import (
+    PlantExperiment,
+    PlantLog,
+    PlantRobot,
+    load_plant_code,
+    run_compiled_branch,
+)
 from symid.errors import GenerationError, OutputError
+from symid.joint_models import Relays, SlipSpring, run_branch, run_element, strip_branch
+from tests.elements import ELEMENTS
 
 FIELDS = ("q", "dq", "theta", "dtheta", "spring", "torque", "work", "friction", "elastic", "damped")
+
+
+def is_stepped(branch):
+    return not isinstance(branch, Relays | SlipSpring)
 
 
 def test_the_plant_is_made_once(tmp_path, c_compiler, monkeypatch):
     assert load_plant_code(cache=tmp_path).notices == ()
     (made,) = tmp_path.glob("plant-*")
-    monkeypatch.setattr(plant_code, "compile_sources", None)
+    monkeypatch.setattr(compiled_models, "compile_sources", None)
     assert load_plant_code(cache=tmp_path).notices == ()
     assert list(tmp_path.iterdir()) == [made]
 
@@ -33,7 +45,9 @@ def test_a_damaged_file_is_made_again_and_said(tmp_path, c_compiler):
 
 
 def test_a_plant_that_does_not_load_is_an_error(tmp_path, c_compiler, monkeypatch):
-    monkeypatch.setattr(plant_code, "compile_sources", lambda *arguments: arguments[-1].write_bytes(b"no"))
+    monkeypatch.setattr(
+        compiled_models, "compile_sources", lambda *arguments: arguments[-1].write_bytes(b"no")
+    )
     with pytest.raises(GenerationError) as caught:
         load_plant_code(cache=tmp_path)
     assert caught.value.notices[0].code == "codegen.cannot-load"
@@ -112,3 +126,41 @@ def test_records_keep_their_arrays_from_being_written():
     log = PlantLog(**{name: values.copy() for name in FIELDS}, ticks=4)
     with pytest.raises(ValueError, match="read-only"):
         log.q[0, 0] = 2.0
+
+
+STEPPED = sorted(name for name, element in ELEMENTS.items() if any(is_stepped(b) for b in element.branches))
+
+
+@pytest.mark.parametrize("name", STEPPED)
+def test_a_compiled_branch_has_the_bytes_of_the_virtual_machine(name, c_compiler):
+    element, rng = ELEMENTS[name], np.random.default_rng(3)
+    x, t = np.cumsum(rng.normal(size=700)) * 0.02, np.cumsum(rng.uniform(0.5, 1.5, 700)) * 1e-2
+    compiled_models._load_branch.cache_clear()
+    assert all(compiled_models._load_branch(strip_branch(b)) for b in element.branches if is_stepped(b))
+    plain, compiled = (run_element(element, x, t, runner=runner) for runner in (None, run_compiled_branch))
+    np.testing.assert_array_equal(compiled.output, plain.output)
+    assert compiled.states == plain.states
+    assert np.ptp(plain.output) > 0.0
+
+
+@pytest.mark.parametrize("fault", ["no compiler", "no place", "no code"])
+def test_without_compiled_code_the_virtual_machine_steps(fault, tmp_path, monkeypatch):
+    (branch,) = ELEMENTS["bouc-wen"].branches
+    x = 0.1 * np.sin(np.linspace(0.0, 9.0, 50))
+    path = (x, np.diff(x, prepend=0.0), np.zeros(50), np.ones(50))
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    if fault == "no compiler":
+        monkeypatch.setattr(compiled_models, "locate_compiler", lambda: None)
+    monkeypatch.setattr(
+        cache, "locate_user_folder", lambda: tmp_path if fault == "no code" else blocked / "a"
+    )
+    monkeypatch.setattr(cache, "make_temporary_folder", lambda: blocked / "b")
+    monkeypatch.setattr(
+        compiled_models, "compile_sources", lambda *arguments: arguments[-1].write_bytes(b"no")
+    )
+    compiled_models._load_branch.cache_clear()
+    assert compiled_models._load_branch(strip_branch(branch)) is None
+    found = run_compiled_branch(branch, path, np.zeros(1))
+    compiled_models._load_branch.cache_clear()
+    np.testing.assert_array_equal(found, run_branch(branch, path, np.zeros(1)))
