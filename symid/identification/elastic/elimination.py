@@ -233,10 +233,10 @@ def compute_speeds(signals: Sequence[ElasticSignals]) -> FloatArray:
     return np.asarray(np.sqrt(np.mean(np.concatenate([part.dtheta for part in signals]) ** 2, axis=0)))
 
 
-_SHARES = (0.02, 0.05, 0.1, 0.2)
+_SHARES = (0.02, 0.05, 0.1, 0.2, 0.4, 0.6)
 """Of a joint's RMS speed, below which rows may be left out."""
 _AGREE = 0.999
-"""Rows close in time share some of their noise, and ten pairs are compared."""
+"""Rows close in time share some of their noise, and many pairs are compared."""
 
 
 def choose_sliding_rows(

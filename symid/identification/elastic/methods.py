@@ -594,7 +594,7 @@ def _add_model_error(work: ElasticEquations, fit: MethodFit) -> MethodFit:
     return replace(fit, covariance=fit.covariance + np.diag(variances), plain=plain)
 
 
-_STATES, _WAVY, _SPRUNG, _STICKING = 1e-4, 3e-4, 5e-4, 2e-3
+_STATES, _WAVY, _SPRUNG, _STICKING = 1.5e-4, 2e-4, 5e-4, 1e-3
 """Of a parameter's size, the error that filtered states leave, that where waves were taken off them, and that
 where torsions are filtered more; and what friction near rest leaves, for each unit of the share. Found on
 arms of other simulators, where no noise explained them."""
