@@ -558,8 +558,8 @@ _WAVE_STEP = 1e-3
 _DISC_SURE = 16.0
 """Chi^2 of two numbers: three in ten thousand by chance."""
 _DISC_GAIN = 0.09
-"""Logarithm of the ratio of mean squares: springs of eight other kinds gave 0.03 at most, and 0.07 where encoders
-are exact; discs that are off by a thirtieth of the torsion gave 0.1 to 0.8."""
+"""Logarithm of the ratio of mean squares: springs of eight other kinds gave 0.03 at most, and 0.07 where
+encoders are exact; discs that are off by a thirtieth of the torsion gave 0.1 to 0.8."""
 
 
 def _list_turn_waves(rows: Sequence[_GearRows]) -> list[FloatArray]:

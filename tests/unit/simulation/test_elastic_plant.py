@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from symid.codegen.cache import prepare_library
-from symid.codegen.plant_code import PlantExperiment, has_addresses, load_plant_code
+from symid.codegen.compiled_models import PlantExperiment, has_addresses, load_plant_code
 from symid.joint_models import FrictionValues
 from symid.simulation import elastic_plant
 from symid.simulation.elastic_plant import (

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from symid.codegen.cache import prepare_library
-from symid.codegen.plant_code import has_addresses, load_plant_code
+from symid.codegen.compiled_models import has_addresses, load_plant_code
 from symid.joint_models import (
     BoucWen,
     BristleBranch,
