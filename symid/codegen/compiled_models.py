@@ -37,6 +37,7 @@ from symid.joint_models import (
     Elasticity,
     SteppedBranch,
     build_branch_step,
+    build_float_carrier,
     run_branch,
     strip_branch,
 )
@@ -299,9 +300,13 @@ def run_compiled_branch(branch: SteppedBranch, path: BranchPath, states: FloatAr
     call = _load_branch(strip_branch(branch))
     if call is None:
         return run_branch(branch, path, states)
-    motions = np.ascontiguousarray(np.vstack(path), dtype=np.float64)
+    position, way, velocity, period = path
+    motions = np.ascontiguousarray(np.vstack([position, way, velocity, period]), dtype=np.float64)
     numbers = np.array(list(branch.list_values().values()), dtype=np.float64)
-    before, after = np.array(states, dtype=np.float64), np.empty((motions.shape[1], len(states)))
+    # The code writes as many states as the branch has, whatever it is given.
+    size = len(branch.start(build_float_carrier(), 0.0, 0.0))
+    before = np.array(np.broadcast_to(states, size), dtype=np.float64)
+    after = np.empty((motions.shape[1], len(before)))
     pointers = (ctypes.c_void_p(array.ctypes.data) for array in (motions, numbers, before, after))
     call(ctypes.c_size_t(len(after)), *pointers)
     return after
@@ -316,7 +321,7 @@ def _load_branch(plain: SteppedBranch) -> Callable[..., None] | None:
     try:
         shared, _ = _obtain_code("branch", write_branch(plain), compiler, None)
     except (GenerationError, OutputError):
-        # Nothing is lost but time, and who needs the library of a robot is told the reason there.
+        # Nothing is lost but time.
         return None
     found: Callable[..., None] = getattr(shared, _BRANCH)
     return found

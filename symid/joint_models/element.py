@@ -470,16 +470,16 @@ def trace_branch(
         places = branch.low + branch.step * np.array(branch.pairs, dtype=np.float64).reshape(-1, 2).T
         ramps = [np.clip((position[:, None] - edge) / branch.step, 0.0, 1.0) for edge in places]
         after = compute_clamps(ramps[0], ramps[1], memory)
-    elif len(position):
-        after = (runner or run_branch)(branch, path, memory)
     else:
-        after = np.empty((0, len(memory)))
+        after = (runner or run_branch)(branch, path, memory)
     return np.vstack([memory, after])
 
 
 def run_branch(branch: SteppedBranch, path: BranchPath, states: FloatArray) -> FloatArray:
     """Return the states (N, n) of a branch after every sample, step by step in CasADi's virtual machine."""
     count, values = len(path[0]), list(branch.list_values().values())
+    if not count:
+        return np.empty((0, len(states)))
     table = np.tile(np.array(values)[:, None], (1, count))
     return np.asarray(_accumulate(strip_branch(branch), count)(states, np.vstack(path), table).full().T)
 

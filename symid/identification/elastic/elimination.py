@@ -250,7 +250,14 @@ def choose_sliding_rows(
     """
     sets = [rows.select(rows.slide >= number) for number in range(len(_SHARES) + 1)]
     needed = _ENOUGH * rows.design.shape[1]
-    sets = [part for part in sets if len(part.torque) >= needed] or sets[:1]
+    # A recording that is slow beside the others keeps its rows: weights of groups come from the fastest set.
+    sizes = [np.bincount(part.group, minlength=int(rows.group.max()) + 1) for part in sets]
+    moving = sizes[1] >= _ENOUGH
+    sets = [
+        part
+        for part, size in zip(sets, sizes, strict=True)
+        if len(part.torque) >= needed and np.all(size[moving] >= _ENOUGH)
+    ] or sets[:1]
     scatter = fit_band(card, sets[-1], known=known).scatter
     fits = [fit_band(card, part, scatter=scatter, known=known) for part in sets]
     number = 0
@@ -263,7 +270,7 @@ def choose_sliding_rows(
 
 
 _ENOUGH = 20
-"""Rows a parameter."""
+"""Rows a parameter, or a group that moves."""
 
 
 def _agree(fit: BandFit, other: BandFit) -> bool:

@@ -164,3 +164,14 @@ def test_without_compiled_code_the_virtual_machine_steps(fault, tmp_path, monkey
     found = run_compiled_branch(branch, path, np.zeros(1))
     compiled_models._load_branch.cache_clear()
     np.testing.assert_array_equal(found, run_branch(branch, path, np.zeros(1)))
+
+
+def test_as_many_states_are_written_as_a_branch_has(c_compiler):
+    (branch,) = ELEMENTS["attracted"].branches
+    path = tuple(np.ones(9) for _ in range(4))
+    one, four = (run_compiled_branch(branch, path, np.zeros(count)) for count in (1, 4))
+    np.testing.assert_array_equal(one, four)
+    with pytest.raises(ValueError, match="broadcast"):
+        run_compiled_branch(branch, path, np.zeros(3))
+    with pytest.raises(ValueError, match="unpack"):
+        run_compiled_branch(branch, path[:3], np.zeros(4))
