@@ -286,11 +286,13 @@ _WHOLE = 0.02
 
 
 def _compute_power(theta: FloatArray, errors: FloatArray, orders: FloatArray) -> FloatArray:
-    chunks = np.array_split(orders, max(1, len(orders) * len(theta) // _CHUNK))
-    return np.concatenate([np.abs(errors @ np.exp(1j * np.outer(theta, chunk))) ** 2 for chunk in chunks])
-
-
-_CHUNK = 4_000_000
+    """Return the power (k,) of errors (m,) over positions (m,) at orders (k,) that are evenly apart."""
+    wave, turn = errors * np.exp(1j * theta * orders[0]), np.exp(1j * theta * (orders[1] - orders[0]))
+    power = np.empty(len(orders))
+    for place in range(len(orders)):
+        power[place] = np.abs(np.sum(wave)) ** 2
+        wave *= turn
+    return power
 
 
 def _measure_values(rows: _Rows, found: Sequence[DriveEffect]) -> Iterator[DriveEffect]:

@@ -217,7 +217,7 @@ def _check_recordings(library: Library, recordings: Sequence[Recording]) -> Mapp
         raise IdentifiabilityError(Notice(code="elastic.standstill", text=text))
     below_noise = np.all((torsions <= _CLEAR * noises) | (scatters <= _ABOVE * noises), axis=0)
     motor_moves, link_moves = np.any(motors > 0.0, axis=0), np.any(links > 0.0, axis=0)
-    hidden = {}
+    hidden, lost = {}, []
     for joint, entry in enumerate(card.joints):
         if not card.yielding[joint]:
             continue
@@ -228,6 +228,9 @@ def _check_recordings(library: Library, recordings: Sequence[Recording]) -> Mapp
                 "that its spring is not identifiable; check the column"
             )
             hidden[joint] = Notice(code="elastic.dead-encoder", text=text)
+            # A link may be locked on purpose. A motor's torque without its motion spoils all equations.
+            if link_moves[joint]:
+                lost.append(hidden[joint])
         elif below_noise[joint]:
             text = (
                 f"joint {entry.name!r}: its spring is not identifiable: the torsion spans "
@@ -236,8 +239,8 @@ def _check_recordings(library: Library, recordings: Sequence[Recording]) -> Mapp
                 "describe the joint as rigid"
             )
             hidden[joint] = Notice(code="elastic.no-torsion", text=text)
-    if len(hidden) == sum(card.yielding):
-        raise IdentifiabilityError(*hidden.values())
+    if lost or len(hidden) == sum(card.yielding):
+        raise IdentifiabilityError(*(lost or hidden.values()))
     return hidden
 
 
@@ -399,7 +402,9 @@ def prepare_methods(
 
     @cache
     def fit(method: str) -> MethodFit:
-        return refine_fit(work, spring()[0]) if method == "simultaneous" else fit_method(work, method)
+        if method == "simultaneous":
+            return refine_fit(work, spring()[0])
+        return fit_method(work, method, fit("weighted") if method == "nlp" else None)
 
     def identify(method: str) -> ElasticEstimate:
         stated, automatic = replace(options, method=method), method == "automatic"

@@ -269,10 +269,11 @@ def _prepare_wide(
     return broad
 
 
-def fit_method(work: ElasticEquations, method: str) -> MethodFit:
+def fit_method(work: ElasticEquations, method: str, weighted: MethodFit | None = None) -> MethodFit:
     """Return dynamics and springs by one method, with the covariance of the dynamics.
 
-    What the rows do not identify has an infinite variance. For "simultaneous" see `refine_fit`.
+    What the rows do not identify has an infinite variance. For "simultaneous" see `refine_fit`, for
+    `weighted` `fit_one_shot`.
     """
     makers: dict[str, Callable[[ElasticProblem], MethodFit]] = {
         "linear-spring": fit_linear_spring,
@@ -281,7 +282,8 @@ def fit_method(work: ElasticEquations, method: str) -> MethodFit:
         "weighted": lambda _: _fit_weighted(work),
         "independent": fit_independent,
     }
-    fit = _widen(work, fit_one_shot(work).fit) if method == "nlp" else makers[method](work.problem)
+    nlp = method == "nlp"
+    fit = _widen(work, fit_one_shot(work, weighted).fit) if nlp else makers[method](work.problem)
     return _state_covariance(work, fit)
 
 
@@ -301,14 +303,14 @@ def _state_covariance(work: ElasticEquations, fit: MethodFit) -> MethodFit:
     return _add_model_error(work, replace(fit, covariance=covariance))
 
 
-def fit_one_shot(work: ElasticEquations) -> "NlpFit":
-    """Return what the one-shot problem gives, with its last round."""
+def fit_one_shot(work: ElasticEquations, weighted: MethodFit | None = None) -> "NlpFit":
+    """Return what the one-shot problem gives, with its last round; `weighted` is that fit, if known."""
     # Imported here: it needs CasADi, which the other methods do without.
     from symid.identification.elastic.nlp import fit_nlp
 
     # Hardly filtered states bend its columns least, and its windows average their noise. Where the
     # options fix the places of stops and knees, the start is its own, which keeps them.
-    start = _fit_weighted(work) if work.problem.options.moves_stops else None
+    start = (weighted or _fit_weighted(work)) if work.problem.options.moves_stops else None
     return fit_nlp(work.wide, start=start)
 
 
@@ -576,7 +578,8 @@ def _widen(work: ElasticEquations, fit: MethodFit) -> MethodFit:
 def _add_model_error(work: ElasticEquations, fit: MethodFit) -> MethodFit:
     """Return a fit with variances that also count what no row shows: columns are made of measured states.
 
-    The size of a parameter is that of the largest of its kind on its link. Friction is what the rows show.
+    The torque of a joint may be off by a factor, and the direction of a link by an angle, which gives a part
+    of the largest of its kind to every parameter. Friction is what the rows show.
     """
     if fit.covariance is None:
         return fit
@@ -585,19 +588,20 @@ def _add_model_error(work: ElasticEquations, fit: MethodFit) -> MethodFit:
     values = np.abs(fit.chi[: len(kinds)])
     sizes = np.array([max(values[k] for k, other in enumerate(kinds) if other == kind) for kind in kinds])
     variances = np.zeros(len(fit.chi))
-    states = _SPRUNG if fit.method == "simultaneous" else _STATES
+    states, angle = (_SPRUNG, _SPRUNG) if fit.method == "simultaneous" else (_STATES, _TURNED)
     if any(effect.kind in WAVES for effect in work.effects):
-        states = max(states, _WAVY)
-    variances[: len(kinds)] = ((states + _STICKING * work.share) * sizes) ** 2
+        states, angle = max(states, _WAVY), max(angle, _WAVY)
+    factor = states + _STICKING * work.share**2
+    variances[: len(kinds)] = (factor * values) ** 2 + (angle * sizes) ** 2
     variances[~np.isnan(work.problem.known)] = 0.0
     plain = fit.covariance if fit.plain is None else fit.plain
     return replace(fit, covariance=fit.covariance + np.diag(variances), plain=plain)
 
 
-_STATES, _WAVY, _SPRUNG, _STICKING = 1.5e-4, 2e-4, 5e-4, 1e-3
-"""Of a parameter's size, the error that filtered states leave, that where waves were taken off them, and that
-where torsions are filtered more; and what friction near rest leaves, for each unit of the share. Found on
-arms of other simulators, where no noise explained them."""
+_STATES, _WAVY, _SPRUNG, _STICKING, _TURNED = 1e-4, 2e-4, 5e-4, 2.2e-3, 3.5e-5
+"""The factor's error that filtered states leave, that where waves were taken off them, and that where
+torsions are filtered more; what friction near rest leaves, by the square of the share; the angle in rad,
+but in the second and third case. Found on arms of other simulators, where no noise explained them."""
 
 
 def choose_springs(

@@ -4,7 +4,7 @@ As functions of arrays, fitted in rounds:
 
     rows         linear parts once, knees and Stribeck friction as steps          (nlp_rows)
     unknowns     chi, weights k >= 0, slopes c > 0, Fs, vs                        (nlp_cost)
-    rounds       minimise sum_b |r_b|^2 / sigma_b^2 by Ipopt, then sigma_b <- rms r_b
+    rounds       minimise sum_b |r_b|^2 / sigma_b^2 by Ipopt, then sigma_b <- rms r_b, until nothing moves
     places       those of a start move between rounds: [dx; dr] = -H^-1 g,
                  H = sum J'J / sigma^2, g = sum J'r / sigma^2
     certificate  kkt = max_i |z_i - min(u_i, max(l_i, z_i - df/dz_i))|
@@ -80,6 +80,8 @@ _NEAR_BOUND = 1e-3
 _NEWTON_STEPS = 8
 _BLIND = 1e-14
 """Scaled gradient and curvature below which an unknown has no effect."""
+_BARRIER = 1e-8
+"""Of Ipopt, from a start that is near."""
 _KKT = 1e-6
 """The most that our own residual may be for a result to count as converged."""
 
@@ -125,10 +127,13 @@ def compute_scales(cost: ElasticNlpCost, x: FloatArray) -> FloatArray:
     return np.where(diagonal > 0.0, 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), own)
 
 
-def optimise_nlp(cost: ElasticNlpCost, start: FloatArray, scales: FloatArray, options: NlpOptions) -> NlpRun:
+def optimise_nlp(
+    cost: ElasticNlpCost, start: FloatArray, scales: FloatArray, options: NlpOptions, *, near: bool = False
+) -> NlpRun:
     """Return the optimum next to `start` (x,), with its certificate; a start outside the bounds is clipped.
 
-    Unknowns are in SI units, `scales` (x,) in SI units per scaled unknown.
+    Unknowns are in SI units, `scales` (x,) in SI units per scaled unknown. From a start that is `near`, Ipopt
+    begins with a small barrier, and anew with its own where that leads nowhere.
     """
     layout, state = cost.layout, keep_last(cost.compute_state)
 
@@ -144,7 +149,10 @@ def optimise_nlp(cost: ElasticNlpCost, start: FloatArray, scales: FloatArray, op
         upper=layout.upper,
     ).scale(scales)
     begin = np.clip(start, layout.lower, layout.upper) / scales
-    run = minimise(scaled, begin, IpoptOptions(tolerance=options.tolerance, iterations=options.iterations))
+    ipopt = IpoptOptions(tolerance=options.tolerance, iterations=options.iterations)
+    run = minimise(scaled, begin, replace(ipopt, barrier=_BARRIER) if near else ipopt)
+    if near and run.outcome is not Ending.CONVERGED:
+        run = minimise(scaled, begin, ipopt)
     outcome, reason = run.outcome, run.reason
     x = np.clip(_polish(scaled, run.x) * scales, layout.lower, layout.upper)
     certificate = compute_certificate(cost, x, scales)
@@ -391,11 +399,10 @@ def fit_nlp(
     layout = setting.lay_out(begin.elasticity)
     x = layout.build_start(begin.chi, begin.elasticity)
     cost = ElasticNlpCost(recordings=setting.recordings, layout=layout, smoothing=options.smoothing)
-    linear = [block.compute_linear_residuals(begin.chi, setting.stiffness) for block in cost.blocks]
-    cost = cost.weigh(linear, begin.chi)
+    cost = cost.weigh(cost.compute_state(x).residuals, begin.chi)
     history: list[HistoryEntry] = []
     for number in range(options.rounds + 1):
-        run = optimise_nlp(cost, x, compute_scales(cost, x), options)
+        run = optimise_nlp(cost, x, compute_scales(cost, x), options, near=number > 0)
         residuals, chi = cost.compute_state(run.x).residuals, run.x[layout.dynamics]
         moved, end = chi - x[layout.dynamics], np.abs(chi)
         entry = HistoryEntry(
@@ -404,7 +411,7 @@ def fit_nlp(
             norms=tuple(float(np.linalg.norm(residual)) for residual in residuals),
         )
         history.append(entry)
-        if number == options.rounds or not run.outcome.usable:
+        if number == options.rounds or not run.outcome.usable or _is_settled(history):
             break
         cost = cost.weigh(residuals, chi)
         x = layout.flatten_slopes(run.x, run.certificate.undetermined)
@@ -430,6 +437,21 @@ def fit_nlp(
         notices=tuple(_list_notices(run, problem.library.card, layout)),
     )
     return NlpFit(fit=fit, run=run, cost=cost)
+
+
+def _is_settled(history: Sequence[HistoryEntry]) -> bool:
+    """Return whether neither the parameters nor the weights of the rows moved in the last round.
+
+    Rows that are weighed by their own residuals have the same f, whatever these are.
+    """
+    if len(history) < 2:
+        return False
+    before, last = history[-2:]
+    return last.change <= _SETTLED and abs(last.merit - before.merit) <= _WEIGHED * last.merit
+
+
+_SETTLED, _WEIGHED = 1e-4, 1e-3
+"""Of the parameters and of f: changes in a round that no longer matter."""
 
 
 def _list_notices(run: NlpRun, card: ModelCard, layout: NlpLayout) -> Iterator[Notice]:

@@ -219,13 +219,6 @@ class RowBlock:
     friction: tuple[tuple[int, StepSums], ...] = ()
     counted: int | None = None
 
-    def compute_linear_residuals(self, chi: FloatArray, stiffness: FloatArray) -> FloatArray:
-        """Return the residuals (M,) with linear springs (n,) N m/rad, in the unit of its rows."""
-        residual = self.values - self.matrix @ chi
-        for spring in self.springs:
-            residual = residual - self.sign * stiffness[spring.joint] * spring.columns[:, 0]
-        return residual
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NlpRecording:

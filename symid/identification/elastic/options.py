@@ -38,7 +38,7 @@ class NlpOptions:
         odd: whether springs harden alike on both sides.
         slopes: least and greatest slope of the outer function.
         weight_limit: greatest weight as a multiple of the linear spring; least_stiffness: the least k0.
-        rounds: of weighing the rows by their residuals; 0 keeps the weights of the linear springs.
+        rounds: of weighing the rows by their residuals, at most; 0 keeps the weights of the start.
         tolerance: of Ipopt, on the scaled problem; iterations: of Ipopt, at most.
     """
 
@@ -51,7 +51,7 @@ class NlpOptions:
     slopes: tuple[float, float] = (0.05, 20.0)
     weight_limit: float = 100.0
     least_stiffness: float = 1e-3
-    rounds: int = 2
+    rounds: int = 12
     tolerance: float = 1e-9
     iterations: int = 200
 

@@ -168,9 +168,12 @@ def measure_spring_spread(
         spread += inverse @ sum_block_scores(jacobian / lengths, error, owner, _STRETCHES)[0] @ inverse
     torque = float(np.sqrt(np.mean(np.einsum("ij,jk,ik->i", scaled, spread, scaled))))
     way = np.array(slopes) / lengths
-    # States are filtered, which rounds the corner at a reversal, where the slope is that near zero.
-    rounded = _ROUNDED * abs(_get_slope(spring))
-    return torque, float(np.hypot(rounded, np.sqrt(max(0.0, float(way @ spread @ way)))))
+    # States are filtered, which rounds the corner at a reversal, where the slope is that near zero. What a
+    # knee on each side changes that soon is in doubt as a whole.
+    soon = _SOON * max(float(np.max(np.abs(part))) for part in compute(spring))
+    bent = sum(abs(knee.slope) for knee in spring.knees if abs(knee.threshold) < soon) / 2.0
+    fixed = np.hypot(_ROUNDED, bent) * abs(_get_slope(spring))
+    return torque, float(np.hypot(fixed, np.sqrt(max(0.0, float(way @ spread @ way)))))
 
 
 def _list_sides(spring: Elasticity, number: SpringNumber) -> list[tuple[Elasticity, float]]:
@@ -187,8 +190,8 @@ def _get_slope(spring: Elasticity) -> float:
     return find_most_slope(spring) if spring.branches else spring.initial_stiffness or 0.0
 
 
-_SMALL, _FLAT, _ROUNDED = 1e-4, 1e-10, 1e-3
-"""Steps of derivatives, relative; singular values that are zero."""
+_SMALL, _FLAT, _ROUNDED, _SOON = 1e-4, 1e-10, 1e-3, 0.05
+"""Steps of derivatives, relative; singular values that are zero; of the slope; of the largest torque."""
 
 
 def compute_elimination_bound(

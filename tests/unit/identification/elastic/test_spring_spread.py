@@ -54,6 +54,20 @@ def test_a_stiffness_scales_with_the_only_parameter_of_the_links():
     assert torque == pytest.approx(3.0 * np.sqrt(np.mean(PHI**2)))
 
 
+@pytest.mark.parametrize(("torque", "added"), [(0.2, 0.008), (2.0, 0.0)])
+def test_a_knee_near_zero_makes_the_slope_there_uncertain(torque, added):
+    # The largest torque is 7.2 N m. Such knees are what noise makes of a stiffer beginning.
+    def measure(change):
+        knees = tuple(Knee(threshold=side * torque, slope=-change) for side in (-1.0, 1.0))
+        spring = Elasticity(stiffness=500.0, knees=knees)
+        zero = [np.zeros(len(PHI))]
+        return measure_spring_spread(
+            spring, lambda moved: [follow(moved)], [PHI[:, None]], zero, np.array([[0.0]])
+        )[1]
+
+    assert measure(0.008) == pytest.approx(500.0 * np.hypot(0.001, added), rel=1e-6)
+
+
 def test_every_number_of_a_spring_moves_by_itself():
     spring = Elasticity(
         stiffness=300.0,

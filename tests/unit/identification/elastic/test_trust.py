@@ -94,9 +94,10 @@ def test_no_parameter_is_surer_than_the_states_that_its_column_is_made_of():
     plain, sticking = (
         np.sqrt(np.diag(_add_model_error(build_work(share), fit).covariance)) for share in (0.0, 0.2)
     )
-    # The second is of the first one's kind, and measured by its size.
-    assert plain == pytest.approx([3e-4, 3e-4, 0.75e-4], rel=1e-3)
-    assert sticking == pytest.approx([7e-4, 7e-4, 1.75e-4], rel=1e-3)
+    # The second is of the first one's kind: it gets a part of that one's size, whatever its own.
+    own, largest = np.array([2.0, 0.01, 0.5]), np.array([2.0, 2.0, 0.5])
+    assert plain == pytest.approx(np.hypot(1e-4 * own, 3.5e-5 * largest), rel=1e-3)
+    assert sticking == pytest.approx(np.hypot((1e-4 + 2.2e-3 * 0.2**2) * own, 3.5e-5 * largest), rel=1e-3)
     ripple = DriveEffect(
         kind="torque-ripple", joint=0, values=(0.1, 0.0), deviations=(0.01, 0.01), order=100.0
     )
@@ -105,7 +106,7 @@ def test_no_parameter_is_surer_than_the_states_that_its_column_is_made_of():
         (build_work(), "simultaneous", 5e-4),
     ):
         found = np.sqrt(np.diag(_add_model_error(work, replace(fit, method=method)).covariance))
-        assert found == pytest.approx(size / 1.5e-4 * plain, rel=1e-3)
+        assert found == pytest.approx(size * np.hypot(own, largest), rel=1e-3)
 
 
 def test_a_contradiction_must_matter_to_count():
