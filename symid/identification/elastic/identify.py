@@ -209,7 +209,7 @@ def _check_recordings(library: Library, recordings: Sequence[Recording]) -> Mapp
     torsions, scatters = (np.array([measure(gap, axis=0) for gap in gaps]) for measure in (np.ptp, np.std))
     thirds = [[np.diff(side, n=3, axis=0) for side in pair] for pair in pairs]
     noises = np.array([np.sqrt(sum(np.mean(step**2, axis=0) for step in pair) / 20.0) for pair in thirds])
-    if np.all(motors <= _CLEAR * noises):
+    if np.all(np.maximum(motors, links) <= _CLEAR * noises):
         text = (
             "no joint moves in these logs beyond the noise of its encoders: record motions in which every "
             "joint accelerates, turns both ways and carries load"
@@ -229,7 +229,7 @@ def _check_recordings(library: Library, recordings: Sequence[Recording]) -> Mapp
             )
             hidden[joint] = Notice(code="elastic.dead-encoder", text=text)
             # A link may be locked on purpose. A motor's torque without its motion spoils all equations.
-            if link_moves[joint]:
+            if np.any(links[:, joint] > _CLEAR * noises[:, joint]) and not motor_moves[joint]:
                 lost.append(hidden[joint])
         elif below_noise[joint]:
             text = (
@@ -375,8 +375,8 @@ def identify_elastic(
     Raises:
         UsageError: the robot is not elastic, no recording is given, or windows or thresholds do not fit.
         LogError: a recording lacks an encoder, has another number of joints, is too short or uneven.
-        IdentifiabilityError: nothing moves, no torque is measured, all torsions are below the noise of the
-            encoders, or no spring explains any joint's torque.
+        IdentifiabilityError: nothing moves, no torque is measured, a motor's encoder never changes, all
+            torsions are below the noise of the encoders, or no spring explains any joint's torque.
     """
     options = options or ElasticOptions()
     return prepare_methods(library, recordings, options, echo=echo)(options.method)
@@ -404,7 +404,8 @@ def prepare_methods(
     def fit(method: str) -> MethodFit:
         if method == "simultaneous":
             return refine_fit(work, spring()[0])
-        return fit_method(work, method, fit("weighted") if method == "nlp" else None)
+        starts = method == "nlp" and work.problem.options.moves_stops
+        return fit_method(work, method, fit("weighted") if starts else None)
 
     def identify(method: str) -> ElasticEstimate:
         stated, automatic = replace(options, method=method), method == "automatic"

@@ -600,8 +600,8 @@ def _add_model_error(work: ElasticEquations, fit: MethodFit) -> MethodFit:
 
 _STATES, _WAVY, _SPRUNG, _STICKING, _TURNED = 1e-4, 2e-4, 5e-4, 2.2e-3, 3.5e-5
 """The factor's error that filtered states leave, that where waves were taken off them, and that where
-torsions are filtered more; what friction near rest leaves, by the square of the share; the angle in rad,
-but in the second and third case. Found on arms of other simulators, where no noise explained them."""
+torsions are filtered more, both with an angle of the same size; what friction near rest leaves, by the square
+of the share; the angle else, in rad. Found on arms of other simulators, where no noise explained them."""
 
 
 def choose_springs(

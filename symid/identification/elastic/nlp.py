@@ -65,6 +65,7 @@ from symid.ipopt import (
     Ending,
     GraphProblem,
     IpoptOptions,
+    IpoptRun,
     SmoothProblem,
     keep_last,
     minimise,
@@ -133,7 +134,7 @@ def optimise_nlp(
     """Return the optimum next to `start` (x,), with its certificate; a start outside the bounds is clipped.
 
     Unknowns are in SI units, `scales` (x,) in SI units per scaled unknown. From a start that is `near`, Ipopt
-    begins with a small barrier, and anew with its own where that leads nowhere.
+    begins with a small barrier, and anew with its own where it does not converge; the better run counts.
     """
     layout, state = cost.layout, keep_last(cost.compute_state)
 
@@ -152,7 +153,7 @@ def optimise_nlp(
     ipopt = IpoptOptions(tolerance=options.tolerance, iterations=options.iterations)
     run = minimise(scaled, begin, replace(ipopt, barrier=_BARRIER) if near else ipopt)
     if near and run.outcome is not Ending.CONVERGED:
-        run = minimise(scaled, begin, ipopt)
+        run = min(run, minimise(scaled, begin, ipopt), key=lambda entry: _rank_run(scaled, entry))
     outcome, reason = run.outcome, run.reason
     x = np.clip(_polish(scaled, run.x) * scales, layout.lower, layout.upper)
     certificate = compute_certificate(cost, x, scales)
@@ -163,6 +164,10 @@ def optimise_nlp(
         )
     value = cost.compute_value(cost.compute_state(x))
     return NlpRun(x=x, objective=value, outcome=outcome, reason=reason, certificate=certificate)
+
+
+def _rank_run(problem: SmoothProblem, run: IpoptRun) -> tuple[bool, bool, float]:
+    return run.outcome is not Ending.CONVERGED, not run.outcome.usable, problem.value(run.x)
 
 
 def compute_certificate(cost: ElasticNlpCost, x: FloatArray, scales: FloatArray) -> Certificate:
@@ -401,31 +406,29 @@ def fit_nlp(
     cost = ElasticNlpCost(recordings=setting.recordings, layout=layout, smoothing=options.smoothing)
     cost = cost.weigh(cost.compute_state(x).residuals, begin.chi)
     history: list[HistoryEntry] = []
+    before, last = begin.chi, None
     for number in range(options.rounds + 1):
         run = optimise_nlp(cost, x, compute_scales(cost, x), options, near=number > 0)
+        if last is not None and not run.outcome.usable:
+            run, cost, setting = last
+            break
+        last = run, cost, setting
         residuals, chi = cost.compute_state(run.x).residuals, run.x[layout.dynamics]
-        moved, end = chi - x[layout.dynamics], np.abs(chi)
+        moved, end = chi - before, np.abs(chi)
         entry = HistoryEntry(
             merit=run.objective,
             change=float(np.max(np.abs(moved) / np.maximum(end, 1e-3 * float(np.max(end))))),
             norms=tuple(float(np.linalg.norm(residual)) for residual in residuals),
         )
         history.append(entry)
-        if number == options.rounds or not run.outcome.usable or _is_settled(history):
+        weighed = cost.weigh(residuals, chi)
+        settled = entry.change <= _SETTLED and _compare_weights(cost, weighed) <= _WEIGHED
+        # Of the start's places nothing is known before a step of theirs.
+        if number == options.rounds or not run.outcome.usable or (number > 0 and settled):
             break
-        cost = cost.weigh(residuals, chi)
-        x = layout.flatten_slopes(run.x, run.certificate.undetermined)
-        if setting.knees is not None:
-            setting, x = _move_places(setting, cost, x)
-            layout = setting.lay_out(())
-        else:
-            # The knees of a grid follow the torque reached.
-            springs = layout.read_springs(x, _REST_WEIGHT * setting.stiffness)
-            dynamics, stribeck = x[layout.dynamics], (x[layout.excess], x[layout.speed])
-            layout = setting.lay_out(springs)
-            x = layout.build_start(dynamics, springs)
-            x[layout.excess], x[layout.speed] = stribeck
-        cost = replace(cost, recordings=setting.recordings, layout=layout)
+        before = chi
+        setting, cost, x = _advance(setting, weighed, run)
+    layout = cost.layout
     run = replace(run, x=layout.flatten_slopes(run.x, run.certificate.undetermined))
     springs = layout.read_springs(run.x, _REST_WEIGHT * setting.stiffness)
     slopes = compute_place_slopes(setting, cost, run.x, list_places(setting, cost, run.x))
@@ -439,19 +442,30 @@ def fit_nlp(
     return NlpFit(fit=fit, run=run, cost=cost)
 
 
-def _is_settled(history: Sequence[HistoryEntry]) -> bool:
-    """Return whether neither the parameters nor the weights of the rows moved in the last round.
+def _advance(
+    setting: NlpSetting, cost: ElasticNlpCost, run: NlpRun
+) -> tuple[NlpSetting, ElasticNlpCost, FloatArray]:
+    """Return what the next round begins with: places a step better, knees of a grid at the torque reached."""
+    layout = cost.layout
+    x = layout.flatten_slopes(run.x, run.certificate.undetermined)
+    if setting.knees is not None:
+        setting, x = _move_places(setting, cost, x)
+        after = setting.lay_out(())
+    else:
+        springs = layout.read_springs(x, _REST_WEIGHT * setting.stiffness)
+        after = setting.lay_out(springs)
+        excess, speed, x = x[layout.excess], x[layout.speed], after.build_start(x[layout.dynamics], springs)
+        x[after.excess], x[after.speed] = excess, speed
+    return setting, replace(cost, recordings=setting.recordings, layout=after), x
 
-    Rows that are weighed by their own residuals have the same f, whatever these are.
-    """
-    if len(history) < 2:
-        return False
-    before, last = history[-2:]
-    return last.change <= _SETTLED and abs(last.merit - before.merit) <= _WEIGHED * last.merit
+
+def _compare_weights(before: ElasticNlpCost, after: ElasticNlpCost) -> float:
+    """Return the largest relative change of the scale of a block."""
+    return float(np.max(np.abs(np.array(after.sigmas) / np.array(before.sigmas) - 1.0)))
 
 
-_SETTLED, _WEIGHED = 1e-4, 1e-3
-"""Of the parameters and of f: changes in a round that no longer matter."""
+_SETTLED, _WEIGHED = 1e-4, 5e-3
+"""Of the parameters since the last round and of the scales of rows: changes that no longer matter."""
 
 
 def _list_notices(run: NlpRun, card: ModelCard, layout: NlpLayout) -> Iterator[Notice]:

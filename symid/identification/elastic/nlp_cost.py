@@ -336,7 +336,7 @@ class ElasticNlpCost:
             parts = (residual, block.matrix @ chi)
             size, loads = (float(np.linalg.norm(part)) / np.sqrt(max(1, counted)) for part in parts)
             # Rows that are all empty weigh nothing, whatever their scale.
-            sigmas.append(max(size, _LEAST_SIGMA * loads, 1e-300) if counted else 1.0)
+            sigmas.append(max(size, _LEAST_SIGMA * loads) or 1.0)
         return replace(self, sigmas=tuple(sigmas))
 
     def compute_covariance(self, x: FloatArray, places: Sequence[Sequence[FloatArray]] = ()) -> FloatArray:

@@ -168,10 +168,11 @@ def measure_spring_spread(
         spread += inverse @ sum_block_scores(jacobian / lengths, error, owner, _STRETCHES)[0] @ inverse
     torque = float(np.sqrt(np.mean(np.einsum("ij,jk,ik->i", scaled, spread, scaled))))
     way = np.array(slopes) / lengths
-    # States are filtered, which rounds the corner at a reversal, where the slope is that near zero. What a
-    # knee on each side changes that soon is in doubt as a whole.
+    # States are filtered, which rounds the corner at a reversal, where the slope is that near zero. Small
+    # changes by a knee on each side that soon are what noise makes, and in doubt as a whole.
     soon = _SOON * max(float(np.max(np.abs(part))) for part in compute(spring))
-    bent = sum(abs(knee.slope) for knee in spring.knees if abs(knee.threshold) < soon) / 2.0
+    early = (abs(knee.slope) for knee in spring.knees if abs(knee.threshold) < soon)
+    bent = sum(change for change in early if change < _SOON) / 2.0
     fixed = np.hypot(_ROUNDED, bent) * abs(_get_slope(spring))
     return torque, float(np.hypot(fixed, np.sqrt(max(0.0, float(way @ spread @ way)))))
 
@@ -191,7 +192,8 @@ def _get_slope(spring: Elasticity) -> float:
 
 
 _SMALL, _FLAT, _ROUNDED, _SOON = 1e-4, 1e-10, 1e-3, 0.05
-"""Steps of derivatives, relative; singular values that are zero; of the slope; of the largest torque."""
+"""Steps of derivatives, relative; singular values that are zero; of the slope; of the largest torque, and of
+the slope."""
 
 
 def compute_elimination_bound(
