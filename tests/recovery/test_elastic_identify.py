@@ -379,6 +379,11 @@ def test_an_encoder_that_never_changes_tells_no_torsion(arm, run):
     with pytest.raises(IdentifiabilityError, match=r"'shoulder'.* motor encoder") as caught:
         identify_elastic(arm[1], [dead], ElasticOptions(method="weighted"))
     assert list_codes(caught) == ["elastic.dead-encoder"]
+    # With both motors dead the links move all the same: it is no standstill.
+    dead = replace(run.recording, motor_position=np.full_like(stuck, 0.1))
+    with pytest.raises(IdentifiabilityError) as caught:
+        identify_elastic(arm[1], [dead], ElasticOptions(method="weighted"))
+    assert list_codes(caught) == ["elastic.dead-encoder"] * 2
 
 
 @pytest.mark.parametrize("torque", [0.0, 3.0])
