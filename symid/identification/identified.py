@@ -154,16 +154,11 @@ def _list_missing(base: BaseParameters, values: Sequence[ParameterEstimate]) -> 
 
 def build_robot(found: Identified) -> IdentifiedRobot:
     """Return the robot with the estimate's values, in bodies that exist."""
-    # Some methods give no deviations; those of some values alone do not say how to weigh the others.
-    deviations = {entry.name: entry.std for entry in found.values if 0.0 <= entry.std < math.inf}
-    least = _SURER * min((std for std in deviations.values() if std), default=0.0)
-    # What was known before moves least.
-    deviations = {name: std or least for name, std in deviations.items() if std or least}
     return build_identified_robot(
         found.robot,
         found.base,
         {entry.name: entry.value for entry in found.values},
-        deviations=deviations if len(deviations) == len(found.values) else None,
+        covariance=_complete_covariance(found),
         rotors=found.rotors,
         elasticity=found.springs,
     )
@@ -171,6 +166,19 @@ def build_robot(found: Identified) -> IdentifiedRobot:
 
 _SURER = 1e-3
 """Of the least deviation: that of a value that was known."""
+
+
+def _complete_covariance(found: Identified) -> FloatArray | None:
+    """Return the covariance (m, m) of the values; None where some have no deviation.
+
+    Deviations of some values alone do not say how to weigh the others. What was known before moves least.
+    """
+    deviations = np.array([entry.std for entry in found.values])
+    if not (np.all(np.isfinite(deviations)) and np.any(deviations > 0.0)):
+        return None
+    covariance = np.array(found.covariance) if found.covariance else np.diag(deviations**2)
+    least = _SURER * float(deviations[deviations > 0.0].min())
+    return np.asarray(covariance + np.diag(np.where(deviations > 0.0, 0.0, least**2)))
 
 
 def list_warnings(identified: IdentifiedRobot, found: Identified, source: Path) -> tuple[Notice, ...]:
