@@ -32,7 +32,6 @@ from symid.dynamics.nearest_bodies import (
     BodyProblem,
     NearestBodies,
     build_prior,
-    build_pseudo_inertias,
     compute_distance,
     compute_standard_parameters,
     optimise_bodies,
@@ -45,6 +44,7 @@ from symid.robot import (
     JointKind,
     Robot,
     Spring,
+    build_pseudo_inertias,
     explain_impossible_inertia,
 )
 

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
         LogQuantity as LogQuantity,
         Processing as Processing,
         Robot as Robot,
+        SourceFile as SourceFile,
         Spring as Spring,
         SymbolicInertia as SymbolicInertia,
     )
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
         Surd as Surd,
     )
     from symid.robot.inertia import (
+        build_pseudo_inertias as build_pseudo_inertias,
         explain_impossible_inertia as explain_impossible_inertia,
         move_parameters as move_parameters,
     )
@@ -81,10 +83,10 @@ if TYPE_CHECKING:
     )
     from symid.robot.toml_writer import write_robot as write_robot
     from symid.robot.urdf_reader import parse_urdf as parse_urdf, read_urdf as read_urdf
+    from symid.robot.urdf_rewriter import rewrite_urdf as rewrite_urdf
     from symid.robot.xml_writers import (
         list_mjcf_omissions as list_mjcf_omissions,
         list_urdf_omissions as list_urdf_omissions,
-        rewrite_urdf as rewrite_urdf,
         write_mjcf as write_mjcf,
         write_urdf as write_urdf,
     )

@@ -15,11 +15,12 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from hashlib import sha256
 from pathlib import Path
 
 from symid.errors import RobotError
 from symid.robot.canonical_frames import choose_canonical_frames
-from symid.robot.description import Joint, JointKind, Mimic, MimicStep, Processing, Robot
+from symid.robot.description import Joint, JointKind, Mimic, MimicStep, Processing, Robot, SourceFile
 from symid.robot.geometry import IDENTITY, Exact, Placement, compose_placements, invert_placement, place_joint
 from symid.robot.inertia import lump_fixed_joints, move_by_placement
 from symid.robot.toml_values import BASE, read_text_file, sort_notices, suggest_names
@@ -271,7 +272,14 @@ def parse_urdf(
         processing=Processing(automatic=True),
         path=file,
         notices=reading.list_warnings(),
+        made_from=SourceFile(file=file, sha256=_compute_digest(text), base=base, tip=tip, snap=snap),
     )
+
+
+def _compute_digest(text: str) -> str:
+    """Return the digest of a text, the same for all ends of lines."""
+    plain = text.removeprefix("\ufeff").replace("\r\n", "\n")
+    return sha256(plain.encode(errors="surrogatepass")).hexdigest()
 
 
 def _check_language(document: XmlDocument) -> None:

@@ -14,7 +14,7 @@ read; in MJCF dry friction that pushes. Left out of MJCF: limits of velocity. Mu
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from xml.sax.saxutils import escape, quoteattr
 
 from symid.joint_models import (
@@ -33,13 +33,12 @@ from symid.robot.description import (
     Robot,
 )
 from symid.robot.geometry import Placement, compute_quaternion, to_floats
-from symid.robot.inertia import move_by_placement, split_body
+from symid.robot.inertia import split_body
 from symid.robot.toml_values import BASE
-from symid.robot.urdf_parts import ROTORS
-from symid.robot.urdf_xml import XmlDocument, XmlElement, parse_document
 
 _UNFIT = re.compile(r"[\x00-\x1f\ufffe\uffff]")
-_TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+"""Attributes of <inertia>, in the order of the entries of a tensor."""
 
 
 def _write_quoted(name: str) -> str:
@@ -52,49 +51,55 @@ def _write_comments(texts: Sequence[str]) -> list[str]:
     return [f"  <!-- {escape(_UNFIT.sub(' ', text)).replace('--', '- -')} -->" for text in texts]
 
 
-def _write_decimal(value: float) -> str:
+def write_decimal(value: float) -> str:
     """Return a number with all digits of a double."""
     return repr(float(value) + 0.0)
 
 
-def _write_decimals(values: Sequence[float]) -> str:
+def write_decimals(values: Sequence[float]) -> str:
     """Return numbers with blanks between them."""
-    return " ".join(_write_decimal(value) for value in values)
+    return " ".join(write_decimal(value) for value in values)
 
 
 def _write_head(robot: Robot, comments: Sequence[str], omissions: Iterator[str]) -> list[str]:
     """Return comments for the head of a file: those given, values of symbols, and what is left out."""
-    symbols = (f"{name} = {_write_decimal(value)} m" for name, value in robot.symbols)
+    symbols = (f"{name} = {write_decimal(value)} m" for name, value in robot.symbols)
     return _write_comments([*comments, *symbols, *omissions])
 
 
-def _get_plain_friction(friction: FrictionValues) -> tuple[float, float] | None:
+def get_plain_friction(friction: FrictionValues) -> tuple[float, float] | None:
     """Return damping (N m s/rad or N s/m) and dry friction (N m or N) of a model; None where unknown or none.
 
-    Of a model that tells directions apart it is their mean.
+    Of a model that tells directions apart it is their mean. What noise made negative is zero: simulators gain
+    energy from negative damping, or refuse it.
     """
     if friction.law == NO_FRICTION or friction.values is None:
         return None
     named = name_values(friction)
     groups = (("Fv", "Fvp", "Fvn"), ("Fc", "Fcp", "Fcn"))
     damping, dry = ([named[name] for name in names if name in named] or [0.0] for names in groups)
-    return sum(damping) / len(damping), sum(dry) / len(dry)
+    return max(0.0, sum(damping) / len(damping)), max(0.0, sum(dry) / len(dry))
 
 
 def _list_friction_omissions(owner: str, friction: FrictionValues) -> Iterator[str]:
     """Yield what a friction model has beyond damping and dry friction, with all its values."""
     if friction.law != NO_FRICTION and friction.values is None:
         yield f"{owner}: friction of unknown size ({friction.law})"
-    elif friction.law not in (NO_FRICTION, "coulomb", "coulomb-viscous"):
+    elif friction.law in ("coulomb", "coulomb-viscous"):
+        named = name_values(friction)
+        parts = (f"{name} = {value:.3g}" for name, value in named.items() if value < 0.0)
+        if negative := ", ".join(parts):
+            yield f"{owner}: negative friction, {negative}; it is written as 0"
+    elif friction.law != NO_FRICTION:
         names = [", ".join(list_value_names(friction))]
-        values = _write_decimals(friction.values or ())
+        values = write_decimals(friction.values or ())
         text = f"{owner}: friction model {friction.law}, values {values}"
         if friction.shape:
-            text += f", shape {_write_decimals(friction.shape)}"
+            text += f", shape {write_decimals(friction.shape)}"
             names.append(", ".join(list_shape_names(friction)))
         law = get_friction_law(friction)
         if law is not None and law.memory:
-            text += f", state {_write_decimals(friction.bristles)}"
+            text += f", state {write_decimals(friction.bristles)}"
             names.append(", ".join(name_bristles(law, friction.bristles)))
         text += f" ({'; '.join(names)})"
         yield f"{text}; only its damping and dry friction, alike in both directions, are written"
@@ -128,11 +133,11 @@ def write_urdf(robot: Robot, *, comments: Sequence[str] = ()) -> str:
             "    <type>transmission_interface/SimpleTransmission</type>",
             f"    <joint name={_write_quoted(joint.name)}/>",
             f"    <actuator name={_write_quoted(f'{joint.name}_motor')}>",
-            f"      <mechanicalReduction>{_write_decimal(drive.gear)}</mechanicalReduction>",
+            f"      <mechanicalReduction>{write_decimal(drive.gear)}</mechanicalReduction>",
         ]
         if drive.rotor_inertia is not None:
             # On the motor side, as URDFs have it.
-            inertia = _write_decimal(drive.rotor_inertia / drive.gear**2)
+            inertia = write_decimal(drive.rotor_inertia / drive.gear**2)
             lines.append(f"      <motorInertia>{inertia}</motorInertia>")
         lines += ["    </actuator>", "  </transmission>"]
     return "\n".join((*lines, "</robot>", ""))
@@ -142,7 +147,7 @@ def list_urdf_omissions(robot: Robot) -> Iterator[str]:
     """Yield what a URDF cannot hold, or simulators do not read; the file has it in comments."""
     gravity = tuple(value.to_float(dict(robot.symbols)) for value in robot.gravity)
     if gravity != (0.0, 0.0, -9.81):
-        yield f"gravity of the model: {_write_decimals(gravity)} m/s^2 in the frame of the link {BASE}"
+        yield f"gravity of the model: {write_decimals(gravity)} m/s^2 in the frame of the link {BASE}"
     for joint in robot.joints:
         yield from _list_friction_omissions(f"joint {joint.name}", joint.friction)
         if joint.drive.rotor_inertia:
@@ -157,7 +162,7 @@ def list_urdf_omissions(robot: Robot) -> Iterator[str]:
         if coupling.rotor_inertia is not None:
             text += f", rotor inertia {coupling.rotor_inertia}"
         if coupling.friction.values:
-            values = _write_decimals(coupling.friction.values)
+            values = write_decimals(coupling.friction.values)
             text += f", friction {values} ({', '.join(list_value_names(coupling.friction))})"
         yield text
 
@@ -172,24 +177,24 @@ def _compute_rpy(placement: Placement) -> tuple[float, float, float]:
     return (math.atan2(r[2][1], r[2][2]), pitch, math.atan2(r[1][0], r[0][0]))
 
 
-def _write_inertial(parameters: Sequence[float]) -> list[str]:
+def write_inertial(parameters: Sequence[float]) -> list[str]:
     """Return the lines of <inertial> for ten standard parameters in the frame of the link."""
     mass, com, central = split_body(parameters)
-    tensor = " ".join(f'{key}="{_write_decimal(value)}"' for key, value in zip(_TENSOR, central, strict=True))
+    tensor = " ".join(f'{key}="{write_decimal(value)}"' for key, value in zip(TENSOR, central, strict=True))
     return [
         "<inertial>",
-        f'  <origin xyz="{_write_decimals(com)}" rpy="0 0 0"/>',
-        f'  <mass value="{_write_decimal(mass)}"/>',
+        f'  <origin xyz="{write_decimals(com)}" rpy="0 0 0"/>',
+        f'  <mass value="{write_decimal(mass)}"/>',
         f"  <inertia {tensor}/>",
         "</inertial>",
     ]
 
 
 def _write_dynamics(joint: Joint) -> list[str]:
-    friction = _get_plain_friction(joint.friction)
+    friction = get_plain_friction(joint.friction)
     if friction is None:
         return []
-    damping, dry = map(_write_decimal, friction)
+    damping, dry = map(write_decimal, friction)
     return [f'<dynamics damping="{damping}" friction="{dry}"/>']
 
 
@@ -198,16 +203,16 @@ def _write_joint(robot: Robot, joint: Joint) -> Iterator[str]:
     link = _write_quoted(f"{joint.name}_link")
     parent = _write_quoted(f"{robot.joints[joint.parent].name}_link" if joint.parent >= 0 else BASE)
     xyz = [value.to_float(symbols) for value in joint.placement.translation]
-    inertial = () if joint.inertial is None else _write_inertial(joint.inertial)
+    inertial = () if joint.inertial is None else write_inertial(joint.inertial)
     yield f"  <link name={link}{'' if inertial else '/'}>"
     yield from (f"    {line}" for line in inertial)
     yield from ("  </link>",) if inertial else ()
     endless = joint.kind is JointKind.REVOLUTE and joint.limits.position is None
-    low, high = map(_write_decimal, joint.limits.position or (0.0, 0.0))
+    low, high = map(write_decimal, joint.limits.position or (0.0, 0.0))
     ends = "" if endless else f'lower="{low}" upper="{high}" '
-    effort, velocity = map(_write_decimal, (joint.limits.torque or 0.0, joint.limits.velocity or 0.0))
+    effort, velocity = map(write_decimal, (joint.limits.torque or 0.0, joint.limits.velocity or 0.0))
     yield f'  <joint name={_write_quoted(joint.name)} type="{"continuous" if endless else joint.kind.value}">'
-    yield f'    <origin xyz="{_write_decimals(xyz)}" rpy="{_write_decimals(_compute_rpy(joint.placement))}"/>'
+    yield f'    <origin xyz="{write_decimals(xyz)}" rpy="{write_decimals(_compute_rpy(joint.placement))}"/>'
     yield f"    <parent link={parent}/>"
     yield f"    <child link={link}/>"
     yield '    <axis xyz="0 0 1"/>'
@@ -215,126 +220,9 @@ def _write_joint(robot: Robot, joint: Joint) -> Iterator[str]:
     yield from (f"    {line}" for line in _write_dynamics(joint))
     if joint.mimic is not None:
         master = _write_quoted(robot.joints[joint.mimic.master].name)
-        factor = _write_decimal(float(joint.mimic.multiplier))
+        factor = write_decimal(float(joint.mimic.multiplier))
         yield f'    <mimic joint={master} multiplier="{factor}" offset="0.0"/>'
     yield "  </joint>"
-
-
-_QUOTED = re.compile(rb"[^>\"']|\"[^\"]*\"|'[^']*'")
-
-
-_Edit = tuple[int, int, str]
-"""The first byte that is replaced, the byte behind the last one, and what comes in their place."""
-
-
-def rewrite_urdf(text: str, robot: Robot, *, comments: Sequence[str] = ()) -> str:
-    """Return the URDF `text`, which `robot` was read from, with the robot's inertias, friction and rotors.
-
-    All else stays, letter by letter; `comments` go to the head. The values of a moving link hold for it and
-    the links fixed to it together; theirs are taken out.
-
-    Raises:
-        RobotError: the text is no XML.
-    """
-    document = parse_document(text, robot.path)
-    result = document.source
-    head = "".join(f"\n{line}" for line in _write_comments([*comments, *list_urdf_omissions(robot)]))
-    start = _locate_tag_end(result, document.root.offset)
-    edits = [*_list_edits(document, robot), (start, start, head)]
-    for begin, end, inserted in sorted(edits, key=lambda edit: edit[0], reverse=True):
-        result = result[:begin] + inserted.encode() + result[end:]
-    return result.decode(errors="surrogatepass")
-
-
-def _list_edits(document: XmlDocument, robot: Robot) -> Iterator[_Edit]:
-    """Yield the edits of links, joints and transmissions."""
-    root = document.root
-    elements = {element.attributes.get("name", ""): element for element in root.find_all("joint")}
-    joints = {joint.name: joint for joint in robot.joints}
-    # The reader gives another name to a joint that is called as the base of robot files is.
-    strangers = [joint for joint in robot.joints if joint.name not in elements]
-    if strangers and BASE in elements:
-        joints[BASE] = strangers[0]
-    # The joint that moves each link, and the link before it.
-    ends = ((name, _get_link(joint, "child"), _get_link(joint, "parent")) for name, joint in elements.items())
-    parents = {child: (name, parent) for name, child, parent in ends}
-    for link in root.find_all("link"):
-        name = link.attributes.get("name", "")
-        old = link.find("inertial")
-        joint = joints.get(parents[name][0]) if name in parents else None
-        if joint is not None and joint.inertial is not None:
-            # In the frame that the file gives to the link.
-            values = move_by_placement(joint.inertial, joint.frame, inverse=True)
-            yield _replace(document, link, old, _write_inertial(values))
-        elif joint is None and old is not None and _is_carried(name, parents, joints):
-            yield _remove(document, old)
-    for name, element in elements.items():
-        if name in joints and (lines := _write_dynamics(joints[name])):
-            yield _replace(document, element, element.find("dynamics"), lines)
-    for transmission in root.find_all("transmission"):
-        end, actuator = transmission.find("joint"), transmission.find("actuator")
-        joint = joints.get(end.attributes.get("name", "")) if end is not None else None
-        if joint is not None and actuator is not None and joint.drive.rotor_inertia is not None:
-            value = _write_decimal(joint.drive.rotor_inertia / joint.drive.gear**2)
-            for rotor in actuator.find_all(*ROTORS):
-                yield _replace(document, actuator, rotor, [f"<{rotor.tag}>{value}</{rotor.tag}>"])
-
-
-def _get_link(joint: XmlElement, tag: str) -> str:
-    end = joint.find(tag)
-    return end.attributes.get("link", "") if end is not None else ""
-
-
-def _is_carried(link: str, parents: Mapping[str, tuple[str, str]], joints: Mapping[str, Joint]) -> bool:
-    """Return whether a link hangs on one that a joint moves."""
-    while link in parents:
-        name, link = parents[link]
-        if name in joints:
-            return True
-    return False
-
-
-def _replace(document: XmlDocument, owner: XmlElement, old: XmlElement | None, lines: Sequence[str]) -> _Edit:
-    """Return what puts `lines` in the place of `old`, or in front of all else in `owner`."""
-    source = document.source
-    if old is not None:
-        text = f"\n{_read_indent(source, old)}".join(lines)
-        return old.offset, _locate_element_end(document, old), text
-    outer = _read_indent(source, owner)
-    text = "".join(f"\n{outer}  {line}" for line in lines)
-    start = _locate_tag_end(source, owner.offset)
-    if source[start - 2 : start] != b"/>":
-        return start, start, text
-    return start - 2, start, f">{text}\n{outer}</{owner.tag}>"
-
-
-def _remove(document: XmlDocument, element: XmlElement) -> _Edit:
-    """Return what takes an element out, with the line that it leaves empty."""
-    source, start, end = document.source, element.offset, _locate_element_end(document, element)
-    line = source.rfind(b"\n", 0, start)
-    rest = source.find(b"\n", end)
-    alone = line >= 0 and rest >= 0 and not (source[line:start] + source[end:rest]).strip()
-    return (line, rest, "") if alone else (start, end, "")
-
-
-def _read_indent(source: bytes, element: XmlElement) -> str:
-    """Return the blanks that stand before an element in its line."""
-    before = source[source.rfind(b"\n", 0, element.offset) + 1 : element.offset]
-    return before.decode() if not before.strip() else "    "
-
-
-def _locate_tag_end(source: bytes, offset: int) -> int:
-    """Return where the tag ends that begins at `offset`; values of attributes may hold what ends one."""
-    while match := _QUOTED.match(source, offset):
-        offset = match.end()
-    return offset + 1
-
-
-def _locate_element_end(document: XmlDocument, element: XmlElement) -> int:
-    """Return where an element ends, with all that is in it."""
-    end = _locate_tag_end(document.source, element.offset)
-    is_empty = document.source[end - 2 : end] == b"/>"
-    return end if is_empty else _locate_tag_end(document.source, document.ends[element.offset])
 
 
 _TYPES = {JointKind.REVOLUTE: "hinge", JointKind.PRISMATIC: "slide"}
@@ -345,7 +233,7 @@ _ORDER = (0, 3, 5, 1, 2, 4)
 def write_mjcf(robot: Robot, *, comments: Sequence[str] = ()) -> str:
     """Return the MJCF model of `robot`, with comments at its head."""
     symbols = dict(robot.symbols)
-    gravity = _write_decimals([value.to_float(symbols) for value in robot.gravity])
+    gravity = write_decimals([value.to_float(symbols) for value in robot.gravity])
     lines = [
         '<?xml version="1.0" encoding="utf-8"?>',
         f"<mujoco model={_write_quoted(robot.name)}>",
@@ -359,15 +247,15 @@ def write_mjcf(robot: Robot, *, comments: Sequence[str] = ()) -> str:
         attributes = (f"name={_write_quoted(coupling.name)}", *_list_drive(coupling))
         tendons.append(f"    <fixed {' '.join(attributes)}>")
         for index, factor in coupling.terms:
-            tendons.append(f'      <joint joint={names[index]} coef="{_write_decimal(float(factor))}"/>')
+            tendons.append(f'      <joint joint={names[index]} coef="{write_decimal(float(factor))}"/>')
         tendons.append("    </fixed>")
     for name, joint in zip(names, robot.joints, strict=True):
         if joint.mimic is None:
-            motor, gear = _write_quoted(f"{joint.name}_motor"), _write_decimal(joint.drive.gear)
+            motor, gear = _write_quoted(f"{joint.name}_motor"), write_decimal(joint.drive.gear)
             motors.append(f'    <motor name={motor} joint={name} gear="{gear}"/>')
         else:
             pair = f"joint1={name} joint2={names[joint.mimic.master]}"
-            multiple = _write_decimal(float(joint.mimic.multiplier))
+            multiple = write_decimal(float(joint.mimic.multiplier))
             followers.append(f'    <joint {pair} polycoef="0 {multiple} 0 0 0"/>')
     bodies = list(_write_bodies(robot))
     sections = {"worldbody": bodies, "tendon": tendons, "equality": followers, "actuator": motors}
@@ -390,9 +278,9 @@ def list_mjcf_omissions(robot: Robot) -> Iterator[str]:
 
 def _list_mjcf_friction_omissions(owner: str, friction: FrictionValues) -> Iterator[str]:
     yield from _list_friction_omissions(owner, friction)
-    plain = _get_plain_friction(friction)
+    plain = get_plain_friction(friction)
     if plain is not None and plain[1] < 0:
-        yield f"{owner}: dry friction {_write_decimal(plain[1])}, which drives instead of braking"
+        yield f"{owner}: dry friction {write_decimal(plain[1])}, which drives instead of braking"
 
 
 def _write_bodies(robot: Robot) -> Iterator[str]:
@@ -409,24 +297,24 @@ def _write_bodies(robot: Robot) -> Iterator[str]:
             yield f"{space}</body>"
             continue
         joint = robot.joints[index]
-        position = _write_decimals([value.to_float(symbols) for value in joint.placement.translation])
+        position = write_decimals([value.to_float(symbols) for value in joint.placement.translation])
         entries = [entry.to_float() for entry in compute_quaternion(joint.placement.rotation)]
-        turned = _write_decimals([entry / math.hypot(*entries) for entry in entries])
+        turned = write_decimals([entry / math.hypot(*entries) for entry in entries])
         yield f'{space}<body name={_write_quoted(f"{joint.name}_link")} pos="{position}" quat="{turned}">'
         if joint.inertial is not None and joint.inertial[9]:
             mass, com, central = split_body(joint.inertial)
-            place = f'pos="{_write_decimals(com)}" mass="{_write_decimal(mass)}"'
-            tensor = _write_decimals([central[k] for k in _ORDER])
+            place = f'pos="{write_decimals(com)}" mass="{write_decimal(mass)}"'
+            tensor = write_decimals([central[k] for k in _ORDER])
             yield f'{space}  <inertial {place} fullinertia="{tensor}"/>'
         attributes = [f'name={_write_quoted(joint.name)} type="{_TYPES[joint.kind]}" axis="0 0 1"']
         if joint.limits.position is not None:
-            attributes.append(f'range="{_write_decimals(joint.limits.position)}"')
+            attributes.append(f'range="{write_decimals(joint.limits.position)}"')
         if (torque := joint.limits.torque) is not None:
-            attributes.append(f'actuatorfrcrange="{_write_decimals((-torque, torque))}"')
+            attributes.append(f'actuatorfrcrange="{write_decimals((-torque, torque))}"')
         attributes += _list_drive(joint)
         if joint.spring is not None and joint.spring.stiffness is not None:
-            attributes.append(f'stiffness="{_write_decimal(joint.spring.stiffness)}"')
-            attributes.append(f'springref="{_write_decimal(joint.spring.rest or 0.0)}"')
+            attributes.append(f'stiffness="{write_decimal(joint.spring.stiffness)}"')
+            attributes.append(f'springref="{write_decimal(joint.spring.rest or 0.0)}"')
         yield f"{space}  <joint {' '.join(attributes)}/>"
         waiting.append((-1, space))
         waiting += [(child, f"{space}  ") for child in reversed(children.get(index, []))]
@@ -435,8 +323,8 @@ def _write_bodies(robot: Robot) -> Iterator[str]:
 def _list_drive(owner: Joint | Coupling) -> Iterator[str]:
     """Yield the attributes that joints and tendons have in common."""
     if rotor := (owner.drive if isinstance(owner, Joint) else owner).rotor_inertia:
-        yield f'armature="{_write_decimal(rotor)}"'
-    if plain := _get_plain_friction(owner.friction):
-        yield f'damping="{_write_decimal(plain[0])}"'
+        yield f'armature="{write_decimal(rotor)}"'
+    if plain := get_plain_friction(owner.friction):
+        yield f'damping="{write_decimal(plain[0])}"'
         if plain[1] > 0:
-            yield f'frictionloss="{_write_decimal(plain[1])}"'
+            yield f'frictionloss="{write_decimal(plain[1])}"'

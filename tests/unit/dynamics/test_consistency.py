@@ -551,7 +551,7 @@ def test_values_of_any_size_end_at_the_nearest_bodies(robots_folder, name, seed,
 @settings(max_examples=12, deadline=None)
 @given(robot=st.sampled_from(ROBOTS), seed=st.integers(0, 999), noise=st.floats(-3.0, 0.0))
 def test_the_written_bodies_are_as_near_to_an_estimate_as_the_truth(robot, seed, noise):
-    """The truth is one of the bodies that could be written, so that the nearest cost at most what it costs."""
+    """The truth is one of the bodies that could be written: the nearest cost at most what it costs."""
     rng = np.random.default_rng(seed)
     base, prior = derive_base_parameters(robot), draw_parameters(rng, robot.size)
     turns = np.eye(4) + 0.1 * rng.normal(size=(robot.size, 4, 4))
