@@ -84,9 +84,13 @@ class ScaledProblem:
 
 
 def build_problem(
-    robot: Robot, grouping: Grouping, target: FloatArray, prior: FloatArray | None
+    robot: Robot, grouping: Grouping, target: FloatArray, prior: FloatArray | None, *, grouped: bool = True
 ) -> ScaledProblem:
-    """Return the problem; the prior of an unknown rotor is a tenth of the inertia of its link."""
+    """Return the problem; the prior of an unknown rotor is a tenth of the inertia of its link.
+
+    Without `grouped` rotors that are no base parameters by themselves have no inertia of their own.
+    """
+    alone = {parameter.label for parameter in grouping.parameters}
     column = {label: index for index, label in enumerate(grouping.labels)}
     links = [[column[index, name] for name in INERTIAL] for index in range(robot.size)]
     if prior is None:
@@ -101,6 +105,8 @@ def build_problem(
         if name in INERTIAL or not np.any(coefficients):
             continue
         known = stated.get(label)
+        if name == "IA" and not grouped and label not in alone:
+            continue
         if name == "IA":
             joint = index if index < robot.size else robot.couplings[index - robot.size].terms[0][0]
             own = "ZZ" if robot.joints[joint].kind is JointKind.REVOLUTE else "M"
@@ -258,6 +264,7 @@ def compute_standard_set(
     *,
     prior: FloatArray | None = None,
     covariance: FloatArray | None = None,
+    grouped: bool = True,
 ) -> StandardSet:
     """Return the physically consistent standard parameters nearest to a prior that have the base values.
 
@@ -265,7 +272,8 @@ def compute_standard_set(
     their order: where no bodies have the base values, the nearest in it are taken. Without it each value has
     a deviation of its own, a hundredth of the row's size in the prior, or of what the values come to in that
     measure, where they are larger. `prior` (n, 10): standard parameters of bodies that exist; see
-    `build_prior` for the default.
+    `build_prior` for the default. `grouped`: whether rotors whose inertia is part of a group get one of their
+    own; without, links have it, for formats that know no rotors.
 
     Raises:
         UsageError: a value or the covariance cannot be used.
@@ -278,7 +286,7 @@ def compute_standard_set(
     target = np.array(list(known.values()))
     # Numbers beyond all bounds end in an error of their own, not in warnings.
     with np.errstate(all="ignore"):
-        scaled = build_problem(robot, grouping, target, prior)
+        scaled = build_problem(robot, grouping, target, prior, grouped=grouped)
         problem = scaled.problem
         exact = solve_body_equations(problem)
         if exact is not None:
@@ -320,6 +328,7 @@ def build_identified_robot(
     covariance: FloatArray | None = None,
     rotors: Mapping[str, float] | None = None,
     elasticity: Sequence[Elasticity | None] = (),
+    grouped: bool = True,
 ) -> IdentifiedRobot:
     """Return `robot` with the values of an identification.
 
@@ -332,8 +341,10 @@ def build_identified_robot(
     if not any(row is None or explain_impossible_inertia(row) for row in rows):
         stated = np.array(rows, dtype=np.float64)
         prior = stated if np.linalg.eigvalsh(build_pseudo_inertias(stated)).min() > 0 else None
-    standard = compute_standard_set(robot, base, values, prior=prior, covariance=covariance)
+    standard = compute_standard_set(robot, base, values, prior=prior, covariance=covariance, grouped=grouped)
     known: dict[Label, float] = dict(standard.drives)
+    if not grouped:
+        known |= {label: 0.0 for label in base.labels if label[1] == "IA" and label not in known}
     for parameter in base.friction:
         # Where bodies move, friction moves with them, as their covariance tells.
         exact = standard.outcome is StandardOutcome.CONSISTENT

@@ -207,7 +207,10 @@ def write_identified(
         OutputError: the file cannot be written.
     """
     suffix = check_format(path, precision)
-    identified = build_robot(found)
+    identified = build_robot(found, grouped=suffix != ".urdf")
+    if suffix == ".urdf" and identified.standard.reason:
+        # Links that cannot hold the inertia of their rotors as well.
+        identified = build_robot(found)
     costs: tuple[JointCost, ...] = ()
     if identified.standard.reason:
         costs = measure_costs(identified.standard, found, prepare_library(found.robot), limit)
@@ -324,6 +327,8 @@ def _write(content: _Content, path: Path) -> _Written:
     try:
         text, robot, notices = place_in_source(content.robot, made)
     except RobotError as error:
+        if path.resolve() == Path(made.file).resolve():
+            raise
         reason = "; ".join(map(str, error.notices))
         text = f"a new URDF was written, since the one that the robot was made from was not usable: {reason}"
         notice = Notice(code="export.new-file", text=text, file=str(path))

@@ -171,8 +171,11 @@ def _list_missing(base: BaseParameters, values: Sequence[ParameterEstimate]) -> 
     return tuple(entry.name for entry in (*base.parameters, *base.friction) if entry.name not in known)
 
 
-def build_robot(found: Identified) -> IdentifiedRobot:
-    """Return the robot with the estimate's values, in bodies that exist."""
+def build_robot(found: Identified, *, grouped: bool = True) -> IdentifiedRobot:
+    """Return the robot with the estimate's values, in bodies that exist.
+
+    `grouped`: whether rotors within groups have inertias of their own, see `compute_standard_set`.
+    """
     return build_identified_robot(
         found.robot,
         found.base,
@@ -180,6 +183,7 @@ def build_robot(found: Identified) -> IdentifiedRobot:
         covariance=_complete_covariance(found),
         rotors=found.rotors,
         elasticity=found.springs,
+        grouped=grouped,
     )
 
 

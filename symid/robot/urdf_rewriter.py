@@ -248,5 +248,5 @@ def _edit_rotor(
             yield from set_values(document, rotor, {"value": value})
         else:
             yield (*document.locate_inside(rotor), value)
-    if not rotors:
+    if not rotors and joint.drive.rotor_inertia:
         yield insert_element(document, actuator, [f"<motorInertia>{value}</motorInertia>"])
