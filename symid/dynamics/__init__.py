@@ -50,12 +50,6 @@ if TYPE_CHECKING:
         compute_friction_columns as compute_friction_columns,
         get_friction as get_friction,
     )
-    from symid.dynamics.lagrange import (
-        ExactEnergy as ExactEnergy,
-        derive_energy as derive_energy,
-        derive_torque_columns as derive_torque_columns,
-        evaluate_torque_columns as evaluate_torque_columns,
-    )
     from symid.dynamics.nearest_bodies import (
         PSEUDO_INERTIA_FORMS as PSEUDO_INERTIA_FORMS,
         BodyProblem as BodyProblem,
@@ -97,11 +91,15 @@ if TYPE_CHECKING:
     )
     from symid.dynamics.regressors import (
         Columns as Columns,
+        ExactEnergy as ExactEnergy,
         compute_body_energy as compute_body_energy,
         compute_energy_regressor as compute_energy_regressor,
         compute_lagrange_columns as compute_lagrange_columns,
         compute_momentum_columns as compute_momentum_columns,
         compute_torque_columns as compute_torque_columns,
+        derive_energy as derive_energy,
+        derive_torque_columns as derive_torque_columns,
+        evaluate_torque_columns as evaluate_torque_columns,
     )
     from symid.dynamics.regrouping import (
         OpenReading as OpenReading,
