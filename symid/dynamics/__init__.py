@@ -28,8 +28,11 @@ if TYPE_CHECKING:
     )
     from symid.dynamics.exact_algebra import (
         PointAlgebra as PointAlgebra,
+        build_basis as build_basis,
+        build_power_function as build_power_function,
         choose_domain as choose_domain,
         list_symbols as list_symbols,
+        split_polynomial as split_polynomial,
         write_name_latex as write_name_latex,
         write_polynomial as write_polynomial,
     )
@@ -109,11 +112,6 @@ if TYPE_CHECKING:
         list_coupled_readings as list_coupled_readings,
         list_kindred_readings as list_kindred_readings,
         read_group as read_group,
-    )
-    from symid.dynamics.trigonometric_basis import (
-        build_basis as build_basis,
-        build_power_function as build_power_function,
-        split_polynomial as split_polynomial,
     )
 else:
     from symid.lazy import load_names
