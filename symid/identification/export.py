@@ -48,7 +48,7 @@ from symid.robot import (
     list_urdf_omissions,
     parse_robot,
     parse_urdf,
-    read_text_file,
+    read_urdf_text,
     rewrite_urdf,
     write_c_values,
     write_mjcf,
@@ -144,6 +144,11 @@ def check_format(path: Path, precision: str = "double", *, friction: bool = Fals
     suffix = path.suffix.lower()
     if suffix not in KINDS:
         text = f"{path}: unknown format; give a name that ends in {', '.join(KINDS)}"
+        if suffix == ".xacro":
+            text = (
+                f"{path}: values are not written into xacro, where macros and properties compute them; "
+                "export a .urdf, which keeps names, frames and shapes, and copy its values by hand"
+            )
         raise UsageError(Notice(code="usage.suffix", text=text))
     if precision not in PRECISIONS:
         text = f"precision: expected one of {', '.join(PRECISIONS)}, got {precision!r}"
@@ -350,8 +355,8 @@ def place_in_source(robot: Robot, made: SourceFile) -> tuple[str, Robot, list[No
         RobotError: the file cannot be read, or its joints are others.
     """
     file = Path(made.file)
-    text = read_text_file(file, keep_ends=True)
-    before = parse_urdf(text, made.file, base=made.base, tip=made.tip, snap=made.snap)
+    source = read_urdf_text(file, keep_ends=True)
+    before = parse_urdf(source.text, source.file, base=made.base, tip=made.tip, snap=made.snap)
     mistakes = list_frame_differences(robot, before)
     if mistakes:
         told = f"its joints are others than when {robot.name!r} was made from it: {'; '.join(mistakes)}"
@@ -370,7 +375,7 @@ def place_in_source(robot: Robot, made: SourceFile) -> tuple[str, Robot, list[No
         )
         for new, old, turn in trios
     )
-    return text, replace(before, joints=joints), notices
+    return source.text, replace(before, joints=joints), notices
 
 
 _WRITERS: dict[str, Callable[[_Content, Path], str]] = {

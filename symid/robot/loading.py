@@ -4,9 +4,9 @@ A path, or a name in ./robots or among the robots that come with symid; texts su
 ("processing.filter_cutoff", "50") -> `Robot`, checked like the file itself. `complete_robot` adds what
 neither a URDF nor a table of rows holds: friction, rotors, gears, torque constants.
 
-Supported: robot files (TOML), URDF, tables of Denavit-Hartenberg rows (CSV); settings under `log`,
+Supported: robot files (TOML), URDF and xacro, tables of Denavit-Hartenberg rows (CSV); settings under `log`,
 `processing` and `controller`, and one friction model for all joints.
-Not supported: reading MJCF and xacro; settings of geometry, drives and link values, which belong into the
+Not supported: reading MJCF; settings of geometry, drives and link values, which belong into the
 file; values that contradict the source.
 """
 
@@ -290,7 +290,7 @@ def load_robot(
     """Return the robot of a name or path, with other settings in place of the file's.
 
     Args:
-        name: a name, or the path of a TOML, URDF or CSV file.
+        name: a name, or the path of a TOML, URDF, xacro or CSV file.
         settings: keys and values.
         friction: the friction model of all joints.
         base: the link of a URDF to start from.

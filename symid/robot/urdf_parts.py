@@ -194,7 +194,7 @@ class UrdfPart:
 
     def _refuse_number(self, attribute: str, expected: str, text: str) -> None:
         hint = "; decimals are written with a point" if "," in text else ""
-        hint = "; this is xacro: run xacro first" if "${" in text or "$(" in text else hint
+        hint = "; this is xacro: let the name end in .xacro" if "${" in text or "$(" in text else hint
         name = f"{self.element.tag} {attribute}".strip()
         self.refuse("robot.bad-number", f'{name}: expected {expected}, got "{show(text)}"{hint}', attribute)
 

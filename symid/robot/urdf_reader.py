@@ -8,7 +8,7 @@ master was cut off keeps a coordinate of its own.
 
 Supported: links with inertial values, joints that turn or slide, fixed joints, limits, damping and friction,
 simple transmissions; the part of the tree beyond a base link, the chain up to a tip link.
-Not supported: closed loops, several trees, rings of followers, floating and planar joints, xacro.
+Not supported: closed loops, several trees, rings of followers, floating and planar joints.
 """
 
 import re
@@ -23,9 +23,9 @@ from symid.robot.canonical_frames import choose_canonical_frames
 from symid.robot.description import Joint, JointKind, Mimic, MimicStep, Processing, Robot, SourceFile
 from symid.robot.geometry import IDENTITY, Exact, Placement, compose_placements, invert_placement, place_joint
 from symid.robot.inertia import lump_fixed_joints, move_by_placement
-from symid.robot.toml_values import BASE, read_text_file, sort_notices, suggest_names
+from symid.robot.toml_values import BASE, sort_notices, suggest_names
 from symid.robot.urdf_parts import UrdfJoint, UrdfReading, list_words, read_parts
-from symid.robot.urdf_xml import XmlDocument, parse_document
+from symid.robot.urdf_xml import XmlDocument, parse_document, read_urdf_text
 
 _LOOP = "closed loops are not supported; leave out one of the joints and give its torque as a load"
 
@@ -228,7 +228,7 @@ def read_urdf(
     """Return the robot that the URDF at `path` describes.
 
     Args:
-        path: the file.
+        path: the file, a URDF or a xacro file that writes one.
         base: the link to start from; the file's own root if None.
         tip: the link to end at; all branches belong to the robot if None. Where it is fixed to the last
             moving link, its frame becomes that link's `Joint.frame`.
@@ -237,7 +237,10 @@ def read_urdf(
     Raises:
         RobotError: with a notice for each mistake in the file, in the order of their places.
     """
-    return parse_urdf(read_text_file(path), str(path), base=base, tip=tip, snap=snap)
+    source = read_urdf_text(path)
+    robot = parse_urdf(source.text, source.file, base=base, tip=tip, snap=snap)
+    made = robot.made_from and replace(robot.made_from, file=str(path))
+    return replace(robot, path=str(path), notices=(*source.notices, *robot.notices), made_from=made)
 
 
 def parse_urdf(

@@ -1,18 +1,27 @@
-"""An XML text as a tree of elements with their places, and changes of it that leave all else as it is.
+"""The text of a URDF, expanded where it is xacro; an XML text as a tree of elements, and changes of it.
 
-A text -> `XmlDocument`; edits of single values -> the text with them. Supported: well-formed XML, at most 100
-elements deep. Not supported: document types and the entities that they define (a few lines of them fill any
-memory).
+A path -> `UrdfText`; a text -> `XmlDocument`, with places; edits of single values -> the text with them, where
+all else stays. Xacro files are expanded by the package xacro (the extra `xacro`), no ROS needed; arguments
+have their defaults. Packages of $(find NAME) are looked for around the file, in ROS_PACKAGE_PATH and in
+AMENT_PREFIX_PATH.
+
+Supported: well-formed XML, at most 100 elements deep. Not supported: document types and the entities that
+they define (a few lines of them fill any memory); xacro arguments without a default.
 """
 
+import contextlib
+import io
+import os
 import re
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 from xml.parsers import expat
 
 from symid.errors import Notice, RobotError
-from symid.robot.toml_values import Place
+from symid.robot.toml_values import Place, read_text_file
 
 _ATTRIBUTE = re.compile(rb"([^\s=/>\"']+)\s*=\s*(\"[^\"]*\"|'[^']*')")
 _QUOTED = re.compile(rb"[^>\"']|\"[^\"]*\"|'[^']*'")
@@ -175,3 +184,122 @@ def insert_element(document: XmlDocument, owner: XmlElement, lines: Sequence[str
     if start != end or source[start - 2 : start] != b"/>":
         return start, start, text
     return start - 2, start, f">{text}{end_of_line}{outer}</{owner.tag}>"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UrdfText:
+    """The text of a URDF, what messages call it, and what its expansion said."""
+
+    text: str
+    file: str
+    notices: tuple[Notice, ...] = ()
+
+
+def read_urdf_text(path: Path, *, keep_ends: bool = False) -> UrdfText:
+    """Return the text of the URDF at `path`, or of the one that the xacro file there writes.
+
+    `keep_ends`: ends of lines, and a byte order mark, stay as they are.
+
+    Raises:
+        RobotError: the file cannot be read or expanded, or the package xacro is not installed.
+    """
+    text = read_text_file(path, keep_ends=keep_ends)
+    if path.suffix.lower() != ".xacro" and "<xacro:" not in text:
+        return UrdfText(text=text, file=str(path))
+    try:
+        import xacro
+        from xacro import substitution_args
+    except ImportError as error:
+        words = (
+            "this is a xacro file, a program that writes a URDF: install the extra xacro, "
+            f"pip install 'symid[xacro]', or run `xacro {path.name} > robot.urdf` and give that file"
+        )
+        raise RobotError(Notice(code="robot.needs-xacro", text=words, file=str(path))) from error
+    lost: list[str] = []
+
+    def find(name: str) -> str:
+        for folder in _list_package_folders(name, path):
+            if folder.is_dir() and _read_package_name(folder) == name:
+                return str(folder)
+        lost.append(name)
+        return f"$(find {name})"
+
+    printed, arguments = io.StringIO(), dict[str, str]()
+    before = substitution_args._eval_find  # noqa: SLF001  xacro has no other way to tell where packages are
+    try:
+        with contextlib.redirect_stderr(printed), contextlib.redirect_stdout(printed):
+            _use_finder(substitution_args, find)
+            # The text that the program xacro prints, line by line, but without the folder in its head.
+            document = xacro.process_file(str(path), mappings=arguments)
+            document.childNodes[1].data = f" expanded by xacro from {path.name} "
+            text = document.toprettyxml(indent="  ")
+    except Exception as error:  # expressions of the file raise whatever they like
+        raise RobotError(_explain_failure(xacro, error, path, lost)) from error
+    finally:
+        _use_finder(substitution_args, before)
+    found = [f"{name}:={value}" for name, value in arguments.items()]
+    words = f"expanded by xacro{', arguments at their defaults: ' if found else ''}{', '.join(found)}"
+    words += f'; lines of messages with "(expanded)" are those that `xacro {path.name}` prints'
+    notices = [Notice(code="robot.xacro-arguments", text=words, file=str(path))]
+    said = [f"xacro: {entry}" for entry in (printed.getvalue().strip(),) if entry]
+    said += [f"{_explain_package(name)}; paths that begin with it are left as they are" for name in lost[:1]]
+    notices += [Notice(code="robot.xacro-warning", text=entry, file=str(path)) for entry in said]
+    return UrdfText(text=text, file=f"{path} (expanded)", notices=tuple(notices))
+
+
+def _use_finder(module: Any, find: Any) -> None:  # noqa: ANN401  xacro has no types
+    module._eval_find = module._eval_dict["find"] = find  # noqa: SLF001  as above
+
+
+def _list_package_folders(name: str, path: Path) -> Iterator[Path]:
+    """Yield where the ROS package `name` may be: around a file, and where ROS looks."""
+    for parent in path.resolve().parents:
+        yield parent
+        yield parent / name
+    for variable, inner in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")):
+        for entry in filter(None, os.environ.get(variable, "").split(os.pathsep)):
+            folder = Path(entry).expanduser() / inner
+            yield folder
+            yield folder / name
+            for depth in ("*", "*/*", "*/*/*"):
+                yield from sorted(file.parent for file in folder.glob(f"{depth}/package.xml"))
+
+
+def _read_package_name(folder: Path) -> str:
+    """Return the name of a ROS package; without a manifest that of its folder."""
+    try:
+        manifest = (folder / "package.xml").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return folder.name
+    found = re.search(r"<name>\s*([^<\s]+)\s*</name>", manifest)
+    return found[1] if found else folder.name
+
+
+def _explain_failure(xacro: Any, error: Exception, path: Path, lost: list[str]) -> Notice:  # noqa: ANN401  no types
+    """Return why xacro failed, in the file that it was reading."""
+    file = str((xacro.filestack or [None])[-1] or path)
+    if isinstance(error, expat.ExpatError):
+        text = f"not well-formed XML: {expat.ErrorString(error.code)}"
+        return Notice(code="robot.xacro", text=text, file=file, line=error.lineno, column=error.offset + 1)
+    cause: BaseException | None = error
+    while cause is not None and type(cause).__name__ != "ArgException":
+        cause = getattr(cause, "exc", None)
+    if lost:
+        text = _explain_package(lost[0])
+    elif cause is not None:
+        text = (
+            f"the argument {cause} has no default; run `xacro {path.name} {cause}:=VALUE > robot.urdf` and "
+            "give that file"
+        )
+    else:
+        text = f"xacro cannot expand it: {str(error) or type(error).__name__}"
+    for macro in (xacro.macrostack or ())[-1:]:
+        text += f" (in the macro {macro.body.getAttribute('name')})"
+    return Notice(code="robot.xacro", text=text, file=file)
+
+
+def _explain_package(name: str) -> str:
+    return (
+        f"$(find {name}): there is no ROS package of this name around the file, nor in ROS_PACKAGE_PATH or "
+        "AMENT_PREFIX_PATH; set ROS_PACKAGE_PATH to the folder that the package is in"
+    )

@@ -90,12 +90,12 @@ def test_mistakes_have_their_place(capsys, urdf):
     assert error["column"] > 1
 
 
-def test_xacro_is_refused_with_what_to_do(capsys, tmp_path):
+def test_xacro_that_cannot_be_expanded_is_refused(capsys, tmp_path):
     path = tmp_path / "arm.urdf.xacro"
     path.write_text('<robot xmlns:xacro="x"><xacro:arm/></robot>', encoding="utf-8")
     code, answer = call_json(capsys, "check", path)
     assert code == 3
-    assert "run `xacro arm.urdf.xacro > robot.urdf`" in answer["errors"][0]["text"]
+    assert "unknown macro name: xacro:arm" in answer["errors"][0]["text"]
 
 
 def test_a_missing_urdf_gets_the_nearest_name(capsys, urdf):
