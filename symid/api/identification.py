@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from symid.api.robot import RobotModel
     from symid.arrays import FloatArray
     from symid.dynamics import Payload, PayloadQuantity
-    from symid.identification import GivenResult, GivenSide, PayloadFinding
+    from symid.identification import FlangeFrame, GivenResult, GivenSide, PayloadCommand, PayloadFinding
     from symid.identification.elastic import (
         ElasticMotion,
         JointStiffness,
@@ -168,6 +168,23 @@ class PayloadResult(Result):
     def to_dict(self) -> dict[str, object]:
         """Return quantities, deviations and other changes in plain types."""
         return report.describe_payload(self.product.robot, self.payload)
+
+    def for_controller(self, controller: str, frame: "FlangeFrame" = None) -> "PayloadCommand":
+        """Return the payload as a controller takes it, with the text to enter there.
+
+        Args:
+            controller: "ur" (URScript) or "franka" (libfranka, franka_ros2, end effector of Desk).
+            frame: the flange of the controller: a link of the URDF, fixed to the one with the payload, or
+                x, y, z, roll, pitch, yaw in the frame of that one (m, rad); by default that frame itself.
+
+        Raises:
+            UsageError: there is no such controller, link or frame.
+            IdentifiabilityError: mass or centre of mass are not identified.
+            EstimateError: the controller takes no such inertia.
+        """
+        from symid.identification import build_payload_command
+
+        return build_payload_command(self.product.robot, self.payload, controller, frame)
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write the result to `path` as JSON, and return the path.

@@ -1,7 +1,7 @@
 """The verbs that identify: `symid identify`, `symid payload`, `symid hysteresis`."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -278,6 +278,17 @@ def _check_mixed(rows: str | None, others: Mapping[str, object], law: Mapping[st
     click.Choice(("ols", "wls")),
     default="wls",
 )
+@OUTPUT.option(
+    "--for controller",
+    "Print the payload as this controller takes it: Universal Robots or Franka.",
+    click.Choice(("ur", "franka")),
+)
+@OUTPUT.option(
+    "--frame",
+    "With --for: the flange, a link of the URDF, or x,y,z,roll,pitch,yaw in the link frame (m, rad).  "
+    "[default: the link frame]",
+    metavar="LINK",
+)
 @output_option("Write the result as JSON.")
 def payload_command(
     console: Console,
@@ -285,6 +296,8 @@ def payload_command(
     robot: NamedRobot,
     loaded: tuple[Path, ...],
     empty: tuple[Path, ...],
+    controller: str | None,
+    frame: str | None,
     output: Path | None,
     force: bool,
     **options: Any,  # noqa: ANN401  typed in `RobotModel.payload`
@@ -294,10 +307,20 @@ def payload_command(
     LOADED and EMPTY are estimates, as `identify` writes them, or logs. The result is a physically
     consistent body; quantities that are not identifiable are listed with the reason.
     """
+    if frame is not None and controller is None:
+        text = "--frame is the flange of a controller; name that by --for, or leave --frame out"
+        raise UsageError(Notice(code="usage.payload-frame", text=text))
     check_output(output, force=force, inputs=(*loaded, *empty))
     model = robot.load(console)
     check_output(output, force=force, inputs=(model.path,))
-    return answer_saved(model.payload(loaded, empty, **options), output, "payload")
+    found = model.payload(loaded, empty, **options)
+    if controller is None:
+        return answer_saved(found, output, "payload")
+    command = found.for_controller(controller, frame)
+    lines = [] if output is None else [f"payload: {show_path(found.save(output))}"]
+    return make_answer(
+        found, command.text, *lines, notices=command.notices, file=output, controller=asdict(command)
+    )
 
 
 @verb("hysteresis")

@@ -38,9 +38,13 @@ if TYPE_CHECKING:
         prepare_elastic_methods as prepare_elastic_methods,
     )
     from symid.identification.payload import (
+        CONTROLLERS as CONTROLLERS,
+        FlangeFrame as FlangeFrame,
         GivenSide as GivenSide,
+        PayloadCommand as PayloadCommand,
         PayloadFinding as PayloadFinding,
         PayloadTask as PayloadTask,
+        build_payload_command as build_payload_command,
         identify_payload as identify_payload,
     )
     from symid.identification.stored import (

@@ -1,13 +1,29 @@
-"""The payload of a robot, from estimates or logs with the payload and without it.
+"""The payload of a robot, from estimates or logs with the payload and without it, and what controllers take.
 
-Robot, for both sides an estimate or logs -> `PayloadFinding`.
+Robot, for both sides an estimate or logs -> `PayloadFinding`. Payload and flange -> `PayloadCommand`:
+
+    c_flange = R' (c - p),  J_flange = R' J R              R, p: the flange in the file's frame of the link
+
+Universal Robots: `set_target_payload(m, cog, inertia)`, cog in m from the tool flange, inertia in kg m^2 as
+[Ixx, Iyy, Izz, Ixy, Ixz, Iyz] about the centre, along the axes of the flange, at most 133 each, none of the
+first three negative; a zero matrix where it is left out (URScript manual, Software 10.6). From PolyScope 3.15
+and 5.10 on (Universal_Robots_Client_Library, pull request 515); before, `set_payload(m, cog)`.
+Franka: `setLoad(load_mass, F_x_Cload, load_inertia)` of libfranka (robot.h, robot_state.h), the inertia about
+the centre as nine numbers, column by column, in the flange frame; the service franka_msgs/SetLoad of
+franka_ros2 has the same; `mass`, `centerOfMass` and `inertia` of an end effector for Desk stand in
+endeffector-config.json (RIDE CLI documentation 1.1.1, "End effector commissioning").
+
+Not supported: the limits of a single robot, such as its rated payload; a centre that is not identified.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 
+import numpy as np
+
+from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.dynamics import (
     BaseParameters,
@@ -17,14 +33,14 @@ from symid.dynamics import (
     derive_base_parameters,
     estimate_payload,
 )
-from symid.errors import EstimateError, Notice, UsageError
+from symid.errors import EstimateError, IdentifiabilityError, Notice, UsageError
 from symid.identification.estimators import Estimate, ParameterEstimate
 from symid.identification.friction_search import identify_loaded
 from symid.identification.identified import build_identified
 from symid.identification.rigid import identify_parameters
 from symid.identification.stored import GivenResult, is_fit, read_dynamics
 from symid.logs import Recording, check_distinct, check_distinct_samples, read_recordings
-from symid.robot import Robot, describe_settings
+from symid.robot import Placement, Robot, describe_settings, suggest_names
 
 GivenSide = Sequence[GivenResult | Recording]
 """One estimate, or logs: each itself, or its file."""
@@ -157,3 +173,196 @@ def _build_values(entries: Sequence[ParameterEstimate], covariance: Sequence[Seq
         [entry.std for entry in entries],
         covariance,
     )
+
+
+CONTROLLERS = ("ur", "franka")
+"""Controllers that payloads are written for."""
+
+FlangeFrame = str | Sequence[float] | None
+"""A link of the URDF, or x, y, z, roll, pitch, yaw in the link frame (m, rad); None for the link frame."""
+
+_LARGEST = 133.0
+_LEFT_OUT = {"ur": "left out, which the controller takes as zero", "franka": "written as zero"}
+_SCOPE = {
+    "ur": (
+        "it replaces the active payload as a whole, from PolyScope 3.15 (CB3) or 5.10 (e-Series) on; before, "
+        "set_payload has no inertia; compare with the rated payload of the robot"
+    ),
+    "franka": (
+        "a load is added to the end effector that is configured in Desk: enter the payload at one place "
+        "only; compare with the rated payload of the robot"
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PayloadCommand:
+    """A payload as a controller takes it.
+
+    Args:
+        controller: one of `CONTROLLERS`.
+        frame: the frame of centre and inertia, in words.
+        mass: kg.
+        com: centre of mass in that frame, m.
+        inertia: xx xy xz yy yz zz about the centre of mass, kg m^2; None where it is not identified.
+        texts: what to enter, by where.
+        notices: what is left out, and what else counts.
+    """
+
+    controller: str
+    frame: str
+    mass: float
+    com: tuple[float, ...]
+    inertia: tuple[float, ...] | None
+    texts: Mapping[str, str]
+    notices: tuple[Notice, ...]
+
+    @property
+    def text(self) -> str:
+        """Return what to enter, and the frame."""
+        lines = (f"{place}: {text}" for place, text in self.texts.items())
+        return "\n".join((f"for {self.controller}, in {self.frame}:", *lines))
+
+
+def build_payload_command(
+    robot: Robot, found: Payload, controller: str, frame: FlangeFrame = None
+) -> PayloadCommand:
+    """Return a payload as a controller takes it; `frame` is its flange.
+
+    Raises:
+        UsageError: there is no such controller or link, or the link hangs on another joint.
+        IdentifiabilityError: mass or centre are not identified.
+        EstimateError: the controller refuses such an inertia.
+    """
+    if controller not in CONTROLLERS:
+        text = f"unknown controller {controller!r}; known are {', '.join(CONTROLLERS)}"
+        raise UsageError(Notice(code="usage.controller", text=text))
+    values = {entry.name: entry for entry in found.quantities}
+    lacking = [entry for entry in found.quantities[:4] if entry.value is None]
+    if lacking:
+        names = "; ".join(f"{entry.name}: {entry.reason}" for entry in lacking)
+        text = (
+            f"a payload without an identified centre is not for controllers ({names}): move more joints "
+            "against gravity, with the payload and without it, or take missing values from a drawing"
+        )
+        raise IdentifiabilityError(Notice(code="payload.controller-centre", text=text))
+    rotation, origin, words = _locate_flange(robot, found.joint, frame)
+    mass, *com = (values[name].value or 0.0 for name in ("mass", "cx", "cy", "cz"))
+    centre = rotation.T @ (np.array(com) - origin)
+    notices = [Notice(code="payload.controller-scope", text=f"{controller}: {_SCOPE[controller]}")]
+    if frame is None:
+        hint = [link.name for link in robot.links if robot.joints[link.joint].name == found.joint]
+        text = (
+            f"the flange of the controller is taken as {words}; else name it by --frame (frame=): "
+            f"{'one of the links ' + ', '.join(hint) + ', or ' if hint else ''}x,y,z,roll,pitch,yaw"
+        )
+        notices.insert(0, Notice(code="payload.controller-frame", text=text))
+    moments = {entry.name: entry.value for entry in found.quantities if entry.name.startswith("J")}
+    inertia = None
+    if unknown := [name for name, value in moments.items() if value is None]:
+        text = f"the inertia is {_LEFT_OUT[controller]}: {', '.join(unknown)} not identified"
+        notices.insert(0, Notice(code="payload.controller-inertia", text=text))
+    else:
+        tensor = np.zeros((3, 3))
+        tensor[np.triu_indices(3)] = [float(value or 0.0) for value in moments.values()]
+        tensor = rotation.T @ (tensor + np.triu(tensor, 1).T) @ rotation
+        inertia = tuple(float(entry) for entry in tensor[np.triu_indices(3)])
+        _check_limits(controller, inertia)
+    return PayloadCommand(
+        controller=controller,
+        frame=words,
+        mass=float(mass),
+        com=tuple(float(entry) for entry in centre),
+        inertia=inertia,
+        texts=dict(_write_commands(controller, float(mass), centre.tolist(), inertia)),
+        notices=tuple(notices),
+    )
+
+
+def _check_limits(controller: str, inertia: Sequence[float]) -> None:
+    """Refuse what the manual says that the controller refuses; masses and moments here are positive."""
+    if controller == "ur" and max(map(abs, inertia)) > _LARGEST:
+        text = (
+            f"Universal Robots take at most {_LARGEST:g} kg m^2 for each component of the inertia, this "
+            f"payload has {max(inertia, key=abs):.4g}"
+        )
+        raise EstimateError(Notice(code="payload.controller-limit", text=text))
+
+
+def _locate_flange(robot: Robot, joint: str, frame: FlangeFrame) -> tuple[FloatArray, FloatArray, str]:
+    """Return rotation (3, 3) and origin (3,) of the flange in the file's frame of the link, and words."""
+    numbers = _read_numbers(frame)
+    if numbers is not None:
+        (cr, cp, cy), (sr, sp, sy) = np.cos(numbers[3:]), np.sin(numbers[3:])
+        # Rot(z, yaw) Rot(y, pitch) Rot(x, roll).
+        rotation = np.array(
+            [
+                [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+                [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+                [-sp, cp * sr, cp * cr],
+            ]
+        )
+        listed = ", ".join(f"{number:g}" for number in numbers)
+        words = f"the frame at x, y, z, roll, pitch, yaw {listed} of the link frame of joint {joint!r}"
+        return rotation, np.array(numbers[:3]), words
+    if frame is None:
+        return np.eye(3), np.zeros(3), f"the link frame of joint {joint!r}"
+    links = {link.name: link for link in robot.links}
+    link = links.get(str(frame))
+    if link is None or robot.joints[link.joint].name != joint:
+        fixed = [name for name, entry in links.items() if robot.joints[entry.joint].name == joint]
+        text = f"the link {frame!r} is moved by joint {robot.joints[link.joint].name!r}" if link else ""
+        hint = suggest_names(str(frame), links, before=", ").rstrip("?")
+        text = text or f"there is no link {frame!r}{hint}"
+        known = f"a link on joint {joint!r} ({', '.join(fixed)})" if fixed else "no link of this file"
+        text += f"; --frame takes {known}, or x,y,z,roll,pitch,yaw in its link frame (m, rad)"
+        raise UsageError(Notice(code="usage.payload-frame", text=text))
+    symbols = dict(robot.symbols)
+    inner, inner_origin = _to_arrays(robot.joints[link.joint].frame, symbols)
+    outer, outer_origin = _to_arrays(link.placement, symbols)
+    return inner.T @ outer, inner.T @ (outer_origin - inner_origin), f"the frame of the link {link.name!r}"
+
+
+def _read_numbers(frame: FlangeFrame) -> list[float] | None:
+    """Return the six numbers of a frame; None where it is a name, or none is given."""
+    if frame is None or (isinstance(frame, str) and "," not in frame):
+        return None
+    try:
+        numbers = [float(entry) for entry in (frame.split(",") if isinstance(frame, str) else frame)]
+    except (TypeError, ValueError):
+        numbers = []
+    if len(numbers) != 6 or not np.all(np.isfinite(numbers)):
+        text = f"--frame {frame}: expected the name of a link, or six numbers x,y,z,roll,pitch,yaw (m, rad)"
+        raise UsageError(Notice(code="usage.payload-frame", text=text))
+    return numbers
+
+
+def _to_arrays(place: Placement, symbols: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
+    rotation = np.array([[entry.to_float() for entry in row] for row in place.rotation])
+    return rotation, np.array([entry.to_float(symbols) for entry in place.translation])
+
+
+def _write_commands(
+    controller: str, mass: float, com: Sequence[float], inertia: Sequence[float] | None
+) -> Iterator[tuple[str, str]]:
+    """Yield where to enter the payload, and what."""
+    m, centre = _write_number(mass), ", ".join(map(_write_number, com))
+    if controller == "ur":
+        xx, xy, xz, yy, yz, zz = map(_write_number, inertia or (0.0,) * 6)
+        tail = "" if inertia is None else f", [{xx}, {yy}, {zz}, {xy}, {xz}, {yz}]"
+        yield "URScript", f"set_target_payload({m}, [{centre}]{tail})"
+        yield "URScript, older", f"set_payload({m}, [{centre}])"
+        return
+    xx, xy, xz, yy, yz, zz = map(_write_number, inertia or (0.0,) * 6)
+    columns = f"{xx}, {xy}, {xz}, {xy}, {yy}, {yz}, {xz}, {yz}, {zz}"
+    yield "libfranka", f"robot.setLoad({m}, {{{{{centre}}}}}, {{{{{columns}}}}});"
+    yield "franka_msgs/SetLoad", f"{{mass: {m}, center_of_mass: [{centre}], load_inertia: [{columns}]}}"
+    yield (
+        "endeffector-config.json",
+        f'{{"mass": {m}, "centerOfMass": [{centre}], "inertia": [{columns}]}}',
+    )
+
+
+def _write_number(value: float) -> str:
+    """Return a number with nine digits, without an exponent."""
+    return np.format_float_positional(value + 0.0, precision=9, unique=False, fractional=False, trim="0")

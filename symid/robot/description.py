@@ -290,6 +290,15 @@ class Joint:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class LinkFrame:
+    """A link of a URDF that moves: index of the joint that moves it, its frame seen from that link frame."""
+
+    name: str
+    joint: int
+    placement: Placement
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Coupling:
     """A drive that turns with several joints: its speed is the sum of factor * dq over `terms`.
 
@@ -328,7 +337,7 @@ class Robot:
     calls can name; `log`, `processing` and `controller` are those in use; `made_from` is the URDF that it was
     made from. Joints that follow no other, `axes`, have a coordinate each, in the order of the joints. Joints
     and couplings together are numbered through (joints first); the number stands in the labels of their
-    parameters.
+    parameters. `links` are those of a URDF, with those that became part of others.
     """
 
     name: str
@@ -346,6 +355,7 @@ class Robot:
     notices: tuple[Notice, ...] = ()
     couplings: tuple[Coupling, ...] = ()
     made_from: SourceFile | None = None
+    links: tuple[LinkFrame, ...] = ()
 
     def __post_init__(self) -> None:
         """Check what every later stage relies on.

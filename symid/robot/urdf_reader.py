@@ -20,7 +20,16 @@ from pathlib import Path
 
 from symid.errors import RobotError
 from symid.robot.canonical_frames import choose_canonical_frames
-from symid.robot.description import Joint, JointKind, Mimic, MimicStep, Processing, Robot, SourceFile
+from symid.robot.description import (
+    Joint,
+    JointKind,
+    LinkFrame,
+    Mimic,
+    MimicStep,
+    Processing,
+    Robot,
+    SourceFile,
+)
 from symid.robot.geometry import IDENTITY, Exact, Placement, compose_placements, invert_placement, place_joint
 from symid.robot.inertia import lump_fixed_joints, move_by_placement
 from symid.robot.toml_values import BASE, sort_notices, suggest_names
@@ -264,9 +273,11 @@ def parse_urdf(
     followers = _read_mimics(reading, kept, before)
     if tree is None or reading.errors:
         raise RobotError(*sort_notices(reading.errors))
+    joints, links = _reduce_joints(reading, tree, followers, tip)
     return Robot(
         name=_choose_name(reading, Path(file).stem),
-        joints=_reduce_joints(reading, tree, followers, tip),
+        joints=joints,
+        links=links,
         gravity=_compute_gravity(reading, tree, followers),
         convention="urdf",
         description=f"from the URDF {Path(file).name}, whose link {tree.root} is the base"
@@ -361,8 +372,8 @@ def _place_offset(joint: UrdfJoint, follower: MimicStep | None, snap: float) -> 
 
 def _reduce_joints(
     reading: UrdfReading, tree: _Tree, followers: Mapping[str, MimicStep], tip: str | None
-) -> tuple[Joint, ...]:
-    """Return the moving joints with canonical frames, none of them called base.
+) -> tuple[tuple[Joint, ...], tuple[LinkFrame, ...]]:
+    """Return the moving joints with canonical frames, none of them called base, and all links that move.
 
     The last link's frame is that of the tip link, where this is fixed to it.
     """
@@ -376,17 +387,27 @@ def _reduce_joints(
         place = reading.document.locate_place(reading.document.root)
         raise RobotError(place.notice("robot.no-joints", "no joint of the robot moves by itself"))
     joints = lumped.joints
+    places = [(reading.joints[entry.name].child, k, entry.frame) for k, entry in enumerate(joints)]
     for frame in lumped.frames:
         part, link = reading.joints[frame.name].part, reading.links[reading.joints[frame.name].child]
         if frame.carrier >= 0:
             text = "links on fixed joints became part of the links that carry them: {}"
             reading.group("robot.lumped", text, link.name, part.element)
+            places.append((link.name, frame.carrier, frame.placement))
         elif link.mass:
             text = "links fixed to the base: {}; their masses are not identifiable"
             reading.group("robot.fixed-to-base", text, link.name, part.element)
         if link.name == tip and frame.carrier == len(joints) - 1:
             joints = (*joints[:-1], replace(joints[-1], frame=frame.placement))
     reframed = choose_canonical_frames(joints, snap=reading.snap)
+    turned = [
+        compose_placements(new.frame, invert_placement(old.frame))
+        for new, old in zip(reframed.joints, joints, strict=True)
+    ]
+    links = tuple(
+        LinkFrame(name=name, joint=k, placement=compose_placements(turned[k], place))
+        for name, k, place in places
+    )
     for joint, moved, tilt in zip(reframed.joints, reframed.moved_by, reframed.tilts, strict=True):
         part = reading.joints[joint.name].part
         if moved > _ROUNDED:
@@ -398,15 +419,20 @@ def _reduce_joints(
                 "to be parallel, write rpy and axis so; else some base parameters are poorly identifiable"
             )
             part.group("robot.nearly-parallel", text, f"{tilt:.1e}")
-    names = [joint.name for joint in reframed.joints]
+    return _rename_base(reading, reframed.joints), links
+
+
+def _rename_base(reading: UrdfReading, joints: tuple[Joint, ...]) -> tuple[Joint, ...]:
+    """Return the joints with another name for one that is called base."""
+    names = [joint.name for joint in joints]
     if BASE not in names:
-        return reframed.joints
+        return joints
     name = f"{BASE}_joint"
     while name in names:
         name += "_"
     text = f"joint '{BASE}' is renamed to '{name}': in a robot file '{BASE}' is the fixed base"
     reading.warn("robot.renamed", text, reading.joints[BASE].part.element, "name")
-    return tuple(replace(joint, name=name) if joint.name == BASE else joint for joint in reframed.joints)
+    return tuple(replace(joint, name=name) if joint.name == BASE else joint for joint in joints)
 
 
 def _compute_gravity(

@@ -282,3 +282,22 @@ def test_estimates_of_elastic_joints_give_the_payload(capsys, tmp_path, robots_f
     rigid = store_estimate(build_rigid_variant(robot), tmp_path / "rigid.json")
     code, answer = call(capsys, "payload", "two_link_elastic", loaded, "--empty", rigid)
     assert (code, answer["errors"][0]["code"]) == (3, "payload.other-model")
+
+
+def test_a_controller_gets_what_it_takes(capsys, arm, tmp_path):
+    folder, _ = arm
+    call_it = ("payload", folder / "arm.toml", folder / "loaded.json", "--empty", folder / "empty.json")
+    place = "0,0,0.1,0,0,1.5707963267948966"
+    code, answer = call(
+        capsys, *call_it, "--for", "ur", f"--frame={place}", "-o", tmp_path / "payload.json", "--mass", MASS
+    )
+    assert code == 0, answer
+    command = answer["result"]["controller"]
+    np.testing.assert_allclose(command["com"], [CENTRE[1], -CENTRE[0], CENTRE[2] - 0.1], atol=1e-6)
+    assert command["texts"]["URScript"].startswith("set_target_payload(1.5, [-0.02")
+    assert find_codes(answer) == ["payload.controller-scope"]
+    assert (tmp_path / "payload.json").exists()
+    assert run([*map(str, call_it), "--for", "franka", "-q"]) == 0
+    assert "libfranka: robot.setLoad(1." in capsys.readouterr().out
+    code, answer = call(capsys, *call_it, "--frame", "flange")
+    assert (code, answer["errors"][0]["code"]) == (2, "usage.payload-frame")
