@@ -323,8 +323,8 @@ class Fit(JudgedResult):
         fit. A `.urdf` is the robot's own with other numbers, where the robot was made from one.
 
         Args:
-            path: .toml (robot file), .urdf, .xml or .mjcf (MuJoCo), .h (C) or .json; overwritten. None for
-                the URDF that the robot was made from, in place.
+            path: .toml (robot file), .urdf, .xml or .mjcf (MuJoCo), .usda, .h (C) or .json; overwritten.
+                None for the URDF that the robot was made from, in place.
             precision: of the numbers in a C header: that of the generated library.
             accept: write the file although the verdict on the fit is wrong.
             limit: percent of each joint's torque that the bodies may differ from the fit by; by default 0.5,

@@ -958,7 +958,7 @@ class RobotModel:
         """Write the robot with the values of its robot file; the suffix of `path` selects the format.
 
         Args:
-            path: an existing file is overwritten: .toml, .urdf, .xml or .mjcf (MuJoCo), .h (C) or .json.
+            path: an existing file is overwritten: .toml, .urdf, .xml or .mjcf (MuJoCo), .usda, .h (C), .json.
             precision: of the numbers in a C header: that of the generated library.
 
         Raises:

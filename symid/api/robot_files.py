@@ -185,7 +185,7 @@ class ExportedFile(Result):
 
     @property
     def format(self) -> str:
-        """Return "robot file", "URDF", "MJCF model", "C header" or "values as JSON"."""
+        """Return "robot file", "URDF", "MJCF model", "USD stage", "C header" or "values as JSON"."""
         return self.product.format
 
     @property

@@ -219,7 +219,7 @@ def report_command(
 @robot_argument()
 @click.argument("estimate", required=False, type=FILE)
 @output_option(
-    "File to write: .toml, .urdf, .xml or .mjcf (MuJoCo), .h (C), .json.",
+    "File to write: .toml, .urdf, .xml or .mjcf (MuJoCo), .usda, .h (C), .json.",
     OUTPUT.option(
         "--precision",
         "Type of the numbers in a C header: that of the generated library.",

@@ -38,7 +38,6 @@ if TYPE_CHECKING:
         prepare_elastic_methods as prepare_elastic_methods,
     )
     from symid.identification.payload import (
-        CONTROLLERS as CONTROLLERS,
         FlangeFrame as FlangeFrame,
         GivenSide as GivenSide,
         PayloadCommand as PayloadCommand,

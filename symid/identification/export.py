@@ -2,7 +2,8 @@
 
 Robot whose file states values, or identified values or friction of one -> a file, and `FileExport`.
 
-Supported: robot files (.toml), URDF, MuJoCo models (.xml, .mjcf), C headers (.h), values as JSON (.json).
+Supported: robot files (.toml), URDF, MuJoCo models (.xml, .mjcf), USD text (.usda), C headers (.h), values as
+JSON (.json).
 Friction alone goes into robot files, by the laws that these have; friction of other joints stays as it is.
 """
 
@@ -46,6 +47,7 @@ from symid.robot import (
     build_json_values,
     list_mjcf_omissions,
     list_urdf_omissions,
+    list_usd_omissions,
     parse_robot,
     parse_urdf,
     read_urdf_text,
@@ -54,6 +56,7 @@ from symid.robot import (
     write_mjcf,
     write_robot,
     write_urdf,
+    write_usd,
 )
 from symid.serialization import write_json
 
@@ -62,6 +65,7 @@ KINDS = {
     ".urdf": "URDF",
     ".xml": "MJCF model",
     ".mjcf": "MJCF model",
+    ".usda": "USD stage",
     ".h": "C header",
     ".json": "values as JSON",
 }
@@ -307,6 +311,8 @@ def _list_omissions(
         left_out = tuple(list_urdf_omissions(robot))
     elif KINDS[suffix] == "MJCF model":
         left_out = tuple(list_mjcf_omissions(robot))
+    elif suffix == ".usda":
+        left_out = tuple(list_usd_omissions(robot))
     if not left_out:
         return (), ()
     more = f"; and {len(left_out) - _SHOWN} more" if len(left_out) > _SHOWN else ""
@@ -383,6 +389,7 @@ _WRITERS: dict[str, Callable[[_Content, Path], str]] = {
     ".urdf": lambda content, _: write_urdf(content.robot, comments=(content.comment,)),
     ".xml": lambda content, _: write_mjcf(content.robot, comments=(content.comment,)),
     ".mjcf": lambda content, _: write_mjcf(content.robot, comments=(content.comment,)),
+    ".usda": lambda content, _: write_usd(content.robot, comments=(content.comment,)),
     ".h": lambda content, _: write_c_values(
         _build_values(content), comments=(clean_text(content.comment),), precision=content.precision
     ),

@@ -86,6 +86,7 @@ if TYPE_CHECKING:
     from symid.robot.urdf_reader import parse_urdf as parse_urdf, read_urdf as read_urdf
     from symid.robot.urdf_rewriter import rewrite_urdf as rewrite_urdf
     from symid.robot.urdf_xml import read_urdf_text as read_urdf_text
+    from symid.robot.usd_writer import list_usd_omissions as list_usd_omissions, write_usd as write_usd
     from symid.robot.xml_writers import (
         list_mjcf_omissions as list_mjcf_omissions,
         list_urdf_omissions as list_urdf_omissions,

@@ -290,7 +290,7 @@ class Joint:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LinkFrame:
+class LinkPlace:
     """A link of a URDF that moves: index of the joint that moves it, its frame seen from that link frame."""
 
     name: str
@@ -355,7 +355,7 @@ class Robot:
     notices: tuple[Notice, ...] = ()
     couplings: tuple[Coupling, ...] = ()
     made_from: SourceFile | None = None
-    links: tuple[LinkFrame, ...] = ()
+    links: tuple[LinkPlace, ...] = ()
 
     def __post_init__(self) -> None:
         """Check what every later stage relies on.

@@ -23,7 +23,7 @@ from symid.robot.canonical_frames import choose_canonical_frames
 from symid.robot.description import (
     Joint,
     JointKind,
-    LinkFrame,
+    LinkPlace,
     Mimic,
     MimicStep,
     Processing,
@@ -372,7 +372,7 @@ def _place_offset(joint: UrdfJoint, follower: MimicStep | None, snap: float) -> 
 
 def _reduce_joints(
     reading: UrdfReading, tree: _Tree, followers: Mapping[str, MimicStep], tip: str | None
-) -> tuple[tuple[Joint, ...], tuple[LinkFrame, ...]]:
+) -> tuple[tuple[Joint, ...], tuple[LinkPlace, ...]]:
     """Return the moving joints with canonical frames, none of them called base, and all links that move.
 
     The last link's frame is that of the tip link, where this is fixed to it.
@@ -405,7 +405,7 @@ def _reduce_joints(
         for new, old in zip(reframed.joints, joints, strict=True)
     ]
     links = tuple(
-        LinkFrame(name=name, joint=k, placement=compose_placements(turned[k], place))
+        LinkPlace(name=name, joint=k, placement=compose_placements(turned[k], place))
         for name, k, place in places
     )
     for joint, moved, tilt in zip(reframed.joints, reframed.moved_by, reframed.tilts, strict=True):

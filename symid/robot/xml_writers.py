@@ -81,7 +81,7 @@ def get_plain_friction(friction: FrictionValues) -> tuple[float, float] | None:
     return max(0.0, sum(damping) / len(damping)), max(0.0, sum(dry) / len(dry))
 
 
-def _list_friction_omissions(owner: str, friction: FrictionValues) -> Iterator[str]:
+def list_friction_omissions(owner: str, friction: FrictionValues) -> Iterator[str]:
     """Yield what a friction model has beyond damping and dry friction, with all its values."""
     if friction.law != NO_FRICTION and friction.values is None:
         yield f"{owner}: friction of unknown size ({friction.law})"
@@ -107,7 +107,7 @@ def _list_friction_omissions(owner: str, friction: FrictionValues) -> Iterator[s
         yield f"{owner}: dry friction changes its sign over {friction.smoothing}"
 
 
-def _list_elastic_omissions(joint: Joint) -> Iterator[str]:
+def list_elastic_omissions(joint: Joint) -> Iterator[str]:
     """Yield the spring between motor and link of an elastic joint."""
     if spring := joint.elasticity:
         parts = [str(spring.stiffness)]
@@ -149,13 +149,18 @@ def list_urdf_omissions(robot: Robot) -> Iterator[str]:
     if gravity != (0.0, 0.0, -9.81):
         yield f"gravity of the model: {write_decimals(gravity)} m/s^2 in the frame of the link {BASE}"
     for joint in robot.joints:
-        yield from _list_friction_omissions(f"joint {joint.name}", joint.friction)
+        yield from list_friction_omissions(f"joint {joint.name}", joint.friction)
         if joint.drive.rotor_inertia:
             text = f"joint {joint.name}: rotor inertia {joint.drive.rotor_inertia} on the joint's side"
             yield f"{text}, which simulators call armature; they do not read <motorInertia>"
         if joint.spring is not None:
             yield f"joint {joint.name}: a spring, {joint.spring.stiffness} at rest at {joint.spring.rest}"
-        yield from _list_elastic_omissions(joint)
+        yield from list_elastic_omissions(joint)
+    yield from list_drive_omissions(robot)
+
+
+def list_drive_omissions(robot: Robot) -> Iterator[str]:
+    """Yield the coupled drives with their values."""
     for coupling in robot.couplings:
         terms = [f"{float(factor):g} {robot.joints[index].name}" for index, factor in coupling.terms]
         text = f"a drive coupled to several joints, {coupling.name}: {', '.join(terms)}"
@@ -271,13 +276,13 @@ def list_mjcf_omissions(robot: Robot) -> Iterator[str]:
         yield from _list_mjcf_friction_omissions(owner, joint.friction)
         if joint.spring is not None and joint.spring.stiffness is None:
             yield f"{owner}: a spring of unknown stiffness"
-        yield from _list_elastic_omissions(joint)
+        yield from list_elastic_omissions(joint)
     for coupling in robot.couplings:
         yield from _list_mjcf_friction_omissions(f"coupled drive {coupling.name}", coupling.friction)
 
 
 def _list_mjcf_friction_omissions(owner: str, friction: FrictionValues) -> Iterator[str]:
-    yield from _list_friction_omissions(owner, friction)
+    yield from list_friction_omissions(owner, friction)
     plain = get_plain_friction(friction)
     if plain is not None and plain[1] < 0:
         yield f"{owner}: dry friction {write_decimal(plain[1])}, which drives instead of braking"

@@ -47,7 +47,7 @@ def folder(page, tmp_path_factory, robots_folder):
 def test_every_format_of_the_table_is_written(page, folder):
     table = re.findall(r"^\| `\.(\w+)`(?:, `\.\w+`)? \|", page, re.MULTILINE)
     written = {path.suffix[1:] for path in folder.iterdir()}
-    assert len(table) == 5
+    assert len(table) == 6
     assert set(table) <= written
 
 
