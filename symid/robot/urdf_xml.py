@@ -1,7 +1,7 @@
 """The text of a URDF, expanded where it is xacro; an XML text as a tree of elements, and changes of it.
 
-A path -> `UrdfText`; a text -> `XmlDocument`, with places; edits of single values -> the text with them, where
-all else stays. Xacro files are expanded by the package xacro (the extra `xacro`), no ROS needed; arguments
+A path -> `UrdfText`; a text -> `XmlDocument`, with places; edits of single values -> the text with them, all
+else as it is. Xacro files are expanded by the package xacro (the extra `xacro`), no ROS needed; arguments
 have their defaults. Packages of $(find NAME) are looked for around the file, in ROS_PACKAGE_PATH and in
 AMENT_PREFIX_PATH.
 

@@ -94,10 +94,6 @@ def list_usd_omissions(robot: Robot) -> Iterator[str]:
         if name != joint.name:
             yield f"{owner}: is called {name}, since names of USD have letters, digits and _ only"
         yield from list_friction_omissions(owner, joint.friction)
-        plain = get_plain_friction(joint.friction)
-        if plain is not None and min(plain) < 0:
-            values = f"damping {plain[0]}, dry friction {plain[1]}"
-            yield f"{owner}: friction that drives instead of braking, {values}"
         if joint.drive.gear != 1.0:
             yield f"{owner}: gear {joint.drive.gear}; torques are those on the joint's side"
         if joint.mimic is not None and not _is_held(robot, joint):
@@ -231,7 +227,7 @@ def _list_drive(joint: Joint, prefix: str, degrees: float) -> Iterator[str]:
 
 
 def _list_axis_values(joint: Joint, degrees: float) -> Iterator[tuple[str, float]]:
-    """Yield rotor, largest velocity and friction, of which PhysX takes none that is negative."""
+    """Yield rotor, largest velocity and friction."""
     if joint.drive.rotor_inertia:
         yield "armature", joint.drive.rotor_inertia
     if joint.limits.velocity is not None:
@@ -240,7 +236,7 @@ def _list_axis_values(joint: Joint, degrees: float) -> Iterator[tuple[str, float
         return
     named = name_values(joint.friction)
     extra = [named[key] for key in ("Fe", "Fep", "Fen") if key in named]
-    damping, dry = (max(value, 0.0) for value in plain)
+    damping, dry = plain
     if dry:
         yield "staticFrictionEffort", dry + max(sum(extra) / max(len(extra), 1), 0.0)
         yield "dynamicFrictionEffort", dry

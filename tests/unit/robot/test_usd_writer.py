@@ -258,7 +258,7 @@ def test_what_has_no_words_is_told():
         "joint 1 a-b: gear 30.0; torques are those on the joint's side",
         "joint2: friction model lugre",
         "joint2: its link has no mass or no inertia",
-        "joint3: friction that drives instead of braking, damping 0.1, dry friction -0.2",
+        "joint3: negative friction, Fc = -0.2; it is written as 0",
         "joint3: elastic, 900.0;",
         "joint4: friction of unknown size",
         "joint4: a torque limit of 5.0, which would limit the spring",
