@@ -5,11 +5,14 @@ URDF the base is the link `base`, a link of unknown values has no <inertial>, an
 a rotor is `armature` (on the joint's side), a coupled drive a fixed tendon, followers are held by equality
 constraints, and each joint with a coordinate has a motor: its control is a torque on the motor's side.
 
+In MJCF friction that bends bristles, Dahl and LuGre with gamma 2, is a `dcmotor` without input, damping a
+polynomial for the law `cubic`; both are tested with MuJoCo 4.0, and older ones may not read them.
+
 Supported: placements, inertial values, limits, damping and dry friction (the mean of both directions),
 followers, gears and rotors; in MJCF also gravity, springs, couplings. Rewriting: URDFs read as a whole.
 Not supported, and written in a comment: symbols (their values are written), other friction, elastic joints;
 in URDF gravity other than (0, 0, -9.81), springs, coupled drives, and rotor inertia, which simulators do not
-read; in MJCF dry friction that pushes. Left out of MJCF: limits of velocity. MuJoCo needs masses.
+read. Left out of MJCF: limits of velocity. MuJoCo needs masses.
 """
 
 import math
@@ -79,6 +82,37 @@ def get_plain_friction(friction: FrictionValues) -> tuple[float, float] | None:
     groups = (("Fv", "Fvp", "Fvn"), ("Fc", "Fcp", "Fcn"))
     damping, dry = ([named[name] for name in names if name in named] or [0.0] for names in groups)
     return max(0.0, sum(damping) / len(damping)), max(0.0, sum(dry) / len(dry))
+
+
+def find_bristles(friction: FrictionValues) -> tuple[float, ...] | None:
+    """Return sigma0, sigma1, fC, fS, vs of friction with a state that MuJoCo has: Dahl, LuGre with gamma 2.
+
+    dz/dt = v - sigma0 |v| / g z, g = fC + (fS - fC) exp(-(v / vs)^2), torque sigma0 z + sigma1 dz/dt
+    ("MuJoCo DC Motor Model", MuJoCo 4.0). The damping is that of the joint.
+    """
+    if friction.law not in ("dahl", "lugre") or friction.values is None:
+        return None
+    named = name_values(friction)
+    shape = dict(zip(list_shape_names(friction), friction.shape, strict=True))
+    coulomb = named["Fc"]
+    static, gamma = coulomb + named.get("Fe", 0.0), shape.get("gamma", 2.0)
+    if gamma != 2.0 or min(coulomb, static) <= 0.0 or named["Fv"] < 0.0:
+        return None
+    stiffness, damping = (*friction.bristles, 0.0)[:2]
+    return stiffness, damping, coulomb, static, shape.get("vs", 1.0)
+
+
+def _find_curve(friction: FrictionValues) -> tuple[float, ...] | None:
+    """Return the damping times 1, |v| and v^2 of a law that has dry friction besides; else None.
+
+    MuJoCo has such polynomials. One that drives at some speed is left out, since simulations blow up there.
+    """
+    if friction.law != "cubic" or friction.values is None or friction.smoothing:
+        return None
+    named = name_values(friction)
+    least, slope, most = named["Fv"], named["Fvq"], named["Fvc"]
+    brakes = min(least, most, named["Fc"]) >= 0.0 and slope >= -2.0 * math.sqrt(least * most)
+    return (least, slope, most) if brakes else None
 
 
 def list_friction_omissions(owner: str, friction: FrictionValues) -> Iterator[str]:
@@ -257,11 +291,22 @@ def write_mjcf(robot: Robot, *, comments: Sequence[str] = ()) -> str:
     for name, joint in zip(names, robot.joints, strict=True):
         if joint.mimic is None:
             motor, gear = _write_quoted(f"{joint.name}_motor"), write_decimal(joint.drive.gear)
-            motors.append(f'    <motor name={motor} joint={name} gear="{gear}"/>')
+            limit = ""
+            if (torque := joint.limits.torque) is not None and find_bristles(joint.friction):
+                # A limit of the joint would count its bristles as well, which are an actuator.
+                force = torque / abs(joint.drive.gear)
+                limit = f' forcerange="{write_decimals((-force, force))}"'
+            motors.append(f'    <motor name={motor} joint={name} gear="{gear}"{limit}/>')
         else:
             pair = f"joint1={name} joint2={names[joint.mimic.master]}"
             multiple = write_decimal(float(joint.mimic.multiplier))
             followers.append(f'    <joint {pair} polycoef="0 {multiple} 0 0 0"/>')
+        if bristles := find_bristles(joint.friction):
+            text = f'input="none" motorconst="0" resistance="1" lugre="{write_decimals(bristles)}"'
+            motors.append("    <!-- friction with bristles: MuJoCo 4 or later -->")
+            motors.append(
+                f"    <dcmotor name={_write_quoted(f'{joint.name}_friction')} joint={name} {text}/>"
+            )
     bodies = list(_write_bodies(robot))
     sections = {"worldbody": bodies, "tendon": tendons, "equality": followers, "actuator": motors}
     for tag, inner in sections.items():
@@ -273,7 +318,8 @@ def list_mjcf_omissions(robot: Robot) -> Iterator[str]:
     """Yield what an MJCF model cannot hold; the file has it in comments."""
     for joint in robot.joints:
         owner = f"joint {joint.name}"
-        yield from _list_mjcf_friction_omissions(owner, joint.friction)
+        if find_bristles(joint.friction) is None:
+            yield from _list_mjcf_friction_omissions(owner, joint.friction)
         if joint.spring is not None and joint.spring.stiffness is None:
             yield f"{owner}: a spring of unknown stiffness"
         yield from list_elastic_omissions(joint)
@@ -282,10 +328,8 @@ def list_mjcf_omissions(robot: Robot) -> Iterator[str]:
 
 
 def _list_mjcf_friction_omissions(owner: str, friction: FrictionValues) -> Iterator[str]:
-    yield from list_friction_omissions(owner, friction)
-    plain = get_plain_friction(friction)
-    if plain is not None and plain[1] < 0:
-        yield f"{owner}: dry friction {write_decimal(plain[1])}, which drives instead of braking"
+    if _find_curve(friction) is None:
+        yield from list_friction_omissions(owner, friction)
 
 
 def _write_bodies(robot: Robot) -> Iterator[str]:
@@ -314,7 +358,7 @@ def _write_bodies(robot: Robot) -> Iterator[str]:
         attributes = [f'name={_write_quoted(joint.name)} type="{_TYPES[joint.kind]}" axis="0 0 1"']
         if joint.limits.position is not None:
             attributes.append(f'range="{write_decimals(joint.limits.position)}"')
-        if (torque := joint.limits.torque) is not None:
+        if (torque := joint.limits.torque) is not None and not find_bristles(joint.friction):
             attributes.append(f'actuatorfrcrange="{write_decimals((-torque, torque))}"')
         attributes += _list_drive(joint)
         if joint.spring is not None and joint.spring.stiffness is not None:
@@ -330,6 +374,6 @@ def _list_drive(owner: Joint | Coupling) -> Iterator[str]:
     if rotor := (owner.drive if isinstance(owner, Joint) else owner).rotor_inertia:
         yield f'armature="{write_decimal(rotor)}"'
     if plain := get_plain_friction(owner.friction):
-        yield f'damping="{write_decimal(plain[0])}"'
-        if plain[1] > 0:
+        yield f'damping="{write_decimals(_find_curve(owner.friction) or plain[:1])}"'
+        if plain[1] > 0 and not (isinstance(owner, Joint) and find_bristles(owner.friction)):
             yield f'frictionloss="{write_decimal(plain[1])}"'

@@ -16,6 +16,7 @@ from symid.robot.description import Coupling, Drive, Limits, Mimic, Robot, Sprin
 from symid.robot.geometry import Exact
 from symid.robot.toml_reader import read_robot
 from symid.robot.xml_writers import list_mjcf_omissions, write_mjcf, write_urdf
+from tests import state_laws
 from tests.chains import (
     build_chain,
     build_joint,
@@ -186,7 +187,7 @@ def test_what_has_no_words_is_told():
         "over 0.01",
         "joint2: friction model asymmetric",
         "joint3: friction model stribeck, values 0.5 1.5 0.25, shape 0.1 (Fv, Fc, Fe; vs)",
-        "joint4: dry friction -0.2,",
+        "joint4: negative friction, Fc = -0.2; it is written as 0",
         "joint4: elastic, 900.0;",
         "joint5: friction",
         "joint5: a spring",
@@ -207,3 +208,84 @@ def test_symbols_are_written_as_their_values_and_parameters_can_be_given():
 def test_a_long_chain_is_written():
     robot = fill(build_chain([(0.0, 0.01, 0, "q")] * 40))
     assert mujoco.MjModel.from_xml_string(write_mjcf(robot)).nv == 40
+
+
+BENT = {
+    "dahl": {"Fv": 1.1, "Fc": 2.0, "sigma0": 900.0},
+    "lugre": {"Fv": 1.1, "Fc": 2.0, "Fe": 0.7, "vs": 0.1, "gamma": 2.0, "sigma0": 900.0, "sigma1": 3.0},
+}
+
+
+def bend(name, *, gear=-20.0, **changed):
+    """Return a robot of two joints, the first with bristles and a torque limit."""
+    p = BENT[name] | changed
+    friction = FrictionValues(
+        law=name,
+        values=tuple(p[key] for key in ("Fv", "Fc", "Fe") if key in p),
+        shape=tuple(p[key] for key in ("vs", "gamma") if key in p),
+        bristles=tuple(p[key] for key in ("sigma0", "sigma1") if key in p),
+    )
+    robot = fill(build_chain([(0.3, 0.1, 0, "q")] * 2))
+    first = dataclasses.replace(
+        robot.joints[0], friction=friction, limits=Limits(torque=8.0), drive=Drive(gear=gear)
+    )
+    return p, dataclasses.replace(robot, joints=(first, robot.joints[1]))
+
+
+@pytest.mark.parametrize("name", BENT)
+def test_bristles_are_those_of_the_law(name):
+    p, robot = bend(name)
+    assert not list(list_mjcf_omissions(robot))
+    model = mujoco.MjModel.from_xml_string(write_mjcf(robot))
+    # The bristles are an actuator without a control.
+    assert (model.na, model.actuator_ctrlnum.tolist()) == (1, [1, 0, 1])
+    data = mujoco.MjData(model)
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        v, z = rng.uniform(-0.3, 0.3), rng.uniform(-2e-3, 2e-3)
+        data.qpos[:], data.qvel[:], data.act[:] = rng.uniform(-1, 1, 2), (v, 0.4), z
+        mujoco.mj_forward(model, data)
+        rate = state_laws.find_rate(p, v, z)
+        assert data.act_dot[0] == pytest.approx(rate, rel=1e-9)
+        found = -(data.qfrc_actuator[0] + data.qfrc_passive[0])
+        assert found == pytest.approx(state_laws.find_torque(p, v, [z]), rel=1e-9)
+        assert data.qfrc_constraint[0] == 0.0
+
+
+def test_a_torque_limit_is_that_of_the_motor_not_of_its_bristles():
+    p, robot = bend("lugre")
+    model = mujoco.MjModel.from_xml_string(write_mjcf(robot))
+    data = mujoco.MjData(model)
+    z, v = 1.5e-3, 0.2
+    data.qvel[0], data.act[0] = v, z
+    friction = state_laws.find_torque(p, v, [z]) - p["Fv"] * v
+    for control, torque in ((-0.1, 2.0), (-0.6, 8.0), (0.6, -8.0)):
+        data.ctrl[0] = control
+        mujoco.mj_forward(model, data)
+        assert data.qfrc_actuator[0] == pytest.approx(torque - friction)
+
+
+@pytest.mark.parametrize("change", [{"gamma": 1.4}, {"Fe": -2.5}, {"Fv": -0.1}])
+def test_bristles_that_mujoco_has_not_are_told(change):
+    _, robot = bend("lugre", **change)
+    (text,) = list_mjcf_omissions(robot)
+    assert "friction model lugre" in text
+    model = mujoco.MjModel.from_xml_string(write_mjcf(robot))
+    assert (model.na, model.dof_frictionloss[0], model.jnt_actfrcrange[0, 1]) == (0, 2.0, 8.0)
+
+
+@pytest.mark.parametrize(("values", "exact"), [((0.4, 0.7, -0.3, 0.2), True), ((0.4, 0.7, -0.6, 0.2), False)])
+def test_curved_damping_is_a_polynomial_where_it_brakes(values, exact):
+    made = fill(build_chain([(0.0, 0.1, 0, "q")]))
+    joint = dataclasses.replace(made.joints[0], friction=FrictionValues(law="cubic", values=values))
+    robot = dataclasses.replace(made, joints=(joint,))
+    assert [("friction model cubic" in text) for text in list_mjcf_omissions(robot)] == [True] * (not exact)
+    model = mujoco.MjModel.from_xml_string(write_mjcf(robot))
+    data = mujoco.MjData(model)
+    viscous, _, square, cube = values
+    for v in (-2.0, -0.3, 0.7, 1.9):
+        data.qvel[0] = v
+        mujoco.mj_forward(model, data)
+        expected = viscous * v + (square * abs(v) * v + cube * v**3) * exact
+        assert -data.qfrc_passive[0] == pytest.approx(expected, rel=1e-12)
+    assert model.dof_frictionloss[0] == 0.7
