@@ -39,6 +39,7 @@ NOTES = frozenset(
         *("log.offset", "log.payload", "log.resampled", "log.topic-read", "log.incomplete-messages"),
         *("new.assumed-gear", "new.assumed-order", "new.assumed-side", "new.gravity"),
         *("new.preset", "new.unused-columns"),
+        "payload.controller-scope",
         *("robot.assumed-gravity", "robot.cut-off", "robot.default-axis", "robot.elastic-joint"),
         *("robot.endless-limits", "robot.fixed-to-base", "robot.follower-still", "robot.lumped"),
         *("robot.renamed", "robot.urdf-unused", "robot.xacro-arguments"),

@@ -89,6 +89,7 @@ def test_the_link_frame_is_the_default_and_said():
     codes = [notice.code for notice in command.notices]
     assert codes == ["payload.controller-frame", "payload.controller-scope"]
     assert "one of the links hand, plate, flange" in command.notices[0].text
+    assert [notice.is_note for notice in command.notices] == [False, True]
     assert command.frame == "the link frame of joint 'b'"
 
 
