@@ -6,11 +6,13 @@ import sys
 
 import pytest
 
+from symid.api.robot_files import export_fit
 from symid.errors import RobotError, UsageError
-from symid.identification.export import check_format, write_stated
+from symid.identification.export import check_format, locate_source, write_stated
 from symid.robot.loading import load_robot
 from symid.robot.urdf_reader import parse_urdf, read_urdf
 from symid.robot.urdf_xml import read_urdf_text
+from tests.estimates import store_estimate
 
 SPACE = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
 PARTS = f"""<robot {SPACE}>
@@ -197,3 +199,14 @@ def test_values_go_into_a_urdf_and_not_into_xacro(arm, tmp_path):
     assert "xacro:" not in text
     assert '<link name="fore">' in text
     assert read_urdf(target).joints[0].inertial[9] == 6.0
+
+
+def test_values_are_not_written_into_xacro_in_place(arm, tmp_path):
+    robot = load_robot(str(arm))
+    assert locate_source(robot) == arm
+    found = store_estimate(robot, tmp_path / "estimate.json")
+    before = arm.read_text()
+    with pytest.raises(UsageError) as caught:
+        export_fit(robot, found, None)
+    assert "export a .urdf" in caught.value.notices[0].text
+    assert arm.read_text() == before
