@@ -32,12 +32,12 @@ from symid.robot import (
     ValueRow,
     ValueVector,
     build_json_values,
-    is_urdf,
     list_mjcf_omissions,
     list_urdf_omissions,
     parse_robot,
     parse_urdf,
     read_text_file,
+    rewrite_mjcf,
     rewrite_urdf,
     write_c_values,
     write_mjcf,
@@ -245,21 +245,22 @@ def _list_omissions(robot: Robot, path: Path) -> tuple[tuple[str, ...], tuple[No
     return left_out, (Notice(code="export.left-out", text=text, file=str(path)),)
 
 
-def _write_urdf(content: _Content) -> str:
-    """Return the robot's own file with other values where it is a URDF, else a new one."""
-    path = Path(content.robot.path)
+def _write_xml(content: _Content, convention: str) -> str:
+    """Return the robot's own file with other values where it is of this convention, else a new one."""
+    robot, comments = content.robot, (content.comment,)
+    rewrite, write = (rewrite_urdf, write_urdf) if convention == "urdf" else (rewrite_mjcf, write_mjcf)
     # The rest of a file that was cut has values of its own, which belong to other links than here.
-    cut = any(notice.code == "robot.cut-off" for notice in content.robot.notices)
-    if content.robot.path and is_urdf(path) and not cut:
-        return rewrite_urdf(read_text_file(path), content.robot, comments=(content.comment,))
-    return write_urdf(content.robot, comments=(content.comment,))
+    cut = any(notice.code == "robot.cut-off" for notice in robot.notices)
+    if robot.path and robot.convention == convention and not cut:
+        return rewrite(read_text_file(Path(robot.path)), robot, comments=comments)
+    return write(robot, comments=comments)
 
 
 _WRITERS: dict[str, Callable[[_Content], str]] = {
     ".toml": lambda content: write_robot(content.robot, comment=content.comment),
-    ".urdf": _write_urdf,
-    ".xml": lambda content: write_mjcf(content.robot, comments=(content.comment,)),
-    ".mjcf": lambda content: write_mjcf(content.robot, comments=(content.comment,)),
+    ".urdf": lambda content: _write_xml(content, "urdf"),
+    ".xml": lambda content: _write_xml(content, "mjcf"),
+    ".mjcf": lambda content: _write_xml(content, "mjcf"),
     ".h": lambda content: write_c_values(
         _build_values(content), comments=(clean_text(content.comment),), precision=content.precision
     ),

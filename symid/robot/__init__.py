@@ -33,12 +33,18 @@ if TYPE_CHECKING:
         DEFAULT_GRAVITY as DEFAULT_GRAVITY,
         Completion as Completion,
         complete_robot as complete_robot,
-        is_urdf as is_urdf,
+        is_xml as is_xml,
         list_robots as list_robots,
         load_robot as load_robot,
         locate_robot_file as locate_robot_file,
         override_robot as override_robot,
         override_settings as override_settings,
+    )
+    from symid.robot.mjcf_reader import parse_mjcf as parse_mjcf, read_xml_robot as read_xml_robot
+    from symid.robot.mjcf_writer import (
+        list_mjcf_omissions as list_mjcf_omissions,
+        rewrite_mjcf as rewrite_mjcf,
+        write_mjcf as write_mjcf,
     )
     from symid.robot.parameter_values import (
         PRECISIONS as PRECISIONS,
@@ -82,10 +88,8 @@ if TYPE_CHECKING:
     from symid.robot.toml_writer import write_robot as write_robot
     from symid.robot.urdf_reader import parse_urdf as parse_urdf, read_urdf as read_urdf
     from symid.robot.xml_writers import (
-        list_mjcf_omissions as list_mjcf_omissions,
         list_urdf_omissions as list_urdf_omissions,
         rewrite_urdf as rewrite_urdf,
-        write_mjcf as write_mjcf,
         write_urdf as write_urdf,
     )
 else:
