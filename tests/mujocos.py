@@ -10,11 +10,11 @@ def find_mujoco_torques(model: mujoco.MjModel, names, state: np.ndarray, *, dry:
     """Return MuJoCo's torques (n,) of the joints `names` in a state (3, n).
 
     Dry friction is a constraint there, whose force is the stated one as soon as the joint moves fast enough;
-    limits and what holds followers are constraints too, and never count here.
+    limits, contacts and what holds followers are constraints too, and never count here.
     """
     if dry:
         bits = mujoco.mjtDisableBit
-        model.opt.disableflags |= bits.mjDSBL_EQUALITY | bits.mjDSBL_LIMIT
+        model.opt.disableflags |= bits.mjDSBL_EQUALITY | bits.mjDSBL_LIMIT | bits.mjDSBL_CONTACT
     else:
         model.opt.disableflags |= RIGID
     data = mujoco.MjData(model)

@@ -147,6 +147,7 @@ def _list_drive(owner: Joint | Coupling) -> Iterator[str]:
             yield f'frictionloss="{write_decimal(plain[1])}"'
 
 
+_ROUNDED = 1e-14
 _NOTHING = '<inertial pos="0 0 0" mass="0" diaginertia="0 0 0"/>'
 
 
@@ -172,7 +173,8 @@ def rewrite_mjcf(text: str, robot: Robot, *, comments: Sequence[str] = ()) -> st
     if strangers and BASE in reading.joints:
         joints[BASE] = strangers[0]
         before[BASE] = before.get(strangers[0].name, strangers[0])
-    edits = [*_edit_compiler(model), *_edit_bodies(model, joints)]
+    edits = list(_edit_bodies(model, joints))
+    edits += _edit_compiler(model) if edits else ()
     for name in reading.joints:
         if name in joints:
             values = _list_values(model, joints[name], reading.joints[name], before.get(name))
@@ -195,7 +197,7 @@ def _list_mechanics(owner: Joint | Coupling) -> dict[str, float]:
 
 def _list_values(model: Model, joint: Joint, tree: TreeJoint, before: Joint | None) -> dict[str, float]:
     """Return the values of a joint's attributes."""
-    values, spring, old = _list_mechanics(joint), joint.spring, before and before.spring
+    values, spring, old = _list_mechanics(joint), joint.spring, before.spring if before else None
     if spring is None or spring.stiffness is None or old is None or tree.spring is None:
         return values
     # A follower's spring rests elsewhere in its own coordinate.
@@ -245,10 +247,18 @@ def _edit_bodies(model: Model, joints: Mapping[str, Joint]) -> Iterator[Edit]:
         if joint is not None and joint.inertial is not None:
             # In the frame that the file gives to the body.
             values = move_by_placement(joint.inertial, joint.frame, inverse=True)
-            if _check_file(body):
+            ignored = old is not None and model.settings.inference == "true"
+            if (ignored or not _is_same(values, link.inertial)) and _check_file(body):
                 yield from _edit_inertial(body, old, values)
         elif joint is None and carried[name] and link.mass and _check_file(body):
             yield replace_element(reading.document, body.part.element, old, [_NOTHING])
+
+
+def _is_same(values: Sequence[float], stated: Sequence[float] | None) -> bool:
+    """Return whether values differ by the rounding of a change of frames and back."""
+    if stated is None:
+        return False
+    return max(abs(a - b) for a, b in zip(values, stated, strict=True)) <= _ROUNDED * max(map(abs, stated))
 
 
 def _edit_inertial(body: MjcfPart, old: XmlElement | None, values: Sequence[float]) -> Iterator[Edit]:
@@ -264,13 +274,18 @@ def _edit_inertial(body: MjcfPart, old: XmlElement | None, values: Sequence[floa
         moments, quaternion = _find_axes(central, np.array(to_floats(read_rotation(_enter(body, old)))))
         more = {"diaginertia": write_decimals(moments), "quat": write_decimals(quaternion)}
         yield from _write_attributes(_enter(body, old), {**numbers, **more})
-    elif old is not None and "diaginertia" in names and not turned and not any(central[k] for k in (1, 2, 4)):
+    elif old is not None and "diaginertia" in names and not turned and _is_diagonal(central):
         moments = [central[k] for k in (0, 3, 5)]
         yield from _write_attributes(_enter(body, old), {**numbers, "diaginertia": write_decimals(moments)})
     else:
         place = " ".join(f'{name}="{value}"' for name, value in numbers.items())
         line = f'<inertial {place} fullinertia="{tensor}"/>' if mass else _NOTHING
         yield replace_element(body.model.reading.document, body.part.element, old, [line])
+
+
+def _is_diagonal(central: Sequence[float]) -> bool:
+    """Return whether an inertia (6,) xx xy xz yy yz zz has no more than rounding beside its diagonal."""
+    return max(abs(central[k]) for k in (1, 2, 4)) <= _ROUNDED * max(map(abs, central))
 
 
 def _enter(body: MjcfPart, element: XmlElement) -> MjcfPart:
