@@ -318,6 +318,7 @@ def assemble_robot(
     what, link, given = ("URDF", "link", "name") if gravity is None else ("MJCF model", "body", "model")
     ends = f"{link} {tree.root} is the base{f', {tip} the tip' if tip else ''}"
     joints = _reduce_joints(reading, tree, followers, tip)
+    couplings = _build_couplings(reading, tree, joints)
     return Robot(
         name=_choose_name(reading, given, file.stem),
         joints=_rename_base(reading, joints),
@@ -328,7 +329,7 @@ def assemble_robot(
         processing=Processing(automatic=True),
         path=reading.document.file,
         notices=reading.list_warnings(),
-        couplings=_build_couplings(reading, joints),
+        couplings=couplings,
     )
 
 
@@ -465,11 +466,15 @@ def _rename_base(reading: TreeReading, joints: tuple[Joint, ...]) -> tuple[Joint
     return tuple(replace(joint, name=name) if joint.name == BASE else joint for joint in joints)
 
 
-def _build_couplings(reading: TreeReading, joints: Sequence[Joint]) -> tuple[Coupling, ...]:
+def _build_couplings(reading: TreeReading, tree: _Tree, joints: Sequence[Joint]) -> tuple[Coupling, ...]:
     """Return the drives that turn with several joints; joints that stand still do not move them."""
     index = {joint.name: number for number, joint in enumerate(joints)}
+    kept = {joint.name for joint in (*tree.before, *tree.joints)}
     found = []
     for coupling in reading.couplings:
+        if lost := [f"'{name}'" for name, _ in coupling.terms if name not in kept]:
+            text = f"turns with joints that were cut off, {list_words(lost)}: it turns with the others alone"
+            coupling.part.warn("robot.coupling-cut", text)
         terms = tuple((index[name], factor) for name, factor in coupling.terms if name in index and factor)
         if terms:
             rotor, friction = coupling.rotor_inertia, coupling.friction
