@@ -115,7 +115,9 @@ def build_mjcf_robot(document: XmlDocument, base: str | None, tip: str | None, s
         RobotError: with a notice for each mistake in the text.
     """
     model = read_model(document, snap)
-    return assemble_robot(model.reading, base, tip, gravity=_read_option(model))
+    # A joint whose name is taken was left out, and its bodies are not connected.
+    complete = not any(error.code == "robot.duplicate-joint" for error in model.reading.errors)
+    return assemble_robot(model.reading, base, tip, complete=complete, gravity=_read_option(model))
 
 
 def read_model(document: XmlDocument, snap: float = DEFAULT_SNAP) -> Model:

@@ -1,7 +1,7 @@
 """MJCF models that others wrote, and one that uses all of the format: the torques are those of MuJoCo.
 
-Tolerances are relative to the largest torque of all states. Dry friction is a soft constraint in MuJoCo, whose
-force is the stated one beyond a small speed; these states are well beyond it.
+Tolerances are relative to the largest torque of all states. Dry friction is a soft constraint in MuJoCo, and
+its force the stated one beyond a small speed; these states are well beyond it.
 """
 
 import dataclasses
