@@ -40,7 +40,7 @@ if TYPE_CHECKING:
         override_robot as override_robot,
         override_settings as override_settings,
     )
-    from symid.robot.mjcf_reader import parse_mjcf as parse_mjcf, read_xml_robot as read_xml_robot
+    from symid.robot.mjcf_reader import read_xml_robot as read_xml_robot
     from symid.robot.mjcf_writer import (
         list_mjcf_omissions as list_mjcf_omissions,
         rewrite_mjcf as rewrite_mjcf,

@@ -43,7 +43,7 @@ from symid.robot.urdf_parts import (
     XmlPart,
     build_friction,
 )
-from symid.robot.urdf_reader import DEFAULT_SNAP, assemble_robot, build_urdf_robot
+from symid.robot.urdf_reader import DEFAULT_SNAP, assemble_robot, read_urdf
 from symid.robot.urdf_xml import XmlDocument, XmlElement, parse_document
 
 WORLD = "world"
@@ -68,11 +68,6 @@ _KNOWN = {
 }
 
 
-def is_mjcf(document: XmlDocument) -> bool:
-    """Return whether an XML text is an MJCF model."""
-    return document.root.tag in ("mujoco", "mujocoinclude")
-
-
 def read_xml_robot(
     path: Path, *, base: str | None = None, tip: str | None = None, snap: float = DEFAULT_SNAP
 ) -> Robot:
@@ -88,24 +83,10 @@ def read_xml_robot(
         RobotError: with a notice for each mistake in the file, in the order of their places.
     """
     document = parse_document(read_text_file(path), str(path))
-    build = build_mjcf_robot if is_mjcf(document) else build_urdf_robot
-    return build(document, base, tip, snap)
-
-
-def parse_mjcf(
-    text: str,
-    file: str = "robot.xml",
-    *,
-    base: str | None = None,
-    tip: str | None = None,
-    snap: float = DEFAULT_SNAP,
-) -> Robot:
-    """Return the robot that `text` describes; messages call the text `file`. See `read_xml_robot`.
-
-    Raises:
-        RobotError: with a notice for each mistake in the text.
-    """
-    return build_mjcf_robot(parse_document(text, file), base, tip, snap)
+    # An included part of a model is one by its tag, too.
+    if document.root.tag in ("mujoco", "mujocoinclude"):
+        return build_mjcf_robot(document, base, tip, snap)
+    return read_urdf(path, base=base, tip=tip, snap=snap)
 
 
 def build_mjcf_robot(document: XmlDocument, base: str | None, tip: str | None, snap: float) -> Robot:

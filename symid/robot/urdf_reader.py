@@ -272,15 +272,7 @@ def parse_urdf(
     Raises:
         RobotError: with a notice for each mistake in the text.
     """
-    return build_urdf_robot(parse_document(text, file), base, tip, snap)
-
-
-def build_urdf_robot(document: XmlDocument, base: str | None, tip: str | None, snap: float) -> Robot:
-    """Return the robot of a URDF. See `read_urdf`.
-
-    Raises:
-        RobotError: with a notice for each mistake in the text.
-    """
+    document = parse_document(text, file)
     _check_language(document)
     reading = read_parts(document, snap)
     _read_mimics(reading)

@@ -15,10 +15,10 @@ import pytest
 import symid
 from symid.codegen import build_casadi_function
 from symid.robot.description import JointKind, Robot
-from symid.robot.mjcf_reader import parse_mjcf, read_xml_robot
+from symid.robot.mjcf_reader import read_xml_robot
 from symid.robot.mjcf_writer import write_mjcf
 from tests.chains import build_transmission, fold, spread
-from tests.mujocos import find_mujoco_torques
+from tests.mujocos import find_mujoco_torques, parse_mjcf
 
 OWN = Path(__file__).parents[2] / "data" / "robots" / "gripper_arm.xml"
 FOREIGN = ("reacher", "pusher_v5", "inverted_pendulum", "inverted_double_pendulum", "point")

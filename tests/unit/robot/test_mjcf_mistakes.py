@@ -4,7 +4,8 @@ import pytest
 
 import symid
 from symid.errors import RobotError
-from symid.robot.mjcf_reader import parse_mjcf, read_xml_robot
+from symid.robot.mjcf_reader import read_xml_robot
+from tests.mujocos import parse_mjcf
 
 GEOM = '<geom size="0.1"/>'
 INERTIAL = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'

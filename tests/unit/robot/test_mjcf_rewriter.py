@@ -10,10 +10,9 @@ import pytest
 
 from symid.errors import RobotError
 from symid.joint_models import FrictionValues
-from symid.robot.mjcf_reader import parse_mjcf
 from symid.robot.mjcf_writer import rewrite_mjcf, write_mjcf
 from tests.chains import draw_parameters
-from tests.mujocos import find_mujoco_torques
+from tests.mujocos import find_mujoco_torques, parse_mjcf
 
 FILE = """<?xml version="1.0"?>
 <!-- our arm -->
