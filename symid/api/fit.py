@@ -309,21 +309,31 @@ class Fit(JudgedResult):
         )
 
     def export(
-        self, path: str | PathLike[str], *, precision: "Precision" = "double", accept: bool = False
+        self,
+        path: str | PathLike[str] | None = None,
+        *,
+        precision: "Precision" = "double",
+        accept: bool = False,
+        limit: float | None = None,
     ) -> "ExportedFile":
         """Write the robot with the values of the fit; the suffix of `path` selects the format.
 
         Among all physically consistent bodies with the identified combinations of masses and inertias, those
-        nearest to the robot file are written.
+        nearest to the robot file are written; where no bodies have them, the nearest in the covariance of the
+        fit. A `.urdf` is the robot's own with other numbers, where the robot was made from one.
 
         Args:
-            path: .toml (robot file), .urdf, .xml or .mjcf (MuJoCo), .h (C) or .json; overwritten.
+            path: .toml (robot file), .urdf, .xml or .mjcf (MuJoCo), .h (C) or .json; overwritten. None for
+                the URDF that the robot was made from, in place.
             precision: of the numbers in a C header: that of the generated library.
             accept: write the file although the verdict on the fit is wrong.
+            limit: percent of each joint's torque that the bodies may differ from the fit by; by default 0.5,
+                or 0.45 times what the fit leaves of held-out torque where that is more.
 
         Raises:
-            UsageError: the format is unknown, or cannot hold this fit.
-            EstimateError: the format cannot represent these values, or the verdict is wrong.
+            UsageError: the format is unknown, or cannot hold this fit; there is no URDF.
+            EstimateError: the format cannot represent these values, bodies differ by more than the limit, or
+                the verdict is wrong.
             OutputError: the file cannot be written.
 
         Example:
@@ -337,7 +347,13 @@ class Fit(JudgedResult):
 
         robot = self.robot
         return export_fit(
-            robot.description, self, path, precision=precision, accept=accept, progress=robot.progress
+            robot.description,
+            self,
+            path,
+            precision=precision,
+            accept=accept,
+            limit=limit,
+            progress=robot.progress,
         )
 
     def report(

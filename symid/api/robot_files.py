@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, final
 
 from symid import report
-from symid.api.result import Progress, Result, ignore
+from symid.api.result import Progress, Result, check_positive, ignore
 from symid.errors import EstimateError, Notice
 
 if TYPE_CHECKING:
@@ -213,10 +213,11 @@ class ExportedFile(Result):
 def export_fit(
     robot: "Robot",
     found: "GivenResult",
-    path: str | PathLike[str],
+    path: str | PathLike[str] | None,
     *,
     precision: Precision = "double",
     accept: bool = False,
+    limit: float | None = None,
     progress: Progress = ignore,
 ) -> ExportedFile:
     """Write a robot with the values of a fit, or of its file; see `Fit.export`.
@@ -227,13 +228,15 @@ def export_fit(
     from symid.identification import (
         build_identified,
         check_format,
+        locate_source,
         read_result,
         write_friction,
         write_identified,
     )
     from symid.identification.friction import FrictionIdentification
 
-    output = Path(path)
+    check_positive("limit", limit, zero=True)
+    output = locate_source(robot) if path is None else Path(path)
     result, source = read_result(found)
     check_format(output, precision, friction=isinstance(result, FrictionIdentification))
     judged = _check_verdict(result, source, accept=accept)
@@ -242,7 +245,8 @@ def export_fit(
         return _add_notices(write_friction(robot, result, source, output), judged)
     identified = build_identified(robot, result, source)
     progress(f"computing consistent bodies with the identified values of {robot.name}")
-    return _add_notices(write_identified(identified, source, output, precision=precision), judged)
+    written = write_identified(identified, source, output, precision=precision, limit=limit)
+    return _add_notices(written, judged)
 
 
 def _check_verdict(found: "AnyEstimate", source: Path, *, accept: bool) -> tuple[Notice, ...]:

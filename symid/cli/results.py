@@ -226,31 +226,55 @@ def report_command(
         click.Choice(("double", "float")),
         default="double",
     ),
+    OUTPUT.option("--in-place", "Write the URDF that ROBOT was made from, in place of -o.", is_flag=True),
     OUTPUT.option("--accept", "Write the file although the verdict on ESTIMATE is wrong.", is_flag=True),
-    required=True,
+    OUTPUT.option(
+        "--limit",
+        "Percent of each joint's torque that the bodies may differ from ESTIMATE by, where none have its "
+        "values; default: 0.5, or 0.45 times the held-out residual.",
+        float,
+        "PERCENT",
+    ),
 )
 def export_command(
     console: Console,
     *,
     robot: NamedRobot,
     estimate: Path | None,
-    output: Path,
+    output: Path | None,
     precision: Precision,
+    in_place: bool,
     accept: bool,
+    limit: float | None,
     force: bool,
 ) -> Answer:
     """Write ROBOT with the values in ESTIMATE; the suffix of FILE selects the format.
 
     Among all physically consistent bodies with the identified combinations of masses and inertias,
-    those nearest to the robot file are written. Results of --rows friction give the joints their laws, if
-    robot files have a model for them. Without ESTIMATE the values of the robot file are written. An
-    ESTIMATE whose verdict is wrong is refused.
+    those nearest to the robot file are written; where no bodies have them, those nearest to ESTIMATE. If
+    ROBOT was made from a URDF, a .urdf is that file with other numbers, all else as it was. Results of --rows
+    friction give the joints their laws, if robot files have a model for them. Without ESTIMATE the values of
+    the robot file are written. An ESTIMATE whose verdict is wrong is refused.
     """
+    if (output is None) != in_place:
+        text = (
+            "give the file to write (-o FILE), or --in-place for the URDF that ROBOT was made from; not both"
+        )
+        raise UsageError(Notice(code="usage.export-file", text=text))
     model = robot.load(console)
     check_output(output, force=force, inputs=(model.path, *([estimate] if estimate else [])))
     if estimate is None:
+        if output is None:
+            text = "--in-place writes the values of ESTIMATE; give one"
+            raise UsageError(Notice(code="usage.export-file", text=text))
         return make_answer(model.export(output, precision=precision))
     found = export_fit(
-        model.description, estimate, output, precision=precision, accept=accept, progress=console.progress
+        model.description,
+        estimate,
+        output,
+        precision=precision,
+        accept=accept,
+        limit=limit,
+        progress=console.progress,
     )
     return make_answer(found)

@@ -62,7 +62,6 @@ if TYPE_CHECKING:
         NearestBodies as NearestBodies,
         build_expected_bodies as build_expected_bodies,
         build_prior as build_prior,
-        build_pseudo_inertias as build_pseudo_inertias,
         compute_cost as compute_cost,
         compute_errors as compute_errors,
         compute_standard_parameters as compute_standard_parameters,

@@ -27,24 +27,11 @@ from typing import NamedTuple
 import numpy as np
 
 from symid.arrays import FloatArray
-from symid.robot import Robot
+from symid.robot import Robot, build_pseudo_inertias
 
 _REACH = 0.1
 # Flat and thin bodies lie on the edge of what is possible: there the distance to them is infinite.
 _ROUNDED = 1e-3
-
-
-def build_pseudo_inertias(parameters: FloatArray) -> FloatArray:
-    """Return the pseudo-inertias (n, 4, 4) of standard parameters (n, 10)."""
-    xx, xy, xz, yy, yz, zz, mx, my, mz, mass = np.asarray(parameters, dtype=np.float64).T
-    half = 0.5 * (xx + yy + zz)
-    rows = [
-        [half - xx, -xy, -xz, mx],
-        [-xy, half - yy, -yz, my],
-        [-xz, -yz, half - zz, mz],
-        [mx, my, mz, mass],
-    ]
-    return np.array(rows, dtype=np.float64).transpose(2, 0, 1)
 
 
 _UNITS = build_pseudo_inertias(np.eye(10)).reshape(10, 16)

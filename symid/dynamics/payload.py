@@ -28,14 +28,13 @@ from symid.dynamics.base_parameters import BaseParameters, build_grouping
 from symid.dynamics.nearest_bodies import (
     PSEUDO_INERTIA_FORMS,
     BodyProblem,
-    build_pseudo_inertias,
     compute_standard_parameters,
     optimise_bodies,
     solve_body_equations,
 )
 from symid.errors import EstimateError, IdentifiabilityError, Notice, UsageError
 from symid.notation import INERTIAL
-from symid.robot import Robot, move_parameters
+from symid.robot import Robot, build_pseudo_inertias, move_parameters
 
 PAYLOAD_QUANTITIES = ("mass", "cx", "cy", "cz", "Jxx", "Jxy", "Jxz", "Jyy", "Jyz", "Jzz")
 """Mass (kg), centre of mass (m), inertia about it (kg m^2)."""

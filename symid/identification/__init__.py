@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from symid.identification.export import (
         FileExport as FileExport,
         check_format as check_format,
+        locate_source as locate_source,
         write_friction as write_friction,
         write_identified as write_identified,
         write_stated as write_stated,

@@ -7,11 +7,13 @@ Friction alone goes into robot files, by the laws that these have; friction of o
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from symid.codegen import build_library_prefix, build_model_card, clean_text
+import numpy as np
+
+from symid.codegen import build_library_prefix, build_model_card, clean_text, prepare_library
 from symid.dynamics import BaseParameters, StandardSet, build_grouping, derive_base_parameters
 from symid.environment import write_file
 from symid.errors import EstimateError, Notice, RobotError, UsageError
@@ -23,19 +25,31 @@ from symid.identification.friction import (
     describe_obstacle,
     set_identified_friction,
 )
-from symid.identification.identified import Identified, build_robot, list_warnings
+from symid.identification.identified import (
+    Identified,
+    JointCost,
+    build_robot,
+    list_frame_differences,
+    list_turns,
+    list_warnings,
+    measure_costs,
+    move_link,
+)
 from symid.joint_models import FrictionValues, get_friction_law
 from symid.robot import (
     PRECISIONS,
     Robot,
     RobotValues,
+    SourceFile,
     ValueRow,
     ValueVector,
     build_json_values,
+    is_mjcf,
     list_mjcf_omissions,
     list_urdf_omissions,
     parse_robot,
     parse_urdf,
+    parse_xml_robot,
     read_text_file,
     rewrite_mjcf,
     rewrite_urdf,
@@ -55,6 +69,9 @@ KINDS = {
     ".json": "values as JSON",
 }
 """Kinds of files, by the end of their name."""
+
+# Of a file that a robot was made from: no model of MuJoCo, or one.
+_SOURCES = (KINDS[".urdf"], KINDS[".xml"])
 
 
 _SHOWN = 3
@@ -80,6 +97,8 @@ class FileExport:
         left_out: what the format cannot express.
         missing: what was not identified.
         standard: the bodies, None where none were computed.
+        costs: what these bodies cost joint by joint, where they are not those identified.
+        rewritten: the file of which all else was kept, empty where the file is new.
         friction: what was written where only friction was identified.
         notices: what a user of the file must know.
     """
@@ -90,6 +109,8 @@ class FileExport:
     left_out: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
     standard: StandardSet | None = None
+    costs: tuple[JointCost, ...] = ()
+    rewritten: str = ""
     friction: WrittenFriction | None = None
     notices: tuple[Notice, ...] = ()
 
@@ -166,27 +187,40 @@ def write_stated(robot: Robot, path: Path, *, precision: str = "double") -> File
             )
             raise RobotError(Notice(code="export.no-values", text=text, file=robot.path))
     content = _Content(robot=robot, base=base, outcome="stated", precision=precision)
-    write_file(path, _WRITERS[suffix](content))
-    left_out, warnings = _list_omissions(robot, path)
+    written = _write(content, path)
+    write_file(path, written.text)
+    left_out, warnings = _list_omissions(robot, path, commented=not written.rewritten)
     return FileExport(
         file=path,
         robot=robot,
         outcome=content.outcome,
         left_out=left_out,
-        notices=(*robot.notices, *warnings),
+        rewritten=written.rewritten,
+        notices=(*robot.notices, *written.notices, *warnings),
     )
 
 
-def write_identified(found: Identified, source: Path, path: Path, *, precision: str = "double") -> FileExport:
+def write_identified(
+    found: Identified, source: Path, path: Path, *, precision: str = "double", limit: float | None = None
+) -> FileExport:
     """Write the robot with identified values, from `source`.
+
+    `limit` is what the bodies may cost of each joint's torque, in percent; see `measure_costs`.
 
     Raises:
         UsageError: see `check_format`.
-        EstimateError: such a file cannot have these values.
+        EstimateError: such a file cannot have these values, or the bodies cost too much.
         OutputError: the file cannot be written.
     """
     suffix = check_format(path, precision)
-    identified = build_robot(found)
+    identified = build_robot(found, grouped=suffix != ".urdf")
+    if suffix == ".urdf" and identified.standard.reason:
+        # Links that cannot hold the inertia of their rotors as well.
+        identified = build_robot(found)
+    costs: tuple[JointCost, ...] = ()
+    if identified.standard.reason:
+        costs = measure_costs(identified.standard, found, prepare_library(found.robot), limit)
+        _refuse_costs(costs, identified.standard.reason, source)
     sources = tuple(Path(entry).name for entry in found.sources)
     before = f"; before: {identified.robot.source}" if identified.robot.source else ""
     robot = replace(identified.robot, source=f"Values identified from {', '.join(sources)}{before}")
@@ -198,10 +232,10 @@ def write_identified(found: Identified, source: Path, path: Path, *, precision: 
         found=found.values,
         precision=precision,
     )
-    text = _WRITERS[suffix](content)
-    _read_back(text, suffix, source)
-    write_file(path, text)
-    left_out, warnings = _list_omissions(robot, path)
+    written = _write(content, path)
+    _read_back(written.text, suffix, source)
+    write_file(path, written.text)
+    left_out, warnings = _list_omissions(robot, path, commented=not written.rewritten)
     return FileExport(
         file=path,
         robot=robot,
@@ -209,8 +243,42 @@ def write_identified(found: Identified, source: Path, path: Path, *, precision: 
         left_out=left_out,
         missing=found.missing,
         standard=identified.standard,
-        notices=(*list_warnings(identified, found, source), *warnings),
+        costs=costs,
+        rewritten=written.rewritten,
+        notices=(*list_warnings(identified, found, source), *written.notices, *warnings),
     )
+
+
+def _refuse_costs(costs: Sequence[JointCost], reason: str, source: Path) -> None:
+    """Refuse bodies that cost more of a joint's torque than is allowed."""
+    over = [entry for entry in costs if entry.percent > entry.limit]
+    if not over:
+        return
+    listed = ", ".join(
+        f"{entry.percent:.2g} % of the torque of {entry.joint!r} (limit {entry.limit:.2g} %)"
+        for entry in over
+    )
+    text = (
+        f"no physical bodies have the identified values, and the nearest differ by {listed}: {reason}. "
+        "Identify with consistent bodies (--estimator consistent) or from logs with more excitation, or "
+        "allow it by --limit PERCENT (limit=...)"
+    )
+    raise EstimateError(Notice(code="export.cost", text=text, file=str(source)))
+
+
+def locate_source(robot: Robot) -> Path:
+    """Return the URDF or MJCF that a robot was made from.
+
+    Raises:
+        UsageError: it was made from none.
+    """
+    if robot.made_from is not None:
+        return Path(robot.made_from.file)
+    text = (
+        f"robot {robot.name!r} was not made from a URDF or MJCF, so that there is no file to write in "
+        "place; give a name (-o FILE)"
+    )
+    raise UsageError(Notice(code="usage.no-source", text=text, file=robot.path))
 
 
 def _read_back(text: str, suffix: str, source: Path) -> tuple[Notice, ...]:
@@ -230,8 +298,10 @@ def _read_back(text: str, suffix: str, source: Path) -> tuple[Notice, ...]:
         raise EstimateError(Notice(code="export.impossible", text=text, file=str(source))) from error
 
 
-def _list_omissions(robot: Robot, path: Path) -> tuple[tuple[str, ...], tuple[Notice, ...]]:
-    """Return what the format cannot express, and a notice about it."""
+def _list_omissions(
+    robot: Robot, path: Path, *, commented: bool
+) -> tuple[tuple[str, ...], tuple[Notice, ...]]:
+    """Return what the format cannot express, and a notice about it; whether comments say it."""
     suffix = path.suffix.lower()
     left_out: tuple[str, ...] = ()
     if suffix == ".urdf":
@@ -241,30 +311,89 @@ def _list_omissions(robot: Robot, path: Path) -> tuple[tuple[str, ...], tuple[No
     if not left_out:
         return (), ()
     more = f"; and {len(left_out) - _SHOWN} more" if len(left_out) > _SHOWN else ""
-    text = f"the format cannot express this, which is in comments: {'; '.join(left_out[:_SHOWN])}{more}"
+    where = ", which is in comments" if commented else ""
+    text = f"the format cannot express this{where}: {'; '.join(left_out[:_SHOWN])}{more}"
     return left_out, (Notice(code="export.left-out", text=text, file=str(path)),)
 
 
-def _write_xml(content: _Content, convention: str) -> str:
-    """Return the robot's own file with other values where it is of this convention, else a new one."""
-    robot, comments = content.robot, (content.comment,)
-    rewrite, write = (rewrite_urdf, write_urdf) if convention == "urdf" else (rewrite_mjcf, write_mjcf)
-    # The rest of a file that was cut has values of its own, which belong to other links than here.
-    cut = any(notice.code == "robot.cut-off" for notice in robot.notices)
-    if robot.path and robot.convention == convention and not cut:
-        return rewrite(read_text_file(Path(robot.path)), robot, comments=comments)
-    return write(robot, comments=comments)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Written:
+    """The text of a file, the file of which all else was kept, and what a user must know."""
+
+    text: str
+    rewritten: str = ""
+    notices: tuple[Notice, ...] = ()
 
 
-_WRITERS: dict[str, Callable[[_Content], str]] = {
-    ".toml": lambda content: write_robot(content.robot, comment=content.comment),
-    ".urdf": lambda content: _write_xml(content, "urdf"),
-    ".xml": lambda content: _write_xml(content, "mjcf"),
-    ".mjcf": lambda content: _write_xml(content, "mjcf"),
-    ".h": lambda content: write_c_values(
+def _write(content: _Content, path: Path) -> _Written:
+    """Return the text of the file at `path`: that which the robot was made from, where it is of its kind."""
+    suffix, made = path.suffix.lower(), content.robot.made_from
+    in_place = made is not None and path.resolve() == Path(made.file).resolve()
+    kind = KINDS[suffix]
+    if made is None or not (in_place or kind == _SOURCES[is_mjcf(Path(made.file))]):
+        return _Written(text=_WRITERS[suffix](content, path))
+    try:
+        text, robot, notices = place_in_source(content.robot, made)
+        found = (rewrite_mjcf if robot.convention == "mjcf" else rewrite_urdf)(text, robot)
+    except RobotError as error:
+        if in_place:
+            raise
+        reason = "; ".join(map(str, error.notices))
+        text = (
+            f"a new {kind} was written, since the one that the robot was made from was not usable: {reason}"
+        )
+        notice = Notice(code="export.new-file", text=text, file=str(path))
+        return _Written(text=_WRITERS[suffix](content, path), notices=(notice,))
+    for link, carried in found.shared.items():
+        text = (
+            f"the values of link {link!r} were identified together with those of {', '.join(carried)}, which "
+            "hang on it; the change was spread over them"
+        )
+        notices.append(Notice(code="export.shared-links", text=text, file=str(path)))
+    return _Written(text=found.text, rewritten=made.file, notices=tuple(notices))
+
+
+def place_in_source(robot: Robot, made: SourceFile) -> tuple[str, Robot, list[Notice]]:
+    """Return the text of the URDF or MJCF `made`, and its robot with the values of `robot`, made from it.
+
+    Raises:
+        RobotError: the file cannot be read, or its joints are others.
+    """
+    file = Path(made.file)
+    text = read_text_file(file, keep_ends=True)
+    before = parse_xml_robot(text, made.file, base=made.base, tip=made.tip, snap=made.snap)
+    mistakes = list_frame_differences(robot, before)
+    if mistakes:
+        told = f"its joints are others than when {robot.name!r} was made from it: {'; '.join(mistakes)}"
+        raise RobotError(Notice(code="export.source-changed", text=told, file=made.file))
+    notices = []
+    if before.made_from is not None and before.made_from.sha256 != made.sha256:
+        told = "the file has changed since the robot was made from it; its joints are the same"
+        notices.append(Notice(code="export.source-edited", text=told, file=made.file))
+    trios = zip(robot.joints, before.joints, list_turns(robot, before), strict=True)
+    joints = tuple(
+        replace(
+            old,
+            inertial=new.inertial if np.array_equal(turn, np.eye(4)) else move_link(new, turn),
+            friction=new.friction,
+            drive=new.drive,
+            spring=new.spring,
+        )
+        for new, old, turn in trios
+    )
+    couplings = robot.couplings if len(robot.couplings) == len(before.couplings) else before.couplings
+    return text, replace(before, joints=joints, couplings=couplings), notices
+
+
+_WRITERS: dict[str, Callable[[_Content, Path], str]] = {
+    ".toml": lambda content, path: write_robot(content.robot, comment=content.comment, folder=path.parent),
+    ".urdf": lambda content, _: write_urdf(content.robot, comments=(content.comment,)),
+    ".xml": lambda content, _: write_mjcf(content.robot, comments=(content.comment,)),
+    ".mjcf": lambda content, _: write_mjcf(content.robot, comments=(content.comment,)),
+    ".h": lambda content, _: write_c_values(
         _build_values(content), comments=(clean_text(content.comment),), precision=content.precision
     ),
-    ".json": lambda content: (
+    ".json": lambda content, _: (
         write_json(
             build_json_values(
                 content.robot, _build_values(content), outcome=content.outcome, sources=content.sources
@@ -351,7 +480,8 @@ def write_friction(robot: Robot, found: FrictionIdentification, source: Path, pa
         ),
         source=f"Friction identified from {logs}{before}",
     )
-    text = write_robot(changed, comment=f"{robot.name} with friction identified from {logs}.")
+    comment = f"{robot.name} with friction identified from {logs}."
+    text = write_robot(changed, comment=comment, folder=path.parent)
     notices = [replace(notice, file=str(path)) for notice in _read_back(text, ".toml", source)]
     write_file(path, text)
     for joint, reason in kept.items():

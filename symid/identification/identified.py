@@ -20,6 +20,7 @@ from symid.codegen import Library, build_model_card
 from symid.dynamics import (
     BaseParameters,
     IdentifiedRobot,
+    StandardSet,
     build_identified_robot,
     compute_parameter_values,
     derive_base_parameters,
@@ -38,7 +39,8 @@ class Identified:
     """Identified values of a robot, rotors of elastic joints, springs one a joint, None for rigid ones.
 
     `robot` is the robot as it was identified, `base` its base parameters; `missing` names what has no value;
-    `covariance` is that of `values`, empty where the method gives none.
+    `covariance` is that of `values`, empty where the method gives none. `motion` has states of the logs, and
+    `held_out` what is left of held-out torque in percent, by joint; empty where the fit has none.
     """
 
     robot: Robot
@@ -50,6 +52,21 @@ class Identified:
     missing: tuple[str, ...] = ()
     notices: tuple[Notice, ...] = ()
     covariance: tuple[tuple[float, ...], ...] = ()
+    motion: tuple[tuple[float, ...], ...] = ()
+    held_out: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointCost:
+    """What bodies cost of one joint: rms of their torque less the fit's, over the latter, and what it may be.
+
+    `percent` and `limit` in percent, `torque` the rms of the fit's torque in N m or N.
+    """
+
+    joint: str
+    percent: float
+    limit: float
+    torque: float
 
 
 def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source: Path) -> Identified:
@@ -85,6 +102,8 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
         missing=_list_missing(base, values),
         notices=notices if any(described.elastic) else (),
         covariance=covariance,
+        motion=found.motion,
+        held_out={} if found.evidence is None else {e.joint: e.held_out for e in found.evidence.joints},
     )
 
 
@@ -152,25 +171,74 @@ def _list_missing(base: BaseParameters, values: Sequence[ParameterEstimate]) -> 
     return tuple(entry.name for entry in (*base.parameters, *base.friction) if entry.name not in known)
 
 
-def build_robot(found: Identified) -> IdentifiedRobot:
-    """Return the robot with the estimate's values, in bodies that exist."""
-    # Some methods give no deviations; those of some values alone do not say how to weigh the others.
-    deviations = {entry.name: entry.std for entry in found.values if 0.0 <= entry.std < math.inf}
-    least = _SURER * min((std for std in deviations.values() if std), default=0.0)
-    # What was known before moves least.
-    deviations = {name: std or least for name, std in deviations.items() if std or least}
+def build_robot(found: Identified, *, grouped: bool = True) -> IdentifiedRobot:
+    """Return the robot with the estimate's values, in bodies that exist.
+
+    `grouped`: whether rotors within groups have inertias of their own, see `compute_standard_set`.
+    """
     return build_identified_robot(
         found.robot,
         found.base,
         {entry.name: entry.value for entry in found.values},
-        deviations=deviations if len(deviations) == len(found.values) else None,
+        covariance=_complete_covariance(found),
         rotors=found.rotors,
         elasticity=found.springs,
+        grouped=grouped,
     )
 
 
 _SURER = 1e-3
 """Of the least deviation: that of a value that was known."""
+
+
+def _complete_covariance(found: Identified) -> FloatArray | None:
+    """Return the covariance (m, m) of the values; None where some have no deviation.
+
+    Deviations of some values alone do not say how to weigh the others. What was known before moves least.
+    """
+    deviations = np.array([entry.std for entry in found.values])
+    if not (np.all(np.isfinite(deviations)) and np.any(deviations > 0.0)):
+        return None
+    covariance = np.array(found.covariance) if found.covariance else np.diag(deviations**2)
+    least = _SURER * float(deviations[deviations > 0.0].min())
+    return np.asarray(covariance + np.diag(np.where(deviations > 0.0, 0.0, least**2)))
+
+
+_COST, _SHARE = 0.5, 0.45
+"""Percent of a joint's torque that bodies may cost, and what they may cost of the held-out residual: the two
+together are 1.1 times the latter then."""
+
+
+def measure_costs(
+    standard: StandardSet, found: Identified, library: Library, limit: float | None = None
+) -> tuple[JointCost, ...]:
+    """Return what bodies cost joint by joint in the states of the logs; nothing where there are none.
+
+    `library` has the functions of `found.robot`; `limit` in percent, the same for all joints, if given.
+    """
+    if not found.motion:
+        return ()
+    states = np.array(found.motion).reshape(len(found.motion), 3, -1)
+    card = library.card
+    names = [entry.name for entry in (*card.beta, *card.friction)]
+    changes = dict(zip(standard.names, standard.residual.tolist(), strict=True))
+    known = {entry.name: entry.value for entry in found.values}
+    values = np.array([[table.get(name, 0.0) for table in (changes, known)] for name in names])
+    (columns,) = library.evaluate("torque_regressor", *states.transpose(1, 0, 2))
+    if card.friction and not {"load", "temperature"} & set(card.friction_inputs):
+        inputs = card.gather_friction_inputs(states[:, 1], q=states[:, 0])
+        (more,) = library.evaluate("friction_regressor", *inputs)
+        columns = np.concatenate([columns, more], axis=2)
+    change, torque = np.sqrt(np.mean((columns @ values[: columns.shape[2]]) ** 2, axis=0)).T
+    return tuple(
+        JointCost(
+            joint=joint.name,
+            percent=100.0 * off / whole if whole else 0.0,
+            limit=max(_COST, _SHARE * found.held_out.get(joint.name, 0.0)) if limit is None else limit,
+            torque=whole,
+        )
+        for joint, off, whole in zip(card.joints, change.tolist(), torque.tolist(), strict=True)
+    )
 
 
 def list_warnings(identified: IdentifiedRobot, found: Identified, source: Path) -> tuple[Notice, ...]:
@@ -266,11 +334,11 @@ def _compute_known_values(known: Robot, robot: Robot, *, partly: bool = False) -
     mistakes = _list_differences(known, robot, rotors=not partly)
     remedy = "give a file with the joints of the robot that is identified, or an estimate of it"
     if not mistakes:
-        trios = zip(robot.joints, known.joints, _list_turns(known, robot), strict=True)
+        trios = zip(robot.joints, known.joints, list_turns(known, robot), strict=True)
         joints = tuple(
             replace(
                 joint,
-                inertial=_move_link(other, turn),
+                inertial=move_link(other, turn),
                 drive=replace(joint.drive, rotor_inertia=other.drive.rotor_inertia),
                 spring=other.spring,
             )
@@ -292,7 +360,7 @@ def _compute_known_values(known: Robot, robot: Robot, *, partly: bool = False) -
     raise EstimateError(*(Notice(code="estimate.known-robot", text=text, file=file) for text in texts))
 
 
-def _move_link(joint: Joint, turn: FloatArray) -> tuple[float, ...] | None:
+def move_link(joint: Joint, turn: FloatArray) -> tuple[float, ...] | None:
     """Return a link's parameters seen from its frame turned by (4, 4); None where it has none."""
     if joint.inertial is None:
         return None
@@ -300,7 +368,7 @@ def _move_link(joint: Joint, turn: FloatArray) -> tuple[float, ...] | None:
     return move_parameters(joint.inertial, rotation, -rotation @ turn[:3, 3])
 
 
-def _list_turns(known: Robot, robot: Robot) -> list[FloatArray]:
+def list_turns(known: Robot, robot: Robot) -> list[FloatArray]:
     """Return the link frames of `robot`, each (4, 4) seen from that of `known`, of joints with one order.
 
     Frames that are turned about the joint's axis or shifted along it have the same motion.
@@ -325,6 +393,22 @@ def _list_differences(known: Robot, robot: Robot, *, rotors: bool = True) -> lis
 
     Without `rotors` one may have rotors that the other has not.
     """
+    differences = list_frame_differences(known, robot)
+    if [joint.name for joint in known.joints] != [joint.name for joint in robot.joints]:
+        return differences
+    for other, joint in zip(known.joints, robot.joints, strict=True):
+        head = f"joint {joint.name!r}"
+        if rotors and other.drive.has_rotor != joint.drive.has_rotor:
+            which = ("the file", "the robot") if other.drive.has_rotor else ("the robot", "the file")
+            differences.append(f"{head} has a rotor in {which[0]} and none in {which[1]}; declare it in both")
+        if (other.spring is None) != (joint.spring is None):
+            differences.append(f"{head} has a spring in only one of the two")
+    drives = [[(one.name, one.terms, one.has_rotor) for one in entry.couplings] for entry in (known, robot)]
+    return differences + ["its coupled drives are others"] * (drives[0] != drives[1])
+
+
+def list_frame_differences(known: Robot, robot: Robot) -> list[str]:
+    """Return where joints of `known` are not those of `robot`, or stand elsewhere."""
     names, wanted = ([joint.name for joint in entry.joints] for entry in (known, robot))
     if names != wanted:
         listed = f"its joints are {', '.join(names)}, those of {robot.name!r} {', '.join(wanted)}"
@@ -336,22 +420,14 @@ def _list_differences(known: Robot, robot: Robot, *, rotors: bool = True) -> lis
         if (other.kind, other.parent, other.mimic) != (joint.kind, joint.parent, joint.mimic)
     ]
     # An axis moves all that it carries: the first one that differs tells most.
-    for name, turn in zip(names, [] if differences else _list_turns(known, robot), strict=False):
+    for name, turn in zip(names, [] if differences else list_turns(known, robot), strict=False):
         # Its direction z, and where it meets the plane across it.
         apart = float(np.max(np.abs([*(turn[:3, 2] - (0.0, 0.0, 1.0)), *turn[:2, 3]])))
         if apart > _SAME_PLACE:
             where = f"elsewhere than in {robot.name!r}, by {apart:.3g} m or rad"
             differences.append(f"the axis of joint {name!r} stands {where}")
             break
-    for other, joint in pairs:
-        head = f"joint {joint.name!r}"
-        if rotors and other.drive.has_rotor != joint.drive.has_rotor:
-            which = ("the file", "the robot") if other.drive.has_rotor else ("the robot", "the file")
-            differences.append(f"{head} has a rotor in {which[0]} and none in {which[1]}; declare it in both")
-        if (other.spring is None) != (joint.spring is None):
-            differences.append(f"{head} has a spring in only one of the two")
-    drives = [[(one.name, one.terms, one.has_rotor) for one in entry.couplings] for entry in (known, robot)]
-    return differences + ["its coupled drives are others"] * (drives[0] != drives[1])
+    return differences
 
 
 def _list_missing_values(robot: Robot) -> list[str]:

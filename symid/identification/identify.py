@@ -52,6 +52,7 @@ from symid.identification.regression import (
     RankRule,
     list_coupled_rotors,
     list_measured_joints,
+    outline_motion,
 )
 from symid.identification.rigid import (
     PRIOR_OF_ROBOT,
@@ -227,6 +228,11 @@ def _identify_rigid(
         estimate = identify_loaded(library, recordings, rigid.processing, fit)
     else:
         estimate, library = _search_rigid(rigid, recordings, options, friction, context)
+    estimate = replace(
+        estimate,
+        motion=outline_motion(library, recordings, rigid.processing),
+        drawn=robot.made_from is not None,
+    )
     if motor_side:
         estimate = refuse_elasticity(estimate, robot, both=both)
         warnings += tuple(
@@ -338,6 +344,7 @@ def _identify_elastic(
     echo = {**describe_settings(robot), **describe_digests(ready.cut), **describe_runs(ready.cut)}
     found = identify_elastic(ready.library, ready.moved, options, echo=echo)
     estimate = replace(found, notices=(*found.notices, *warn_of_rotors(found.parameters)))
+    estimate = replace(estimate, drawn=robot.made_from is not None)
     return Identification(
         estimate=estimate,
         notices=(*ready.notices, *estimate.notices),

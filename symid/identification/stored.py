@@ -2,7 +2,7 @@
 
 FitRecord of any kind <-> file;  a fit or its file -> FitRecord, and where it is from.
 
-Supported: format "symid fit", version 4, SI units; a number that is not finite is null. Version 1, which had
+Supported: format "symid fit", version 5, SI units; a number that is not finite is null. Version 1, which had
 a format for each kind, is still read, with defaults for fields that it did not have.
 """
 
@@ -24,9 +24,9 @@ from symid.serialization import list_unusable, read_record, write_plain
 
 StoredResult = Estimate | ElasticEstimate | FrictionIdentification
 _FORMAT = "symid fit"
-_VERSION, _READ = 4, (2, 3, 4)
+_VERSION, _READ = 5, (2, 3, 4, 5)
 """The version that is written, and those that are read: 2 has no friction laws of its own, 3 no evidence and
-no deviations of springs."""
+no deviations of springs, 4 no motion."""
 _ABOUT = frozenset({"format", "version", "kind", "verdict"})
 """Entries of a file that are not fields of the record."""
 _MOST = 20

@@ -276,6 +276,11 @@ def show_export(found: "FileExport") -> tuple[Block, ...]:
     lines = [f"{found.format}: {show_path(found.file)}"]
     if found.standard is not None:
         lines.append(found.standard.outcome.value)
+    if found.rewritten:
+        lines.append(f"all else as in {found.rewritten}")
+    if found.costs:
+        parts = (f"{entry.joint} {entry.percent:.2g} %" for entry in found.costs)
+        lines.append(f"torque that these bodies add to the residual: {', '.join(parts)}")
     if found.friction is not None:
         laws = found.friction.laws
         pairs = ((joint, laws[joint], entry.law) for joint, entry in found.friction.values.items())
@@ -312,4 +317,5 @@ def describe_export(found: "FileExport") -> dict[str, object]:
         result["largest_change"] = max(map(abs, found.standard.residual.tolist()), default=0.0)
         result["blamed"] = found.standard.blamed
         result["not_identified"] = found.missing
+        result["cost_percent"] = {entry.joint: entry.percent for entry in found.costs}
     return {**result, "left_out": found.left_out}

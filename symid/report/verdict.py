@@ -255,7 +255,9 @@ def judge_identification(estimate: Estimate, validations: Sequence[Validation]) 
     if len(held_out) < len(validations):
         details.append(_FITTED)
     # Small parameters of a large robot are uncertain in any log; their deviations say so.
-    words, more = _judge_parameters(estimate.parameters, estimate.refused, small=evidence is not None)
+    words, more = _judge_parameters(
+        estimate.parameters, estimate.refused, small=evidence is not None, drawn=estimate.drawn
+    )
     if evidence is None:
         level, headline = _judge_prediction(estimate, held_out)
         caps: Caps = [*_find_lost(estimate.residual, _OWN), *more]
@@ -342,11 +344,12 @@ def _judge_parameters(
     tolerance: float = 0.0,
     *,
     small: bool = False,
+    drawn: bool = False,
 ) -> tuple[list[str], Caps]:
     """Return how well parameters are known and how near the truth they are, and what that limits.
 
     Within `tolerance` percent a true value counts as met, whatever its standard deviation; where parameters
-    may be `small`, uncertain ones limit nothing.
+    may be `small`, uncertain ones limit nothing. Values that are `drawn` are none that should be met.
     """
     details, caps = [], []
     uncertain = [entry.name for entry in parameters if not entry.relative_std_percent <= _UNCERTAIN]
@@ -360,9 +363,10 @@ def _judge_parameters(
     known = [entry for entry in parameters if entry.truth is not None]
     if known:
         far = [entry.name for entry in known if not entry.near_truth]
-        text = f"{len(known) - len(far)} of {len(known)} true values lie within three standard deviations"
+        kind = "values of the URDF" if drawn else "true values"
+        text = f"{len(known) - len(far)} of {len(known)} {kind} lie within three standard deviations"
         details.append(f"{text}; not {', '.join(far)}." if far else f"{text}.")
-    missed = _list_missed(known, tolerance)
+    missed = [] if drawn else _list_missed(known, tolerance)
     if missed:
         level = "doubtful" if 2 * len(missed) > len(known) else "usable"
         caps.append((level, f"true values are missed beyond chance: {', '.join(missed)}"))
@@ -426,7 +430,7 @@ def judge_elastic(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
         details.append(text)
     # Without standard deviations nothing can be said of chance.
     parameters = estimate.parameters if estimate.covariance else ()
-    words, more = _judge_parameters(parameters, estimate.refused, _NEAR)
+    words, more = _judge_parameters(parameters, estimate.refused, _NEAR, drawn=estimate.drawn)
     details += words
     errors = [(abs(entry.error_percent or 0.0), entry.name) for entry in estimate.parameters if entry.truth]
     if errors:

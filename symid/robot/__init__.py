@@ -14,6 +14,7 @@ if TYPE_CHECKING:
         LogQuantity as LogQuantity,
         Processing as Processing,
         Robot as Robot,
+        SourceFile as SourceFile,
         Spring as Spring,
         SymbolicInertia as SymbolicInertia,
     )
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
         Surd as Surd,
     )
     from symid.robot.inertia import (
+        build_pseudo_inertias as build_pseudo_inertias,
         explain_impossible_inertia as explain_impossible_inertia,
         move_parameters as move_parameters,
     )
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
         DEFAULT_GRAVITY as DEFAULT_GRAVITY,
         Completion as Completion,
         complete_robot as complete_robot,
+        is_mjcf as is_mjcf,
         is_xml as is_xml,
         list_robots as list_robots,
         load_robot as load_robot,
@@ -40,12 +43,11 @@ if TYPE_CHECKING:
         override_robot as override_robot,
         override_settings as override_settings,
     )
-    from symid.robot.mjcf_reader import read_xml_robot as read_xml_robot
-    from symid.robot.mjcf_writer import (
-        list_mjcf_omissions as list_mjcf_omissions,
-        rewrite_mjcf as rewrite_mjcf,
-        write_mjcf as write_mjcf,
+    from symid.robot.mjcf_reader import (
+        parse_xml_robot as parse_xml_robot,
+        read_xml_robot as read_xml_robot,
     )
+    from symid.robot.mjcf_rewriter import rewrite_mjcf as rewrite_mjcf
     from symid.robot.parameter_values import (
         PRECISIONS as PRECISIONS,
         RobotValues as RobotValues,
@@ -87,9 +89,11 @@ if TYPE_CHECKING:
     )
     from symid.robot.toml_writer import write_robot as write_robot
     from symid.robot.urdf_reader import parse_urdf as parse_urdf, read_urdf as read_urdf
+    from symid.robot.urdf_rewriter import rewrite_urdf as rewrite_urdf
     from symid.robot.xml_writers import (
+        list_mjcf_omissions as list_mjcf_omissions,
         list_urdf_omissions as list_urdf_omissions,
-        rewrite_urdf as rewrite_urdf,
+        write_mjcf as write_mjcf,
         write_urdf as write_urdf,
     )
 else:

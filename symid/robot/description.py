@@ -298,14 +298,31 @@ class Coupling:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SourceFile:
+    """The file of another format that a robot was made from.
+
+    Args:
+        file: its path; sha256: of its bytes, in hexadecimal digits.
+        base, tip: the links that it was cut at, None for none; snap: as of `read_urdf`, rad.
+    """
+
+    file: str
+    sha256: str
+    base: str | None = None
+    tip: str | None = None
+    snap: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Robot:
     """A robot description: everything later stages need, nothing derived.
 
     `gravity` is the gravity vector in the base frame (m/s^2), `symbols` the values of symbols (name, SI),
     `convention` that of the file, `notices` the warnings and notes of its reader. `settings` are sets that
-    calls can name; `log`, `processing` and `controller` are those in use. Joints that follow no other,
-    `axes`, have a coordinate each, in the order of the joints. Joints and couplings together are
-    numbered through (joints first); the number stands in the labels of their parameters.
+    calls can name; `log`, `processing` and `controller` are those in use; `made_from` is the URDF that it was
+    made from. Joints that follow no other, `axes`, have a coordinate each, in the order of the joints. Joints
+    and couplings together are numbered through (joints first); the number stands in the labels of their
+    parameters.
     """
 
     name: str
@@ -322,6 +339,7 @@ class Robot:
     path: str = ""
     notices: tuple[Notice, ...] = ()
     couplings: tuple[Coupling, ...] = ()
+    made_from: SourceFile | None = None
 
     def __post_init__(self) -> None:
         """Check what every later stage relies on.

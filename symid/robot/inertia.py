@@ -89,6 +89,19 @@ def compute_standard_parameters(
     return move_parameters(central, np.eye(3), np.asarray(com, dtype=np.float64))
 
 
+def build_pseudo_inertias(parameters: FloatArray) -> FloatArray:
+    """Return the pseudo-inertias (n, 4, 4) of standard parameters (n, 10)."""
+    xx, xy, xz, yy, yz, zz, mx, my, mz, mass = np.asarray(parameters, dtype=np.float64).T
+    half = 0.5 * (xx + yy + zz)
+    rows = [
+        [half - xx, -xy, -xz, mx],
+        [-xy, half - yy, -yz, my],
+        [-xz, -yz, half - zz, mz],
+        [mx, my, mz, mass],
+    ]
+    return np.array(rows, dtype=np.float64).transpose(2, 0, 1)
+
+
 def explain_impossible_inertia(parameters: Sequence[float]) -> str:
     """Return what keeps the ten parameters from belonging to a body of positive mass, or nothing.
 

@@ -56,6 +56,14 @@ def is_xml(path: Path) -> bool:
     return head.removeprefix(codecs.BOM_UTF8).lstrip().startswith(b"<")
 
 
+def is_mjcf(path: Path) -> bool:
+    """Return whether a file is an MJCF model by its outermost tag; False where it cannot be read."""
+    try:
+        return b"<mujoco" in path.read_bytes()
+    except (OSError, ValueError):
+        return False
+
+
 def list_robots() -> tuple[str, ...]:
     """Return the names of all robots in ./robots and of those that come with symid, sorted."""
     stems = {path.stem for folder in _list_robot_folders() for path in folder.glob(f"*{_SUFFIX}")}

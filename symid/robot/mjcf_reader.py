@@ -43,7 +43,7 @@ from symid.robot.urdf_parts import (
     XmlPart,
     build_friction,
 )
-from symid.robot.urdf_reader import DEFAULT_SNAP, assemble_robot, read_urdf
+from symid.robot.urdf_reader import DEFAULT_SNAP, assemble_robot, parse_urdf
 from symid.robot.urdf_xml import XmlDocument, XmlElement, parse_document
 
 WORLD = "world"
@@ -82,11 +82,20 @@ def read_xml_robot(
     Raises:
         RobotError: with a notice for each mistake in the file, in the order of their places.
     """
-    document = parse_document(read_text_file(path), str(path))
+    return parse_xml_robot(read_text_file(path), str(path), base=base, tip=tip, snap=snap)
+
+
+def parse_xml_robot(text: str, file: str, *, base: str | None, tip: str | None, snap: float) -> Robot:
+    """Return the robot that a text describes; messages call it `file`. See `read_xml_robot`.
+
+    Raises:
+        RobotError: with a notice for each mistake in the text.
+    """
+    document = parse_document(text, file)
     # An included part of a model is one by its tag, too.
     if document.root.tag in ("mujoco", "mujocoinclude"):
         return build_mjcf_robot(document, base, tip, snap)
-    return read_urdf(path, base=base, tip=tip, snap=snap)
+    return parse_urdf(text, file, base=base, tip=tip, snap=snap)
 
 
 def build_mjcf_robot(document: XmlDocument, base: str | None, tip: str | None, snap: float) -> Robot:

@@ -19,7 +19,16 @@ from fractions import Fraction
 from pathlib import Path
 
 from symid.notation import INERTIAL
-from symid.robot.description import Coupling, Joint, JointKind, Mimic, MimicStep, Robot, SymbolicInertia
+from symid.robot.description import (
+    Coupling,
+    Joint,
+    JointKind,
+    Mimic,
+    MimicStep,
+    Robot,
+    SourceFile,
+    SymbolicInertia,
+)
 from symid.robot.exact_values import DH_KEYS, read_fraction, read_frames, read_linear_form, read_position
 from symid.robot.geometry import IDENTITY, ZERO, Placement, compose_placements, place_joint
 from symid.robot.inertia import (
@@ -34,7 +43,7 @@ from symid.robot.toml_values import ANY, BASE, NOT_NEGATIVE, POSITIVE, Section, 
 
 _ROBOT_KEYS = (
     *("name", "description", "source", "convention", "gravity", "symbols"),
-    *("joint", "coupling", "log", "processing", "controller", "settings"),
+    *("made_from", "joint", "coupling", "log", "processing", "controller", "settings"),
 )
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 # Letters of coordinates, functions and parameters would read as something else in a formula.
@@ -87,6 +96,7 @@ def build_robot(root: Section, file: str) -> Robot:
         x, y, z = (read_linear_form(root, "gravity", "m/s^2", index) or ZERO for index in range(3))
     log, processing, controller = read_settings(root, joints)
     settings = read_named_settings(root, joints)
+    made_from = _read_source(root, file)
     name = root.read_text("name")
     if name is not None and not _NAME.fullmatch(name):
         text = f"{root.show('name')} cannot name functions; use letters, digits and _, a letter first"
@@ -116,7 +126,23 @@ def build_robot(root: Section, file: str) -> Robot:
         settings=settings,
         path=file,
         notices=notices,
+        made_from=made_from,
     )
+
+
+def _read_source(root: Section, file: str) -> SourceFile | None:
+    """Return the file that the robot was made from, which is named as seen from the folder of `file`."""
+    table = root.read_table("made_from", ("file", "sha256", "base", "tip", "snap"))
+    if table is None:
+        return None
+    given = [table.require(key, f'write {key} = "..."') for key in ("file", "sha256")]
+    name, digest, base, tip = (table.read_text(key) for key in ("file", "sha256", "base", "tip"))
+    snap = table.read_float("snap", "rad", NOT_NEGATIVE)
+    if not all(given) or name is None or digest is None:
+        return None
+    beside = Path(file).parent / name
+    place = str(beside) if beside.is_file() else name
+    return SourceFile(file=place, sha256=digest, base=base, tip=tip, snap=snap or 0.0)
 
 
 def _read_symbols(root: Section) -> Section:

@@ -23,13 +23,17 @@ from symid.errors import Notice, RobotError
 from symid.notation import adapt_unit, get_unit_factor
 
 
-def read_text_file(path: Path, noun: str = "file") -> str:
+def read_text_file(path: Path, noun: str = "file", *, keep_ends: bool = False) -> str:
     """Return the text of the file at `path`, which messages call `noun`.
+
+    `keep_ends`: ends of lines, and a byte order mark, stay as they are.
 
     Raises:
         RobotError: it cannot be read, or is not UTF-8.
     """
     try:
+        if keep_ends:
+            return path.read_bytes().decode()
         return path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         if isinstance(error, OSError):

@@ -11,8 +11,10 @@ Not supported: negative masses; the link's values are left out, with a comment.
 """
 
 import math
+import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,6 +37,7 @@ from symid.robot.description import (
     LogMap,
     Processing,
     Robot,
+    SourceFile,
 )
 from symid.robot.exact_values import (
     add_comment,
@@ -60,10 +63,11 @@ _DIGITS = 14
 _DUST = 1e-30
 
 
-def write_robot(robot: Robot, *, comment: str = "", hints: bool = False) -> str:
+def write_robot(robot: Robot, *, comment: str = "", hints: bool = False, folder: Path | None = None) -> str:
     """Return the text of the robot's file, `comment` at its head.
 
-    With `hints` each joint gets, in comments, the tables that it does not have, to be filled in.
+    With `hints` each joint gets, in comments, the tables that it does not have, to be filled in. The file
+    that the robot was made from is named as seen from `folder`; as it was called, if None.
     """
     convention, placed = _choose_rows(robot)
     # A name that can name generated functions.
@@ -79,6 +83,8 @@ def write_robot(robot: Robot, *, comment: str = "", hints: bool = False) -> str:
     lines.append(add_comment(f"gravity = {write_list(robot.gravity)}", "m/s^2, base frame"))
     if robot.symbols:
         lines += ["", "[symbols]", *(f"{name} = {write_number(value)}" for name, value in robot.symbols)]
+    if robot.made_from is not None:
+        lines += ["", "[made_from]", *_list_source(robot.made_from, folder)]
     for index, joint in enumerate(robot.joints):
         lines += ["", *_write_joint(robot, index, placed[index], hints=hints)]
         for table in _HINTS if hints else ():
@@ -91,6 +97,19 @@ def write_robot(robot: Robot, *, comment: str = "", hints: bool = False) -> str:
         lines += _write_friction("coupling", coupling.friction)
     lines += _write_settings(robot)
     return "\n".join(lines) + "\n"
+
+
+def _list_source(made: SourceFile, folder: Path | None) -> Iterator[str]:
+    """Yield the lines of the table on the file that the robot was made from."""
+    file = made.file
+    if folder is not None and Path(folder).anchor == Path(file).anchor:
+        file = os.path.relpath(file, folder)
+    yield f"file = {write_value(Path(file).as_posix())}"
+    yield f'sha256 = "{made.sha256}"'
+    yield from (
+        f"{key} = {write_value(link)}" for key, link in (("base", made.base), ("tip", made.tip)) if link
+    )
+    yield f"snap = {write_number(made.snap)}"
 
 
 def _choose_rows(robot: Robot) -> tuple[str, list[dict[str, str]]]:

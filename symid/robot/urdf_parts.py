@@ -302,6 +302,18 @@ class TreeLink:
 _INERTIA_KEYS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
+def build_rpy_matrix(rpy: Sequence[float]) -> FloatArray:
+    """Return Rot(z, yaw) Rot(y, pitch) Rot(x, roll) (3, 3) of angles (3,) in rad."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
 def _read_inertial(link: XmlPart) -> tuple[float, ...] | None:
     inertial = link.get("inertial", inner=("origin", "mass", "inertia"))
     if inertial is None:
@@ -317,15 +329,7 @@ def _read_inertial(link: XmlPart) -> tuple[float, ...] | None:
     rotation, com = np.eye(3), [0.0] * 3
     if pose := _read_pose(inertial):
         com = [float(value) for value in pose[1]]
-        (cr, cp, cy), (sr, sp, sy) = (f([float(value) for value in pose[2]]) for f in (np.cos, np.sin))
-        # Rot(z, yaw) Rot(y, pitch) Rot(x, roll).
-        rotation = np.array(
-            [
-                [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-                [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-                [-sp, cp * sr, cp * cr],
-            ]
-        )
+        rotation = build_rpy_matrix([float(value) for value in pose[2]])
     if number is None or number < 0 or central is None:
         return None
     place = inertial.element.find("inertia") or inertial.element

@@ -12,14 +12,25 @@ Not supported: closed loops, several trees, rings of followers, floating and pla
 """
 
 import re
+from codecs import BOM_UTF8
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from hashlib import sha256
 from pathlib import Path
 
 from symid.errors import RobotError
 from symid.robot.canonical_frames import choose_canonical_frames
-from symid.robot.description import Coupling, Joint, JointKind, Mimic, MimicStep, Processing, Robot
+from symid.robot.description import (
+    Coupling,
+    Joint,
+    JointKind,
+    Mimic,
+    MimicStep,
+    Processing,
+    Robot,
+    SourceFile,
+)
 from symid.robot.geometry import (
     IDENTITY,
     ZERO,
@@ -322,7 +333,19 @@ def assemble_robot(
         path=reading.document.file,
         notices=reading.list_warnings(),
         couplings=couplings,
+        made_from=SourceFile(
+            file=reading.document.file,
+            sha256=_compute_digest(reading.document.source),
+            base=base,
+            tip=tip,
+            snap=reading.snap,
+        ),
     )
+
+
+def _compute_digest(source: bytes) -> str:
+    """Return the digest of a text, the same for all ends of lines."""
+    return sha256(source.removeprefix(BOM_UTF8).replace(b"\r\n", b"\n")).hexdigest()
 
 
 def _check_language(document: XmlDocument) -> None:

@@ -1,13 +1,13 @@
-"""An XML text as a tree of elements with their places.
+"""An XML text as a tree of elements with their places, and changes of it that leave all else as it is.
 
-A text -> `XmlDocument`. Supported: well-formed XML, at most 100 elements deep, an MJCF model 1000; elements
-of other files among its own. Not supported: document types and the entities that they define (a few lines of
-them fill any memory).
+A text -> `XmlDocument`; edits of single values -> the text with them. Supported: well-formed XML, at most 100
+elements deep (an MJCF model 1000); elements of other files among its own. Not supported: document types and
+the entities that they define (a few lines of them fill any memory).
 """
 
 import re
 from bisect import bisect_right
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from xml.parsers import expat
 
@@ -15,6 +15,7 @@ from symid.errors import Notice, RobotError
 from symid.robot.toml_values import Place
 
 _ATTRIBUTE = re.compile(rb"([^\s=/>\"']+)\s*=\s*(\"[^\"]*\"|'[^']*')")
+_QUOTED = re.compile(rb"[^>\"']|\"[^\"]*\"|'[^']*'")
 _DEEPEST, _DEEPEST_BODIES = 100, 1000
 _TOO_DEEP = "elements are nested more than {} deep; a URDF needs five levels, an MJCF model one a body"
 _DTD = "a document type (<!DOCTYPE ...>) is not read, since its entities can grow without limit; remove it"
@@ -73,20 +74,26 @@ class XmlDocument:
         if element.file in self.included:
             return self.included[element.file].locate_place(element, attribute)
         offset, text = element.offset, ""
-        if match := self.match_attribute(element, attribute):
-            offset, text = match.start(2) + 1, element.attributes[attribute]
+        if attribute in element.attributes:
+            offset, text = self.locate_value(element, attribute)[0], element.attributes[attribute]
         line = bisect_right(self.lines, offset) - 1
         before = self.source[self.lines[line] : offset].decode(errors="replace")
         return Place(self.file, line + 1, len(before) + 1, text)
 
-    def match_attribute(self, element: XmlElement, attribute: str) -> re.Match[bytes] | None:
-        """Return the name, and the value in quotes, of an attribute; None where the element lacks it."""
-        position = element.offset
-        while attribute in element.attributes and (match := _ATTRIBUTE.search(self.source, position)):
-            if match[1].decode() == attribute:
-                return match
-            position = match.end()
-        return None
+    def locate_value(self, element: XmlElement, attribute: str) -> tuple[int, int]:
+        """Return where the value of an attribute that the element has begins and ends, without its quotes."""
+        matches = _ATTRIBUTE.finditer(self.source, element.offset)
+        match = next(match for match in matches if match[1].decode() == attribute)
+        return match.start(2) + 1, match.end(2) - 1
+
+    def locate_inside(self, element: XmlElement) -> tuple[int, int]:
+        """Return where the tag of an element ends, and where its end tag begins; both the same for <x/>."""
+        end = element.offset
+        # Values of attributes may hold what ends a tag.
+        while match := _QUOTED.match(self.source, end):
+            end = match.end()
+        closed = self.source[end - 1 : end + 1] == b"/>"
+        return end + 1, end + 1 if closed else self.ends[element.offset]
 
 
 def parse_document(text: str, file: str) -> XmlDocument:
@@ -134,3 +141,43 @@ def parse_document(text: str, file: str) -> XmlDocument:
         raise RobotError(notice) from error
     lines = (0, *(match.end() for match in re.finditer(rb"\n", source)))
     return XmlDocument(root=opened[0].children[0], file=file, source=source, lines=lines, ends=ends)
+
+
+Edit = tuple[int, int, str]
+"""The first byte that is replaced, the byte behind the last one, and what comes in their place."""
+
+
+def apply_edits(document: XmlDocument, edits: Iterable[Edit]) -> str:
+    """Return the text with all edits, which must not overlap; of two at one place the first stands before."""
+    parts, position = [], 0
+    for begin, end, inserted in sorted(edits, key=lambda edit: edit[:2]):
+        parts += [document.source[position:begin], inserted.encode()]
+        position = end
+    return b"".join((*parts, document.source[position:])).decode(errors="surrogatepass")
+
+
+def set_values(document: XmlDocument, element: XmlElement, values: Mapping[str, str]) -> Iterator[Edit]:
+    """Yield what gives attributes other values; those that the element lacks come behind all others."""
+    for name in element.attributes:
+        if name in values:
+            yield (*document.locate_value(element, name), values[name])
+    missing = "".join(f' {name}="{text}"' for name, text in values.items() if name not in element.attributes)
+    if missing:
+        end = document.locate_inside(element)[0] - 1
+        end -= document.source[end - 1 : end] == b"/"
+        # Blanks before the end of the tag stay behind.
+        end = len(document.source[:end].rstrip())
+        yield end, end, missing
+
+
+def insert_element(document: XmlDocument, owner: XmlElement, lines: Sequence[str]) -> Edit:
+    """Return what puts the lines of an element in front of all else in `owner`, indented as it is."""
+    source = document.source
+    before = source[source.rfind(b"\n", 0, owner.offset) + 1 : owner.offset]
+    outer = before.decode() if not before.strip() else "    "
+    end_of_line = "\r\n" if b"\r\n" in source else "\n"
+    text = "".join(f"{end_of_line}{outer}  {line}" for line in lines)
+    start, end = document.locate_inside(owner)
+    if start != end or source[start - 2 : start] != b"/>":
+        return start, start, text
+    return start - 2, start, f">{text}{end_of_line}{outer}</{owner.tag}>"

@@ -1,17 +1,20 @@
-"""A robot as a URDF, new or with the robot's own file kept; what all writers of XML share.
+"""A robot as a URDF, new or with the robot's own file kept, or as an MJCF model, the format of MuJoCo.
 
-Each joint moves the link `<joint>_link`, whose frame is the link frame used here: the axis is z. The base is
-the link `base`, a link of unknown values has no <inertial>, an unknown limit is 0.
+Each joint moves the link or body `<joint>_link`, whose frame is the link frame used here: the axis is z. In a
+URDF the base is the link `base`, a link of unknown values has no <inertial>, an unknown limit is 0. In MJCF
+a rotor is `armature` (on the joint's side), a coupled drive a fixed tendon, followers are held by equality
+constraints, and each joint with a coordinate has a motor: its control is a torque on the motor's side.
 
 Supported: placements, inertial values, limits, damping and dry friction (the mean of both directions),
-followers, gears and rotors. Rewriting: URDFs read as a whole.
-Not supported, and written in a comment: symbols (their values are written), other friction, elastic joints,
-gravity other than (0, 0, -9.81), springs, coupled drives, and rotor inertia, which simulators do not read.
+followers, gears and rotors; in MJCF also gravity, springs, couplings. Rewriting: URDFs read as a whole.
+Not supported, and written in a comment: symbols (their values are written), other friction, elastic joints;
+in URDF gravity other than (0, 0, -9.81), springs, coupled drives, and rotor inertia, which simulators do not
+read; in MJCF dry friction that pushes. Left out of MJCF: limits of velocity. MuJoCo needs masses.
 """
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from xml.sax.saxutils import escape, quoteattr
 
 from symid.joint_models import (
@@ -23,23 +26,27 @@ from symid.joint_models import (
     name_bristles,
     name_values,
 )
-from symid.robot.description import Joint, JointKind, Robot
-from symid.robot.geometry import Placement, to_floats
-from symid.robot.inertia import move_by_placement, split_body
+from symid.robot.description import (
+    Coupling,
+    Joint,
+    JointKind,
+    Robot,
+)
+from symid.robot.geometry import Placement, compute_quaternion, to_floats
+from symid.robot.inertia import split_body
 from symid.robot.toml_values import BASE
-from symid.robot.urdf_parts import ROTORS
-from symid.robot.urdf_xml import XmlDocument, XmlElement, parse_document
 
 _UNFIT = re.compile(r"[\x00-\x1f\ufffe\uffff]")
-_TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+"""Attributes of <inertia>, in the order of the entries of a tensor."""
 
 
-def write_quoted(name: str) -> str:
+def _write_quoted(name: str) -> str:
     """Return a name as the value of an attribute, in quotes."""
     return quoteattr(_UNFIT.sub(" ", name))
 
 
-def write_comments(texts: Sequence[str]) -> list[str]:
+def _write_comments(texts: Sequence[str]) -> list[str]:
     """Return comments, one a text."""
     return [f"  <!-- {escape(_UNFIT.sub(' ', text)).replace('--', '- -')} -->" for text in texts]
 
@@ -54,30 +61,36 @@ def write_decimals(values: Sequence[float]) -> str:
     return " ".join(write_decimal(value) for value in values)
 
 
-def write_head(robot: Robot, comments: Sequence[str], omissions: Iterator[str]) -> list[str]:
+def _write_head(robot: Robot, comments: Sequence[str], omissions: Iterator[str]) -> list[str]:
     """Return comments for the head of a file: those given, values of symbols, and what is left out."""
     symbols = (f"{name} = {write_decimal(value)} m" for name, value in robot.symbols)
-    return write_comments([*comments, *symbols, *omissions])
+    return _write_comments([*comments, *symbols, *omissions])
 
 
 def get_plain_friction(friction: FrictionValues) -> tuple[float, float] | None:
     """Return damping (N m s/rad or N s/m) and dry friction (N m or N) of a model; None where unknown or none.
 
-    Of a model that tells directions apart it is their mean.
+    Of a model that tells directions apart it is their mean. What noise made negative is zero: simulators gain
+    energy from negative damping, or refuse it.
     """
     if friction.law == NO_FRICTION or friction.values is None:
         return None
     named = name_values(friction)
     groups = (("Fv", "Fvp", "Fvn"), ("Fc", "Fcp", "Fcn"))
     damping, dry = ([named[name] for name in names if name in named] or [0.0] for names in groups)
-    return sum(damping) / len(damping), sum(dry) / len(dry)
+    return max(0.0, sum(damping) / len(damping)), max(0.0, sum(dry) / len(dry))
 
 
-def list_friction_omissions(owner: str, friction: FrictionValues) -> Iterator[str]:
+def _list_friction_omissions(owner: str, friction: FrictionValues) -> Iterator[str]:
     """Yield what a friction model has beyond damping and dry friction, with all its values."""
     if friction.law != NO_FRICTION and friction.values is None:
         yield f"{owner}: friction of unknown size ({friction.law})"
-    elif friction.law not in (NO_FRICTION, "coulomb", "coulomb-viscous"):
+    elif friction.law in ("coulomb", "coulomb-viscous"):
+        named = name_values(friction)
+        parts = (f"{name} = {value:.3g}" for name, value in named.items() if value < 0.0)
+        if negative := ", ".join(parts):
+            yield f"{owner}: negative friction, {negative}; it is written as 0"
+    elif friction.law != NO_FRICTION:
         names = [", ".join(list_value_names(friction))]
         values = write_decimals(friction.values or ())
         text = f"{owner}: friction model {friction.law}, values {values}"
@@ -94,7 +107,7 @@ def list_friction_omissions(owner: str, friction: FrictionValues) -> Iterator[st
         yield f"{owner}: dry friction changes its sign over {friction.smoothing}"
 
 
-def list_elastic_omissions(joint: Joint) -> Iterator[str]:
+def _list_elastic_omissions(joint: Joint) -> Iterator[str]:
     """Yield the spring between motor and link of an elastic joint."""
     if spring := joint.elasticity:
         parts = [str(spring.stiffness)]
@@ -107,8 +120,8 @@ def list_elastic_omissions(joint: Joint) -> Iterator[str]:
 
 def write_urdf(robot: Robot, *, comments: Sequence[str] = ()) -> str:
     """Return the URDF of `robot`, with comments at its head."""
-    lines = ['<?xml version="1.0" encoding="utf-8"?>', f"<robot name={write_quoted(robot.name)}>"]
-    lines += [*write_head(robot, comments, list_urdf_omissions(robot)), f'  <link name="{BASE}"/>']
+    lines = ['<?xml version="1.0" encoding="utf-8"?>', f"<robot name={_write_quoted(robot.name)}>"]
+    lines += [*_write_head(robot, comments, list_urdf_omissions(robot)), f'  <link name="{BASE}"/>']
     for joint in robot.joints:
         lines += _write_joint(robot, joint)
     for joint in robot.joints:
@@ -116,10 +129,10 @@ def write_urdf(robot: Robot, *, comments: Sequence[str] = ()) -> str:
         if drive.gear == 1.0 and not drive.has_rotor:
             continue
         lines += [
-            f"  <transmission name={write_quoted(f'{joint.name}_transmission')}>",
+            f"  <transmission name={_write_quoted(f'{joint.name}_transmission')}>",
             "    <type>transmission_interface/SimpleTransmission</type>",
-            f"    <joint name={write_quoted(joint.name)}/>",
-            f"    <actuator name={write_quoted(f'{joint.name}_motor')}>",
+            f"    <joint name={_write_quoted(joint.name)}/>",
+            f"    <actuator name={_write_quoted(f'{joint.name}_motor')}>",
             f"      <mechanicalReduction>{write_decimal(drive.gear)}</mechanicalReduction>",
         ]
         if drive.rotor_inertia is not None:
@@ -136,13 +149,13 @@ def list_urdf_omissions(robot: Robot) -> Iterator[str]:
     if gravity != (0.0, 0.0, -9.81):
         yield f"gravity of the model: {write_decimals(gravity)} m/s^2 in the frame of the link {BASE}"
     for joint in robot.joints:
-        yield from list_friction_omissions(f"joint {joint.name}", joint.friction)
+        yield from _list_friction_omissions(f"joint {joint.name}", joint.friction)
         if joint.drive.rotor_inertia:
             text = f"joint {joint.name}: rotor inertia {joint.drive.rotor_inertia} on the joint's side"
             yield f"{text}, which simulators call armature; they do not read <motorInertia>"
         if joint.spring is not None:
             yield f"joint {joint.name}: a spring, {joint.spring.stiffness} at rest at {joint.spring.rest}"
-        yield from list_elastic_omissions(joint)
+        yield from _list_elastic_omissions(joint)
     for coupling in robot.couplings:
         terms = [f"{float(factor):g} {robot.joints[index].name}" for index, factor in coupling.terms]
         text = f"a drive coupled to several joints, {coupling.name}: {', '.join(terms)}"
@@ -164,10 +177,10 @@ def _compute_rpy(placement: Placement) -> tuple[float, float, float]:
     return (math.atan2(r[2][1], r[2][2]), pitch, math.atan2(r[1][0], r[0][0]))
 
 
-def _write_inertial(parameters: Sequence[float]) -> list[str]:
+def write_inertial(parameters: Sequence[float]) -> list[str]:
     """Return the lines of <inertial> for ten standard parameters in the frame of the link."""
     mass, com, central = split_body(parameters)
-    tensor = " ".join(f'{key}="{write_decimal(value)}"' for key, value in zip(_TENSOR, central, strict=True))
+    tensor = " ".join(f'{key}="{write_decimal(value)}"' for key, value in zip(TENSOR, central, strict=True))
     return [
         "<inertial>",
         f'  <origin xyz="{write_decimals(com)}" rpy="0 0 0"/>',
@@ -187,10 +200,10 @@ def _write_dynamics(joint: Joint) -> list[str]:
 
 def _write_joint(robot: Robot, joint: Joint) -> Iterator[str]:
     symbols = dict(robot.symbols)
-    link = write_quoted(f"{joint.name}_link")
-    parent = write_quoted(f"{robot.joints[joint.parent].name}_link" if joint.parent >= 0 else BASE)
+    link = _write_quoted(f"{joint.name}_link")
+    parent = _write_quoted(f"{robot.joints[joint.parent].name}_link" if joint.parent >= 0 else BASE)
     xyz = [value.to_float(symbols) for value in joint.placement.translation]
-    inertial = () if joint.inertial is None else _write_inertial(joint.inertial)
+    inertial = () if joint.inertial is None else write_inertial(joint.inertial)
     yield f"  <link name={link}{'' if inertial else '/'}>"
     yield from (f"    {line}" for line in inertial)
     yield from ("  </link>",) if inertial else ()
@@ -198,7 +211,7 @@ def _write_joint(robot: Robot, joint: Joint) -> Iterator[str]:
     low, high = map(write_decimal, joint.limits.position or (0.0, 0.0))
     ends = "" if endless else f'lower="{low}" upper="{high}" '
     effort, velocity = map(write_decimal, (joint.limits.torque or 0.0, joint.limits.velocity or 0.0))
-    yield f'  <joint name={write_quoted(joint.name)} type="{"continuous" if endless else joint.kind.value}">'
+    yield f'  <joint name={_write_quoted(joint.name)} type="{"continuous" if endless else joint.kind.value}">'
     yield f'    <origin xyz="{write_decimals(xyz)}" rpy="{write_decimals(_compute_rpy(joint.placement))}"/>'
     yield f"    <parent link={parent}/>"
     yield f"    <child link={link}/>"
@@ -206,132 +219,112 @@ def _write_joint(robot: Robot, joint: Joint) -> Iterator[str]:
     yield f'    <limit {ends}effort="{effort}" velocity="{velocity}"/>'
     yield from (f"    {line}" for line in _write_dynamics(joint))
     if joint.mimic is not None:
-        master = write_quoted(robot.joints[joint.mimic.master].name)
+        master = _write_quoted(robot.joints[joint.mimic.master].name)
         factor = write_decimal(float(joint.mimic.multiplier))
         yield f'    <mimic joint={master} multiplier="{factor}" offset="0.0"/>'
     yield "  </joint>"
 
 
-_QUOTED = re.compile(rb"[^>\"']|\"[^\"]*\"|'[^']*'")
+_TYPES = {JointKind.REVOLUTE: "hinge", JointKind.PRISMATIC: "slide"}
+# The order of MuJoCo: xx yy zz xy xz yz.
+_ORDER = (0, 3, 5, 1, 2, 4)
 
 
-Edit = tuple[int, int, str]
-"""The first byte that is replaced, the byte behind the last one, and what comes in their place."""
+def write_mjcf(robot: Robot, *, comments: Sequence[str] = ()) -> str:
+    """Return the MJCF model of `robot`, with comments at its head."""
+    symbols = dict(robot.symbols)
+    gravity = write_decimals([value.to_float(symbols) for value in robot.gravity])
+    lines = [
+        '<?xml version="1.0" encoding="utf-8"?>',
+        f"<mujoco model={_write_quoted(robot.name)}>",
+        *_write_head(robot, comments, list_mjcf_omissions(robot)),
+        '  <compiler angle="radian" autolimits="true"/>',
+        f'  <option gravity="{gravity}"/>',
+    ]
+    names = [_write_quoted(joint.name) for joint in robot.joints]
+    tendons, followers, motors = [], [], []
+    for coupling in robot.couplings:
+        attributes = (f"name={_write_quoted(coupling.name)}", *_list_drive(coupling))
+        tendons.append(f"    <fixed {' '.join(attributes)}>")
+        for index, factor in coupling.terms:
+            tendons.append(f'      <joint joint={names[index]} coef="{write_decimal(float(factor))}"/>')
+        tendons.append("    </fixed>")
+    for name, joint in zip(names, robot.joints, strict=True):
+        if joint.mimic is None:
+            motor, gear = _write_quoted(f"{joint.name}_motor"), write_decimal(joint.drive.gear)
+            motors.append(f'    <motor name={motor} joint={name} gear="{gear}"/>')
+        else:
+            pair = f"joint1={name} joint2={names[joint.mimic.master]}"
+            multiple = write_decimal(float(joint.mimic.multiplier))
+            followers.append(f'    <joint {pair} polycoef="0 {multiple} 0 0 0"/>')
+    bodies = list(_write_bodies(robot))
+    sections = {"worldbody": bodies, "tendon": tendons, "equality": followers, "actuator": motors}
+    for tag, inner in sections.items():
+        lines += [f"  <{tag}>", *inner, f"  </{tag}>"] if inner else []
+    return "\n".join((*lines, "</mujoco>", ""))
 
 
-def rewrite_urdf(text: str, robot: Robot, *, comments: Sequence[str] = ()) -> str:
-    """Return the URDF `text`, which `robot` was read from, with the robot's inertias, friction and rotors.
-
-    All else stays, letter by letter; `comments` go to the head. The values of a moving link hold for it and
-    the links fixed to it together; theirs are taken out.
-
-    Raises:
-        RobotError: the text is no XML.
-    """
-    document = parse_document(text, robot.path)
-    return apply_edits(document, _list_edits(document, robot), [*comments, *list_urdf_omissions(robot)])
-
-
-def apply_edits(document: XmlDocument, edits: Iterable[Edit], comments: Sequence[str]) -> str:
-    """Return the text of a document with edits, which do not overlap, and comments at its head."""
-    result = document.source
-    head = "".join(f"\n{line}" for line in write_comments(comments))
-    start = locate_tag_end(result, document.root.offset)
-    edits = [*edits, (start, start, head)]
-    for begin, end, inserted in sorted(edits, key=lambda edit: edit[0], reverse=True):
-        result = result[:begin] + inserted.encode() + result[end:]
-    return result.decode(errors="surrogatepass")
+def list_mjcf_omissions(robot: Robot) -> Iterator[str]:
+    """Yield what an MJCF model cannot hold; the file has it in comments."""
+    for joint in robot.joints:
+        owner = f"joint {joint.name}"
+        yield from _list_mjcf_friction_omissions(owner, joint.friction)
+        if joint.spring is not None and joint.spring.stiffness is None:
+            yield f"{owner}: a spring of unknown stiffness"
+        yield from _list_elastic_omissions(joint)
+    for coupling in robot.couplings:
+        yield from _list_mjcf_friction_omissions(f"coupled drive {coupling.name}", coupling.friction)
 
 
-def _list_edits(document: XmlDocument, robot: Robot) -> Iterator[Edit]:
-    """Yield the edits of links, joints and transmissions."""
-    root = document.root
-    elements = {element.attributes.get("name", ""): element for element in root.find_all("joint")}
-    joints = {joint.name: joint for joint in robot.joints}
-    # The reader gives another name to a joint that is called as the base of robot files is.
-    strangers = [joint for joint in robot.joints if joint.name not in elements]
-    if strangers and BASE in elements:
-        joints[BASE] = strangers[0]
-    # The joint that moves each link, and the link before it.
-    ends = ((name, _get_link(joint, "child"), _get_link(joint, "parent")) for name, joint in elements.items())
-    parents = {child: (name, parent) for name, child, parent in ends}
-    for link in root.find_all("link"):
-        name = link.attributes.get("name", "")
-        old = link.find("inertial")
-        joint = joints.get(parents[name][0]) if name in parents else None
-        if joint is not None and joint.inertial is not None:
-            # In the frame that the file gives to the link.
-            values = move_by_placement(joint.inertial, joint.frame, inverse=True)
-            yield replace_element(document, link, old, _write_inertial(values))
-        elif joint is None and old is not None and _is_carried(name, parents, joints):
-            yield remove_element(document, old)
-    for name, element in elements.items():
-        if name in joints and (lines := _write_dynamics(joints[name])):
-            yield replace_element(document, element, element.find("dynamics"), lines)
-    for transmission in root.find_all("transmission"):
-        end, actuator = transmission.find("joint"), transmission.find("actuator")
-        joint = joints.get(end.attributes.get("name", "")) if end is not None else None
-        if joint is not None and actuator is not None and joint.drive.rotor_inertia is not None:
-            value = write_decimal(joint.drive.rotor_inertia / joint.drive.gear**2)
-            for rotor in actuator.find_all(*ROTORS):
-                yield replace_element(document, actuator, rotor, [f"<{rotor.tag}>{value}</{rotor.tag}>"])
+def _list_mjcf_friction_omissions(owner: str, friction: FrictionValues) -> Iterator[str]:
+    yield from _list_friction_omissions(owner, friction)
+    plain = get_plain_friction(friction)
+    if plain is not None and plain[1] < 0:
+        yield f"{owner}: dry friction {write_decimal(plain[1])}, which drives instead of braking"
 
 
-def _get_link(joint: XmlElement, tag: str) -> str:
-    end = joint.find(tag)
-    return end.attributes.get("link", "") if end is not None else ""
+def _write_bodies(robot: Robot) -> Iterator[str]:
+    """Yield the bodies, each with all that hangs on it."""
+    symbols = dict(robot.symbols)
+    children: dict[int, list[int]] = {}
+    for index, joint in enumerate(robot.joints):
+        children.setdefault(joint.parent, []).append(index)
+    # Chains can be longer than calls can be nested, so open bodies wait in a list; -1 closes one.
+    waiting = [(index, "    ") for index in reversed(children.get(-1, []))]
+    while waiting:
+        index, space = waiting.pop()
+        if index < 0:
+            yield f"{space}</body>"
+            continue
+        joint = robot.joints[index]
+        position = write_decimals([value.to_float(symbols) for value in joint.placement.translation])
+        entries = [entry.to_float() for entry in compute_quaternion(joint.placement.rotation)]
+        turned = write_decimals([entry / math.hypot(*entries) for entry in entries])
+        yield f'{space}<body name={_write_quoted(f"{joint.name}_link")} pos="{position}" quat="{turned}">'
+        if joint.inertial is not None and joint.inertial[9]:
+            mass, com, central = split_body(joint.inertial)
+            place = f'pos="{write_decimals(com)}" mass="{write_decimal(mass)}"'
+            tensor = write_decimals([central[k] for k in _ORDER])
+            yield f'{space}  <inertial {place} fullinertia="{tensor}"/>'
+        attributes = [f'name={_write_quoted(joint.name)} type="{_TYPES[joint.kind]}" axis="0 0 1"']
+        if joint.limits.position is not None:
+            attributes.append(f'range="{write_decimals(joint.limits.position)}"')
+        if (torque := joint.limits.torque) is not None:
+            attributes.append(f'actuatorfrcrange="{write_decimals((-torque, torque))}"')
+        attributes += _list_drive(joint)
+        if joint.spring is not None and joint.spring.stiffness is not None:
+            attributes.append(f'stiffness="{write_decimal(joint.spring.stiffness)}"')
+            attributes.append(f'springref="{write_decimal(joint.spring.rest or 0.0)}"')
+        yield f"{space}  <joint {' '.join(attributes)}/>"
+        waiting.append((-1, space))
+        waiting += [(child, f"{space}  ") for child in reversed(children.get(index, []))]
 
 
-def _is_carried(link: str, parents: Mapping[str, tuple[str, str]], joints: Mapping[str, Joint]) -> bool:
-    """Return whether a link hangs on one that a joint moves."""
-    while link in parents:
-        name, link = parents[link]
-        if name in joints:
-            return True
-    return False
-
-
-def replace_element(
-    document: XmlDocument, owner: XmlElement, old: XmlElement | None, lines: Sequence[str]
-) -> Edit:
-    """Return what puts `lines` in the place of `old`, or in front of all else in `owner`."""
-    source = document.source
-    if old is not None:
-        text = f"\n{_read_indent(source, old)}".join(lines)
-        return old.offset, _locate_element_end(document, old), text
-    outer = _read_indent(source, owner)
-    step = "\t" if outer.endswith("\t") else "  "
-    text = "".join(f"\n{outer}{step}{line}" for line in lines)
-    start = locate_tag_end(source, owner.offset)
-    if source[start - 2 : start] != b"/>":
-        return start, start, text
-    return start - 2, start, f">{text}\n{outer}</{owner.tag}>"
-
-
-def remove_element(document: XmlDocument, element: XmlElement) -> Edit:
-    """Return what takes an element out, with the line that it leaves empty."""
-    source, start, end = document.source, element.offset, _locate_element_end(document, element)
-    line = source.rfind(b"\n", 0, start)
-    rest = source.find(b"\n", end)
-    alone = line >= 0 and rest >= 0 and not (source[line:start] + source[end:rest]).strip()
-    return (line, rest, "") if alone else (start, end, "")
-
-
-def _read_indent(source: bytes, element: XmlElement) -> str:
-    """Return the blanks that stand before an element in its line."""
-    before = source[source.rfind(b"\n", 0, element.offset) + 1 : element.offset]
-    return before.decode() if not before.strip() else "    "
-
-
-def locate_tag_end(source: bytes, offset: int) -> int:
-    """Return where the tag ends that begins at `offset`; values of attributes may hold what ends one."""
-    while match := _QUOTED.match(source, offset):
-        offset = match.end()
-    return offset + 1
-
-
-def _locate_element_end(document: XmlDocument, element: XmlElement) -> int:
-    """Return where an element ends, with all that is in it."""
-    end = locate_tag_end(document.source, element.offset)
-    is_empty = document.source[end - 2 : end] == b"/>"
-    return end if is_empty else locate_tag_end(document.source, document.ends[element.offset])
+def _list_drive(owner: Joint | Coupling) -> Iterator[str]:
+    """Yield the attributes that joints and tendons have in common."""
+    if rotor := (owner.drive if isinstance(owner, Joint) else owner).rotor_inertia:
+        yield f'armature="{write_decimal(rotor)}"'
+    if plain := get_plain_friction(owner.friction):
+        yield f'damping="{write_decimal(plain[0])}"'
+        if plain[1] > 0:
+            yield f'frictionloss="{write_decimal(plain[1])}"'

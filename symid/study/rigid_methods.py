@@ -40,7 +40,7 @@ from symid.identification.regression import (
 )
 from symid.identification.rigid import identify_parameters
 from symid.logs import Recording, Signals
-from symid.robot import Decimation, Processing, Robot
+from symid.robot import Decimation, Processing, Robot, build_pseudo_inertias
 from symid.study.monte_carlo import run_tasks
 
 EXCITATIONS = 5
@@ -112,7 +112,7 @@ def _load_scene(robot: Robot, backend: str) -> PrecisionScene:
 
 def _get_truth(library: Library, bodies: Bodies) -> FloatArray:
     """Return what the robot file states, or the parameters of clouds of points about bodies of any mass."""
-    from symid.dynamics import build_pseudo_inertias, compute_standard_parameters
+    from symid.dynamics import compute_standard_parameters
 
     stated = [entry.value for entry in (*library.card.beta, *library.card.friction)]
     known = [value for value in stated if value is not None]

@@ -59,6 +59,10 @@ def test_values_of_no_bodies_are_said_and_the_nearest_are_written(capsys, identi
     broken = tmp_path / "broken.json"
     broken.write_text(json.dumps(changed), encoding="utf-8")
     code, answer = call(capsys, "export", "two_link", broken, "-o", tmp_path / "x.toml")
+    assert (code, answer["errors"][0]["code"]) == (3, "export.cost")
+    assert "of the torque of 'elbow' (limit 0.5 %)" in answer["errors"][0]["text"]
+    assert not (tmp_path / "x.toml").exists()
+    code, answer = call(capsys, "export", "two_link", broken, "-o", tmp_path / "x.toml", "--limit", 1000)
     codes = [warning["code"] for warning in answer["warnings"]]
     assert code == 0, answer
     assert "export.inconsistent" in codes

@@ -29,7 +29,6 @@ from symid.dynamics import (
     NearestBodies,
     build_expected_bodies,
     build_prior,
-    build_pseudo_inertias,
     compute_cost,
     compute_errors,
     compute_standard_parameters,
@@ -40,7 +39,7 @@ from symid.identification.estimators.least_squares import RegressionFit, estimat
 from symid.identification.regression import Identifiability, Rows, condense_rows, stack_condensed
 from symid.joint_models import is_braking
 from symid.notation import INERTIAL
-from symid.robot import Robot
+from symid.robot import Robot, build_pseudo_inertias
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

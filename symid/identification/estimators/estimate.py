@@ -204,12 +204,14 @@ class DynamicsRecord(FitRecord):
         parameters: those identified, in the order of the model card; residual: joint by joint.
         condition: condition number of the column-scaled matrix, over the identifiable directions.
         covariance: of `parameters`, row by row; empty where the method has none.
+        drawn: whether the robot was made from a URDF, whose values are those of a drawing and not the truth.
     """
 
     parameters: tuple[ParameterEstimate, ...]
     residual: tuple[Residual, ...]
     condition: float
     covariance: tuple[tuple[float, ...], ...] = ()
+    drawn: bool = False
 
     @property
     def mean_relative_percent(self) -> float:
@@ -276,6 +278,7 @@ class Estimate(DynamicsRecord):
             where neither was looked at.
         laws: friction laws that were chosen or fitted with their shape values; empty where the robot file
             states them.
+        motion: (K, 3 n) states q, dq, ddq of the logs, in which what other values cost is measured.
     """
 
     kind: ClassVar[str] = "rigid"
@@ -287,6 +290,7 @@ class Estimate(DynamicsRecord):
     choice: SettingsChoice | None = None
     evidence: Evidence | None = None
     laws: tuple[FittedLaw, ...] = ()
+    motion: tuple[tuple[float, ...], ...] = ()
 
     def assemble(self, names: Sequence[str]) -> FloatArray:
         """Return the parameters in the order of `names`, zero where nothing is known: (p,)."""

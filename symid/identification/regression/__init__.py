@@ -70,6 +70,7 @@ if TYPE_CHECKING:
         measure_bands as measure_bands,
         measure_load_gain as measure_load_gain,
         measure_moving_ends as measure_moving_ends,
+        outline_motion as outline_motion,
         prepare_all_rows as prepare_all_rows,
         prepare_rows as prepare_rows,
         prepare_states as prepare_states,

@@ -406,6 +406,24 @@ def prepare_states(library: Library, recording: Recording, processing: Processin
     return subtract_payload_torque(library, signals, recording)
 
 
+_STATES = 60
+
+
+def outline_motion(
+    library: Library, recordings: Sequence[Recording], processing: Processing
+) -> tuple[tuple[float, ...], ...]:
+    """Return states q, dq, ddq (60, 3 n) evenly spread over the recordings, with six digits.
+
+    Raises:
+        LogError, IdentifiabilityError: as for `prepare_rows`.
+    """
+    used = choose_filters(processing, recordings).processing
+    signals = [prepare_states(library, entry, used) for entry in recordings]
+    whole = np.vstack([np.hstack([entry.q, entry.dq, entry.ddq]) for entry in signals])
+    chosen = whole[np.linspace(0, len(whole) - 1, min(_STATES, len(whole))).round().astype(int)]
+    return tuple(tuple(float(f"{value:.6g}") for value in row) for row in chosen.tolist())
+
+
 def mask_fast(
     rows: Rows, speed: FloatArray, processing: Processing, file: str = "", *, margin: float = 0.0
 ) -> tuple[NDArray[np.bool_], tuple[Notice, ...]]:

@@ -191,21 +191,20 @@ def test_the_nearest_set_is_the_optimum_that_scipy_finds(given):
     base, prior = derive_base_parameters(TWO_LINK), draw_parameters(rng, 2)
     beta = group(TWO_LINK, draw_parameters(rng, 2), base=base)
     beta[0] = -0.3
-    names = [parameter.name for parameter in base.parameters]
-    deviations = dict(zip(names, rng.uniform(0.01, 0.1, 6), strict=True)) if given else None
-    found = find_set(TWO_LINK, base, beta, prior=prior, deviations=deviations)
+    root = np.diag(rng.uniform(0.01, 0.1, 6)) @ rng.normal(size=(6, 6))
+    found = find_set(TWO_LINK, base, beta, prior=prior, covariance=root @ root.T if given else None)
     assert found.outcome is StandardOutcome.NEAREST
     assert found.blamed[0] == "ZZR1"
     assert found.reason.startswith("ZZR1 = -0.3: ")
     assert "(ZZ1 + 0.25*M2)" in found.reason
     assert_bodies(found.pi)
-    sizes = np.array(list(deviations.values())) if given else 0.01 * find_sizes(TWO_LINK, base, prior)
+    if not given:
+        root = np.diag(0.01 * find_sizes(TWO_LINK, base, prior))
 
     def cost(x):
         pi = unpack(x)
-        return measure(pi, prior) + 0.5 * float(
-            np.sum(((group(TWO_LINK, pi, base=base) - beta) / sizes) ** 2)
-        )
+        apart = np.linalg.solve(root, group(TWO_LINK, pi, base=base) - beta)
+        return (0.01 if given else 1.0) * measure(pi, prior) + 0.5 * float(apart @ apart)
 
     start = pack(found.pi)
     best = minimize(cost, start + 0.05 * rng.normal(size=20), method="BFGS", options={"maxiter": 3000})
@@ -496,18 +495,15 @@ def test_input_that_cannot_be_used_is_refused():
     for values in ({"ZZ9": 1.0}, {}, {"ZZ2": np.nan}, [np.inf] * 6):
         assert catch(UsageError, TWO_LINK, values).code == "usage.base-values"
     assert "ZZR1" in catch(UsageError, TWO_LINK, {"ZZ9": 1.0}).text
-    deviations = {"ZZ2": 0.0}
-    notice = catch(UsageError, TWO_LINK, {"ZZ2": -1.0}, deviations=deviations)
-    assert notice.code == "usage.consistency-weights"
+    for covariance in (np.zeros((1, 1)), np.eye(2), np.array([[np.nan]])):
+        notice = catch(UsageError, TWO_LINK, {"ZZ2": -1.0}, covariance=covariance)
+        assert notice.code == "usage.consistency-weights"
 
 
 def test_numbers_beyond_all_bounds_end_in_an_error_not_in_a_result():
-    """Values of 1e200, known to 1e-200: no float holds what the one is in units of the other."""
+    """Values of 1e200, known to 1e-150: no float holds what the one is in units of the other."""
     prior = draw_parameters(np.random.default_rng(18), 2)
-    names = [parameter.name for parameter in derive_base_parameters(TWO_LINK).parameters]
-    notice = catch(
-        SolverError, TWO_LINK, -1e200 * np.ones(6), prior=prior, deviations=dict.fromkeys(names, 1e-200)
-    )
+    notice = catch(SolverError, TWO_LINK, -1e200 * np.ones(6), prior=prior, covariance=1e-300 * np.eye(6))
     assert notice.code == "solver.standard-set"
 
 
@@ -545,11 +541,34 @@ def test_values_of_any_size_end_at_the_nearest_bodies(robots_folder, name, seed,
     beta = rng.normal(size=base.count) * sizes
     names = [parameter.name for parameter in base.parameters]
     known = np.abs(beta) * 10.0 ** rng.uniform(-4, 0, base.count)
-    deviations = dict(zip(names, known, strict=True)) if given else None
-    found = find_set(robot, base, dict(zip(names, beta, strict=True)), deviations=deviations)
+    covariance = np.diag(known**2) if given else None
+    found = find_set(robot, base, dict(zip(names, beta, strict=True)), covariance=covariance)
     assert_bodies(found.pi)
     assert found.stationarity < 1e-6
     assert bool(found.blamed) == (found.outcome is StandardOutcome.NEAREST)
+
+
+@settings(max_examples=12, deadline=None)
+@given(robot=st.sampled_from(ROBOTS), seed=st.integers(0, 999), noise=st.floats(-3.0, 0.0))
+def test_the_written_bodies_are_as_near_to_an_estimate_as_the_truth(robot, seed, noise):
+    """The truth is one of the bodies that could be written: the nearest cost at most what it costs."""
+    rng = np.random.default_rng(seed)
+    base, prior = derive_base_parameters(robot), draw_parameters(rng, robot.size)
+    turns = np.eye(4) + 0.1 * rng.normal(size=(robot.size, 4, 4))
+    bodies = turns @ build_pseudo_inertias(prior) @ turns.transpose(0, 2, 1)
+    truth = compute_standard_parameters(bodies)
+    beta = group(robot, truth, base=base)
+    root = rng.normal(size=(base.count, base.count)) * (10.0**noise * np.abs(beta))[:, None]
+    error = rng.normal(size=base.count)
+    names = [parameter.name for parameter in base.parameters]
+    order = rng.permutation(base.count)
+    values = {names[k]: (beta + root @ error)[k] for k in order}
+    covariance = (root @ root.T)[np.ix_(order, order)]
+    found = find_set(robot, base, values, prior=prior, covariance=covariance)
+    assert_bodies(found.pi)
+    written = np.linalg.solve(root, found.residual)
+    # What the distance to the prior may add, a hundredth beside half of the squares.
+    assert written @ written <= error @ error + 0.02 * measure(truth, prior)
 
 
 def test_the_same_input_gives_the_same_set():

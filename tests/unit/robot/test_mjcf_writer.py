@@ -14,9 +14,8 @@ from symid.joint_models.hysteresis import Elasticity
 from symid.notation import INERTIAL
 from symid.robot.description import Coupling, Drive, Limits, Mimic, Robot, Spring
 from symid.robot.geometry import Exact
-from symid.robot.mjcf_writer import list_mjcf_omissions, write_mjcf
 from symid.robot.toml_reader import read_robot
-from symid.robot.xml_writers import write_urdf
+from symid.robot.xml_writers import list_mjcf_omissions, write_mjcf, write_urdf
 from tests.chains import (
     build_chain,
     build_joint,

@@ -8,8 +8,9 @@ import pinocchio as pin
 import pytest
 
 from symid.joint_models import FrictionValues
+from symid.robot.inertia import build_pseudo_inertias
 from symid.robot.urdf_reader import parse_urdf
-from symid.robot.xml_writers import rewrite_urdf
+from symid.robot.urdf_rewriter import rewrite_urdf
 from tests.chains import PANDA, build_pinocchio, draw_parameters
 from tests.urdfs import draw_urdf, find_torques, write_odd_urdf
 
@@ -77,12 +78,12 @@ def rewritten():
         drive=dataclasses.replace(second.drive, rotor_inertia=0.08),
     )
     robot = dataclasses.replace(robot, joints=(first, second))
-    return robot, rewrite_urdf(FILE, robot, comments=("by hand -- of us",))
+    return robot, rewrite_urdf(FILE, robot)
 
 
 def test_the_new_values_are_read(rewritten):
-    robot, text = rewritten
-    back = parse_urdf(text)
+    robot, found = rewritten
+    back = parse_urdf(found.text)
     for old, new in zip(robot.joints, back.joints, strict=True):
         assert (new.name, new.placement, new.frame, new.limits) == (
             old.name,
@@ -96,30 +97,109 @@ def test_the_new_values_are_read(rewritten):
     assert back.joints[1].drive.rotor_inertia == pytest.approx(0.08)
 
 
-def test_all_else_stays(rewritten):
-    _, text = rewritten
-    values = re.compile(
-        r"\s*(<inertial>.*?</inertial>|<dynamics[^>]*>|<motorInertia>.*?</motorInertia>)", re.DOTALL
+NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+
+
+def test_only_numbers_change_and_what_was_absent_comes_in(rewritten):
+    _, found = rewritten
+    assert (
+        '<joint name="elbow" type="continuous">\n    <dynamics damping="0.3" friction="0.2"/><parent'
+        in found.text
     )
-    comments = re.compile(r"\n  <!-- (by hand|joint ).*?-->")
-    left = comments.sub("", values.sub("", text)).replace(
-        '<link name="lower">\n  </link>', '<link name="lower"/>'
+    left = found.text.replace('\n    <dynamics damping="0.3" friction="0.2"/>', "")
+    # The tool's centre of mass was its origin.
+    head, tool = left.split('<link name="tool">')
+    left = head + '<link name="tool">' + re.sub(r'\n *<origin xyz="[^"]*"/>', "", tool, count=1)
+    assert NUMBER.sub("#", left) == NUMBER.sub("#", FILE)
+    # The world stands still, and what a link carries keeps an inertia of its own.
+    assert '<mass value="50"/>' in found.text
+    assert '<mass value="0.7"/>' not in found.text
+    assert found.shared == {"lower": ("tool",)}
+
+
+def test_values_that_did_not_change_stay_as_they_are_written():
+    text = FILE.replace('value="2"', 'value="+2.0e0"').replace("\n", "\r\n")
+    robot = parse_urdf(text)
+    assert rewrite_urdf(text, robot).text == text
+    friction = FrictionValues(law="coulomb-viscous", values=(0.5, 1.0))
+    first = dataclasses.replace(robot.joints[0], friction=friction)
+    robot = dataclasses.replace(robot, joints=(first, *robot.joints[1:]))
+    assert rewrite_urdf(text, robot).text == text.replace('friction="0.25"', 'friction="1.0"')
+
+
+CARRIER = """<robot name="arm">
+  <link name="world"/>
+  <link name="arm">
+    <inertial><!-- of steel --><origin rpy="0.1 0.2 -0.3" xyz="0.1 0 0"/><mass value="2"/>
+      <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0.01" izz="0.1"/></inertial>
+  </link>
+  <joint name="a" type="revolute"><parent link="world"/><child link="arm"/><axis xyz="0 0 1"/>
+    <limit effort="5" velocity="2" lower="-1" upper="1"/></joint>
+  <link name="flange"/>
+  <joint name="f" type="fixed"><parent link="arm"/><child link="flange"/>
+    <origin xyz="0.4 0 0" rpy="0 0.4 0"/></joint>
+  <link name="tool">
+    <inertial><origin xyz="0.02 0 0.1"/><mass value="0.5"/>
+      <inertia ixx="0.001" ixy="0" ixz="0" iyy="0.002" iyz="0" izz="0.001"/></inertial>
+  </link>
+  <joint name="g" type="fixed"><parent link="flange"/><child link="tool"/>
+    <origin xyz="0 0 0.1" rpy="1 0 0"/></joint>
+  <link name="finger">
+    <inertial><origin xyz="0 0 0"/><mass value="0.1"/>
+      <inertia ixx="0.0001" ixy="0" ixz="0" iyy="0.0002" iyz="0" izz="0.0001"/></inertial>
+  </link>
+  <joint name="h" type="prismatic"><parent link="tool"/><child link="finger"/>
+    <origin xyz="0 0.05 0.1" rpy="0 0 1"/>
+    <axis xyz="0 1 0"/><limit effort="5" velocity="2" lower="0" upper="0.1"/></joint>
+</robot>
+"""
+
+
+@pytest.mark.parametrize("tip", ["flange", "arm"])
+def test_what_was_cut_off_is_part_of_the_link_that_carries_it(tip):
+    """Pinocchio sums up what hangs on the link, the finger held at zero: the values of the robot."""
+    robot = give_values(parse_urdf(CARRIER, tip=tip))
+    found = rewrite_urdf(CARRIER, robot)
+    assert found.shared == {"arm": ("tool", "finger")}
+    assert NUMBER.sub("#", found.text) == NUMBER.sub("#", CARRIER)
+    model = pin.buildModelFromXML(found.text)
+    whole = pin.buildReducedModel(model, [model.getJointId("h")], np.zeros(2)).inertias[1]
+    ours = build_pinocchio(robot, np.array([robot.joints[0].inertial])).inertias[1]
+    # The axis is z in both frames, but where the frame begins on it is free.
+    shift = pin.SE3(np.eye(3), np.array([0.0, 0.0, float(find_height(robot))]))
+    np.testing.assert_allclose(shift.act(whole).matrix(), ours.matrix(), rtol=0, atol=1e-9)
+    for link in ("arm", "tool", "finger"):
+        part = re.search(rf'<link name="{link}">.*?</link>', found.text, re.DOTALL)[0]
+        alone = parse_urdf(
+            f'<robot name="r"><link name="w"/>{part}<joint name="j" type="revolute"><parent link="w"/>'
+            f'<child link="{link}"/><limit effort="1" velocity="1" lower="0" upper="1"/></joint></robot>'
+        )
+        assert np.linalg.eigvalsh(build_pseudo_inertias(np.array([alone.joints[0].inertial]))[0])[0] > 0
+
+
+def find_height(robot):
+    """Return where the file's frame of the link stands on the axis, seen from the frame here."""
+    return robot.joints[0].placement.translation[2].to_float() * -1.0
+
+
+def test_flat_links_give_all_to_the_link_that_carries_them():
+    text = FILE.replace(
+        '<link name="lower"/>',
+        '<link name="lower"><inertial><mass value="0"/>'
+        '<inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial></link>',
     )
-    assert left == values.sub("", FILE)
-    assert "<!-- by hand - - of us -->" in text
-    assert "friction model coulomb-viscous-offset, values 1.5 0.75 0.1" in text
-    # What stands still keeps its values, what is carried gives its own away.
-    assert text.count("<inertial>") == 3
-    assert '<mass value="50"/>' in text
-    assert '<mass value="0.7"/>' not in text
-    assert "\n\n" not in text
+    flat = re.compile(r'ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"')
+    text = flat.sub('ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"', text)
+    robot = give_values(parse_urdf(text))
+    back = parse_urdf(rewrite_urdf(text, robot).text)
+    np.testing.assert_allclose(back.joints[1].inertial, robot.joints[1].inertial, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_random_trees_come_back(seed):
     text, _ = draw_urdf(np.random.default_rng(seed), 8)
     robot = give_values(parse_urdf(text), seed)
-    back = parse_urdf(rewrite_urdf(text, robot))
+    back = parse_urdf(rewrite_urdf(text, robot).text)
     for old, new in zip(robot.joints, back.joints, strict=True):
         assert (new.placement, new.mimic) == (old.placement, old.mimic)
         scale = max(map(abs, old.inertial))
@@ -141,7 +221,7 @@ def test_pinocchio_reads_the_new_values_in_odd_frames():
         rows, [30, 0, 90, 45, 0, -60, 0], ["0.1", "0", "0.25", "0", "-0.05", "0", "0.3"], axes
     )
     robot = give_values(parse_urdf(text))
-    theirs = pin.buildModelFromXML(rewrite_urdf(text, robot))
+    theirs = pin.buildModelFromXML(rewrite_urdf(text, robot).text)
     # Built from the placements alone, without the text.
     assert [joint.kind for joint in robot.joints] == [joint.kind for joint in PANDA.joints]
     ours = build_pinocchio(robot, np.array([joint.inertial for joint in robot.joints]))
@@ -161,8 +241,9 @@ def test_elements_are_found_behind_comments_and_data():
     joint = dataclasses.replace(
         robot.joints[0], friction=FrictionValues(law="coulomb-viscous", values=(2.0, 0.0))
     )
-    found = rewrite_urdf(text, dataclasses.replace(robot, joints=(joint,)))
+    found = rewrite_urdf(text, dataclasses.replace(robot, joints=(joint,))).text
     back = parse_urdf(found)
     assert back.joints[0].friction.values == (2.0, 0.0)
     np.testing.assert_allclose(back.joints[0].inertial, joint.inertial, atol=1e-12)
-    assert found.endswith('<dynamics damping="2.0" friction="0.0"/></joint></robot>')
+    changed = '<dynamics damping="2.0" friction="0.0"><?x </dynamics>?></dynamics></joint></robot>'
+    assert found.endswith(changed)

@@ -1,0 +1,164 @@
+"""`symid export` into the URDF that a robot was made from: bytes stay, torques are those identified."""
+
+import dataclasses
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from symid.cli.main import run
+from symid.codegen import prepare_library
+from symid.dynamics.base_parameters import compute_parameter_values, derive_base_parameters
+from symid.identification.stored import read_fit
+from symid.report import judge_fit
+from symid.robot.toml_reader import read_robot
+from symid.robot.urdf_reader import read_urdf
+from tests.estimates import fill_robot, store_estimate
+
+pytestmark = pytest.mark.usefixtures("shared_work")
+
+NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\w.])")
+ARM = Path("docs/own_robot/arm.urdf")
+
+
+def call(capsys, *arguments):
+    code = run([*map(str, arguments), "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def find_codes(answer):
+    return [notice["code"] for key in ("warnings", "notes") for notice in answer.get(key, ())]
+
+
+@pytest.fixture
+def made(capsys, project, tmp_path, monkeypatch):
+    """Return the robot with values that was made from a URDF with odd ends of lines, in another folder."""
+    text = (project / ARM).read_text(encoding="utf-8")
+    (tmp_path / "cad").mkdir()
+    (tmp_path / "cad" / "arm.urdf").write_bytes(b"\xef\xbb\xbf" + text.replace("\n", "\r\n").encode())
+    monkeypatch.chdir(tmp_path)
+    options = ("--from-urdf", "cad/arm.urdf", "--friction", "coulomb-viscous", "--rotors")
+    code, answer = call(capsys, "new", "arm.toml", *options)
+    assert code == 0, answer
+    robot = fill_robot(read_robot(tmp_path / "arm.toml"))
+    store_estimate(robot, tmp_path / "estimate.json")
+    return robot
+
+
+def assert_identified(file, robot, alone):
+    """The file has the base values of the robot, and friction; Pinocchio finds its torques there.
+
+    What URDFs say of rotors Pinocchio does not read: those of the joints that stand `alone` are added.
+    """
+    back = read_urdf(file)
+    base = derive_base_parameters(robot)
+    found, truth = (compute_parameter_values(entry, base) for entry in (back, robot))
+    for parameter in base.parameters:
+        assert found[parameter.name] == pytest.approx(truth[parameter.name], rel=1e-9, abs=1e-9)
+    for old, new in zip(robot.joints, back.joints, strict=True):
+        assert new.friction.values == pytest.approx(old.friction.values, rel=1e-12)
+    theirs = pin.buildModelFromUrdf(str(file))
+    assert list(theirs.names[1:]) == [joint.name for joint in robot.joints]
+    rotors = np.array([joint.drive.rotor_inertia for joint in back.joints])
+    assert np.flatnonzero(rotors).tolist() == alone
+    library = prepare_library(robot, backend="python")
+    beta = np.array([truth[parameter.name] for parameter in base.parameters])
+    for state in np.random.default_rng(5).uniform(-1, 1, (5, 3, robot.size)):
+        (expected,) = library.evaluate("inverse_dynamics", *state[:, None], beta)
+        torque = pin.rnea(theirs, theirs.createData(), *state) + rotors * state[2]
+        # The file's right angles have five digits, and were taken as right angles.
+        np.testing.assert_allclose(torque, expected[0], rtol=0, atol=2e-5)
+
+
+def test_the_urdf_is_changed_in_place(capsys, made, tmp_path):
+    file = tmp_path / "cad" / "arm.urdf"
+    before = file.read_bytes()
+    code, answer = call(capsys, "export", "arm.toml", "estimate.json", "-o", "new.urdf")
+    assert code == 0, answer
+    assert file.read_bytes() == before
+    code, answer = call(capsys, "export", "arm.toml", "estimate.json", "--in-place")
+    assert code == 0, answer
+    assert answer["result"]["file"] == "cad/arm.urdf"
+    after = file.read_bytes()
+    assert after == (tmp_path / "new.urdf").read_bytes()
+    assert after.startswith(b"\xef\xbb\xbf<?xml")
+    added = re.compile(
+        r'\r\n *(?:<dynamics damping="[^"]*" friction="[^"]*"/>|<motorInertia>[^<]*</motorInertia>)'
+    )
+    left = added.sub("", after.decode())
+    assert len(added.findall(after.decode())) == 4
+    assert NUMBER.sub("#", left) == NUMBER.sub("#", before.decode())
+    # Grouped rotors are part of the links.
+    assert_identified(file, made, [2])
+    # Once more: the file has changed since the robot was made from it, its joints have not.
+    code, answer = call(capsys, "export", "arm.toml", "estimate.json", "-o", "again.urdf")
+    assert (code, "export.source-edited" in find_codes(answer)) == (0, True)
+    assert (tmp_path / "again.urdf").read_bytes() == after
+
+
+def test_a_robot_file_in_another_folder_still_names_its_urdf(capsys, made, tmp_path):
+    (tmp_path / "out").mkdir()
+    code, _ = call(capsys, "export", "arm.toml", "estimate.json", "-o", "out/identified.toml")
+    assert code == 0
+    assert 'file = "../cad/arm.urdf"' in (tmp_path / "out" / "identified.toml").read_text(encoding="utf-8")
+    code, answer = call(capsys, "export", "out/identified.toml", "-o", "out/identified.urdf")
+    assert code == 0, answer
+    assert "robot.cut-off" not in find_codes(answer)
+    assert_identified(tmp_path / "out" / "identified.urdf", made, [0, 1, 2])
+
+
+def test_a_urdf_with_other_joints_is_not_touched(capsys, made, tmp_path):
+    file = tmp_path / "cad" / "arm.urdf"
+    file.write_bytes(file.read_bytes().replace(b'"elbow"', b'"knee"'))
+    changed = file.read_bytes()
+    code, answer = call(capsys, "export", "arm.toml", "estimate.json", "--in-place")
+    assert (code, answer["errors"][0]["code"]) == (3, "export.source-changed")
+    assert "knee" in answer["errors"][0]["text"]
+    assert file.read_bytes() == changed
+    code, answer = call(capsys, "export", "arm.toml", "estimate.json", "-o", "new.urdf")
+    assert (code, "export.new-file" in find_codes(answer)) == (0, True)
+    assert b"mesh" not in (tmp_path / "new.urdf").read_bytes()
+    file.unlink()
+    code, answer = call(capsys, "export", "arm.toml", "estimate.json", "--in-place")
+    assert code == 3
+    assert not file.exists()
+
+
+def test_what_cannot_be_done_in_place_is_refused(capsys, made):
+    code, answer = call(capsys, "export", "two_link", "estimate.json", "--in-place")
+    assert (code, answer["errors"][0]["code"]) == (2, "usage.no-source")
+    for options in ((), ("-o", "new.urdf", "--in-place")):
+        code, answer = call(capsys, "export", "arm.toml", "estimate.json", *options)
+        assert (code, answer["errors"][0]["code"]) == (2, "usage.export-file")
+    code, answer = call(capsys, "export", "arm.toml", "--in-place")
+    assert (code, answer["errors"][0]["code"]) == (2, "usage.export-file")
+    code, answer = call(capsys, "export", "arm.toml", "estimate.json", "-o", "x.urdf", "--limit", "-1")
+    assert (code, answer["errors"][0]["code"]) == (2, "usage.range")
+
+
+def test_the_table_on_the_source_is_checked(tmp_path, made):
+    text = (tmp_path / "arm.toml").read_text(encoding="utf-8")
+    assert read_robot(tmp_path / "arm.toml").made_from.file == str(tmp_path / "cad" / "arm.urdf")
+    for old, new, word in (
+        (r'sha256 = "[0-9a-f]*"', "", "sha256"),
+        (r"snap = .*", 'snap = "wide"', "snap"),
+        (r"snap = .*", "snap = 1e-5\nroot = 'a'", "root"),
+    ):
+        (tmp_path / "bad.toml").write_text(re.sub(old, new, text, count=1), encoding="utf-8")
+        with pytest.raises(Exception, match=word):
+            read_robot(tmp_path / "bad.toml")
+
+
+def test_values_of_a_drawing_are_no_truth(capsys, made, tmp_path):
+    """A fit far from the values of the URDF is as good as any other: they are where one starts from."""
+
+    estimate = read_fit(tmp_path / "estimate.json")
+    far = tuple(dataclasses.replace(entry, truth=2.0 * entry.value) for entry in estimate.parameters)
+    levels = [
+        judge_fit(dataclasses.replace(estimate, parameters=far, drawn=drawn)).level for drawn in (False, True)
+    ]
+    assert levels[0] == "doubtful"
+    assert levels[1] != "doubtful"
