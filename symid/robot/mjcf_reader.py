@@ -43,12 +43,14 @@ from symid.robot.urdf_parts import (
     XmlPart,
     build_friction,
 )
-from symid.robot.urdf_reader import DEFAULT_SNAP, assemble_robot, parse_urdf
+from symid.robot.urdf_reader import DEFAULT_SNAP, assemble_robot, parse_urdf, read_urdf
 from symid.robot.urdf_xml import XmlDocument, XmlElement, parse_document
 
 WORLD = "world"
 """The body that does not move."""
 
+# An included part of a model is one by its tag, too.
+_ROOTS = ("mujoco", "mujocoinclude")
 _UNUSED = "not used, and not needed for the dynamics: {}"
 _LOST = "forces that are not in the model: {}"
 _REFUSED = ("attach", "replicate", "composite", "flexcomp", "plugin")
@@ -82,7 +84,10 @@ def read_xml_robot(
     Raises:
         RobotError: with a notice for each mistake in the file, in the order of their places.
     """
-    return parse_xml_robot(read_text_file(path), str(path), base=base, tip=tip, snap=snap)
+    document = parse_document(read_text_file(path), str(path))
+    if document.root.tag in _ROOTS:
+        return build_mjcf_robot(document, base, tip, snap)
+    return read_urdf(path, base=base, tip=tip, snap=snap)
 
 
 def parse_xml_robot(text: str, file: str, *, base: str | None, tip: str | None, snap: float) -> Robot:
@@ -92,8 +97,7 @@ def parse_xml_robot(text: str, file: str, *, base: str | None, tip: str | None, 
         RobotError: with a notice for each mistake in the text.
     """
     document = parse_document(text, file)
-    # An included part of a model is one by its tag, too.
-    if document.root.tag in ("mujoco", "mujocoinclude"):
+    if document.root.tag in _ROOTS:
         return build_mjcf_robot(document, base, tip, snap)
     return parse_urdf(text, file, base=base, tip=tip, snap=snap)
 
