@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from symid.identification.friction.estimators import fit_friction
+from symid.identification.friction.joint_fit import FrictionSamples
 from symid.identification.friction.output_error import (
     AxisModel,
     AxisRun,
@@ -32,7 +33,6 @@ from symid.identification.friction.output_error import (
     fit_whole_run,
     try_axis_model,
 )
-from symid.identification.friction.samples import FrictionSamples
 from symid.identification.friction.selection import CANDIDATE_LAWS, compute_relative_residual, select_law
 from symid.joint_models.friction_catalogue import get_law
 from symid.logs.reader import read_recording

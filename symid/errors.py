@@ -36,7 +36,7 @@ NOTES = frozenset(
             "log.in-line",
             "log.motor-position",
         ),
-        *("log.offset", "log.payload", "log.resampled"),
+        *("log.offset", "log.payload", "log.resampled", "log.topic-read", "log.incomplete-messages"),
         *("new.assumed-gear", "new.assumed-order", "new.assumed-side", "new.gravity"),
         *("new.preset", "new.unused-columns"),
         *("robot.assumed-gravity", "robot.cut-off", "robot.default-axis", "robot.elastic-joint"),

@@ -71,9 +71,13 @@ def compute_signature(*values: object) -> str:
 
 
 def compute_file_digest(source: str) -> str:
-    """Return the SHA-256 of the file `source`, empty where there is no such file to read."""
+    """Return the SHA-256 of the file `source`, or of the files of a folder; empty if none can be read."""
+    path = Path(source)
     try:
-        return hashlib.sha256(Path(source).read_bytes()).hexdigest()
+        if path.is_dir():
+            inner = [compute_file_digest(str(entry)) for entry in path.iterdir() if entry.is_file()]
+            return compute_signature(sorted(inner)) if inner else ""
+        return hashlib.sha256(path.read_bytes()).hexdigest()
     except (OSError, ValueError):
         return ""
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from symid.identification.friction.samples import FrictionSamples
+from symid.identification.friction.joint_fit import FrictionSamples
 from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import FrictionLaw, compute_friction_torque
 

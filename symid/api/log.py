@@ -3,7 +3,7 @@
 File and robot (its map assigns the columns), or arrays -> `Log`; robot, logs -> `RobotCheck`, before
 identification.
 
-Supported: csv, npz, mat, hdf5, and files (.toml) that list several runs.
+Supported: csv, npz, mat, hdf5, parquet, ROS 2 bags (db3, mcap, folders), files (.toml) of several runs.
 """
 
 from collections.abc import Sequence
@@ -317,8 +317,9 @@ def read_log(path: str | PathLike[str], robot: "RobotModel", *, uneven: bool = F
     """Return the log in a file, converted to SI units on the joint side.
 
     Args:
-        path: csv, npz, mat or hdf5.
-        robot: its `[log]` map says which column is what, in which unit, and on which side of the gear.
+        path: csv, npz, mat, hdf5, parquet, or a ROS 2 bag (db3, mcap, a folder).
+        robot: its `[log]` map says which column is what, in which unit, and on which side of the gear;
+            without one columns are recognised by their names.
         uneven: keep uneven time stamps; otherwise they are refused or resampled.
 
     Raises:

@@ -113,7 +113,8 @@ def new_robot(
         convention: for the table: "modified" or "standard"; it is never guessed.
         gravity: for the table: in its base frame, m/s^2; 0, 0, -9.81 by default.
         log: a log of the robot: its columns and their units become the `[log]` table.
-        columns: columns of the log by quantity (time, position, torque, velocity); recognised by their names
+        columns: columns of the log by quantity (time, position, torque, velocity), or the topic of a bag
+            ("topic"); recognised by their names
             by default.
         units: units of the columns by quantity, one for each or one for all, if the log states none.
         friction: the friction model of all joints.

@@ -68,8 +68,8 @@ def demo_command(console: Console, *, backend: str, seed: int, output: Path | No
 @INPUT.option("--log", "Log of the robot: its columns and their units become the [log] table.", FILE, "LOG")
 @INPUT.option(
     "--columns",
-    "Columns of a quantity (time, position, torque, velocity), one for each joint.  [default: "
-    "recognised by name]",
+    "Columns of a quantity (time, position, torque, velocity), one for each joint; topic=NAME: the topic "
+    "of a bag.  [default: recognised by name]",
     multiple=True,
     metavar="QUANTITY=NAME,...",
 )

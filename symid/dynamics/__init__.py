@@ -28,8 +28,11 @@ if TYPE_CHECKING:
     )
     from symid.dynamics.exact_algebra import (
         PointAlgebra as PointAlgebra,
+        build_basis as build_basis,
+        build_power_function as build_power_function,
         choose_domain as choose_domain,
         list_symbols as list_symbols,
+        split_polynomial as split_polynomial,
         write_name_latex as write_name_latex,
         write_polynomial as write_polynomial,
     )
@@ -49,12 +52,6 @@ if TYPE_CHECKING:
     from symid.dynamics.friction_effects import (
         compute_friction_columns as compute_friction_columns,
         get_friction as get_friction,
-    )
-    from symid.dynamics.lagrange import (
-        ExactEnergy as ExactEnergy,
-        derive_energy as derive_energy,
-        derive_torque_columns as derive_torque_columns,
-        evaluate_torque_columns as evaluate_torque_columns,
     )
     from symid.dynamics.nearest_bodies import (
         PSEUDO_INERTIA_FORMS as PSEUDO_INERTIA_FORMS,
@@ -97,11 +94,15 @@ if TYPE_CHECKING:
     )
     from symid.dynamics.regressors import (
         Columns as Columns,
+        ExactEnergy as ExactEnergy,
         compute_body_energy as compute_body_energy,
         compute_energy_regressor as compute_energy_regressor,
         compute_lagrange_columns as compute_lagrange_columns,
         compute_momentum_columns as compute_momentum_columns,
         compute_torque_columns as compute_torque_columns,
+        derive_energy as derive_energy,
+        derive_torque_columns as derive_torque_columns,
+        evaluate_torque_columns as evaluate_torque_columns,
     )
     from symid.dynamics.regrouping import (
         OpenReading as OpenReading,
@@ -111,11 +112,6 @@ if TYPE_CHECKING:
         list_coupled_readings as list_coupled_readings,
         list_kindred_readings as list_kindred_readings,
         read_group as read_group,
-    )
-    from symid.dynamics.trigonometric_basis import (
-        build_basis as build_basis,
-        build_power_function as build_power_function,
-        split_polynomial as split_polynomial,
     )
 else:
     from symid.lazy import load_names

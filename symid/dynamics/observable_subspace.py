@@ -27,26 +27,24 @@ from sympy.polys.rings import PolyElement
 from symid.dynamics.algebra import Label, build_state
 from symid.dynamics.bodies import transform_body
 from symid.dynamics.exact_algebra import (
+    BasisFunction,
     ExactAlgebra,
     Number,
     Row,
+    TrigonometricBasis,
+    build_basis,
     build_exact_algebra,
+    build_power_function,
+    build_wave_functions,
     choose_domain,
     convert_number,
     list_symbols,
     reduce_rows,
+    split_polynomial,
 )
 from symid.dynamics.friction_effects import PositionTorque, build_friction_rows, compute_position_torques
 from symid.dynamics.recursion import LinkMotion, Recursion, build_frames, compute_motions, fold_vector
 from symid.dynamics.regressors import compute_momentum_columns
-from symid.dynamics.trigonometric_basis import (
-    BasisFunction,
-    TrigonometricBasis,
-    build_basis,
-    build_power_function,
-    build_wave_functions,
-    split_polynomial,
-)
 from symid.errors import Notice, RobotError
 from symid.notation import INERTIAL
 from symid.robot import Joint, Robot

@@ -33,6 +33,7 @@ from symid.dynamics.nearest_bodies import (
     NearestBodies,
     build_prior,
     compute_distance,
+    compute_errors,
     compute_standard_parameters,
     optimise_bodies,
     solve_body_equations,
@@ -66,6 +67,8 @@ def _read_values(base: BaseParameters, values: Mapping[str, float]) -> dict[str,
 
 
 _ROTOR_SHARE = 0.1
+# What the distance of an unknown rotor counts for: it takes what its link does not have.
+_LOOSE_ROTOR = 0.02
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,6 +102,7 @@ def build_problem(
     parameters = compute_standard_parameters(bodies)
     stated = list_known_values(robot)
     positive: dict[Label, float] = {}
+    shares: list[float] = []
     free: dict[Label, tuple[float, float]] = {}
     for label, place in column.items():
         coefficients, (index, name) = grouping.matrix[:, place], label
@@ -111,7 +115,9 @@ def build_problem(
             joint = index if index < robot.size else robot.couplings[index - robot.size].terms[0][0]
             own = "ZZ" if robot.joints[joint].kind is JointKind.REVOLUTE else "M"
             usual = _ROTOR_SHARE * float(parameters[joint, INERTIAL.index(own)])
-            positive[label] = known if known is not None and known > 0 else usual
+            is_stated = known is not None and known > 0
+            positive[label] = known if known is not None and is_stated else usual
+            shares.append(1.0 if is_stated else _LOOSE_ROTOR)
         else:
             rows = np.flatnonzero(coefficients)
             size = float(np.abs(target[rows] / coefficients[rows]).max())
@@ -129,7 +135,7 @@ def build_problem(
         positive=scaled / norms[:, None],
         others=others / norms[:, None],
         target=rest / norms,
-        shares=np.ones(robot.size + len(positive)),
+        shares=np.array([1.0] * robot.size + shares),
         middle=np.zeros(len(sizes)),
     )
     return ScaledProblem(problem=problem, norms=norms, roots=roots, positive=positive, free=free)
@@ -293,17 +299,19 @@ def compute_standard_set(
             return _build_set(grouping, target, scaled, exact)
         size = _DEVIATION * np.sqrt(max(1.0, float(np.mean(problem.target**2))))
         weights = np.eye(len(target)) / size if whitening is None else whitening * scaled.norms
-        loose = 1.0 if whitening is None else _PRIOR
         weighed = replace(
             problem,
             blocks=np.tensordot(weights, problem.blocks, 1),
             positive=weights @ problem.positive,
             others=weights @ problem.others,
             target=weights @ problem.target,
-            weight=loose,
-            loose=loose,
         )
         nearest = optimise_bodies(weighed)
+        if whitening is not None and np.isfinite(nearest.gap):
+            # The prior counts for more where values lie further from all bodies than their covariance says.
+            loose = min(1.0, _PRIOR * max(1.0, float(np.mean(compute_errors(weighed, nearest) ** 2))))
+            lighter = replace(weighed, weight=loose, loose=loose)
+            nearest = optimise_bodies(lighter, nearest, 1.0)
     if not np.isfinite(nearest.gap):
         text = "no consistent set was found: the values and the prior lie too many orders of magnitude apart"
         raise SolverError(Notice(code="solver.standard-set", text=text))
@@ -341,6 +349,10 @@ def build_identified_robot(
     if not any(row is None or explain_impossible_inertia(row) for row in rows):
         stated = np.array(rows, dtype=np.float64)
         prior = stated if np.linalg.eigvalsh(build_pseudo_inertias(stated)).min() > 0 else None
+    if not grouped:
+        prior = _join_rotors(
+            robot, compute_standard_set(robot, base, values, prior=prior, covariance=covariance)
+        )
     standard = compute_standard_set(robot, base, values, prior=prior, covariance=covariance, grouped=grouped)
     known: dict[Label, float] = dict(standard.drives)
     if not grouped:
@@ -380,6 +392,19 @@ def build_identified_robot(
         for index, coupling in enumerate(robot.couplings, start=robot.size)
     )
     return IdentifiedRobot(robot=replace(robot, joints=tuple(joints), couplings=couplings), standard=standard)
+
+
+def _join_rotors(robot: Robot, standard: StandardSet) -> FloatArray:
+    """Return bodies (n, 10) that have the inertia of their rotors, about the joint's axis alone."""
+    bodies = np.array(standard.pi)
+    for (index, name), value in standard.drives:
+        if name == "IA" and index < robot.size:
+            revolute = robot.joints[index].kind is JointKind.REVOLUTE
+            bodies[index] += value * np.array([0.5, 0, 0, 0.5, 0, 1.0, 0, 0, 0, 0] if revolute else _POINT)
+    return bodies
+
+
+_POINT = [0.0] * 9 + [1.0]
 
 
 def _change_friction(robot: Robot, index: int, known: Mapping[Label, float]) -> FrictionValues:

@@ -187,6 +187,8 @@ def build_robot(found: Identified, *, grouped: bool = True) -> IdentifiedRobot:
     )
 
 
+_MOVED, _NAMED = 0.1, 6
+"""Deviations that a value is said to have moved by, and how many of them are named."""
 _SURER = 1e-3
 """Of the least deviation: that of a value that was known."""
 
@@ -246,12 +248,13 @@ def list_warnings(identified: IdentifiedRobot, found: Identified, source: Path) 
     standard, notices = identified.standard, [*found.robot.notices, *found.notices]
     if standard.reason:
         known = {entry.name: entry.std for entry in found.values if 0.0 < entry.std < math.inf}
-        moved = [
-            abs(change) / known[name]
-            for name, change in zip(standard.names, standard.residual.tolist(), strict=True)
-            if name in known
-        ]
-        far = f", at most {max(moved):.2g} standard deviations away" if moved else ""
+        pairs = zip(standard.names, standard.residual.tolist(), strict=True)
+        moved = {name: abs(change) / known[name] for name, change in pairs if name in known}
+        first = sorted((name for name in moved if moved[name] > _MOVED), key=lambda name: -moved[name])
+        listed = ", ".join(f"{name} by {moved[name]:.2g}" for name in first[:_NAMED])
+        more = f" and {len(first) - _NAMED} more" if len(first) > _NAMED else ""
+        far = f", at most {max(moved.values()):.2g} standard deviations away" if moved else ""
+        far += f" ({listed}{more})" if listed else ""
         text = (
             f"no physical bodies have exactly the identified values; the nearest were written{far}: "
             f"{standard.reason}"

@@ -297,6 +297,11 @@ def _choose_default_names(raw: RawLog, name: str) -> tuple[str, ...]:
     return (DEFAULT_NAMES[name][0],)
 
 
+def has_default_columns(raw: RawLog, quantities: Iterable[str]) -> bool:
+    """Return whether all the quantities are there under the names that they have without a map."""
+    return all(_choose_default_names(raw, name)[0] in raw.columns for name in quantities)
+
+
 def _list_numbers(names: tuple[str, ...]) -> list[int]:
     """Return the numbers at the end of names such as q1, q2; none of names without a number."""
     matches = [re.fullmatch(r"[a-z]+_?(\d+)", name) for name in names]

@@ -19,21 +19,13 @@ from pathlib import Path
 from symid.errors import LogError, Notice, RobotError, UsageError
 from symid.joint_models import NO_FRICTION
 from symid.logs.checks import check_recording
-from symid.logs.columns import Findings, join_names
-from symid.logs.files import RawLog
-from symid.logs.headings import (
-    REQUIRED_QUANTITIES,
-    ask_constants,
-    build_quantity,
-    check_columns,
-    choose_columns,
-    read_headings,
-)
-from symid.logs.reader import apply_preset, read_raw, read_recording
+from symid.logs.columns import Findings
+from symid.logs.headings import list_quantities
+from symid.logs.reader import read_raw, read_recording, recognise_columns
 from symid.logs.sampling import resample_if_uneven
-from symid.notation import UNITS, get_unit_factor
 from symid.robot import (
     DEFAULT_GRAVITY,
+    LOG_WORDS,
     Completion,
     LogMap,
     LogQuantity,
@@ -50,10 +42,11 @@ from symid.robot import (
     write_robot,
 )
 
-QUANTITIES = tuple(entry.name for entry in fields(LogMap) if entry.name not in {"transmission", "preset"})
+QUANTITIES = tuple(entry.name for entry in fields(LogMap) if entry.name not in LOG_WORDS)
 """Quantities that columns can be named for."""
 
-_PRESETS = ("ur-rtde", "franka", "ros")
+_TOPIC = "topic"
+"""Named in place of columns, it has all of them."""
 
 NamesByQuantity = Mapping[str, str | Sequence[str]]
 """Names of columns, or units, of each quantity: a list, or a text with commas."""
@@ -85,25 +78,24 @@ class LogMapDraft:
 def draft_log_map(robot: Robot, log: Path, columns: NamesByQuantity, units: NamesByQuantity) -> LogMapDraft:
     """Return the robot with a `[log]` table for a log.
 
-    `columns` and `units`, one a column or one for all, replace what the headings say of a quantity. A
-    UsageError names unknown quantities, a LogError those without columns for every joint, ambiguous ones,
-    missing units.
+    `columns` and `units`, one a column or one for all, replace what the headings say of a quantity; "topic"
+    in `columns` chooses the topic of a bag. A UsageError names unknown quantities, a LogError those without
+    columns for every joint, ambiguous ones, missing units.
     """
+    topics = [
+        entry if isinstance(entry, str) else ",".join(entry) for entry in (columns.get(_TOPIC),) if entry
+    ]
+    columns = {name: entry for name, entry in columns.items() if name != _TOPIC}
     named, of_units = _split_names("--columns", columns), _split_names("--units", units)
+    robot = replace(robot, log=LogMap(topic=next(iter(topics), None)))
     raw = read_raw(log)
     findings = Findings(file=str(log))
-    table = None if named or of_units else _match_preset(raw, robot, findings)
-    if table is not None:
-        read = _list_quantities(table)
-        stated: dict[str, tuple[str, ...]] = {name: (entry.unit,) for name, entry in read.items()}
-        table = LogMap(preset=table.preset)
-    else:
-        read, stated = _propose_quantities(raw, robot, named, of_units, findings)
-        table = replace(LogMap(), **read)  # type: ignore[arg-type]  # the keys are those of quantities
-    if findings.mistakes:
+    found = recognise_columns(raw, robot, named, of_units, findings)
+    if found is None:
         raise LogError(*(replace(entry, line=raw.line) for entry in findings.mistakes))
-    _note_sides(robot, read, findings)
-    remarks = [replace(entry, line=raw.line) for entry in findings.remarks]
+    table = list_quantities(found.table)
+    read = {name: table[name] for name in found.units}
+    remarks = [*raw.notices, *(replace(entry, line=raw.line) for entry in findings.remarks)]
     used = {name for entry in read.values() for name in entry.columns}
     unused = tuple(name for name in (*raw.columns, *raw.others) if name not in used)
     if unused:
@@ -111,121 +103,17 @@ def draft_log_map(robot: Robot, log: Path, columns: NamesByQuantity, units: Name
         names = ", ".join(name or "''" for name in unused)
         text = f"columns that are not used: {names}; --columns QUANTITY=NAME,... names others"
         remarks.append(Notice(code="new.unused-columns", text=text, file=str(log)))
-    robot = replace(robot, log=table)
+    robot = replace(robot, log=found.short)
     recording = resample_if_uneven(read_recording(log, robot, uneven=True, raw=raw))
     return LogMapDraft(
         robot=robot,
         file=log,
         read=read,
-        units=stated,
+        units=found.units,
         unused=unused,
         assumed=(*remarks, *_note_missing_friction(robot)),
         warnings=check_recording(recording, robot),
     )
-
-
-def _list_quantities(log: LogMap) -> dict[str, LogQuantity]:
-    entries = {name: getattr(log, name) for name in QUANTITIES}
-    return {name: entry for name, entry in entries.items() if entry is not None}
-
-
-def _match_preset(raw: RawLog, robot: Robot, findings: Findings) -> LogMap | None:
-    """Return the columns of the program that wrote the log, None where it is not known."""
-    own = _match_symid_columns(raw, robot)
-    if own is not None:
-        return own
-    for preset in _PRESETS:
-        tried = Findings(file=findings.file)
-        log = apply_preset(raw, replace(robot, log=LogMap(preset=preset)), tried).log
-        read = _list_quantities(log)
-        mistakes = [entry for entry in tried.mistakes if entry.code != "log.no-torque-constant"]
-        # A heading with a unit of its own was written by somebody else.
-        stated = any(name in raw.units for entry in read.values() for name in entry.columns)
-        if mistakes or stated or not set(REQUIRED_QUANTITIES) <= set(read):
-            continue
-        for entry in tried.mistakes:
-            findings.refuse("new.torque-constant", f"{entry.text}: {ask_constants(robot.axes)}")
-        units = ", ".join(f"{name} in {read[name].unit}" for name in REQUIRED_QUANTITIES)
-        text = f"the columns are those of {preset}, and its units are assumed: {units}"
-        findings.remark("new.preset", f"{text} (SI: rad or m, N m or N)")
-        return log
-    return None
-
-
-def _match_symid_columns(raw: RawLog, robot: Robot) -> LogMap | None:
-    """Return the columns that symid itself writes, with their units; None where they are not there."""
-    names: dict[str, tuple[str, ...]] = {"time": ("t",), "position": ("q",), "torque": ("tau",)}
-    if robot.freedom == 1 or not {"q", "tau"} <= set(raw.columns):
-        numbers = range(1, robot.freedom + 1)
-        names |= {key: tuple(f"{names[key][0]}{k}" for k in numbers) for key in ("position", "torque")}
-    columns = [name for entry in names.values() for name in entry]
-    units = [raw.units.get(name, "") for name in columns if name in raw.columns]
-    plain = all(unit in UNITS and UNITS[unit][1] == 1.0 and UNITS[unit][0] != "current" for unit in units)
-    if len(units) < len(columns) or not plain:
-        return None
-    # Names of joints may end in other numbers than their order gives; then the order is ambiguous.
-    headings = read_headings(raw, robot.axes)
-    if choose_columns(headings, "position", robot.axes, Findings(file="")) != names["position"]:
-        return None
-    read = {key: LogQuantity(columns=entry, unit=raw.units[entry[0]]) for key, entry in names.items()}
-    return LogMap(preset="symid", time=read["time"], position=read["position"], torque=read["torque"])
-
-
-def _propose_quantities(
-    raw: RawLog,
-    robot: Robot,
-    columns: Mapping[str, tuple[str, ...]],
-    units: Mapping[str, tuple[str, ...]],
-    findings: Findings,
-) -> tuple[dict[str, LogQuantity], dict[str, tuple[str, ...]]]:
-    """Return all quantities that the headings or the user name, and the units as stated."""
-    headings = read_headings(raw, robot.axes)
-    found: dict[str, LogQuantity] = {}
-    shown: dict[str, tuple[str, ...]] = {}
-    for quantity in dict.fromkeys((*REQUIRED_QUANTITIES, "velocity", *columns)):
-        if quantity in columns:
-            names = check_columns(tuple(raw.columns), quantity, columns[quantity], robot.axes, findings)
-        else:
-            names = choose_columns(headings, quantity, robot.axes, findings)
-        stated = {entry.column: entry.unit for entry in headings if entry.unit is not None}
-        given = units.get(quantity, ()) if names else ()
-        if len(given) not in {0, 1, len(names)}:
-            text = f"--units {quantity}: {len(given)} units for {join_names(names)}"
-            findings.refuse("new.unit-count", f"{text}; give one for each column, or one for all")
-            names = ()
-        elif given:
-            stated = dict(zip(names, given * len(names) if len(given) == 1 else given, strict=True))
-        joints = robot.axes[:1] if quantity == "time" else robot.axes
-        entry = build_quantity(quantity, names, stated, joints, findings) if names else None
-        if entry is not None:
-            found[quantity] = entry
-            each = tuple(stated[name] for name in names)
-            shown[quantity] = each[:1] if len(set(each)) == 1 else each
-    owners: dict[str, str] = {}
-    for quantity, name in ((key, name) for key, entry in found.items() for name in entry.columns):
-        if name in owners:
-            text = f"column {name!r} would be {owners[name]} and {quantity}; give each column once"
-            findings.refuse("new.column-twice", text)
-        owners[name] = quantity
-    for quantity in units:
-        if quantity not in (*found, *REQUIRED_QUANTITIES, *columns):
-            text = f"--units {quantity}: the log has no known column of {quantity}; name them"
-            text = f"{text} with --columns {quantity}=NAME,..., or leave it out"
-            findings.refuse("new.unit-of-nothing", text)
-    return found, shown
-
-
-def _note_sides(robot: Robot, read: Mapping[str, LogQuantity], findings: Findings) -> None:
-    """Note what is assumed of gears and sides."""
-    current = get_unit_factor(read["torque"].unit)[0] == "current"
-    plain = tuple(joint.name for joint in robot.axes if joint.drive.gear == 1)
-    if current and plain:
-        text = f"currents: gear ratio 1 (direct drive) is assumed for {join_names(plain)}"
-        findings.remark("new.assumed-gear", f"{text}; give --gear RATIO,... where there are gears")
-    if len(plain) < robot.freedom:
-        what = "positions" if current else "positions and torques"
-        text = f"{what} are assumed to be on the joint side of the gears"
-        findings.remark("new.assumed-side", f'{text}; write side = "motor" in [log] if they are the motors\'')
 
 
 def _split_names(option: str, given: NamesByQuantity) -> dict[str, tuple[str, ...]]:

@@ -1,4 +1,4 @@
-"""Log files: columns read from text, NumPy, MATLAB and HDF5 files, and logs written as .npz or .csv.
+"""Log files: columns of text, NumPy, MATLAB, HDF5 and Parquet files, and logs written as .npz or .csv.
 
 Path -> RawLog; Recording or RawLog -> file, written whole or not at all, the same bytes for the same log.
 
@@ -11,6 +11,9 @@ Path -> RawLog; Recording or RawLog -> file, written whole or not at all, the sa
                   is HDF5. Not supported: cells, tables, complex numbers.
     .h5 .hdf5     data sets and fields are columns `group.name`, with units in an attribute `unit` or `units`.
                   Needs h5py, the extra `hdf5`. Not supported: compound types, external links, MATLAB cells.
+    .parquet      columns of numbers, times, lists of one length; fields of a structure as `structure.field`;
+                  units in the metadata of a column, `unit` or `units`, else in its name as in a heading; null
+                  is NaN. Needs pyarrow, the extra `parquet`.
 """
 
 import csv
@@ -42,12 +45,14 @@ class RawLog:
     Args:
         others: names of what is no column of real numbers.
         line: line of the file that names the columns, 0 where there is none.
+        notices: what was done to read them.
     """
 
     columns: Mapping[str, FloatArray]
     units: Mapping[str, str] = field(default_factory=dict)
     others: tuple[str, ...] = ()
     line: int = 0
+    notices: tuple[Notice, ...] = ()
 
 
 def _build_raw_log(entries: Iterable[tuple[str, object]], units: Mapping[str, str]) -> RawLog:
@@ -289,6 +294,57 @@ def _decode_text(value: object) -> str | None:
     if isinstance(value, bytes | np.bytes_):
         return bytes(value).decode("utf-8", "replace")
     return str(value) if isinstance(value, str) else None
+
+
+def read_parquet(path: Path) -> RawLog:
+    """Return the columns of a Parquet file, or raise a LogError, also if pyarrow is not installed."""
+    try:
+        import pyarrow as pa
+        from pyarrow import parquet
+    except ImportError as error:
+        text = (
+            "Parquet files need pyarrow: install it as the extra parquet, pip install 'symid[parquet]', or "
+            "save the log as .npz or .csv"
+        )
+        raise build_file_error(path, text, "log.needs-parquet") from error
+    try:
+        table = parquet.read_table(str(path), partitioning=None)
+        while any(pa.types.is_struct(entry.type) for entry in table.schema):
+            table = table.flatten()
+        headings = [split_heading(entry.name) for entry in table.schema]
+        values = [_convert_column(pa, column.combine_chunks()) for column in table.columns]
+    except (pa.ArrowException, OSError, ValueError, TypeError) as error:
+        raise build_file_error(path, f"this is not a Parquet file that can be read: {error}") from error
+    names = [name for name, _ in headings]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        text = f"more than one column is named {', '.join(map(repr, twice))}; give each its own name"
+        raise build_file_error(path, text, "log.duplicate-column")
+    units = {}
+    for (name, unit), entry in zip(headings, table.schema, strict=True):
+        texts = [_decode_text((entry.metadata or {}).get(key)) for key in (b"unit", b"units")]
+        # The unit of a time stands in its type.
+        stated = next((text for text in (*texts, unit, getattr(entry.type, "unit", None)) if text), None)
+        if stated:
+            units[name] = stated
+    return _build_raw_log(zip(names, values, strict=True), units)
+
+
+def _convert_column(pa: Any, column: Any) -> object:  # noqa: ANN401  pyarrow has no types
+    """Return the numbers of a column, (N,) or (N, k); None where it has something else."""
+    kind, types = column.type, pa.types
+    if types.is_timestamp(kind) or types.is_duration(kind):
+        column = column.cast(pa.int64())
+    elif types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind):
+        inner = column.flatten()
+        sizes = column.value_lengths().unique().to_pylist()
+        if len(sizes) != 1 or not sizes[0]:
+            return None
+        flat = _convert_column(pa, inner)
+        return flat.reshape(-1, sizes[0]) if isinstance(flat, np.ndarray) and flat.ndim == 1 else None
+    elif not (types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind)):
+        return None
+    return np.asarray(column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False))
 
 
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"

@@ -13,23 +13,28 @@ Not supported: columns without a unit, which is never guessed; a joint with no c
 """
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 
 from symid.logs.columns import Findings, describe_missing_column, join_names, look_up_unit
 from symid.logs.files import RawLog
 from symid.notation import UNITS, get_unit_factor, suggest_units
-from symid.robot import Joint, JointKind, LogQuantity, compute_current_factor
+from symid.robot import LOG_WORDS, Joint, JointKind, LogMap, LogQuantity, Robot, compute_current_factor
 
 _QUANTITY_WORDS = {
     "time": ("t", "time", "timestamp", "stamp", "clock"),
     "position": ("q", "pos", "position", "angle"),
-    "velocity": ("dq", "qdot", "vel", "velocity", "speed"),
+    "velocity": ("dq", "qd", "qdot", "vel", "velocity", "speed"),
     "torque": ("tau", "torque", "trq", "effort", "force", "current", "cur", "curr", "i"),
 }
 _QUANTITIES = {word: quantity for quantity, words in _QUANTITY_WORDS.items() for word in words}
 _CURRENTS = frozenset({"current", "cur", "curr", "i"})
-_FILLER_WORDS = frozenset({"joint", "axis", "actual", "act", "measured", "meas", "value"})
+_FILLER_WORDS = frozenset("joint axis actual act measured meas msr state value".split())  # noqa: SIM905
+_NUMBERED = frozenset({"j", "a"})
+"""Words before the number of an axis: tau_J_0, A1."""
+_INDEX = re.compile(r"\[\d+\]$")
+_KUKA_POSITION = ("axis", "act")
+"""Words of KUKA's variable $AXIS_ACT, which names no quantity."""
 _COMMANDED_WORDS = frozenset(
     "target cmd command commanded desired des ref reference setpoint goal wanted".split()  # noqa: SIM905
 )
@@ -53,6 +58,7 @@ class Heading:
         quantity: "time", "position", "velocity", "torque", or "" if unknown.
         words: the rest of the name; that of a joint, a number, or nothing.
         commanded: whether it is not measured; size: number of columns of an array.
+        indexed: whether it is an element of an array, such as q[0]: its number counts, and names no joint.
     """
 
     column: str
@@ -61,29 +67,35 @@ class Heading:
     unit: str | None = None
     commanded: bool = False
     size: int = 1
+    indexed: bool = False
 
     @property
     def number(self) -> int | None:
         """Return the number that is the rest of the name."""
-        return int(self.words[0]) if len(self.words) == 1 and self.words[0].isdecimal() else None
+        known = bool(self.words) and self.words[-1].isdecimal() and set(self.words[:-1]) <= _NUMBERED
+        return int(self.words[-1]) if known else None
 
     def names(self, joint: Joint) -> bool:
         """Return whether the rest of the name is the name of `joint`."""
-        return bool(self.words) and self.words == _drop_filler_words(_list_words(joint.name))
+        own = _drop_filler_words(_list_words(joint.name))
+        return bool(self.words) and self.words == own and not self.indexed
 
 
 def read_headings(raw: RawLog, joints: Sequence[Joint]) -> tuple[Heading, ...]:
     """Return the headings of all columns, in the order of the log."""
     own = {word for joint in joints for word in _drop_filler_words(_list_words(joint.name))}
-    return tuple(_read_heading(raw, column, own) for column in raw.columns)
+    names = {joint.name for joint in joints}
+    return tuple(_read_heading(raw, column, own, names) for column in raw.columns)
 
 
-def _read_heading(raw: RawLog, column: str, own: set[str]) -> Heading:
+def _read_heading(raw: RawLog, column: str, own: set[str], names: set[str]) -> Heading:
     """Return a heading; the words `own` of joints' names have no other meaning."""
     name, unit = _split_unit(column, raw.units.get(column), own)
-    words = _list_words(name)
+    words = _list_words(_drop_topic(name, names))
     known = {word: _QUANTITIES[word] for word in words if word not in own and word in _QUANTITIES}
     quantities = set(known.values())
+    if not quantities and words[:2] == _KUKA_POSITION and not own & set(words[:2]):
+        quantities = {"position"}
     # The only quantity that the unit can be of.
     found = look_up_unit(unit or "")
     dimension = found[0] if found else None
@@ -100,7 +112,14 @@ def _read_heading(raw: RawLog, column: str, own: set[str]) -> Heading:
         unit=unit,
         commanded=bool((_COMMANDED_WORDS - own) & set(left)),
         size=array.shape[1] if array.ndim > 1 else 1,
+        indexed=bool(_INDEX.search(name)),
     )
+
+
+def _drop_topic(name: str, joints: set[str]) -> str:
+    """Return what stands behind the topic of a ROS message: a joint and a field, or a field."""
+    parts = name.split("/")
+    return "/".join(parts[next((k for k, part in enumerate(parts) if part in joints), -1) :])
 
 
 def _split_unit(column: str, stated: str | None, own: set[str]) -> tuple[str, str | None]:
@@ -159,11 +178,15 @@ def _sort_by_joint(
     counted = [[entry.column for entry in headings if entry.number == number] for number in numbers]
     if not numbers or numbers[0] > 1 or numbers != list(range(numbers[0], numbers[0] + len(joints))):
         counted = []
-    if any(named):
-        if all(len(hit) == 1 for hit in (*named, *counted)) and sorted(named) == sorted(counted):
-            return _merge_columns(named, counted)
+    whole = all(len(hit) == 1 for hit in named)
+    alone = bool(counted) and all(len(hit) == 1 for hit in counted)
+    if whole and alone and sorted(named) == sorted(counted):
+        return _merge_columns(named, counted)
+    if whole and numbers[:1] == [0]:
+        return _merge_columns(named, _list_ones_before(headings, named))
+    if any(named) and not (alone and _may_count(named, counted, numbers[0])):
         return named
-    if counted and all(len(hit) == 1 for hit in counted):
+    if alone:
         # The last number in each joint's name, such as 3 of wrist_j3.
         ends = [re.findall(r"\d+", joint.name)[-1:] for joint in joints]
         numbered = [
@@ -171,12 +194,41 @@ def _sort_by_joint(
         ]
         if numbered != counted and all(len(hit) == 1 for hit in numbered):
             return _merge_columns(numbered, counted)
-        pairs = ", ".join(f"{k} is {joint.name!r}" for k, joint in zip(numbers, joints, strict=True))
-        text = f"numbers in column names are taken as the order of joints in the robot file: {pairs}"
-        # Position, velocity and torque are mostly numbered alike: once is enough.
-        if text not in {remark.text for remark in findings.remarks}:
-            findings.remark("new.assumed-order", text)
+        describe_order(tuple(zip(numbers, joints, strict=True)), findings)
     return counted or named
+
+
+def _may_count(named: Sequence[Sequence[str]], counted: Sequence[Sequence[str]], first: int) -> bool:
+    """Return whether numbers are an order, though some joints have a column by their name.
+
+    The others have none, and numbers begin with 0, or name the same columns: q7 of `gripper` behind `joint6`.
+    """
+    lacking = not all(named)
+    alike = all(not mine or mine == other for mine, other in zip(named, counted, strict=True))
+    among = {name for hit in named for name in hit} <= {name for hit in counted for name in hit}
+    return lacking and among and (first == 0 or alike)
+
+
+def _list_ones_before(headings: Sequence[Heading], named: Sequence[Sequence[str]]) -> list[list[str]]:
+    """Return the columns one number below those of joints' names, which are theirs if numbers begin with 0.
+
+    None where a joint's name begins with 0, too, or the columns have no numbers.
+    """
+    places = {hit[0] for hit in named}
+    claimed = [entry for entry in headings if entry.column in places]
+    if any(entry.number is None or entry.number == 0 for entry in claimed):
+        return [[] for _ in named]
+    below = {entry.column: entry.number - 1 for entry in claimed if entry.number is not None}
+    return [[entry.column for entry in headings if entry.number == below[hit[0]]] for hit in named]
+
+
+def describe_order(pairs: Sequence[tuple[int, Joint]], findings: Findings) -> None:
+    """Note which joint each number is taken for."""
+    listed = ", ".join(f"{k} is {joint.name!r}" for k, joint in pairs)
+    text = f"numbers in column names are taken as the order of joints in the robot file: {listed}"
+    # Position, velocity and torque are mostly numbered alike: once is enough.
+    if text not in {remark.text for remark in findings.remarks}:
+        findings.remark("new.assumed-order", text)
 
 
 def _merge_columns(first: Sequence[Sequence[str]], second: Sequence[Sequence[str]]) -> list[list[str]]:
@@ -299,3 +351,58 @@ def ask_constants(joints: Sequence[Joint]) -> str:
     listed = ",".join(f"K{number}" for number in range(1, len(joints) + 1))
     names = join_names(joint.name for joint in joints)
     return f"give --torque-constant {listed} (N m/A at the motor, of {names}), and --gear if it is not stated"
+
+
+def propose_quantities(
+    raw: RawLog,
+    robot: Robot,
+    columns: Mapping[str, tuple[str, ...]],
+    units: Mapping[str, tuple[str, ...]],
+    findings: Findings,
+) -> tuple[dict[str, LogQuantity], dict[str, tuple[str, ...]]]:
+    """Return all quantities that the headings or the user name, and the units as stated."""
+    headings = read_headings(raw, robot.axes)
+    found: dict[str, LogQuantity] = {}
+    shown: dict[str, tuple[str, ...]] = {}
+    for quantity in dict.fromkeys((*REQUIRED_QUANTITIES, "velocity", *columns)):
+        if quantity in columns:
+            names = check_columns(tuple(raw.columns), quantity, columns[quantity], robot.axes, findings)
+        else:
+            names = choose_columns(headings, quantity, robot.axes, findings)
+        stated = {entry.column: entry.unit for entry in headings if entry.unit is not None}
+        given = units.get(quantity, ()) if names else ()
+        if len(given) not in {0, 1, len(names)}:
+            text = f"--units {quantity}: {len(given)} units for {join_names(names)}"
+            findings.refuse("new.unit-count", f"{text}; give one for each column, or one for all")
+            names = ()
+        elif given:
+            stated = dict(zip(names, given * len(names) if len(given) == 1 else given, strict=True))
+        joints = robot.axes[:1] if quantity == "time" else robot.axes
+        entry = build_quantity(quantity, names, stated, joints, findings) if names else None
+        if entry is not None:
+            found[quantity] = entry
+            each = tuple(stated[name] for name in names)
+            shown[quantity] = each[:1] if len(set(each)) == 1 else each
+    owners: dict[str, str] = {}
+    for quantity, name in ((key, name) for key, entry in found.items() for name in entry.columns):
+        if name in owners:
+            text = f"column {name!r} would be {owners[name]} and {quantity}; give each column once"
+            findings.refuse("new.column-twice", text)
+        owners[name] = quantity
+    for quantity in units:
+        if quantity not in (*found, *REQUIRED_QUANTITIES, *columns):
+            text = f"--units {quantity}: the log has no known column of {quantity}; name them"
+            text = f"{text} with --columns {quantity}=NAME,..., or leave it out"
+            findings.refuse("new.unit-of-nothing", text)
+    return found, shown
+
+
+def list_quantities(log: LogMap) -> dict[str, LogQuantity]:
+    """Return the quantities of a map by their names."""
+    entries = {entry.name: getattr(log, entry.name) for entry in fields(log) if entry.name not in LOG_WORDS}
+    return {name: entry for name, entry in entries.items() if entry is not None}
+
+
+def fill_map(log: LogMap, read: Mapping[str, LogQuantity]) -> LogMap:
+    """Return a map with the quantities of `read` in place of its own."""
+    return replace(log, **read)  # type: ignore[arg-type]  # the keys are those of quantities

@@ -2,15 +2,19 @@
 
 Path, Robot (its `[log]` map says which column is what) -> Recording.
 
-    file -> raw columns (by suffix) -> preset names -> quantities in SI units -> checked -> Recording
+    file -> raw columns (by suffix) -> names -> quantities in SI units -> checked -> Recording
 
-Supported: the suffixes of `READERS`; presets, the column names of rostopic, bagpy and PlotJuggler ("ros"),
-ur_rtde, libfranka and symid, with joints in the order of the robot file, PlotJuggler's by name.
-Not supported: Parquet, rosbags; JointState messages whose order of joints changes within a log.
+Names are those of the map; without one those that symid writes, else those of a preset, else headings.
+
+Supported: the suffixes of `READERS`, folders of a bag; presets, the names of columns of rostopic, bagpy,
+PlotJuggler and bags ("ros"), ur_rtde, libfranka and symid, with joints in the order of the robot file; those
+of PlotJuggler and bags by name.
+Not supported: numbered columns of JointState messages whose order of joints changes within a log.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +22,30 @@ import numpy as np
 
 from symid.arrays import FloatArray
 from symid.errors import LogError
-from symid.logs.columns import Findings, extract_quantity, extract_time, get_torque_transmission
-from symid.logs.files import RawLog, build_file_error, read_csv, read_hdf5, read_mat, read_npz
+from symid.logs.bags import STORAGE_SUFFIXES, is_bag_folder, pick_topic, read_bag
+from symid.logs.columns import (
+    Findings,
+    extract_quantity,
+    extract_time,
+    get_torque_transmission,
+    has_default_columns,
+    join_names,
+)
+from symid.logs.files import RawLog, build_file_error, read_csv, read_hdf5, read_mat, read_npz, read_parquet
+from symid.logs.headings import (
+    REQUIRED_QUANTITIES,
+    ask_constants,
+    choose_columns,
+    describe_order,
+    fill_map,
+    list_quantities,
+    propose_quantities,
+    read_headings,
+)
 from symid.logs.recording import OPTIONAL_CHANNELS, Recording
 from symid.logs.signals import choose_processing, compute_least_samples, describe_too_short, describe_uneven
-from symid.robot import Joint, LogQuantity, Processing, Robot, compute_current_factor
+from symid.notation import UNITS, get_unit_factor
+from symid.robot import Joint, LogMap, LogQuantity, Processing, Robot, compute_current_factor
 
 _TIMES = {
     "ros": {"%time": "ns", "Time": "s", "__time": "s", "time": "s"},
@@ -32,9 +55,11 @@ _TIMES = {
 """Names and units of the time of each program."""
 _LAYOUTS: dict[str, dict[str, tuple[str, ...]]] = {
     "ros": {
-        "position": ("field.position{k}", "position_{k}", "*/{joint}/position", "{joint}_position"),
-        "velocity": ("field.velocity{k}", "velocity_{k}", "*/{joint}/velocity", "{joint}_velocity"),
-        "torque": ("field.effort{k}", "effort_{k}", "*/{joint}/effort", "{joint}_effort"),
+        quantity: (
+            *(f"field.{name}{{k}}", f"{name}_{{k}}", f"*/{name}[{{k}}]"),
+            *(f"{name}.{{joint}}", f"{{joint}}_{name}"),
+        )
+        for quantity, name in (("position", "position"), ("velocity", "velocity"), ("torque", "effort"))
     },
     "ur-rtde": {
         "position": ("actual_q_{k}",),
@@ -42,36 +67,197 @@ _LAYOUTS: dict[str, dict[str, tuple[str, ...]]] = {
         "torque": ("actual_current_{k}",),
     },
     "franka": {
-        "position": ("state.q[{k}]", "q[{k}]"),
-        "velocity": ("state.dq[{k}]", "dq[{k}]"),
-        "torque": ("state.tau_J[{k}]", "tau_J[{k}]"),
+        "position": ("state.q[{k}]", "q[{k}]", "q_{k}"),
+        "velocity": ("state.dq[{k}]", "dq[{k}]", "dq_{k}"),
+        "torque": ("state.tau_J[{k}]", "tau_J[{k}]", "tau_J_{k}"),
     },
 }
 """Names of its other columns: `{k}` counts from 0, `{joint}` is the joint's name, * any topic."""
+_MILLISECONDS = 0.5
+"""Steps of a time in ms are longer, those of one in s shorter."""
 
 
-def apply_preset(raw: RawLog, robot: Robot, findings: Findings) -> Robot:
-    """Return the robot with the columns of its preset in the `[log]` map; as it is where it has none."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recognised:
+    """What the names of columns say.
+
+    Args:
+        raw: the log; of a bag without the samples that lack a joint.
+        table: the columns of every quantity; short: a map that says the same.
+        units: of the columns by quantity, as stated; one where all are alike.
+    """
+
+    raw: RawLog
+    table: LogMap
+    short: LogMap
+    units: Mapping[str, tuple[str, ...]]
+
+
+def assign_columns(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLog, Robot]:
+    """Return the log, and the robot with columns in its `[log]` map: of its preset, or else by their names.
+
+    Of a bag, samples that lack a joint are left out. A LogError says which columns are not recognised.
+    """
+    if replace(robot.log, topic=None) != LogMap():
+        return apply_preset(raw, robot, findings)
+    if has_default_columns(raw, REQUIRED_QUANTITIES):
+        return raw, robot
+    tried = Findings(file=findings.file)
+    found = recognise_columns(raw, robot, {}, {}, tried)
+    if found is not None:
+        findings.remarks += (replace(entry, line=raw.line) for entry in tried.remarks)
+        return found.raw, replace(robot, log=found.table)
+    codes = {entry.code for entry in tried.mistakes}
+    own = any(has_default_columns(raw, (name,)) for name in ("position", "torque", *_ENCODERS))
+    # What symid's own names lack is said by those who read them.
+    if own and not codes & {"new.ambiguous-column", "log.topic"}:
+        return raw, robot
+    if "log.topic" not in codes:
+        text = (
+            "the robot has no [log] table, and its columns are not all known by their names: `symid new "
+            "--log` writes one, with the options that are named here; or use "
+            "--set log.QUANTITY.columns=NAME,NAME --set log.QUANTITY.unit=UNIT"
+        )
+        tried.refuse("log.no-map", text)
+    raise LogError(*(replace(entry, line=raw.line) for entry in tried.mistakes))
+
+
+def recognise_columns(
+    raw: RawLog,
+    robot: Robot,
+    columns: Mapping[str, tuple[str, ...]],
+    units: Mapping[str, tuple[str, ...]],
+    findings: Findings,
+) -> Recognised | None:
+    """Return what the names of columns say; None, and mistakes noted, if they do not say enough.
+
+    `columns` and `units` by quantity are those of the user, which come first.
+    """
+    found = None if columns else _match_preset(raw, robot, units, findings)
+    if found is None and not findings.mistakes:
+        read, stated = propose_quantities(raw, robot, columns, units, findings)
+        table = fill_map(LogMap(topic=robot.log.topic), read)
+        found = Recognised(raw=raw, table=table, short=table, units=stated)
+    if found is None or findings.mistakes:
+        return None
+    _note_sides(robot, found.table.torque, findings)
+    return found
+
+
+def _match_preset(
+    raw: RawLog, robot: Robot, units: Mapping[str, tuple[str, ...]], findings: Findings
+) -> Recognised | None:
+    """Return the columns of the program that wrote the log, None where it is not known."""
+    own = None if units else _match_symid_columns(raw, robot)
+    if own is not None:
+        units = _list_units(list_quantities(own))
+        return Recognised(raw=raw, table=own, short=LogMap(preset="symid"), units=units)
+    # Messages of ROS have SI units but for efforts; the programs of others state theirs.
+    for preset in ("ros",) if units else _LAYOUTS:
+        tried = Findings(file=findings.file)
+        short = LogMap(preset=preset, topic=robot.log.topic)
+        found, known = apply_preset(raw, replace(robot, log=short), tried)
+        read = list_quantities(known.log)
+        findings.mistakes += [entry for entry in tried.mistakes if entry.code == "log.topic"]
+        mistakes = [entry for entry in tried.mistakes if entry.code != "log.no-torque-constant"]
+        # A heading with a unit of its own was written by somebody else.
+        stated = any(name in raw.units for entry in read.values() for name in entry.columns)
+        if mistakes or stated or not set(REQUIRED_QUANTITIES) <= set(read):
+            continue
+        if preset == "franka" and not _counts_milliseconds(raw.columns[read["time"].columns[0]]):
+            continue
+        for entry in tried.mistakes:
+            findings.refuse("new.torque-constant", f"{entry.text}: {ask_constants(robot.axes)}")
+        findings.remarks += tried.remarks
+        shown = _list_units(read)
+        if units:
+            names = {name: entry.columns for name, entry in read.items()}
+            read, shown = propose_quantities(found, robot, names, {**shown, **units}, findings)
+            short = fill_map(short, {name: entry for name, entry in read.items() if name in units})
+        listed = ", ".join(f"{name} in {shown[name][0]}" for name in REQUIRED_QUANTITIES if name in shown)
+        text = (
+            f"the columns are those of {preset}, and its units are assumed: {listed} (SI: rad or m, N m or N)"
+        )
+        if preset == "ros" and "torque" not in units:
+            text += "; a message does not state the unit of effort, and some drivers give currents"
+        findings.remark("new.preset", text)
+        if preset == "ros" and re.search(r"\d\]?$", read["position"].columns[0]) and found is raw:
+            describe_order(tuple(enumerate(robot.axes)), findings)
+        return Recognised(raw=found, table=fill_map(known.log, read), short=short, units=shown)
+    return None
+
+
+def _list_units(read: Mapping[str, LogQuantity]) -> dict[str, tuple[str, ...]]:
+    return {name: (entry.unit,) for name, entry in read.items()}
+
+
+def _counts_milliseconds(time: FloatArray) -> bool:
+    """Return whether times (N,) may be in ms: those of a robot in s are closer to each other."""
+    return len(time) < 2 or bool(np.median(np.diff(time)) > _MILLISECONDS)
+
+
+def _match_symid_columns(raw: RawLog, robot: Robot) -> LogMap | None:
+    """Return the columns that symid itself writes, with their units; None where they are not there."""
+    names: dict[str, tuple[str, ...]] = {"time": ("t",), "position": ("q",), "torque": ("tau",)}
+    if robot.freedom == 1 or not {"q", "tau"} <= set(raw.columns):
+        numbers = range(1, robot.freedom + 1)
+        names |= {key: tuple(f"{names[key][0]}{k}" for k in numbers) for key in ("position", "torque")}
+    columns = [name for entry in names.values() for name in entry]
+    units = [raw.units.get(name, "") for name in columns if name in raw.columns]
+    plain = all(unit in UNITS and UNITS[unit][1] == 1.0 and UNITS[unit][0] != "current" for unit in units)
+    if len(units) < len(columns) or not plain:
+        return None
+    # Names of joints may end in other numbers than their order gives; then the order is ambiguous.
+    headings = read_headings(raw, robot.axes)
+    if choose_columns(headings, "position", robot.axes, Findings(file="")) != names["position"]:
+        return None
+    read = {key: LogQuantity(columns=entry, unit=raw.units[entry[0]]) for key, entry in names.items()}
+    return LogMap(preset="symid", time=read["time"], position=read["position"], torque=read["torque"])
+
+
+def _note_sides(robot: Robot, torque: LogQuantity | None, findings: Findings) -> None:
+    """Note what is assumed of gears and sides."""
+    current = torque is not None and get_unit_factor(torque.unit)[0] == "current"
+    plain = tuple(joint.name for joint in robot.axes if joint.drive.gear == 1)
+    if current and plain:
+        text = f"currents: gear ratio 1 (direct drive) is assumed for {join_names(plain)}"
+        findings.remark("new.assumed-gear", f"{text}; give --gear RATIO,... where there are gears")
+    if len(plain) < robot.freedom:
+        what = "positions" if current else "positions and torques"
+        text = f"{what} are assumed to be on the joint side of the gears"
+        findings.remark("new.assumed-side", f'{text}; write side = "motor" in [log] if they are the motors\'')
+
+
+def apply_preset(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLog, Robot]:
+    """Return the log, and the robot with the columns of its preset in the `[log]` map.
+
+    Of a bag, samples that lack a joint are left out.
+    """
     log, preset = robot.log, robot.log.preset or ""
     if preset not in _LAYOUTS:
-        return robot
+        return raw, robot
+    raw, columns = pick_topic(raw, robot, findings) if preset == "ros" else (raw, {})
+    if preset == "ros" and "log.topic" in {entry.code for entry in findings.mistakes}:
+        return raw, robot
     time = next((name for name in _TIMES[preset] if name in raw.columns), None)
-    if log.time is None and time is not None:
+    if log.time is None and "time" in columns:
+        log = replace(log, time=LogQuantity(columns=columns["time"], unit="s"))
+    elif log.time is None and time is not None:
         log = replace(log, time=LogQuantity(columns=(time,), unit=_TIMES[preset][time]))
     found: dict[str, Any] = {}
     for name, patterns in _LAYOUTS[preset].items():
-        columns = _match_columns(raw, patterns, robot.axes)
-        if getattr(log, name) is not None or (columns is None and name == "velocity"):
+        names = columns.get(name) or _match_columns(raw, patterns, robot.axes)
+        if getattr(log, name) is not None or (names is None and name == "velocity"):
             continue
-        if columns is None:
+        if names is None:
             wanted = " or ".join(", ".join(_list_names(entry, robot.axes)[:2]) for entry in patterns)
             text = f"{name}: preset {preset!r} needs {wanted} ... of every joint, which the log lacks"
             findings.refuse("log.preset", f"{text}; name the columns in [log.{name}]")
         elif name == "torque" and preset == "ur-rtde":
-            found[name] = _convert_currents(columns, "A", robot, findings)
+            found[name] = _convert_currents(names, "A", robot, findings)
         else:
-            found[name] = LogQuantity(columns=columns, unit="SI")
-    return replace(robot, log=replace(log, **found))
+            found[name] = LogQuantity(columns=names, unit="SI")
+    return raw, replace(robot, log=replace(log, **found))
 
 
 def _list_names(pattern: str, joints: Sequence[Joint]) -> tuple[str, ...]:
@@ -111,6 +297,8 @@ READERS: dict[str, Callable[[Path], RawLog]] = {
     ".txt": read_csv,
     ".h5": read_hdf5,
     ".hdf5": read_hdf5,
+    ".parquet": read_parquet,
+    **dict.fromkeys(STORAGE_SUFFIXES, read_bag),
 }
 """Readers by suffix."""
 
@@ -129,7 +317,8 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
     """
     raw = raw or read_raw(path)
     findings = Findings(file=str(path))
-    robot = apply_preset(raw, robot, findings)
+    findings.remarks += raw.notices
+    raw, robot = assign_columns(raw, robot, findings)
     time, used = extract_time(raw, robot, findings)
     samples = None if time is None else len(time)
     values: dict[str, FloatArray | None] = {}
@@ -205,14 +394,20 @@ def _check_encoders(columns: dict[str, tuple[str, ...]], findings: Findings, *, 
 
 def read_raw(path: Path) -> RawLog:
     """Return the columns of the log at `path` as they stand in it, or raise a LogError."""
-    reader = READERS.get(path.suffix.lower())
+    try:
+        folder = is_bag_folder(path)
+    except PermissionError as error:
+        raise build_file_error(
+            path, "the folder may not be read (no permission)", "log.unreadable"
+        ) from error
+    reader = read_bag if folder else READERS.get(path.suffix.lower())
     if reader is None:
         found = repr(path.suffix) if path.suffix else "no suffix"
-        text = f"a log must be one of {', '.join(READERS)}, got {found}"
+        text = f"a log must be one of {', '.join(READERS)}, or the folder of a ROS 2 bag, got {found}"
         raise build_file_error(path, text, "log.unknown-suffix")
     if not path.exists():
         raise build_file_error(path, "there is no such file", "log.no-such-file")
-    if not path.is_file():
+    if not folder and not path.is_file():
         raise build_file_error(path, "this is a folder, not a log", "log.unreadable")
     try:
         return reader(path)

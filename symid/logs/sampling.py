@@ -21,7 +21,7 @@ from symid.arrays import FloatArray
 from symid.errors import LogError, Notice
 from symid.logs.columns import Findings, extract_time
 from symid.logs.files import RawLog
-from symid.logs.reader import apply_preset
+from symid.logs.reader import assign_columns
 from symid.logs.recording import Recording, change_channels
 from symid.logs.signals import describe_uneven
 from symid.robot import Robot
@@ -174,7 +174,11 @@ def plan_resampling(time: FloatArray, file: str = "") -> Resampling:
     before = time[kept]
     count = max(2, round(float(before[-1] - before[0]) / period)) + 1
     after = np.linspace(before[0], before[-1], count)
-    parts = [f"{len(time)} samples became {count} at every {float(after[1] - after[0]):.6g} s"]
+    timing = measure_timing(time)
+    parts = [
+        f"{len(time)} samples became {count} at every {float(after[1] - after[0]):.6g} s",
+        f"steps deviated by {100.0 * timing.jitter:.3g} % RMS, but for gaps; longest: {np.max(steps):.6g} s",
+    ]
     if len(time) > len(onward):
         parts.append(f"{len(time) - len(onward)} with times that repeat or return were left out")
     bridged = int(np.sum(np.diff(before) > _GAP * period))
@@ -216,7 +220,8 @@ def undo_resampling(recording: Recording) -> Recording:
 def resample_log(raw: RawLog, robot: Robot, file: str = "") -> tuple[RawLog, Notice]:
     """Return the columns of a log at even times, and a notice; a LogError if the time cannot be read."""
     findings = Findings(file=file)
-    time, names = extract_time(raw, apply_preset(raw, robot, findings), findings)
+    raw, robot = assign_columns(raw, robot, findings)
+    time, names = extract_time(raw, robot, findings)
     if time is None or not np.all(np.isfinite(time)):
         findings.refuse("log.not-finite", "the time column has values that are not finite")
         raise LogError(*findings.mistakes)

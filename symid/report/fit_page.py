@@ -37,8 +37,11 @@ from symid.logs import LogPart, Recording, check_recording, read_recordings, tak
 from symid.report.blocks import Drawing
 from symid.report.elastic_page import build_elastic_page, draw_branches
 from symid.report.figures import Mark, build_mark_figure
-from symid.report.friction_page import build_friction_figure, build_friction_page
-from symid.report.identification_page import build_identification_page
+from symid.report.identification_page import (
+    build_friction_figure,
+    build_friction_page,
+    build_identification_page,
+)
 from symid.report.pages import Page, describe_origin, format_percent, write_page
 from symid.report.verdict import (
     AnyEstimate,

@@ -53,7 +53,8 @@ class LogMap:
 
     `transmission` is the matrix T (n, n) of motors that move more than one joint: angles of the motors =
     T (angles of the joints), torques of the joints = T' (torques of the motors). None: gear ratios.
-    `preset` names the program that wrote the log, whose columns stand in for quantities that are None.
+    `preset` names the program that wrote the log, whose columns stand in for quantities that are None, and
+    `topic` which of a bag's topics has them.
     `load` is the torque of sensors behind the gears where `torque` is that of the motors, `temperature` that
     of the joints. `reference`, `reference_velocity` are the controller's setpoints, `feedforward` the torque
     added to its own.
@@ -73,6 +74,11 @@ class LogMap:
     feedforward: LogQuantity | None = None
     transmission: tuple[tuple[float, ...], ...] | None = None
     preset: str | None = None
+    topic: str | None = None
+
+
+LOG_WORDS = ("transmission", "preset", "topic")
+"""Fields of a LogMap that are no quantities."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

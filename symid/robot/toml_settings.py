@@ -19,6 +19,7 @@ from typing import Any
 
 from symid.notation import adapt_unit, get_unit_factor, suggest_units
 from symid.robot.description import (
+    LOG_WORDS,
     Controller,
     Joint,
     JointKind,
@@ -262,7 +263,7 @@ def _check_unit(
     return factor
 
 
-_QUANTITIES = tuple(entry.name for entry in fields(LogMap) if entry.name not in ("transmission", "preset"))
+_QUANTITIES = tuple(entry.name for entry in fields(LogMap) if entry.name not in LOG_WORDS)
 _NONE, _LOG = "none", "log"
 _ORDER = Range(low=1, high=16)
 
@@ -309,7 +310,7 @@ def _read_standstill(table: Section) -> float | tuple[float, ...] | None:
 def read_log(root: Section, joints: Sequence[Joint]) -> LogMap:
     """Return the `[log]` table for a robot with these joints; those that follow another have no column."""
     joints = [joint for joint in joints if joint.mimic is None]
-    table = root.read_table("log", (*_QUANTITIES, "transmission", "preset"))
+    table = root.read_table("log", (*_QUANTITIES, *LOG_WORDS))
     if table is None:
         return LogMap()
     if "motor_position" in table.values and "link_position" in table.values:
@@ -333,6 +334,7 @@ def read_log(root: Section, joints: Sequence[Joint]) -> LogMap:
         **{name: _read_quantity(table, name, joints, coupled=coupled) for name in _QUANTITIES[1:]},
         transmission=_read_transmission(table, joints),
         preset=table.read_choice("preset", ("symid", "ros", "ur-rtde", "franka")),
+        topic=table.read_text("topic"),
     )
 
 
@@ -345,7 +347,8 @@ def list_processing(processing: Processing) -> dict[str, Any]:
 
 def list_log(log: LogMap) -> dict[str, Any]:
     """Return the map as a table that `read_log` reads back."""
-    table: dict[str, Any] = {} if log.preset is None else {"preset": log.preset}
+    words = {"preset": log.preset, "topic": log.topic}
+    table: dict[str, Any] = {key: entry for key, entry in words.items() if entry is not None}
     if log.transmission is not None:
         table["transmission"] = [list(row) for row in log.transmission]
     for name in _QUANTITIES:

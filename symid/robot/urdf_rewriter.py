@@ -47,6 +47,8 @@ from symid.robot.xml_writers import TENSOR, get_plain_friction, write_decimal, w
 
 # Of old bodies, in units of their largest entries: flatter ones cannot be mapped.
 _FLAT = 1e-9
+# Of the largest entry of a tensor, and in m: what is left by rounding where the file has zero.
+_ROUNDING = 1e-14
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -202,6 +204,9 @@ def _edit_inertial(document: XmlDocument, link: XmlElement, values: Sequence[flo
         # The file's own axes stay.
         rotation = build_rpy_matrix([float(part) for part in origin.attributes["rpy"].split()])
         central = move_parameters((*central, 0.0, 0.0, 0.0, 0.0), rotation.T, np.zeros(3))[:6]
+    least = _ROUNDING * max(map(abs, central))
+    central = tuple(value if abs(value) > least else 0.0 for value in central)
+    com = [value if abs(value) > _ROUNDING else 0.0 for value in com]
     entries = dict(zip(TENSOR, map(write_decimal, central), strict=True))
     if mass:
         yield from _set(document, inertial, origin, "origin", {"xyz": write_decimals(com)})

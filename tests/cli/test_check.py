@@ -137,6 +137,15 @@ def test_units_that_no_robot_has(capsys, write, columns):
     assert "motor side" in codes(answer)["log.torque-size"]
 
 
+@pytest.mark.parametrize(("factor", "said"), [(0.1, True), (10.0, True), (1.0, False), (2.0, False)])
+def test_torques_that_masses_of_the_robot_file_do_not_explain(capsys, write, columns, factor, said):
+    """Efforts that are currents: the masses that they need are those of another robot."""
+    _, answer = call_json(capsys, "two_link", write(tau=factor * columns["tau"]))
+    assert ("log.effort-size" in codes(answer)) == said
+    if said:
+        assert "--units torque=A" in codes(answer)["log.effort-size"]
+
+
 def test_a_static_log_ends_with_4(capsys, write, columns):
     still = np.tile(columns["q"][:1], (len(columns["t"]), 1))
     code, answer = call_json(capsys, "two_link", write(q=still))

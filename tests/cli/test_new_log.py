@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+import symid
 from symid.cli.main import run
 from symid.logs.files import RawLog
 from symid.logs.headings import read_headings
@@ -497,3 +498,39 @@ def test_mixed_currents_are_refused(capsys, folder):
     write_log(folder, PLAIN.replace("tau0 [N m]", "tau0 [A]").replace("tau1 [N m]", "tau1 [mA]"))
     code, answer = call_new(capsys, "--torque-constant", "0.1")
     assert (code, list_codes(answer, "errors")) == (3, ["new.mixed-units"])
+
+
+@pytest.mark.parametrize("last", ["jointGripper", "joint3"])
+def test_columns_of_symid_are_known_whatever_the_joints_are_called(capsys, folder, last):
+    """The name of a gripper has no number, and its column has."""
+    rows = ["joint,alpha,a,d,theta", "joint1,0,0,0,q", "joint2,0,0.5,0,q", f"{last},0,0.3,0,q"]
+    (folder / "rows.csv").write_text("\n".join(rows) + "\n")
+    write_log(folder, "t [s],q1 [rad],q2 [rad],q3 [rad],tau1 [N m],tau2 [N m],tau3 [N m]")
+    code, answer = call_new(capsys)
+    assert (code, answer["result"]["log"]["preset"]) == (0, "symid")
+    assert answer["result"]["log"]["columns"]["position"] == ["q1", "q2", "q3"]
+
+
+@pytest.mark.parametrize(("size", "code"), [(3, 0), (4, 3)])
+def test_elements_of_arrays_count_from_0_and_name_no_joint(capsys, folder, size, code):
+    """Of joints j1 to j3, tau_J[1] was read as that of j1."""
+    rows = ["joint,alpha,a,d,theta", "j1,0,0,0,q", "j2,0,0.5,0,q", "j3,0,0.3,0,q"]
+    (folder / "rows.csv").write_text("\n".join(rows) + "\n")
+    names = [*(f"q[{k}] [rad]" for k in range(size)), *(f"tau_J[{k}] [N m]" for k in range(size))]
+    write_log(folder, ",".join(("t [s]", *names)))
+    found, answer = call_new(capsys)
+    assert found == code
+    if not code:
+        assert answer["result"]["log"]["columns"]["torque"] == ["tau_J[0]", "tau_J[1]", "tau_J[2]"]
+
+
+def test_a_urdf_reads_the_columns_that_a_new_file_would(capsys, folder, project):
+    pages = project / "docs" / "own_robot"
+    text = (pages / "training.csv").read_text().replace("current [A]", "torque [N m]")
+    (folder / "log.csv").write_text(text)
+    log = symid.read_log("log.csv", symid.load(pages / "arm.urdf"))
+    assert log.q.shape[1] == 3
+    assert "new.assumed-side" in {notice.code for notice in log.notices}
+    assert run(["check", str(pages / "arm.urdf"), str(pages / "training.csv"), "--json"]) == 3
+    answer = json.loads(capsys.readouterr().out)
+    assert list_codes(answer, "errors") == ["new.torque-constant", "log.no-map"]

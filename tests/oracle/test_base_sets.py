@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from symid.dynamics.base_parameters import derive_base_parameters
-from symid.dynamics.lagrange import derive_energy
+from symid.dynamics.regressors import derive_energy
 from symid.joint_models import FrictionValues
 from symid.robot.description import Coupling, Drive, JointKind, Mimic, Spring
 from symid.robot.geometry import ZERO, Exact, build_exact_angle, compose_placements, place_modified_dh

@@ -13,18 +13,16 @@ from sympy import QQ
 
 from symid.dynamics.algebra import build_state
 from symid.dynamics.exact_algebra import PointAlgebra
-from symid.dynamics.lagrange import (
-    derive_energy,
-    derive_lagrange_columns,
-    derive_momentum_columns,
-    derive_torque_columns,
-    evaluate_torque_columns,
-)
 from symid.dynamics.recursion import build_recursion, fold_vector
 from symid.dynamics.regressors import (
     compute_lagrange_columns,
     compute_momentum_columns,
     compute_torque_columns,
+    derive_energy,
+    derive_lagrange_columns,
+    derive_momentum_columns,
+    derive_torque_columns,
+    evaluate_torque_columns,
 )
 from symid.robot.description import Coupling, Mimic, Spring
 from tests.chains import (

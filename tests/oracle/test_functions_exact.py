@@ -9,9 +9,13 @@ from symid.codegen.casadi_functions import build_functions
 from symid.dynamics.algebra import build_state
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.dynamics.exact_algebra import PointAlgebra, choose_domain
-from symid.dynamics.lagrange import derive_energy, evaluate_torque_columns
 from symid.dynamics.recursion import build_recursion
-from symid.dynamics.regressors import compute_lagrange_columns, compute_momentum_columns
+from symid.dynamics.regressors import (
+    compute_lagrange_columns,
+    compute_momentum_columns,
+    derive_energy,
+    evaluate_torque_columns,
+)
 from tests.chains import PANDA, PUMA560, STANFORD, TWO_LINK, draw_rational_state, trees
 
 NAMES = (

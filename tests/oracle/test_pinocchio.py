@@ -7,9 +7,13 @@ from hypothesis import given, settings
 
 from symid.codegen.casadi_functions import build_functions
 from symid.dynamics.base_parameters import derive_base_parameters
-from symid.dynamics.lagrange import derive_energy, evaluate_torque_columns
 from symid.dynamics.recursion import build_recursion
-from symid.dynamics.regressors import compute_energy_regressor, compute_torque_columns
+from symid.dynamics.regressors import (
+    compute_energy_regressor,
+    compute_torque_columns,
+    derive_energy,
+    evaluate_torque_columns,
+)
 from symid.notation import INERTIAL
 from tests.chains import (
     PANDA,

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from symid.identification.friction.estimators import fit_friction
-from symid.identification.friction.samples import FrictionSamples
+from symid.identification.friction.joint_fit import FrictionSamples
 from symid.joint_models.friction_catalogue import FRICTION_LAWS, get_law
 from symid.joint_models.friction_law import compute_friction_torque
 from tests.frictions import build_cosines

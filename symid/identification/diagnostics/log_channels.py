@@ -256,6 +256,39 @@ def describe_sizes(signs: tuple[JointSigns, ...], robot: Robot, file: str) -> tu
     return (Notice(code="log.torque-size", text=text, file=file),)
 
 
+_ALIKE = 0.9
+"""Correlation from which the torque of a joint is that of the robot file's masses, at some scale."""
+_SCALE = 3.0
+"""Masses of a drawing are not wrong by this factor."""
+
+
+def describe_scale(fit: QuickFit, library: Library, robot: Robot) -> tuple[Notice, ...]:
+    """Return a notice where torques follow the masses of the robot file, all of them at another scale."""
+    values = [entry.value for entry in library.card.beta]
+    known = [value for value in values if value is not None]
+    if len(known) < len(values) or not any(known):
+        return ()
+    model = fit.rows[:, :, : fit.inertial] @ np.array(known)
+    scales: dict[int, float] = {}
+    for joint in fit.moving:
+        pair = np.column_stack([model[:, joint], fit.tau[:, joint]])
+        braking = np.column_stack([fit.rows[:, joint, fit.inertial :], np.ones(len(pair))])
+        # Friction and an offset have no mass.
+        mine, torque = (pair - braking @ np.linalg.lstsq(braking, pair, rcond=_SMALL)[0]).T
+        sizes = float(np.linalg.norm(mine)), float(np.linalg.norm(torque))
+        if sizes[0] > _ROUNDING * np.abs(model).max() and float(mine @ torque) > _ALIKE * sizes[0] * sizes[1]:
+            scales[joint] = sizes[1] / sizes[0]
+    if not scales or not all(scale > _SCALE or scale < 1.0 / _SCALE for scale in scales.values()):
+        return ()
+    listed = ", ".join(f"{robot.axes[joint].name!r} {scale:.3g}" for joint, scale in scales.items())
+    text = (
+        f"the torques are in proportion to those that the masses of the robot file need, but of another size "
+        f"({listed} times): they may be motor currents, percent, or of the motor side, or these masses are "
+        "wrong; state unit and side in [log.torque], or give `symid new --log` --units torque=A"
+    )
+    return (Notice(code="log.effort-size", text=text, file=fit.recording.source),)
+
+
 _ROUNDS = 6
 _CONVERGED = 0.01
 _LARGEST = 0.05
@@ -429,6 +462,9 @@ def check_channels(fit: QuickFit, library: Library, robot: Robot) -> LogCheck:
     if mistake is not None:
         notices += (describe_mistake(mistake, file),)
     notices += describe_sizes(signs, robot, file) if not notices else ()
+    # Also beside others: a URDF without friction, whose efforts are currents.
+    if not {"log.torque-size", "log.wrong-unit"} & {notice.code for notice in notices}:
+        notices += describe_scale(fit, library, robot)
     delay: TorqueDelay | None = None
     if not notices:
         delay = estimate_torque_delay(fit)

@@ -3,11 +3,6 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from symid.identification.friction.estimate import (
-        FrictionEstimate as FrictionEstimate,
-        compute_cramer_rao as compute_cramer_rao,
-        compute_law_sensitivities as compute_law_sensitivities,
-    )
     from symid.identification.friction.estimators import (
         ESTIMATORS as ESTIMATORS,
         STOCHASTIC as STOCHASTIC,
@@ -23,6 +18,12 @@ if TYPE_CHECKING:
         describe_obstacle as describe_obstacle,
         identify_friction as identify_friction,
         set_identified_friction as set_identified_friction,
+    )
+    from symid.identification.friction.joint_fit import (
+        FrictionEstimate as FrictionEstimate,
+        FrictionSamples as FrictionSamples,
+        compute_cramer_rao as compute_cramer_rao,
+        compute_law_sensitivities as compute_law_sensitivities,
     )
     from symid.identification.friction.output_error import (
         AxisModel as AxisModel,
@@ -42,7 +43,6 @@ if TYPE_CHECKING:
         VariableProjectionOptions as VariableProjectionOptions,
         build_problem as build_problem,
     )
-    from symid.identification.friction.samples import FrictionSamples as FrictionSamples
     from symid.identification.friction.selection import (
         compute_relative_residual as compute_relative_residual,
     )

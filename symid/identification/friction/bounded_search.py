@@ -20,7 +20,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
-from symid.identification.friction.estimate import FrictionSearch
+from symid.identification.friction.joint_fit import FrictionSearch
 from symid.identification.friction.problem import (
     EvolutionOptions,
     FrictionNlpOptions,

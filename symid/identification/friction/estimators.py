@@ -23,16 +23,17 @@ from symid.identification.friction.bounded_search import (
     search_by_nlp,
     search_by_population,
 )
-from symid.identification.friction.estimate import (
+from symid.identification.friction.joint_fit import (
     FrictionEstimate,
+    FrictionSamples,
     FrictionSearch,
     Uncertainty,
     compute_criteria,
     compute_sensitivities,
     compute_uncertainty,
+    is_one_sided,
 )
 from symid.identification.friction.problem import SPEED_UNITS, FrictionOptions, FrictionProblem, build_problem
-from symid.identification.friction.samples import FrictionSamples, is_one_sided
 from symid.identification.friction.variable_projection import search_by_projection, search_by_roots
 from symid.identification.regression import solve_scaled
 from symid.ipopt import Ending

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import IdentifiabilityError, LogError, Notice
-from symid.identification.friction.samples import FrictionSamples, build_reduction
+from symid.identification.friction.joint_fit import FrictionSamples, build_reduction
 from symid.identification.regression import (
     BLOCK,
     Rotor,

@@ -22,7 +22,6 @@ from symid.arrays import FloatArray
 from symid.codegen import Library, ModelCard
 from symid.errors import IdentifiabilityError, Notice, UsageError
 from symid.identification.estimators import FitRecord, LawSelection, MotionResidual, Residual
-from symid.identification.friction.estimate import FrictionEstimate, compute_sensitivities
 from symid.identification.friction.estimators import check_estimator, fit_friction
 from symid.identification.friction.extraction import (
     ROTOR,
@@ -32,9 +31,15 @@ from symid.identification.friction.extraction import (
     fold_recording,
     prepare_joint_logs,
 )
+from symid.identification.friction.joint_fit import (
+    FrictionEstimate,
+    FrictionSamples,
+    VelocityMap,
+    compute_sensitivities,
+    compute_velocity_map,
+)
 from symid.identification.friction.poses import PoseTest, compare_poses, warn_of_friction_pattern
 from symid.identification.friction.problem import FrictionOptions
-from symid.identification.friction.samples import FrictionSamples, VelocityMap, compute_velocity_map
 from symid.identification.friction.selection import CANDIDATE_LAWS, measure_motion, predict_rows, select_law
 from symid.identification.regression import (
     LoadGain,

@@ -24,7 +24,7 @@ import numpy as np
 
 from symid.arrays import FloatArray, freeze_fields
 from symid.errors import LogError, Notice, UsageError
-from symid.identification.friction.samples import FrictionSamples, build_reduction
+from symid.identification.friction.joint_fit import FrictionSamples, build_reduction
 from symid.identification.regression import solve_scaled
 from symid.joint_models import Carrier, FrictionLaw, build_casadi_carrier, build_numpy_carrier
 from symid.logs import Recording, differentiate, low_pass, prepare_signals

@@ -24,14 +24,14 @@ import numpy as np
 from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import Notice, SymidError
 from symid.identification.diagnostics import build_warning, sum_block_scores
-from symid.identification.friction.estimate import (
+from symid.identification.friction.estimators import fit_friction
+from symid.identification.friction.extraction import JointLogs, extract_joint
+from symid.identification.friction.joint_fit import (
     FrictionEstimate,
+    FrictionSamples,
     compute_law_sensitivities,
     compute_sensitivities,
 )
-from symid.identification.friction.estimators import fit_friction
-from symid.identification.friction.extraction import JointLogs, extract_joint
-from symid.identification.friction.samples import FrictionSamples
 from symid.identification.friction.selection import predict_rows
 from symid.joint_models import FrictionLaw, compute_friction_torque
 

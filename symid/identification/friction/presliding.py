@@ -22,8 +22,7 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.errors import IdentifiabilityError, Notice, UsageError
 from symid.identification.estimators import ParameterEstimate
-from symid.identification.friction.estimate import LawFit
-from symid.identification.friction.samples import FrictionSamples
+from symid.identification.friction.joint_fit import FrictionSamples, LawFit
 from symid.ipopt import Ending
 from symid.joint_models import (
     DynamicLaw,

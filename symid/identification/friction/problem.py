@@ -24,8 +24,12 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays, freeze
 from symid.errors import IdentifiabilityError, Notice, UsageError
-from symid.identification.friction.estimate import FrictionSearch, compute_sensitivities
-from symid.identification.friction.samples import FrictionSamples, list_shaped_columns
+from symid.identification.friction.joint_fit import (
+    FrictionSamples,
+    FrictionSearch,
+    compute_sensitivities,
+    list_shaped_columns,
+)
 from symid.ipopt import Ending
 from symid.joint_models import FrictionLaw, build_numpy_carrier, compute_column_derivatives, compute_columns
 

@@ -32,8 +32,13 @@ from symid.arrays import FloatArray
 from symid.errors import IdentifiabilityError, Notice, SymidError
 from symid.identification.diagnostics import choose_held_out, measure_behind
 from symid.identification.estimators import LawSelection, LawTrial, MotionResidual, find_phases
-from symid.identification.friction.estimate import FrictionEstimate, FrictionSearch
 from symid.identification.friction.estimators import build_estimate, check_search, fit_friction
+from symid.identification.friction.joint_fit import (
+    FrictionEstimate,
+    FrictionRows,
+    FrictionSamples,
+    FrictionSearch,
+)
 from symid.identification.friction.problem import (
     FrictionOptions,
     FrictionProblem,
@@ -43,7 +48,6 @@ from symid.identification.friction.problem import (
     find_slowest,
     select_problem,
 )
-from symid.identification.friction.samples import FrictionRows, FrictionSamples
 from symid.identification.friction.variable_projection import JUMPING, KINKED, search_by_projection
 from symid.identification.regression import BLOCK, extend_triangle
 from symid.joint_models import FrictionLaw, get_law

@@ -28,7 +28,7 @@ from symid.identification.estimators import (
 )
 from symid.identification.friction.extraction import Column, JointLogs, list_independent, prepare_joint_logs
 from symid.identification.friction.identify import FrictionIdentification, JointFriction
-from symid.identification.friction.samples import FrictionSamples
+from symid.identification.friction.joint_fit import FrictionSamples
 from symid.identification.friction.selection import measure_motion, predict_rows
 from symid.identification.regression import Rotor, list_measured_joints
 from symid.joint_models import FrictionLaw, get_law

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.errors import Notice, UsageError
-from symid.identification.friction.estimate import FrictionSearch
+from symid.identification.friction.joint_fit import FrictionSearch, is_one_sided
 from symid.identification.friction.problem import (
     FrictionProblem,
     Projection,
@@ -28,7 +28,6 @@ from symid.identification.friction.problem import (
     RootFindingOptions,
     VariableProjectionOptions,
 )
-from symid.identification.friction.samples import is_one_sided
 from symid.identification.regression import solve_scaled
 from symid.ipopt import Ending
 

@@ -35,8 +35,8 @@ from symid.identification.rigid.closed_loop_fit import (
     fit_instrumental,
     fit_output_error,
 )
+from symid.identification.rigid.evidence import FittedRows
 from symid.identification.rigid.fit import build_estimate, identify_parameters
-from symid.identification.rigid.long_fit import FittedRows
 from symid.identification.rigid.plan import INSTRUMENTAL
 from symid.logs import Recording, decimate
 from symid.robot import Controller, Robot, list_controller

@@ -55,8 +55,7 @@ from symid.identification.regression import (
     condense_recordings,
     count_freedom,
 )
-from symid.identification.rigid.fit import LARGEST, fit_in_memory
-from symid.identification.rigid.long_fit import compute_long_covariance, is_long
+from symid.identification.rigid.fit import LARGEST, compute_long_covariance, fit_in_memory, is_long
 from symid.identification.rigid.plan import FILTERED_INSTRUMENTAL, FitPlan
 from symid.identification.rigid.validation import (
     get_fit_overlap,

@@ -28,6 +28,7 @@ terms of several joints.
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,8 +54,13 @@ from symid.identification.diagnostics import (
     smooth_rows,
 )
 from symid.identification.estimators import Evidence, JointEvidence, ModelTerm, RegressionFit, find_phases
-from symid.identification.regression import Rows, list_resting_joints, prepare_states, select_rows
-from symid.identification.rigid.long_fit import FittedRows
+from symid.identification.regression import (
+    Identifiability,
+    Rows,
+    list_resting_joints,
+    prepare_states,
+    select_rows,
+)
 from symid.identification.rigid.plan import FitBasis
 from symid.joint_models import is_braking
 from symid.logs import undo_resampling
@@ -154,6 +160,19 @@ def _list_motions(basis: FitBasis, rows: Rows, values: FloatArray) -> dict[int, 
                 )
             )
     return found
+
+
+class FittedRows(NamedTuple):
+    """Equations, what is identifiable from them, and their fit; notices on correlated residuals.
+
+    `left` are all rows of a long log, slow ones too, and what the fit leaves of them; None in memory.
+    """
+
+    rows: Rows
+    identifiability: Identifiability
+    fit: RegressionFit
+    pattern: tuple[Notice, ...] = ()
+    left: tuple[Rows, FloatArray] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -7,8 +7,12 @@ import numpy as np
 import pytest
 from sympy import QQ
 
-from symid.dynamics.exact_algebra import build_exact_algebra
-from symid.dynamics.trigonometric_basis import build_basis, build_power_function, split_polynomial
+from symid.dynamics.exact_algebra import (
+    build_basis,
+    build_exact_algebra,
+    build_power_function,
+    split_polynomial,
+)
 from symid.robot.description import Mimic
 from tests.chains import build_chain
 

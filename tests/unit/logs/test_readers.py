@@ -319,7 +319,7 @@ def test_objects_are_never_unpickled(make_robot, columns, write_npz):
             "log.bag",
             b"",
             "log.unknown-suffix",
-            ".mat, .npz, .csv, .txt, .h5, .hdf5, got '.bag'",
+            ".h5, .hdf5, .parquet, .db3, .mcap, or the folder of a ROS 2 bag, got '.bag'",
         ),
         ("log", b"", "log.unknown-suffix", "got no suffix"),
     ],

@@ -10,7 +10,7 @@ import pytest
 from symid.identification.friction.identify import FrictionTask, identify_friction
 from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import compute_friction_torque
-from symid.report.friction_page import (
+from symid.report.identification_page import (
     build_friction_figure,
     build_friction_page,
     compute_friction_curve,

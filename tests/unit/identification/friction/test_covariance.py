@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from symid.identification.friction.estimate import (
+from symid.identification.friction.joint_fit import (
     compute_cramer_rao,
     compute_criteria,
     compute_sensitivities,

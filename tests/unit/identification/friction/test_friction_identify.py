@@ -19,13 +19,13 @@ from symid.identification.friction.identify import (
     identify_friction,
     warn_of_inertia,
 )
+from symid.identification.friction.joint_fit import FrictionSamples
 from symid.identification.friction.poses import (
     compare_poses,
     compute_chance,
     compute_robust_deviations,
     list_poses,
 )
-from symid.identification.friction.samples import FrictionSamples
 from symid.identification.stored import is_fit, read_fit, write_fit
 from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import compute_friction_torque

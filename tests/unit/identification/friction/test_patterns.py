@@ -5,12 +5,12 @@ import pytest
 from scipy.signal import lfilter
 
 from symid.identification.friction.estimators import fit_friction
+from symid.identification.friction.joint_fit import FrictionSamples
 from symid.identification.friction.poses import (
     compute_robust_deviations,
     estimate_pattern_covariance,
     warn_of_friction_pattern,
 )
-from symid.identification.friction.samples import FrictionSamples
 from symid.joint_models.friction_catalogue import get_law
 
 LAW = get_law("coulomb-viscous-offset")

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from symid.errors import IdentifiabilityError
+from symid.identification.friction.joint_fit import FrictionSamples
 from symid.identification.friction.presliding import fit_presliding
-from symid.identification.friction.samples import FrictionSamples
 from symid.joint_models.dynamic_friction import FrictionPath, get_dynamic_law, simulate_dynamic_friction
 
 LUGRE = (1e4, 100.0, 10.0, 15.0, 0.01, 2.0, 25.0)

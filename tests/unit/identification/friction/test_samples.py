@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from symid.errors import LogError
-from symid.identification.friction.samples import FrictionSamples, build_reduction, list_shaped_columns
+from symid.identification.friction.joint_fit import FrictionSamples, build_reduction, list_shaped_columns
 from symid.identification.friction.selection import CANDIDATE_LAWS
 from symid.joint_models import compute_columns, get_law
 from symid.joint_models.friction_catalogue import FRICTION_LAWS

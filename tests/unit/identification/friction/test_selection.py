@@ -9,13 +9,13 @@ from symid.errors import IdentifiabilityError, UsageError
 from symid.identification.friction import selection as selection_module
 from symid.identification.friction.estimators import fit_friction
 from symid.identification.friction.extraction import extract_joint, prepare_joint_logs
-from symid.identification.friction.problem import VariableProjectionOptions
-from symid.identification.friction.samples import (
+from symid.identification.friction.joint_fit import (
     FrictionRows,
     FrictionSamples,
     build_reduction,
     compute_velocity_map,
 )
+from symid.identification.friction.problem import VariableProjectionOptions
 from symid.identification.friction.selection import CANDIDATE_LAWS, assign_blocks, select_law
 from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import compute_columns

@@ -21,8 +21,7 @@ from symid.identification.regression.long_logs import (
     predict_outlines,
 )
 from symid.identification.regression.preparation import prepare_rows, prepare_states
-from symid.identification.rigid.fit import identify_parameters
-from symid.identification.rigid.long_fit import compute_long_covariance, fit_long, is_long
+from symid.identification.rigid.fit import compute_long_covariance, fit_long, identify_parameters, is_long
 from symid.logs.recording import Recording
 from symid.logs.signals import decimate, decimate_blocks
 from symid.robot.description import Decimation, Processing

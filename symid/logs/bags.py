@@ -1,0 +1,377 @@
+"""ROS 2 bags: messages as columns named by topic, joint and channel, and the topic of a robot's joints.
+
+Path -> RawLog; RawLog, Robot -> the columns of one topic, of the messages that have all its joints.
+
+    sensor_msgs/msg/JointState           TOPIC/JOINT/position, TOPIC/JOINT/velocity, TOPIC/JOINT/effort
+    control_msgs/msg/DynamicJointState   TOPIC/JOINT/INTERFACE
+    std_msgs/msg/Float64MultiArray       TOPIC/data, an array
+    each of them                         TOPIC/time, s: stamps of the headers, or, where these are zero or
+                                         there is no header, when messages were recorded
+
+Stamps later than `_EPOCH` are counted from the whole second before the first one, so that none of their
+digits are lost.
+
+Supported: .db3 and .mcap, alone or in a folder, with metadata.yaml or without; compression by zstd or lz4; an
+order of joints that changes; messages with a part of the joints, joined where their stamps are the same.
+Needs rosbags, the extra `ros`. Not supported: ROS 1; other messages, which are named.
+"""
+
+import os.path
+import re
+import struct
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from symid.arrays import FloatArray, freeze
+from symid.errors import Notice
+from symid.logs.columns import Findings, join_names
+from symid.logs.files import RawLog, build_file_error
+from symid.robot import Robot
+
+STORAGE_SUFFIXES = (".db3", ".mcap")
+"""Files of a bag."""
+_METADATA = "metadata.yaml"
+_JOINT_STATE = "sensor_msgs/msg/JointState"
+_DYNAMIC = "control_msgs/msg/DynamicJointState"
+_ARRAY = "std_msgs/msg/Float64MultiArray"
+# Types that are not among those of ROS itself.
+_DEFINITIONS = {
+    "control_msgs/msg/InterfaceValue": "string[] interface_names\nfloat64[] values",
+    _DYNAMIC: "std_msgs/Header header\nstring[] joint_names\nInterfaceValue[] interface_values",
+}
+_EPOCH = 1e6
+"""s: larger stamps are dates."""
+_NANO = 10**9
+
+
+def is_bag_folder(path: Path) -> bool:
+    """Return whether a folder has a file of a bag, or the metadata of one."""
+    return path.is_dir() and any(
+        entry.name == _METADATA or entry.suffix in STORAGE_SUFFIXES for entry in path.iterdir()
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Message:
+    """A message: its stamps in ns, and values by joint and channel; an array where it names no joint."""
+
+    stamp: int
+    received: int
+    values: Mapping[tuple[str, str], float]
+    joints: tuple[str, ...] = ()
+    array: FloatArray | None = None
+    odd: bool = False
+
+
+def read_bag(path: Path) -> RawLog:
+    """Return the columns of a bag, or raise a LogError, also if rosbags is not installed."""
+    try:
+        import apsw
+        from rosbags.rosbag2 import Reader, ReaderError
+        from rosbags.serde import SerdeError
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+    except ImportError as error:
+        text = "ROS 2 bags need rosbags: install it as the extra ros, pip install 'symid[ros]'"
+        raise build_file_error(path, text, "log.needs-ros") from error
+    store = get_typestore(Stores.LATEST)
+    for name, text in _DEFINITIONS.items():
+        store.register(get_types_from_msg(text, name))
+    found: dict[str, list[_Message]] = {}
+    types: dict[str, str] = {}
+    counts: dict[str, int] = {}
+    try:
+        with ExitStack() as stack:
+            for reader in [stack.enter_context(Reader(file)) for file in _list_files(path)]:
+                types |= {entry.topic: entry.msgtype for entry in reader.connections}
+                for entry in reader.connections:
+                    counts[entry.topic] = counts.get(entry.topic, 0) + entry.msgcount
+                known = [entry for entry in reader.connections if entry.msgtype in _PARSERS]
+                for entry, received, data in reader.messages(known) if known else ():
+                    message = store.deserialize_cdr(data, entry.msgtype)
+                    parsed = _PARSERS[entry.msgtype](message, received)
+                    found.setdefault(entry.topic, []).append(parsed)
+    # The readers raise any of these on a damaged file, according to where the damage lies.
+    except (
+        *(ReaderError, SerdeError, apsw.Error, struct.error, OSError, ValueError, TypeError),
+        *(AssertionError, LookupError, EOFError, RuntimeError, MemoryError, OverflowError),
+    ) as error:
+        if isinstance(error, PermissionError):
+            raise
+        text = f"this is not a ROS 2 bag that can be read: {str(error) or type(error).__name__}"
+        raise build_file_error(path, text) from error
+    others = tuple(
+        f"{topic} ({types[topic]}, {counts[topic]} messages)" for topic in types if topic not in found
+    )
+    if not found:
+        text = f"the bag has no messages of {', '.join(_PARSERS)}; it has {', '.join(others) or 'no topics'}"
+        raise build_file_error(path, text, "log.no-topic")
+    return _build_columns(path, found, types, others)
+
+
+def _list_files(path: Path) -> list[Path]:
+    """Return what to open: a file, a folder with metadata, or all files of one without."""
+    if not path.is_dir() or (path / _METADATA).exists():
+        return [path]
+    return sorted(entry for entry in path.iterdir() if entry.suffix in STORAGE_SUFFIXES)
+
+
+def _parse_joint_state(message: Any, received: int) -> _Message:  # noqa: ANN401  made by rosbags
+    names = list(map(str, message.name))
+    values: dict[tuple[str, str], float] = {}
+    odd = len(set(names)) < len(names)
+    for channel in ("position", "velocity", "effort"):
+        numbers = getattr(message, channel)
+        if len(numbers) == len(names):
+            values |= {(name, channel): float(x) for name, x in zip(names, numbers, strict=True)}
+        odd |= len(numbers) not in (0, len(names))
+    return _Message(
+        stamp=_read_stamp(message.header), received=received, values=values, joints=tuple(names), odd=odd
+    )
+
+
+def _parse_dynamic(message: Any, received: int) -> _Message:  # noqa: ANN401  made by rosbags
+    names = tuple(map(str, message.joint_names))
+    values: dict[tuple[str, str], float] = {}
+    odd = len(message.interface_values) != len(names) or len(set(names)) < len(names)
+    for name, entry in zip(names, message.interface_values, strict=False):
+        odd |= len(entry.interface_names) != len(entry.values)
+        pairs = zip(entry.interface_names, entry.values, strict=False)
+        values |= {(name, str(channel)): float(x) for channel, x in pairs}
+    return _Message(
+        stamp=_read_stamp(message.header), received=received, values=values, joints=names, odd=odd
+    )
+
+
+def _parse_array(message: Any, received: int) -> _Message:  # noqa: ANN401  made by rosbags
+    return _Message(stamp=0, received=received, values={}, array=np.array(message.data, dtype=np.float64))
+
+
+def _read_stamp(header: Any) -> int:  # noqa: ANN401  made by rosbags
+    return int(header.stamp.sec) * _NANO + int(header.stamp.nanosec)
+
+
+_PARSERS = {_JOINT_STATE: _parse_joint_state, _DYNAMIC: _parse_dynamic, _ARRAY: _parse_array}
+
+
+def _build_columns(
+    path: Path, found: Mapping[str, list[_Message]], types: Mapping[str, str], others: tuple[str, ...]
+) -> RawLog:
+    """Return the columns of all topics, and what was done to each in words."""
+    headed = {topic: any(entry.stamp for entry in messages) for topic, messages in found.items()}
+    times = {
+        topic: [entry.stamp if headed[topic] else entry.received for entry in messages]
+        for topic, messages in found.items()
+    }
+    first = min(min(stamps) for stamps in times.values())
+    origin = first // _NANO * _NANO if first > _EPOCH * _NANO else 0
+    columns: dict[str, FloatArray] = {}
+    notices = []
+    for topic, messages in found.items():
+        stamps = times[topic]
+        joints = tuple(dict.fromkeys(name for entry in messages for name in entry.joints))
+        parts = [f"topic {topic} ({types[topic]}): {len(messages)} messages"]
+        if joints:
+            parts.append(f"joints {', '.join(joints)}")
+        source = "that of the headers" if headed[topic] else "that of recording"
+        if joints and not headed[topic]:
+            source += ", because all stamps of the headers are zero"
+        parts.append(f"time is {source}" + (f", less {origin // _NANO} s" if origin else ""))
+        if joints:
+            own, places = _stack_joints(messages, stamps if headed[topic] else None)
+            parts += _describe_messages(messages, joints, len(places))
+            stamps = [stamps[place] for place in places]
+            parts += _describe_steps(np.diff(np.array(stamps)) / _NANO)
+        else:
+            sizes = {len(entry.array) for entry in messages if entry.array is not None}
+            if len(sizes) != 1:
+                others = (*others, f"{topic}/data (arrays of {min(sizes)} to {max(sizes)} numbers)")
+                continue
+            own = {"data": np.array([entry.array for entry in messages])}
+        columns[f"{topic}/time"] = freeze(np.array([(stamp - origin) / _NANO for stamp in stamps]))
+        columns |= {f"{topic}/{name}": freeze(values) for name, values in own.items()}
+        notices.append(Notice(code="log.topic-read", text="; ".join(parts), file=str(path)))
+    notices += _describe_left_files(path)
+    return RawLog(columns=columns, others=others, notices=tuple(notices))
+
+
+def _stack_joints(
+    messages: Sequence[_Message], stamps: Sequence[int] | None
+) -> tuple[dict[str, FloatArray], list[int]]:
+    """Return columns by JOINT/CHANNEL, NaN where a message lacks one, and the first message of each row.
+
+    Messages in sequence with the same of `stamps`, and with other joints, are one row.
+    """
+    rows: list[int] = []
+    places: list[int] = []
+    held: set[str] = set()
+    for k, entry in enumerate(messages):
+        same = stamps is not None and k > 0 and stamps[k] == stamps[k - 1]
+        if not same or held & set(entry.joints):
+            places.append(k)
+            held = set()
+        held |= set(entry.joints)
+        rows.append(len(places) - 1)
+    keys = dict.fromkeys(key for entry in messages for key in entry.values)
+    columns = {f"{joint}/{channel}": np.full(len(places), np.nan) for joint, channel in keys}
+    for row, entry in zip(rows, messages, strict=True):
+        for (joint, channel), value in entry.values.items():
+            columns[f"{joint}/{channel}"][row] = value
+    return columns, places
+
+
+def _describe_messages(messages: Sequence[_Message], joints: tuple[str, ...], rows: int) -> Iterable[str]:
+    """Yield what is unusual in the messages of a topic."""
+    orders = {entry.joints for entry in messages}
+    if any(list(order) != [name for name in joints if name in order] for order in orders):
+        yield "the order of joints changes between messages, values were assigned by name"
+    lacking = sum(set(entry.joints) != set(joints) for entry in messages)
+    if lacking:
+        yield f"{lacking} messages have a part of the joints only"
+    if rows < len(messages):
+        yield f"{len(messages)} messages became {rows} samples: those with one stamp and other joints are one"
+    odd = sum(entry.odd for entry in messages)
+    if odd:
+        yield f"{odd} messages have names twice, or not as many values as names, which were not read"
+
+
+def _describe_steps(steps: FloatArray) -> Iterable[str]:
+    """Yield how even the samples are, of their steps in s."""
+    onward = steps[steps > 0.0]
+    if len(onward):
+        median = float(np.median(onward))
+        rms = 100.0 * float(np.sqrt(np.mean((onward / median - 1.0) ** 2)))
+        yield f"steps of {median:.6g} s, the longest {float(onward.max()):.6g} s, deviations {rms:.2g} % RMS"
+
+
+def _describe_left_files(path: Path) -> list[Notice]:
+    """Return a warning where a file is one of several of a bag."""
+    if path.is_dir():
+        return []
+    beside = [entry.name for entry in path.parent.iterdir() if entry.suffix == path.suffix]
+    if len(beside) < 2 or not (path.parent / _METADATA).exists():
+        return []
+    text = f"this is one of {len(beside)} files of a bag ({_METADATA} is beside them), and the others were"
+    text += f" not read; give the folder {os.path.dirname(path) or '.'} for all of them"  # noqa: PTH120
+    return [Notice(code="log.part-of-bag", text=text, file=str(path))]
+
+
+_CHANNEL = re.compile(r"(.*)/([^/]+)/(position|velocity|effort)")
+
+
+def pick_topic(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLog, dict[str, tuple[str, ...]]]:
+    """Return the log, and the columns by quantity of the topic with all joints; none, and why, without one.
+
+    Of a bag, samples without a position or effort of every joint are left out. Tables that a program made of
+    a bag have topics too.
+    """
+    topics: dict[str, dict[str, set[str]]] = {}
+    for match in filter(None, map(_CHANNEL.fullmatch, raw.columns)):
+        topics.setdefault(match[1], {}).setdefault(match[2], set()).add(match[3])
+    wanted = robot.log.topic
+    if wanted is not None and wanted not in topics:
+        text = (
+            f"there is no topic {wanted!r} with states of joints; the log has {join_names(topics) or 'none'}"
+        )
+        findings.refuse("log.topic", text)
+        return raw, {}
+    named: dict[str, tuple[str, ...]] = {}
+    for topic, own in topics.items():
+        complete = [name for name, known in own.items() if {"position", "effort"} <= known]
+        names = match_joints(complete, [joint.name for joint in robot.axes])
+        if names and wanted in (None, topic):
+            named[topic] = names
+    own_names = tuple(joint.name for joint in robot.axes)
+    exact = [topic for topic, names in named.items() if names == own_names]
+    chosen = exact or list(named)
+    if len(chosen) != 1:
+        _refuse_topics(raw, topics, chosen, robot, findings)
+        return raw, {}
+    (topic,) = chosen
+    names = named[topic]
+    if names != own_names:
+        pairs = ", ".join(f"{mine!r} is {own!r}" for mine, own in zip(names, own_names, strict=True))
+        text = f"joints of topic {topic} have other names than those of the robot: {pairs}"
+        findings.remark("log.joint-names", f"{text}; is it this robot?")
+    channels = {"position": "position", "velocity": "velocity", "torque": "effort"}
+    columns = {
+        quantity: tuple(f"{topic}/{name}/{channel}" for name in names)
+        for quantity, channel in channels.items()
+    }
+    if any(name not in raw.columns for name in columns["velocity"]):
+        del columns["velocity"]
+    clock = f"{topic}/time"
+    if clock not in raw.columns:
+        return raw, columns
+    return _keep_complete(raw, topic, columns, findings), {"time": (clock,), **columns}
+
+
+def match_joints(present: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...]:
+    """Return the names in `present` of joints: the same, or all with another beginning; none if ambiguous."""
+    if set(wanted) <= set(present):
+        return tuple(wanted)
+    found = set()
+    # The beginning that all joints share may be another, as of fer_joint1 and panda_joint1.
+    for start in range(len(wanted[0])):
+        if len({name[:start] for name in wanted}) > 1:
+            break
+        endings = [name[start:] for name in wanted]
+        if not all(endings):
+            continue
+        for name in present:
+            if name.endswith(endings[0]):
+                candidate = tuple(name.removesuffix(endings[0]) + ending for ending in endings)
+                if set(candidate) <= set(present):
+                    found.add(candidate)
+    return found.pop() if len(found) == 1 else ()
+
+
+def _refuse_topics(
+    raw: RawLog,
+    topics: Mapping[str, Mapping[str, set[str]]],
+    chosen: Sequence[str],
+    robot: Robot,
+    findings: Findings,
+) -> None:
+    """Note why no topic can be chosen; of a table that is no bag, only if several could be."""
+    names = [joint.name for joint in robot.axes]
+    if chosen:
+        text = f"topics {join_names(chosen)} have position and effort of every joint"
+        remedy = (
+            f'--set log.topic={chosen[0]}, topic = "{chosen[0]}" in [log], or --columns topic= of `symid new`'
+        )
+        findings.refuse("log.topic", f"{text}; choose one: {remedy}")
+    elif any(f"{topic}/time" in raw.columns for topic in topics):
+        parts = []
+        for topic, channels in topics.items():
+            lacking = [name for name in names if not {"position", "effort"} <= channels.get(name, set())]
+            silent = [name for name in lacking if name in channels]
+            what = f"lacks {join_names(lacking)}" if not silent else f"has no effort of {join_names(silent)}"
+            parts.append(f"{topic} {what} (it has {join_names(channels)})")
+        text = f"no topic has position and effort of every joint of {robot.name}: {'; '.join(parts)}"
+        findings.refuse("log.topic", f"{text}; cut joints without messages off a URDF by --tip LINK")
+
+
+def _keep_complete(
+    raw: RawLog, topic: str, columns: Mapping[str, tuple[str, ...]], findings: Findings
+) -> RawLog:
+    """Return the log with those samples of a topic that have position and effort of every joint."""
+    needed = np.stack([raw.columns[name] for key in ("position", "torque") for name in columns[key]])
+    whole = np.all(np.isfinite(needed), axis=0)
+    if whole.all():
+        return raw
+    count = int(np.sum(~whole))
+    text = (
+        f"{count} of {len(whole)} samples of topic {topic} lack a position or an effort of the robot's joints"
+    )
+    if not whole.any():
+        hint = "joints that different programs publish must have one stamp to be joined"
+        findings.refuse("log.topic", f"{text}; {hint}, and effort must be measured")
+        return raw
+    findings.remark("log.incomplete-messages", f"{text} and were left out")
+    own = {name: values for name, values in raw.columns.items() if name.startswith(f"{topic}/")}
+    return replace(raw, columns={**raw.columns, **{name: values[whole] for name, values in own.items()}})

@@ -1,0 +1,106 @@
+"""Bags of real robots, read, resampled where that is needed, and identified by one command."""
+
+import json
+import sysconfig
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import symid
+from symid.cli.main import run
+
+rosbag2 = pytest.importorskip("rosbags.rosbag2")
+typesys = pytest.importorskip("rosbags.typesys")
+
+STATE = "sensor_msgs/msg/JointState"
+ROBOTS = {
+    "ur10": ("ur_description/urdf/ur10_robot.urdf", ()),
+    "panda": ("panda_description/urdf/panda.urdf", ("--tip", "panda_link7")),
+}
+# What is chosen from logs takes long, and is the same for the same samples.
+QUICK = ("--set", "processing.automatic=false", "--cutoff", "5", "--decimate", "15", "--estimator", "ols")
+
+
+@pytest.fixture(params=ROBOTS)
+def bag(request, shared_data):
+    """Return the name of a robot, its URDF, options, and its bag, or skip."""
+    folder = Path(sysconfig.get_paths()["purelib"]) / "cmeel.prefix/share/example-robot-data/robots"
+    urdf, options = ROBOTS[request.param]
+    path = shared_data / "bags" / f"{request.param}.db3"
+    if not path.exists() or not (folder / urdf).exists():
+        pytest.skip("wants ../shared/data/bags and the package example-robot-data")
+    return request.param, str(folder / urdf), options, path
+
+
+def read_messages(path):
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    with rosbag2.Reader(path) as reader:
+        return [
+            (received, data, store.deserialize_cdr(data, STATE)) for _, received, data in reader.messages()
+        ]
+
+
+def write_copies(folder, path):
+    """Write the messages as arrays, and as another bag by the library's own writer."""
+    found = read_messages(path)
+    stamps = [message.header.stamp for *_, message in found]
+    time = np.array([(stamp.sec * 10**9 + stamp.nanosec) / 1e9 for stamp in stamps])
+    arrays = {
+        key: np.array([getattr(message, field) for *_, message in found])
+        for key, field in (("q", "position"), ("dq", "velocity"), ("tau", "effort"))
+    }
+    np.savez(folder / "copy.npz", t=time, **arrays)
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    plugin = rosbag2.StoragePlugin.MCAP
+    with rosbag2.Writer(folder / "copy", version=9, storage_plugin=plugin) as writer:
+        connection = writer.add_connection("/joint_states", STATE, typestore=store)
+        for received, data, _ in found:
+            writer.write(connection, received, data)
+    return folder / "copy.npz", folder / "copy" / "copy.mcap"
+
+
+def identify(capsys, urdf, log, *options):
+    code = run(["identify", urdf, str(log), *options, *QUICK, "--accept", "--backend", "python", "--json"])
+    answer = json.loads(capsys.readouterr().out)
+    assert code == 0, answer
+    return answer
+
+
+def test_one_command_identifies_from_a_bag(capsys, bag, tmp_path):
+    name, urdf, options, path = bag
+    found = identify(capsys, urdf, path, *options)
+    (topic,) = (entry["text"] for entry in found["warnings"] if entry["code"] == "log.topic-read")
+    assert ("3441 messages" if name == "ur10" else "727 messages") in topic
+    parameters = found["result"]["parameters"]
+    assert len(parameters) == {"ur10": 36, "panda": 57}[name]
+    robot = symid.load(urdf, **({"tip": options[1]} if options else {}))
+    log, copies = symid.read_log(path, robot), write_copies(tmp_path, path)
+    for copy in copies:
+        other = symid.read_log(copy, robot)
+        for channel in ("time", "q", "dq", "tau"):
+            np.testing.assert_array_equal(getattr(other, channel), getattr(log, channel), err_msg=str(copy))
+    if name == "ur10":
+        assert identify(capsys, urdf, copies[0], *options)["result"]["parameters"] == parameters
+
+
+def test_a_bag_with_jitter_and_a_gap_is_resampled_and_says_so(bag, tmp_path):
+    name, urdf, options, path = bag
+    found = read_messages(path)
+    period = 8_000_000 if name == "ur10" else 33_333_000
+    rng = np.random.default_rng(6)
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    with rosbag2.Writer(tmp_path / "copy", version=9) as writer:
+        connection = writer.add_connection("/joint_states", STATE, typestore=store)
+        for k, (received, _, message) in enumerate(found):
+            late = int(rng.uniform(0.0, 0.2) * period)
+            if k not in {200, 201}:
+                moved = received + late
+                message.header.stamp.sec, message.header.stamp.nanosec = divmod(moved, 10**9)
+                writer.write(connection, moved, store.serialize_cdr(message, STATE))
+    log = symid.read_log(tmp_path / "copy", symid.load(urdf, **({"tip": options[1]} if options else {})))
+    (text,) = (notice.text for notice in log.notices if notice.code == "log.resampled")
+    assert f"{len(found) - 2} samples became {len(log)} at every" in text
+    assert "% RMS, but for gaps; longest: 0." in text
+    assert "1 gaps of up to 10 periods were interpolated over" in text
+    np.testing.assert_allclose(np.diff(log.time), log.period, rtol=1e-6)

@@ -1,0 +1,78 @@
+"""Parquet: columns, units of metadata and headings, lists, times, and what is said without pyarrow."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from symid.errors import LogError
+from symid.logs.reader import read_raw, read_recording
+
+pa = pytest.importorskip("pyarrow")
+parquet = pytest.importorskip("pyarrow.parquet")
+
+
+def write(path, columns, metadata=None):
+    """Write columns (name -> pyarrow array), some with metadata."""
+    fields = [
+        pa.field(name, array.type, metadata=(metadata or {}).get(name)) for name, array in columns.items()
+    ]
+    parquet.write_table(pa.table(list(columns.values()), schema=pa.schema(fields)), path)
+    return path
+
+
+def test_units_stand_in_metadata_or_headings(make_robot, columns, tmp_path):
+    names = {"t": columns["t"] * 1e3, "q1": columns["q"][:, 0], "q2": columns["q"][:, 1]}
+    torques = {f"tau{k + 1} [N m]": columns["tau"][:, k] for k in range(2)}
+    arrays = {name: pa.array(values) for name, values in (names | torques).items()}
+    arrays["name"] = pa.array(["a"] * 50)
+    metadata = {"t": {"unit": "ms"}, "q1": {"units": "deg"}, "q2": {"unit": "deg"}}
+    path = write(tmp_path / "log.parquet", arrays, metadata)
+    raw = read_raw(path)
+    assert raw.units == {"t": "ms", "q1": "deg", "q2": "deg", "tau1": "N m", "tau2": "N m"}
+    assert raw.others == ("name",)
+    recording = read_recording(path, make_robot())
+    np.testing.assert_allclose(recording.position, np.deg2rad(columns["q"]), rtol=1e-14)
+    np.testing.assert_array_equal(recording.torque, columns["tau"])
+
+
+def test_lists_structures_times_and_holes(make_robot, columns, tmp_path):
+    stamps = pa.array((columns["t"] * 1e6).round().astype(int), pa.timestamp("us"))
+    fixed = pa.FixedSizeListArray.from_arrays(pa.array(columns["q"].ravel()), 2)
+    inner = pa.array([list(row) for row in columns["tau"]])
+    holes = pa.array([None, *columns["t"][1:]])
+    ragged = pa.array([[0.0] * (k % 3) for k in range(50)])
+    counts = pa.array(range(50), pa.int32())
+    arrays = {"t": stamps, "q": fixed, "state": pa.StructArray.from_arrays([inner, counts], ["tau", "k"])}
+    path = write(tmp_path / "log.parquet", {**arrays, "holes": holes, "ragged": ragged})
+    raw = read_raw(path)
+    assert raw.units == {"t": "us"}
+    assert raw.others == ("ragged",)
+    np.testing.assert_array_equal(raw.columns["q"], columns["q"])
+    np.testing.assert_array_equal(raw.columns["state.tau"], columns["tau"])
+    np.testing.assert_array_equal(raw.columns["state.k"], np.arange(50))
+    assert np.isnan(raw.columns["holes"][0])
+    robot = make_robot(torque=(("state.tau",), "N*m"))
+    np.testing.assert_array_equal(read_recording(path, robot).torque, columns["tau"])
+
+
+@pytest.mark.parametrize("content", [b"", b"PAR1", b"PAR1" + b"\0" * 50 + b"PAR1"])
+def test_files_that_are_no_tables(tmp_path, content):
+    (tmp_path / "log.parquet").write_bytes(content)
+    with pytest.raises(LogError, match="not a Parquet file that can be read"):
+        read_raw(tmp_path / "log.parquet")
+
+
+def test_columns_of_one_name_are_refused(tmp_path):
+    path = write(tmp_path / "log.parquet", {"q [rad]": pa.array([0.0]), "q [deg]": pa.array([0.0])})
+    with pytest.raises(LogError, match="more than one column is named 'q'"):
+        read_raw(path)
+
+
+def test_a_missing_package_is_named(tmp_path, monkeypatch):
+    (tmp_path / "log.parquet").write_bytes(b"")
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(LogError) as caught:
+        read_raw(tmp_path / "log.parquet")
+    (notice,) = caught.value.notices
+    assert (notice.code, "pip install 'symid[parquet]'" in notice.text) == ("log.needs-parquet", True)
