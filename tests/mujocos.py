@@ -1,7 +1,11 @@
-"""MuJoCo as an oracle: torques of a model that it read, in the order of a robot's joints."""
+"""MuJoCo as an oracle: torques of a model that it read, in the order of a robot's joints; texts of models."""
 
 import mujoco
 import numpy as np
+
+from symid.robot.mjcf_reader import build_mjcf_robot
+from symid.robot.urdf_reader import DEFAULT_SNAP
+from symid.robot.urdf_xml import parse_document
 
 RIGID = mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
 
@@ -10,11 +14,11 @@ def find_mujoco_torques(model: mujoco.MjModel, names, state: np.ndarray, *, dry:
     """Return MuJoCo's torques (n,) of the joints `names` in a state (3, n).
 
     Dry friction is a constraint there, whose force is the stated one as soon as the joint moves fast enough;
-    limits and what holds followers are constraints too, and never count here.
+    limits, contacts and what holds followers are constraints too, and never count here.
     """
     if dry:
         bits = mujoco.mjtDisableBit
-        model.opt.disableflags |= bits.mjDSBL_EQUALITY | bits.mjDSBL_LIMIT
+        model.opt.disableflags |= bits.mjDSBL_EQUALITY | bits.mjDSBL_LIMIT | bits.mjDSBL_CONTACT
     else:
         model.opt.disableflags |= RIGID
     data = mujoco.MjData(model)
@@ -25,3 +29,8 @@ def find_mujoco_torques(model: mujoco.MjModel, names, state: np.ndarray, *, dry:
         data.qacc[joint.dofadr[0]] = state[2, k]
     mujoco.mj_inverse(model, data)
     return np.array([data.qfrc_inverse[joint.dofadr[0]] for joint in joints])
+
+
+def parse_mjcf(text, file="robot.xml", *, base=None, tip=None, snap=DEFAULT_SNAP):
+    """Return symid's robot of a model; messages call the text `file`."""
+    return build_mjcf_robot(parse_document(text, file), base, tip, snap)

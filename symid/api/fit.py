@@ -324,14 +324,14 @@ class Fit(JudgedResult):
 
         Args:
             path: .toml (robot file), .urdf, .xml or .mjcf (MuJoCo), .usda, .h (C) or .json; overwritten.
-                None for the URDF that the robot was made from, in place.
+                None for the URDF or MJCF that the robot was made from, in place.
             precision: of the numbers in a C header: that of the generated library.
             accept: write the file although the verdict on the fit is wrong.
             limit: percent of each joint's torque that the bodies may differ from the fit by; by default 0.5,
                 or 0.45 times what the fit leaves of held-out torque where that is more.
 
         Raises:
-            UsageError: the format is unknown, or cannot hold this fit; there is no URDF.
+            UsageError: the format is unknown, or cannot hold this fit; there is no URDF or MJCF.
             EstimateError: the format cannot represent these values, bodies differ by more than the limit, or
                 the verdict is wrong.
             OutputError: the file cannot be written.

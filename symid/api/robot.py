@@ -7,7 +7,7 @@ Name or path of a robot file -> `RobotModel`, whose methods are named as the ver
     robot.sympy("mass_matrix")      exact expressions; robot.casadi(...) the same as a CasADi function
     robot.identify(["train.csv"])   parameters from logs
 
-Supported: robot files, URDF, tables of Denavit-Hartenberg rows. Nothing heavy is loaded before it is used.
+Supported: robot files, URDF, MJCF, tables of Denavit-Hartenberg rows. Nothing heavy is loaded before use.
 """
 
 import math
@@ -511,8 +511,8 @@ class RobotModel:
             knees: for elastic joints: number of knees on each side of a spring.
             rate: for elastic joints: rad/s, corner frequency of the first-order filter.
             known: for elastic joints: dynamics that are not identified: a robot with values (such as those of
-                CAD) or its file, .toml or .urdf, its links and the rotors whose inertia it states; a fit of
-                this robot or its file; or parameters by name, in SI units.
+                CAD) or its file (.toml, .urdf, .xml), its links and the rotors whose inertia it states; a fit
+                of this robot or its file; or parameters by name, in SI units.
             elastic: all options for elastic joints; the arguments above take precedence.
 
         Raises:
@@ -613,7 +613,7 @@ class RobotModel:
             estimator: "varpro" (the default), "root-finding", "nlp", "genetic", "annealing" or
                 "differential-evolution".
             known: base parameters to subtract: a fit or its file, or a robot with values (such as those of
-                CAD) or its file, .toml or .urdf; otherwise the rigid part is fitted too.
+                CAD) or its file, .toml, .urdf or .xml; otherwise the rigid part is fitted too.
             smoothing: rad/s or m/s over which dry friction changes its sign.
             period: s, of a cosine motion, to average over all periods: one value for all logs, or one for
                 each.
@@ -1152,15 +1152,15 @@ def load(
     """Return the robot of a name or of a file.
 
     Args:
-        robot: the path of a robot file (.toml), a URDF or a table of rows (.csv), or the name of a robot in
-            ./robots or of those that come with symid.
+        robot: the path of a robot file (.toml), a URDF, an MJCF model (.xml, .mjcf) or a table of rows
+            (.csv), or the name of a robot in ./robots or of those that come with symid.
         settings: replace those of the file: a set of the file by its name, or values by dotted key.
         friction: the friction law of all joints: "none", or one without shape values, such as
             "coulomb-viscous-offset".
-        base: for a URDF: first link of the robot; its root by default.
-        tip: for a URDF: last link of the robot; other branches are removed.
-        snap: for a URDF: angles within this distance (rad) of a quarter turn are rounded to it; 1e-5 by
-            default.
+        base: for a URDF or MJCF: first link of the robot; its root by default.
+        tip: for a URDF or MJCF: last link of the robot; other branches are removed.
+        snap: for a URDF or MJCF: angles within this distance (rad) of a quarter turn are rounded to it;
+            1e-5 by default.
         convention: for a table of rows: "modified" or "standard" Denavit-Hartenberg; it is never guessed.
         gravity: for a table of rows: in the base frame, m/s^2; 0, 0, -9.81 by default.
         backend: what computes the functions: "auto", "c", "python" or "casadi".

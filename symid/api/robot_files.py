@@ -105,11 +105,11 @@ def new_robot(
     """Return a robot file to complete by hand, from one of `urdf`, `table` and `robot`.
 
     Args:
-        urdf: a URDF.
+        urdf: a URDF or an MJCF model (MuJoCo); the content says which.
         table: a CSV table of Denavit-Hartenberg rows.
-        robot: an existing robot: a robot file is copied, a URDF is converted.
-        base: for the URDF: first link of the robot; its root by default.
-        tip: for the URDF: last link of the robot; other branches are removed.
+        robot: an existing robot: a robot file is copied, a URDF or MJCF is converted.
+        base: for the URDF or MJCF: first link of the robot; its root by default.
+        tip: for the URDF or MJCF: last link of the robot; other branches are removed.
         convention: for the table: "modified" or "standard"; it is never guessed.
         gravity: for the table: in its base frame, m/s^2; 0, 0, -9.81 by default.
         log: a log of the robot: its columns and their units become the `[log]` table.

@@ -52,15 +52,19 @@ def demo_command(console: Console, *, backend: str, seed: int, output: Path | No
 
 @verb("new")
 @click.argument("file", metavar="ROBOT.toml", type=FILE)
-@INPUT.option("--from-urdf urdf", "Convert a URDF.", FILE, "FILE")
-@INPUT.option("--base", "URDF only: the link at which the robot starts.  [default: its root]", metavar="LINK")
-@INPUT.option("--tip", "URDF only: the link at which it ends; branches are cut off.", metavar="LINK")
+@INPUT.option("--from-urdf --from-mjcf urdf", "Convert a URDF or an MJCF model (MuJoCo).", FILE, "FILE")
+@INPUT.option(
+    "--base", "URDF, MJCF: the link at which the robot starts.  [default: its root]", metavar="LINK"
+)
+@INPUT.option("--tip", "URDF, MJCF: the link at which it ends; branches are cut off.", metavar="LINK")
 @INPUT.option("--from-dh table", "Read a CSV table of Denavit-Hartenberg rows.", FILE, "FILE")
 @INPUT.option("--convention", "DH convention of the table.", click.Choice(("modified", "standard")))
 @INPUT.option(
     "--gravity", "Gravity in the base frame of the table, m/s^2.  [default: 0,0,-9.81]", metavar="X,Y,Z"
 )
-@INPUT.option("--from name", "Copy the file of an existing robot, or convert its URDF.", metavar="ROBOT")
+@INPUT.option(
+    "--from name", "Copy the file of an existing robot, or convert its URDF or MJCF.", metavar="ROBOT"
+)
 @INPUT.option("--log", "Log of the robot: its columns and their units become the [log] table.", FILE, "LOG")
 @INPUT.option(
     "--columns",
@@ -99,8 +103,8 @@ def new_command(
 ) -> Answer:
     """Write a commented robot file, to be completed by hand.
 
-    Source is a URDF, a table of Denavit-Hartenberg rows, or an existing robot. With --log the columns
-    of a log are assigned; assumptions are printed, and written to the file.
+    Source is a URDF, an MJCF model, a table of Denavit-Hartenberg rows, or an existing robot. With
+    --log the columns of a log are assigned; assumptions are printed, and written to the file.
     """
     if file.suffix.lower() != ".toml":
         text = f"{file}: a robot file needs the suffix .toml, such as {file.stem}.toml"

@@ -188,8 +188,8 @@ def identify_command(
     check_output(output, force=force, inputs=(model.path, *logs))
     shared["train"], tests = pair_parts(train, test, logs)
     before: Path | RobotModel | None = known
-    if known is not None and known.suffix.lower() == ".urdf":
-        # Cut at the same links as ROBOT, where that is a URDF.
+    if known is not None and known.suffix.lower() in (".urdf", ".xml", ".mjcf"):
+        # Cut at the same links as ROBOT, where that is a URDF or MJCF.
         before = replace(robot, name=str(known)).load(console)
     if rows == "friction":
         laws = model.identify_friction(

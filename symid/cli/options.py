@@ -155,11 +155,11 @@ accept_option = add_options(
     _accept_verdict,
 )
 _CUTS = (
-    INPUT.option("--base", "URDF only: first link of the robot.", metavar="LINK"),
-    INPUT.option("--tip", "URDF only: last link of the robot; other branches are removed.", metavar="LINK"),
+    INPUT.option("--base", "URDF, MJCF: first link of the robot.", metavar="LINK"),
+    INPUT.option("--tip", "URDF, MJCF: last link of the robot; other branches are removed.", metavar="LINK"),
     INPUT.option(
         "--snap",
-        "URDF only: round angles within this distance of a quarter turn; 0 for none.  [default: 1e-5]",
+        "URDF, MJCF: round angles within this distance of a quarter turn; 0 for none.  [default: 1e-5]",
         Finite(min=0.0, max=0.01),
         "RAD",
     ),

@@ -226,7 +226,7 @@ def report_command(
         click.Choice(("double", "float")),
         default="double",
     ),
-    OUTPUT.option("--in-place", "Write the URDF that ROBOT was made from, in place of -o.", is_flag=True),
+    OUTPUT.option("--in-place", "Write the URDF or MJCF that ROBOT was made from, not -o.", is_flag=True),
     OUTPUT.option("--accept", "Write the file although the verdict on ESTIMATE is wrong.", is_flag=True),
     OUTPUT.option(
         "--limit",
@@ -252,13 +252,14 @@ def export_command(
 
     Among all physically consistent bodies with the identified combinations of masses and inertias,
     those nearest to the robot file are written; where no bodies have them, those nearest to ESTIMATE. If
-    ROBOT was made from a URDF, a .urdf is that file with other numbers, all else as it was. Results of --rows
-    friction give the joints their laws, if robot files have a model for them. Without ESTIMATE the values of
-    the robot file are written. An ESTIMATE whose verdict is wrong is refused.
+    ROBOT was made from a URDF or MJCF, a .urdf or .xml is that file with other numbers, all else as it
+    was. Results of --rows friction give the joints their laws, if robot files have a model for them.
+    Without ESTIMATE the values of the robot file are written. An ESTIMATE whose verdict is wrong is
+    refused.
     """
     if (output is None) != in_place:
         text = (
-            "give the file to write (-o FILE), or --in-place for the URDF that ROBOT was made from; not both"
+            "give the file to write (-o FILE), or --in-place for the file that ROBOT was made from; not both"
         )
         raise UsageError(Notice(code="usage.export-file", text=text))
     model = robot.load(console)

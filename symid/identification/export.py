@@ -45,12 +45,15 @@ from symid.robot import (
     ValueRow,
     ValueVector,
     build_json_values,
+    is_mjcf,
     list_mjcf_omissions,
     list_urdf_omissions,
     list_usd_omissions,
     parse_robot,
     parse_urdf,
+    parse_xml_robot,
     read_urdf_text,
+    rewrite_mjcf,
     rewrite_urdf,
     write_c_values,
     write_mjcf,
@@ -70,6 +73,9 @@ KINDS = {
     ".json": "values as JSON",
 }
 """Kinds of files, by the end of their name."""
+
+# Of a file that a robot was made from: no model of MuJoCo, or one.
+_SOURCES = (KINDS[".urdf"], KINDS[".xml"])
 
 
 _SHOWN = 3
@@ -270,7 +276,7 @@ def _refuse_costs(costs: Sequence[JointCost], reason: str, source: Path) -> None
 
 
 def locate_source(robot: Robot) -> Path:
-    """Return the URDF that a robot was made from.
+    """Return the URDF or MJCF that a robot was made from.
 
     Raises:
         UsageError: it was made from none.
@@ -278,8 +284,8 @@ def locate_source(robot: Robot) -> Path:
     if robot.made_from is not None:
         return Path(robot.made_from.file)
     text = (
-        f"robot {robot.name!r} was not made from a URDF, so that there is no file to write in place; give a "
-        "name (-o FILE)"
+        f"robot {robot.name!r} was not made from a URDF or MJCF, so that there is no file to write in "
+        "place; give a name (-o FILE)"
     )
     raise UsageError(Notice(code="usage.no-source", text=text, file=robot.path))
 
@@ -331,20 +337,24 @@ class _Written:
 
 
 def _write(content: _Content, path: Path) -> _Written:
-    """Return the text of the file at `path`: the file that the robot was made from, where it is a URDF."""
+    """Return the text of the file at `path`: that which the robot was made from, where it is of its kind."""
     suffix, made = path.suffix.lower(), content.robot.made_from
-    if suffix != ".urdf" or made is None:
+    in_place = made is not None and path.resolve() == Path(made.file).resolve()
+    kind = KINDS[suffix]
+    if made is None or not (in_place or kind == _SOURCES[is_mjcf(Path(made.file))]):
         return _Written(text=_WRITERS[suffix](content, path))
     try:
         text, robot, notices = place_in_source(content.robot, made)
+        found = (rewrite_mjcf if robot.convention == "mjcf" else rewrite_urdf)(text, robot)
     except RobotError as error:
-        if path.resolve() == Path(made.file).resolve():
+        if in_place:
             raise
         reason = "; ".join(map(str, error.notices))
-        text = f"a new URDF was written, since the one that the robot was made from was not usable: {reason}"
+        text = (
+            f"a new {kind} was written, since the one that the robot was made from was not usable: {reason}"
+        )
         notice = Notice(code="export.new-file", text=text, file=str(path))
         return _Written(text=_WRITERS[suffix](content, path), notices=(notice,))
-    found = rewrite_urdf(text, robot)
     for link, carried in found.shared.items():
         text = (
             f"the values of link {link!r} were identified together with those of {', '.join(carried)}, which "
@@ -355,14 +365,14 @@ def _write(content: _Content, path: Path) -> _Written:
 
 
 def place_in_source(robot: Robot, made: SourceFile) -> tuple[str, Robot, list[Notice]]:
-    """Return the text of the URDF `made`, and its robot with the values of `robot`, made from it.
+    """Return the text of the URDF or MJCF `made`, and its robot with the values of `robot`, made from it.
 
     Raises:
         RobotError: the file cannot be read, or its joints are others.
     """
     file = Path(made.file)
     source = read_urdf_text(file, keep_ends=True)
-    before = parse_urdf(source.text, source.file, base=made.base, tip=made.tip, snap=made.snap)
+    before = parse_xml_robot(source.text, source.file, base=made.base, tip=made.tip, snap=made.snap)
     mistakes = list_frame_differences(robot, before)
     if mistakes:
         told = f"its joints are others than when {robot.name!r} was made from it: {'; '.join(mistakes)}"
@@ -378,10 +388,12 @@ def place_in_source(robot: Robot, made: SourceFile) -> tuple[str, Robot, list[No
             inertial=new.inertial if np.array_equal(turn, np.eye(4)) else move_link(new, turn),
             friction=new.friction,
             drive=new.drive,
+            spring=new.spring,
         )
         for new, old, turn in trios
     )
-    return source.text, replace(before, joints=joints), notices
+    couplings = robot.couplings if len(robot.couplings) == len(before.couplings) else before.couplings
+    return source.text, replace(before, joints=joints, couplings=couplings), notices
 
 
 _WRITERS: dict[str, Callable[[_Content, Path], str]] = {

@@ -267,7 +267,7 @@ def list_warnings(identified: IdentifiedRobot, found: Identified, source: Path) 
     return tuple(notices)
 
 
-_ROBOT_FILES = frozenset({".toml", ".urdf"})
+_ROBOT_FILES = frozenset({".toml", ".urdf", ".xml", ".mjcf"})
 _SAME_PLACE = 1e-6
 """Distance of axes, in m and rad, up to which they count as one: files round angles."""
 

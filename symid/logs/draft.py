@@ -1,4 +1,4 @@
-"""Drafts: a `[log]` map for a log, and a robot file to be completed by hand, from a URDF, DH rows or a robot.
+"""Drafts: a `[log]` map for a log, and a robot file to be completed: from URDF, MJCF, DH rows or a robot.
 
 Robot, path of a log, columns and units by quantity -> LogMapDraft. DraftOrder -> Draft.
 
@@ -31,12 +31,12 @@ from symid.robot import (
     LogQuantity,
     Robot,
     complete_robot,
-    is_urdf,
+    is_xml,
     locate_robot_file,
     parse_robot,
     read_dh_table,
     read_robot,
-    read_urdf,
+    read_xml_robot,
     suggest_names,
     to_decimal,
     write_robot,
@@ -214,7 +214,7 @@ def draft_robot(order: DraftOrder) -> Draft:
     if order.name is not None:
         return _copy(order, locate_robot_file(order.name))
     if order.urdf is not None:
-        return _build(order, read_urdf(order.urdf, base=order.base, tip=order.tip))
+        return _build(order, read_xml_robot(order.urdf, base=order.base, tip=order.tip))
     table, convention = order.table or Path(), order.convention or ""
     if order.gravity is None:
         text = "gravity is assumed as 0, 0, -9.81 m/s^2 in the base frame; give --gravity or correct the file"
@@ -233,7 +233,7 @@ def _check_order(order: DraftOrder) -> None:
     """Refuse an order without one source, or with options of another one."""
     texts = []
     if sum(entry is not None for entry in (order.urdf, order.table, order.name)) != 1:
-        texts.append("give one source: --from-urdf FILE, --from-dh FILE or --from ROBOT")
+        texts.append("give one source: --from-urdf FILE (or --from-mjcf), --from-dh FILE or --from ROBOT")
     owned = (
         ("--from-urdf", order.urdf, {"--base": order.base, "--tip": order.tip}),
         ("--from-dh", order.table, {"--convention": order.convention, "--gravity": order.gravity}),
@@ -257,9 +257,9 @@ def _list_given(options: Mapping[str, object]) -> tuple[str, ...]:
 
 
 def _copy(order: DraftOrder, found: Path) -> Draft:
-    """Return the file of another robot as it is; a URDF is converted, and takes options."""
-    if is_urdf(found):
-        return _build(order, read_urdf(found))
+    """Return the file of another robot as it is; a URDF or MJCF is converted, and takes options."""
+    if is_xml(found):
+        return _build(order, read_xml_robot(found))
     options = {
         "--log": order.log,
         "--friction": order.friction,

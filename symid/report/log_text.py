@@ -23,7 +23,7 @@ _VERDICTS = ("identifiable", "poorly identifiable", "not identifiable", "refused
 
 def summarise_robot(robot: "Robot") -> str:
     """Return name, joints and convention."""
-    others = {"urdf": "URDF", "origin": "frames by origin"}
+    others = {"urdf": "URDF", "mjcf": "MJCF", "origin": "frames by origin"}
     convention = others.get(robot.convention, f"{robot.convention} DH")
     return f"{robot.name}, {robot.size} joint{'s'[: robot.size != 1]}, {convention}"
 

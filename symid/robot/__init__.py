@@ -36,13 +36,19 @@ if TYPE_CHECKING:
         DEFAULT_GRAVITY as DEFAULT_GRAVITY,
         Completion as Completion,
         complete_robot as complete_robot,
-        is_urdf as is_urdf,
+        is_mjcf as is_mjcf,
+        is_xml as is_xml,
         list_robots as list_robots,
         load_robot as load_robot,
         locate_robot_file as locate_robot_file,
         override_robot as override_robot,
         override_settings as override_settings,
     )
+    from symid.robot.mjcf_reader import (
+        parse_xml_robot as parse_xml_robot,
+        read_xml_robot as read_xml_robot,
+    )
+    from symid.robot.mjcf_rewriter import rewrite_mjcf as rewrite_mjcf
     from symid.robot.parameter_values import (
         PRECISIONS as PRECISIONS,
         RobotValues as RobotValues,

@@ -4,9 +4,9 @@ A path, or a name in ./robots or among the robots that come with symid; texts su
 ("processing.filter_cutoff", "50") -> `Robot`, checked like the file itself. `complete_robot` adds what
 neither a URDF nor a table of rows holds: friction, rotors, gears, torque constants.
 
-Supported: robot files (TOML), URDF and xacro, tables of Denavit-Hartenberg rows (CSV); settings under `log`,
-`processing` and `controller`, and one friction model for all joints.
-Not supported: reading MJCF; settings of geometry, drives and link values, which belong into the
+Supported: robot files (TOML), URDF, xacro, MJCF, tables of Denavit-Hartenberg rows (CSV); settings under
+`log`, `processing` and `controller`, and one friction model for all joints.
+Not supported: settings of geometry, drives and link values, which belong into the
 file; values that contradict the source.
 """
 
@@ -37,15 +37,16 @@ from symid.robot.toml_settings import (
 from symid.robot.toml_values import KeyPath, Place, Places, Section, suggest_names
 
 _SUFFIX = ".toml"
+_XML_SUFFIXES = (".urdf", ".xml", ".mjcf")
 
 
 def _list_robot_folders() -> tuple[Path, ...]:
     return (Path("robots"), locate_resource_folder("robots"))
 
 
-def is_urdf(path: Path) -> bool:
-    """Return whether a file is a URDF or xacro by its suffix, or begins with <, as only XML does."""
-    if path.suffix.lower() in (".urdf", ".xml", ".xacro"):
+def is_xml(path: Path) -> bool:
+    """Return whether a file is a URDF, MJCF or xacro by its suffix, or begins with <, as only XML does."""
+    if path.suffix.lower() in (*_XML_SUFFIXES, ".xacro"):
         return True
     try:
         with path.open("rb") as file:
@@ -53,6 +54,14 @@ def is_urdf(path: Path) -> bool:
     except (OSError, ValueError):
         return False
     return head.removeprefix(codecs.BOM_UTF8).lstrip().startswith(b"<")
+
+
+def is_mjcf(path: Path) -> bool:
+    """Return whether a file is an MJCF model by its outermost tag; False where it cannot be read."""
+    try:
+        return b"<mujoco" in path.read_bytes()
+    except (OSError, ValueError):
+        return False
 
 
 def list_robots() -> tuple[str, ...]:
@@ -87,17 +96,21 @@ def _is_file(path: Path) -> bool:
 def _explain_missing_file(path: Path) -> str:
     if os.path.isdir(path):  # noqa: PTH112  the same
         known = ", ".join(list_robots())
-        return f"'{path}' is a folder; give a robot file (.toml, .urdf) or a robot's name: {known}"
-    siblings = [str(other) for end in (_SUFFIX, ".urdf") for other in sorted(path.parent.glob(f"*{end}"))]
+        return f"'{path}' is a folder; give a robot file (.toml, .urdf, .xml) or a robot's name: {known}"
+    ends = (_SUFFIX, *_XML_SUFFIXES)
+    siblings = [str(other) for end in ends for other in sorted(path.parent.glob(f"*{end}"))]
     near = difflib.get_close_matches(str(path), siblings, n=3, cutoff=0.6)
     if path.parent != Path():
-        hint = f"did you mean {' or '.join(near)}?" if near else "give the path of a .toml or .urdf file"
+        hint = (
+            f"did you mean {' or '.join(near)}?" if near else "give the path of a .toml, .urdf or .xml file"
+        )
         return f"there is no robot file '{path}'; {hint}"
     names = list_robots()
     near += difflib.get_close_matches(path.name.lower().removesuffix(_SUFFIX), names, n=3, cutoff=0.5)
     hint = f"did you mean {' or '.join(near)}? " if near else ""
     known = ", ".join(names)
-    return f"there is no robot '{path}'; {hint}known are {known}, or give the path of a .toml or .urdf file"
+    paths = "give the path of a .toml, .urdf or .xml file"
+    return f"there is no robot '{path}'; {hint}known are {known}, or {paths}"
 
 
 def override_robot(robot: Robot, settings: Sequence[tuple[str, str]], friction: str | None = None) -> Robot:
@@ -290,12 +303,12 @@ def load_robot(
     """Return the robot of a name or path, with other settings in place of the file's.
 
     Args:
-        name: a name, or the path of a TOML, URDF, xacro or CSV file.
+        name: a name, or the path of a TOML, URDF, xacro, MJCF or CSV file.
         settings: keys and values.
         friction: the friction model of all joints.
-        base: the link of a URDF to start from.
-        tip: the link of a URDF to end at.
-        snap: angle in rad within which rotations of a URDF become multiples of pi/2.
+        base: the link of a URDF, or body of an MJCF model, to start from.
+        tip: the link or body to end at.
+        snap: angle in rad within which rotations of a URDF or MJCF become multiples of pi/2.
         convention: of a table of rows, "modified" or "standard"; it is never guessed.
         gravity: of a table of rows, in the base frame, m/s^2.
 
@@ -310,16 +323,17 @@ def load_robot(
         if table:
             text = "a table of Denavit-Hartenberg rows: state its convention, 'modified' or 'standard'"
         raise UsageError(Notice(code="usage.convention", text=text, file=str(path)))
-    if not table and is_urdf(path):
-        from symid.robot.urdf_reader import DEFAULT_SNAP, read_urdf
+    if not table and is_xml(path):
+        from symid.robot.mjcf_reader import read_xml_robot
+        from symid.robot.urdf_reader import DEFAULT_SNAP
 
-        robot = read_urdf(path, base=base, tip=tip, snap=DEFAULT_SNAP if snap is None else snap)
+        robot = read_xml_robot(path, base=base, tip=tip, snap=DEFAULT_SNAP if snap is None else snap)
         return override_settings(robot, settings, friction)
     for option, value in (("base", base), ("tip", tip), ("snap", snap)):
         if value is not None:
             what = "rounded" if option == "snap" else "cut at its links"
             remedy = "write the angles exactly" if option == "snap" else "leave the joints out of the file"
-            text = f"--{option} {value}: only a URDF is {what}; leave the option out, or {remedy}"
+            text = f"--{option} {value}: only a URDF or MJCF is {what}; leave the option out, or {remedy}"
             raise UsageError(Notice(code="usage.no-urdf", text=text, file=str(path)))
     if convention is not None:
         from symid.robot.dh_table import read_dh_table

@@ -1,7 +1,9 @@
 """The links, joints and transmissions of a URDF, one by one, with a notice for each mistake.
 
-`<link>` -> `UrdfLink` with XX XY XZ YY YZ ZZ MX MY MZ M about the link frame's origin; `<joint>` ->
-`UrdfJoint` in the order of the file; `<transmission>` -> `Drive` by the joint's name, the motor-side rotor
+`TreeReading`, `TreeLink`, `TreeJoint` and `XmlPart` serve MJCF models, too: their bodies are read as links.
+
+`<link>` -> `TreeLink` with XX XY XZ YY YZ ZZ MX MY MZ M about the link frame's origin; `<joint>` ->
+`TreeJoint` in the order of the file; `<transmission>` -> `Drive` by the joint's name, the motor-side rotor
 inertia multiplied by the square of the reduction. `urdf_reader` connects them.
 
 Supported: decimals with or without exponent, below 1e-30 taken as zero; any inertial frame; inertias that no
@@ -27,11 +29,25 @@ from symid.joint_models import FrictionValues
 from symid.robot.description import (
     Drive,
     Limits,
+    MimicStep,
+    Spring,
 )
-from symid.robot.geometry import IDENTITY, Exact, Placement, build_axis_frame, build_exact_angle, rotate_rpy
+from symid.robot.geometry import (
+    IDENTITY,
+    ZERO,
+    Exact,
+    ExactVector,
+    Placement,
+    build_axis_frame,
+    build_exact_angle,
+    rotate_rpy,
+)
 from symid.robot.inertia import compute_standard_parameters, explain_impossible_inertia, move_parameters
 from symid.robot.toml_values import Place, explain_wide_limits, show, sort_notices, suggest_names, to_decimal
 from symid.robot.urdf_xml import XmlDocument, XmlElement
+
+MJCF_UNUSED = "robot.mjcf-unused"
+"""The code of notes on what an MJCF model has beyond the dynamics; all kinds are listed."""
 
 MOVING = ("revolute", "continuous", "prismatic")
 """The types of joints with one coordinate."""
@@ -42,6 +58,7 @@ _SHOWN_LINES, _SHOWN_WORDS = 3, 6
 _LONGEST_NUMBER = 100
 _SMALLEST = Decimal("1e-30")
 _DECIMAL = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
+_COUNTS = {2: "two", 3: "three", 4: "four", 6: "six"}
 _Triple = tuple[Decimal, Decimal, Decimal]
 _NULL: _Triple = (Decimal(0), Decimal(0), Decimal(0))
 
@@ -53,16 +70,19 @@ def list_words(words: Iterable[str], *, most: int = _SHOWN_WORDS) -> str:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class UrdfReading:
-    """A URDF that is being read: its links and joints by name, mistakes, and what is not used.
+class TreeReading:
+    """A file that is being read: its links and joints by name, mistakes, and what is not used.
 
+    `steps` are followers by name, `couplings` drives that turn with several joints, as the file has them.
     `grouped` has the names and places of warnings that are given once for many, by (code, text).
     """
 
     document: XmlDocument
     snap: float
-    links: dict[str, "UrdfLink"] = field(default_factory=dict)
-    joints: dict[str, "UrdfJoint"] = field(default_factory=dict)
+    links: dict[str, "TreeLink"] = field(default_factory=dict)
+    joints: dict[str, "TreeJoint"] = field(default_factory=dict)
+    steps: dict[str, MimicStep] = field(default_factory=dict)
+    couplings: list["TreeCoupling"] = field(default_factory=list)
     errors: list[Notice] = field(default_factory=list)
     warnings: list[Notice] = field(default_factory=list)
     grouped: dict[tuple[str, str], list[tuple[str, Place]]] = field(default_factory=dict)
@@ -106,7 +126,8 @@ class UrdfReading:
         notices = list(self.warnings)
         for (code, text), found in self.grouped.items():
             counts = Counter(name for name, _ in found)
-            words = list_words(name if count == 1 else f"{name} ({count})" for name, count in counts.items())
+            names = (name if count == 1 else f"{name} ({count})" for name, count in counts.items())
+            words = list_words(names, most=_SHOWN_WORDS if code != MJCF_UNUSED else len(counts))
             if "" in counts:
                 lines = [str(line) for line in dict.fromkeys(place.line for _, place in found)]
                 often = "once" if len(found) == 1 else f"{len(found)} times"
@@ -114,16 +135,17 @@ class UrdfReading:
                 listed = ", ".join(lines[:_SHOWN_LINES])
                 words = f"({often}, line{'s'[: len(lines) > 1]} {listed}{more})"
             before, _, after = text.rpartition("{}")
-            first = min((place for _, place in found), key=lambda place: (place.line, place.column))
+            own = self.document.file
+            first = min((at for _, at in found), key=lambda at: (at.file != own, at.line, at.column))
             notices.append(first.notice(code, f"{before}{words}{after}"))
         return sort_notices(notices)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class UrdfPart:
+class XmlPart:
     """An element and its owner, such as "joint 'a'", which begins every message."""
 
-    reading: UrdfReading
+    reading: TreeReading
     owner: str
     element: XmlElement
 
@@ -145,11 +167,11 @@ class UrdfPart:
         name = self.owner.partition(" ")[2]
         self.reading.group(code, text, f"{name} ({detail})" if detail else name, self.element, attribute)
 
-    def enter(self, element: XmlElement) -> "UrdfPart":
+    def enter(self, element: XmlElement) -> "XmlPart":
         """Return an element inside, of the same owner."""
-        return UrdfPart(reading=self.reading, owner=self.owner, element=element)
+        return XmlPart(reading=self.reading, owner=self.owner, element=element)
 
-    def get(self, tag: str, *attributes: str, inner: Sequence[str] = ()) -> "UrdfPart | None":
+    def get(self, tag: str, *attributes: str, inner: Sequence[str] = ()) -> "XmlPart | None":
         """Return the element of this name; a second one is a mistake, other content than stated is unused."""
         found = [self.enter(element) for element in self.element.find_all(tag)]
         for other in found[1:]:
@@ -183,14 +205,22 @@ class UrdfPart:
 
     def read_vector(self, attribute: str) -> _Triple | None:
         """Return the three numbers at an attribute; None where it is absent or wrong."""
+        match self.read_numbers(attribute, 3):
+            case (x, y, z):
+                return (x, y, z)
+        return None
+
+    def read_numbers(self, attribute: str, least: int, most: int | None = None) -> tuple[Decimal, ...]:
+        """Return `least` to `most` (by default `least`) numbers at an attribute; none if absent or wrong."""
         text = self.element.attributes.get(attribute)
         if text is None:
-            return None
-        match [_parse_decimal(part) for part in text.split()]:
-            case [Decimal() as x, Decimal() as y, Decimal() as z]:
-                return (x, y, z)
-        self._refuse_number(attribute, "three finite numbers with spaces between them", text)
-        return None
+            return ()
+        numbers = [_parse_decimal(part) for part in text.split()]
+        if least <= len(numbers) <= (most or least) and None not in numbers:
+            return tuple(number for number in numbers if number is not None)
+        count = f"{_COUNTS.get(least, least)}{f' to {most}' if most else ''}"
+        self._refuse_number(attribute, f"{count} finite numbers with spaces between them", text)
+        return ()
 
     def _refuse_number(self, attribute: str, expected: str, text: str) -> None:
         hint = "; decimals are written with a point" if "," in text else ""
@@ -222,12 +252,12 @@ def _parse_decimal(text: str) -> Decimal | None:
 
 
 def _list_parts(
-    reading: UrdfReading, tag: str, known: Mapping[str, "UrdfLink | UrdfJoint"]
-) -> Iterator[tuple[str, UrdfPart]]:
+    reading: TreeReading, tag: str, known: Mapping[str, "TreeLink | TreeJoint"]
+) -> Iterator[tuple[str, XmlPart]]:
     """Yield the name of each link or joint and the part, but those without a name of their own."""
     for element in reading.document.root.find_all(tag):
-        name = UrdfPart(reading=reading, owner=f"a {tag}", element=element).read_name("name")
-        part = UrdfPart(reading=reading, owner=f"{tag} '{name}'", element=element)
+        name = XmlPart(reading=reading, owner=f"a {tag}", element=element).read_name("name")
+        part = XmlPart(reading=reading, owner=f"{tag} '{name}'", element=element)
         if name is not None and name in known:
             text = f"the name is taken by the {tag} of line {known[name].part.line}; each needs its own"
             part.refuse(f"robot.duplicate-{tag}", text, "name")
@@ -235,7 +265,7 @@ def _list_parts(
             yield name, part
 
 
-def _read_pose(owner: UrdfPart) -> tuple[UrdfPart, _Triple, _Triple] | None:
+def _read_pose(owner: XmlPart) -> tuple[XmlPart, _Triple, _Triple] | None:
     """Return <origin> with xyz and rpy; values that look like millimetres or degrees get a warning."""
     origin = owner.get("origin", "xyz", "rpy")
     if origin is None:
@@ -252,12 +282,16 @@ def _read_pose(owner: UrdfPart) -> tuple[UrdfPart, _Triple, _Triple] | None:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class UrdfLink:
-    """A link, and the ten parameters in its own frame where the file states any."""
+class TreeLink:
+    """A link, and the ten parameters in its own frame where the file states any.
+
+    `between`: it stands between two joints of one body of an MJCF model, and has no mass.
+    """
 
     name: str
-    part: UrdfPart
+    part: XmlPart
     inertial: tuple[float, ...] | None
+    between: bool = False
 
     @property
     def mass(self) -> float:
@@ -280,7 +314,7 @@ def build_rpy_matrix(rpy: Sequence[float]) -> FloatArray:
     )
 
 
-def _read_inertial(link: UrdfPart) -> tuple[float, ...] | None:
+def _read_inertial(link: XmlPart) -> tuple[float, ...] | None:
     inertial = link.get("inertial", inner=("origin", "mass", "inertia"))
     if inertial is None:
         return None
@@ -298,20 +332,34 @@ def _read_inertial(link: UrdfPart) -> tuple[float, ...] | None:
         rotation = build_rpy_matrix([float(value) for value in pose[2]])
     if number is None or number < 0 or central is None:
         return None
-    mass = float(number)
+    place = inertial.element.find("inertia") or inertial.element
+    return build_body(inertial.enter(place), float(number), com, central, rotation)
+
+
+def build_body(
+    part: XmlPart, mass: float, com: Sequence[float], central: Sequence[float], rotation: FloatArray
+) -> tuple[float, ...]:
+    """Return the ten parameters of a body in its link's frame; warn if no body has such ones.
+
+    Args:
+        part: the element that states them.
+        mass: kg.
+        com: (3,) centre of mass, m.
+        central: (6,) xx xy xz yy yz zz about the centre of mass, kg m^2, in axes of their own.
+        rotation: (3, 3) these axes in the link's frame.
+    """
     turned = move_parameters((*central, 0.0, 0.0, 0.0, mass), rotation, np.zeros(3))
     found = compute_standard_parameters(mass, com, turned[:6])
     if mass and (impossible := explain_impossible_inertia(found)):
         text = f"no physical body has this inertia; the values are kept: {impossible}"
-        place = inertial.element.find("inertia") or inertial.element
-        inertial.enter(place).warn("robot.impossible-inertia", text)
+        part.warn("robot.impossible-inertia", text)
     elif not mass and any(found):
         text = "links {}: inertia without mass, which no physical body has; the values are kept"
-        inertial.group("robot.inertia-without-mass", text)
+        part.group("robot.inertia-without-mass", text)
     return found
 
 
-def _read_tensor(inertial: UrdfPart) -> list[float] | None:
+def _read_tensor(inertial: XmlPart) -> list[float] | None:
     part = inertial.get("inertia", *_INERTIA_KEYS)
     if part is None:
         inertial.group("robot.point-mass", "links {}: <inertial> without <inertia>; taken as point masses")
@@ -333,19 +381,25 @@ _ROUNDED = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class UrdfJoint:
-    """A joint of the file: `origin` places the child's frame in the parent's, `turn` takes z to the axis."""
+class TreeJoint:
+    """A joint of the file: `origin` places the child's frame in the parent's, `turn` takes z to the axis.
+
+    At `origin` its coordinate is `zero` (rad or m), which a URDF does not state. A `spring` rests at a
+    position of this coordinate.
+    """
 
     name: str
     type: str
     parent: str
     child: str
-    part: UrdfPart
+    part: XmlPart
     origin: Placement = IDENTITY
     turn: Placement = IDENTITY
     friction: FrictionValues = field(default_factory=FrictionValues)
     limits: Limits = field(default_factory=Limits)
     drive: Drive = field(default_factory=Drive)
+    zero: Exact = ZERO
+    spring: Spring | None = None
 
     @property
     def moves(self) -> bool:
@@ -353,17 +407,28 @@ class UrdfJoint:
         return self.type in MOVING
 
 
-def read_parts(document: XmlDocument, snap: float) -> UrdfReading:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TreeCoupling:
+    """A drive that turns with several joints: their names and factors in `terms`, else as `Coupling`."""
+
+    name: str
+    part: XmlPart
+    terms: tuple[tuple[str, Fraction], ...]
+    rotor_inertia: float | None
+    friction: FrictionValues
+
+
+def read_parts(document: XmlDocument, snap: float) -> TreeReading:
     """Return the links and joints of a URDF; joints without two links are reported and left out.
 
     Rotations within `snap` (rad) of multiples of pi/2 are taken as these.
     """
-    reading, root = UrdfReading(document=document, snap=snap), document.root
+    reading, root = TreeReading(document=document, snap=snap), document.root
     namespaces = (name for name in root.attributes if name.startswith("xmlns"))
     reading.skip_others(root, ("link", "joint", "transmission", "loop_joint"), ("name", *namespaces))
     for name, part in _list_parts(reading, "link", reading.links):
         reading.skip_others(part.element, ("inertial",), ("name",))
-        reading.links[name] = UrdfLink(name=name, part=part, inertial=_read_inertial(part))
+        reading.links[name] = TreeLink(name=name, part=part, inertial=_read_inertial(part))
     for name, part in _list_parts(reading, "joint", reading.joints):
         if joint := _read_joint(name, part):
             reading.joints[name] = joint
@@ -371,7 +436,7 @@ def read_parts(document: XmlDocument, snap: float) -> UrdfReading:
     return reading
 
 
-def _read_joint(name: str, part: UrdfPart) -> UrdfJoint | None:
+def _read_joint(name: str, part: XmlPart) -> TreeJoint | None:
     reading, element = part.reading, part.element
     type_ = element.attributes.get("type", "")
     if type_ not in _TYPES:
@@ -395,11 +460,11 @@ def _read_joint(name: str, part: UrdfPart) -> UrdfJoint | None:
     parent, child = ends
     if parent is None or child is None:
         return None
-    joint = UrdfJoint(name=name, type=type_, parent=parent, child=child, part=part, origin=origin)
+    joint = TreeJoint(name=name, type=type_, parent=parent, child=child, part=part, origin=origin)
     return replace(joint, turn=turn, friction=friction, limits=limits)
 
 
-def _read_origin(joint: UrdfPart) -> Placement:
+def _read_origin(joint: XmlPart) -> Placement:
     pose = _read_pose(joint)
     if pose is None:
         return IDENTITY
@@ -409,21 +474,28 @@ def _read_origin(joint: UrdfPart) -> Placement:
     if moved := max(abs(angle.snapped_by) for angle in angles):
         text = "origin rpy was moved to the nearest multiple of pi/2, of joints (by rad) {}"
         part.group("robot.angle-snapped", text, f"{moved:.1e}", "rpy")
-    lengths = []
+    roll, pitch, yaw = angles
+    text = "lengths below 1e-9 m in origin xyz were taken as zero, of joints {}"
+    lengths = build_lengths(part, xyz, "xyz", text)
+    return Placement(rotation=rotate_rpy(roll, pitch, yaw).rotation, translation=lengths)
+
+
+def build_lengths(part: XmlPart, xyz: _Triple, attribute: str, dust: str) -> ExactVector:
+    """Return the lengths (m) at an attribute; `dust` is the warning where a program left a tiny one."""
+    lengths, snap = [], part.reading.snap
     for value in xyz:
         # Floating-point programs leave dust in files.
         if value and abs(value) < _DUST and snap:
-            text = "lengths below 1e-9 m in origin xyz were taken as zero, of joints {}"
-            part.group("robot.length-snapped", text, attribute="xyz")
-            lengths.append(Exact())
+            part.group("robot.length-snapped", dust, attribute=attribute)
+            lengths.append(ZERO)
             continue
         exact = Fraction(value)
         lengths.append(Exact.surd(round(exact * _LENGTH_PARTS) / _LENGTH_PARTS if snap else exact))
-    (x, y, z), (roll, pitch, yaw) = lengths, angles
-    return Placement(rotation=rotate_rpy(roll, pitch, yaw).rotation, translation=(x, y, z))
+    x, y, z = lengths
+    return (x, y, z)
 
 
-def _read_axis(joint: UrdfPart) -> Placement:
+def _read_axis(joint: XmlPart) -> Placement:
     found = joint.get("axis", "xyz")
     part = found or joint
     axis = (Decimal(1), Decimal(0), Decimal(0))
@@ -432,21 +504,27 @@ def _read_axis(joint: UrdfPart) -> Placement:
     if found is not None:
         found.refuse_text('xyz="0 0 1"')
         axis = found.read_vector("xyz") or axis
+    if any(axis):
+        length = math.hypot(*map(float, axis))
+        if abs(length - 1.0) > 1e-5:
+            part.warn("robot.axis-length", f"axis xyz: its length {length:.6g} was set to 1", "xyz")
+    return build_axis(part, axis, "xyz", "axis xyz")
+
+
+def build_axis(part: XmlPart, axis: Sequence[Decimal | Fraction], attribute: str, name: str) -> Placement:
+    """Return what takes z to an axis at an attribute, which messages call `name`."""
     if not any(axis):
-        part.refuse("robot.zero-axis", "axis xyz: the axis 0 0 0 has no direction", "xyz")
+        part.refuse("robot.zero-axis", f"{name}: the axis 0 0 0 has no direction", attribute)
         return IDENTITY
     x, y, z = (Fraction(value) for value in axis)
-    turn, moved = build_axis_frame((x, y, z), snap=joint.reading.snap)
+    turn, moved = build_axis_frame((x, y, z), snap=part.reading.snap)
     if moved > _ROUNDED:
-        text = f"axis xyz: was moved by {moved:.2e} rad to the nearest coordinate axis or plane"
-        part.warn("robot.axis-snapped", text, "xyz")
-    length = float(x * x + y * y + z * z) ** 0.5
-    if abs(length - 1.0) > 1e-5:
-        part.warn("robot.axis-length", f"axis xyz: its length {length:.6g} was set to 1", "xyz")
+        text = f"{name}: was moved by {moved:.2e} rad to the nearest coordinate axis or plane"
+        part.warn("robot.axis-snapped", text, attribute)
     return turn
 
 
-def _read_dynamics(joint: UrdfPart) -> FrictionValues:
+def _read_dynamics(joint: XmlPart) -> FrictionValues:
     part = joint.get("dynamics", "damping", "friction")
     if part is None:
         return FrictionValues()
@@ -457,12 +535,17 @@ def _read_dynamics(joint: UrdfPart) -> FrictionValues:
             text = f"dynamics {key}: {value} drives the joint instead of braking it"
             part.warn("robot.negative-friction", text, key)
         values.append(float(value or 0))
-    if not any(values):
+    return build_friction(values[0], values[1])
+
+
+def build_friction(damping: float, dry: float) -> FrictionValues:
+    """Return friction of damping (N m s/rad or N s/m) and dry friction (N m or N); none if both are zero."""
+    if not damping and not dry:
         return FrictionValues()
-    return FrictionValues(law="coulomb-viscous", values=(values[0], values[1]))
+    return FrictionValues(law="coulomb-viscous", values=(damping, dry))
 
 
-def _read_limits(joint: UrdfPart, type_: str) -> Limits:
+def _read_limits(joint: XmlPart, type_: str) -> Limits:
     part = joint.get("limit", "lower", "upper", "velocity", "effort")
     if part is None:
         return Limits()
@@ -479,7 +562,7 @@ def _read_limits(joint: UrdfPart, type_: str) -> Limits:
 
 
 def _choose_position_limits(
-    part: UrdfPart, type_: str, ends: tuple[Decimal | None, Decimal | None]
+    part: XmlPart, type_: str, ends: tuple[Decimal | None, Decimal | None]
 ) -> tuple[float, float] | None:
     """Return the limits of the position, None where they are no range or one of them is infinite."""
     if type_ == "continuous" and ends != (None, None):
@@ -511,7 +594,7 @@ ROTORS = ("motorInertia", "motor_inertia", "rotorInertia", "rotor_inertia", "dra
 _SILENT = ("hardwareInterface", "role")
 
 
-def _read_drives(reading: UrdfReading) -> None:
+def _read_drives(reading: TreeReading) -> None:
     """Add the drives to the joints."""
     lines: dict[str, int] = {}
     for element in reading.document.root.find_all("transmission"):
@@ -520,7 +603,7 @@ def _read_drives(reading: UrdfReading) -> None:
             reading.skip("<transmission> that is not one actuator on one joint", element)
             continue
         owner = f"transmission '{element.attributes.get('name', '')}'"
-        part = UrdfPart(reading=reading, owner=owner, element=element)
+        part = XmlPart(reading=reading, owner=owner, element=element)
         for inner, known in (
             (element, ("type", "joint", "actuator", *_REDUCTIONS)),
             (joints[0], _REDUCTIONS),
@@ -541,7 +624,7 @@ def _read_drives(reading: UrdfReading) -> None:
         reading.joints[name], lines[name] = replace(reading.joints[name], drive=drive), part.line
 
 
-def _read_drive(owner: UrdfPart, elements: tuple[XmlElement, XmlElement, XmlElement]) -> Drive | None:
+def _read_drive(owner: XmlPart, elements: tuple[XmlElement, XmlElement, XmlElement]) -> Drive | None:
     errors = owner.reading.errors
     before = len(errors)
     reductions = [owner.enter(child) for element in elements for child in element.find_all(*_REDUCTIONS)]
@@ -561,7 +644,7 @@ def _read_drive(owner: UrdfPart, elements: tuple[XmlElement, XmlElement, XmlElem
     return Drive(gear=gear, has_rotor=bool(rotors), rotor_inertia=rotor)
 
 
-def _read_one(parts: Sequence[UrdfPart], what: str) -> Decimal | None:
+def _read_one(parts: Sequence[XmlPart], what: str) -> Decimal | None:
     """Return the number that all of the elements state, None without any; two that differ are wrong."""
     # Between the tags, or as the attribute `value`.
     values = [part.read_decimal("value" if "value" in part.element.attributes else "") for part in parts]

@@ -4,7 +4,7 @@ A path -> `Robot`, or one `RobotError` with all mistakes and their places; what 
 in the robot's notices. Followers (`<mimic>`) follow the last joint of their chain; links on fixed joints
 become part of the links that carry them; link frames get the modified form (`canonical_frames`). A joint
 that follows a fixed joint, one before the base, or with the factor 0, stands still at its offset. One whose
-master was cut off keeps a coordinate of its own.
+master was cut off keeps a coordinate of its own. `assemble_robot` does this for MJCF models, too.
 
 Supported: links with inertial values, joints that turn or slide, fixed joints, limits, damping and friction,
 simple transmissions; the part of the tree beyond a base link, the chain up to a tip link.
@@ -12,6 +12,7 @@ Not supported: closed loops, several trees, rings of followers, floating and pla
 """
 
 import re
+from codecs import BOM_UTF8
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -21,6 +22,7 @@ from pathlib import Path
 from symid.errors import RobotError
 from symid.robot.canonical_frames import choose_canonical_frames
 from symid.robot.description import (
+    Coupling,
     Joint,
     JointKind,
     LinkPlace,
@@ -30,12 +32,26 @@ from symid.robot.description import (
     Robot,
     SourceFile,
 )
-from symid.robot.geometry import IDENTITY, Exact, Placement, compose_placements, invert_placement, place_joint
+from symid.robot.geometry import (
+    IDENTITY,
+    ZERO,
+    Exact,
+    ExactVector,
+    Placement,
+    compose_placements,
+    invert_placement,
+    place_joint,
+    translate,
+)
 from symid.robot.inertia import lump_fixed_joints, move_by_placement
 from symid.robot.toml_values import BASE, sort_notices, suggest_names
-from symid.robot.urdf_parts import UrdfJoint, UrdfReading, list_words, read_parts
+from symid.robot.urdf_parts import TreeJoint, TreeReading, list_words, read_parts
 from symid.robot.urdf_xml import XmlDocument, parse_document, read_urdf_text
 
+_REMEDIES = {
+    "free": "remove it, which fixes the body to the one before it",
+    "ball": "write it as three hinges, or remove it",
+}
 _LOOP = "closed loops are not supported; leave out one of the joints and give its torque as a load"
 
 
@@ -44,16 +60,17 @@ class _Tree:
     """The joints beyond the base link `root`, parents before children, and those `before` it."""
 
     root: str
-    before: tuple[UrdfJoint, ...]
-    joints: tuple[UrdfJoint, ...]
+    before: tuple[TreeJoint, ...]
+    joints: tuple[TreeJoint, ...]
 
 
-def _read_tree(reading: UrdfReading, base: str | None, tip: str | None) -> _Tree | None:
-    """Return the tree, or the part of it from `base` to `tip`; None where there is none."""
-    links, joints, root_element = reading.links, reading.joints, reading.document.root
+def _read_tree(reading: TreeReading, base: str | None, tip: str | None, *, complete: bool) -> _Tree | None:
+    """Return the tree, or the part of it from `base` to `tip`; None where there is none.
+
+    Where it is not `complete`, some joints or links could not be read.
+    """
+    links, joints = reading.links, reading.joints
     # A joint that cannot be read leaves its links apart; that is not worth a second message.
-    complete = len(joints) == len(list(root_element.find_all("joint")))
-    complete &= len(links) == len(list(root_element.find_all("link")))
     above = _map_parents(reading)
     root = _locate_root(reading, above) if complete else None
     wrong = [(name, end) for name, end in ((base, "base"), (tip, "tip")) if name and name not in links]
@@ -62,7 +79,7 @@ def _read_tree(reading: UrdfReading, base: str | None, tip: str | None) -> _Tree
         reading.refuse("robot.bad-cut", f"there is no link '{name}' for the {end}; {hint}")
     if root is None or wrong:
         return None
-    below: dict[str, list[UrdfJoint]] = {}
+    below: dict[str, list[TreeJoint]] = {}
     for joint in above.values():
         below.setdefault(joint.parent, []).append(joint)
     reached = {root, *(joint.child for joint in _walk(root, below))}
@@ -98,9 +115,9 @@ def _read_tree(reading: UrdfReading, base: str | None, tip: str | None) -> _Tree
     return tree
 
 
-def _map_parents(reading: UrdfReading) -> dict[str, UrdfJoint]:
+def _map_parents(reading: TreeReading) -> dict[str, TreeJoint]:
     """Return the joint before each link; a second one closes a loop."""
-    above: dict[str, UrdfJoint] = {}
+    above: dict[str, TreeJoint] = {}
     for joint in reading.joints.values():
         other = above.setdefault(joint.child, joint)
         if other is not joint:
@@ -112,7 +129,7 @@ def _map_parents(reading: UrdfReading) -> dict[str, UrdfJoint]:
     return above
 
 
-def _locate_root(reading: UrdfReading, above: Mapping[str, UrdfJoint]) -> str | None:
+def _locate_root(reading: TreeReading, above: Mapping[str, TreeJoint]) -> str | None:
     robot = reading.document.root
     if not reading.joints:
         if not robot.find("joint"):
@@ -136,7 +153,7 @@ def _locate_root(reading: UrdfReading, above: Mapping[str, UrdfJoint]) -> str | 
     return roots[0] if len(roots) == 1 else None
 
 
-def _walk(start: str, below: Mapping[str, list[UrdfJoint]]) -> Iterator[UrdfJoint]:
+def _walk(start: str, below: Mapping[str, list[TreeJoint]]) -> Iterator[TreeJoint]:
     """Return the joints beyond a link, each followed by those beyond it."""
     waiting = list(reversed(below.get(start, [])))
     while waiting:
@@ -145,9 +162,9 @@ def _walk(start: str, below: Mapping[str, list[UrdfJoint]]) -> Iterator[UrdfJoin
         waiting += reversed(below.get(joint.child, []))
 
 
-def _locate_path(above: Mapping[str, UrdfJoint], start: str, end: str) -> list[UrdfJoint] | None:
+def _locate_path(above: Mapping[str, TreeJoint], start: str, end: str) -> list[TreeJoint] | None:
     """Return the joints from link `start` to link `end`, None where it does not come after it."""
-    path: list[UrdfJoint] = []
+    path: list[TreeJoint] = []
     while end != start:
         if end not in above:
             return None
@@ -156,22 +173,20 @@ def _locate_path(above: Mapping[str, UrdfJoint], start: str, end: str) -> list[U
     return path[::-1]
 
 
-def _check_joint_types(reading: UrdfReading, tree: _Tree) -> None:
+def _check_joint_types(reading: TreeReading, tree: _Tree) -> None:
     for joint in tree.joints:
         if not joint.moves and joint.type != "fixed":
             what = "a floating base" if joint.type == "floating" else f"a {joint.type} joint"
-            text = f"{what} is not supported; make it fixed, or start after it with --base {joint.child}"
+            remedy = _REMEDIES.get(joint.type, "make it fixed")
+            text = f"{what} is not supported; {remedy}, or start after it with --base {joint.child}"
             joint.part.refuse("robot.joint-type", text, "type")
     if not any(joint.moves for joint in tree.joints) and not reading.errors:
         found = "every joint is fixed" if tree.joints else f"there is no joint after the link '{tree.root}'"
         reading.refuse("robot.no-joints", f"{found}, and a robot needs one that moves")
 
 
-def _read_mimics(
-    reading: UrdfReading, kept: Sequence[UrdfJoint], before: Sequence[UrdfJoint]
-) -> dict[str, MimicStep]:
-    """Return the followers among `kept` and `before` by name; their masters follow no other joint."""
-    direct: dict[str, MimicStep] = {}
+def _read_mimics(reading: TreeReading) -> None:
+    """Add the followers as the file writes them."""
     for joint in reading.joints.values():
         part = joint.part.get("mimic")
         if part is None:
@@ -184,21 +199,28 @@ def _read_mimics(
         multiplier, offset = part.read_decimal("multiplier"), part.read_decimal("offset")
         if master is not None:
             factor, shift = Fraction(1 if multiplier is None else multiplier), Fraction(offset or 0)
-            direct[joint.name] = MimicStep(master=master, multiplier=factor, offset=Exact.surd(shift))
+            step = MimicStep(master=master, multiplier=factor, offset=Exact.surd(shift))
+            reading.steps[joint.name] = step
+
+
+def _resolve_mimics(
+    reading: TreeReading, kept: Sequence[TreeJoint], before: Sequence[TreeJoint]
+) -> dict[str, MimicStep]:
+    """Return the followers among `kept` and `before` by name; their masters follow no other joint."""
     inside, standing = ({joint.name for joint in group} for group in (kept, before))
-    chained = [joint for joint in (*before, *kept) if joint.name in direct]
-    found = {joint.name: _resolve_mimic(reading, joint, direct, inside, standing) for joint in chained}
+    chained = [joint for joint in (*before, *kept) if joint.name in reading.steps]
+    found = {joint.name: _resolve_mimic(reading, joint, inside, standing) for joint in chained}
     return {name: step for name, step in found.items() if step is not None}
 
 
 def _resolve_mimic(
-    reading: UrdfReading, joint: UrdfJoint, direct: dict[str, MimicStep], inside: set[str], standing: set[str]
+    reading: TreeReading, joint: TreeJoint, inside: set[str], standing: set[str]
 ) -> MimicStep | None:
-    """Return `joint` as a follower of the last joint in its chain of masters; see `_read_mimics`."""
+    """Return `joint` as a follower of the last joint in its chain of masters; see `_resolve_mimics`."""
     element = joint.part.element.find("mimic") or joint.part.element
     path, why = [joint.name], ""
     still = joint.name in standing
-    for step in direct[joint.name].follow(direct):
+    for step in reading.steps[joint.name].follow(reading.steps):
         master = step.master or ""
         if not step.multiplier:
             why = "follow with the factor 0"
@@ -268,32 +290,67 @@ def parse_urdf(
     document = parse_document(text, file)
     _check_language(document)
     reading = read_parts(document, snap)
-    tree = _read_tree(reading, base, tip)
+    _read_mimics(reading)
+    joints, links = (len(list(document.root.find_all(tag))) for tag in ("joint", "link"))
+    complete = (len(reading.joints), len(reading.links)) == (joints, links)
+    return assemble_robot(reading, base, tip, complete=complete)
+
+
+def assemble_robot(
+    reading: TreeReading,
+    base: str | None,
+    tip: str | None,
+    *,
+    complete: bool = True,
+    gravity: ExactVector | None = None,
+) -> Robot:
+    """Return the robot of the links and joints that were read; for `base` and `tip` see `read_urdf`.
+
+    Args:
+        reading: the links and joints; mistakes that were found in them.
+        base: the first link.
+        tip: the last link.
+        complete: whether no link or joint was left out, so that what is not connected is a mistake.
+        gravity: in the frame of the file's root (m/s^2); None where the file states none, as a URDF.
+
+    Raises:
+        RobotError: with a notice for each mistake.
+    """
+    tree = _read_tree(reading, base, tip, complete=complete)
     kept, before = (tree.joints, tree.before) if tree else (tuple(reading.joints.values()), ())
-    followers = _read_mimics(reading, kept, before)
+    followers = _resolve_mimics(reading, kept, before)
     if tree is None or reading.errors:
         raise RobotError(*sort_notices(reading.errors))
+    file, attributes = Path(reading.document.file), reading.document.root.attributes
+    what, link, given = ("URDF", "link", "name") if gravity is None else ("MJCF model", "body", "model")
+    ends = f"{link} {tree.root} is the base{f', {tip} the tip' if tip else ''}"
     joints, links = _reduce_joints(reading, tree, followers, tip)
+    couplings = _build_couplings(reading, tree, joints)
     return Robot(
-        name=_choose_name(reading, Path(file).stem),
-        joints=joints,
+        name=_choose_name(reading, given, file.stem),
+        joints=_rename_base(reading, joints),
         links=links,
-        gravity=_compute_gravity(reading, tree, followers),
-        convention="urdf",
-        description=f"from the URDF {Path(file).name}, whose link {tree.root} is the base"
-        + (f", {tip} the tip" if tip else ""),
-        source=document.root.attributes.get("name", ""),
+        gravity=_compute_gravity(reading, tree, followers, gravity),
+        convention="urdf" if gravity is None else "mjcf",
+        description=f"from the {what} {file.name}, whose {ends}",
+        source=attributes.get(given, ""),
         processing=Processing(automatic=True),
-        path=file,
+        path=reading.document.file,
         notices=reading.list_warnings(),
-        made_from=SourceFile(file=file, sha256=_compute_digest(text), base=base, tip=tip, snap=snap),
+        couplings=couplings,
+        made_from=SourceFile(
+            file=reading.document.file,
+            sha256=_compute_digest(reading.document.source),
+            base=base,
+            tip=tip,
+            snap=reading.snap,
+        ),
     )
 
 
-def _compute_digest(text: str) -> str:
+def _compute_digest(source: bytes) -> str:
     """Return the digest of a text, the same for all ends of lines."""
-    plain = text.removeprefix("\ufeff").replace("\r\n", "\n")
-    return sha256(plain.encode(errors="surrogatepass")).hexdigest()
+    return sha256(source.removeprefix(BOM_UTF8).replace(b"\r\n", b"\n")).hexdigest()
 
 
 def _check_language(document: XmlDocument) -> None:
@@ -312,20 +369,20 @@ def _check_language(document: XmlDocument) -> None:
         raise RobotError(document.locate_place(root).notice("robot.no-urdf", text))
 
 
-def _choose_name(reading: UrdfReading, stem: str) -> str:
+def _choose_name(reading: TreeReading, attribute: str, stem: str) -> str:
     """Return a name that functions can be called by."""
     element = reading.document.root
-    given = element.attributes.get("name", "").strip()
+    given = element.attributes.get(attribute, "").strip()
     name = re.sub(r"[^A-Za-z0-9_]+", "_", given or stem).strip("_")
     if not name or not name[0].isalpha():
         name = f"robot_{name}".rstrip("_")
     if name != given:
         text = f'the robot is renamed to {name}: "{given}" cannot name functions'
-        reading.warn("robot.renamed", text, element, "name")
+        reading.warn("robot.renamed", text, element, attribute)
     return name
 
 
-def _build_joints(reading: UrdfReading, tree: _Tree, followers: Mapping[str, MimicStep]) -> list[Joint]:
+def _build_joints(reading: TreeReading, tree: _Tree, followers: Mapping[str, MimicStep]) -> list[Joint]:
     """Return all joints of the tree, fixed ones too, with z as their axis.
 
     Without any inertial values in the file all are unknown, else missing ones are zero.
@@ -334,7 +391,8 @@ def _build_joints(reading: UrdfReading, tree: _Tree, followers: Mapping[str, Mim
     carriers = {tree.root: -1} | {joint.child: number for number, joint in enumerate(tree.joints)}
     # From a link's frame here, whose z is the joint's axis, to that of the file.
     backs = {tree.root: IDENTITY} | {joint.child: invert_placement(joint.turn) for joint in tree.joints}
-    known = any(reading.links[joint.child].inertial for joint in tree.joints)
+    links = [reading.links[joint.child] for joint in tree.joints]
+    known = any(link.inertial for link in links if not link.between)
     found = []
     for joint in tree.joints:
         link, back, follower = reading.links[joint.child], backs[joint.child], followers.get(joint.name)
@@ -346,6 +404,9 @@ def _build_joints(reading: UrdfReading, tree: _Tree, followers: Mapping[str, Mim
         if follower and follower.master is not None:
             mimic = Mimic(master=index[follower.master], multiplier=follower.multiplier)
         offset = _place_offset(joint, follower, reading.snap)
+        spring = joint.spring
+        if spring is not None and follower and spring.rest is not None:
+            spring = replace(spring, rest=spring.rest - follower.offset.to_float())
         found.append(
             Joint(
                 name=joint.name,
@@ -357,23 +418,23 @@ def _build_joints(reading: UrdfReading, tree: _Tree, followers: Mapping[str, Mim
                 friction=joint.friction,
                 limits=joint.limits,
                 mimic=mimic,
+                spring=spring,
                 frame=back,
             )
         )
     return found
 
 
-def _place_offset(joint: UrdfJoint, follower: MimicStep | None, snap: float) -> Placement:
-    """Return how far a follower stands from zero when its master is at zero."""
-    if follower is None or not follower.offset:
-        return IDENTITY
-    return place_joint(follower.offset, prismatic=joint.type == "prismatic", snap=snap)
+def _place_offset(joint: TreeJoint, follower: MimicStep | None, snap: float) -> Placement:
+    """Return how far a joint stands from its origin when its coordinate, or that of its master, is zero."""
+    offset = (follower.offset if follower else ZERO) - joint.zero
+    return place_joint(offset, prismatic=joint.type == "prismatic", snap=snap) if offset else IDENTITY
 
 
 def _reduce_joints(
-    reading: UrdfReading, tree: _Tree, followers: Mapping[str, MimicStep], tip: str | None
+    reading: TreeReading, tree: _Tree, followers: Mapping[str, MimicStep], tip: str | None
 ) -> tuple[tuple[Joint, ...], tuple[LinkPlace, ...]]:
-    """Return the moving joints with canonical frames, none of them called base, and all links that move.
+    """Return the moving joints with canonical frames, and all links that move.
 
     The last link's frame is that of the tip link, where this is fixed to it.
     """
@@ -416,14 +477,14 @@ def _reduce_joints(
         if tilt:
             text = (
                 "axes that are nearly parallel to the one before, of joints (by rad) {}: if they are meant "
-                "to be parallel, write rpy and axis so; else some base parameters are poorly identifiable"
+                "to be parallel, write frames and axes so; else some base parameters are poorly identifiable"
             )
             part.group("robot.nearly-parallel", text, f"{tilt:.1e}")
-    return _rename_base(reading, reframed.joints), links
+    return reframed.joints, links
 
 
-def _rename_base(reading: UrdfReading, joints: tuple[Joint, ...]) -> tuple[Joint, ...]:
-    """Return the joints with another name for one that is called base."""
+def _rename_base(reading: TreeReading, joints: tuple[Joint, ...]) -> tuple[Joint, ...]:
+    """Return the joints, none of them called base."""
     names = [joint.name for joint in joints]
     if BASE not in names:
         return joints
@@ -435,10 +496,34 @@ def _rename_base(reading: UrdfReading, joints: tuple[Joint, ...]) -> tuple[Joint
     return tuple(replace(joint, name=name) if joint.name == BASE else joint for joint in joints)
 
 
+def _build_couplings(reading: TreeReading, tree: _Tree, joints: Sequence[Joint]) -> tuple[Coupling, ...]:
+    """Return the drives that turn with several joints; joints that stand still do not move them."""
+    index = {joint.name: number for number, joint in enumerate(joints)}
+    kept = {joint.name for joint in (*tree.before, *tree.joints)}
+    found = []
+    for coupling in reading.couplings:
+        if lost := [f"'{name}'" for name, _ in coupling.terms if name not in kept]:
+            text = f"turns with joints that were cut off, {list_words(lost)}: it turns with the others alone"
+            coupling.part.warn("robot.coupling-cut", text)
+        terms = tuple((index[name], factor) for name, factor in coupling.terms if name in index and factor)
+        if terms:
+            rotor, friction = coupling.rotor_inertia, coupling.friction
+            found.append(
+                Coupling(
+                    name=coupling.name,
+                    terms=terms,
+                    has_rotor=rotor is not None,
+                    rotor_inertia=rotor,
+                    friction=friction,
+                )
+            )
+    return tuple(found)
+
+
 def _compute_gravity(
-    reading: UrdfReading, tree: _Tree, followers: Mapping[str, MimicStep]
-) -> tuple[Exact, Exact, Exact]:
-    """Return gravity in the base link's frame: down in the file's root frame.
+    reading: TreeReading, tree: _Tree, followers: Mapping[str, MimicStep], stated: ExactVector | None
+) -> ExactVector:
+    """Return gravity in the base link's frame: `stated`, or down, in the file's root frame.
 
     Joints before the base stand at zero, followers among them at their offset.
     """
@@ -446,6 +531,9 @@ def _compute_gravity(
     for joint in tree.before:
         offset = _place_offset(joint, followers.get(joint.name), reading.snap)
         outer = compose_placements(outer, joint.origin, joint.turn, offset, invert_placement(joint.turn))
+    if stated is not None:
+        back = Placement(rotation=invert_placement(outer).rotation, translation=IDENTITY.translation)
+        return compose_placements(back, translate(*stated)).translation
     x, y, z = (_GRAVITY * entry for entry in outer.rotation[2])
     words = list_words(f"{value.to_float():g}" for value in (x, y, z))
     where = f"of link {tree.root}" if not tree.before else f"of link {tree.root}, the joints before it at 0"

@@ -32,7 +32,7 @@ from symid.robot.geometry import (
 )
 from symid.robot.inertia import build_pseudo_inertias, move_parameters, split_body
 from symid.robot.toml_values import BASE
-from symid.robot.urdf_parts import ROTORS, UrdfJoint, UrdfLink, UrdfReading, build_rpy_matrix, read_parts
+from symid.robot.urdf_parts import ROTORS, TreeJoint, TreeLink, TreeReading, build_rpy_matrix, read_parts
 from symid.robot.urdf_reader import parse_urdf
 from symid.robot.urdf_xml import (
     Edit,
@@ -52,7 +52,7 @@ _ROUNDING = 1e-14
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RewrittenUrdf:
+class RewrittenFile:
     """The new text; links whose values were identified as a sum, by the moving link that carries them."""
 
     text: str
@@ -60,10 +60,10 @@ class RewrittenUrdf:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Member:
+class Member:
     """A link that moves with another one, and where its frame (4, 4) stands in that one's."""
 
-    link: UrdfLink
+    link: TreeLink
     pose: FloatArray
 
     def look(self, parameters: Sequence[float], *, inverse: bool = False) -> tuple[float, ...]:
@@ -74,7 +74,7 @@ class _Member:
         return move_parameters(parameters, rotation, shift)
 
 
-def rewrite_urdf(text: str, robot: Robot) -> RewrittenUrdf:
+def rewrite_urdf(text: str, robot: Robot) -> RewrittenFile:
     """Return the URDF `text`, which `robot` was read from, with the robot's inertias, friction and rotors.
 
     `robot.made_from` says how it was read. Values of a link hold for it and all that it carries, what was
@@ -87,17 +87,17 @@ def rewrite_urdf(text: str, robot: Robot) -> RewrittenUrdf:
     before = parse_urdf(text, robot.path, base=made.base, tip=made.tip, snap=made.snap)
     document = parse_document(text, robot.path)
     reading = read_parts(document, made.snap)
-    below: dict[str, list[UrdfJoint]] = {}
+    below: dict[str, list[TreeJoint]] = {}
     for entry in reading.joints.values():
         below.setdefault(entry.parent, []).append(entry)
-    names = _match_names(robot, reading)
+    names = match_names(robot, reading)
     edits: list[Edit] = []
     shared: dict[str, tuple[str, ...]] = {}
     for joint, old in zip(robot.joints, before.joints, strict=True):
         entry = reading.joints[names[joint.name]]
         if joint.inertial is not None and joint.inertial != old.inertial:
-            members = _gather(reading, below, entry.child, set(names.values()))
-            changed = _distribute(_move_to_link(joint, made.tip, members), members)
+            members = gather_members(reading, below, entry.child, set(names.values()))
+            changed = distribute(move_to_link(joint, made.tip, members), members)
             for member, own in changed:
                 edits += _edit_inertial(document, member.link.part.element, own)
             carried = [member.link.name for member, _ in changed if member is not members[0]]
@@ -111,31 +111,32 @@ def rewrite_urdf(text: str, robot: Robot) -> RewrittenUrdf:
     }
     for transmission in document.root.find_all("transmission"):
         edits += _edit_rotor(document, transmission, rotors)
-    return RewrittenUrdf(text=apply_edits(document, edits), shared=shared)
+    return RewrittenFile(text=apply_edits(document, edits), shared=shared)
 
 
-def _match_names(robot: Robot, reading: UrdfReading) -> dict[str, str]:
+def match_names(robot: Robot, reading: TreeReading) -> dict[str, str]:
     """Return the names that joints have in the file; the reader gives another one to a joint `base`."""
     return {joint.name: joint.name if joint.name in reading.joints else BASE for joint in robot.joints}
 
 
-def _gather(
-    reading: UrdfReading, below: Mapping[str, Sequence[UrdfJoint]], first: str, moving: Collection[str]
-) -> list[_Member]:
+def gather_members(
+    reading: TreeReading, below: Mapping[str, Sequence[TreeJoint]], first: str, moving: Collection[str]
+) -> list[Member]:
     """Return the link `first` and all that it carries by joints that are not `moving`, which stand at zero.
 
-    Joints that follow no moving one stand at the offset of their <mimic>.
+    Joints that follow no moving one stand at their offset.
     """
-    members = [_Member(link=reading.links[first], pose=np.eye(4))]
+    members = [Member(link=reading.links[first], pose=np.eye(4))]
     for member in members:
         for joint in below.get(member.link.name, ()):
             if joint.name not in moving:
-                mimic = joint.part.element.find("mimic")
+                mimic, step = joint.part.element.find("mimic"), reading.steps.get(joint.name)
                 offset = Exact.of(mimic.attributes.get("offset", "0").strip() if mimic is not None else "0")
+                offset = (step.offset if step else offset) - joint.zero
                 prismatic = joint.type == "prismatic"
                 shift = place_joint(offset, prismatic=prismatic, snap=0.0) if joint.moves else IDENTITY
                 placed = compose_placements(joint.origin, joint.turn, shift, invert_placement(joint.turn))
-                members.append(_Member(link=reading.links[joint.child], pose=member.pose @ _to_pose(placed)))
+                members.append(Member(link=reading.links[joint.child], pose=member.pose @ _to_pose(placed)))
     return members
 
 
@@ -146,7 +147,7 @@ def _to_pose(placement: Placement) -> FloatArray:
     return pose
 
 
-def _move_to_link(joint: Joint, tip: str | None, members: Sequence[_Member]) -> tuple[float, ...]:
+def move_to_link(joint: Joint, tip: str | None, members: Sequence[Member]) -> tuple[float, ...]:
     """Return the values of a joint's link in the frame that the file gives to the link."""
     frame = _to_pose(joint.frame)
     for member in members[1:]:
@@ -157,9 +158,7 @@ def _move_to_link(joint: Joint, tip: str | None, members: Sequence[_Member]) -> 
     return move_parameters(joint.inertial or (0.0,) * 10, rotation, -rotation @ frame[:3, 3])
 
 
-def _distribute(
-    values: Sequence[float], members: Sequence[_Member]
-) -> list[tuple[_Member, tuple[float, ...]]]:
+def distribute(values: Sequence[float], members: Sequence[Member]) -> list[tuple[Member, tuple[float, ...]]]:
     """Return the links that change, the first one included or alone, and their values in their own frames."""
     first = members[0]
     heavy = [member for member in members if member.link.inertial is not None and any(member.link.inertial)]

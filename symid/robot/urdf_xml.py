@@ -5,8 +5,9 @@ else as it is. Xacro files are expanded by the package xacro (the extra `xacro`)
 have their defaults. Packages of $(find NAME) are looked for around the file, in ROS_PACKAGE_PATH and in
 AMENT_PREFIX_PATH.
 
-Supported: well-formed XML, at most 100 elements deep. Not supported: document types and the entities that
-they define (a few lines of them fill any memory); xacro arguments without a default.
+Supported: well-formed XML, at most 100 elements deep (an MJCF model 1000); elements of other files among its
+own. Not supported: document types and the entities that they define (a few lines of them fill any memory);
+xacro arguments without a default.
 """
 
 import contextlib
@@ -25,18 +26,19 @@ from symid.robot.toml_values import Place, read_text_file
 
 _ATTRIBUTE = re.compile(rb"([^\s=/>\"']+)\s*=\s*(\"[^\"]*\"|'[^']*')")
 _QUOTED = re.compile(rb"[^>\"']|\"[^\"]*\"|'[^']*'")
-_DEEPEST = 100
-_TOO_DEEP = f"elements are nested more than {_DEEPEST} deep; a URDF needs five levels"
+_DEEPEST, _DEEPEST_BODIES = 100, 1000
+_TOO_DEEP = "elements are nested more than {} deep; a URDF needs five levels, an MJCF model one a body"
 _DTD = "a document type (<!DOCTYPE ...>) is not read, since its entities can grow without limit; remove it"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class XmlElement:
-    """An element: its name, attributes, the elements and the text inside, and its place in the file."""
+    """An element: its name, attributes, the elements and the text inside, its file and its place there."""
 
     tag: str
     attributes: Mapping[str, str]
     offset: int
+    file: str = ""
     children: list["XmlElement"] = field(default_factory=list)
     texts: list[str] = field(default_factory=list)
 
@@ -66,7 +68,8 @@ class XmlElement:
 class XmlDocument:
     """An XML text: its outermost element, its bytes, and offsets of its lines and end tags.
 
-    `ends` has the offset of an element's end tag by that of the element.
+    `ends` has the offset of an element's end tag by that of the element; `included` other files whose
+    elements stand among those of this one, by name.
     """
 
     root: XmlElement
@@ -74,9 +77,12 @@ class XmlDocument:
     source: bytes
     lines: tuple[int, ...]
     ends: Mapping[int, int]
+    included: dict[str, "XmlDocument"] = field(default_factory=dict)
 
     def locate_place(self, element: XmlElement, attribute: str = "") -> Place:
         """Return the place of an element, or of the value of one of its attributes."""
+        if element.file in self.included:
+            return self.included[element.file].locate_place(element, attribute)
         offset, text = element.offset, ""
         if attribute in element.attributes:
             offset, text = self.locate_value(element, attribute)[0], element.attributes[attribute]
@@ -116,11 +122,12 @@ def parse_document(text: str, file: str) -> XmlDocument:
         raise RobotError(Notice(code="robot.urdf-refused", text=reason, file=file, line=line, column=column))
 
     def start(tag: str, attributes: dict[str, str]) -> None:
-        element = XmlElement(tag=tag, attributes=attributes, offset=parser.CurrentByteIndex)
+        element = XmlElement(tag=tag, attributes=attributes, offset=parser.CurrentByteIndex, file=file)
         opened[-1].children.append(element)
         opened.append(element)
-        if len(opened) > _DEEPEST + 1:
-            refuse(_TOO_DEEP)
+        deepest = _DEEPEST_BODIES if opened[1].tag == "mujoco" else _DEEPEST
+        if len(opened) > deepest + 1:
+            refuse(_TOO_DEEP.format(deepest))
 
     def end(_: str) -> None:
         ends[opened.pop().offset] = parser.CurrentByteIndex

@@ -71,7 +71,7 @@ def test_only_a_urdf_is_cut(capsys, verb, option):
     assert code == 2
     (error,) = answer["errors"]
     assert error["code"] == "usage.no-urdf"
-    assert error["text"].startswith(f"{option} link1: only a URDF is cut")
+    assert error["text"].startswith(f"{option} link1: only a URDF or MJCF is cut")
 
 
 def test_a_link_that_does_not_exist(capsys, urdf):

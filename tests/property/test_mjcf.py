@@ -1,16 +1,20 @@
-"""MJCF models of random trees: MuJoCo finds the torques of Pinocchio and of the formulas of drives."""
+"""MJCF models of random trees: MuJoCo finds the torques of Pinocchio and of the formulas of drives.
+
+What symid reads in them has the same torques; frames of bodies, however they are written, are MuJoCo's.
+"""
 
 import dataclasses
 
 import mujoco
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import assume, given, settings, strategies as st
 
 from symid.notation import INERTIAL
 from symid.robot.description import Spring
 from symid.robot.xml_writers import write_mjcf
 from tests.chains import RATIONAL_ANGLES, draw_parameters, fold, regress, spread, trees
-from tests.mujocos import find_mujoco_torques
+from tests.mujocos import find_mujoco_torques, parse_mjcf
+from tests.urdfs import find_link_poses
 
 
 def fill(robot, rng):
@@ -57,3 +61,107 @@ def test_mujoco_finds_the_torques_of_random_trees(robot):
     columns = regress(robot, *state)
     expected = sum(value * columns[label] for label, value in values.items())
     assert np.abs(found - expected).max() <= 1e-10 * max(1.0, float(np.abs(expected).max()))
+
+
+def list_values(robot):
+    """Return all values of a robot, as it was read, by their labels."""
+    values = {}
+    for index, joint in enumerate(robot.joints):
+        values |= {(index, name): value for name, value in zip(INERTIAL, joint.inertial, strict=True)}
+        if joint.drive.has_rotor:
+            values[index, "IA"] = joint.drive.rotor_inertia
+        if joint.spring is not None:
+            values[index, "KS"] = joint.spring.stiffness
+            values[index, "KR"] = -joint.spring.stiffness * joint.spring.rest
+        values |= dict(zip([(index, "Fv"), (index, "Fc")], joint.friction.values or (), strict=False))
+    for number, coupling in enumerate(robot.couplings, start=robot.size):
+        if coupling.has_rotor:
+            values[number, "IA"] = coupling.rotor_inertia
+    return values
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    robot=trees(
+        angles=RATIONAL_ANGLES, rotors=True, friction=True, followers=True, couplings=True, springs=True
+    )
+)
+def test_what_is_written_is_read_back(robot):
+    rng = np.random.default_rng(robot.size)
+    robot, values = fill(robot, rng)
+    back = parse_mjcf(write_mjcf(robot))
+    # In the file bodies stand in the order of branches.
+    joints = {joint.name: joint for joint in robot.joints}
+    assert sorted(joint.name for joint in back.joints) == sorted(joints)
+    for joint in back.joints:
+        before = joints[joint.name]
+        assert (joint.kind, joint.drive.gear) == (before.kind, before.drive.gear)
+        assert name_master(back, joint) == name_master(robot, before)
+    assert [value.to_float() for value in back.gravity] == [value.to_float() for value in robot.gravity]
+    # A coupled drive without mechanics is nothing that MuJoCo computes with.
+    assert name_terms(back) == {name: terms for name, terms in name_terms(robot).items() if terms["rotor"]}
+    state = rng.uniform(-2, 2, (3, robot.freedom))
+    names = [joint.name for joint in robot.axes]
+    order = [names.index(joint.name) for joint in back.axes]
+    columns = regress(robot, *state)
+    expected = sum(value * columns[label] for label, value in values.items())
+    columns = regress(back, *state[:, order])
+    found = sum(value * columns[label] for label, value in list_values(back).items())
+    assert np.abs(found - expected[order]).max() <= 1e-11 * max(1.0, float(np.abs(expected).max()))
+
+
+def name_master(robot, joint):
+    return joint.mimic and (robot.joints[joint.mimic.master].name, joint.mimic.multiplier)
+
+
+def name_terms(robot):
+    """Return rotors and factors of coupled drives by the names of their joints."""
+    return {
+        entry.name: {"rotor": entry.rotor_inertia}
+        | {robot.joints[index].name: factor for index, factor in entry.terms}
+        for entry in robot.couplings
+    }
+
+
+PARTS = st.floats(-3, 3, allow_nan=False, allow_subnormal=False).map(lambda value: round(value, 6))
+ORIENTATIONS = {"quat": 4, "axisangle": 4, "euler": 3, "xyaxes": 6, "zaxis": 3}
+
+
+@st.composite
+def orientations(draw):
+    """Return an orientation in a model's own words, one that has a direction."""
+    name = draw(st.sampled_from(sorted(ORIENTATIONS)))
+    values = draw(st.lists(PARTS, min_size=ORIENTATIONS[name], max_size=ORIENTATIONS[name]))
+    if name != "euler":
+        assume(np.linalg.norm(values[:3]) > 0.1)
+    if name == "xyaxes":
+        cross = np.cross(values[:3], values[3:])
+        assume(np.linalg.norm(cross) > 0.1)
+    return f'{name}="{" ".join(map(repr, values))}"'
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    turns=st.lists(orientations(), min_size=3, max_size=3),
+    places=st.lists(PARTS, min_size=9, max_size=9),
+    sequence=st.text("xyzXYZ", min_size=3, max_size=3),
+    unit=st.sampled_from(["degree", "radian"]),
+    seed=st.integers(0, 1000),
+)
+def test_frames_of_bodies_are_those_of_mujoco(turns, places, sequence, unit, seed):
+    geom = '<geom type="box" size="0.1 0.2 0.3"/>'
+    x, y, z = (" ".join(map(repr, places[3 * k : 3 * k + 3])) for k in range(3))
+    text = (
+        f'<mujoco><compiler angle="{unit}" eulerseq="{sequence}"/><worldbody><frame pos="{x}" {turns[0]}>'
+        f'<body name="a" {turns[1]} pos="{y}"><joint name="j" axis="1 2 -1" pos="{z}" ref="0.5"/>{geom}'
+        f'<body name="b" pos="{z}" {turns[2]}><joint name="k" type="slide" axis="0 1 1"/>{geom}</body>'
+        "</body></frame></worldbody></mujoco>"
+    )
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    data.qpos[:] = np.random.default_rng(seed).uniform(-2, 2, 2)
+    mujoco.mj_forward(model, data)
+    poses = find_link_poses(parse_mjcf(text, snap=0.0), data.qpos)
+    for name, pose in zip("ab", poses, strict=True):
+        np.testing.assert_allclose(pose.translation, data.body(name).xpos, rtol=0, atol=1e-11)
+        np.testing.assert_allclose(pose.rotation.ravel(), data.body(name).xmat, rtol=0, atol=1e-12)

@@ -3,7 +3,7 @@
 import pytest
 
 from symid.errors import UsageError
-from symid.robot.loading import is_urdf, list_robots, locate_robot_file
+from symid.robot.loading import is_xml, list_robots, locate_robot_file
 
 
 def test_names_are_found_from_any_folder(tmp_path, monkeypatch, robots_folder):
@@ -73,8 +73,8 @@ def test_a_name_gets_its_neighbours_in_the_folder_at_hand(tmp_path, monkeypatch)
 def test_a_urdf_is_known_by_its_name_or_its_first_letter(tmp_path, name, content, expected):
     path = tmp_path / name
     path.write_bytes(content)
-    assert is_urdf(path) == expected
+    assert is_xml(path) == expected
 
 
 def test_what_cannot_be_read_is_no_urdf(tmp_path):
-    assert not is_urdf(tmp_path)
+    assert not is_xml(tmp_path)

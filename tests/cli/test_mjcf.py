@@ -1,0 +1,97 @@
+"""MJCF models on the command line: read, converted, and written in place with identified values."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from symid.cli.main import run
+from symid.robot import read_robot
+from symid.robot.mjcf_reader import read_xml_robot
+from tests.estimates import store_estimate
+
+MODEL = """<mujoco model="arm">
+  <!-- two axes -->
+  <default><joint damping="0.5" armature="0.1"/></default>
+  <worldbody>
+    <body name="upper" pos="0 0 0.3">
+      <joint name="shoulder" axis="0 1 0" range="-90 90"/>
+      <inertial pos="0.2 0 0" quat="1 0.1 0 0" mass="3" diaginertia="0.05 0.06 0.02"/>
+      <geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.05"/>
+      <body name="lower" pos="0.4 0 0">
+        <joint name="elbow" axis="0 1 0" frictionloss="0.2"/>
+        <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.04"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor joint="shoulder" gear="100"/></actuator>
+</mujoco>
+"""
+NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e-?\d+)?")
+
+
+def call(capsys, *arguments):
+    code = run([*map(str, arguments), "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+@pytest.fixture
+def model(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "arm.xml").write_text(MODEL, encoding="utf-8")
+    return tmp_path / "arm.xml"
+
+
+def test_models_are_checked_and_cut(capsys, model):
+    code, answer = call(capsys, "check", model)
+    assert code == 0
+    assert answer["result"]["convention"] == "mjcf"
+    assert {notice["code"] for notice in answer["warnings"]} == {"robot.mjcf-unused"}
+    _, part = call(capsys, "base", model, "--base", "upper")
+    assert {entry["joint"] for entry in part["result"]["parameters"]} == {"elbow"}
+    assert run(["check", str(model), "-q"]) == 0
+    assert "arm, 2 joints, MJCF: no mistakes" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("option", ["--from-mjcf", "--from-urdf"])
+def test_values_go_into_the_model_that_a_robot_file_was_made_from(capsys, model, tmp_path, option):
+    code, answer = call(capsys, "new", "arm.toml", option, "arm.xml")
+    assert code == 0, answer
+    robot = read_robot(tmp_path / "arm.toml")
+    assert robot.made_from.file == str(model)
+    store_estimate(robot, tmp_path / "estimate.json")
+    code, answer = call(capsys, "export", "arm.toml", "-o", "same.xml")
+    assert code == 0, answer
+    code, answer = call(capsys, "export", "arm.toml", "estimate.json", "-o", "new.xml")
+    assert code == 0, answer
+    assert answer["result"]["format"] == "MJCF model"
+    code, answer = call(capsys, "export", "arm.xml", "estimate.json", "-o", "other.xml")
+    assert code == 0, answer
+    assert model.read_text(encoding="utf-8") == MODEL
+    code, answer = call(capsys, "export", "arm.toml", "estimate.json", "--in-place")
+    assert code == 0, answer
+    text = model.read_text(encoding="utf-8")
+    assert text == (tmp_path / "new.xml").read_text(encoding="utf-8")
+    added = re.compile(r' (?:armature|damping|frictionloss)="[^"]*"|\s*<inertial pos[^>]*fullinertia[^>]*>')
+    before, after = (NUMBER.sub("#", added.sub("", entry)) for entry in (MODEL, text))
+    assert after == before
+    back = read_xml_robot(model)
+    for old, new in zip(robot.joints, back.joints, strict=True):
+        assert (new.name, new.placement) == (old.name, old.placement)
+        assert np.isfinite(new.inertial).all()
+
+
+def test_a_new_model_is_written_where_the_old_one_has_no_place(capsys, model, tmp_path):
+    parts = MODEL.replace('model="arm"', "")
+    (tmp_path / "parts.xml").write_text(parts, encoding="utf-8")
+    model.write_text('<mujoco model="arm"><include file="parts.xml"/></mujoco>', encoding="utf-8")
+    store_estimate(read_xml_robot(model), tmp_path / "estimate.json")
+    code, answer = call(capsys, "export", "arm.xml", "estimate.json", "-o", "new.xml")
+    assert code == 0, answer
+    assert "export.new-file" in {notice["code"] for notice in answer["warnings"]}
+    assert len(read_xml_robot(tmp_path / "new.xml").joints) == 2
+    code, answer = call(capsys, "export", "arm.xml", "estimate.json", "--in-place")
+    assert code == 3
+    assert {error["code"] for error in answer["errors"]} == {"robot.mjcf-include"}
+    assert (tmp_path / "parts.xml").read_text(encoding="utf-8") == parts
