@@ -13,6 +13,7 @@ file; values that contradict the source.
 import codecs
 import difflib
 import os
+import re
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -37,6 +38,8 @@ from symid.robot.toml_settings import (
 from symid.robot.toml_values import KeyPath, Place, Places, Section, suggest_names
 
 _SUFFIX = ".toml"
+# Behind the XML declaration and comments.
+_FIRST_TAG = re.compile(rb"(?:\s|<\?.*?\?>|<!--.*?-->)*<([\w:]+)", re.DOTALL)
 _XML_SUFFIXES = (".urdf", ".xml", ".mjcf")
 
 
@@ -59,9 +62,12 @@ def is_xml(path: Path) -> bool:
 def is_mjcf(path: Path) -> bool:
     """Return whether a file is an MJCF model by its outermost tag; False where it cannot be read."""
     try:
-        return b"<mujoco" in path.read_bytes()
+        text = path.read_bytes()
     except (OSError, ValueError):
         return False
+    # URDFs may have a <mujoco> inside.
+    first = _FIRST_TAG.match(text.removeprefix(codecs.BOM_UTF8))
+    return first is not None and first[1] in (b"mujoco", b"mujocoinclude")
 
 
 def list_robots() -> tuple[str, ...]:

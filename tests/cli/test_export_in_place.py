@@ -24,7 +24,8 @@ NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\w.
 ARM = Path("docs/own_robot/arm.urdf")
 
 
-TOOL = """  <link name="tool">
+TOOL = """  <mujoco><compiler discardvisual="true"/></mujoco>
+  <link name="tool">
     <inertial>
       <origin xyz="0 0 0.05" rpy="0 0 0"/>
       <mass value="0.4"/>
