@@ -27,7 +27,15 @@ from symid.codegen.functions import FunctionSpec, ModelCard, ParameterCard, Port
 from symid.codegen.material import BANNER, Fields, Material, prepare_material, write_operations
 from symid.codegen.printing import print_c, print_simd, write_literal, write_table_lines
 from symid.codegen.programs import Program
-from symid.codegen.references import ANGLE_LIMITS, FLOOR, NEGLIGIBLE, PER_UNIT, WEIGHTS, ReferenceRows
+from symid.codegen.references import (
+    ANGLE_LIMITS,
+    FLOOR,
+    NEGLIGIBLE,
+    PER_UNIT,
+    TOLERANCES,
+    WEIGHTS,
+    ReferenceRows,
+)
 from symid.codegen.source_folder import SourceSet
 from symid.codegen.source_text import GenerateOptions, write_template
 from symid.joint_models import FRICTION_LAWS, REFERENCE_TEMPERATURE
@@ -259,10 +267,6 @@ def _write_function(material: Material, program: Program) -> str:
         call=", ".join(port.name if port.shared else f"{port.name} + {port.size} * k" for port in ports),
     )
 
-
-_TOLERANCES = {"double": "1e-12", "float": "2e-5"}
-"""Sound code errs by a few units of the last place, 1e-16 or 6e-8, times the condition of what it solves, up
-to 100 here; a wrong sign or place, or a wrong digit in a constant, errs by much more."""
 
 # No multiple of the samples that vectors hold: each batch has some left over.
 _BATCH_SAMPLES = 13
@@ -508,7 +512,7 @@ def generate_c_library(functions: Functions, options: GenerateOptions | None = N
         GenerationError: a function holds an operation without a C form, or disagrees with itself.
     """
     material = prepare_material(functions, options or GenerateOptions())
-    prefix, tolerance = material.prefix, _TOLERANCES[material.options.precision]
+    prefix, tolerance = material.prefix, TOLERANCES[material.options.precision]
     files = _write_sources(material)
     paths = [path for path, _ in files]
     sources, headers = ([path for path in paths if path.endswith(end)] for end in (".c", ".h"))
