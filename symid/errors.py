@@ -41,7 +41,7 @@ NOTES = frozenset(
         *("new.preset", "new.unused-columns"),
         *("robot.assumed-gravity", "robot.cut-off", "robot.default-axis", "robot.elastic-joint"),
         *("robot.endless-limits", "robot.fixed-to-base", "robot.follower-still", "robot.lumped"),
-        *("robot.renamed", "robot.urdf-unused"),
+        *("robot.not-rounded", "robot.renamed", "robot.rounding-price", "robot.urdf-unused"),
     )
 )
 """Codes of notes, which report a choice or a fact; all other notices are warnings or errors."""

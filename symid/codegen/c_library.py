@@ -25,7 +25,7 @@ from symid.codegen.c_friction import generate_friction_laws
 from symid.codegen.casadi_functions import Functions
 from symid.codegen.functions import FunctionSpec, ModelCard, ParameterCard, Port
 from symid.codegen.material import BANNER, Fields, Material, prepare_material, write_operations
-from symid.codegen.printing import print_c, print_simd, write_literal, write_table_lines
+from symid.codegen.printing import FunctionBody, print_c, print_simd, write_literal, write_table_lines
 from symid.codegen.programs import Program
 from symid.codegen.references import (
     ANGLE_LIMITS,
@@ -246,10 +246,10 @@ def _write_function(material: Material, program: Program) -> str:
     real, spec = material.options.precision, program.spec
     own = material.options.trigonometry == "own"
     body = print_c(program, real, together=own)
-    lanes = print_simd(program, real) if own else ()
-    text = "\n".join(body.statements)
+    lanes = print_simd(program, real) if own else FunctionBody(statements=())
+    text = "\n".join(chain(body.statements, *(part.statements for part in body.parts)))
     includes = []
-    if lanes or "find_sines(" in text:
+    if lanes.statements or "find_sines(" in text:
         includes.append(f'#include "{material.prefix}{_SIMD_HEADER}"')
     if re.search(r"\b(sin|cos|tan|sqrt|exp|tanh|pow|fabs)f?\(", text):
         includes += ["", "#include <math.h>"]
@@ -262,8 +262,10 @@ def _write_function(material: Material, program: Program) -> str:
         definition=definition,
         batch_definition=batch_definition,
         null_test=" || ".join(f"{port.name} == NULL" for port in ports),
+        parts=body.parts,
+        lane_parts=lanes.parts,
         statements=body.statements,
-        lane_bodies=[lanes] if lanes else [],
+        lane_bodies=[lanes.statements] if lanes.statements else [],
         call=", ".join(port.name if port.shared else f"{port.name} + {port.size} * k" for port in ports),
     )
 

@@ -228,25 +228,28 @@ _MULTIPLES = (0.0, 4.0, 8.0, 16.0, 64.0)
 _GOOD_CONDITION = 1e2
 _LARGEST_CONDITION = 1e3
 _LARGEST_VALUE = 1e3
-_LAST_CUT = 1e-3
+_CUTS = (1e-9, 1e-6, 1e-4, 1e-3)
 # Where rounding to thousandths has its edges: not at the simple fractions that exact solutions are made of.
 _ROUNDING_EDGE = 0.137
 
 
-def _project_positive_definite(columns: FloatArray, size: int, cut: float = 1e-9) -> FloatArray:
+def _project_positive_definite(columns: FloatArray, size: int) -> FloatArray:
     """Return beta of a positive definite mass matrix at every state, as far as there is one.
 
-    Directions of beta that hardly move the matrix would take huge values: they are `cut` off until none is.
+    Directions of beta that hardly move the matrix would take huge values: such are cut off until none is.
     """
-    inverse = np.linalg.pinv(columns, rcond=cut)
+    left, singular, right = np.linalg.svd(columns, full_matrices=False)
     states = columns.shape[0] // size**2
-    beta = inverse @ np.tile(np.eye(size).ravel(), states)
-    for _ in range(_PROJECTIONS):
-        values, vectors = np.linalg.eigh((columns @ beta).reshape(states, size, size))
-        raised = (vectors * np.maximum(values, 1.0)[:, None, :]) @ vectors.transpose(0, 2, 1)
-        beta = inverse @ raised.ravel()
-    if np.abs(beta).max(initial=0.0) > _LARGEST_VALUE and cut < _LAST_CUT:
-        return _project_positive_definite(columns, size, 10.0 * cut)
+    for cut in _CUTS:
+        kept = singular > cut * singular[0]
+        inverse = right.T @ (np.where(kept, 1.0 / np.where(kept, singular, 1.0), 0.0)[:, None] * left.T)
+        beta = inverse @ np.tile(np.eye(size).ravel(), states)
+        for _ in range(_PROJECTIONS):
+            values, vectors = np.linalg.eigh((columns @ beta).reshape(states, size, size))
+            raised = (vectors * np.maximum(values, 1.0)[:, None, :]) @ vectors.transpose(0, 2, 1)
+            beta = inverse @ raised.ravel()
+        if np.abs(beta).max() <= _LARGEST_VALUE:
+            break
     return np.asarray(beta, dtype=np.float64)
 
 
@@ -272,9 +275,14 @@ def choose_parameters(
         place = [spec.name for spec in specs].index("mass_matrix")
         function, program = functions[place], programs[place]
 
+        at = replace(states, shared={card.vector: (0.0,) * len(stated)})
+        _, inputs = at.compute_all(program)
+        place = [port.name for port in program.spec.inputs].index(card.vector)
+
         def evaluate(beta: FloatArray) -> FloatArray:
-            at = replace(states, shared={card.vector: tuple(beta.tolist())})
-            (matrices,) = evaluate_casadi(function, program, at.compute_all(program)[1], states.count)
+            (matrices,) = evaluate_casadi(
+                function, program, [*inputs[:place], beta, *inputs[place + 1 :]], states.count
+            )
             return matrices.reshape(-1, card.size, card.size)
 
         given = [beta for beta in given if _compute_condition(evaluate(beta)) < _LARGEST_CONDITION]
