@@ -20,7 +20,7 @@ def write_arm(*rolls: str, pitch: str = "0.3") -> str:
     for k, (name, roll) in enumerate(zip(NAMES, ("0", *rolls), strict=False)):
         lines.append(
             f'<link name="{name}"><inertial><origin xyz="0.1 0.0{k + 2} 0.03"/><mass value="{k + 1}"/>'
-            '<inertia ixx="0.02" ixy="0.001" ixz="0.002" iyy="0.03" iyz="0.003" izz="0.04"/></inertial></link>'
+            '<inertia ixx="0.02" ixy="0.001" ixz="0.002" iyy="0.03" iyz="0" izz="0.04"/></inertial></link>'
             f'<joint name="j{k}" type="revolute"><parent link="{before}"/><child link="{name}"/>'
             f'<axis xyz="0 0 1"/><origin xyz="0.2 0 0.1" rpy="{roll} 0 {pitch}"/>'
             '<limit lower="-2" upper="2" effort="9" velocity="9"/></joint>'
