@@ -42,7 +42,8 @@ NOTES = frozenset(
         "payload.controller-scope",
         *("robot.assumed-gravity", "robot.cut-off", "robot.default-axis", "robot.elastic-joint"),
         *("robot.endless-limits", "robot.fixed-to-base", "robot.follower-still", "robot.lumped"),
-        *("robot.mjcf-unused", "robot.renamed", "robot.urdf-unused", "robot.xacro-arguments"),
+        *("robot.mjcf-unused", "robot.not-rounded", "robot.renamed", "robot.rounding-price"),
+        *("robot.urdf-unused", "robot.xacro-arguments"),
     )
 )
 """Codes of notes, which report a choice or a fact; all other notices are warnings or errors."""

@@ -13,7 +13,7 @@ Supported: robot files, URDF, MJCF, tables of Denavit-Hartenberg rows. Nothing h
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, final
@@ -1159,8 +1159,8 @@ def load(
             "coulomb-viscous-offset".
         base: for a URDF or MJCF: first link of the robot; its root by default.
         tip: for a URDF or MJCF: last link of the robot; other branches are removed.
-        snap: for a URDF or MJCF: angles within this distance (rad) of a quarter turn are rounded to it;
-            1e-5 by default.
+        snap: for a URDF or MJCF: angles within this distance (rad) of a quarter turn are rounded to it; by
+            default 1e-5 where that changes no number of base parameters, else 0; a note says what it changes.
         convention: for a table of rows: "modified" or "standard" Denavit-Hartenberg; it is never guessed.
         gravity: for a table of rows: in the base frame, m/s^2; 0, 0, -9.81 by default.
         backend: what computes the functions: "auto", "c", "python" or "casadi".
@@ -1175,6 +1175,7 @@ def load(
         >>> symid.load("panda").name
         'panda'
     """
+    from symid.dynamics import choose_reading
     from symid.robot import load_robot
 
     check_choice("backend", backend, BACKENDS)
@@ -1185,16 +1186,17 @@ def load(
             raise UsageError(Notice(code="usage.gravity", text=text))
         x, y, z = (repr(float(part)) for part in gravity)
         written = (x, y, z)
-    described = load_robot(
+    read = partial(
+        load_robot,
         fspath(robot),
         list_pairs(settings),
         friction,
         base=base,
         tip=tip,
-        snap=snap,
         convention=convention,
         gravity=written,
     )
+    described = choose_reading(read) if snap is None else read(snap=snap)
     return RobotModel(description=described, backend=backend, progress=progress)
 
 

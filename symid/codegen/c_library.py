@@ -25,9 +25,17 @@ from symid.codegen.c_friction import generate_friction_laws
 from symid.codegen.casadi_functions import Functions
 from symid.codegen.functions import FunctionSpec, ModelCard, ParameterCard, Port
 from symid.codegen.material import BANNER, Fields, Material, prepare_material, write_operations
-from symid.codegen.printing import print_c, print_simd, write_literal, write_table_lines
+from symid.codegen.printing import FunctionBody, print_c, print_simd, write_literal, write_table_lines
 from symid.codegen.programs import Program
-from symid.codegen.references import ANGLE_LIMITS, FLOOR, NEGLIGIBLE, PER_UNIT, WEIGHTS, ReferenceRows
+from symid.codegen.references import (
+    ANGLE_LIMITS,
+    FLOOR,
+    NEGLIGIBLE,
+    PER_UNIT,
+    TOLERANCES,
+    WEIGHTS,
+    ReferenceRows,
+)
 from symid.codegen.source_folder import SourceSet
 from symid.codegen.source_text import GenerateOptions, write_template
 from symid.joint_models import FRICTION_LAWS, REFERENCE_TEMPERATURE
@@ -238,10 +246,10 @@ def _write_function(material: Material, program: Program) -> str:
     real, spec = material.options.precision, program.spec
     own = material.options.trigonometry == "own"
     body = print_c(program, real, together=own)
-    lanes = print_simd(program, real) if own else ()
-    text = "\n".join(body.statements)
+    lanes = print_simd(program, real) if own else FunctionBody(statements=())
+    text = "\n".join(chain(body.statements, *(part.statements for part in body.parts)))
     includes = []
-    if lanes or "find_sines(" in text:
+    if lanes.statements or "find_sines(" in text:
         includes.append(f'#include "{material.prefix}{_SIMD_HEADER}"')
     if re.search(r"\b(sin|cos|tan|sqrt|exp|tanh|pow|fabs)f?\(", text):
         includes += ["", "#include <math.h>"]
@@ -254,15 +262,13 @@ def _write_function(material: Material, program: Program) -> str:
         definition=definition,
         batch_definition=batch_definition,
         null_test=" || ".join(f"{port.name} == NULL" for port in ports),
+        parts=body.parts,
+        lane_parts=lanes.parts,
         statements=body.statements,
-        lane_bodies=[lanes] if lanes else [],
+        lane_bodies=[lanes.statements] if lanes.statements else [],
         call=", ".join(port.name if port.shared else f"{port.name} + {port.size} * k" for port in ports),
     )
 
-
-_TOLERANCES = {"double": "1e-12", "float": "2e-5"}
-"""Sound code errs by a few units of the last place, 1e-16 or 6e-8, times the condition of what it solves, up
-to 100 here; a wrong sign or place, or a wrong digit in a constant, errs by much more."""
 
 # No multiple of the samples that vectors hold: each batch has some left over.
 _BATCH_SAMPLES = 13
@@ -508,7 +514,7 @@ def generate_c_library(functions: Functions, options: GenerateOptions | None = N
         GenerationError: a function holds an operation without a C form, or disagrees with itself.
     """
     material = prepare_material(functions, options or GenerateOptions())
-    prefix, tolerance = material.prefix, _TOLERANCES[material.options.precision]
+    prefix, tolerance = material.prefix, TOLERANCES[material.options.precision]
     files = _write_sources(material)
     paths = [path for path, _ in files]
     sources, headers = ([path for path in paths if path.endswith(end)] for end in (".c", ".h"))

@@ -112,8 +112,13 @@ def measure_code_sizes(folder: Path, prefix: str, names: Sequence[str]) -> dict[
             continue
         if found is None or symbol not in found.functions:
             continue
-        code, frames = found.functions[symbol], _read_stack_frames(folder / f"{symbol}.su")
-        stack = None if frames is None else sum(frames.values())
+        # Parts of a long function are called one after the other.
+        parts = [size for name, size in found.functions.items() if name.startswith("part_")]
+        code, frames = found.functions[symbol] + sum(parts), _read_stack_frames(folder / f"{symbol}.su")
+        stack = None
+        if frames is not None:
+            inside = [frame for name, frame in frames.items() if "part_" in name and symbol not in name]
+            stack = sum(frames.values()) - sum(inside) + max(inside, default=0)
         sizes[name] = CodeSize(
             code=code,
             batch_code=sum(found.functions.values()) - code,

@@ -28,12 +28,11 @@ from symid.codegen.generation import (
     describe_untested,
     lock_folder,
     read_unchanged,
-    run_selftest,
-    write_build_record,
+    write_tested,
 )
 from symid.codegen.printing import print_c, print_python, write_literal
 from symid.codegen.programs import ExpressionTable, Program, ValueAlgebra, count_operations
-from symid.codegen.source_folder import SourceSet, compute_digest, write_sources
+from symid.codegen.source_folder import SourceSet, compute_digest
 from symid.codegen.source_text import build_library_prefix, check_choice, clean_text, write_template
 from symid.errors import Notice
 from symid.joint_models import (
@@ -321,9 +320,7 @@ def generate_element(
         if found is None:
             progress(f"writing {order.target} code")
             sources = build_sources(elasticity, order)
-            write_sources(sources, folder, force=force)
-            record = run_selftest(folder, kind, inputs, progress)
-            manifest = write_build_record(folder, record, sources)
+            manifest, record = write_tested(sources, folder, kind, inputs, progress, force=force)
         else:
             manifest, record = found
     return GeneratedFolder(

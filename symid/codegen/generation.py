@@ -1,8 +1,9 @@
-"""A folder of generated code: written and tested where something has changed, else left as it is.
+"""A folder of generated code: tested and written where something has changed, else left as it is.
 
-Robot -> Functions -> SourceSet -> files -> self-test -> record. The sources and most of the manifest are the
-same on every machine. The entry "build" is not: which compiler passed the self-test, and how large every
-function became. It is written after the files, with a digest of the other entries that shows edits of these.
+Robot -> Functions -> SourceSet -> self-test -> record -> files. The self-test runs in a folder of its own:
+code that fails it is never written. The sources and most of the manifest are the same on every machine. The
+entry "build" is not: which compiler passed the self-test, and how large every function became. It holds a
+digest of the other entries that shows edits of these.
 
 Supported: the targets of `TARGETS`; one run of a user at a time writes a folder, another waits.
 Not supported: files of others in the folder (they take no part in the test); waiting for other users or
@@ -34,11 +35,11 @@ from symid.codegen.compiler import STACK_FLAG, CodeSize, Compiler, locate_compil
 from symid.codegen.source_folder import (
     MANIFEST,
     SourceSet,
+    check_folder,
     compute_digest,
     get_listed_digests,
     is_unchanged,
     read_manifest,
-    write_manifest_text,
     write_sources,
 )
 from symid.codegen.source_text import GenerateOptions, check_choice
@@ -163,22 +164,14 @@ def read_unchanged(folder: Path, inputs: str) -> tuple[Mapping[str, object], Bui
     return (manifest, record) if same else None
 
 
-def write_build_record(folder: Path, record: BuildRecord, sources: SourceSet) -> Mapping[str, object]:
-    """Put `record` into the manifest of `folder`, and return that manifest.
-
-    Raises:
-        OutputError: the folder holds other than `sources` by now, or cannot be written.
-    """
-    manifest = dict(read_manifest(folder) or {})
-    if manifest != json.loads(sources.manifest) or not is_unchanged(folder, manifest):
-        text = "was changed while its self-test ran; generate it again"
-        raise OutputError(Notice(code="output.changed-meanwhile", text=text, file=str(folder)))
+def add_build_record(sources: SourceSet, record: BuildRecord) -> SourceSet:
+    """Return `sources` with `record` in their manifest."""
+    manifest = json.loads(sources.manifest)
     manifest[_ENTRY] = {**asdict(record), "seal": _compute_seal(manifest)}
-    write_manifest_text(json.dumps(manifest, indent=1, sort_keys=True) + "\n", folder)
-    return read_manifest(folder) or {}
+    return replace(sources, manifest=json.dumps(manifest, indent=1, sort_keys=True) + "\n")
 
 
-_SELFTEST_TIMEOUT = 600.0
+_SELFTEST_TIMEOUT = 1800.0
 _SELFTEST_FLAGS = "-O2"
 # An outer `make` may have been told to build nothing, or to ignore all errors.
 _MAKE_VARIABLES = frozenset({"MAKEFLAGS", "MFLAGS", "GNUMAKEFLAGS", "MAKELEVEL", "MAKEFILES"})
@@ -199,20 +192,8 @@ def choose_runner(target: str) -> tuple[Compiler | None, str]:
 
 
 def _fail_selftest(folder: Path, text: str) -> NoReturn:
+    text = f"nothing was written: the self-test failed: {text}"
     raise GenerationError(Notice(code="generate.selftest-failed", text=text, file=str(folder)))
-
-
-def _copy_listed(folder: Path, manifest: Mapping[str, object], copy: Path) -> None:
-    """Copy the files that `manifest` lists, and no others: a folder may hold other files of its owner."""
-    for path, digest in get_listed_digests(manifest).items():
-        try:
-            content = (folder / path).read_bytes()
-        except OSError as error:
-            _fail_selftest(folder, f"the self-test could not be run: {path}: {error.strerror or error}")
-        if compute_digest(content) != digest:
-            _fail_selftest(folder, f"the self-test could not be run: {path} was changed since it was written")
-        (copy / path).parent.mkdir(parents=True, exist_ok=True)
-        (copy / path).write_bytes(content)
 
 
 def _run_command(folder: Path, copy: Path, command: list[str]) -> subprocess.CompletedProcess[str]:
@@ -233,11 +214,13 @@ def _run_command(folder: Path, copy: Path, command: list[str]) -> subprocess.Com
         why = f"did not end within {_SELFTEST_TIMEOUT:g} s"
     except OSError as error:
         why = f"cannot be run: {error.strerror or error}"
-    _fail_selftest(folder, f"the self-test failed: `{' '.join(command)}` {why}")
+    _fail_selftest(folder, f"`{' '.join(command)}` {why}")
 
 
-def run_selftest(folder: Path, target: str, inputs: str, progress: Callable[[str], None]) -> BuildRecord:
-    """Run the test of a folder, as `write_sources` wrote it, in a copy of it and return how it went.
+def run_selftest(
+    sources: SourceSet, folder: Path, target: str, inputs: str, progress: Callable[[str], None]
+) -> BuildRecord:
+    """Run the test of `sources`, which `folder` is to hold, in a folder of its own and return how it went.
 
     The test counts as passed where the program itself ran, ended with zero and said so in its last line; what
     `make` says proves nothing, as variables of the environment can keep it from doing anything.
@@ -248,12 +231,12 @@ def run_selftest(folder: Path, target: str, inputs: str, progress: Callable[[str
     compiler, runner = choose_runner(target)
     if not runner:
         return BuildRecord(inputs=inputs, selftest="not run")
-    progress("running the self-test of the folder")
-    manifest = read_manifest(folder) or {}
+    progress("running the self-test")
+    manifest = json.loads(sources.manifest)
     prefix, names = str(manifest.get("prefix")), tuple(read_operations(manifest))
     with tempfile.TemporaryDirectory(prefix="symid-") as scratch:
-        copy = Path(scratch)
-        _copy_listed(folder, manifest, copy)
+        copy = Path(scratch) / "code"
+        write_sources(sources, copy)
         run = functools.partial(_run_command, folder, copy)
         done = None
         if compiler is not None:
@@ -268,7 +251,7 @@ def run_selftest(folder: Path, target: str, inputs: str, progress: Callable[[str
             done = run([sys.executable, module] if module else [str(copy / "selftest")])
             failed = done.returncode or not _PASSED.fullmatch(done.stdout.rstrip("\n").rpartition("\n")[2])
         if failed:
-            how = f"the self-test failed: `{' '.join(done.args)}` ended with {done.returncode}"
+            how = f"`{' '.join(done.args)}` ended with {done.returncode}"
             _fail_selftest(folder, f"{how}\n{done.stdout}{done.stderr}".rstrip())
         sizes = measure_code_sizes(copy, prefix, names) if target == "c" else {}
     flags = _SELFTEST_FLAGS if compiler else ""
@@ -345,8 +328,9 @@ def generate_folder(
 ) -> GeneratedFolder:
     """Write the code of `robot` to `folder` and test it; nothing is done where nothing has changed.
 
-    The folder is new, or one that symid wrote; files of others in it stay as they are. `progress` is called
-    with what begins; `force`: write in any case, over edited files too.
+    The folder is new, or one that symid wrote; files of others in it stay as they are. Code that fails its
+    self-test is not written. `progress` is called with what begins; `force`: write in any case, over files of
+    symid that were edited too.
 
     Raises:
         RobotError: a symbolic length has no value.
@@ -365,15 +349,14 @@ def generate_folder(
             from symid.codegen.casadi_functions import build_functions
             from symid.codegen.python_targets import generate_casadi_target, generate_python_module
 
+            check_folder(folder)
             progress(f"deriving the functions of {robot.name}")
             standard = order.parameters == "standard"
             functions = build_functions(robot, names=order.names, standard=standard, constant=order.constant)
             progress(f"writing {order.target} code")
             generate = {"python": generate_python_module, "casadi": generate_casadi_target}
             sources = generate.get(order.target, generate_c_library)(functions, order.options)
-            write_sources(sources, folder, force=force)
-            record = run_selftest(folder, order.target, inputs, progress)
-            manifest = write_build_record(folder, record, sources)
+            manifest, record = write_tested(sources, folder, order.target, inputs, progress, force=force)
         else:
             manifest, record = found
     return GeneratedFolder(
@@ -383,6 +366,28 @@ def generate_folder(
         unchanged=found is not None,
         notices=describe_untested(folder, record),
     )
+
+
+def write_tested(
+    sources: SourceSet,
+    folder: Path,
+    target: str,
+    inputs: str,
+    progress: Callable[[str], None],
+    *,
+    force: bool,
+) -> tuple[Mapping[str, object], BuildRecord]:
+    """Test `sources`, write them with the record of the test, and return their manifest and that record.
+
+    Raises:
+        OutputError: the folder cannot be written, or holds what symid did not write.
+        GenerationError: the code fails its self-test; nothing was written.
+    """
+    check_folder(folder, sources, force=force)
+    record = run_selftest(sources, folder, target, inputs, progress)
+    tested = add_build_record(sources, record)
+    write_sources(tested, folder, force=force)
+    return json.loads(tested.manifest), record
 
 
 def describe_untested(folder: Path, record: BuildRecord) -> tuple[Notice, ...]:

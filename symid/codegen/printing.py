@@ -1,17 +1,20 @@
 """Programs as text: C for one sample and for a block of samples side by side (SIMD), NumPy for batches.
 
 In C an output is written as soon as its value is there, so that few values wait on the stack. Sines and
-cosines of all angles are computed together, first. In NumPy names are used again as soon as their value is
-no longer needed, so that a batch holds few arrays.
+cosines of all angles are computed together, first. The time and memory of compilers grow faster than a
+function's length: a very long one is printed as parts that hand values on in an array. In NumPy names are
+used again as soon as their value is no longer needed, so that a batch holds few arrays.
 
 Supported: double and float C99; NumPy over whole batches; NaN passes through every helper.
 Not supported: blocks of samples for programs with other than sums, products, quotients, sines and cosines.
 """
 
 import heapq
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import chain
 
 import numpy as np
 
@@ -26,10 +29,22 @@ _NUMPY_OPS = (Op.MAXIMUM, Op.MINIMUM)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FunctionBody:
-    """The statements of a C function, and the definitions of the helpers that it calls, sorted."""
+    """The statements of a C function, and the definitions of the helpers that it calls, sorted.
+
+    Where there are `parts`, the statements call these one after the other.
+    """
 
     statements: tuple[str, ...]
-    helpers: tuple[str, ...]
+    helpers: tuple[str, ...] = ()
+    parts: tuple["FunctionPart", ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FunctionPart:
+    """A part of a long function: `head` is its declaration."""
+
+    head: str
+    statements: tuple[str, ...]
 
 
 def write_literal(value: float, precision: str = "double") -> str:
@@ -121,6 +136,9 @@ _PLAIN_NAMES = {Op.POWER: "math.pow", Op.ABS: "abs"}
 _WITHOUT_STATEMENT = (Op.CONSTANT, Op.INPUT)
 _GROUP_SIZE = 8
 """A multiple of every SIMD width."""
+_LONGEST_BODY, _PART_LENGTH = 8000, 1000
+"""Statements of a function that is printed as one, and of a part of one that is not."""
+_NAME = re.compile(r"[A-Za-z_]\w*")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -183,20 +201,59 @@ class _CPrinter:
 
     def print(self) -> Iterator[str]:
         """Yield all statements."""
+        yield from self._print_beginning()
+        for number in range(1, len(self.program.instructions) + 1):
+            yield from self._print_step(number)
+
+    def _print_beginning(self) -> Iterator[str]:
+        """Yield what comes first, and name constants and inputs."""
         for number, instruction in enumerate(self.program.instructions, start=1):
             if instruction.op is Op.CONSTANT:
                 self.names[number] = self.write_constant(instruction.constant)
             elif instruction.op is Op.INPUT:
                 self.names[number] = self.write_input(*instruction.args)
-        before = set(self.angles.before)
         for number in self.angles.before:
             yield from self._print_instruction(number)
         if self.angles.places:
             yield from self._print_angles()
+
+    def _print_step(self, number: int) -> Iterator[str]:
+        """Yield an instruction, if it was not printed before, and the outputs that have their value then."""
+        if number not in self.names:
+            yield from self._print_instruction(number)
+        yield from (write(*map(self.read, refs)) for refs, write in self.due.get(number, ()))
+
+    def print_parts(self) -> tuple[int, list[list[str]]]:
+        """Return the statements in parts, and how many values these hand on in the array `kept`."""
+        last = {k: number for number, one in enumerate(self.program.instructions, 1) for k in one.operands}
+        for number, entries in self.due.items():
+            for ref in chain(*(refs for refs, _ in entries)):
+                last[abs(ref)] = max(number, last.get(abs(ref), 0))
+        parts = [list(self._print_beginning())]
+        for number, one in enumerate(self.program.instructions, start=1):
+            # The arrays of sines and cosines are known to the first part alone.
+            if one.op in _TRIGONOMETRY and one.args[0] in self.angles.places:
+                parts[0] += self._print_instruction(number)
+        slots: dict[int, int] = {}
+        free: list[int] = []
+        size, new = 0, [k for k in self.names if self.names[k] == f"t{k}"]
         for number in range(1, len(self.program.instructions) + 1):
-            if number not in before:
-                yield from self._print_instruction(number)
-            yield from (write(*map(self.read, refs)) for refs, write in self.due.get(number, ()))
+            new += [] if number in self.names else [number]
+            parts[-1] += self._print_step(number)
+            length = len(parts[-1]) + _GROUP_SIZE * sum("store_eight" in line for line in parts[-1])
+            if length < _PART_LENGTH or number == len(self.program.instructions):
+                continue
+            for k in [k for k in slots if last[k] <= number]:
+                heapq.heappush(free, slots.pop(k))
+            for k in new:
+                if last.get(k, 0) > number:
+                    size += not free
+                    slots[k] = heapq.heappop(free) if free else size - 1
+                    parts[-1].append(f"kept[{slots[k]}] = t{k};")
+                    self.names[k] = f"kept[{slots[k]}]"
+            new = []
+            parts.append([])
+        return size, parts
 
     def _print_instruction(self, number: int) -> Iterator[str]:
         instruction = self.program.instructions[number - 1]
@@ -250,16 +307,46 @@ def print_c(program: Program, precision: str, *, together: bool = False) -> Func
         arguments = ", ".join(f"{precision} {argument}" for argument in names.split())
         value = value.format(zero=f"0.0{suffix}", one=f"1.0{suffix}")
         helpers.append(f"static {precision} {name}({arguments})\n{{\n    return {value};\n}}")
-    return FunctionBody(statements=tuple(printer.print()), helpers=tuple(helpers))
+    if not is_long(program):
+        return FunctionBody(statements=tuple(printer.print()), helpers=tuple(helpers))
+    ports = {
+        port.name: (f"{'const ' * (place < len(spec.inputs))}{precision} {port.name}[restrict {port.size}]")
+        for place, port in enumerate((*spec.inputs, *spec.outputs))
+    }
+    body = _join_parts(printer, "part", ports, {})
+    return replace(body, helpers=tuple(helpers))
 
 
-def print_simd(program: Program, precision: str) -> tuple[str, ...]:
-    """Return the body of a loop over blocks of samples, the first of which is number `k`, or nothing."""
+def is_long(program: Program) -> bool:
+    """Return whether a program is printed in parts."""
+    return len(program.instructions) + sum(map(len, program.outputs)) > _LONGEST_BODY
+
+
+def _join_parts(
+    printer: _CPrinter, name: str, ports: Mapping[str, str], loads: Mapping[str, str]
+) -> FunctionBody:
+    """Return calls and parts: each has those of `ports` and `loads`, by their names, that it reads."""
+    size, printed = printer.print_parts()
+    ports = {**ports, "kept": f"{printer.kind} kept[restrict {max(size, 1)}]"}
+    calls, parts = [f"{printer.kind} kept[{max(size, 1)}];"], []
+    for place, lines in enumerate(printed, start=1):
+        named = set(_NAME.findall(" ".join(lines)))
+        statements = (*(text for load, text in loads.items() if load in named), *lines)
+        named = set(_NAME.findall(" ".join(statements)))
+        given = [port for port in ports if port in named]
+        head = f"PART void {name}_{place}({', '.join(ports[port] for port in given)})"
+        parts.append(FunctionPart(head=head, statements=statements))
+        calls.append(f"{name}_{place}({', '.join(given)});")
+    return FunctionBody(statements=tuple(calls), parts=tuple(parts))
+
+
+def print_simd(program: Program, precision: str) -> FunctionBody:
+    """Return the body of a loop over blocks of samples, the first of which is number `k`; empty if none."""
     angles = group_angles(program)
     sides = {instruction.op for instruction in program.instructions}
     trigonometry = [i for i in program.instructions if i.op in _TRIGONOMETRY]
     if not sides <= _SIMD_OPS or any(i.args[0] not in angles.places for i in trigonometry):
-        return ()
+        return FunctionBody(statements=())
     inputs, outputs = program.spec.inputs, program.spec.outputs
 
     def write_input(number: int, element: int) -> str:
@@ -285,11 +372,19 @@ def print_simd(program: Program, precision: str) -> tuple[str, ...]:
             printer.promise(refs[first : first + _GROUP_SIZE], partial(write_store, port, first))
     read = (instruction.args for instruction in program.instructions if instruction.op is Op.INPUT)
     used = sorted({(number, element) for number, element in read if not inputs[number].shared})
-    loads = (
-        f"const lanes {port.name}{element} = GATHER({write_place(port, element)}, {port.size});"
+    loads = {
+        f"{port.name}{element}": f"const lanes {port.name}{element} = "
+        f"GATHER({write_place(port, element)}, {port.size});"
         for port, element in ((inputs[number], element) for number, element in used)
-    )
-    return (*loads, *printer.print())
+    }
+    if not is_long(program):
+        return FunctionBody(statements=(*loads.values(), *printer.print()))
+    ports = {"k": "size_t k"}
+    for place, port in enumerate((*inputs, *outputs)):
+        kind = f"{'const ' * (place < len(inputs))}{precision}"
+        size = f"{port.name}[restrict {port.size}]" if port.shared else f"*restrict {port.name}"
+        ports[port.name] = f"{kind} {size}"
+    return _join_parts(printer, "batch_part", ports, loads)
 
 
 # Arguments and value. Comparisons with NaN are false: each helper lets a NaN through by its last branch.

@@ -17,11 +17,9 @@ from symid.codegen.functions import Port
 from symid.codegen.material import BANNER, Fields, Material, prepare_material, write_operations
 from symid.codegen.printing import print_python
 from symid.codegen.programs import Operations, Program
-from symid.codegen.references import PER_UNIT, WEIGHTS, ReferenceRows
+from symid.codegen.references import PER_UNIT, TOLERANCES, WEIGHTS, ReferenceRows
 from symid.codegen.source_folder import SourceSet
 from symid.codegen.source_text import GenerateOptions
-
-_TOLERANCE = "1e-12"
 
 
 def _write_module(material: Material, template: str, **values: object) -> str:
@@ -45,7 +43,7 @@ def _write_module(material: Material, template: str, **values: object) -> str:
         tests.append({"name": program.spec.name, "inputs": repr(reference.tables), "outputs": outputs})
     return material.write(
         template,
-        tolerance=_TOLERANCE,
+        tolerance=TOLERANCES["double"],
         weights=repr(WEIGHTS),
         elastic_lines=[line.replace("  ", "    ", 1) for line in material.elastic_lines],
         states=list(states.values()),

@@ -5,7 +5,7 @@ an update that was interrupted leaves a hidden folder with the manifest of its f
 knows them as its own.
 
 Supported: new folders, empty ones, and folders that symid wrote before.
-Not supported: writing over files that symid did not write, or that were edited since.
+Not supported: writing over files that symid did not write, or, unless forced, that were edited since.
 """
 
 import contextlib
@@ -24,7 +24,6 @@ from symid.errors import Notice, OutputError
 
 MANIFEST = "manifest.json"
 _UPDATE_PREFIX = ".symid-update-"
-_MANIFEST_PREFIX = ".symid-manifest-"
 _SYNC_WORKERS = 16
 
 # The digests that a file may have to be as symid wrote it, by its path in the folder.
@@ -68,10 +67,6 @@ def list_interrupted_updates(folder: Path) -> list[Path]:
     return sorted(folder.glob(f"{_UPDATE_PREFIX}*")) if folder.is_dir() else []
 
 
-def _list_leftovers(folder: Path) -> list[Path]:
-    return [*list_interrupted_updates(folder), *sorted(folder.glob(f"{_MANIFEST_PREFIX}*"))]
-
-
 def is_unchanged(folder: Path, manifest: Mapping[str, object]) -> bool:
     """Return whether every file that `manifest` lists has its digest, and no update was interrupted."""
     listed = get_listed_digests(manifest)
@@ -105,46 +100,37 @@ def _copy_owner(source: Path, *targets: Path) -> None:
                 os.chown(target, wanted.st_uid, wanted.st_gid)
 
 
-def write_manifest_text(text: str, folder: Path) -> None:
-    """Put another manifest into a folder that symid wrote, in one step.
-
-    Raises:
-        OutputError: it cannot be written.
-    """
-    target = folder.resolve()
-    # Not the prefix of updates, during which new files stand beside old ones.
-    staging = target / f"{_MANIFEST_PREFIX}{secrets.token_hex(6)}"
-    try:
-        staging.write_bytes(text.encode())
-        _sync_to_disk(staging)
-        _copy_owner(target / MANIFEST, staging)
-        staging.replace(target / MANIFEST)
-        _sync_to_disk(target)
-    except OSError as error:
-        raise _build_write_error(error, folder) from error
-    finally:
-        with contextlib.suppress(OSError):
-            staging.unlink(missing_ok=True)
-
-
 def _build_write_error(error: OSError, folder: Path) -> OutputError:
     text = f"cannot be written: {error.strerror or error}"
     return OutputError(Notice(code="output.cannot-write", text=text, file=str(folder)))
 
 
-def _check_folder(folder: Path, sources: SourceSet, listed: ListedDigests | None, *, force: bool) -> None:
-    """Raise OutputError where symid did not write the folder, or a file that `sources` would overwrite."""
+def _read_listed(folder: Path) -> tuple[ListedDigests, bool]:
+    """Return the digests of the files that symid wrote, and whether a manifest of symid is there."""
+    # After an interrupted update, a file may be as the old manifest says or as that of the update does.
+    manifests = [read_manifest(place) for place in (folder, *list_interrupted_updates(folder))]
+    found = [get_listed_digests(manifest) for manifest in manifests if manifest is not None]
+    paths = sorted({path for files in found for path in files})
+    return {path: tuple(files[path] for files in found if path in files) for path in paths}, bool(found)
+
+
+def check_folder(folder: Path, sources: SourceSet | None = None, *, force: bool = False) -> None:
+    """Raise OutputError where symid did not write the folder, or a file that `sources` would overwrite.
+
+    A folder is ours if it is new, empty, or holds a manifest of symid. `force` gives up changes of files that
+    this manifest lists, and nothing else.
+    """
     if folder.exists() and not folder.is_dir():
         text = "is a file, not a folder; give the name of a folder"
         raise OutputError(Notice(code="output.not-a-folder", text=text, file=str(folder)))
-    foreign = listed is None and not force and folder.is_dir()
-    if foreign and set(folder.iterdir()) - set(_list_leftovers(folder)):
-        text = "is not empty and holds no manifest of symid; give an empty folder, or force"
+    known, ours = _read_listed(folder)
+    if not ours and folder.is_dir() and set(folder.iterdir()) - set(list_interrupted_updates(folder)):
+        text = "is not empty and holds no manifest of symid, so that nothing was written; give another folder"
         raise OutputError(Notice(code="output.foreign-folder", text=text, file=str(folder)))
-    known, notices = listed or {}, []
-    for path, text in (*sources.files, (MANIFEST, sources.manifest)):
+    notices = []
+    for path, text in (*sources.files, (MANIFEST, sources.manifest)) if sources else ():
         target = folder / path
-        if not os.path.lexists(target) or (path == MANIFEST and known):
+        if not os.path.lexists(target) or (path == MANIFEST and ours):
             continue
         found = compute_digest(target.read_bytes()) if target.is_file() and not target.is_symlink() else ""
         if found == compute_digest(text.encode()):
@@ -182,7 +168,7 @@ def _remove_stale_files(folder: Path, sources: SourceSet, listed: ListedDigests)
 
 def _update_folder(sources: SourceSet, folder: Path, listed: ListedDigests) -> None:
     """Move the files into `folder` one by one; the folder itself stays what it is."""
-    remains = _list_leftovers(folder)
+    remains = list_interrupted_updates(folder)
     staging = folder / f"{_UPDATE_PREFIX}{secrets.token_hex(6)}"
     moved = False
     try:
@@ -203,29 +189,20 @@ def _update_folder(sources: SourceSet, folder: Path, listed: ListedDigests) -> N
             shutil.rmtree(staging, ignore_errors=True)
         raise
     for place in (staging, *remains):
-        if place.is_dir():
-            shutil.rmtree(place, ignore_errors=True)
-        else:
-            with contextlib.suppress(OSError):
-                place.unlink()
+        shutil.rmtree(place, ignore_errors=True)
 
 
 def write_sources(sources: SourceSet, folder: Path, *, force: bool = False) -> tuple[Path, ...]:
     """Write `sources` into `folder` and return the paths of the files, the manifest last.
 
-    Files that the last run wrote and this one does not are removed if nobody changed them. With
-    `force`, a folder that is not empty is accepted and edited files are overwritten; a file that
-    symid did not write is never touched.
+    Files that the last run wrote and this one does not are removed if nobody changed them. With `force`,
+    files of symid that were edited since are overwritten; a file that symid did not write is never touched.
 
     Raises:
         OutputError: symid did not write the folder or a file in it, or they cannot be written.
     """
-    # After an interrupted update, a file may be as the old manifest says or as that of the update does.
-    manifests = [read_manifest(place) for place in (folder, *list_interrupted_updates(folder))]
-    found = [get_listed_digests(manifest) for manifest in manifests if manifest is not None]
-    paths = sorted({path for files in found for path in files})
-    listed = {path: tuple(files[path] for files in found if path in files) for path in paths}
-    _check_folder(folder, sources, listed if found else None, force=force)
+    check_folder(folder, sources, force=force)
+    listed, _ = _read_listed(folder)
     target = folder.resolve()
     staging = target.parent / f".{target.name}-{secrets.token_hex(6)}"
     try:

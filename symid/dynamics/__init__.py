@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     )
     from symid.dynamics.frame_choice import (
         choose_origin_shifts as choose_origin_shifts,
+        choose_reading as choose_reading,
         fix_last_link_axes as fix_last_link_axes,
         list_constant_rotations as list_constant_rotations,
         remove_constant_rotations as remove_constant_rotations,

@@ -1,6 +1,7 @@
-"""Link frames chosen for fewer operations; all torques stay the same.
+"""Link frames chosen for fewer operations, where all torques stay the same; and what rounding angles costs.
 
-Robot, or recursion and parameters -> the same, written otherwise.
+Robot, or recursion and parameters -> the same, written otherwise. Two readings of a URDF, with angles rounded
+to quarter turns and as written -> the one to take, and the price of rounding.
 
 Constant rotations: Rx(alpha) Rz(theta) before the joint's own Rz(q) becomes Rx(alpha) Rz(q + theta). Origins
 move along the joint's axis, next to the parent's origin, or beyond the first joint of an arm. A link that
@@ -11,12 +12,18 @@ Not supported: constant rotations by quarter turns, and placements whose x axis 
 """
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 
-from symid.dynamics.algebra import Algebra, T
+import numpy as np
+
+from symid.arrays import FloatArray
+from symid.dynamics.algebra import Algebra, OperatorAlgebra, RobotState, T, spread_coordinates
 from symid.dynamics.bodies import Parameters, gather_body, rotate_tensor_about_z
-from symid.dynamics.recursion import Recursion, compute_motions
+from symid.dynamics.recursion import Recursion, build_recursion, compute_motions, fold_vector
+from symid.dynamics.regressors import compute_torque_columns
+from symid.errors import Notice
+from symid.notation import INERTIAL
 from symid.robot import ONE, ZERO, Exact, Joint, JointKind, Robot
 
 
@@ -129,3 +136,97 @@ def fix_last_link_axes(
     held = tuple(frames)
     motions = compute_motions(robot, algebra, held, recursion.state.velocity)
     return replace(recursion, frames=held, motions=motions), turned
+
+
+class _ArrayAlgebra(OperatorAlgebra):
+    """Arrays of doubles, an element a state."""
+
+    zero, one = np.float64(0.0), np.float64(1.0)
+
+    def __init__(self, symbols: Mapping[str, float]) -> None:
+        self.symbols = symbols
+
+    def constant(self, value: Exact) -> np.float64:
+        return np.float64(value.to_float(self.symbols))
+
+    def half(self, value: FloatArray) -> FloatArray:
+        return 0.5 * value
+
+
+_ROUNDING_CODES = frozenset({"robot.angle-snapped", "robot.axis-snapped"})
+_STATES = 40
+_SEED = 20240
+# Between what an angle of 1e-5 rad adds to a column of length one, and its square.
+_SMALLEST_SINGULAR = 1e-9
+
+
+def _compute_torque_regressor(robot: Robot, motion: tuple[FloatArray, ...]) -> FloatArray:
+    """Return the columns of all standard parameters (links, 10, joints, states) from q, dq, ddq."""
+    algebra, count = _ArrayAlgebra(dict(robot.symbols)), motion[0].shape[1]
+    q, dq, ddq = (spread_coordinates(robot, algebra, list(rows))[: robot.size] for rows in motion)
+    sine, cosine = (tuple(map(wave, q)) for wave in (np.sin, np.cos))
+    state = RobotState(sine=sine, cosine=cosine, position=q, velocity=dq, acceleration=ddq)
+    keys = [(link, name) for link in range(robot.size) for name in INERTIAL]
+    found = compute_torque_columns(build_recursion(robot, algebra, state), keys, meet=lambda link: link)
+    columns = [fold_vector(robot, algebra, found[key]) for key in keys]
+    rows = [[np.broadcast_to(entry, (count,)) for entry in column] for column in columns]
+    return np.array(rows).reshape(robot.size, len(INERTIAL), robot.freedom, count)
+
+
+def _count_independent(columns: FloatArray) -> int:
+    """Return the rank of a regressor whose columns are scaled to length one."""
+    matrix = columns.reshape(columns.shape[0] * columns.shape[1], -1)
+    lengths = np.linalg.norm(matrix, axis=1)
+    kept = lengths > _SMALLEST_SINGULAR * lengths.max(initial=0.0)
+    singular = np.linalg.svd(matrix[kept] / lengths[kept, None], compute_uv=False)
+    return int((singular > _SMALLEST_SINGULAR * singular.max(initial=0.0)).sum())
+
+
+def _draw_motion(robot: Robot, *, limited: bool) -> tuple[FloatArray, ...]:
+    """Return q, dq, ddq (joints, states), random, and within the limits of positions where `limited`."""
+    rng, usual = np.random.default_rng(_SEED), (-math.pi, math.pi)
+    ranges = [(axis.limits.position if limited else None) or usual for axis in robot.axes]
+    share = rng.uniform(size=(robot.freedom, _STATES))
+    q = np.array([low + (high - low) * part for (low, high), part in zip(ranges, share, strict=True)])
+    return (q, *(rng.uniform(-size, size, q.shape) for size in (2.0, 5.0)))
+
+
+def _compare_torques(exact: Robot, rounded: Robot, motion: tuple[FloatArray, ...]) -> float:
+    """Return the largest difference of a torque, as part of the joint's largest one."""
+    torques = []
+    for robot in (exact, rounded):
+        values = np.array([joint.inertial or (0.0,) * len(INERTIAL) for joint in robot.joints])
+        torques.append(np.einsum("lpjs,lp->js", _compute_torque_regressor(robot, motion), values))
+    largest = np.abs(torques[0]).max(axis=1)
+    differences = np.abs(torques[0] - torques[1]).max(axis=1)
+    return float(np.max(differences[largest > 0.0] / largest[largest > 0.0], initial=0.0))
+
+
+def choose_reading(read: Callable[..., Robot]) -> Robot:
+    """Return a robot with its angles rounded or, where that hides base parameters, as they are written.
+
+    `read` takes the largest angle (rad) that is rounded as `snap`, or nothing for the usual one. Both
+    readings are compared in doubles at random states: by the rank of their torque regressors, columns of
+    length one, and within the limits by the torques of the file's values. A note says what was found.
+    """
+    rounded = read()
+    if not rounded.joints or not _ROUNDING_CODES & {notice.code for notice in rounded.notices}:
+        return rounded
+    exact = read(snap=0.0)
+    anywhere, within = _draw_motion(exact, limited=False), _draw_motion(exact, limited=True)
+    whole, left = (
+        _count_independent(_compute_torque_regressor(robot, anywhere)) for robot in (exact, rounded)
+    )
+    change = _compare_torques(exact, rounded, within)
+    price = f"torques by at most {change:.1e} of each joint's largest"
+    if whole == left:
+        text = f"rounding the angles changes {price}, and not the number of base parameters ({whole}); "
+        text += "--snap 0 takes the angles as written"
+        note = Notice(code="robot.rounding-price", text=text, file=rounded.path)
+        return replace(rounded, notices=(*rounded.notices, note))
+    text = f"angles near multiples of pi/2 are taken as written: rounding them would change {price}, and the "
+    text += (
+        f"number of base parameters from {whole} to {left}; if the angles should be exact, use --snap 1e-5"
+    )
+    note = Notice(code="robot.not-rounded", text=text, file=exact.path)
+    return replace(exact, notices=(*exact.notices, note))

@@ -14,8 +14,10 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from decimal import Decimal, InvalidOperation
+from functools import partial
 from pathlib import Path
 
+from symid.dynamics import choose_reading
 from symid.errors import LogError, Notice, RobotError, UsageError
 from symid.joint_models import NO_FRICTION
 from symid.logs.checks import check_recording
@@ -214,7 +216,8 @@ def draft_robot(order: DraftOrder) -> Draft:
     if order.name is not None:
         return _copy(order, locate_robot_file(order.name))
     if order.urdf is not None:
-        return _build(order, read_xml_robot(order.urdf, base=order.base, tip=order.tip))
+        reader = partial(read_xml_robot, order.urdf, base=order.base, tip=order.tip)
+        return _build(order, choose_reading(reader))
     table, convention = order.table or Path(), order.convention or ""
     if order.gravity is None:
         text = "gravity is assumed as 0, 0, -9.81 m/s^2 in the base frame; give --gravity or correct the file"
@@ -259,7 +262,7 @@ def _list_given(options: Mapping[str, object]) -> tuple[str, ...]:
 def _copy(order: DraftOrder, found: Path) -> Draft:
     """Return the file of another robot as it is; a URDF or MJCF is converted, and takes options."""
     if is_xml(found):
-        return _build(order, read_xml_robot(found))
+        return _build(order, choose_reading(partial(read_xml_robot, found)))
     options = {
         "--log": order.log,
         "--friction": order.friction,

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 import threading
+from dataclasses import replace
 
 import pytest
 
@@ -65,7 +66,7 @@ def test_flags_of_an_outer_make_change_nothing(capsys, tmp_path, monkeypatch, na
     code, answer = call(capsys, *NAMES, "-o", tmp_path / "bad")
     assert code == 70
     assert [entry["code"] for entry in answer["errors"]] == ["generate.selftest-failed"]
-    assert "build" not in json.loads((tmp_path / "bad" / "manifest.json").read_text())
+    assert not (tmp_path / "bad").exists()
 
 
 def build_instead(program):
@@ -120,47 +121,31 @@ def test_files_of_the_user_take_no_part(capsys, tmp_path, target):
     assert (folder / "log").stat().st_size == 10**12
 
 
-def test_a_file_that_is_changed_before_the_test_is_told(capsys, tmp_path, monkeypatch, target):
+@pytest.mark.parametrize("force", [False, True])
+def test_code_that_fails_its_test_is_not_written(capsys, tmp_path, monkeypatch, target, force):
+    """A new folder does not appear, one of an earlier run stays as it was, and both are said."""
     from symid.codegen import generation
 
+    new, old = tmp_path / "new", tmp_path / "old"
+    assert call(capsys, *NAMES, "--target", target, "-o", old)[0] == 0
+    before = {path.name: path.read_bytes() for path in old.iterdir()}
     write = generation.write_sources
-    for change in ("edited", "gone"):
-        folder = tmp_path / change
 
-        def meddle(sources, place, *, force, change=change, folder=folder):
-            paths = write(sources, place, force=force)
-            if change == "gone":
-                (folder / "README.md").unlink()
-            else:
-                (folder / "README.md").write_text("mine")
-            return paths
+    def spoil(sources, place, **options):
+        files = tuple((path, text.replace("failed = 0", "failed = 1")) for path, text in sources.files)
+        return write(replace(sources, files=files), place, **options)
 
-        monkeypatch.setattr(generation, "write_sources", meddle)
-        code, answer = call(capsys, *NAMES, "--target", target, "-o", folder)
+    monkeypatch.setattr(generation, "write_sources", spoil)
+    order = ("two_link", "--function", "friction", "--target", target, *(["--force"] if force else []))
+    for folder in (new, old):
+        code, answer = call(capsys, *order, "-o", folder)
         assert code == 70
-        assert [entry["code"] for entry in answer["errors"]] == ["generate.selftest-failed"]
-        assert "README.md" in answer["errors"][0]["text"]
-
-
-def test_a_record_is_kept_of_the_code_that_was_tested_alone(capsys, tmp_path, monkeypatch, target):
-    """Whoever writes without asking for the lock, while the self-test runs, is not written over."""
-    from symid.codegen import generation
-
-    folder, run = tmp_path / "code", generation.run_selftest
-
-    def meddle(place, *arguments):
-        found = run(place, *arguments)
-        manifest = json.loads((place / "manifest.json").read_text())
-        (place / "manifest.json").write_text(json.dumps({**manifest, "options": "others"}))
-        return found
-
-    monkeypatch.setattr(generation, "run_selftest", meddle)
-    code, answer = call(capsys, *NAMES, "--target", target, "-o", folder)
-    assert code == 3
-    assert [entry["code"] for entry in answer["errors"]] == ["output.changed-meanwhile"]
-    manifest = json.loads((folder / "manifest.json").read_text())
-    assert manifest["options"] == "others"
-    assert "build" not in manifest
+        (error,) = answer["errors"]
+        assert error["code"] == "generate.selftest-failed"
+        assert "nothing was written" in error["text"]
+    assert not new.exists()
+    assert {path.name: path.read_bytes() for path in old.iterdir()} == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["old"]
 
 
 def test_many_at_once_leave_what_the_last_of_them_made(capsys, tmp_path, project):

@@ -87,22 +87,14 @@ def test_generate_says_when_there_is_no_compiler(capsys, tmp_path, monkeypatch):
     assert [entry["code"] for entry in answer["warnings"]] == ["generate.selftest-not-run"]
 
 
-def test_generate_fails_when_the_selftest_does(capsys, tmp_path, monkeypatch):
-    write = "symid.codegen.generation.write_sources"
-    (tmp_path / "code").mkdir()
-    (tmp_path / "code" / "module.py").write_text("raise SystemExit(1)\n")
-    monkeypatch.setattr(write, lambda *_args, **_options: ())
-    code, answer = call_json(capsys, "generate", "emps", "--target", "python", "-o", tmp_path / "code")
-    assert code == 70
-    assert answer["errors"][0]["code"] == "generate.selftest-failed"
-
-
-def test_generate_refuses_a_folder_of_others(capsys, tmp_path):
+@pytest.mark.parametrize("more", [(), ("--force",), ("--force", "--target", "python")])
+def test_generate_refuses_a_folder_of_others(capsys, tmp_path, more):
     (tmp_path / "thesis.txt").write_text("mine")
-    code, answer = call_json(capsys, "generate", "emps", "-o", tmp_path)
+    code, answer = call_json(capsys, "generate", "emps", *more, "-o", tmp_path)
     assert code == 3
     assert answer["errors"][0]["code"] == "output.foreign-folder"
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
+    assert (tmp_path / "thesis.txt").read_text() == "mine"
 
 
 def test_simulate_is_deterministic(capsys, tmp_path):

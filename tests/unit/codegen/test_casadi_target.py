@@ -29,11 +29,19 @@ def ignore(_):
 
 
 @pytest.fixture(scope="module")
-def folders(project, tmp_path_factory):
+def sources(project):
+    robots = {name: read_robot(project / "robots" / f"{name}.toml") for name in ROBOTS}
+    return {
+        name: generate_casadi_target(build_functions(robots[name], names=names))
+        for name, names in ROBOTS.items()
+    }
+
+
+@pytest.fixture(scope="module")
+def folders(sources, tmp_path_factory):
     root = tmp_path_factory.mktemp("casadi")
-    for name, names in ROBOTS.items():
-        functions = build_functions(read_robot(project / "robots" / f"{name}.toml"), names=names)
-        write_sources(generate_casadi_target(functions), root / name)
+    for name, files in sources.items():
+        write_sources(files, root / name)
     return root
 
 
@@ -68,8 +76,8 @@ def find_failed(folder):
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_a_folder_passes_its_test_and_lists_its_files(folders, c_compiler, name):
-    tested = run_selftest(folders / name, "casadi", "", ignore)
+def test_a_folder_passes_its_test_and_lists_its_files(sources, folders, c_compiler, name):
+    tested = run_selftest(sources[name], folders / name, "casadi", "", ignore)
     assert tested.selftest == "passed"
     assert re.match(r"CasADi \d+\.\d+", tested.runner)
     manifest = read_manifest(folders / name)
@@ -77,9 +85,9 @@ def test_a_folder_passes_its_test_and_lists_its_files(folders, c_compiler, name)
     assert {f"{entry['name']}.casadi" for entry in manifest["card"]["functions"]} <= set(manifest["files"])
 
 
-def test_without_a_compiler_the_files_are_tested(folders, monkeypatch):
+def test_without_a_compiler_the_files_are_tested(sources, folders, monkeypatch):
     monkeypatch.setattr(generation, "locate_compiler", lambda: None)
-    tested = run_selftest(folders / "two_link", "casadi", "", ignore)
+    tested = run_selftest(sources["two_link"], folders / "two_link", "casadi", "", ignore)
     assert (tested.selftest, tested.flags) == ("passed", "")
     assert "," not in tested.runner
 

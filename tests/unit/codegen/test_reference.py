@@ -84,3 +84,18 @@ def test_self_tests_notice_wrong_small_numbers(made, tmp_path, c_compiler):
             path.write_text(text.replace("1e-09 *", f"{factor} *"))
             done = subprocess.run(runs[folder], cwd=tmp_path / folder, capture_output=True, check=False)
             assert (done.returncode == 0) is good, (folder, done.stdout)
+
+
+def test_exact_code_passes_where_rounding_alone_exceeds_the_tolerance(made, tmp_path, c_compiler):
+    """The cosine of a large angle: no value of x is better than another."""
+    toy = make_toy(made, lambda x: ca.cos(1e6 + ca.sin(x)))
+    write_sources(generate_c_library(toy), tmp_path)
+    run = ["make", "-s", f"CC={c_compiler}", "check"]
+    assert subprocess.run(run, cwd=tmp_path, capture_output=True, check=False).returncode == 0
+    path = tmp_path / "symid_toy_toy.c"
+    text = path.read_text()
+    spoilt = text.replace(" + 1000000.0", " - 1000000.0").replace("1000000.0 + t", "1000000.0 - t")
+    assert spoilt != text
+    path.write_text(spoilt)
+    done = subprocess.run(run, cwd=tmp_path, capture_output=True, check=False)
+    assert done.returncode != 0

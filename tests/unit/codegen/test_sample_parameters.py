@@ -1,19 +1,27 @@
 """Self-tests compute where rounding stays small, and their sums let no error hide."""
 
+from dataclasses import replace
+from decimal import Decimal
+
 import numpy as np
 import pytest
 
 from symid.codegen.casadi_functions import build_functions
+from symid.codegen.programs import Op
 from symid.codegen.references import (
+    TOLERANCES,
     WEIGHTS,
     SampleStates,
+    bound_rounding,
     build_references,
     choose_parameters,
-    estimate_amplification,
+    compute_exact_outputs,
     evaluate_casadi,
+    find_ease,
 )
 from symid.codegen.source_text import GenerateOptions
 from symid.robot.toml_reader import read_robot
+from tests.chains import build_chain
 
 
 def build(project, robot, *names):
@@ -35,21 +43,65 @@ def test_mass_matrices_are_well_conditioned_at_every_state(project, robot):
         assert np.count_nonzero(beta) >= 0.95 * len(beta)
 
 
-def test_forward_dynamics_alone_tells_what_it_amplifies(project):
-    made = build(project, "panda", "forward_dynamics")
-    (function,), (program,) = made.functions, made.programs
-    states = SampleStates(count=100, seed=1, shared={})
-    beta = choose_parameters(made.card, made.functions, made.programs, states)[0]
-    at = SampleStates(count=100, seed=1, shared={"beta": beta})
-    (mass,) = build(project, "panda", "mass_matrix").functions
-    spec = build(project, "panda", "mass_matrix").programs[0]
-    (matrices,) = evaluate_casadi(mass, spec, at.compute_all(spec)[1], 100)
-    condition = np.linalg.cond(matrices.reshape(100, 7, 7)).max()
-    found = estimate_amplification(function, program, at.compute_all(program)[1], 100)
-    assert found == 2.0 ** max(0, np.ceil(np.log2(condition / 100)))
-    (reference,) = build_references(made.card, made.functions, made.programs, GenerateOptions())
-    largest = max(abs(value) for row in reference.whole[0] for value in row)
-    assert reference.scales[0] >= found * largest
+RIGHT = 1.5708
+"""A right angle as files write it: what is left of it makes beta large, and they cancel."""
+
+
+@pytest.fixture(scope="module")
+def crooked():
+    rows = [(angle, 0.05, 0.2, "q") for angle in (0.0, RIGHT, -RIGHT, RIGHT)]
+    return build_functions(build_chain(rows), names=("mass_matrix", "inverse_dynamics", "forward_dynamics"))
+
+
+@pytest.mark.parametrize("robot", ["panda", "puma560_elastic", "crooked"])
+def test_errors_of_rounding_stay_within_their_bound(project, crooked, robot):
+    """Against the program in 50 digits, at beta of all sizes."""
+    made = crooked if robot == "crooked" else build(project, robot, "mass_matrix", "bias", "energy")
+    drawn = SampleStates(count=20, seed=3, shared={})
+    for program in made.programs:
+        inputs = drawn.compute_all(program)[1]
+        exact = compute_exact_outputs(program, [np.vectorize(Decimal, [object])(x) for x in inputs], 20)
+        for (values, errors), truth in zip(bound_rounding(program, inputs, "double"), exact, strict=True):
+            assert np.isfinite(errors).all()
+            assert (np.abs(values.T - truth.astype(float)) <= errors.T).all(), program.spec.name
+            # With beta of any kind, mass matrices are singular somewhere.
+            singular = program.spec.name == "forward_dynamics"
+            assert singular or errors.max() < 1e-13 * max(1.0, np.abs(values).max())
+
+
+def test_beta_of_a_crooked_robot_are_such_that_rounding_is_small(crooked):
+    references = build_references(crooked.card, crooked.functions, crooked.programs, GenerateOptions())
+    for program, reference in zip(crooked.programs, references, strict=True):
+        inputs = [np.array(rows if len(rows) > 1 else rows[0]) for rows in reference.inputs]
+        assert np.abs(inputs[-1]).max() < 1e3
+        assert find_ease(program, inputs, "double") == (1.0,)
+
+
+def test_a_wrong_sign_is_noticed_wherever_it_stands(crooked):
+    """Each sum as a difference, and each difference as a sum: what a self-test compares changes."""
+    references = build_references(crooked.card, crooked.functions, crooked.programs, GenerateOptions())
+    tolerance, turned = float(TOLERANCES["double"]), {Op.ADD: Op.SUB, Op.SUB: Op.ADD}
+    missed = tried = 0
+    for program, reference in zip(crooked.programs, references, strict=True):
+        inputs = [np.array(rows if len(rows) > 1 else rows[0]) for rows in reference.inputs]
+        for k, one in enumerate(program.instructions):
+            if one.op not in turned:
+                continue
+            wrong = (
+                *program.instructions[:k],
+                replace(one, op=turned[one.op]),
+                *program.instructions[k + 1 :],
+            )
+            ((values, _),) = bound_rounding(replace(program, instructions=wrong), inputs, "double")
+            errors = [np.abs(values.T[:2] - np.array(reference.whole[0])).max()]
+            for place, (modulus, step) in enumerate(WEIGHTS):
+                weights = modulus + step * np.arange(len(values)) % modulus
+                sums = np.array(reference.sums[0])[:, place]
+                errors.append(np.abs(weights @ values - sums).max() / modulus)
+            missed += max(errors) / reference.scales[0] <= tolerance
+            tried += 1
+    assert tried > 300
+    assert missed <= 0.02 * tried
 
 
 def test_no_two_elements_weigh_the_same():

@@ -8,6 +8,7 @@ import pytest
 
 from symid.codegen.c_library import generate_c_library
 from symid.codegen.casadi_functions import build_functions
+from symid.codegen.compiler import measure_code_sizes
 from symid.codegen.source_folder import write_sources
 from symid.codegen.source_text import GenerateOptions
 from symid.robot.toml_reader import read_robot
@@ -142,3 +143,33 @@ def test_it_notices_a_library_of_mathematics_without_sines(copy, c_compiler):
     assert done.returncode != 0
     failed = [line.split()[0] for line in done.stdout.splitlines() if line.endswith("FAILED")]
     assert set(failed) == {"jacobian", "gravity", "inverse_dynamics_derivatives"}
+
+
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_long_functions_in_parts_pass_it_with_every_warning(
+    project, monkeypatch, tmp_path, c_compiler, precision
+):
+    """Parts hand on values, read inputs and write outputs of their own, one by one and side by side."""
+    robot = read_robot(project / "robots" / "puma560.toml")
+    functions = build_functions(robot, names=("jacobian", "gravity", "torque_regressor", "forward_dynamics"))
+    whole = dict(generate_c_library(functions, GenerateOptions(precision=precision)).files)
+    monkeypatch.setattr("symid.codegen.printing._LONGEST_BODY", 200)
+    monkeypatch.setattr("symid.codegen.printing._PART_LENGTH", 60)
+    sources = generate_c_library(functions, GenerateOptions(precision=precision))
+    written = dict(sources.files)
+    changed = {path for path, text in written.items() if text != whole[path]}
+    # The library's digest is in another file.
+    assert changed == {f"symid_puma560_{name}.c" for name in ("torque_regressor", "forward_dynamics")} | {
+        "symid_puma560_info.c"
+    }
+    assert written["symid_puma560_torque_regressor.c"].count("PART void part_") > 10
+    assert written["symid_puma560_torque_regressor.c"].count("PART void batch_part_") > 10
+    write_sources(sources, tmp_path)
+    done = run(tmp_path, c_compiler, "-Wall -Wextra -Werror -fstack-usage")
+    assert done.returncode == 0, done.stdout + done.stderr
+    sizes = measure_code_sizes(tmp_path, "symid_puma560", ("torque_regressor",))["torque_regressor"]
+    frames = [
+        int(line.split("\t")[1])
+        for line in (tmp_path / "symid_puma560_torque_regressor.su").read_text().splitlines()
+    ]
+    assert max(frames) <= sizes.stack < sizes.batch_stack <= sum(frames)

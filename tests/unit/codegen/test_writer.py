@@ -14,9 +14,7 @@ from symid.codegen.source_folder import (
     SourceSet,
     compute_digest,
     is_unchanged,
-    list_interrupted_updates,
     read_manifest,
-    write_manifest_text,
     write_sources,
 )
 from symid.errors import OutputError
@@ -53,14 +51,15 @@ def test_stale_files_go_if_unchanged_and_a_users_files_stay(tmp_path):
     assert (tmp_path / "mine.c").read_text() == "mine"
 
 
-def test_a_foreign_folder_is_refused(tmp_path):
-    (tmp_path / "thesis.tex").write_text("x")
+@pytest.mark.parametrize("force", [False, True])
+@pytest.mark.parametrize("name", ["thesis.tex", "a.c", ".git", MANIFEST])
+def test_a_foreign_folder_is_refused(tmp_path, name, force):
+    (tmp_path / name).write_text("{}")
     with pytest.raises(OutputError) as caught:
-        write_sources(sources(a="1"), tmp_path)
+        write_sources(sources(a="1"), tmp_path, force=force)
     assert code(caught) == ["output.foreign-folder"]
-    assert names(tmp_path) == ["thesis.tex"]
-    write_sources(sources(a="1"), tmp_path, force=True)
-    assert names(tmp_path) == ["a.c", MANIFEST, "thesis.tex"]
+    assert names(tmp_path) == [name]
+    assert (tmp_path / name).read_text() == "{}"
 
 
 @pytest.mark.parametrize("force", [False, True])
@@ -74,22 +73,15 @@ def test_a_foreign_file_in_the_way_is_never_overwritten(tmp_path, force):
     assert (tmp_path / "b.c").read_text() == "mine"
 
 
-def test_a_foreign_manifest_is_never_overwritten(tmp_path):
-    (tmp_path / MANIFEST).write_text("{}")
-    with pytest.raises(OutputError) as caught:
-        write_sources(sources(a="1"), tmp_path, force=True)
-    assert code(caught) == ["output.foreign-file"]
-    assert (tmp_path / MANIFEST).read_text() == "{}"
-
-
 def test_an_edited_file_wants_force(tmp_path):
     write_sources(sources(a="1"), tmp_path)
     (tmp_path / "a.c").write_text("edited")
     with pytest.raises(OutputError) as caught:
         write_sources(sources(a="2"), tmp_path)
     assert code(caught) == ["output.edited-file"]
+    (tmp_path / "b.c").write_text("mine")
     write_sources(sources(a="2"), tmp_path, force=True)
-    assert (tmp_path / "a.c").read_text() == "2"
+    assert {name: (tmp_path / name).read_text() for name in ("a.c", "b.c")} == {"a.c": "2", "b.c": "mine"}
 
 
 def test_a_file_instead_of_a_folder_is_refused(tmp_path):
@@ -376,8 +368,6 @@ def test_a_folder_of_another_user_stays_that_users(tmp_path):
         os.chown(path, 12345, 23456)
     write_sources(sources(a="3", new="3"), out)
     assert find_owners(out) == {(12345, 23456)}
-    write_manifest_text((out / MANIFEST).read_text() + "\n", out)
-    assert find_owners(out) == {(12345, 23456)}
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="wants to be run by the superuser, who may give files away")
@@ -393,23 +383,3 @@ def test_a_folder_that_cannot_be_given_back_is_written(tmp_path, monkeypatch):
     write_sources(sources(a="3"), out)
     assert (out / "a.c").read_text() == "3"
     assert names(tmp_path) == ["out"]
-
-
-def test_a_manifest_alone_is_no_update_and_what_is_left_of_it_goes(tmp_path, monkeypatch):
-    out = tmp_path / "out"
-    write_sources(sources(a="1"), out)
-    seen = []
-
-    def fail(self, target):
-        seen.extend(list_interrupted_updates(out))
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Path, "replace", fail)
-        patch.setattr(Path, "unlink", lambda *_, **__: None)
-        with pytest.raises(KeyboardInterrupt):
-            write_manifest_text("{}", out)
-    assert seen == []
-    assert len(list(out.iterdir())) == 3
-    write_sources(sources(a="2"), out)
-    assert names(out) == ["a.c", MANIFEST]
