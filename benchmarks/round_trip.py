@@ -188,12 +188,10 @@ def make_trip(trip: Trip) -> None:
 
 
 def export_urdf(trip: Trip, urdf: str, toml: str, accept: list[str]) -> None:
-    """Write the identified URDF, in place or, where that fails, as a new file, which is a failure too."""
+    """Write a copy of the URDF with the values; where that fails, which is noted, a new file."""
 
-    def export_in_place():
-        (trip.folder / "identified.urdf").write_bytes((trip.folder / urdf).read_bytes())
-        place = ["--in-place", urdf, "-o", "identified.urdf"]
-        trip.call("export", "export", toml, "estimate.json", *place, *accept)
+    def export_in_place() -> bool:
+        trip.call("export", "export", toml, "estimate.json", "--in-place", "-o", "identified.urdf", *accept)
         return True
 
     if not trip.attempt("export", export_in_place):
@@ -255,6 +253,9 @@ def compare_torques(trip: Trip, robot: symid.RobotModel, truth: Dynamics, states
     identified = np.asarray(functions.inverse_dynamics(q, dq, ddq, np.array(beta)))
     identified = identified + np.asarray(functions.friction(dq, np.array(f)))
     trip.found |= {"joints": [joint.name for joint in robot.joints], "identified": measure(identified)}
+    zero = np.zeros(len(size))
+    file = Dynamics(model=read_model(trip.source, truth.joints), rotor=zero, viscous=zero, dry=zero)
+    trip.found["before"] = measure(file.compute_torques(*states)[:, there])
     exported = trip.attempt("pinocchio", lambda: load_exported(trip, truth.joints))
     if exported is None:
         return
@@ -372,11 +373,18 @@ def judge(entry: dict) -> str:
 def print_tables(entries: list[dict]) -> None:
     """Print both tables and the messages of steps that failed."""
     heads = ("robot", "coordinates", "values", "verdict, of validation", "identified, worst joint, %")
-    heads += ("in Pinocchio, %", "in MuJoCo, %", "lines of the diff", "seconds", "not as it must be")
+    heads += (
+        "file before, %",
+        "in Pinocchio, %",
+        "in MuJoCo, %",
+        "lines of the diff",
+        "seconds",
+        "not as it must be",
+    )
     print(f"| {' | '.join(heads)} |\n{'|---' * len(heads)}|")
     for entry in entries:
         found = entry["found"]
-        worst = [pick_worst(entry, key) for key in ("identified", *PROGRAMS)]
+        worst = [pick_worst(entry, key) for key in ("identified", "before", *PROGRAMS)]
         cells = [entry["name"], len(found.get("joints", [])) or "-", found.get("values", "-")]
         cells.append(f"{found.get('verdict', '-')}, {found.get('validated', '-')}")
         cells += ["-" if value is None else f"{value:.3g}" for value in worst]
