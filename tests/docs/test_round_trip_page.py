@@ -58,4 +58,4 @@ def test_the_identified_file_explains_the_torques(printed):
 def test_files_are_small_and_all_there():
     files = list(FILES.iterdir())
     assert sorted(path.name for path in files) == ["training.csv", "validation.csv"]
-    assert sum(path.stat().st_size for path in files) < 600_000
+    assert sum(path.stat().st_size for path in files) < 300_000
