@@ -1,5 +1,6 @@
 """The page on the way from URDF to URDF: its commands and scripts run, and print what it says."""
 
+import importlib.metadata
 import os
 import re
 import shutil
@@ -25,6 +26,10 @@ def printed(blocks, tmp_path_factory, c_compiler):
     """Run all blocks in their order and return what each prints."""
     assert c_compiler
     pytest.importorskip("pinocchio")
+    try:
+        importlib.metadata.version("example-robot-data")
+    except importlib.metadata.PackageNotFoundError:
+        pytest.skip("example-robot-data is not installed")
     folder, cache = tmp_path_factory.mktemp("round-trip") / "work", Path(os.environ["XDG_CACHE_HOME"])
     shutil.copytree(FILES, folder)
     found = []
