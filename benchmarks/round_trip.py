@@ -205,7 +205,7 @@ def export_urdf(trip: Trip, urdf: str, toml: str, accept: list[str]) -> None:
 def compare_files(before: Path, after: Path) -> dict[str, int]:
     """Return how many lines of a kind differ: in numbers, by new attributes, added, comments, removed."""
     old, new = (path.read_text(encoding="utf-8").splitlines() for path in (before, after))
-    masked = [[NUMBER.sub("0", line).strip() for line in lines] for lines in (old, new)]
+    masked = [[" ".join(NUMBER.sub("0", line).split()) for line in lines] for lines in (old, new)]
     found: Counter[str] = Counter()
     inside = False
     for kind, a, b, c, d in SequenceMatcher(None, *masked, autojunk=False).get_opcodes():
