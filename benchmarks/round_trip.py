@@ -11,8 +11,9 @@ Five robots are fixed, five are drawn from the other files of example-robot-data
 excite, simulate; then logs of a hidden truth (hidden_truths.py) along the computed trajectory and along a
 random one; check, identify, validate, export in place. No option is given but --base, --tip, --friction and
 --rotors. The URDF is loaded into Pinocchio and MuJoCo, and its torques are compared with the truth in states
-of the second motion, joint by joint. Simulators read no rotors from a URDF: they are added from the values of
-`export -o values.json`. A step that fails is reported with what symid says; those that do not need it go on.
+of the second motion, joint by joint. Rotors that are identifiable alone are no part of links, and simulators
+do not read them from a URDF: they are added, from transmissions or as estimated. A step that fails is
+reported with what symid says; those that do not need it go on.
 
 The second table is about the numbers: chi-square of the exported values in the covariance of the estimate,
 that of the truth, and the largest move of a rotor in its standard deviation.
@@ -184,7 +185,6 @@ def make_trip(trip: Trip) -> None:
     judged = trip.attempt("validate", lambda: trip.call("validate", *validation, accepted=(0, 1)))
     trip.found["validated"] = judged["verdict"]["level"] if judged else "-"
     accept = ["--accept"] if trip.found["verdict"] == "wrong" else []
-    trip.call("values", "export", toml, "estimate.json", "-o", "values.json", *accept)
     export_urdf(trip, urdf, toml, accept)
     compare_torques(trip, robot, truth, states[:, ::20])
 
@@ -259,7 +259,7 @@ def compare_torques(trip: Trip, robot: symid.RobotModel, truth: Dynamics, states
     zero = np.zeros(len(size))
     file = Dynamics(model=read_model(trip.source, truth.joints), rotor=zero, viscous=zero, dry=zero)
     trip.found["before"] = measure(file.compute_torques(*states)[:, there])
-    exported = trip.attempt("pinocchio", lambda: load_exported(trip, truth.joints))
+    exported = trip.attempt("pinocchio", lambda: load_exported(trip, robot, fit, truth.joints))
     if exported is None:
         return
     trip.found["pinocchio"] = measure(exported.compute_torques(*states)[:, there])
@@ -269,12 +269,21 @@ def compare_torques(trip: Trip, robot: symid.RobotModel, truth: Dynamics, states
     trip.attempt("numbers", lambda: compare_numbers(trip, robot, fit, truth, exported))
 
 
-def load_exported(trip: Trip, joints: tuple[str, ...]) -> Dynamics:
-    """Return the exported robot as Pinocchio reads it, with rotors from the values of the estimate."""
+def load_exported(trip: Trip, robot: symid.RobotModel, fit: symid.Fit, joints: tuple[str, ...]) -> Dynamics:
+    """Return the exported robot as Pinocchio reads it, with rotors beside it.
+
+    Those that are identifiable alone: in transmissions of the file, else as estimated; others are in links.
+    """
     path = trip.folder / "identified.urdf"
     model = read_model(path, joints)
-    values = json.loads((trip.folder / "values.json").read_text(encoding="utf-8"))
-    rotors = {entry["name"]: entry["rotor_inertia"] or 0.0 for entry in values["drives"]}
+    known, names = fit.values, enumerate((joint.name for joint in robot.joints), 1)
+    rotors = {name: known.get(f"IA{number}", 0.0) for number, name in names}
+    for transmission in ET.parse(path).getroot().iter("transmission"):  # noqa: S314 - our own file
+        name, inertia = transmission.find("joint"), transmission.find(".//motorInertia")
+        ratio = transmission.find(".//mechanicalReduction")
+        if inertia is not None and name is not None and name.get("name") in rotors:
+            gear = 1.0 if ratio is None else float(ratio.text)
+            rotors[name.get("name")] = gear**2 * float(inertia.text)
     rotor = np.array([rotors[name] for name in model.names[1:]])
     return Dynamics(model=model, rotor=rotor, viscous=model.damping, dry=model.upperDryFrictionLimit)
 

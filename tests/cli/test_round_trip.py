@@ -15,7 +15,7 @@ import pytest
 import symid
 
 ROBOT = "TwoDofs"
-STEPS = {"new", "simulate", "truth", "check", "identify", "validate", "values", "export"}
+STEPS = {"new", "simulate", "truth", "check", "identify", "validate", "export"}
 
 
 @pytest.fixture(scope="module")
