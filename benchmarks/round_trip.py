@@ -293,9 +293,12 @@ def run_mujoco(trip: Trip, exported: Dynamics, joints: tuple[str, ...], states: 
     import mujoco
 
     tree = ET.parse(trip.folder / "identified.urdf")  # noqa: S314 - our own file
-    for link in tree.getroot().iter("link"):
-        for shape in [part for part in link if part.tag in {"visual", "collision"}]:
-            link.remove(shape)
+    carried = {child.get("link") for child in tree.getroot().iter("child")}
+    for link in tree.getroot().findall("link"):
+        # Shapes, and the inertia of the base, which does nothing, and which files have that cannot exist.
+        dropped = {"visual", "collision"} | ({"inertial"} if link.get("name") not in carried else set())
+        for part in [part for part in link if part.tag in dropped]:
+            link.remove(part)
     held = {**dict.fromkeys(("balanceinertia", "discardvisual"), "false"), "fusestatic": "false"}
     ET.SubElement(ET.SubElement(tree.getroot(), "mujoco"), "compiler", held)
     model = mujoco.MjModel.from_xml_string(ET.tostring(tree.getroot(), encoding="unicode"))
