@@ -34,6 +34,10 @@ from collections import Counter
 from dataclasses import dataclass, field, replace
 from difflib import SequenceMatcher
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import mujoco
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
@@ -288,20 +292,37 @@ def load_exported(trip: Trip, robot: symid.RobotModel, fit: symid.Fit, joints: t
     return Dynamics(model=model, rotor=rotor, viscous=model.damping, dry=model.upperDryFrictionLimit)
 
 
+def build_mujoco(path: Path) -> "mujoco.MjModel":
+    """Return MuJoCo's model of a URDF.
+
+    Without shapes, and without the inertia of the base, which does nothing, and which some files have wrong.
+    """
+    import mujoco
+
+    tree = ET.parse(path)  # noqa: S314 - our own file
+    carried = {child.get("link") for child in tree.getroot().iter("child")}
+    for link in tree.getroot().findall("link"):
+        dropped = {"visual", "collision"} | ({"inertial"} if link.get("name") not in carried else set())
+        for part in [part for part in link if part.tag in dropped]:
+            link.remove(part)
+    held = {"balanceinertia": "false", "discardvisual": "false", "fusestatic": "false"}
+    ET.SubElement(ET.SubElement(tree.getroot(), "mujoco"), "compiler", held)
+    return mujoco.MjModel.from_xml_string(ET.tostring(tree.getroot(), encoding="unicode"))
+
+
 def run_mujoco(trip: Trip, exported: Dynamics, joints: tuple[str, ...], states: np.ndarray) -> np.ndarray:
     """Return torques of the exported file by MuJoCo (N, n), in the order of `joints`; others are at zero."""
     import mujoco
 
-    tree = ET.parse(trip.folder / "identified.urdf")  # noqa: S314 - our own file
-    carried = {child.get("link") for child in tree.getroot().iter("child")}
-    for link in tree.getroot().findall("link"):
-        # Shapes, and the inertia of the base, which does nothing, and which files have that cannot exist.
-        dropped = {"visual", "collision"} | ({"inertial"} if link.get("name") not in carried else set())
-        for part in [part for part in link if part.tag in dropped]:
-            link.remove(part)
-    held = {**dict.fromkeys(("balanceinertia", "discardvisual"), "false"), "fusestatic": "false"}
-    ET.SubElement(ET.SubElement(tree.getroot(), "mujoco"), "compiler", held)
-    model = mujoco.MjModel.from_xml_string(ET.tostring(tree.getroot(), encoding="unicode"))
+    try:
+        model = build_mujoco(trip.folder / "identified.urdf")
+    except ValueError as error:
+        try:
+            build_mujoco(trip.source)
+        except ValueError:
+            text = f"it cannot read the file as it was either: {error}"
+            raise StepFailedError(text) from None
+        raise
     place = [model.joint(name).dofadr[0] for name in joints]
     # MuJoCo reads the file's friction; its dry friction is a soft constraint, so that both are added here.
     np.testing.assert_allclose(model.dof_damping[place], exported.viscous, rtol=1e-9)
