@@ -2,9 +2,11 @@
 
 A block ```sh holds one command, or a block ```python a script; the block ```text right behind it all that it
 prints. Run with the page, the folder of its files, and its scripts in their order, this module
-writes the scripts and the answers of this machine into the page:
+writes the scripts and the answers of this machine into the page; a page without files of its own for
+its scripts is its own source:
 
     PYTHONPATH=. python tests/transcripts.py docs/own_robot.md docs/own_robot
+    PYTHONPATH=. python tests/transcripts.py docs/round_trip.md docs/round_trip
     PYTHONPATH=. python tests/transcripts.py docs/api/scripts.md docs/own_robot docs/api/[0-9]*.py
 """
 
@@ -27,6 +29,11 @@ STEP = re.compile(
 )
 SCRIPT = re.compile(
     r"^```python\n(?P<script>.*?)^```\n\n```text\n(?P<answer>.*?)^```$", re.DOTALL | re.MULTILINE
+)
+BLOCK = re.compile(
+    r"^```(?:sh\n(?P<command>[^\n]*)\n|python\n(?P<script>(?:(?!```)[^\n]*\n)*))"
+    r"```\n\n```text\n(?P<answer>.*?)^```$",
+    re.DOTALL | re.MULTILINE,
 )
 NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w.]*\w)")
 LONGEST = 300
@@ -136,18 +143,19 @@ def write_page(path: Path, files: Path, *scripts: Path) -> None:
         folder = Path(scratch) / "work"
         shutil.copytree(files, folder)
 
-        def answer(step: re.Match[str]) -> str:
-            _, found = run_step(step["command"], folder, Path(scratch) / "cache")
-            text = re.sub(r"^compiling with .*", "compiling with /usr/bin/cc", found, flags=re.MULTILINE)
-            return f"```sh\n{step['command']}\n```\n\n```text\n{text}```"
-
-        def show(_: re.Match[str]) -> str:
-            script = next(waiting)
-            code, found = run_python([str(script.resolve())], folder, Path(scratch) / "cache")
+        def answer(block: re.Match[str]) -> str:
+            if block["command"]:
+                _, found = run_step(block["command"], folder, Path(scratch) / "cache")
+                found = re.sub(r"^compiling with .*", "compiling with /usr/bin/cc", found, flags=re.MULTILINE)
+                return f"```sh\n{block['command']}\n```\n\n```text\n{found}```"
+            script = next(waiting, None)
+            arguments = [str(script.resolve())] if script else ["-c", block["script"]]
+            code, found = run_python(arguments, folder, Path(scratch) / "cache")
             assert code == 0, found
-            return f"```python\n{script.read_text(encoding='utf-8')}```\n\n```text\n{found}```"
+            shown = script.read_text(encoding="utf-8") if script else block["script"]
+            return f"```python\n{shown}```\n\n```text\n{found}```"
 
-        page = SCRIPT.sub(show, STEP.sub(answer, page))
+        page = BLOCK.sub(answer, page)
     path.write_text(page, encoding="utf-8")
 
 
