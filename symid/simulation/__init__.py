@@ -20,7 +20,10 @@ if TYPE_CHECKING:
         SpringDrive as SpringDrive,
         simulate_friction_rig as simulate_friction_rig,
     )
-    from symid.simulation.rigid_plant import RigidPlant as RigidPlant, RigidPlantState as RigidPlantState
+    from symid.simulation.rigid_plant import (
+        RigidPlant as RigidPlant,
+        simulate_rigid_plant as simulate_rigid_plant,
+    )
     from symid.simulation.simulated_log import (
         SensorSettings as SensorSettings,
         check_sensor_settings as check_sensor_settings,

@@ -43,9 +43,8 @@ from symid.simulation.experiment import (
     add_torque_noise,
     check_sensors,
     get_encoder_turns,
-    quantise,
 )
-from symid.simulation.rigid_plant import build_curved_friction, check_friction_at_speeds
+from symid.simulation.rigid_plant import build_curved_friction, check_friction_at_speeds, quantise
 
 _DAMPING_SHARE = 0.4
 
@@ -259,12 +258,12 @@ def simulate_elastic(
     )
     ran = simulate_plant(library, plant, order, elements)
     log, reach = ran.log, experiment.compute_reach(robot, desired)
-    gone = np.flatnonzero(
-        np.any((np.abs(log.q) >= reach) | (np.abs(log.theta) >= reach), axis=1)[: log.ticks]
-    )
-    if gone.size or log.ticks < len(log.q):
-        tick = int(gone[0]) if gone.size else log.ticks
-        raise SolverError(experiment.describe_runaway(tick, options.period, options.bandwidth))
+    lost = ~((np.abs(log.q) < reach) & (np.abs(log.theta) < reach))
+    lost[log.ticks :] = True
+    if np.any(lost):
+        tick = int(np.flatnonzero(np.any(lost, axis=1))[0])
+        found = experiment.describe_runaway(robot, lost[tick], tick, options.period, options.bandwidth)
+        raise SolverError(found)
     if curves:
         check_friction_at_speeds(curves, library.card.joints, log.dtheta)
     kinetic, potential = (part.reshape(-1) for part in library.evaluate("energy", log.q, log.dq, stated.beta))
