@@ -110,8 +110,8 @@ def add_torque_noise(
     return noisy
 
 
-BANDWIDTH = 12.0
-"""Hz, of gains that nobody states."""
+BANDWIDTH, PERIOD = 12.0, 1e-3
+"""Hz and s, of control where nobody states them."""
 _RUNAWAY = 1e4
 """Rad or m: largest position of a joint without limits."""
 _FAR = 10.0
@@ -255,7 +255,7 @@ class ExperimentOptions:
     """
 
     duration: float | None = None
-    period: float = 1e-3
+    period: float = PERIOD
     substeps: int = 1
     bandwidth: float | None = None
     velocity_filter: float = 150.0
@@ -429,7 +429,7 @@ def _run_plant(
     return SimulationRun(
         # What its sensors read follows.
         recording=Recording(
-            time=np.arange(len(log.q)) * order.period,
+            time=freeze(np.arange(len(log.q)) * order.period),
             position=log.q,
             torque=torque,
             notices=(*ran.notices, *saturation),
@@ -486,58 +486,65 @@ def _is_stable(plant: RigidPlant, mass: FloatArray, law: Controller, period: flo
     return True
 
 
+def _compute_inertias(
+    robot: Robot, library: Library, plant: RigidPlant, desired: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return M (K, n, n) along the motion, and 1 / (M^-1)_jj (K, n): what a joint feels, others free."""
+    samples = np.linspace(0, len(desired) - 1, _GAIN_SAMPLES).astype(int)
+    (mass,) = library.evaluate("mass_matrix", desired[samples], plant.beta)
+    try:
+        inertias: FloatArray = 1.0 / np.diagonal(np.linalg.inv(mass), axis1=1, axis2=2)
+    except np.linalg.LinAlgError as error:
+        raise SolverError(describe_massless(robot)) from error
+    if not (np.all(np.isfinite(inertias)) and np.all(np.linalg.eigvalsh(mass) > 0.0)):
+        raise SolverError(describe_massless(robot))
+    return mass, inertias
+
+
 def _complete_controller(
     robot: Robot, library: Library, plant: RigidPlant, desired: FloatArray, options: ExperimentOptions
 ) -> tuple[Controller, tuple[Notice, ...]]:
     """Return the law, and what is to be said about it; gains that are not stated are of critical damping.
 
-    Kp = w^2 J, Kd = 2 w J, J the mean effective inertia. Where their sampled loops are not stable along the
+    Kp = w^2 J, Kd = 2 w J, J the mean effective inertia. Where these sampled loops are not stable along the
     motion, J is the lowest one, viscous friction D adds w D to Kp, and w is lowered until they are.
     """
-    samples = np.linspace(0, len(desired) - 1, _GAIN_SAMPLES).astype(int)
-    (mass,) = library.evaluate("mass_matrix", desired[samples], plant.beta)
-    try:
-        inertias = 1.0 / np.diagonal(np.linalg.inv(mass), axis1=1, axis2=2)
-    except np.linalg.LinAlgError as error:
-        raise SolverError(describe_massless(robot)) from error
-    if not (np.all(np.isfinite(inertias)) and np.all(np.linalg.eigvalsh(mass) > 0.0)):
-        raise SolverError(describe_massless(robot))
-    stated = options.controller or Controller(
+    mass, inertias = _compute_inertias(robot, library, plant, desired)
+    given = options.controller or Controller(
         stiffness=(), damping=(), velocity_filter=options.velocity_filter
     )
     weight = tuple(plant.compute_weight(desired[0]).tolist())
-    stated = replace(stated, offset=weight if stated.offset is None else stated.offset, torque="average")
+    law = replace(given, offset=weight if given.offset is None else given.offset, torque="average")
 
     def build(bandwidth: float, inertia: FloatArray, viscous: FloatArray) -> Controller:
         pole = 2.0 * np.pi * bandwidth
         return replace(
-            stated,
+            law,
             stiffness=options.stiffness or tuple((pole**2 * inertia + pole * viscous).tolist()),
             damping=options.damping or tuple((2.0 * pole * inertia).tolist()),
         )
 
     if options.controller and options.bandwidth is None:
-        kept = {"stiffness": options.stiffness, "damping": options.damping}
-        return replace(stated, **{name: values for name, values in kept.items() if values}), ()
-    bandwidth = options.bandwidth or BANDWIDTH
-    law = build(bandwidth, inertias.mean(axis=0), np.zeros(plant.size))
-    if (options.stiffness and options.damping) or _is_stable(plant, mass, law, options.period):
-        return law, ()
-    lowest, viscous = inertias.min(axis=0), plant.friction.viscous[1:].min(axis=0)
-    slower = build(bandwidth, lowest, viscous)
-    while not options.bandwidth and not _is_stable(plant, mass, slower, options.period):
+        stiffness, damping = options.stiffness or law.stiffness, options.damping or law.damping
+        return replace(law, stiffness=stiffness, damping=damping), ()
+    bandwidth, lowest = options.bandwidth or BANDWIDTH, inertias.min(axis=0)
+    first = build(bandwidth, inertias.mean(axis=0), np.zeros(plant.size))
+    if (options.stiffness and options.damping) or _is_stable(plant, mass, first, options.period):
+        return first, ()
+    viscous = plant.friction.viscous[1:].min(axis=0)
+    found = build(bandwidth, lowest, viscous)
+    while options.bandwidth is None and not _is_stable(plant, mass, found, options.period):
         bandwidth *= _LOWER
         if bandwidth < _LEAST_BANDWIDTH:
-            return law, ()
-        slower = build(bandwidth, lowest, viscous)
-    if bandwidth == BANDWIDTH or options.bandwidth:
-        return slower, ()
-    ratio = inertias.max(axis=0) / lowest
-    worst = int(np.argmax(ratio))
+            return first, ()
+        found = build(bandwidth, lowest, viscous)
+    if options.bandwidth or bandwidth == BANDWIDTH:
+        return found, ()
+    joint = int(np.argmax(inertias.max(axis=0) / lowest))
     text = (
-        f"the controller's bandwidth was lowered from {BANDWIDTH:g} Hz to {bandwidth:.3g} Hz, at which it is "
-        f"stable at all poses of the motion (joint {robot.axes[worst].name!r} feels an inertia between "
-        f"{lowest[worst]:.3g} and {inertias[:, worst].max():.3g} kg m^2 or kg); a shorter --period allows "
-        "more, --bandwidth sets it"
+        f"the bandwidth of the controller was lowered from {BANDWIDTH:g} Hz to {bandwidth:.3g} Hz, at which "
+        f"it is stable at all poses of the motion; the inertia that joint {robot.axes[joint].name!r} feels, "
+        f"{lowest[joint]:.2g} to {inertias[:, joint].max():.2g} kg m^2 or kg, varies most. A shorter "
+        "--period allows more; --bandwidth sets it"
     )
-    return slower, (Notice(code="simulate.bandwidth", text=text),)
+    return found, (Notice(code="simulate.bandwidth", text=text),)

@@ -69,7 +69,7 @@ from symid.notation import join_name
 _SPEEDS = (1.0, 2.0, -1.0, -2.0)
 _STANDSTILL = 1e-300
 """A speed at which every law, powers of the speed included, has its limit at standstill."""
-_PROBES = (_STANDSTILL, 1e-4, 1e-2, 1.0)
+_PROBES = (_STANDSTILL, 1e-4, 1e-2, 1.0, 2.0)
 _FASTEST, _SLOWEST, _SPEED_COUNT = 1e6, 1e-9, 1501
 """Grid of speeds for curves: a hundred a decade, fewer for a slower joint."""
 _ROUNDING = 1e-12
@@ -357,9 +357,13 @@ def _list_curved(library: Library) -> NDArray[np.bool_]:
         entry.name in own or (entry.joint not in joints and entry.name.startswith(names))
         for entry in card.friction
     ]
-    if not any(bent):
-        return varying
-    columns = _compute_columns(library, np.array(bent, dtype=np.float64), _PROBES)
+    columns = _compute_columns(library, np.ones(len(bent)), _PROBES)
+    # Dry friction with a smooth sign is no straight line either.
+    *near, once, twice = columns.swapaxes(0, 1)
+    pairs = zip(_PROBES, near, strict=False)
+    gaps = [np.abs(once + (speed - 1.0) * (twice - once) - part) for speed, part in pairs]
+    smooth = np.any(gaps > _ROUNDING * np.abs(columns).max(initial=0.0), axis=(0, 1, 2))
+    columns = columns * (np.array(bent) | smooth)
     felt: NDArray[np.bool_] = np.any(columns != 0.0, axis=(0, 1, 3))
     return felt | varying
 
@@ -525,6 +529,8 @@ _LEAST_SHARE = 1e-9
 _SLACK = 1e-9
 _MOST_STRIDES = 500
 """Tries of a step within one substep; enough for friction that stops a joint at 1e6 / s within 1 ms."""
+_COMPILED_STRIDES = 20_000
+"""The same of the compiled plant, as rigid_plant.c has it: implicit steps."""
 _STRIDE_ERROR = 1e-7
 """Allowed relative error of the velocity in a step of the third-order formula."""
 _STRIDE_FLOOR = 1e-10
@@ -645,7 +651,7 @@ class RigidPlant:
                 if state.events - events > _MOST_EVENTS:
                     raise SolverError(_describe_chatter(state.q, duration))
                 if tries > _MOST_STRIDES * substeps:
-                    raise SolverError(self.describe_steep(duration))
+                    raise SolverError(self.describe_steep(duration, _MOST_STRIDES))
         return state
 
     def _choose_stride(
@@ -726,17 +732,18 @@ class RigidPlant:
         drag = self._lines.compute_drag(modes, dq, q, torque)
         return drag if self.bristles is None else drag + self.bristles.compute_torque(dq, z)
 
-    def describe_steep(self, duration: float) -> Notice:
-        """Return the notice on friction that stops a joint much faster than `duration` in s."""
+    def describe_steep(self, duration: float, steps: int) -> Notice:
+        """Return the notice on friction that stops a joint much faster than `duration` in s, in `steps`."""
         lines = self._lines
         creeps = lines.curved & (lines.level[1] <= lines.level[2])
-        found = creeps if creeps.any() else (lines.curved if self.is_checked else lines.viscous.any(axis=0))
+        found = np.asarray(creeps if creeps.any() else lines.curved)
+        found = found if found.any() else lines.viscous.any(axis=0)
         names = [joint.name for joint, steep in zip(self._joints, found, strict=True) if steep]
         text = (
-            f"the friction of {' or '.join(map(repr, names))} is too steep around standstill for the "
-            f"integration steps within {duration:g} s; widen its transition (dq0, smoothing; lower g2, "
-            "g3, g5), use a model that jumps at standstill, such as stribeck, or give its link or drive more "
-            "inertia; with a C compiler much steeper friction is simulated"
+            f"the friction of {' or '.join(map(repr, names))} is too steep around standstill for "
+            f"{steps} steps within {duration:g} s; widen its transition (dq0, smoothing; lower g2, "
+            "g3, g5), or use a model that jumps at standstill, such as stribeck; steps of the compiled "
+            "plant, which needs a C compiler, are implicit and do much more"
         )
         return Notice(code="simulate.steep-friction", text=text)
 
@@ -913,7 +920,7 @@ def simulate_rigid_plant(
     if log.end == "chatter":
         raise SolverError(_describe_chatter(log.q[-1], order.period))
     if log.end == "steep":
-        raise SolverError(plant.describe_steep(order.period))
+        raise SolverError(plant.describe_steep(order.period, _COMPILED_STRIDES))
     if log.end == "away" and not (order.controlled or plant.is_checked):
         return simulate_rigid_plant(library, plant, replace(order, controlled=True), compiler=compiler)
     return RigidPlantRun(log=log, backend="python" if code is None else "c", notices=notices)

@@ -51,7 +51,7 @@ enum { MOST_EVENTS = 200, EXPLICIT_STRIDES = 40, IMPLICIT_STRIDES = 20000, IMPLI
 enum { STAGES = 4, ROOT_STEPS = 60, SERIES = 10 };
 static const double ROOT_TOLERANCE = 1e-13, LEAST_SHARE = 1e-9, SLACK = 1e-9;
 static const double STRIDE_ERROR = 1e-7, STRIDE_FLOOR = 1e-10;
-static const double NUDGE = 1e-6, LEAST_NUDGE = 1e-9;
+static const double NUDGE = 1e-6, LEAST_NUDGE = 1e-12;
 static const double STANDSTILL = 1e-300, LONG_WAY = 1e9, NEAR = 0.1;
 
 /* Of the implicit method: g, a_ij, c_ij, and the difference of the result and that of second order. */
