@@ -32,6 +32,7 @@ Not supported: elastic joints, contact, position limits, friction of a drive tha
 several coordinates; a held joint breaks away at the beginning of a step only (it does no work).
 """
 
+import contextlib
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -922,7 +923,9 @@ def simulate_rigid_plant(
     if log.end == "steep":
         raise SolverError(plant.describe_steep(order.period, _COMPILED_STRIDES))
     if log.end == "away" and not (order.controlled or plant.is_checked):
-        return simulate_rigid_plant(library, plant, replace(order, controlled=True), compiler=compiler)
+        # What is unstable itself may be too fast for any step.
+        with contextlib.suppress(SolverError):
+            return simulate_rigid_plant(library, plant, replace(order, controlled=True), compiler=compiler)
     return RigidPlantRun(log=log, backend="python" if code is None else "c", notices=notices)
 
 
