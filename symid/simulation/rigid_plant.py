@@ -737,8 +737,8 @@ class RigidPlant:
         """Return the notice on friction that stops a joint much faster than `duration` in s, in `steps`."""
         lines = self._lines
         creeps = lines.curved & (lines.level[1] <= lines.level[2])
-        found = np.asarray(creeps if creeps.any() else lines.curved)
-        found = found if found.any() else lines.viscous.any(axis=0)
+        kinds: tuple[NDArray[np.bool_], ...] = (creeps, lines.curved, lines.viscous.any(axis=0))
+        found = next((kind for kind in kinds if kind.any()), creeps)
         names = [joint.name for joint, steep in zip(self._joints, found, strict=True) if steep]
         text = (
             f"the friction of {' or '.join(map(repr, names))} is too steep around standstill for "
@@ -932,7 +932,7 @@ def simulate_rigid_plant(
 def _control_in_numpy(plant: RigidPlant, order: RigidExperiment) -> RigidLog:
     """Return the motion, equal to that of the compiled plant within the error of its steps."""
     modes = tuple(int(side) for side in np.sign(order.dq))
-    state = RigidPlantState(q=order.q, dq=order.dq, modes=modes, bristles=np.zeros(plant.memory))
+    state = replace(build_rest_state(order.q, plant.memory), dq=order.dq, modes=modes)
     measured, velocity, end = order.measured, order.velocity, "well"
     states, torques = [], []
     for k, wanted in enumerate(order.position):
