@@ -737,8 +737,8 @@ class RigidPlant:
         """Return the notice on friction that stops a joint much faster than `duration` in s, in `steps`."""
         lines = self._lines
         creeps = lines.curved & (lines.level[1] <= lines.level[2])
-        kinds: tuple[NDArray[np.bool_], ...] = (creeps, lines.curved, lines.viscous.any(axis=0))
-        found = next((kind for kind in kinds if kind.any()), creeps)
+        viscous: NDArray[np.bool_] = np.any(lines.viscous != 0.0, axis=0)
+        found = next((kind for kind in (creeps, lines.curved, viscous) if kind.any()), viscous)
         names = [joint.name for joint, steep in zip(self._joints, found, strict=True) if steep]
         text = (
             f"the friction of {' or '.join(map(repr, names))} is too steep around standstill for "

@@ -124,8 +124,14 @@ def test_the_controller_can_be_set(robot, tmp_path, capsys):
     gains = ("--stiffness", "4000,900", "--damping", "90,9")
     assert run(["simulate", "two_link", "--duration", "1", *gains, "-o", str(log), "-q"]) == 0
     assert own.save(tmp_path / "same.npz").read_bytes() == log.read_bytes()
-    capsys.readouterr()
-    assert run(["simulate", "two_link", "--bandwidth", "400", "-o", str(tmp_path / "no.npz")]) == 5
+
+
+def test_a_controller_that_cannot_hold_the_robot_is_an_error(robot, tmp_path, capsys):
+    lines = robot.path.read_text(encoding="utf-8").splitlines(keepends=True)
+    (tmp_path / "free.toml").write_text("".join(line for line in lines if not line.startswith("torque")))
+    call = ["simulate", str(tmp_path / "free.toml"), "--bandwidth", "400", "-o", str(tmp_path / "no.npz")]
+    assert run(call) == 5
+    assert not (tmp_path / "no.npz").exists()
     text = capsys.readouterr().err
     for part in ("--bandwidth (400 Hz)", "--stiffness", "--period", "'"):
         assert part in text
