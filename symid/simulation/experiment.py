@@ -322,7 +322,7 @@ def simulate_experiment(
             f"robot {robot.name!r} has elastic joints ({', '.join(names)}); simulate it as an elastic robot"
         )
         raise UsageError(Notice(code="usage.elastic-robot", text=text))
-    stated = options.controller or options
+    known = options.controller or options
     times = build_times(
         robot,
         library,
@@ -330,7 +330,10 @@ def simulate_experiment(
         duration=options.duration,
         period=options.period,
         substeps=options.substeps,
-        gains={"stiffness": stated.stiffness, "damping": stated.damping},
+        gains={
+            "stiffness": options.stiffness or known.stiffness,
+            "damping": options.damping or known.damping,
+        },
     )
     plant = RigidPlant(library, speeds=get_limits(robot, "velocity"))
     check_sensors(options.sensors, robot.freedom)
