@@ -161,6 +161,21 @@ def _split_numbers(name: str, text: str | None, joints: int) -> Sequence[float] 
     default=0.0,
     show_default=False,
 )
+@METHOD.option(
+    "--bandwidth",
+    "Bandwidth of the gains, Hz.  [default: 12, or less where the loops would not be stable; the gains of "
+    "the robot file]",
+    POSITIVE,
+    "HZ",
+)
+@METHOD.option(
+    "--period",
+    "Period of control and log, s.  [default: 0.001; of an elastic robot with --clean 0.0002]",
+    POSITIVE,
+    "S",
+)
+@METHOD.option("--stiffness", "Own position gains, N m/rad or N/m; with --damping.", metavar="K1,K2,...")
+@METHOD.option("--damping", "Own velocity gains, N m s/rad or N s/m.", metavar="D1,D2,...")
 @friction_option
 @_seed_option
 @output_option("Log to write, .npz or .csv.", required=True)
@@ -182,6 +197,8 @@ def simulate_command(
     model = robot.load(console, friction=friction)
     check_suffix(output, "a log", (".npz", ".csv"))
     check_output(output, force=force, inputs=(model.path, Path(trajectory)))
+    gains = ("stiffness", "damping")
+    settings |= {name: _split_numbers(name, settings[name], len(model.joints)) for name in gains}
     run = model.simulate(trajectory, **settings)
     written = run.save(output)
     return Answer(

@@ -19,9 +19,14 @@ if TYPE_CHECKING:
         list_robot_specs as list_robot_specs,
     )
     from symid.codegen.compiled_models import (
+        RIGID_FUNCTIONS as RIGID_FUNCTIONS,
+        CompiledPlant as CompiledPlant,
         PlantExperiment as PlantExperiment,
         PlantLog as PlantLog,
         PlantRobot as PlantRobot,
+        RigidExperiment as RigidExperiment,
+        RigidLog as RigidLog,
+        RigidPlantRobot as RigidPlantRobot,
         has_addresses as has_addresses,
         load_plant_code as load_plant_code,
         run_compiled_branch as run_compiled_branch,

@@ -14,7 +14,7 @@ changes during an experiment but the references; derivatives of branches.
 
 import ctypes
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
@@ -140,34 +140,110 @@ class PlantLog:
                 getattr(self, field.name).setflags(write=False)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RigidPlantRobot(FrozenArrays):
+    """Numbers of a rigid robot, SI units; lines of friction have rows of standstill, ahead and back.
+
+    Args:
+        beta: (p,). friction: (pf,). viscous, level: (3, n), zero in the first row.
+        curved, varying, bristled: (n,) 1 where friction is a curve, depends on position or load, has a state.
+        owner, stiffness, element: (m,) coordinate, N m/rad or N/m, and kind of each deflection.
+    """
+
+    beta: FloatArray
+    friction: FloatArray
+    viscous: FloatArray
+    level: FloatArray
+    curved: FloatArray
+    varying: FloatArray
+    bristled: FloatArray
+    owner: FloatArray
+    stiffness: FloatArray
+    element: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RigidExperiment(FrozenArrays):
+    """An experiment: references at every tick, and where the robot and its controller start.
+
+        tau = clamp(torque + Kp (position - q_m) + Kd (speed - v), limit),   held until the next tick
+        v += blend (v_m - v),   v_m = difference of q_m, or dq where it is sensed
+
+    Args:
+        position, speed, torque: (N, n) references, and a torque that is added.
+        stiffness: Kp (n,). damping: Kd (n,). limit: (n,), infinite for none.
+        step: (n,) of the encoders, 0 for perfect ones. reach: (n,) largest distance from the reference.
+        period: of a tick, s. substeps: Runge-Kutta steps a tick. blend: of the velocity's low-pass.
+        sensed: whether velocities come from a sensor. controlled: whether their error shortens all steps.
+        q, dq: (n,) at the start. measured, velocity: (n,) what the controller knows from the tick before.
+    """
+
+    position: FloatArray
+    speed: FloatArray
+    torque: FloatArray
+    stiffness: FloatArray
+    damping: FloatArray
+    limit: FloatArray
+    step: FloatArray
+    reach: FloatArray
+    period: float
+    substeps: int
+    blend: float
+    sensed: bool
+    q: FloatArray
+    dq: FloatArray
+    measured: FloatArray
+    velocity: FloatArray
+    controlled: bool = False
+
+
+RIGID_ENDS = ("well", "away", "chatter", "steep")
+"""Why an experiment ended: at its end, far from the reference, by endless stops, by friction too steep."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RigidLog(FrozenArrays):
+    """The truth at every tick; the arrays have as many rows as were simulated.
+
+    Args:
+        q, dq, torque: (N, n); a torque holds from its tick to the next, the last one does nothing.
+        z: (N, m) deflections. work, lost: (N,) J since the start.
+        end: one of `RIGID_ENDS`. events: how often a joint came to rest or turned.
+    """
+
+    q: FloatArray
+    dq: FloatArray
+    torque: FloatArray
+    z: FloatArray
+    work: FloatArray
+    lost: FloatArray
+    end: str
+    events: int
+
+
+_PLANT_FILES = ("plant_calls.h", "elastic_plant.c", "rigid_plant.c")
 _ELEMENT = "symid_plant_pull"
 _BRANCH = "symid_branch"
 _READS = {"q": 1, "load": 2, "temperature": 4}
-_SIZES = ("n", "m", "l")
 _TABLES = ("rotor", "stiffness", "cubic", "damping", "radius", "weight", "knee", "slope")
 _REFERENCES = ("angle", "speed", "torque", "stiffness", "damping", "limit", "step")
+RIGID_FUNCTIONS = ("forward_dynamics", "mass_matrix", "bias")
+"""That a rigid robot's plant calls, beside those of friction."""
+_RIGID_TABLES = (
+    *("viscous", "level", "curved", "varying", "bristled"),
+    *("owner", "stiffness", "element"),
+)
+_RIGID_REFERENCES = ("position", "speed", "torque", "stiffness", "damping", "limit", "step", "reach")
 _LOGGED = ("q", "dq", "theta", "dtheta", "spring", "torque", "work", "friction", "elastic", "damped")
 
 
-class _RobotStruct(ctypes.Structure):
-    _fields_ = (
-        *((name, ctypes.c_size_t) for name in _SIZES),
-        *((name, ctypes.c_void_p) for name in ("element", "forward", "friction")),
-        ("reads", ctypes.c_size_t),
-        *((name, ctypes.c_void_p) for name in ("temperature", "beta", "f", *_TABLES)),
-    )
-
-
-class _ExperimentStruct(ctypes.Structure):
-    _fields_ = (
-        *((name, ctypes.c_size_t) for name in ("ticks", "substeps", "parts")),
-        ("period", ctypes.c_double),
-        *((name, ctypes.c_void_p) for name in _REFERENCES),
-    )
-
-
-class _LogStruct(ctypes.Structure):
-    _fields_ = tuple((name, ctypes.c_void_p) for name in _LOGGED)
+def _pack(*values: float | FloatArray | None) -> ctypes.Structure:
+    """Return a record of C: sizes and addresses (integers), numbers, pointers to arrays that live on."""
+    plain = [value.ctypes.data if isinstance(value, np.ndarray) else value or 0 for value in values]
+    kinds = [ctypes.c_double if isinstance(value, float) else ctypes.c_size_t for value in values]
+    names = [(f"field{number}", kind) for number, kind in enumerate(kinds)]
+    record: type[ctypes.Structure] = type("Record", (ctypes.Structure,), {"_fields_": names})
+    return record(*plain)
 
 
 @final
@@ -195,35 +271,70 @@ class CompiledPlant:
         self.shared.symid_plant_scratch.restype = self.shared.symid_plant_run.restype = size
         memory = np.zeros(self.shared.symid_plant_scratch(*sizes))
         start = np.concatenate([order.q, np.zeros(robot.size), order.theta, np.zeros(robot.size)])
-        plant = _RobotStruct(
-            **dict(zip(_SIZES, (*sizes, robot.knee.shape[1]), strict=True)),
-            element=None if self.springs is None else _get_address(self.springs, _ELEMENT),
-            forward=_get_function_address(library, "forward_dynamics"),
-            friction=_get_function_address(library, "friction") if robot.friction.size else None,
-            reads=sum(_READS[name] for name in library.card.friction_inputs),
-            temperature=warm.ctypes.data,
-            beta=robot.beta.ctypes.data,
-            f=robot.friction.ctypes.data,
-            **_get_pointers(robot, _TABLES),
+        plant = _pack(
+            robot.size,
+            order.play.shape[1],
+            robot.knee.shape[1],
+            None if self.springs is None else _get_address(self.springs, _ELEMENT),
+            _get_function_address(library, "forward_dynamics"),
+            *_list_friction(library, robot.friction, warm),
+            robot.beta,
+            *(getattr(robot, name) for name in _TABLES),
         )
-        experiment = _ExperimentStruct(
-            ticks=order.ticks,
-            substeps=order.substeps,
-            parts=order.parts,
-            period=order.period,
-            **_get_pointers(order, _REFERENCES),
-        )
-        answer = _LogStruct(**{name: array.ctypes.data for name, array in arrays.items()})
+        references = (getattr(order, name) for name in _REFERENCES)
+        experiment = _pack(order.ticks, order.substeps, order.parts, order.period, *references)
+        answer = _pack(*arrays.values())
         inputs = tuple(ctypes.c_void_p(array.ctypes.data) for array in (start, order.play, memory))
         ticks = self.shared.symid_plant_run(
             ctypes.byref(plant), ctypes.byref(experiment), *inputs, ctypes.byref(answer)
         )
         return PlantLog(**arrays, ticks=int(ticks))
 
+    def run_rigid(self, library: Library, robot: RigidPlantRobot, order: RigidExperiment) -> RigidLog:
+        """Return what happens to a rigid robot, whose functions `library` has; see `RigidExperiment`.
 
-def has_addresses(library: Library) -> bool:
-    """Return whether the library's functions are compiled, in double precision; CasADi's C counts as well."""
-    return library.engine.addresses is not None
+        Raises:
+            GenerationError: the library is none of compiled functions in double precision.
+        """
+        (ticks, size), bends = order.position.shape, len(robot.owner)
+        warm, end = np.full(size, REFERENCE_TEMPERATURE), np.zeros(2)
+        widths = (size, size, size, bends, 1, 1)
+        arrays = [np.zeros((ticks, width)) for width in widths]
+        self.shared.symid_rigid_scratch.restype = self.shared.symid_rigid_run.restype = ctypes.c_size_t
+        sizes = ctypes.c_size_t(size), ctypes.c_size_t(bends)
+        memory = np.zeros(self.shared.symid_rigid_scratch(*sizes))
+        start = np.concatenate([order.q, order.dq, np.sign(order.dq), order.measured, order.velocity])
+        flags = (int(bool(part.any())) for part in (robot.curved, robot.varying))
+        functions = (_get_function_address(library, name) for name in RIGID_FUNCTIONS)
+        friction = _list_friction(library, robot.friction, warm, bends=bends > 0)
+        tables = (getattr(robot, name) for name in _RIGID_TABLES)
+        plant = _pack(size, bends, *flags, int(order.controlled), *functions, *friction, robot.beta, *tables)
+        references = (getattr(order, name) for name in _RIGID_REFERENCES)
+        sizes_and_times = (ticks, order.substeps, int(order.sensed), order.period, order.blend)
+        records = (plant, _pack(*sizes_and_times, *references), _pack(*arrays, end))
+        robot_given, order_given, answer = map(ctypes.byref, records)
+        pointers = (ctypes.c_void_p(array.ctypes.data) for array in (start, memory))
+        count = int(self.shared.symid_rigid_run(robot_given, order_given, *pointers, answer))
+        q, dq, torque, z, work, lost = (array[:count] for array in arrays)
+        return RigidLog(
+            q=q,
+            dq=dq,
+            torque=torque,
+            z=z,
+            work=work[:, 0],
+            lost=lost[:, 0],
+            end=RIGID_ENDS[int(end[0])],
+            events=int(end[1]),
+        )
+
+
+def has_addresses(library: Library, names: Sequence[str] = ()) -> bool:
+    """Return whether the library's functions are compiled, in double precision; CasADi's C counts as well.
+
+    `names` are those that must have an address: a folder that an older symid wrote has fewer.
+    """
+    shared, prefix = library.engine.addresses, build_library_prefix(library.card.robot)
+    return shared is not None and all(hasattr(shared, f"{prefix}_{name}") for name in names)
 
 
 def _get_function_address(library: Library, name: str) -> int:
@@ -238,8 +349,17 @@ def _get_address(shared: ctypes.CDLL, name: str) -> int:
     return int(ctypes.cast(getattr(shared, name), ctypes.c_void_p).value or 0)
 
 
-def _get_pointers(record: PlantRobot | PlantExperiment, names: tuple[str, ...]) -> dict[str, int]:
-    return {name: getattr(record, name).ctypes.data for name in names}
+def _list_friction(
+    library: Library, values: FloatArray, warm: FloatArray, *, bends: bool = False
+) -> tuple[float | FloatArray | None, ...]:
+    """Return how the plants call the robot's friction, with values (p,) at temperatures `warm` (n,)."""
+    return (
+        _get_function_address(library, "friction") if values.size else None,
+        _get_function_address(library, "friction_step") if bends else None,
+        sum(_READS[name] for name in library.card.friction_inputs),
+        warm,
+        values,
+    )
 
 
 def load_plant_code(
@@ -259,26 +379,29 @@ def load_plant_code(
     found = locate_compiler(compiler)
     if found is None:
         return None
-    source = locate_resource_folder("templates") / "c/plant.c"
-    shared, notices = _obtain_code("plant", source.read_text(encoding="utf-8"), found, cache)
+    folder = locate_resource_folder("templates") / "c"
+    files = {name: (folder / name).read_text(encoding="utf-8") for name in _PLANT_FILES}
+    shared, notices = _obtain_code("plant", files, found, cache)
     if not springs:
         return CompiledPlant(shared=shared, notices=notices)
-    own, more = _obtain_code("springs", write_springs(springs), found, cache)
+    own, more = _obtain_code("springs", {"springs.c": write_springs(springs)}, found, cache)
     return CompiledPlant(shared=shared, springs=own, notices=tuple(dict.fromkeys((*notices, *more))))
 
 
 def _obtain_code(
-    name: str, text: str, compiler: Compiler, cache: Path | None
+    name: str, files: Mapping[str, str], compiler: Compiler, cache: Path | None
 ) -> tuple[ctypes.CDLL, tuple[Notice, ...]]:
-    """Return the library of one file of C, from the cache or made now, and notices."""
+    """Return the library of some files of C, from the cache or made now, and notices."""
     binary = f"{name}.so"
 
     def make(folder: Path) -> None:
         folder.mkdir()
-        (folder / f"{name}.c").write_text(text, encoding="utf-8")
-        compile_sources(compiler, [folder / f"{name}.c"], folder / binary)
+        for path, text in files.items():
+            (folder / path).write_text(text, encoding="utf-8")
+        sources = [folder / path for path in files if path.endswith(".c")]
+        compile_sources(compiler, sources, folder / binary)
 
-    key = compute_signature(name, text, compiler, (platform.system(), platform.machine()))
+    key = compute_signature(name, files, compiler, (platform.system(), platform.machine()))
     entry = CacheEntry(name=name, key=key, make=make, load=lambda folder: open_shared(folder / binary))
     return obtain_entry(entry, cache)
 
@@ -319,7 +442,7 @@ def _load_branch(plain: SteppedBranch) -> Callable[..., None] | None:
     if compiler is None:
         return None
     try:
-        shared, _ = _obtain_code("branch", write_branch(plain), compiler, None)
+        shared, _ = _obtain_code("branch", {"branch.c": write_branch(plain)}, compiler, None)
     except (GenerationError, OutputError):
         # Nothing is lost but time.
         return None

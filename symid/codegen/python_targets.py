@@ -114,8 +114,8 @@ _JACOBIANS = (
     *("inverse_dynamics", "forward_dynamics", "hysteresis_step", "hysteresis_inverse_step"),
     "elastic_inverse_dynamics",
 )
-# What the compiled plant of elastic robots calls.
-_PLANT_FUNCTIONS = ("forward_dynamics", "friction", "friction_step")
+# What the compiled plants call.
+_PLANT_FUNCTIONS = ("forward_dynamics", "mass_matrix", "bias", "friction", "friction_step")
 
 
 def list_casadi_sources(prefix: str) -> tuple[str, str]:

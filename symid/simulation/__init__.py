@@ -20,8 +20,12 @@ if TYPE_CHECKING:
         SpringDrive as SpringDrive,
         simulate_friction_rig as simulate_friction_rig,
     )
-    from symid.simulation.rigid_plant import RigidPlant as RigidPlant, RigidPlantState as RigidPlantState
+    from symid.simulation.rigid_plant import (
+        RigidPlant as RigidPlant,
+        simulate_rigid_plant as simulate_rigid_plant,
+    )
     from symid.simulation.simulated_log import (
+        ControlSettings as ControlSettings,
         SensorSettings as SensorSettings,
         check_sensor_settings as check_sensor_settings,
         check_stated_values as check_stated_values,

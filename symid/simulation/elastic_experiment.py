@@ -43,9 +43,8 @@ from symid.simulation.experiment import (
     add_torque_noise,
     check_sensors,
     get_encoder_turns,
-    quantise,
 )
-from symid.simulation.rigid_plant import build_curved_friction, check_friction_at_speeds
+from symid.simulation.rigid_plant import build_curved_friction, check_friction_at_speeds, quantise
 
 _DAMPING_SHARE = 0.4
 
@@ -91,7 +90,7 @@ class ElasticExperimentOptions:
         step: longest Runge-Kutta step; fast springs shorten it.
         parts: into which a step is cut where a spring changes its slope.
         gains: of the motors' PD loops; None for those of a shipped robot, else by `bandwidth`.
-        bandwidth: of loops with critical damping.
+        bandwidth: of loops with critical damping, in place of a shipped robot's gains; None for 12 Hz.
         control_counts: of the motor encoders in the loop, per turn; None for perfect ones.
         sensors: those of the log.
     """
@@ -101,7 +100,7 @@ class ElasticExperimentOptions:
     step: float = 1e-4
     parts: int = 16
     gains: MotorGains | None = None
-    bandwidth: float = 12.0
+    bandwidth: float | None = None
     control_counts: float | None = None
     sensors: ElasticSensors = field(default_factory=ElasticSensors)
 
@@ -259,12 +258,12 @@ def simulate_elastic(
     )
     ran = simulate_plant(library, plant, order, elements)
     log, reach = ran.log, experiment.compute_reach(robot, desired)
-    gone = np.flatnonzero(
-        np.any((np.abs(log.q) >= reach) | (np.abs(log.theta) >= reach), axis=1)[: log.ticks]
-    )
-    if gone.size or log.ticks < len(log.q):
-        tick = int(gone[0]) if gone.size else log.ticks
-        raise SolverError(experiment.describe_runaway(tick, options.period, options.bandwidth))
+    lost = ~((np.abs(log.q) < reach) & (np.abs(log.theta) < reach))
+    lost[log.ticks :] = True
+    if np.any(lost):
+        tick = int(np.flatnonzero(np.any(lost, axis=1))[0])
+        found = experiment.describe_runaway(robot, lost[tick], tick, options.period, options.bandwidth)
+        raise SolverError(found)
     if curves:
         check_friction_at_speeds(curves, library.card.joints, log.dtheta)
     kinetic, potential = (part.reshape(-1) for part in library.evaluate("energy", log.q, log.dq, stated.beta))
@@ -306,7 +305,7 @@ def _check_experiment(
     """Return the control ticks (N,) in s of an experiment that can be run, and gains that are stated."""
     shipped = SHIPPED_GAINS.get(robot.name)
     # Another robot may have the name of a shipped one.
-    fits = shipped is not None and len(shipped.damping) == robot.freedom
+    fits = shipped is not None and len(shipped.damping) == robot.freedom and options.bandwidth is None
     gains = options.gains or (shipped if fits else None)
     time = experiment.build_times(
         robot,
@@ -347,7 +346,9 @@ def _build_order(
     (mass,) = library.evaluate("mass_matrix", poses, values.beta)
     if not np.all(np.linalg.eigvalsh(mass) > 0.0):
         raise SolverError(experiment.describe_massless(robot))
-    gains = gains or compute_gains(mass, values.rotor, options.bandwidth, options.period)
+    gains = gains or compute_gains(
+        mass, values.rotor, options.bandwidth or experiment.BANDWIDTH, options.period
+    )
     return PlantExperiment(
         angle=reference.angle,
         speed=reference.speed,

@@ -1,9 +1,9 @@
 """The plant of an elastic robot: its values, its rest under its weight, its motion, in C or in NumPy.
 
 Robot and its library's card -> ElasticValues -> PlantRobot. Library, PlantRobot, PlantExperiment -> PlantLog:
-compiled where there is a compiler, else by the same equations and steps as `templates/c/plant.c` in NumPy,
-several hundred times slower. Robots whose friction has a state are computed in NumPy alone, with the bristles
-of `rigid_plant`. Springs with branches, backlash or an offset are whole elements, compiled too.
+compiled where there is a compiler, else by the same equations and steps as templates/c/elastic_plant.c in
+NumPy, several hundred times slower. Robots whose friction has a state are computed in NumPy alone, with the
+bristles of `rigid_plant`. Springs with branches, backlash or an offset are whole elements, compiled too.
 
     rest: S(v(phi)) = g,   v on the virgin curve: P_i = sign(phi) max(|phi| - r_i, 0)
 
@@ -27,10 +27,8 @@ from symid.codegen import (
     PlantExperiment,
     PlantLog,
     PlantRobot,
-    has_addresses,
-    load_plant_code,
 )
-from symid.errors import GenerationError, Notice, SolverError, UsageError
+from symid.errors import Notice, SolverError, UsageError
 from symid.joint_models import (
     REFERENCE_TEMPERATURE,
     Elasticity,
@@ -45,8 +43,14 @@ from symid.joint_models import (
 from symid.robot import (
     Robot,
 )
-from symid.simulation.experiment import quantise
-from symid.simulation.rigid_plant import Bristles, BristleStride, RigidPlantState, build_bristles
+from symid.simulation.rigid_plant import (
+    Bristles,
+    BristleStride,
+    RigidPlantState,
+    build_bristles,
+    find_compiled_plant,
+    quantise,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -466,25 +470,19 @@ def simulate_plant(
     compiler: str | None = None,
 ) -> PlantRun:
     """Return the motion; a notice says where it was computed without a compiler (None: the first found)."""
-    reason = "there is no C compiler"
     bends = any(spec.name == "friction_step" for spec in library.card.functions)
-    springs = () if elements is None else elements.springs
-    compiles = has_addresses(library) and not bends
-    try:
-        plant = load_plant_code(springs, compiler=compiler) if compiles else None
-    except GenerationError as error:
-        plant, reason = None, str(error)
-    if plant is not None:
-        return PlantRun(log=plant.run(library, robot, order), backend="c", notices=plant.notices)
-    if not has_addresses(library):
-        reason = "the robot's functions are not compiled"
-    elif bends:
-        reason = "friction has a state"
-    text = f"{reason}: the elastic robot is simulated in NumPy, with the same numbers but many times slower"
-    notice = Notice(code="simulate.slow-plant", text=text)
-    return PlantRun(
-        log=simulate_in_numpy(library, robot, order, elements), backend="python", notices=(notice,)
+    plant, notices = find_compiled_plant(
+        library,
+        ("forward_dynamics", *(("friction",) if robot.friction.size else ())),
+        "elastic",
+        springs=() if elements is None else elements.springs,
+        lacking="friction has a state" if bends else "",
+        compiler=compiler,
     )
+    if plant is None:
+        log = simulate_in_numpy(library, robot, order, elements)
+        return PlantRun(log=log, backend="python", notices=notices)
+    return PlantRun(log=plant.run(library, robot, order), backend="c", notices=notices)
 
 
 def _find_bristle_rate(bristles: Bristles, rotor: FloatArray) -> float:

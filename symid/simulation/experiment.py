@@ -18,20 +18,24 @@ coloured noise, eccentric encoders, delays that vary.
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays, freeze
-from symid.codegen import Library
+from symid.codegen import Library, RigidExperiment
 from symid.errors import Notice, SolverError, UsageError
 from symid.excitation import ReferenceMotion
 from symid.logs import Recording
 from symid.robot import Controller, JointKind, Robot
 from symid.simulation.rigid_plant import (
     RigidPlant,
-    RigidPlantState,
-    build_rest_state,
+    RigidPlantRun,
     check_friction_at_speeds,
+    compute_phi,
+    quantise,
+    simulate_rigid_plant,
 )
 
 
@@ -94,13 +98,6 @@ def get_encoder_turns(robot: Robot) -> FloatArray:
     return np.array([1.0 if joint.kind is JointKind.PRISMATIC else 2.0 * np.pi for joint in robot.axes])
 
 
-def quantise(values: FloatArray, step: FloatArray) -> FloatArray:
-    """Return `values` (..., n) rounded to whole encoder steps (n,); a step of 0 rounds nothing."""
-    safe = np.where(step > 0.0, step, 1.0)
-    rounded: FloatArray = np.where(step > 0.0, np.round(values / safe) * safe, values)
-    return rounded
-
-
 def add_torque_noise(
     torque: FloatArray, sensors: SensorOptions | ElasticSensors, rng: np.random.Generator
 ) -> FloatArray:
@@ -113,6 +110,8 @@ def add_torque_noise(
     return noisy
 
 
+BANDWIDTH, PERIOD = 12.0, 1e-3
+"""Hz and s, of control where nobody states them."""
 _RUNAWAY = 1e4
 """Rad or m: largest position of a joint without limits."""
 _FAR = 10.0
@@ -120,7 +119,8 @@ _FAR = 10.0
 _LARGEST_GAP = 1e-6
 """Of work, change of energy and dissipation, relative to the largest of them."""
 _REMEDY = (
-    "give links with mass an inertia, or lower the bandwidth or the gains, or shorten the control period"
+    "give links with mass an inertia, or lower --bandwidth or the gains (--stiffness, --damping), or shorten "
+    "--period"
 )
 
 
@@ -219,12 +219,18 @@ def describe_massless(robot: Robot) -> Notice:
     return Notice(code="simulate.massless", text=text)
 
 
-def describe_runaway(tick: int, period: float, bandwidth: float) -> Notice:
-    """Return the notice on a robot out of control at a tick; period in s, bandwidth of the gains in Hz."""
+def describe_runaway(
+    robot: Robot, gone: NDArray[np.bool_], tick: int, period: float, bandwidth: float | None
+) -> Notice:
+    """Return the notice on joints out of control, those in `gone` (n,), at a tick; period in s, Hz."""
+    names = [joint.name for joint, lost in zip(robot.axes, gone, strict=True) if lost]
+    limits = get_limits(robot, "torque")[gone]
+    limited = " or raise its torque limit in the robot file" if np.any(np.isfinite(limits)) else ""
     text = (
-        f"the controlled robot became unstable at t = {tick * period:g} s; lower the bandwidth "
-        f"({bandwidth:g} Hz) or the gains, shorten the control period ({period:g} s), "
-        "or give links with mass an inertia"
+        f"the controlled robot became unstable at t = {tick * period:g} s, at joint "
+        f"{', '.join(map(repr, names))}; lower --bandwidth ({bandwidth or BANDWIDTH:g} Hz) or the gains "
+        f"(--stiffness, --damping), shorten --period ({period:g} s), slow the motion down (--scale), or give "
+        f"links with mass an inertia{limited}"
     )
     return Notice(code="simulate.unstable", text=text)
 
@@ -239,18 +245,19 @@ class ExperimentOptions:
     Args:
         duration: None for the trajectory's own.
         period: of control and log; substeps: of the plant in a period.
-        bandwidth: of gains with critical damping at the joint's mean effective inertia.
+        bandwidth: of gains with critical damping at the joint's effective inertia; None for 12 Hz, or less
+            where the sampled loops would not be stable.
         velocity_filter: cut-off of the measured velocity.
         stiffness, damping: Kp, Kd of each joint in place of gains by bandwidth.
         sensors: what controller and log read.
-        controller: replaces gains and filter; a constant torque that it does not state is the weight at the
-            first pose.
+        controller: its gains, where neither they nor a bandwidth are given, and its filter; a constant torque
+            that it does not state is the weight at the first pose.
     """
 
     duration: float | None = None
-    period: float = 1e-3
+    period: float = PERIOD
     substeps: int = 1
-    bandwidth: float = 12.0
+    bandwidth: float | None = None
     velocity_filter: float = 150.0
     stiffness: tuple[float, ...] | None = None
     damping: tuple[float, ...] | None = None
@@ -269,7 +276,7 @@ class SimulationRun(FrozenArrays):
         kinetic, potential, work, dissipation: (N,) J; work and dissipation since the start.
         stored: (N,) J, in bristles of friction.
         events: how often a joint came to rest or turned.
-        controller: what the robot was controlled by.
+        controller: what the robot was controlled by. backend: "c" or "python", of the plant.
     """
 
     recording: Recording
@@ -284,6 +291,7 @@ class SimulationRun(FrozenArrays):
     stored: FloatArray
     events: int
     controller: Controller
+    backend: str
 
     @property
     def energy_gap(self) -> float:
@@ -314,7 +322,7 @@ def simulate_experiment(
             f"robot {robot.name!r} has elastic joints ({', '.join(names)}); simulate it as an elastic robot"
         )
         raise UsageError(Notice(code="usage.elastic-robot", text=text))
-    stated = options.controller or options
+    known = options.controller or options
     times = build_times(
         robot,
         library,
@@ -322,50 +330,47 @@ def simulate_experiment(
         duration=options.duration,
         period=options.period,
         substeps=options.substeps,
-        gains={"stiffness": stated.stiffness, "damping": stated.damping},
+        gains={
+            "stiffness": options.stiffness or known.stiffness,
+            "damping": options.damping or known.damping,
+        },
     )
     plant = RigidPlant(library, speeds=get_limits(robot, "velocity"))
     check_sensors(options.sensors, robot.freedom)
     encoder = get_encoder_turns(robot) / (options.sensors.counts_per_turn or np.inf)
     desired, speeds, _ = trajectory.evaluate(times)
-    law = _complete_controller(robot, library, plant, desired, options)
-    states, torque = _run_control_loop(robot, plant, law, (desired, speeds), options, encoder=encoder)
-    q, dq = np.array([state.q for state in states]), np.array([state.dq for state in states])
-    check_friction_at_speeds(plant.friction, library.card.joints, dq)
-    kinetic, potential = (part.reshape(-1) for part in library.evaluate("energy", q, dq, plant.beta))
-    work = np.array([state.work for state in states])
-    dissipation = np.array([state.dissipation for state in states])
-    stored = np.array([plant.compute_stored(state) for state in states])
-    check_balance(kinetic, potential, work, dissipation + stored)
+    law, notices = _complete_controller(robot, library, plant, desired, options)
+    order = _build_order(robot, plant, law, (desired, speeds), options, encoder=encoder)
+    move = partial(_run_plant, robot, library, plant, law=law, bandwidth=options.bandwidth)
+    try:
+        run = move(order)
+    except SolverError as error:
+        if plant.is_checked or error.notices[0].code not in _OF_STEPS:
+            raise
+        # Steps as long as their error allows.
+        run = move(replace(order, controlled=True))
+    check_friction_at_speeds(plant.friction, library.card.joints, run.dq)
     # The mean of the torques before and after each tick; nothing was held before the first.
-    logged = torque.copy()
-    logged[1:] = 0.5 * (torque[1:] + torque[:-1])
-    recording = Recording(
+    logged = run.torque.copy()
+    logged[1:] = 0.5 * (run.torque[1:] + run.torque[:-1])
+    recording = replace(
+        run.recording,
         time=times,
-        position=quantise(q, encoder),
+        position=quantise(run.q, encoder),
         torque=add_torque_noise(logged, options.sensors, rng),
         reference=desired,
         reference_velocity=speeds,
         source=f"simulated: {robot.name}, {trajectory.source}",
-        notices=describe_saturation(robot, torque, get_limits(robot, "torque")),
+        notices=(*notices, *run.recording.notices),
     )
-    return SimulationRun(
-        recording=recording,
-        q=q,
-        dq=dq,
-        desired=desired,
-        torque=torque,
-        kinetic=kinetic,
-        potential=potential,
-        work=work,
-        dissipation=dissipation,
-        stored=stored,
-        events=states[-1].events,
-        controller=law,
-    )
+    return replace(run, recording=recording, desired=desired)
 
 
-def _run_control_loop(
+_OF_STEPS = ("simulate.energy", "simulate.not-finite")
+"""Codes of what shorter steps may mend."""
+
+
+def _build_order(
     robot: Robot,
     plant: RigidPlant,
     law: Controller,
@@ -373,48 +378,176 @@ def _run_control_loop(
     options: ExperimentOptions,
     *,
     encoder: FloatArray,
-) -> tuple[list[RigidPlantState], FloatArray]:
-    """Return the states at every tick and the torques held from it (the last one repeats)."""
+) -> RigidExperiment:
+    """Return what the plant is to do, from rest at the first pose."""
     desired, speeds = reference
-    limit, reach = get_limits(robot, "torque"), compute_reach(robot, desired)
-    stiffness, damping, offset = (np.array(part) for part in (law.stiffness, law.damping, law.offset))
+    size = plant.size
+    return RigidExperiment(
+        position=desired,
+        speed=speeds * float(law.velocity == "error"),
+        torque=np.broadcast_to(np.array(law.offset), desired.shape),
+        stiffness=np.array(law.stiffness),
+        damping=np.array(law.damping),
+        limit=get_limits(robot, "torque"),
+        step=encoder,
+        reach=compute_reach(robot, desired),
+        period=options.period,
+        substeps=options.substeps,
+        blend=_compute_blend(law, options.period),
+        sensed=law.velocity_source == "sensor",
+        q=desired[0],
+        dq=np.zeros(size),
+        measured=quantise(desired[0], encoder),
+        velocity=np.zeros(size),
+    )
+
+
+def _compute_blend(law: Controller, period: float) -> float:
     cutoff = law.velocity_filter
-    blend = 1.0 if cutoff is None else 1.0 - float(np.exp(-2.0 * np.pi * cutoff * options.period))
-    sensed, asked = law.velocity_source == "sensor", float(law.velocity == "error")
-    state = build_rest_state(desired[0], plant.memory)
-    states, torque = [state], np.zeros_like(desired)
-    measured, velocity = quantise(state.q, encoder), np.zeros(plant.size)
-    for k in range(len(desired) - 1):
-        before, measured = measured, quantise(state.q, encoder)
-        raw = state.dq if sensed else (measured - before) / options.period
-        velocity = velocity + blend * (raw - velocity)
-        demand = offset + stiffness * (desired[k] - measured) + damping * (asked * speeds[k] - velocity)
-        torque[k] = np.minimum(np.maximum(demand, -limit), limit)
-        state = plant.advance(state, torque[k], options.period, options.substeps)
-        states.append(state)
-        if not (np.all(np.abs(state.q) < reach) and np.all(np.isfinite(state.dq))):
-            raise SolverError(describe_runaway(k, options.period, options.bandwidth))
-    torque[-1] = torque[-2]
-    return states, torque
+    return 1.0 if cutoff is None else 1.0 - float(np.exp(-2.0 * np.pi * cutoff * period))
+
+
+def _run_plant(
+    robot: Robot,
+    library: Library,
+    plant: RigidPlant,
+    order: RigidExperiment,
+    *,
+    law: Controller,
+    bandwidth: float | None,
+) -> SimulationRun:
+    """Return the run, without sensors; a SolverError where it is out of control or its balance is open."""
+    ran: RigidPlantRun = simulate_rigid_plant(library, plant, order)
+    log = ran.log
+    if log.end == "away":
+        gone = ~((np.abs(log.q[-1] - order.position[len(log.q) - 1]) < order.reach) & np.isfinite(log.dq[-1]))
+        raise SolverError(describe_runaway(robot, gone, len(log.q) - 1, order.period, bandwidth))
+    kinetic, potential = (part.reshape(-1) for part in library.evaluate("energy", log.q, log.dq, plant.beta))
+    stored = np.zeros(len(log.q))
+    if plant.bristles is not None:
+        stored = plant.bristles.compute_energy(log.z)
+    check_balance(kinetic, potential, log.work, log.lost + stored)
+    torque = np.concatenate([log.torque[:-1], log.torque[-2:-1]])
+    saturation = describe_saturation(robot, torque, order.limit)
+    return SimulationRun(
+        # What its sensors read follows.
+        recording=Recording(
+            time=freeze(np.arange(len(log.q)) * order.period),
+            position=log.q,
+            torque=torque,
+            notices=(*ran.notices, *saturation),
+        ),
+        q=log.q,
+        dq=log.dq,
+        desired=order.position,
+        torque=torque,
+        kinetic=kinetic,
+        potential=potential,
+        work=log.work,
+        dissipation=log.lost,
+        stored=stored,
+        events=log.events,
+        controller=law,
+        backend=ran.backend,
+    )
+
+
+_MARGIN = 1.25
+"""Factor on the gains with which every sampled loop must still be stable."""
+_LOWER, _LEAST_BANDWIDTH = 0.8, 0.1
+
+
+def _is_stable(plant: RigidPlant, mass: FloatArray, law: Controller, period: float) -> bool:
+    """Return whether the sampled loops at M (K, n, n) are stable, with gains of `_MARGIN` times the law's.
+
+    Linear, exact between ticks: M dv/dt = tau - D v, with D the viscous friction and tau held. The states are
+    q, v, the filtered velocity and the position of the tick before.
+    """
+    blend, one, none = _compute_blend(law, period), np.eye(plant.size), np.zeros((plant.size, plant.size))
+    viscous = plant.friction.viscous[1:].min(axis=0)
+    raw = np.hstack([none, one, none, none])
+    if law.velocity_source != "sensor":
+        raw = np.hstack([one, none, none, -one]) / period
+    filtered = blend * raw + (1.0 - blend) * np.hstack([none, none, one, none])
+    pull = np.hstack([np.diag(law.stiffness), none, none, none]) + np.diag(law.damping) @ filtered
+    for inertia in mass:
+        # v = P y, in which friction acts on each y alone: dy/dt = P' tau - rate y.
+        root, turn = np.linalg.eigh(inertia)
+        half = turn / np.sqrt(root)
+        rate, turn = np.linalg.eigh(half.T @ (viscous[:, None] * half))
+        axes = half @ turn
+        back = np.linalg.inv(axes)
+        first, second, _ = compute_phi(-period * rate)
+        gain = -_MARGIN * axes.T @ pull
+        position = axes @ (period * first[:, None] * np.hstack([none, back, none, none]))
+        position += axes @ (period**2 * second[:, None] * gain) + np.hstack([one, none, none, none])
+        speed = axes @ (np.exp(-period * rate)[:, None] * np.hstack([none, back, none, none]))
+        speed += axes @ (period * first[:, None] * gain)
+        step = np.vstack([position, speed, filtered, np.hstack([one, none, none, none])])
+        if not np.abs(np.linalg.eigvals(step)).max() < 1.0:
+            return False
+    return True
+
+
+def _compute_inertias(
+    robot: Robot, library: Library, plant: RigidPlant, desired: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return M (K, n, n) along the motion, and 1 / (M^-1)_jj (K, n): what a joint feels, others free."""
+    samples = np.linspace(0, len(desired) - 1, _GAIN_SAMPLES).astype(int)
+    (mass,) = library.evaluate("mass_matrix", desired[samples], plant.beta)
+    try:
+        inertias: FloatArray = 1.0 / np.diagonal(np.linalg.inv(mass), axis1=1, axis2=2)
+    except np.linalg.LinAlgError as error:
+        raise SolverError(describe_massless(robot)) from error
+    if not (np.all(np.isfinite(inertias)) and np.all(np.linalg.eigvalsh(mass) > 0.0)):
+        raise SolverError(describe_massless(robot))
+    return mass, inertias
 
 
 def _complete_controller(
     robot: Robot, library: Library, plant: RigidPlant, desired: FloatArray, options: ExperimentOptions
-) -> Controller:
-    """Return the law with gains Kp = w^2 J, Kd = 2 w J, J the effective inertia, where none are stated."""
-    samples = np.linspace(0, len(desired) - 1, _GAIN_SAMPLES).astype(int)
-    (mass,) = library.evaluate("mass_matrix", desired[samples], plant.beta)
-    try:
-        inertia = compute_effective_inertia(mass)
-    except np.linalg.LinAlgError as error:
-        raise SolverError(describe_massless(robot)) from error
-    if not (np.all(np.isfinite(inertia)) and np.all(inertia > 0.0)):
-        raise SolverError(describe_massless(robot))
-    pole = 2.0 * np.pi * options.bandwidth
-    law = options.controller or Controller(
-        stiffness=options.stiffness or tuple((pole**2 * inertia).tolist()),
-        damping=options.damping or tuple((2.0 * pole * inertia).tolist()),
-        velocity_filter=options.velocity_filter,
+) -> tuple[Controller, tuple[Notice, ...]]:
+    """Return the law, and what is to be said about it; gains that are not stated are of critical damping.
+
+    Kp = w^2 J, Kd = 2 w J, J the mean effective inertia. Where these sampled loops are not stable along the
+    motion, J is the lowest one, viscous friction D adds w D to Kp, and w is lowered until they are.
+    """
+    mass, inertias = _compute_inertias(robot, library, plant, desired)
+    given = options.controller or Controller(
+        stiffness=(), damping=(), velocity_filter=options.velocity_filter
     )
-    weight = plant.compute_weight(desired[0]).tolist()
-    return replace(law, offset=tuple(weight) if law.offset is None else law.offset, torque="average")
+    weight = tuple(plant.compute_weight(desired[0]).tolist())
+    law = replace(given, offset=weight if given.offset is None else given.offset, torque="average")
+
+    def build(bandwidth: float, inertia: FloatArray, viscous: FloatArray) -> Controller:
+        pole = 2.0 * np.pi * bandwidth
+        return replace(
+            law,
+            stiffness=options.stiffness or tuple((pole**2 * inertia + pole * viscous).tolist()),
+            damping=options.damping or tuple((2.0 * pole * inertia).tolist()),
+        )
+
+    if options.controller and options.bandwidth is None:
+        stiffness, damping = options.stiffness or law.stiffness, options.damping or law.damping
+        return replace(law, stiffness=stiffness, damping=damping), ()
+    bandwidth, lowest = options.bandwidth or BANDWIDTH, inertias.min(axis=0)
+    first = build(bandwidth, inertias.mean(axis=0), np.zeros(plant.size))
+    if (options.stiffness and options.damping) or _is_stable(plant, mass, first, options.period):
+        return first, ()
+    viscous = plant.friction.viscous[1:].min(axis=0)
+    found = build(bandwidth, lowest, viscous)
+    while options.bandwidth is None and not _is_stable(plant, mass, found, options.period):
+        bandwidth *= _LOWER
+        if bandwidth < _LEAST_BANDWIDTH:
+            return first, ()
+        found = build(bandwidth, lowest, viscous)
+    if options.bandwidth or bandwidth == BANDWIDTH:
+        return found, ()
+    joint = int(np.argmax(inertias.max(axis=0) / lowest))
+    text = (
+        f"the bandwidth of the controller was lowered from {BANDWIDTH:g} Hz to {bandwidth:.3g} Hz, at which "
+        f"it is stable at all poses of the motion; the inertia that joint {robot.axes[joint].name!r} feels, "
+        f"{lowest[joint]:.2g} to {inertias[:, joint].max():.2g} kg m^2 or kg, varies most. A shorter "
+        "--period allows more; --bandwidth sets it"
+    )
+    return found, (Notice(code="simulate.bandwidth", text=text),)

@@ -32,6 +32,7 @@ Not supported: elastic joints, contact, position limits, friction of a drive tha
 several coordinates; a held joint breaks away at the beginning of a step only (it does no work).
 """
 
+import contextlib
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -42,15 +43,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays
-from symid.codegen import JointCard, Library, ModelCard, ParameterCard
-from symid.errors import Notice, SolverError, UsageError
-from symid.joint_models import FRICTION_LAWS, NO_FRICTION, REFERENCE_TEMPERATURE, FrictionLaw, get_law
+from symid.codegen import (
+    RIGID_FUNCTIONS,
+    CompiledPlant,
+    JointCard,
+    Library,
+    ModelCard,
+    ParameterCard,
+    RigidExperiment,
+    RigidLog,
+    RigidPlantRobot,
+    has_addresses,
+    load_plant_code,
+)
+from symid.errors import GenerationError, Notice, SolverError, UsageError
+from symid.joint_models import (
+    FRICTION_LAWS,
+    NO_FRICTION,
+    REFERENCE_TEMPERATURE,
+    Elasticity,
+    FrictionLaw,
+    get_law,
+)
 from symid.notation import join_name
 
 _SPEEDS = (1.0, 2.0, -1.0, -2.0)
 _STANDSTILL = 1e-300
 """A speed at which every law, powers of the speed included, has its limit at standstill."""
-_PROBES = (_STANDSTILL, 1e-4, 1e-2, 1.0)
+_PROBES = (_STANDSTILL, 1e-4, 1e-2, 1.0, 2.0)
 _FASTEST, _SLOWEST, _SPEED_COUNT = 1e6, 1e-9, 1501
 """Grid of speeds for curves: a hundred a decade, fewer for a slower joint."""
 _ROUNDING = 1e-12
@@ -338,9 +358,13 @@ def _list_curved(library: Library) -> NDArray[np.bool_]:
         entry.name in own or (entry.joint not in joints and entry.name.startswith(names))
         for entry in card.friction
     ]
-    if not any(bent):
-        return varying
-    columns = _compute_columns(library, np.array(bent, dtype=np.float64), _PROBES)
+    columns = _compute_columns(library, np.ones(len(bent)), _PROBES)
+    # Dry friction with a smooth sign is no straight line either.
+    *near, once, twice = columns.swapaxes(0, 1)
+    pairs = zip(_PROBES, near, strict=False)
+    gaps = [np.abs(once + (speed - 1.0) * (twice - once) - part) for speed, part in pairs]
+    smooth = np.any(gaps > _ROUNDING * np.abs(columns).max(initial=0.0), axis=(0, 1, 2))
+    columns = columns * (np.array(bent) | smooth)
     felt: NDArray[np.bool_] = np.any(columns != 0.0, axis=(0, 1, 3))
     return felt | varying
 
@@ -394,9 +418,9 @@ class Bristles(FrozenArrays):
         """Return where z (m,) ends after a long way in the direction of `modes` at dq (n,)."""
         return self.step(dq, _LONG_WAY * np.array(modes, dtype=np.float64), np.zeros(len(self.owner)))[1]
 
-    def compute_energy(self, z: FloatArray) -> float:
-        """Return what z (m,) stores, in J."""
-        return 0.5 * float(self.stiffness @ (z * z))
+    def compute_energy(self, z: FloatArray) -> FloatArray:
+        """Return what z (..., m) stores, (...) J."""
+        return np.asarray(0.5 * ((z * z) @ self.stiffness))
 
 
 def build_bristles(library: Library, friction: FloatArray | None = None) -> Bristles | None:
@@ -434,7 +458,7 @@ def build_bristles(library: Library, friction: FloatArray | None = None) -> Bris
     )
 
 
-def _compute_phi(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def compute_phi(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return phi_1 = (e^x - 1) / x, phi_2 = (phi_1 - 1) / x and phi_3 = (phi_2 - 1/2) / x of x (m,)."""
     near = np.abs(x) < _NEAR
     apart = np.where(near, 1.0, x)
@@ -462,7 +486,7 @@ class BristleStride:
         self._side = np.array(state.modes, dtype=np.float64)[bristles.owner]
         self._ends = np.abs(bristles.find_ends(state.dq, state.modes))
         self._rate = -self._side * state.dq[bristles.owner] / self._ends
-        half, self._share = _compute_phi(0.5 * h * self._rate)[0], _compute_phi(h * self._rate)
+        half, self._share = compute_phi(0.5 * h * self._rate)[0], compute_phi(h * self._rate)
         self._half = 0.5 * h * half
         self._rests = [self._find_rest(state.bristles, state.dq)]
 
@@ -506,6 +530,8 @@ _LEAST_SHARE = 1e-9
 _SLACK = 1e-9
 _MOST_STRIDES = 500
 """Tries of a step within one substep; enough for friction that stops a joint at 1e6 / s within 1 ms."""
+_COMPILED_STRIDES = 20_000
+"""The same of the compiled plant, as rigid_plant.c has it: implicit steps."""
 _STRIDE_ERROR = 1e-7
 """Allowed relative error of the velocity in a step of the third-order formula."""
 _STRIDE_FLOOR = 1e-10
@@ -543,7 +569,7 @@ def build_rest_state(q: FloatArray, bristles: int = 0) -> RigidPlantState:
 
 @final
 class RigidPlant:
-    """The solver: robot functions bound once, parameter values, friction lines, bristles.
+    """The solver in NumPy: robot functions bound once, parameter values, friction lines, bristles.
 
     `friction` are the lines of steady sliding; those of the joints without bristles move the robot.
     """
@@ -566,27 +592,54 @@ class RigidPlant:
         self._bias: Callable[..., tuple[FloatArray, ...]] = library.bind("bias")
 
     @property
+    def is_checked(self) -> bool:
+        """Return whether errors shorten the steps in any case: friction is curved or has a state."""
+        return self._lines.curve is not None or self.bristles is not None
+
+    def describe(self, friction: FloatArray) -> RigidPlantRobot:
+        """Return the numbers of the robot for the compiled plant; `friction` (p,) of its parameters."""
+        none, lines, bristles = np.zeros(0), self._lines, self.bristles
+        return RigidPlantRobot(
+            beta=self.beta,
+            friction=friction,
+            viscous=lines.viscous,
+            level=lines.level,
+            curved=np.asarray(lines.curved, dtype=np.float64),
+            varying=np.asarray(lines.varying, dtype=np.float64),
+            bristled=np.zeros(self.size) if bristles is None else np.asarray(bristles.joints, np.float64),
+            owner=none if bristles is None else np.asarray(bristles.owner, dtype=np.float64),
+            stiffness=none if bristles is None else bristles.stiffness,
+            element=none if bristles is None else np.asarray(bristles.elements, dtype=np.float64),
+        )
+
+    @property
     def memory(self) -> int:
         """Return how many deflections friction remembers."""
         return 0 if self.bristles is None else len(self.bristles.owner)
 
-    def compute_stored(self, state: RigidPlantState) -> float:
-        """Return what bent bristles store, in J."""
-        return 0.0 if self.bristles is None else self.bristles.compute_energy(state.bristles)
-
     def advance(
-        self, state: RigidPlantState, torque: FloatArray, duration: float, substeps: int = 1
+        self,
+        state: RigidPlantState,
+        torque: FloatArray,
+        duration: float,
+        substeps: int = 1,
+        *,
+        controlled: bool = False,
     ) -> RigidPlantState:
         """Return the state after `torque` (n,) was held for `duration` in s.
 
-        A SolverError if joints start and stop without end, or friction is too steep.
+        The error of the velocity shortens all steps if `controlled`, else where friction is curved. A
+        SolverError if joints start and stop without end, or friction is too steep.
         """
+        checked = controlled or self.is_checked
         step, events, tries = duration / substeps, state.events, 0
         for _ in range(substeps):
             left = longest = step
             while left > 0.0:
                 state = self._settle(state, torque)
-                after, taken, longest, tried = self._choose_stride(state, torque, min(left, longest))
+                after, taken, longest, tried = self._choose_stride(
+                    state, torque, min(left, longest), checked=checked
+                )
                 tries += tried
                 share = 1.0
                 crossed = [
@@ -597,22 +650,16 @@ class RigidPlant:
                 state = after
                 left *= 1.0 - share * (taken / left)
                 if state.events - events > _MOST_EVENTS:
-                    pose = ", ".join(f"{value:.3g}" for value in state.q.tolist())
-                    text = (
-                        f"joints came to rest more than {_MOST_EVENTS} times within {duration:g} s, at "
-                        f"q = {pose}; lower the control gains or the friction, or shorten the "
-                        "control period"
-                    )
-                    raise SolverError(Notice(code="simulate.chatter", text=text))
+                    raise SolverError(_describe_chatter(state.q, duration))
                 if tries > _MOST_STRIDES * substeps:
-                    raise SolverError(self._describe_steep(duration))
+                    raise SolverError(self.describe_steep(duration, _MOST_STRIDES))
         return state
 
     def _choose_stride(
-        self, state: RigidPlantState, torque: FloatArray, h: float
+        self, state: RigidPlantState, torque: FloatArray, h: float, *, checked: bool
     ) -> tuple[RigidPlantState, float, float, int]:
         """Return the state after a step of `h` at most, its length, that of the next, how many were tried."""
-        if self._lines.curve is None and self.bristles is None:
+        if not checked:
             return self._stride(state, torque, h)[0], h, h, 1
         held = [joint for joint, mode in enumerate(state.modes) if mode == 0]
         level = self._lines.level[np.array(state.modes), np.arange(self.size)]
@@ -667,7 +714,7 @@ class RigidPlant:
         speed = dq + (h / 6.0) * (a1 + 2.0 * (a2 + a3) + a4)
         if bend is not None and self.bristles is not None:
             z = bend.move(move, speed)
-            lost -= self.bristles.compute_energy(z) - self.bristles.compute_energy(state.bristles)
+            lost -= float(self.bristles.compute_energy(z) - self.bristles.compute_energy(state.bristles))
         after = RigidPlantState(
             q=q + move,
             dq=speed,
@@ -686,15 +733,18 @@ class RigidPlant:
         drag = self._lines.compute_drag(modes, dq, q, torque)
         return drag if self.bristles is None else drag + self.bristles.compute_torque(dq, z)
 
-    def _describe_steep(self, duration: float) -> Notice:
+    def describe_steep(self, duration: float, steps: int) -> Notice:
+        """Return the notice on friction that stops a joint much faster than `duration` in s, in `steps`."""
         lines = self._lines
         creeps = lines.curved & (lines.level[1] <= lines.level[2])
-        found = creeps if creeps.any() else lines.curved
+        viscous: NDArray[np.bool_] = np.any(lines.viscous != 0.0, axis=0)
+        found = next((kind for kind in (creeps, lines.curved, viscous) if kind.any()), viscous)
         names = [joint.name for joint, steep in zip(self._joints, found, strict=True) if steep]
         text = (
             f"the friction of {' or '.join(map(repr, names))} is too steep around standstill for "
-            f"{_MOST_STRIDES} steps within {duration:g} s; widen its transition (dq0, smoothing; lower g2, "
-            "g3, g5), or use a model that jumps at standstill, such as stribeck"
+            f"{steps} steps within {duration:g} s; widen its transition (dq0, smoothing; lower g2, "
+            "g3, g5), or use a model that jumps at standstill, such as stribeck; steps of the compiled "
+            "plant, which needs a C compiler, are implicit and do much more"
         )
         return Notice(code="simulate.steep-friction", text=text)
 
@@ -798,3 +848,117 @@ class RigidPlant:
                 high, at_high = share, value
                 at_low, side = (0.5 * at_low if side < 0 else at_low), -1
         return share
+
+
+def _describe_chatter(q: FloatArray, duration: float) -> Notice:
+    pose = ", ".join(f"{value:.3g}" for value in q.tolist())
+    text = (
+        f"joints came to rest more than {_MOST_EVENTS} times within {duration:g} s, at q = {pose}; lower the "
+        "control gains or the friction, or shorten the control period"
+    )
+    return Notice(code="simulate.chatter", text=text)
+
+
+def quantise(values: FloatArray, step: FloatArray) -> FloatArray:
+    """Return `values` (..., n) rounded to whole encoder steps (n,); a step of 0 rounds nothing."""
+    safe = np.where(step > 0.0, step, 1.0)
+    rounded: FloatArray = np.where(step > 0.0, np.round(values / safe) * safe, values)
+    return rounded
+
+
+def find_compiled_plant(
+    library: Library,
+    names: Sequence[str],
+    kind: str,
+    *,
+    springs: Sequence[Elasticity] = (),
+    lacking: str = "",
+    compiler: str | None = None,
+) -> tuple[CompiledPlant | None, tuple[Notice, ...]]:
+    """Return the compiled plant of a `kind` of robot and its notices, or None and one that says why not.
+
+    `names` are functions that it calls, `springs` those in no table, `lacking` what else it lacks, in words.
+    """
+    reason = lacking or "there is no C compiler"
+    if not has_addresses(library, names):
+        reason = "the robot's functions are not compiled"
+    elif not lacking:
+        try:
+            plant = load_plant_code(tuple(springs), compiler=compiler)
+        except GenerationError as error:
+            plant, reason = None, str(error)
+        if plant is not None:
+            return plant, plant.notices
+    text = f"{reason}: the {kind} robot is simulated in NumPy, with the same numbers but many times slower"
+    return None, (Notice(code="simulate.slow-plant", text=text),)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RigidPlantRun:
+    """The motion, and how it was computed."""
+
+    log: RigidLog
+    backend: str
+    notices: tuple[Notice, ...] = ()
+
+
+def simulate_rigid_plant(
+    library: Library, plant: RigidPlant, order: RigidExperiment, *, compiler: str | None = None
+) -> RigidPlantRun:
+    """Return the motion of a controlled robot; a notice says where it was computed without a compiler.
+
+    A robot that fixed steps bring out of control is simulated again with steps as long as their error allows.
+    A SolverError if joints start and stop without end, or friction is too steep.
+    """
+    cards = library.card.friction
+    friction = get_parameter_values(cards, library.card.robot) if cards else np.zeros(0)
+    names = [*RIGID_FUNCTIONS, *(("friction",) if cards else ()), *(("friction_step",) * bool(plant.memory))]
+    code, notices = find_compiled_plant(library, names, "rigid", compiler=compiler)
+    if code is None:
+        log = _control_in_numpy(plant, order)
+    else:
+        log = code.run_rigid(library, plant.describe(friction), order)
+    if log.end == "chatter":
+        raise SolverError(_describe_chatter(log.q[-1], order.period))
+    if log.end == "steep":
+        raise SolverError(plant.describe_steep(order.period, _COMPILED_STRIDES))
+    if log.end == "away" and not (order.controlled or plant.is_checked):
+        # What is unstable itself may be too fast for any step.
+        with contextlib.suppress(SolverError):
+            return simulate_rigid_plant(library, plant, replace(order, controlled=True), compiler=compiler)
+    return RigidPlantRun(log=log, backend="python" if code is None else "c", notices=notices)
+
+
+def _control_in_numpy(plant: RigidPlant, order: RigidExperiment) -> RigidLog:
+    """Return the motion, equal to that of the compiled plant within the error of its steps."""
+    modes = tuple(int(side) for side in np.sign(order.dq))
+    state = replace(build_rest_state(order.q, plant.memory), dq=order.dq, modes=modes)
+    measured, velocity, end = order.measured, order.velocity, "well"
+    states, torques = [], []
+    for k, wanted in enumerate(order.position):
+        before, measured = measured, quantise(state.q, order.step)
+        raw = state.dq if order.sensed else (measured - before) / order.period
+        velocity = velocity + order.blend * (raw - velocity)
+        pull = order.torque[k] + order.stiffness * (wanted - measured)
+        demand = pull + order.damping * (order.speed[k] - velocity)
+        torques.append(np.minimum(np.maximum(demand, -order.limit), order.limit))
+        states.append(state)
+        if not (np.all(np.abs(state.q - wanted) < order.reach) and np.all(np.isfinite(state.dq))):
+            end = "away"
+            break
+        if k + 1 < len(order.position):
+            # A loop that runs away overflows within a period, and is refused at its end.
+            with np.errstate(over="ignore", invalid="ignore"):
+                state = plant.advance(
+                    state, torques[-1], order.period, order.substeps, controlled=order.controlled
+                )
+    return RigidLog(
+        q=np.array([state.q for state in states]),
+        dq=np.array([state.dq for state in states]),
+        torque=np.array(torques),
+        z=np.array([state.bristles for state in states]),
+        work=np.array([state.work for state in states]),
+        lost=np.array([state.dissipation for state in states]),
+        end=end,
+        events=state.events,
+    )

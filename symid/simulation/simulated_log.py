@@ -17,9 +17,14 @@ from symid.excitation import ReferenceMotion
 from symid.joint_models import NO_FRICTION
 from symid.logs import Recording
 from symid.robot import Coupling, Joint, Robot
-from symid.simulation.elastic_experiment import build_clean_options, build_noisy_options, simulate_elastic
+from symid.simulation.elastic_experiment import (
+    MotorGains,
+    build_clean_options,
+    build_noisy_options,
+    simulate_elastic,
+)
 from symid.simulation.elastic_plant import refuse_rigid_joints
-from symid.simulation.experiment import ExperimentOptions, SensorOptions, simulate_experiment
+from symid.simulation.experiment import PERIOD, ExperimentOptions, SensorOptions, simulate_experiment
 
 DEFAULT_NOISE = 0.05
 """N m or N, of rigid robots; elastic ones have noise in proportion to their torques."""
@@ -40,6 +45,37 @@ class SensorSettings:
     noise: float | None = None
     delay: float = 0.0
     offset: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ControlSettings:
+    """Control of either kind of robot, None for what robot file and inertia give.
+
+    Args:
+        bandwidth: Hz, of gains with critical damping.
+        period: of control and log, s.
+        stiffness, damping: Kp in N m/rad or N/m and Kd in N m s/rad or N s/m of each joint, both or neither.
+    """
+
+    bandwidth: float | None = None
+    period: float | None = None
+    stiffness: tuple[float, ...] | None = None
+    damping: tuple[float, ...] | None = None
+
+
+def check_control_settings(control: ControlSettings) -> None:
+    """Refuse, by a UsageError, gains that are negative or not finite, and those of one kind alone."""
+    texts = []
+    if (control.stiffness is None) != (control.damping is None):
+        texts.append("give --stiffness and --damping together, one number for each joint")
+    if control.bandwidth is not None and control.stiffness is not None:
+        texts.append("--bandwidth is that of gains that follow from the inertia; give it or the gains")
+    for name in ("stiffness", "damping"):
+        values: tuple[float, ...] = getattr(control, name) or ()
+        if not all(0.0 <= value < np.inf for value in values):
+            texts.append(f"--{name}: expected finite numbers of 0 or more, got {values}")
+    if texts:
+        raise UsageError(*(Notice(code="usage.gains", text=text) for text in texts))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -70,21 +106,40 @@ def check_sensor_settings(robot: Robot, sensors: SensorSettings) -> None:
 
 
 def simulate_log(
-    robot: Robot, library: Library, motion: ReferenceMotion, sensors: SensorSettings, rng: np.random.Generator
+    robot: Robot,
+    library: Library,
+    motion: ReferenceMotion,
+    sensors: SensorSettings,
+    rng: np.random.Generator,
+    *,
+    control: ControlSettings | None = None,
 ) -> SimulatedLog:
     """Return the log of a robot with all values under PD control along `motion`; `rng` is of the noise."""
+    control = control or ControlSettings()
+    check_control_settings(control)
     if not any(robot.elastic):
         noise = DEFAULT_NOISE if sensors.noise is None else sensors.noise
         one = SensorOptions(counts_per_turn=None) if sensors.clean else SensorOptions(torque_noise=(noise,))
-        order = ExperimentOptions(sensors=one, controller=robot.controller)
+        order = ExperimentOptions(
+            sensors=one,
+            controller=robot.controller,
+            bandwidth=control.bandwidth,
+            period=control.period or PERIOD,
+            stiffness=control.stiffness,
+            damping=control.damping,
+        )
         rigid = simulate_experiment(robot, library, motion, order, rng)
         return SimulatedLog(
             recording=rigid.recording,
             energy_gap=rigid.energy_gap,
-            backend=library.backend,
+            backend=rigid.backend,
             details={"noise": 0.0 if sensors.clean else noise, "controller": asdict(rigid.controller)},
         )
     options = build_clean_options() if sensors.clean else build_noisy_options()
+    options = replace(options, bandwidth=control.bandwidth, period=control.period or options.period)
+    if control.stiffness is not None and control.damping is not None:
+        gains = MotorGains(stiffness=control.stiffness, damping=control.damping)
+        options = replace(options, gains=gains)
     both = replace(options.sensors, delay=sensors.delay, link_offset=(sensors.offset,))
     if sensors.noise is not None and not sensors.clean:
         both = replace(both, torque_noise=(sensors.noise,), relative_noise=(0.0,))

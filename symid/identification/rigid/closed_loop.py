@@ -19,12 +19,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symid.arrays import FloatArray, FrozenArrays
-from symid.codegen import Library, ModelCard
+from symid.codegen import Library, ModelCard, RigidExperiment
 from symid.errors import Notice, SolverError, UsageError
 from symid.identification.regression import list_resting_joints
 from symid.logs import Recording, Signals, differentiate
 from symid.robot import Controller
-from symid.simulation import RigidPlant, RigidPlantState
+from symid.simulation import RigidPlant, simulate_rigid_plant
 
 
 def set_card_values(card: ModelCard, values: FloatArray) -> ModelCard:
@@ -193,47 +193,44 @@ def simulate_closed_loop(
         UsageError: the model has friction that cannot be simulated.
         SolverError: it runs away, or starts and stops without end.
     """
-    plant = RigidPlant(Library(set_card_values(library.card, values), library.engine))
-    period, blend, gains = recording.period, loop.compute_blend(recording.period), loop.controller
-    stiffness, damping = np.array(gains.stiffness), np.array(gains.damping)
-    sensed = gains.velocity_source == "sensor"
-    reach = _LOST * np.maximum(np.ptp(loop.reference, axis=0), 1.0)
+    valued = Library(set_card_values(library.card, values), library.engine)
+    plant = RigidPlant(valued)
+    period, gains = recording.period, loop.controller
     known = recording.reference_velocity
     speed = differentiate(loop.reference, period)[0] if known is None else known[0]
     speed = np.where(np.abs(speed) > _AT_REST, speed, 0.0)
-    state = RigidPlantState(
-        q=np.array(recording.position[0]),
+    order = RigidExperiment(
+        position=loop.reference,
+        speed=loop.velocity,
+        torque=loop.offset + loop.feedforward,
+        stiffness=np.array(gains.stiffness),
+        damping=np.array(gains.damping),
+        limit=loop.limit,
+        step=np.zeros(plant.size),
+        reach=_LOST * np.maximum(np.ptp(loop.reference, axis=0), 1.0),
+        period=period,
+        substeps=1,
+        blend=loop.compute_blend(period),
+        sensed=gains.velocity_source == "sensor",
+        q=recording.position[0],
         dq=speed,
-        modes=tuple(int(sign) for sign in np.sign(speed)),
-        bristles=np.zeros(plant.memory),
+        measured=recording.position[0] - period * speed,
+        velocity=speed,
     )
-    count = len(recording.time)
-    q, dq, torque = (np.empty((count, plant.size)) for _ in range(3))
-    before, velocity = state.q - period * speed, speed
-    for k in range(count):
-        q[k], dq[k] = state.q, state.dq
-        if not np.all(np.abs(state.q - loop.reference[k]) < reach):
-            seconds = recording.time[k] - recording.time[0]
-            text = (
-                f"the simulated robot left its reference after {seconds:.3g} s: the gains are not those of "
-                "the controller, or the initial parameters are far off"
-            )
-            raise SolverError(Notice(code="solver.runaway", text=text, file=recording.source))
-        raw = state.dq if sensed else (state.q - before) / period
-        velocity, before = velocity + blend * (raw - velocity), state.q
-        push = stiffness * (loop.reference[k] - state.q) + damping * (loop.velocity[k] - velocity)
-        demand = loop.offset + loop.feedforward[k] + push
-        torque[k] = np.minimum(np.maximum(demand, -loop.limit), loop.limit)
-        if k + 1 < count:
-            # A loop that runs away overflows within a period, and is refused at its end.
-            with np.errstate(over="ignore", invalid="ignore"):
-                state = plant.advance(state, torque[k], period)
+    log = simulate_rigid_plant(valued, plant, order).log
+    if log.end == "away":
+        seconds = recording.time[len(log.q) - 1] - recording.time[0]
+        text = (
+            f"the simulated robot left its reference after {seconds:.3g} s: the gains are not those of "
+            "the controller, or the initial parameters are far off"
+        )
+        raise SolverError(Notice(code="solver.runaway", text=text, file=recording.source))
     return Signals(
         time=recording.time,
-        q=q,
-        dq=dq,
-        ddq=differentiate(dq, period),
-        tau=_log_torque(torque, gains),
+        q=log.q,
+        dq=log.dq,
+        ddq=differentiate(log.dq, period),
+        tau=_log_torque(log.torque, gains),
         period=period,
     )
 

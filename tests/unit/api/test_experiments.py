@@ -71,6 +71,12 @@ def test_a_motion_is_scaled_about_its_centre_and_cut(robot, found):
     [
         (lambda robot: robot.simulate("nowhere.csv"), "usage.trajectory"),
         (lambda robot: robot.simulate(delay=0.01), "usage.rigid-sensors"),
+        (lambda robot: robot.simulate(bandwidth=0.0), "usage.range"),
+        (lambda robot: robot.simulate(period=-1e-3), "usage.range"),
+        (lambda robot: robot.simulate(stiffness=[100.0, 10.0]), "usage.gains"),
+        (lambda robot: robot.simulate(stiffness=[100.0, 10.0], damping=[-1.0, 1.0]), "usage.gains"),
+        (lambda robot: robot.simulate(bandwidth=5, stiffness=[9.0, 9.0], damping=[1.0, 1.0]), "usage.gains"),
+        (lambda robot: robot.simulate(stiffness=[9.0], damping=[1.0]), "usage.experiment"),
         (lambda robot: robot.excite(start=[0.0]), "usage.excitation"),
         (lambda robot: robot.excite(stiffness=[1.0, 1.0]), "usage.excitation"),
     ],
@@ -103,3 +109,37 @@ def test_a_study_is_of_the_robot_with_its_settings():
     """Workers get the robot itself: settings and friction count, not the file alone."""
     plain = symid.load("two_link", friction="none").study_precision(seeds=2, jobs=1).product
     assert plain.names == tuple(symid.load("two_link").base.names)
+
+
+def test_the_controller_can_be_set(robot, tmp_path, capsys):
+    assert robot.simulate(duration=1, period=2e-3).recording.period == pytest.approx(2e-3)
+    slow = robot.simulate(duration=1, bandwidth=6.0)
+    usual = robot.simulate(duration=1).to_dict()["controller"]
+    # Kp = w^2 J and Kd = 2 w J.
+    np.testing.assert_allclose(slow.to_dict()["controller"]["stiffness"], np.array(usual["stiffness"]) / 4.0)
+    np.testing.assert_allclose(slow.to_dict()["controller"]["damping"], np.array(usual["damping"]) / 2.0)
+    own = robot.simulate(duration=1, stiffness=[4000.0, 900.0], damping=[90.0, 9.0])
+    assert own.to_dict()["controller"]["stiffness"] == (4000.0, 900.0)
+    log = tmp_path / "own.npz"
+    gains = ("--stiffness", "4000,900", "--damping", "90,9")
+    assert run(["simulate", "two_link", "--duration", "1", *gains, "-o", str(log), "-q"]) == 0
+    assert own.save(tmp_path / "same.npz").read_bytes() == log.read_bytes()
+
+
+def test_a_controller_that_cannot_hold_the_robot_is_an_error(robot, tmp_path, capsys):
+    lines = robot.path.read_text(encoding="utf-8").splitlines(keepends=True)
+    (tmp_path / "free.toml").write_text("".join(line for line in lines if not line.startswith("torque")))
+    call = ["simulate", str(tmp_path / "free.toml"), "--bandwidth", "400", "-o", str(tmp_path / "no.npz")]
+    assert run(call) == 5
+    assert not (tmp_path / "no.npz").exists()
+    text = capsys.readouterr().err
+    for part in ("--bandwidth (400 Hz)", "--stiffness", "--period", "'"):
+        assert part in text
+
+
+def test_an_elastic_robot_takes_the_same_options():
+    arm = symid.load("two_link_elastic")
+    usual, slow = arm.simulate("ta", duration=0.5), arm.simulate("ta", duration=0.5, bandwidth=5.0)
+    assert np.abs(slow.tau - usual.tau).max() > 0.1
+    own = arm.simulate("ta", duration=0.5, stiffness=[4000.0, 1500.0], damping=[120.0, 40.0])
+    np.testing.assert_array_equal(own.tau, usual.tau)

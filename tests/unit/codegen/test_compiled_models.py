@@ -71,7 +71,7 @@ def test_a_cache_that_cannot_be_written(tmp_path, c_compiler, monkeypatch):
 
 def test_the_source_compiles_without_a_warning(project, tmp_path, c_compiler):
     flags = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror", "-O2", "-c"]
-    source = project / "templates" / "c" / "plant.c"
+    source = project / "templates" / "c" / "elastic_plant.c"
     subprocess.run([c_compiler, *flags, str(source), "-o", str(tmp_path / "plant.o")], check=True)
 
 

@@ -129,15 +129,18 @@ def test_the_experiment_takes_the_controller_of_the_robot_file(robot, arm):
         velocity_filter=200.0,
         offset=(12.0, 1.0),
     )
-    options = ExperimentOptions(
-        period=2e-3, controller=law, sensors=SensorOptions(counts_per_turn=None), stiffness=(1.0, 1.0)
-    )
+    options = ExperimentOptions(period=2e-3, controller=law, sensors=SensorOptions(counts_per_turn=None))
     made = simulate_experiment(robot, arm, motion, options, np.random.default_rng(0))
     assert made.controller == replace(law, torque="average")
     keep = np.exp(-2.0 * np.pi * 200.0 * 2e-3)
     slow = lfilter([1.0 - keep], [1.0, -keep], made.dq, axis=0)
     held = np.array([12.0, 1.0]) + [400.0, 60.0] * (made.desired - made.q) - [25.0, 3.0] * slow
     np.testing.assert_allclose(made.torque[:-1], held[:-1], rtol=0, atol=1e-9)
+    # Gains that are given besides take the place of its own; the rest stays.
+    options = replace(options, stiffness=(500.0, 70.0), damping=(30.0, 4.0))
+    other = simulate_experiment(robot, arm, motion, options, np.random.default_rng(0)).controller
+    expected = replace(law, stiffness=(500.0, 70.0), damping=(30.0, 4.0), torque="average")
+    assert other == expected
 
 
 def test_a_constant_torque_comes_from_the_log(robot, arm):

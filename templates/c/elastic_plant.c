@@ -12,22 +12,11 @@
  * The robot's own functions come as pointers, so that this file is the same for every robot. No function allocates
  * memory or keeps state. Matrices are row-major.
  */
+#include "plant_calls.h"
+
 #include <math.h>
 #include <stddef.h>
 #include <string.h>
-
-typedef int (*forward_call)(const double *q, const double *dq, const double *tau, const double *beta, double *ddq);
-/* Friction of dq alone, and of one to three more of: positions, loads, temperatures. */
-typedef int (*friction_call)(const double *dq, const double *f, double *tau_f);
-typedef int (*friction_call_1)(const double *dq, const double *a, const double *f, double *tau_f);
-typedef int (*friction_call_2)(const double *dq, const double *a, const double *b, const double *f, double *tau_f);
-typedef int (*friction_call_3)(const double *dq, const double *a, const double *b, const double *c, const double *f, double *tau_f);
-typedef union {
-    friction_call none;
-    friction_call_1 one;
-    friction_call_2 two;
-    friction_call_3 three;
-} friction_pointer;
 
 /* The torque of joint i whose torsion has gone to held[0] in held[1] s, at a rate of held[2], from its m states. */
 typedef double (*element_call)(size_t i, const double *held, const double *states, double *after);
@@ -40,10 +29,8 @@ typedef struct {
     size_t n, m, l;
     element_call element; /* NULL: stops and knees */
     forward_call forward;
-    friction_pointer friction; /* NULL where there is none */
-    size_t reads; /* what it reads besides dq: 1 positions, 2 loads, 4 temperatures, or their sum */
-    const double *temperature;
-    const double *beta, *f;
+    plant_friction friction;
+    const double *beta;
     const double *rotor, *stiffness, *cubic, *damping; /* n */
     const double *radius, *weight;                     /* n x m */
     const double *knee, *slope;                        /* n x l */
@@ -93,11 +80,6 @@ static plant_scratch divide(const plant_robot *r, double *memory)
     w.play = memory;
     w.after = memory + n * r->m;
     return w;
-}
-
-static double clamp(double x, double r)
-{
-    return x > r ? r : (x < -r ? -r : x);
 }
 
 /* v of joint i at torsion phi, the plays where they are. */
@@ -199,35 +181,6 @@ static double pull(const plant_robot *r, const plant_scratch *w, size_t i, doubl
     return r->element(i, held, w->play + i * r->m, w->after);
 }
 
-static void find_drag(const plant_robot *r, const double *theta, const double *dtheta, const double *load, double *drag)
-{
-    const double *given[3] = {NULL, NULL, NULL};
-    size_t count = 0;
-    if (r->reads & 1u) {
-        given[count++] = theta;
-    }
-    if (r->reads & 2u) {
-        given[count++] = load;
-    }
-    if (r->reads & 4u) {
-        given[count++] = r->temperature;
-    }
-    switch (count) {
-    case 0:
-        (void)r->friction.none(dtheta, r->f, drag);
-        break;
-    case 1:
-        (void)r->friction.one(dtheta, given[0], r->f, drag);
-        break;
-    case 2:
-        (void)r->friction.two(dtheta, given[0], given[1], r->f, drag);
-        break;
-    default:
-        (void)r->friction.three(dtheta, given[0], given[1], given[2], r->f, drag);
-        break;
-    }
-}
-
 /* The rates d of the state x, `passed` s after the step began. */
 static void find_slope(const plant_robot *r, const plant_scratch *w, const double *torque, const double *x, double passed,
                        double *d)
@@ -241,8 +194,8 @@ static void find_slope(const plant_robot *r, const plant_scratch *w, const doubl
         d[2 * n + i] = dtheta[i];
         d[5 * n + i] = damp * twist;
     }
-    if (r->friction.none != NULL) {
-        find_drag(r, theta, dtheta, w->push, w->drag);
+    if (r->friction.friction != NULL) {
+        find_friction(&r->friction, dtheta, theta, w->push, w->drag);
     }
     for (size_t i = 0; i < n; ++i) {
         d[3 * n + i] = (torque[i] - w->push[i] - w->drag[i]) / r->rotor[i];
@@ -325,8 +278,7 @@ static void advance(const plant_robot *r, const plant_scratch *w, const double *
 /* The torque of joint i at tick k: motor-side PD on the encoder, the speed from the drive's own observer. */
 static double command(const plant_order *o, size_t n, size_t k, size_t i, double theta, double dtheta)
 {
-    const double seen = o->step[i] > 0.0 ? rint(theta / o->step[i]) * o->step[i] : theta;
-    const double pull = o->stiffness[i] * (o->angle[k * n + i] - seen);
+    const double pull = o->stiffness[i] * (o->angle[k * n + i] - quantise(theta, o->step[i]));
     return clamp(pull + o->damping[i] * (o->speed[k * n + i] - dtheta) + o->torque[k * n + i], o->limit[i]);
 }
 
