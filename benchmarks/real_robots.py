@@ -32,7 +32,7 @@ from symid.identification.rigid.validation import read_fit_processing
 from symid.logs.reader import read_recording
 from symid.logs.recording import cut_recording
 from symid.robot.loading import locate_robot_file, override_robot
-from symid.robot.published_values import TableColumns, read_value_table
+from symid.robot.parameter_values import TableColumns, read_value_table
 from symid.robot.toml_reader import read_robot
 
 FITS = (("torque", None), ("torque", "ols"), ("torque", "wls"), ("momentum", "ols"), ("momentum", "wls"))

@@ -52,14 +52,12 @@ if TYPE_CHECKING:
     from symid.robot.parameter_values import (
         PRECISIONS as PRECISIONS,
         RobotValues as RobotValues,
+        TableColumns as TableColumns,
         ValueRow as ValueRow,
         ValueVector as ValueVector,
         build_json_values as build_json_values,
-        write_c_values as write_c_values,
-    )
-    from symid.robot.published_values import (
-        TableColumns as TableColumns,
         read_value_table as read_value_table,
+        write_c_values as write_c_values,
     )
     from symid.robot.toml_reader import (
         parse_robot as parse_robot,

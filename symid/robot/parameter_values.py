@@ -1,4 +1,4 @@
-"""Values of a robot's parameters, vector by vector, as JSON and as a C header for its generated library.
+"""Values of a robot's parameters in files: ours as JSON and as a C header, tables that others publish.
 
 JSON is an object of plain types, SI units, format 1, links in the frames of the URDF that symid writes:
 
@@ -10,16 +10,31 @@ JSON is an object of plain types, SI units, format 1, links in the frames of the
 
 The header has an array for each vector, such as `symid_arm_beta`, for each entry its place in it, such as
 `SYMID_ARM_BETA_ZZR1`, and the model's signature. An unknown value is null in JSON, and 0 with a comment in C.
+
+A published table is a text file with a line of column names, such as parameter,ols,ols_std_percent, and one
+line a parameter, such as Izz1 + 1.0*Ia1,1.247,0.98 -> `PublishedTable`, or one `EstimateError` with all
+mistakes and their lines.
+
+Supported: comma, semicolon or tab between columns; comments from # at the start of a line; cells in double
+quotes; deviations in the unit of the value or in percent of it; columns chosen by name, or guessed where
+there is no other; lines without a value are skipped and listed. The minus of typography counts as a minus.
+Not supported: a decimal comma, a percent sign behind each number, cells of several lines.
 """
 
+import csv
+import math
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Generic, TypeVar
 
+from symid.errors import EstimateError, Notice, RobotError, UsageError
 from symid.joint_models import get_friction_law, list_value_names, name_bristles, name_shape, name_values
 from symid.notation import INERTIAL
 from symid.robot.description import Coupling, Joint, Robot
 from symid.robot.inertia import split_body
+from symid.robot.toml_values import read_text_file, sort_notices
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -180,3 +195,231 @@ def _describe(row: ValueRow) -> str:
         percent = f" ({100 * row.std / abs(row.value):.2g} %)" if row.value else ""
         text += f"; std {row.std:.3g}{percent}"
     return text
+
+
+N = TypeVar("N")
+
+_NAMES = ("name", "parameter", "base_parameter", "group", "grouping", "expression")
+_VALUES = ("value", "estimate", "estimated", "identified")
+_DEVIATIONS = ("std", "stdev", "stddev", "sd", "sigma", "deviation", "error")
+_PERCENT = ("percent", "pct", "%")
+_MINUS = "\N{MINUS SIGN}"
+_LARGEST = 1e100
+_NUMBER_LIKE = re.compile(r"[+-]?[\d.,]*\d[\d.,]*([eE][+-]?\d+)?\s*%?")
+"""What somebody took for a number, whether it can be read or not."""
+
+_Line = tuple[int, list[str]]
+"""Number and cells of a line."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableColumns:
+    """Which columns to read: their names, None where they are to be guessed.
+
+    `percent`: whether deviations are in percent of the value; None: by the name of their column.
+    """
+
+    name: str | None = None
+    value: str | None = None
+    deviation: str | None = None
+    percent: bool | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableRow(Generic[N]):
+    """A line of the table: the name as it is written and as it was read, value and deviation."""
+
+    line: int
+    text: str
+    name: N
+    value: float
+    deviation: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PublishedTable(Generic[N]):
+    """The rows, the columns they were read from, and number and name of lines without a value."""
+
+    columns: TableColumns
+    rows: tuple[TableRow[N], ...]
+    empty: tuple[tuple[int, str], ...]
+
+
+def read_value_table(path: Path, columns: TableColumns, read_name: Callable[[str], N]) -> PublishedTable[N]:
+    """Return the table at `path`, see above, from these columns.
+
+    `read_name` returns the meaning of a name; its UsageError is reported with the name's line.
+
+    Raises:
+        UsageError: a column is not there, or several are possible.
+        EstimateError: with a notice for each mistake in the file.
+    """
+    file = str(path)
+    (first, heading), lines = _read_lines(path)
+    text = "no line has a value; write one line a parameter below the line of column names"
+    nothing = Notice(code="table.no-rows", text=text, file=file, line=first)
+    if not lines:
+        raise EstimateError(nothing)
+    chosen = _choose_columns(file, heading, lines, columns)
+    notices: list[Notice] = []
+    rows: list[TableRow[N]] = []
+    empty: list[tuple[int, str]] = []
+    known: dict[str, int] = {}
+    for number, cells in lines:
+        wrong: list[Notice] = []
+        if not any(cell.strip() for cell in cells):
+            continue
+        if len(cells) != len(heading):
+            text = f"{len(cells)} cells, but the first line names {len(heading)} columns"
+            wrong.append(Notice(code="table.line-length", text=text))
+        else:
+            row = _read_row(number, dict(zip(heading, cells, strict=True)), chosen, read_name, wrong)
+            if isinstance(row, str):
+                empty.append((number, row))
+            else:
+                rows.append(row)
+                before = known.setdefault("".join(row.text.split()), number)
+                if before != number:
+                    text = f"{row.text!r} is already in line {before}"
+                    wrong.append(Notice(code="table.repeated", text=text))
+        notices += [replace(notice, file=file, line=number) for notice in wrong]
+    if notices or not rows:
+        raise EstimateError(*(sort_notices(notices) or (nothing,)))
+    return PublishedTable(columns=chosen, rows=tuple(rows), empty=tuple(empty))
+
+
+def _read_lines(path: Path) -> tuple[_Line, list[_Line]]:
+    """Return the line of column names, and those below it that hold more than a comment."""
+    try:
+        text = read_text_file(path, noun="table").replace("\r\n", "\n")
+    except RobotError as error:
+        raise EstimateError(*(replace(entry, code="table.unreadable") for entry in error.notices)) from error
+    lines = [
+        (number, line)
+        for number, line in enumerate(text.split("\n"), start=1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    separator = max((",", ";", "\t"), key=lines[0][1].count) if lines else ","
+    found: list[_Line] = []
+    for number, line in lines:
+        try:
+            found.append((number, next(csv.reader([line], delimiter=separator, skipinitialspace=True))))
+        except csv.Error as error:
+            text = f"this is no line of a table: {error}"
+            notice = Notice(code="table.unreadable", text=text, file=str(path), line=number)
+            raise EstimateError(notice) from error
+    first, heading = (found[0][0], [cell.strip() for cell in found[0][1]]) if found else (1, [])
+    twice = [name for name in dict.fromkeys(heading) if heading.count(name) > 1]
+    problem = ""
+    if not found:
+        problem = "empty; the first line names the columns, as in: parameter,value,std"
+    elif any(_to_number(cell) is not None for cell in heading):
+        problem = "the first line holds a number; it must name the columns, as in: parameter,value,std"
+    elif twice:
+        problem = f"there is more than one column {', '.join(map(repr, twice))}; column names must differ"
+    if problem:
+        raise EstimateError(Notice(code="table.header", text=problem, file=str(path), line=first))
+    return (first, heading), found[1:]
+
+
+def _choose_columns(
+    file: str, heading: Sequence[str], lines: Sequence[_Line], columns: TableColumns
+) -> TableColumns:
+    """Return the columns to read, with those that were left open guessed."""
+    numeric = [
+        name
+        for place, name in enumerate(heading)
+        if any(place < len(cells) and _looks_like_number(cells[place]) for _, cells in lines)
+    ]
+    # In lower case, with _ between words.
+    words = {entry: re.sub(r"[ \-\[(]", "_", entry.strip().lower()) for entry in heading}
+    names = [name for name in heading if words[name] in _NAMES]
+    names = names or [name for name in heading if name not in numeric]
+    name = _choose_column(file, "--name", columns.name, heading, names)
+    spreads = [
+        entry
+        for entry in numeric
+        if entry != name
+        and (
+            set(words[entry].split("_")) & set(_DEVIATIONS) or any(mark in words[entry] for mark in _PERCENT)
+        )
+    ]
+    values = [entry for entry in numeric if entry not in (name, *spreads, columns.deviation)]
+    likely = [entry for entry in values if words[entry] in _VALUES] or values
+    value = _choose_column(file, "--value", columns.value, heading, likely)
+    beside = [entry for entry in spreads if words[entry].startswith(words[value])]
+    # A deviation that belongs to another column of values is not that of this one.
+    free = [entry for entry in spreads if not any(words[entry].startswith(words[v]) for v in values)]
+    likely = [entry for entry in (beside or free) if entry != value]
+    deviation, percent = columns.deviation, columns.percent
+    if deviation is not None or likely:
+        deviation = _choose_column(file, "--deviation", deviation, heading, likely)
+    if deviation is not None and percent is None:
+        percent = any(mark in words[deviation] for mark in _PERCENT)
+        if not percent and {"rel", "relative"} & set(words[deviation].split("_")):
+            text = f"column {deviation!r} is relative, without its reference; give --deviation-unit"
+            raise UsageError(Notice(code="usage.table-column", text=text, file=file))
+    return TableColumns(name=name, value=value, deviation=deviation, percent=bool(percent))
+
+
+def _choose_column(
+    file: str, option: str, given: str | None, heading: Sequence[str], likely: Sequence[str]
+) -> str:
+    if given in heading or (given is None and len(likely) == 1):
+        return likely[0] if given is None else given
+    text = f"{option} {given}: there is no such column; the table has {', '.join(heading)}"
+    if given is None:
+        which = f"could be any of {', '.join(likely)}" if likely else f"is none of {', '.join(heading)}"
+        text = f"the column for {option} {which}; name it by {option} COLUMN"
+    raise UsageError(Notice(code="usage.table-column", text=text, file=file))
+
+
+def _looks_like_number(text: str) -> bool:
+    """Return whether a cell is a number, or was meant as one: a column of such cells is not skipped."""
+    return _to_number(text) is not None or bool(_NUMBER_LIKE.fullmatch(text.replace(_MINUS, "-").strip()))
+
+
+def _to_number(text: str) -> float | None:
+    # Python reads 1_000 as a number, no other program does.
+    try:
+        number = float(text.replace(_MINUS, "-")) if "_" not in text else math.nan
+    except ValueError:
+        return None
+    return number if abs(number) <= _LARGEST else None
+
+
+def _read_row(
+    line: int,
+    cells: dict[str, str],
+    columns: TableColumns,
+    read_name: Callable[[str], N],
+    notices: list[Notice],
+) -> TableRow[N] | str:
+    """Return the row, or its name where it has no value; mistakes are added without file and line."""
+    text, raw = (cells[str(column)].strip() for column in (columns.name, columns.value))
+    name = None
+    try:
+        name = read_name(text)
+    except UsageError as error:
+        notices += error.notices
+    value = _read_number(str(columns.value), raw, notices) if raw else None
+    shown = cells[columns.deviation].strip() if columns.deviation is not None else ""
+    deviation = _read_number(str(columns.deviation), shown, notices) if raw and shown else None
+    if deviation is not None and deviation < 0.0:
+        words = f"column {columns.deviation!r}: {shown!r} is negative"
+        notices.append(Notice(code="table.not-a-number", text=words))
+    if name is None or value is None:
+        return text
+    if deviation is not None and columns.percent:
+        # A part of zero is zero, and is no bound of a rounded value.
+        deviation = deviation * abs(value) / 100.0 if value else None
+    return TableRow(line=line, text=text, name=name, value=value, deviation=deviation)
+
+
+def _read_number(column: str, text: str, notices: list[Notice]) -> float | None:
+    number = _to_number(text)
+    if number is None:
+        sign = ", with percent in the name of the column" if "%" in text else ""
+        what = f"is not a number up to 1e100 (a decimal point is expected{sign})"
+        notices.append(Notice(code="table.not-a-number", text=f"column {column!r}: {text!r} {what}"))
+    return number

@@ -3,7 +3,7 @@
 import pytest
 
 from symid.errors import EstimateError, Notice, UsageError
-from symid.robot.published_values import TableColumns, read_value_table
+from symid.robot.parameter_values import TableColumns, read_value_table
 
 
 def read_name(text):
