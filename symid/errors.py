@@ -38,6 +38,7 @@ NOTES = frozenset(
         ),
         *("log.offset", "log.payload", "log.resampled", "log.topic-read", "log.incomplete-messages"),
         *("new.assumed-gear", "new.assumed-order", "new.assumed-side", "new.gravity"),
+        "new.friction-kept",
         *("new.preset", "new.unused-columns"),
         "payload.controller-scope",
         *("robot.assumed-gravity", "robot.cut-off", "robot.default-axis", "robot.elastic-joint"),

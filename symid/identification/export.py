@@ -45,6 +45,7 @@ from symid.robot import (
     ValueRow,
     ValueVector,
     build_json_values,
+    explain_impossible_inertia,
     is_mjcf,
     list_mjcf_omissions,
     list_urdf_omissions,
@@ -78,6 +79,7 @@ KINDS = {
 _SOURCES = (KINDS[".urdf"], KINDS[".xml"])
 
 
+_SIMULATED = (".xml", ".mjcf", ".usda")
 _SHOWN = 3
 
 
@@ -195,6 +197,14 @@ def write_stated(robot: Robot, path: Path, *, precision: str = "double") -> File
                 "them and export the estimate"
             )
             raise RobotError(Notice(code="export.no-values", text=text, file=robot.path))
+        reasons = [(joint.name, explain_impossible_inertia(joint.inertial or ())) for joint in robot.joints]
+        wrong = [f"the link of {name}: {reason}" for name, reason in reasons if reason]
+        if wrong and suffix in _SIMULATED:
+            text = (
+                f"simulators refuse bodies that cannot exist; {'; '.join(wrong)}: correct the robot file, or "
+                "identify the robot and export the estimate"
+            )
+            raise RobotError(Notice(code="export.impossible-body", text=text, file=robot.path))
     content = _Content(robot=robot, base=base, outcome="stated", precision=precision)
     written = _write(content, path)
     write_file(path, written.text)

@@ -11,6 +11,7 @@ Not supported: a part of a robot; other units; friction and springs of elastic j
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from symid.dynamics import (
     IdentifiedRobot,
     StandardSet,
     build_identified_robot,
+    choose_reading,
     compute_parameter_values,
     derive_base_parameters,
 )
@@ -289,7 +291,7 @@ def name_known_dynamics(
         return dict(known)
     gives = library.card.yielding
     if isinstance(known, Path) and known.suffix.lower() in _ROBOT_FILES:
-        known = load_robot(str(known))
+        known = choose_reading(partial(load_robot, str(known)))
     if isinstance(known, Robot):
         # Rotors of rigid joints are parts of the base parameters.
         numbers = [joint.number for joint, own in zip(library.card.joints, gives, strict=True) if own]
@@ -318,7 +320,7 @@ def read_known_values(
     """Return the base parameters (p,) that are known, of a fit or a robot, and where they are from."""
     name = str(known) if isinstance(known, Path) else "an estimate in memory"
     if isinstance(known, Path) and known.suffix.lower() in _ROBOT_FILES:
-        known = load_robot(str(known))
+        known = choose_reading(partial(load_robot, str(known)))
     names = [entry.name for entry in library.card.beta]
     if not isinstance(known, Robot):
         return read_rigid(known, library.card).assemble(names), name

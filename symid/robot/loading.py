@@ -23,12 +23,9 @@ from typing import Any
 
 from symid.environment import locate_resource_folder
 from symid.errors import Notice, RobotError, UsageError
-from symid.joint_models import NO_FRICTION, FrictionValues, get_law
+from symid.joint_models import NO_FRICTION, FrictionValues, get_law, list_value_names, name_values
 from symid.notation import get_unit_factor
-from symid.robot.description import (
-    Drive,
-    Robot,
-)
+from symid.robot.description import Drive, Joint, Robot
 from symid.robot.toml_settings import (
     SETTING_TABLES,
     describe_settings,
@@ -288,7 +285,36 @@ def complete_robot(robot: Robot, added: Completion) -> Robot:
         raise UsageError(*(Notice(code="usage.completion", text=text) for text in mistakes))
     joints = tuple(replace(joint, drive=drives.get(joint.name, joint.drive)) for joint in robot.joints)
     completed = replace(robot, joints=joints)
-    return override_robot(completed, (), added.friction) if added.friction else completed
+    if not added.friction:
+        return completed
+    return _keep_friction(completed, override_robot(completed, (), added.friction), added.friction)
+
+
+def _keep_friction(before: Robot, after: Robot, law: str) -> Robot:
+    """Return `after`, its friction of another law with the values of `before` that the law has, and a note.
+
+    Values that only the new law has are zero.
+    """
+    joints: list[Joint] = []
+    kept: list[str] = []
+    lost: list[str] = []
+    for old, new in zip(before.joints, after.joints, strict=True):
+        named, names = name_values(old.friction), list_value_names(new.friction)
+        stated = [name for name in named if named[name]]
+        if old.friction.law != new.friction.law and stated:
+            (kept if set(stated) <= set(names) else lost).append(new.name)
+            if set(stated) & set(names):
+                values = tuple(named.get(name, 0.0) for name in names)
+                new = replace(new, friction=replace(new.friction, values=values))  # noqa: PLW2901
+        joints.append(new)
+    notices = []
+    if kept:
+        text = f"the source's friction of {', '.join(kept)} was taken over into the law {law}"
+        notices.append(Notice(code="new.friction-kept", text=text, file=before.path))
+    if lost:
+        text = f"the law {law} has no place for all friction that the source states of {', '.join(lost)}"
+        notices.append(Notice(code="new.friction-lost", text=text, file=before.path))
+    return replace(after, joints=tuple(joints), notices=(*after.notices, *notices))
 
 
 DEFAULT_GRAVITY = ("0", "0", "-9.81")

@@ -384,3 +384,22 @@ def test_values_that_were_moved_say_what_was_identified(capsys, arm, tmp_path):
     )
     assert float(line.split(",")[0]) > 0
     assert "identified as -" in line
+
+
+@pytest.mark.parametrize("suffix", ["xml", "usda"])
+def test_bodies_that_cannot_exist_are_not_written_for_simulators(capsys, tmp_path, suffix):
+    text = write_urdf(fill_robot(parse_urdf(PENDULUM)))
+    wrong = text.replace('izz="', 'izz="9')
+    (tmp_path / "arm.urdf").write_text(wrong, encoding="utf-8")
+    file = tmp_path / f"arm.{suffix}"
+    code, answer = call(capsys, "export", tmp_path / "arm.urdf", "-o", file)
+    assert (code, answer["errors"][0]["code"]) == (3, "export.impossible-body")
+    assert "the link of j" in answer["errors"][0]["text"]
+    assert not file.exists()
+    code, _ = call(capsys, "export", tmp_path / "arm.urdf", "-o", tmp_path / "new.urdf")
+    assert (code, (tmp_path / "new.urdf").read_text(encoding="utf-8")) == (0, wrong)
+
+
+PENDULUM = """<robot name="r"><link name="w"/><link name="a"><inertial><mass value="1"/>
+<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link><joint name="j" type="continuous">
+<parent link="w"/><child link="a"/><axis xyz="1 0 0"/></joint></robot>"""

@@ -213,3 +213,22 @@ def test_a_robot_file_ends_in_toml(capsys, tmp_path):
     assert (code, answer["errors"][0]["code"]) == (2, "usage.suffix")
     assert "such as mine.toml" in answer["errors"][0]["text"]
     assert not path.exists()
+
+
+@pytest.mark.parametrize(
+    ("law", "code", "values"),
+    [
+        ("coulomb-viscous-offset", "new.friction-kept", (0.5, 0.25, 0.0)),
+        ("coulomb", "new.friction-lost", (0.25,)),
+        ("none", "new.friction-lost", None),
+        ("coulomb-viscous", "", (0.5, 0.25)),
+    ],
+)
+def test_the_friction_of_a_urdf_goes_into_another_law(capsys, tmp_path, law, code, values):
+    source = tmp_path / "arm.urdf"
+    source.write_text(URDF.replace("</joint>", '<dynamics damping="0.5" friction="0.25"/></joint>', 1))
+    path = tmp_path / "arm.toml"
+    answer = call_json(capsys, "new", path, "--from-urdf", source, "--friction", law)[1]
+    codes = {entry["code"] for entry in (*answer["warnings"], *answer.get("notes", ()))}
+    assert {entry for entry in codes if entry.startswith("new.friction-")} == ({code} if code else set())
+    assert read_robot(path).joints[0].friction.values == values
