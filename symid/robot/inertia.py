@@ -102,6 +102,22 @@ def build_pseudo_inertias(parameters: FloatArray) -> FloatArray:
     return np.array(rows, dtype=np.float64).transpose(2, 0, 1)
 
 
+_SAME = 1e-9
+
+
+def is_same_body(new: Sequence[float] | None, old: Sequence[float] | None) -> bool:
+    """Return whether ten parameters differ by rounding alone: of their inertia, first moment and mass."""
+    if new is None or old is None:
+        return new is old
+    parts = ((0, 6), (6, 9), (9, 10))
+    sizes = [max(map(abs, (*new[i:j], *old[i:j]))) for i, j in parts]
+    return all(
+        abs(a - b) <= _SAME * size
+        for (i, j), size in zip(parts, sizes, strict=True)
+        for a, b in zip(new[i:j], old[i:j], strict=True)
+    )
+
+
 def explain_impossible_inertia(parameters: Sequence[float]) -> str:
     """Return what keeps the ten parameters from belonging to a body of positive mass, or nothing.
 
