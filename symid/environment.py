@@ -6,6 +6,7 @@ MKL, BLIS, Accelerate and OpenMP to one thread. They read the environment once, 
 Not supported: linear algebra that is loaded already; a package imported from inside a zip file.
 """
 
+import errno
 import os
 import tempfile
 from collections.abc import Callable, Iterable
@@ -54,7 +55,12 @@ def write_file(
     try:
         if with_folder:
             path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        # A link stays a link, and a file keeps its rights.
+        target = Path(os.path.realpath(path))
+        exists = target.exists()
+        if exists and not os.access(target, os.W_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+        handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
         with os.fdopen(handle, "wb") as stream:
             if callable(content):
                 content(stream)
@@ -64,8 +70,8 @@ def write_file(
         # process withholds can only be read by setting them.
         mask = os.umask(0o077)
         os.umask(mask)
-        Path(temporary).chmod(0o666 & ~mask)
-        Path(temporary).replace(path)
+        Path(temporary).chmod(target.stat().st_mode & 0o777 if exists else 0o666 & ~mask)
+        Path(temporary).replace(target)
     except (OSError, ValueError) as error:
         # A name that no file can have, with a null byte or no Unicode, is a ValueError.
         if temporary and isinstance(error, ValueError):

@@ -23,6 +23,7 @@ from typing import ClassVar
 NOTES = frozenset(
     (
         *("check.elastic", "elastic.known", "elastic.motor-side", "elastic.spring-kind"),
+        "export.source-edited",
         "estimate.settings-differ",
         *("identify.automatic", "identify.friction-state", "identify.second-encoder", "identify.slow-rows"),
         *("identify.measured-load", "identify.plain-friction", "identify.resampled"),

@@ -65,10 +65,11 @@ class RobotDraft(Result):
             OutputError: the suffix is not .toml, or the file cannot be written.
         """
         from symid.environment import check_suffix, write_file
+        from symid.robot import move_source
 
         file = Path(path)
         check_suffix(file, "a robot file", (".toml",))
-        write_file(file, self.text)
+        write_file(file, move_source(self.text, self.robot, file.parent))
         return file
 
     def summarise(self) -> str:
@@ -190,7 +191,7 @@ class ExportedFile(Result):
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """Return the parts that the format cannot hold; they are written as comments."""
+        """Return the parts that the format cannot hold; new files have them in comments."""
         return self.product.left_out
 
     @property

@@ -105,6 +105,7 @@ class FileExport:
         standard: the bodies, None where none were computed.
         costs: what these bodies cost joint by joint, where they are not those identified.
         rewritten: the file of which all else was kept, empty where the file is new.
+        kind: what the file is, where its name does not say so.
         friction: what was written where only friction was identified.
         notices: what a user of the file must know.
     """
@@ -117,13 +118,14 @@ class FileExport:
     standard: StandardSet | None = None
     costs: tuple[JointCost, ...] = ()
     rewritten: str = ""
+    kind: str = ""
     friction: WrittenFriction | None = None
     notices: tuple[Notice, ...] = ()
 
     @property
     def format(self) -> str:
         """Return what the file is, in words."""
-        return KINDS[self.file.suffix.lower()]
+        return self.kind or KINDS[self.file.suffix.lower()]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -208,13 +210,14 @@ def write_stated(robot: Robot, path: Path, *, precision: str = "double") -> File
     content = _Content(robot=robot, base=base, outcome="stated", precision=precision)
     written = _write(content, path)
     write_file(path, written.text)
-    left_out, warnings = _list_omissions(robot, path, commented=not written.rewritten)
+    left_out, warnings = _list_omissions(robot, path, written)
     return FileExport(
         file=path,
         robot=robot,
         outcome=content.outcome,
         left_out=left_out,
         rewritten=written.rewritten,
+        kind=written.kind,
         notices=(*robot.notices, *written.notices, *warnings),
     )
 
@@ -232,8 +235,9 @@ def write_identified(
         OutputError: the file cannot be written.
     """
     suffix = check_format(path, precision)
-    identified = build_robot(found, grouped=suffix != ".urdf")
-    if suffix == ".urdf" and identified.standard.reason:
+    rotorless = _choose_kind(found.robot, path) == "URDF"
+    identified = build_robot(found, grouped=not rotorless)
+    if rotorless and identified.standard.reason:
         # Links that cannot hold the inertia of their rotors as well.
         identified = build_robot(found)
     costs: tuple[JointCost, ...] = ()
@@ -252,9 +256,9 @@ def write_identified(
         precision=precision,
     )
     written = _write(content, path)
-    _read_back(written.text, suffix, source)
+    _read_back(written.text, suffix, source, robot.made_from if written.rewritten else None)
     write_file(path, written.text)
-    left_out, warnings = _list_omissions(robot, path, commented=not written.rewritten)
+    left_out, warnings = _list_omissions(robot, path, written)
     return FileExport(
         file=path,
         robot=robot,
@@ -264,6 +268,7 @@ def write_identified(
         standard=identified.standard,
         costs=costs,
         rewritten=written.rewritten,
+        kind=written.kind,
         notices=(*list_warnings(identified, found, source), *written.notices, *warnings),
     )
 
@@ -300,14 +305,16 @@ def locate_source(robot: Robot) -> Path:
     raise UsageError(Notice(code="usage.no-source", text=text, file=robot.path))
 
 
-def _read_back(text: str, suffix: str, source: Path) -> tuple[Notice, ...]:
-    """Return the notices of reading a new file's text; only robot files and URDF are read.
+def _read_back(text: str, suffix: str, source: Path, made: SourceFile | None = None) -> tuple[Notice, ...]:
+    """Return the notices of reading a new file's text, as `made` was; only robot files and URDF are read.
 
     Raises:
         EstimateError: such a file cannot have these values.
     """
     readers: dict[str, Callable[[str], Robot]] = {".toml": parse_robot, ".urdf": parse_urdf}
     try:
+        if made is not None:
+            return parse_xml_robot(text, made.file, base=made.base, tip=made.tip, snap=made.snap).notices
         return readers[suffix](text).notices if suffix in readers else ()
     except RobotError as error:
         reasons = "; ".join(notice.text for notice in error.notices)
@@ -318,16 +325,18 @@ def _read_back(text: str, suffix: str, source: Path) -> tuple[Notice, ...]:
 
 
 def _list_omissions(
-    robot: Robot, path: Path, *, commented: bool
+    robot: Robot, path: Path, written: "_Written"
 ) -> tuple[tuple[str, ...], tuple[Notice, ...]]:
-    """Return what the format cannot express, and a notice about it; whether comments say it."""
-    suffix = path.suffix.lower()
+    """Return what the format cannot express, and a notice about it."""
+    kind = written.kind or KINDS[path.suffix.lower()]
+    commented = not written.rewritten
     left_out: tuple[str, ...] = ()
-    if suffix == ".urdf":
-        left_out = tuple(list_urdf_omissions(robot))
-    elif KINDS[suffix] == "MJCF model":
+    if kind == "URDF":
+        # A file that was kept has its own gravity, and may have been cut at a tilted link.
+        left_out = tuple(list_urdf_omissions(robot, gravity=commented))
+    elif kind == "MJCF model":
         left_out = tuple(list_mjcf_omissions(robot))
-    elif suffix == ".usda":
+    elif kind == "USD stage":
         left_out = tuple(list_usd_omissions(robot))
     if not left_out:
         return (), ()
@@ -343,18 +352,34 @@ class _Written:
 
     text: str
     rewritten: str = ""
+    kind: str = ""
     notices: tuple[Notice, ...] = ()
+
+
+def _choose_kind(robot: Robot, path: Path) -> str:
+    """Return what the file at `path` is to be: in place, what it is."""
+    made = robot.made_from
+    if made is None or path.resolve() != Path(made.file).resolve():
+        return KINDS[path.suffix.lower()]
+    return _name_source(made)
+
+
+def _name_source(made: SourceFile) -> str:
+    """Return what a robot was made from, by its content, or by its name where it is gone."""
+    file = Path(made.file)
+    named = KINDS.get(file.suffix.lower(), "URDF")
+    return _SOURCES[is_mjcf(file)] if file.exists() else named
 
 
 def _write(content: _Content, path: Path) -> _Written:
     """Return the text of the file at `path`: that which the robot was made from, where it is of its kind."""
     suffix, made = path.suffix.lower(), content.robot.made_from
     in_place = made is not None and path.resolve() == Path(made.file).resolve()
-    kind = KINDS[suffix]
-    if made is None or not (in_place or kind == _SOURCES[is_mjcf(Path(made.file))]):
+    kind = _choose_kind(content.robot, path)
+    if made is None or kind != _name_source(made):
         return _Written(text=_WRITERS[suffix](content, path))
     try:
-        text, robot, notices = place_in_source(content.robot, made)
+        text, robot, notices = place_in_source(content.robot, made, in_place=in_place)
         found = (rewrite_mjcf if robot.convention == "mjcf" else rewrite_urdf)(text, robot)
     except RobotError as error:
         if in_place:
@@ -371,25 +396,31 @@ def _write(content: _Content, path: Path) -> _Written:
             "hang on it; the change was spread over them"
         )
         notices.append(Notice(code="export.shared-links", text=text, file=str(path)))
-    return _Written(text=found.text, rewritten=made.file, notices=tuple(notices))
+    return _Written(text=found.text, rewritten=made.file, kind=kind, notices=tuple(notices))
 
 
-def place_in_source(robot: Robot, made: SourceFile) -> tuple[str, Robot, list[Notice]]:
+def place_in_source(robot: Robot, made: SourceFile, *, in_place: bool) -> tuple[str, Robot, list[Notice]]:
     """Return the text of the URDF or MJCF `made`, and its robot with the values of `robot`, made from it.
 
     Raises:
-        RobotError: the file cannot be read, or its joints are others.
+        RobotError: the file cannot be read, its joints are others, or it is xacro and to be written in place.
     """
     file = Path(made.file)
     source = read_urdf_text(file, keep_ends=True)
     before = parse_xml_robot(source.text, source.file, base=made.base, tip=made.tip, snap=made.snap)
+    if in_place and source.file != made.file:
+        told = "this is a xacro file, a program that writes a URDF; give a name that ends in .urdf (-o FILE)"
+        raise RobotError(Notice(code="export.xacro", text=told, file=made.file))
     mistakes = list_frame_differences(robot, before)
     if mistakes:
         told = f"its joints are others than when {robot.name!r} was made from it: {'; '.join(mistakes)}"
         raise RobotError(Notice(code="export.source-changed", text=told, file=made.file))
     notices = []
     if before.made_from is not None and before.made_from.sha256 != made.sha256:
-        told = "the file has changed since the robot was made from it; its joints are the same"
+        told = (
+            "the file is not as it was when the robot was made from it (an export in place changes it, too); "
+            "its joints are the same"
+        )
         notices.append(Notice(code="export.source-edited", text=told, file=made.file))
     trios = zip(robot.joints, before.joints, list_turns(robot, before), strict=True)
     joints = tuple(

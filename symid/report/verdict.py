@@ -363,7 +363,7 @@ def _judge_parameters(
     known = [entry for entry in parameters if entry.truth is not None]
     if known:
         far = [entry.name for entry in known if not entry.near_truth]
-        kind = "values of the URDF" if drawn else "true values"
+        kind = "values of the robot file" if drawn else "true values"
         text = f"{len(known) - len(far)} of {len(known)} {kind} lie within three standard deviations"
         details.append(f"{text}; not {', '.join(far)}." if far else f"{text}.")
     missed = [] if drawn else _list_missed(known, tolerance)

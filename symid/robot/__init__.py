@@ -89,7 +89,7 @@ if TYPE_CHECKING:
         suggest_names as suggest_names,
         to_decimal as to_decimal,
     )
-    from symid.robot.toml_writer import write_robot as write_robot
+    from symid.robot.toml_writer import move_source as move_source, write_robot as write_robot
     from symid.robot.urdf_reader import parse_urdf as parse_urdf, read_urdf as read_urdf
     from symid.robot.urdf_rewriter import rewrite_urdf as rewrite_urdf
     from symid.robot.urdf_xml import read_urdf_text as read_urdf_text

@@ -317,7 +317,7 @@ class SourceFile:
     """The file of another format that a robot was made from.
 
     Args:
-        file: its path; sha256: of its bytes, in hexadecimal digits.
+        file: its path; sha256: of its text, in hexadecimal digits.
         base, tip: the links that it was cut at, None for none; snap: as of `read_urdf`, rad.
     """
 

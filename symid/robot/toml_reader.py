@@ -140,9 +140,7 @@ def _read_source(root: Section, file: str) -> SourceFile | None:
     snap = table.read_float("snap", "rad", NOT_NEGATIVE)
     if not all(given) or name is None or digest is None:
         return None
-    beside = Path(file).parent / name
-    place = str(beside) if beside.is_file() else name
-    return SourceFile(file=place, sha256=digest, base=base, tip=tip, snap=snap or 0.0)
+    return SourceFile(file=str(Path(file).parent / name), sha256=digest, base=base, tip=tip, snap=snap or 0.0)
 
 
 def _read_symbols(root: Section) -> Section:

@@ -99,6 +99,17 @@ def write_robot(robot: Robot, *, comment: str = "", hints: bool = False, folder:
     return "\n".join(lines) + "\n"
 
 
+def move_source(text: str, robot: Robot, folder: Path) -> str:
+    """Return the text of a robot file with the file that it was made from named as seen from `folder`."""
+    if robot.made_from is None:
+        return text
+    line = next(_list_source(robot.made_from, folder))
+    return _SOURCE.sub(lambda match: match[1] + line, text, count=1)
+
+
+_SOURCE = re.compile(r"^(\[made_from\]\n)file = .*$", re.MULTILINE)
+
+
 def _list_source(made: SourceFile, folder: Path | None) -> Iterator[str]:
     """Yield the lines of the table on the file that the robot was made from."""
     file = made.file

@@ -185,7 +185,7 @@ def _check_joint_types(reading: TreeReading, tree: _Tree) -> None:
         reading.refuse("robot.no-joints", f"{found}, and a robot needs one that moves")
 
 
-def _read_mimics(reading: TreeReading) -> None:
+def read_mimics(reading: TreeReading) -> None:
     """Add the followers as the file writes them."""
     for joint in reading.joints.values():
         part = joint.part.get("mimic")
@@ -290,7 +290,7 @@ def parse_urdf(
     document = parse_document(text, file)
     _check_language(document)
     reading = read_parts(document, snap)
-    _read_mimics(reading)
+    read_mimics(reading)
     joints, links = (len(list(document.root.find_all(tag))) for tag in ("joint", "link"))
     complete = (len(reading.joints), len(reading.links)) == (joints, links)
     return assemble_robot(reading, base, tip, complete=complete)

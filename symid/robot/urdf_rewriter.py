@@ -7,7 +7,8 @@ of the whole is spread over all of them by one affine map of their mass points, 
 
     sum A P_i A' = P,  A = U V^-1,  P = U U',  sum P_i = V V',  U and V upper triangular
 
-with pseudo-inertias P_i of the old links, seen from one frame: each stays a body that can exist.
+with pseudo-inertias P_i of the old links, seen from one frame: each stays a body that can exist. Where
+the old ones are points or lie in a plane, all goes to the moving link.
 
 Supported: URDFs that are read as a whole or cut, any inertial frames, damping and dry friction (the mean of
 both directions), rotor inertias of transmissions. Values that did not change stay as they are written.
@@ -20,9 +21,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from symid.arrays import FloatArray
+from symid.joint_models import NO_FRICTION
 from symid.robot.description import Joint, Robot, SourceFile
 from symid.robot.geometry import (
     IDENTITY,
+    ZERO,
     Exact,
     Placement,
     compose_placements,
@@ -30,10 +33,10 @@ from symid.robot.geometry import (
     place_joint,
     to_floats,
 )
-from symid.robot.inertia import build_pseudo_inertias, move_parameters, split_body
+from symid.robot.inertia import build_pseudo_inertias, is_same_body, move_parameters, split_body
 from symid.robot.toml_values import BASE
 from symid.robot.urdf_parts import ROTORS, TreeJoint, TreeLink, TreeReading, build_rpy_matrix, read_parts
-from symid.robot.urdf_reader import parse_urdf
+from symid.robot.urdf_reader import parse_urdf, read_mimics
 from symid.robot.urdf_xml import (
     Edit,
     XmlDocument,
@@ -87,6 +90,7 @@ def rewrite_urdf(text: str, robot: Robot) -> RewrittenFile:
     before = parse_urdf(text, robot.path, base=made.base, tip=made.tip, snap=made.snap)
     document = parse_document(text, robot.path)
     reading = read_parts(document, made.snap)
+    read_mimics(reading)
     below: dict[str, list[TreeJoint]] = {}
     for entry in reading.joints.values():
         below.setdefault(entry.parent, []).append(entry)
@@ -95,7 +99,7 @@ def rewrite_urdf(text: str, robot: Robot) -> RewrittenFile:
     shared: dict[str, tuple[str, ...]] = {}
     for joint, old in zip(robot.joints, before.joints, strict=True):
         entry = reading.joints[names[joint.name]]
-        if joint.inertial is not None and joint.inertial != old.inertial:
+        if joint.inertial is not None and not is_same_body(joint.inertial, old.inertial):
             members = gather_members(reading, below, entry.child, set(names.values()))
             changed = distribute(move_to_link(joint, made.tip, members), members)
             for member, own in changed:
@@ -104,8 +108,9 @@ def rewrite_urdf(text: str, robot: Robot) -> RewrittenFile:
             shared |= {entry.child: tuple(carried)} if carried else {}
         if joint.friction != old.friction:
             edits += _edit_dynamics(document, entry.part.element, joint)
+    # On the motor's side, by the reduction that stands in the file.
     rotors = {
-        names[joint.name]: joint
+        names[joint.name]: joint.drive.rotor_inertia / old.drive.gear**2
         for joint, old in zip(robot.joints, before.joints, strict=True)
         if joint.drive.rotor_inertia not in (None, old.drive.rotor_inertia)
     }
@@ -130,14 +135,21 @@ def gather_members(
     for member in members:
         for joint in below.get(member.link.name, ()):
             if joint.name not in moving:
-                mimic, step = joint.part.element.find("mimic"), reading.steps.get(joint.name)
-                offset = Exact.of(mimic.attributes.get("offset", "0").strip() if mimic is not None else "0")
-                offset = (step.offset if step else offset) - joint.zero
+                offset = _compute_offset(reading, joint.name) - joint.zero
                 prismatic = joint.type == "prismatic"
                 shift = place_joint(offset, prismatic=prismatic, snap=0.0) if joint.moves else IDENTITY
                 placed = compose_placements(joint.origin, joint.turn, shift, invert_placement(joint.turn))
                 members.append(Member(link=reading.links[joint.child], pose=member.pose @ _to_pose(placed)))
     return members
+
+
+def _compute_offset(reading: TreeReading, name: str) -> Exact:
+    """Return where a joint stands whose masters stand still, too."""
+    step = reading.steps.get(name)
+    if step is None:
+        return ZERO
+    before = _compute_offset(reading, step.master) if step.master and step.multiplier else ZERO
+    return step.offset + before * Exact.surd(step.multiplier)
 
 
 def _to_pose(placement: Placement) -> FloatArray:
@@ -232,25 +244,29 @@ def _set(
 
 def _edit_dynamics(document: XmlDocument, element: XmlElement, joint: Joint) -> Iterator[Edit]:
     friction = get_plain_friction(joint.friction)
+    if joint.friction.law == NO_FRICTION and element.find("dynamics") is not None:
+        friction = (0.0, 0.0)
     if friction is not None:
         values = dict(zip(("damping", "friction"), map(write_decimal, friction), strict=True))
         yield from _set(document, element, element.find("dynamics"), "dynamics", values)
 
 
 def _edit_rotor(
-    document: XmlDocument, transmission: XmlElement, joints: Mapping[str, Joint]
+    document: XmlDocument, transmission: XmlElement, inertias: Mapping[str, float]
 ) -> Iterator[Edit]:
-    """Yield the edits of the rotor of a simple transmission, on the motor's side."""
-    end, actuator = transmission.find("joint"), transmission.find("actuator")
-    joint = joints.get(end.attributes.get("name", "")) if end is not None else None
-    if joint is None or actuator is None or joint.drive.rotor_inertia is None:
+    """Yield the edits of the rotor of a transmission between one joint and one actuator."""
+    ends, actuators = (list(transmission.find_all(tag)) for tag in ("joint", "actuator"))
+    if len(ends) != 1 or len(actuators) != 1:
         return
-    value = write_decimal(joint.drive.rotor_inertia / joint.drive.gear**2)
+    inertia, actuator = inertias.get(ends[0].attributes.get("name", "")), actuators[0]
+    if inertia is None:
+        return
+    value = write_decimal(inertia)
     rotors = list(actuator.find_all(*ROTORS))
     for rotor in rotors:
         if "value" in rotor.attributes:
             yield from set_values(document, rotor, {"value": value})
         else:
             yield (*document.locate_inside(rotor), value)
-    if not rotors and joint.drive.rotor_inertia:
+    if not rotors and inertia:
         yield insert_element(document, actuator, [f"<motorInertia>{value}</motorInertia>"])

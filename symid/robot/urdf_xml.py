@@ -25,6 +25,7 @@ from symid.errors import Notice, RobotError
 from symid.robot.toml_values import Place, read_text_file
 
 _ATTRIBUTE = re.compile(rb"([^\s=/>\"']+)\s*=\s*(\"[^\"]*\"|'[^']*')")
+_COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 _QUOTED = re.compile(rb"[^>\"']|\"[^\"]*\"|'[^']*'")
 _DEEPEST, _DEEPEST_BODIES = 100, 1000
 _TOO_DEEP = "elements are nested more than {} deep; a URDF needs five levels, an MJCF model one a body"
@@ -211,7 +212,8 @@ def read_urdf_text(path: Path, *, keep_ends: bool = False) -> UrdfText:
         RobotError: the file cannot be read or expanded, or the package xacro is not installed.
     """
     text = read_text_file(path, keep_ends=keep_ends)
-    if path.suffix.lower() != ".xacro" and "<xacro:" not in text:
+    # A comment may show what a xacro file would have.
+    if path.suffix.lower() != ".xacro" and "<xacro:" not in _COMMENT.sub("", text):
         return UrdfText(text=text, file=str(path))
     try:
         import xacro

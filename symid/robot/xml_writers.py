@@ -9,7 +9,7 @@ In MJCF friction that bends bristles, Dahl and LuGre with gamma 2, is a `dcmotor
 polynomial for the law `cubic`; both are tested with MuJoCo 4.0, and older ones may not read them.
 
 Supported: placements, inertial values, limits, damping and dry friction (the mean of both directions),
-followers, gears and rotors; in MJCF also gravity, springs, couplings. Rewriting: URDFs read as a whole.
+followers, gears and rotors; in MJCF also gravity, springs, couplings.
 Not supported, and written in a comment: symbols (their values are written), other friction, elastic joints;
 in URDF gravity other than (0, 0, -9.81), springs, coupled drives, and rotor inertia, which simulators do not
 read. Left out of MJCF: limits of velocity. MuJoCo needs masses.
@@ -177,11 +177,14 @@ def write_urdf(robot: Robot, *, comments: Sequence[str] = ()) -> str:
     return "\n".join((*lines, "</robot>", ""))
 
 
-def list_urdf_omissions(robot: Robot) -> Iterator[str]:
-    """Yield what a URDF cannot hold, or simulators do not read; the file has it in comments."""
-    gravity = tuple(value.to_float(dict(robot.symbols)) for value in robot.gravity)
-    if gravity != (0.0, 0.0, -9.81):
-        yield f"gravity of the model: {write_decimals(gravity)} m/s^2 in the frame of the link {BASE}"
+def list_urdf_omissions(robot: Robot, *, gravity: bool = True) -> Iterator[str]:
+    """Yield what a URDF cannot hold, or simulators do not read; new files have it in comments.
+
+    Without `gravity` nothing is said of that.
+    """
+    down = tuple(value.to_float(dict(robot.symbols)) for value in robot.gravity)
+    if gravity and down != (0.0, 0.0, -9.81):
+        yield f"gravity of the model: {write_decimals(down)} m/s^2 in the frame of the link {BASE}"
     for joint in robot.joints:
         yield from list_friction_omissions(f"joint {joint.name}", joint.friction)
         if joint.drive.rotor_inertia:

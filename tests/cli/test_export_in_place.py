@@ -190,3 +190,83 @@ def test_values_of_a_drawing_are_no_truth(capsys, made, tmp_path):
     ]
     assert levels[0] == "doubtful"
     assert levels[1] != "doubtful"
+
+
+def test_a_file_of_the_same_name_elsewhere_is_not_touched(capsys, made, tmp_path, monkeypatch):
+    """The URDF is named as seen from the robot file, not from where one happens to stand."""
+    (tmp_path / "arm.toml").rename(tmp_path / "cad" / "arm.toml")
+    text = (tmp_path / "cad" / "arm.toml").read_text(encoding="utf-8")
+    (tmp_path / "cad" / "arm.toml").write_text(text.replace("cad/arm.urdf", "gone.urdf"), encoding="utf-8")
+    (tmp_path / "gone.urdf").write_bytes((tmp_path / "cad" / "arm.urdf").read_bytes())
+    before = (tmp_path / "gone.urdf").read_bytes()
+    code, answer = call(capsys, "export", "cad/arm.toml", "estimate.json", "--in-place")
+    assert (code, answer["errors"][0]["code"]) == (3, "robot.unreadable")
+    assert (tmp_path / "gone.urdf").read_bytes() == before
+
+
+def test_a_new_robot_file_in_another_folder_names_its_urdf(capsys, made, tmp_path):
+    (tmp_path / "out").mkdir()
+    code, _ = call(capsys, "new", "out/arm.toml", "--from-urdf", "cad/arm.urdf")
+    assert code == 0
+    assert 'file = "../cad/arm.urdf"' in (tmp_path / "out" / "arm.toml").read_text(encoding="utf-8")
+    code, _ = call(capsys, "new", "copy.toml", "--from", "out/arm.toml")
+    assert code == 0
+    assert 'file = "cad/arm.urdf"' in (tmp_path / "copy.toml").read_text(encoding="utf-8")
+
+
+def test_links_and_rights_of_the_urdf_stay(capsys, made, tmp_path):
+    file, real = tmp_path / "cad" / "arm.urdf", tmp_path / "real.urdf"
+    file.rename(real)
+    file.symlink_to(real)
+    real.chmod(0o640)
+    code, _ = call(capsys, "export", "arm.toml", "estimate.json", "--in-place")
+    assert (code, file.is_symlink(), real.stat().st_mode & 0o777) == (0, True, 0o640)
+    assert b"<dynamics" in real.read_bytes()
+
+
+def test_a_robot_below_a_floating_joint_is_written(capsys, tmp_path, project, monkeypatch):
+    text = (project / ARM).read_text(encoding="utf-8").replace("</robot>", FLOATING)
+    monkeypatch.chdir(tmp_path)
+    Path("arm.urdf").write_text(text, encoding="utf-8")
+    cut = ("--base", "base_link")
+    code, answer = call(
+        capsys, "new", "arm.toml", "--from-urdf", "arm.urdf", *cut, "--friction", "coulomb-viscous"
+    )
+    assert code == 0, answer
+    robot = fill_robot(read_robot(tmp_path / "arm.toml"))
+    store_estimate(robot, tmp_path / "estimate.json")
+    code, answer = call(capsys, "export", "arm.toml", "estimate.json", "--in-place")
+    assert code == 0, answer
+    assert not any("gravity" in entry for entry in answer["result"]["left_out"])
+    back = read_urdf(Path("arm.urdf"), base="base_link")
+    base = derive_base_parameters(robot)
+    found, truth = (compute_parameter_values(entry, base) for entry in (back, robot))
+    for parameter in base.parameters:
+        assert found[parameter.name] == pytest.approx(truth[parameter.name], rel=1e-9, abs=1e-9)
+
+
+FLOATING = """<link name="world"/><joint name="root" type="floating">
+<parent link="world"/><child link="base_link"/></joint></robot>"""
+
+
+def test_xacro_is_not_written_in_place(capsys, made, tmp_path, project):
+    pytest.importorskip("xacro", reason="the extra xacro is not installed")
+    text = (project / ARM).read_text(encoding="utf-8")
+    head = (
+        '<robot name="arm" xmlns:xacro="http://ros.org/wiki/xacro"><xacro:property name="mass" value="5.40"/>'
+    )
+    written = text.replace('<robot name="arm">', head).replace('value="5.4"/>\n', 'value="${mass}"/>\n')
+    (tmp_path / "cad" / "arm.urdf").write_text(written, encoding="utf-8")
+    code, answer = call(
+        capsys, "new", "made.toml", "--from-urdf", "cad/arm.urdf", "--friction", "coulomb-viscous"
+    )
+    assert code == 0, answer
+    store_estimate(fill_robot(read_robot(tmp_path / "made.toml")), tmp_path / "estimate.json")
+    code, answer = call(capsys, "export", "made.toml", "estimate.json", "--in-place")
+    assert (code, answer["errors"][0]["code"]) == (3, "export.xacro")
+    assert (tmp_path / "cad" / "arm.urdf").read_text(encoding="utf-8") == written
+    # What only a comment shows is no xacro.
+    (tmp_path / "cad" / "arm.urdf").write_text(text.replace("</robot>", "<!-- <xacro:x/> --></robot>"))
+    code, answer = call(capsys, "base", "cad/arm.urdf")
+    assert code == 0
+    assert "robot.xacro-arguments" not in find_codes(answer)

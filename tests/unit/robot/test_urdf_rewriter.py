@@ -9,6 +9,8 @@ import pytest
 
 from symid.joint_models import FrictionValues
 from symid.robot.inertia import build_pseudo_inertias
+from symid.robot.toml_reader import parse_robot
+from symid.robot.toml_writer import write_robot
 from symid.robot.urdf_reader import parse_urdf
 from symid.robot.urdf_rewriter import rewrite_urdf
 from tests.chains import PANDA, build_pinocchio, draw_parameters
@@ -247,3 +249,50 @@ def test_elements_are_found_behind_comments_and_data():
     np.testing.assert_allclose(back.joints[0].inertial, joint.inertial, atol=1e-12)
     changed = '<dynamics damping="2.0" friction="0.0"><?x </dynamics>?></dynamics></joint></robot>'
     assert found.endswith(changed)
+
+
+def test_rounding_of_a_robot_file_changes_nothing():
+    robot = parse_urdf(CARRIER, tip="flange")
+    back = parse_robot(write_robot(robot))
+    joints = (
+        dataclasses.replace(old, inertial=new.inertial)
+        for old, new in zip(robot.joints, back.joints, strict=True)
+    )
+    robot = dataclasses.replace(robot, joints=tuple(joints))
+    assert rewrite_urdf(CARRIER, robot).text == CARRIER
+
+
+def test_a_rotor_is_written_by_the_reduction_of_the_file():
+    robot = give_values(parse_urdf(FILE))
+    drive = dataclasses.replace(robot.joints[1].drive, gear=100.0, rotor_inertia=0.08)
+    second = dataclasses.replace(robot.joints[1], drive=drive)
+    text = rewrite_urdf(FILE, dataclasses.replace(robot, joints=(robot.joints[0], second))).text
+    assert parse_urdf(text).joints[1].drive.rotor_inertia == pytest.approx(0.08)
+    # A drive of two joints is none that readers take.
+    double = FILE.replace('<joint name="elbow"/>', '<joint name="elbow"/><joint name="base"/>')
+    found = rewrite_urdf(double, dataclasses.replace(robot, joints=(robot.joints[0], second))).text
+    assert "<motorInertia>1e-4</motorInertia>" in found
+
+
+def test_no_friction_is_written_as_none():
+    robot = parse_urdf(FILE)
+    first = dataclasses.replace(robot.joints[0], friction=FrictionValues())
+    found = rewrite_urdf(FILE, dataclasses.replace(robot, joints=(first, robot.joints[1]))).text
+    assert found == FILE.replace('damping="0.5" friction="0.25"', 'damping="0.0" friction="0.0"')
+
+
+def test_followers_of_what_stands_still_stand_where_the_reader_has_them():
+    link = '<link name="{}"><inertial><origin xyz="0.2 0 0"/><mass value="1"/><inertia ixx="0.1" ixy="0"'
+    link += ' ixz="0" iyy="0.2" iyz="0" izz="0.2"/></inertial></link>'
+    joint = '<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/><origin xyz="0.3 0 0"/>'
+    joint += '<axis xyz="0 0 1"/><limit effort="1" velocity="1" lower="-1" upper="1"/>{}</joint>'
+    rows = [
+        ("j1", "l0", "l1", ""),
+        ("j2", "l1", "l2", '<mimic joint="j1" multiplier="0" offset="0.2"/>'),
+        ("j3", "l2", "l3", '<mimic joint="j2" multiplier="2" offset="0.1"/>'),
+    ]
+    text = "".join(['<robot name="r">', *(link.format(f"l{k}") for k in range(4))])
+    text += "".join(joint.format(*row) for row in rows) + "</robot>"
+    robot = give_values(parse_urdf(text))
+    back = parse_urdf(rewrite_urdf(text, robot).text)
+    np.testing.assert_allclose(back.joints[0].inertial, robot.joints[0].inertial, rtol=0, atol=1e-9)
