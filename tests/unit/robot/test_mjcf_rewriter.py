@@ -408,3 +408,18 @@ def test_springs_that_the_file_lacks_are_written():
         # k - ref(k) = 0.5 - 2 (j - ref(j)), of which the robot's coordinate is -2 j.
         offset = 0.5 + np.radians(10 + 2 * 3)
         np.testing.assert_allclose(model.qpos_spring, [rest, rest + offset, rest], rtol=0, atol=1e-14)
+
+
+def test_a_follower_of_one_that_stands_still_is_carried_where_both_offsets_put_it():
+    geom = '<geom type="box" size="0.1 0.2 0.3" pos="0.3 0 0"/>'
+    text = (
+        f'<mujoco><worldbody><body name="a"><joint name="j" axis="0 1 0"/>{geom}<body name="b" pos="1 0 0">'
+        f'<joint name="k" axis="1 0 0"/>{geom}<body name="c" pos="0 1 0"><joint name="l"/>{geom}</body>'
+        '</body></body></worldbody><equality><joint joint1="k" polycoef="0.5"/>'
+        '<joint joint1="l" joint2="k" polycoef="0.2 2"/></equality></mujoco>'
+    )
+    robot = give_values(parse_mjcf(text))
+    assert [joint.name for joint in robot.joints] == ["j"]
+    found = rewrite_mjcf(text, robot)
+    assert found.shared == {"a": ("b", "c")}
+    check_values(robot, parse_mjcf(found.text))
