@@ -48,6 +48,7 @@ from symid.robot import (
     explain_impossible_inertia,
     is_mjcf,
     list_mjcf_omissions,
+    list_rewritten_mjcf_omissions,
     list_urdf_omissions,
     list_usd_omissions,
     parse_robot,
@@ -335,7 +336,7 @@ def _list_omissions(
         # A file that was kept has its own gravity, and may have been cut at a tilted link.
         left_out = tuple(list_urdf_omissions(robot, gravity=commented))
     elif kind == "MJCF model":
-        left_out = tuple(list_mjcf_omissions(robot))
+        left_out = tuple((list_mjcf_omissions if commented else list_rewritten_mjcf_omissions)(robot))
     elif kind == "USD stage":
         left_out = tuple(list_usd_omissions(robot))
     if not left_out:
@@ -433,7 +434,8 @@ def place_in_source(robot: Robot, made: SourceFile, *, in_place: bool) -> tuple[
         )
         for new, old, turn in trios
     )
-    couplings = robot.couplings if len(robot.couplings) == len(before.couplings) else before.couplings
+    # URDFs have no coupled drives; what an MJCF model has otherwise is refused as it is written.
+    couplings = robot.couplings if before.convention == "mjcf" else before.couplings
     return source.text, replace(before, joints=joints, couplings=couplings), notices
 
 

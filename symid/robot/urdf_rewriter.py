@@ -144,12 +144,15 @@ def gather_members(
 
 
 def _compute_offset(reading: TreeReading, name: str) -> Exact:
-    """Return where a joint stands whose masters stand still, too."""
-    step = reading.steps.get(name)
-    if step is None:
-        return ZERO
-    before = _compute_offset(reading, step.master) if step.master and step.multiplier else ZERO
-    return step.offset + before * Exact.surd(step.multiplier)
+    """Return where a joint stands whose masters stand still, too; a ring of them stands at zero."""
+    total, factor, seen = ZERO, Exact.of(1), set[str]()
+    while name in reading.steps and name not in seen:
+        seen.add(name)
+        step = reading.steps[name]
+        total += factor * step.offset
+        factor *= Exact.surd(step.multiplier)
+        name = step.master or ""
+    return ZERO if name in seen else total
 
 
 def _to_pose(placement: Placement) -> FloatArray:
