@@ -211,6 +211,35 @@ CASES = (
         read=("/joint_states/position[#]", "/joint_states/effort[#]"),
     ),
     Case(
+        program="rosbag to CSV, two topics",
+        columns="Time, /left/position[#], /right/effort[#]",
+        joints=UR,
+        result="refused: no topic has both",
+        code="new.no-unit",
+    ),
+    Case(
+        program="rosbag to CSV, commands",
+        columns="Time, /target/position[#], /target/effort[#]",
+        joints=UR,
+        result="refused: they are commands",
+        code="new.unknown-column",
+    ),
+    Case(
+        program="rosbag to CSV, arrays of another length",
+        columns="Time, /joint_states/position[#], /joint_states/effort[#]",
+        count=4,
+        joints=UR,
+        result="refused: four columns for three joints",
+        code="new.unknown-column",
+    ),
+    Case(
+        program="ROS",
+        columns="time, position.@, velocity.@, effort.@",
+        joints=PLAIN,
+        result=BY_NAME,
+        read=("position.@", "effort.@"),
+    ),
+    Case(
         program="ROS",
         columns="time, position.@, velocity.@, effort.@",
         joints=UR,
@@ -239,6 +268,22 @@ CASES = (
         joints="axis_2, axis_1, axis_3",
         result="refused: `pos1` is `axis_1` or the first joint",
         code="new.ambiguous-column",
+    ),
+    Case(
+        program="symid, joints out of order",
+        columns="t, q#, tau#",
+        first=1,
+        joints="joint2, joint1, joint3",
+        result=IN_ORDER,
+        read=("q#", "tau#"),
+    ),
+    Case(
+        program="symid, joints from 0 on",
+        columns="t, q#, tau#",
+        first=1,
+        joints="joint0, joint1, joint2",
+        result=IN_ORDER,
+        read=("q#", "tau#"),
     ),
 )
 
