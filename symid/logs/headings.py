@@ -239,10 +239,14 @@ def describe_order(pairs: Sequence[tuple[int, Joint]], findings: Findings) -> No
 def note_other_numbers(columns: Sequence[str], joints: Sequence[Joint], findings: Findings) -> None:
     """Note the order of numbered columns, one a joint, where joints' names have other numbers than these.
 
-    Nothing is noted if names count from one, or as the columns do, or if all have the same number.
+    Nothing is noted if names count from one, or as the columns do, or if all have the same number. Where some
+    joints have none, only names such as joint1 count, not wrist_1.
     """
     numbers = [int(match[0]) for match in (re.search(r"\d+(?=\]?$)", name) for name in columns) if match]
     ends = [[int(entry) for entry in re.findall(r"\d+", joint.name)[-1:]] for joint in joints]
+    if not all(ends):
+        words = [_drop_filler_words(_list_words(joint.name)) for joint in joints]
+        ends = [end if set(own[:-1]) <= _NUMBERED else [] for end, own in zip(ends, words, strict=True)]
     alike = [
         all(not end or end[0] == k for end, k in zip(ends, counted, strict=False))
         for counted in (range(1, len(joints) + 1), numbers)

@@ -278,6 +278,22 @@ CASES = (
         read=("q#", "tau#"),
     ),
     Case(
+        program="symid, some joints with numbers",
+        columns="t, q#, tau#",
+        first=1,
+        joints="elbow, wrist_1_joint, wrist_2_joint",
+        result="read, as SI units",
+        read=("q#", "tau#"),
+    ),
+    Case(
+        program="symid, some joints with numbers",
+        columns="t, q#, tau#",
+        first=1,
+        joints="base, joint1, joint2",
+        result=IN_ORDER,
+        read=("q#", "tau#"),
+    ),
+    Case(
         program="symid, joints from 0 on",
         columns="t, q#, tau#",
         first=1,
