@@ -48,7 +48,10 @@ if TYPE_CHECKING:
         parse_xml_robot as parse_xml_robot,
         read_xml_robot as read_xml_robot,
     )
-    from symid.robot.mjcf_rewriter import rewrite_mjcf as rewrite_mjcf
+    from symid.robot.mjcf_rewriter import (
+        list_rewritten_mjcf_omissions as list_rewritten_mjcf_omissions,
+        rewrite_mjcf as rewrite_mjcf,
+    )
     from symid.robot.parameter_values import (
         PRECISIONS as PRECISIONS,
         RobotValues as RobotValues,

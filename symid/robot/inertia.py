@@ -19,6 +19,8 @@ from symid.arrays import FloatArray
 from symid.robot.description import Joint
 from symid.robot.geometry import IDENTITY, Placement, compose_placements, to_floats
 
+# Of ten parameters, in units of the link's own size: what rounding leaves.
+_SAME = 1e-9
 # A flat or thin link sits on the edge of what is possible; rounding of its decimals may cross it.
 _TOLERANCE = 1e-6
 
@@ -78,6 +80,21 @@ def split_body(parameters: Sequence[float]) -> tuple[float, list[float], tuple[f
     return mass, com, move_parameters(parameters, np.eye(3), -np.array(com))[:6]
 
 
+def is_same_body(new: Sequence[float] | None, old: Sequence[float] | None) -> bool:
+    """Return whether ten parameters, None where unknown, differ by no more than rounding.
+
+    Inertias may differ by 1e-9 of the link's largest entry J, its mass M by 1e-9 of itself, first moments by
+    1e-9 of their largest or of sqrt(J M): those of a link that is balanced at its joint are rounding only.
+    """
+    if new is None or old is None:
+        return new is old
+    one, two = np.asarray(new, dtype=np.float64), np.asarray(old, dtype=np.float64)
+    both = np.maximum(np.abs(one), np.abs(two))
+    inertia, mass = both[:6].max(), both[9]
+    sizes = np.repeat([inertia, max(both[6:9].max(), np.sqrt(inertia * mass)), mass], (6, 3, 1))
+    return bool(np.all(np.abs(one - two) <= _SAME * sizes))
+
+
 def compute_standard_parameters(
     mass: float, com: Sequence[float], inertia: Sequence[float]
 ) -> tuple[float, ...]:
@@ -100,22 +117,6 @@ def build_pseudo_inertias(parameters: FloatArray) -> FloatArray:
         [mx, my, mz, mass],
     ]
     return np.array(rows, dtype=np.float64).transpose(2, 0, 1)
-
-
-_SAME = 1e-9
-
-
-def is_same_body(new: Sequence[float] | None, old: Sequence[float] | None) -> bool:
-    """Return whether ten parameters differ by rounding alone: of their inertia, first moment and mass."""
-    if new is None or old is None:
-        return new is old
-    parts = ((0, 6), (6, 9), (9, 10))
-    sizes = [max(map(abs, (*new[i:j], *old[i:j]))) for i, j in parts]
-    return all(
-        abs(a - b) <= _SAME * size
-        for (i, j), size in zip(parts, sizes, strict=True)
-        for a, b in zip(new[i:j], old[i:j], strict=True)
-    )
 
 
 def explain_impossible_inertia(parameters: Sequence[float]) -> str:

@@ -35,8 +35,8 @@ from symid.robot.toml_settings import (
 from symid.robot.toml_values import KeyPath, Place, Places, Section, suggest_names
 
 _SUFFIX = ".toml"
-# Behind the XML declaration and comments.
-_FIRST_TAG = re.compile(rb"(?:\s|<\?.*?\?>|<!--.*?-->)*<([\w:]+)", re.DOTALL)
+# Behind the XML declaration and comments; what was passed once is not tried again in another way.
+_FIRST_TAG = re.compile(rb"(?:\s++|<\?.*?\?>|<!--.*?-->)*+<([\w:]+)", re.DOTALL)
 _XML_SUFFIXES = (".urdf", ".xml", ".mjcf")
 
 

@@ -108,7 +108,15 @@ def build_mjcf_robot(document: XmlDocument, base: str | None, tip: str | None, s
     Raises:
         RobotError: with a notice for each mistake in the text.
     """
-    model = read_model(document, snap)
+    return assemble_model(read_model(document, snap), base, tip)
+
+
+def assemble_model(model: Model, base: str | None, tip: str | None) -> Robot:
+    """Return the robot of a model that was read. See `read_xml_robot`.
+
+    Raises:
+        RobotError: with a notice for each mistake in the text.
+    """
     # A joint whose name is taken was left out, and its bodies are not connected.
     complete = not any(error.code == "robot.duplicate-joint" for error in model.reading.errors)
     return assemble_robot(model.reading, base, tip, complete=complete, gravity=_read_option(model))

@@ -92,7 +92,8 @@ def list_usd_omissions(robot: Robot) -> Iterator[str]:
     for name, joint in zip(_choose_names(robot), robot.joints, strict=False):
         owner = f"joint {joint.name}"
         if name != joint.name:
-            yield f"{owner}: is called {name}, since names of USD have letters, digits and _ only"
+            text = "since names of USD have letters, digits and _ only, and no two prims the same"
+            yield f"{owner}: is called {name}, {text}"
         yield from list_friction_omissions(owner, joint.friction)
         if joint.drive.gear != 1.0:
             yield f"{owner}: gear {joint.drive.gear}; torques are those on the joint's side"
@@ -122,14 +123,15 @@ def _is_held(robot: Robot, joint: Joint) -> bool:
 
 
 def _choose_names(robot: Robot) -> list[str]:
-    """Return names of prims for the joints, and last that of the robot."""
-    names: list[str] = []
+    """Return names of prims for the joints, and last that of the robot; `<joint>_link` is free as well."""
+    names, taken = list[str](), {BASE, f"{BASE}_joint", "physicsScene"}
     for text in (*(joint.name for joint in robot.joints), robot.name):
         name = re.sub(r"[^A-Za-z0-9_]", "_", text)
         name = name if re.match(r"[A-Za-z_]", name) else f"_{name}"
-        while name in {*names, BASE, f"{BASE}_joint"}:
+        while not taken.isdisjoint((name, f"{name}_link")):
             name += "_"
         names.append(name)
+        taken |= {name, f"{name}_link"}
     return names
 
 

@@ -1,5 +1,6 @@
 """MJCF models on the command line: read, converted, and written in place with identified values."""
 
+import dataclasses
 import json
 import re
 
@@ -86,7 +87,12 @@ def test_a_new_model_is_written_where_the_old_one_has_no_place(capsys, model, tm
     parts = MODEL.replace('model="arm"', "")
     (tmp_path / "parts.xml").write_text(parts, encoding="utf-8")
     model.write_text('<mujoco model="arm"><include file="parts.xml"/></mujoco>', encoding="utf-8")
-    store_estimate(read_xml_robot(model), tmp_path / "estimate.json")
+    robot = read_xml_robot(model)
+    joints = tuple(
+        dataclasses.replace(joint, inertial=tuple(1.1 * value for value in joint.inertial))
+        for joint in robot.joints
+    )
+    store_estimate(dataclasses.replace(robot, joints=joints), tmp_path / "estimate.json")
     code, answer = call(capsys, "export", "arm.xml", "estimate.json", "-o", "new.xml")
     assert code == 0, answer
     assert "export.new-file" in {notice["code"] for notice in answer["warnings"]}

@@ -3,7 +3,7 @@
 import pytest
 
 from symid.errors import UsageError
-from symid.robot.loading import is_xml, list_robots, locate_robot_file
+from symid.robot.loading import is_mjcf, is_xml, list_robots, locate_robot_file
 
 
 def test_names_are_found_from_any_folder(tmp_path, monkeypatch, robots_folder):
@@ -78,3 +78,18 @@ def test_a_urdf_is_known_by_its_name_or_its_first_letter(tmp_path, name, content
 
 def test_what_cannot_be_read_is_no_urdf(tmp_path):
     assert not is_xml(tmp_path)
+
+
+def test_a_model_is_known_by_its_first_tag_behind_comments(tmp_path):
+    path = tmp_path / "arm.xml"
+    comments = "<?xml version='1.0'?>\n" + "<!-- <mujoco> -- > -->\n" * 500
+    for tail, found in (
+        ("<mujoco model='arm'/>", True),
+        ("<mujocoinclude/>", True),
+        ("<robot><mujoco/></robot>", False),
+        ("<!DOCTYPE mujoco><mujoco/>", False),
+        ("<!-- never closed <mujoco/>", False),
+        ("", False),
+    ):
+        path.write_text(comments + tail, encoding="utf-8")
+        assert is_mjcf(path) is found

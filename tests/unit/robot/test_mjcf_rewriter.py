@@ -2,6 +2,7 @@
 
 import dataclasses
 import re
+from fractions import Fraction
 from pathlib import Path
 
 import mujoco
@@ -9,8 +10,10 @@ import numpy as np
 import pytest
 
 from symid.errors import RobotError
-from symid.joint_models import FrictionValues
-from symid.robot.mjcf_rewriter import rewrite_mjcf
+from symid.joint_models import Elasticity, FrictionValues
+from symid.robot.description import Drive, Spring
+from symid.robot.inertia import is_same_body
+from symid.robot.mjcf_rewriter import list_rewritten_mjcf_omissions, rewrite_mjcf
 from symid.robot.xml_writers import write_mjcf
 from tests.chains import draw_parameters
 from tests.mujocos import find_mujoco_torques, parse_mjcf
@@ -205,3 +208,218 @@ def test_values_in_an_included_file_are_refused(tmp_path: Path):
         rewrite_mjcf(text, robot)
     assert {notice.code for notice in caught.value.notices} == {"robot.mjcf-include"}
     assert "put the model into one file" in caught.value.notices[0].text
+
+
+def change_joints(robot, **values):
+    return dataclasses.replace(
+        robot, joints=tuple(dataclasses.replace(joint, **values) for joint in robot.joints)
+    )
+
+
+def test_rounding_is_not_written():
+    robot = parse_mjcf(FILE, "robot.xml")
+    noise = np.random.default_rng(3).uniform(-1e-13, 1e-13, (robot.size, 10))
+    joints = tuple(
+        dataclasses.replace(
+            joint,
+            inertial=tuple((np.array(joint.inertial) + row).tolist()),
+            friction=dataclasses.replace(
+                joint.friction, values=tuple(value * (1 - 1e-15) for value in joint.friction.values)
+            ),
+            drive=dataclasses.replace(
+                joint.drive,
+                rotor_inertia=joint.drive.rotor_inertia and joint.drive.rotor_inertia * (1 + 1e-15),
+            ),
+            spring=joint.spring
+            and Spring(stiffness=joint.spring.stiffness * (1 + 1e-15), rest=joint.spring.rest * (1 - 1e-15)),
+        )
+        for joint, row in zip(robot.joints, noise, strict=True)
+    )
+    assert rewrite_mjcf(FILE, dataclasses.replace(robot, joints=joints)).text == FILE
+    heavier = (*joints[2].inertial[:9], joints[2].inertial[9] * (1 + 1e-8))
+    joints = (*joints[:2], dataclasses.replace(joints[2], inertial=heavier), joints[3])
+    assert rewrite_mjcf(FILE, dataclasses.replace(robot, joints=joints)).text != FILE
+
+
+def test_a_body_is_the_same_within_rounding_of_its_own_size():
+    body = (2e-4, 0.0, 0.0, 3e-4, 0.0, 4e-4, 0.0, 0.0, 0.0, 0.5)
+    assert is_same_body(body, body)
+    for k, size in ((1, 4e-4), (6, (4e-4 * 0.5) ** 0.5), (9, 0.5)):
+        for factor, same in ((0.9e-9, True), (1.1e-9, False), (-1.1e-9, False)):
+            other = list(body)
+            other[k] += factor * size
+            assert is_same_body(other, body) is same
+            assert is_same_body(body, other) is same
+    assert is_same_body((0.0,) * 10, (0.0,) * 10)
+    assert not is_same_body((0.0,) * 9 + (1e-30,), (0.0,) * 10)
+    assert is_same_body(None, None)
+    assert not is_same_body(None, body)
+    assert not is_same_body(body, None)
+
+
+def test_what_the_robot_has_no_more_becomes_zero():
+    robot = change_joints(parse_mjcf(FILE), friction=FrictionValues(), drive=Drive(), spring=None)
+    couplings = tuple(
+        dataclasses.replace(entry, has_rotor=True, rotor_inertia=0.1, friction=FrictionValues())
+        for entry in robot.couplings
+    )
+    text = rewrite_mjcf(FILE, dataclasses.replace(robot, couplings=couplings)).text
+    back = parse_mjcf(text)
+    for joint in back.joints:
+        assert joint.friction == FrictionValues()
+        assert (joint.drive.has_rotor, joint.spring) == (False, None)
+    assert back.couplings == couplings
+    model = mujoco.MjModel.from_xml_string(text)
+    for values in (model.dof_damping, model.dof_frictionloss, model.dof_armature, model.jnt_stiffness):
+        assert not values.any()
+    assert not model.tendon_damping.any()
+
+
+def test_unknown_values_leave_those_of_the_file():
+    unknown = FrictionValues(law="coulomb-viscous", values=None)
+    robot = change_joints(
+        parse_mjcf(FILE), friction=unknown, drive=Drive(has_rotor=True), spring=Spring(), inertial=None
+    )
+    assert rewrite_mjcf(FILE, robot).text == FILE
+
+
+def test_friction_beyond_damping_and_dry_friction_is_named():
+    robot = parse_mjcf(FILE)
+    cubic = FrictionValues(law="cubic", values=(0.1, 0.5, 0.2, 0.3))
+    dahl = FrictionValues(law="dahl", values=(0.1, 0.5), bristles=(100.0,))
+    joints = [dataclasses.replace(robot.joints[k], friction=law) for k, law in enumerate((cubic, dahl))]
+    third = dataclasses.replace(robot.joints[2], spring=Spring(), elasticity=Elasticity(stiffness=900.0))
+    robot = dataclasses.replace(
+        robot,
+        joints=(*joints, third, robot.joints[3]),
+        couplings=(dataclasses.replace(robot.couplings[0], friction=cubic),),
+    )
+    text = rewrite_mjcf(FILE, robot).text
+    assert "dcmotor" not in text
+    found = list(list_rewritten_mjcf_omissions(robot))
+    for owner, words in zip(
+        ("base_joint: friction model cubic", "elbow: friction model dahl", "twist: a spring of unknown"),
+        found,
+        strict=False,
+    ):
+        assert words.startswith(f"joint {owner}")
+    assert found[3].startswith("joint twist: elastic, 900.0")
+    assert found[4].startswith("coupled drive belt: friction model cubic")
+    assert len(found) == 5
+    assert list(list_rewritten_mjcf_omissions(give_values(parse_mjcf(FILE)))) == []
+
+
+@pytest.mark.parametrize("change", ["name", "terms", "none"])
+def test_other_coupled_drives_than_those_of_the_file_are_refused(change):
+    robot = parse_mjcf(FILE, "arm.xml")
+    belt = robot.couplings[0]
+    couplings = {
+        "name": (dataclasses.replace(belt, name="strap"),),
+        "terms": (dataclasses.replace(belt, terms=((1, Fraction(3)),)),),
+        "none": (),
+    }[change]
+    with pytest.raises(RobotError) as caught:
+        rewrite_mjcf(FILE, dataclasses.replace(robot, couplings=couplings))
+    (notice,) = caught.value.notices
+    assert (notice.code, notice.file) == ("robot.mjcf-unsupported", "arm.xml")
+    own = {"name": "strap: 2 elbow", "terms": "belt: 3 elbow", "none": "other ones than in the model: none"}
+    assert own[change] in notice.text
+    assert "in the model: a drive coupled to several joints, belt: 2 elbow" in notice.text
+    assert "or write a new model (-o FILE)" in notice.text
+
+
+def test_a_robot_of_no_file_is_refused():
+    robot = dataclasses.replace(parse_mjcf(FILE, "arm.xml"), made_from=None)
+    with pytest.raises(RobotError, match=r"was made from no model; write a new one \(-o FILE\)"):
+        rewrite_mjcf(FILE, robot)
+
+
+def test_joints_between_which_no_mass_is_get_their_friction():
+    text = (
+        '<mujoco><compiler inertiafromgeom="true"/><worldbody><body name="a"><joint name="j"/>'
+        '<joint name="k" axis="1 0 0"/><geom size="0.1"/></body></worldbody></mujoco>'
+    )
+    robot = give_values(parse_mjcf(text))
+    between = dataclasses.replace(robot.joints[0], inertial=(0.0,) * 10)
+    robot = dataclasses.replace(robot, joints=(between, robot.joints[1]))
+    check_values(robot, parse_mjcf(rewrite_mjcf(text, robot).text))
+
+
+def test_inertias_of_bodies_that_do_not_belong_to_the_robot_stay():
+    other = '<inertial pos="0 0 0" mass="9" diaginertia="9 9 9"/>'
+    text = (
+        '<mujoco><compiler inertiafromgeom="true"/><worldbody>\n<body name="a"><joint name="j"/>'
+        '<geom size="0.1"/></body>\n<body name="b"><joint name="k"/>{}<frame><geom size="1"/></frame></body>'
+        '\n<body name="post"><geom size="0.1"/>{}</body></worldbody></mujoco>'
+    )
+    # A body that does not move has no inertia that counts.
+    robot = give_values(parse_mjcf(text.format("", other), base="world", tip="a"))
+    check_values(robot, parse_mjcf(rewrite_mjcf(text.format("", other), robot).text, base="world", tip="a"))
+    with pytest.raises(RobotError) as caught:
+        rewrite_mjcf(text.format(other, other), robot)
+    (notice,) = caught.value.notices
+    assert (notice.code, notice.line) == ("robot.mjcf-unsupported", 3)
+    assert "body 'b': its <inertial>" in notice.text
+    assert "remove this <inertial>" in notice.text
+
+
+def test_polynomials_of_one_number_stay():
+    text = (
+        '<mujoco><worldbody><body name="a"><joint name="j" damping="0.5 0 0" stiffness="3 0 0"/>'
+        '<geom size="0.1"/></body></worldbody></mujoco>'
+    )
+    robot = parse_mjcf(text)
+    assert rewrite_mjcf(text, robot).text == text
+    friction = FrictionValues(law="coulomb-viscous", values=(0.25, 0.0))
+    changed = rewrite_mjcf(text, change_joints(robot, friction=friction)).text
+    assert changed == text.replace("0.5 0 0", "0.25")
+
+
+@pytest.mark.parametrize("inside", ["<!-- weighed > twice -->", "", "\n"])
+def test_what_stands_inside_an_inertial_stays(inside):
+    old = 'mass="1" diaginertia="0.1 0.1 0.1" euler="10 0 0"'
+    text = (
+        '<mujoco><worldbody><body name="a"><joint name="j"/>'
+        f'<inertial pos="0 0 0" {old}>{inside}</inertial\n>'
+        '<geom size="0.1"/></body></worldbody></mujoco>'
+    )
+    robot = give_values(parse_mjcf(text))
+    new = rewrite_mjcf(text, robot).text
+    assert f"{inside}</inertial\n><geom" in new
+    assert "euler" not in new
+    check_values(robot, parse_mjcf(new))
+
+
+def test_springs_that_the_file_lacks_are_written():
+    text = (
+        '<mujoco><default><joint springref="7"/></default><worldbody><body name="a"><joint name="j" ref="3"/>'
+        '<geom size="0.1"/><body name="b"><joint name="k" ref="10"/><geom size="0.1"/><body name="c">'
+        '<joint name="l" type="slide"/><geom size="0.1"/></body></body></body></worldbody>'
+        '<equality><joint joint1="k" joint2="j" polycoef="0.5 -2"/></equality></mujoco>'
+    )
+    robot = parse_mjcf(text)
+    assert rewrite_mjcf(text, change_joints(robot, spring=Spring(stiffness=0.0, rest=1.0))).text == text
+    for rest in (0.0, 0.25):
+        sprung = change_joints(robot, spring=Spring(stiffness=4.0, rest=rest))
+        new = rewrite_mjcf(text, sprung).text
+        check_values(sprung, parse_mjcf(new))
+        model = mujoco.MjModel.from_xml_string(new)
+        assert model.jnt_stiffness.tolist() == [4.0] * 3
+        # k - ref(k) = 0.5 - 2 (j - ref(j)), of which the robot's coordinate is -2 j.
+        offset = 0.5 + np.radians(10 + 2 * 3)
+        np.testing.assert_allclose(model.qpos_spring, [rest, rest + offset, rest], rtol=0, atol=1e-14)
+
+
+def test_a_follower_of_one_that_stands_still_is_carried_where_both_offsets_put_it():
+    geom = '<geom type="box" size="0.1 0.2 0.3" pos="0.3 0 0"/>'
+    text = (
+        f'<mujoco><worldbody><body name="a"><joint name="j" axis="0 1 0"/>{geom}<body name="b" pos="1 0 0">'
+        f'<joint name="k" axis="1 0 0"/>{geom}<body name="c" pos="0 1 0"><joint name="l"/>{geom}</body>'
+        '</body></body></worldbody><equality><joint joint1="k" polycoef="0.5"/>'
+        '<joint joint1="l" joint2="k" polycoef="0.2 2"/></equality></mujoco>'
+    )
+    robot = give_values(parse_mjcf(text))
+    assert [joint.name for joint in robot.joints] == ["j"]
+    found = rewrite_mjcf(text, robot)
+    assert found.shared == {"a": ("b", "c")}
+    check_values(robot, parse_mjcf(found.text))

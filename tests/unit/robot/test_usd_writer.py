@@ -270,3 +270,26 @@ def test_what_has_no_words_is_told():
     assert scene.GetGravityMagnitudeAttr().Get() == 0.0
     assert not find_joints(stage)["joint3"].GetAttribute("physxJointAxis:angular:dynamicFrictionEffort")
     assert write_usd(robot) == write_usd(robot)
+
+
+@pytest.mark.parametrize(
+    "names", [("j1", "j1_link", "base"), ("j1_link", "j1", "j1_link_link"), ("a-", "a_", "a__link")]
+)
+def test_every_prim_has_a_name_of_its_own(names):
+    made = fill(build_chain([(0.1, 0.1, 0, "q")] * 3, name="physicsScene"))
+    joints = tuple(
+        dataclasses.replace(joint, name=name) for joint, name in zip(made.joints, names, strict=True)
+    )
+    robot = dataclasses.replace(made, joints=joints)
+    stage = load(write_usd(robot))
+    bodies = [prim for prim in stage.Traverse() if prim.HasAPI(UsdPhysics.RigidBodyAPI)]
+    found = find_joints(stage)
+    # Base and links, and as many joints; scene and robot above them.
+    assert (len(bodies), len(found)) == (4, 4)
+    assert len(list(stage.Traverse())) == 10
+    for prim in found.values():
+        (body,) = UsdPhysics.Joint(prim).GetBody1Rel().GetTargets()
+        assert stage.GetPrimAtPath(body).HasAPI(UsdPhysics.RigidBodyAPI)
+    told = [text for text in list_usd_omissions(robot) if "is called" in text]
+    assert told
+    assert all(text.endswith("and no two prims the same") for text in told)
