@@ -8,8 +8,8 @@ Path -> RawLog; RawLog, Robot -> the columns of one topic, of the messages that 
     each of them                         TOPIC/time, s: stamps of the headers, or, where these are zero or
                                          there is no header, when messages were recorded
 
-Stamps later than `_EPOCH` are counted from the whole second before the first one, so that none of their
-digits are lost.
+Stamps later than `_EPOCH` are dates, counted from the whole second before the first one, so that none of
+their digits are lost.
 
 Supported: .db3 and .mcap, alone or in a folder, with metadata.yaml or without; compression by zstd or lz4; an
 order of joints that changes; messages with a part of the joints, joined where their stamps are the same.
@@ -31,6 +31,7 @@ from symid.arrays import FloatArray, freeze
 from symid.errors import Notice
 from symid.logs.columns import Findings, join_names
 from symid.logs.files import RawLog, build_file_error
+from symid.logs.headings import is_commanded
 from symid.robot import Robot
 
 STORAGE_SUFFIXES = (".db3", ".mcap")
@@ -58,7 +59,10 @@ def is_bag_folder(path: Path) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Message:
-    """A message: its stamps in ns, and values by joint and channel; an array where it names no joint."""
+    """A message: its stamps in ns, and values by joint and channel; an array where it names no joint.
+
+    `odd`: whether it contradicts itself; of what does so, `values` has nothing.
+    """
 
     stamp: int
     received: int
@@ -86,7 +90,8 @@ def read_bag(path: Path) -> RawLog:
     counts: dict[str, int] = {}
     try:
         with ExitStack() as stack:
-            for reader in [stack.enter_context(Reader(file)) for file in _list_files(path)]:
+            readers = [stack.enter_context(Reader(file)) for file in _list_files(path)]
+            for reader in sorted(readers, key=lambda reader: reader.start_time):
                 types |= {entry.topic: entry.msgtype for entry in reader.connections}
                 for entry in reader.connections:
                     counts[entry.topic] = counts.get(entry.topic, 0) + entry.msgcount
@@ -104,8 +109,16 @@ def read_bag(path: Path) -> RawLog:
             raise
         text = f"this is not a ROS 2 bag that can be read: {str(error) or type(error).__name__}"
         raise build_file_error(path, text) from error
+    silent = {
+        topic: ", which name no joints"
+        for topic, messages in found.items()
+        if types[topic] != _ARRAY and not any(entry.joints for entry in messages)
+    }
+    found = {topic: messages for topic, messages in found.items() if topic not in silent}
     others = tuple(
-        f"{topic} ({types[topic]}, {counts[topic]} messages)" for topic in types if topic not in found
+        f"{topic} ({types[topic]}, {counts[topic]} messages{silent.get(topic, '')})"
+        for topic in types
+        if topic not in found
     )
     if not found:
         text = f"the bag has no messages of {', '.join(_PARSERS)}; it has {', '.join(others) or 'no topics'}"
@@ -123,10 +136,10 @@ def _list_files(path: Path) -> list[Path]:
 def _parse_joint_state(message: Any, received: int) -> _Message:  # noqa: ANN401  made by rosbags
     names = list(map(str, message.name))
     values: dict[tuple[str, str], float] = {}
-    odd = len(set(names)) < len(names)
+    odd = twice = len(set(names)) < len(names)
     for channel in ("position", "velocity", "effort"):
         numbers = getattr(message, channel)
-        if len(numbers) == len(names):
+        if len(numbers) == len(names) and not twice:
             values |= {(name, channel): float(x) for name, x in zip(names, numbers, strict=True)}
         odd |= len(numbers) not in (0, len(names))
     return _Message(
@@ -138,10 +151,12 @@ def _parse_dynamic(message: Any, received: int) -> _Message:  # noqa: ANN401  ma
     names = tuple(map(str, message.joint_names))
     values: dict[tuple[str, str], float] = {}
     odd = len(message.interface_values) != len(names) or len(set(names)) < len(names)
-    for name, entry in zip(names, message.interface_values, strict=False):
-        odd |= len(entry.interface_names) != len(entry.values)
-        pairs = zip(entry.interface_names, entry.values, strict=False)
-        values |= {(name, str(channel)): float(x) for channel, x in pairs}
+    for name, entry in () if odd else tuple(zip(names, message.interface_values, strict=True)):
+        channels = list(map(str, entry.interface_names))
+        if len(set(channels)) == len(entry.values) == len(channels):
+            values |= {(name, key): float(x) for key, x in zip(channels, entry.values, strict=True)}
+        else:
+            odd = True
     return _Message(
         stamp=_read_stamp(message.header), received=received, values=values, joints=names, odd=odd
     )
@@ -167,14 +182,20 @@ def _build_columns(
         topic: [entry.stamp if headed[topic] else entry.received for entry in messages]
         for topic, messages in found.items()
     }
-    first = min(min(stamps) for stamps in times.values())
-    origin = first // _NANO * _NANO if first > _EPOCH * _NANO else 0
+    # Topics may count from elsewhere, as in simulated time; a date that is zero is none.
+    dated = {topic for topic, stamps in times.items() if max(stamps) > _EPOCH * _NANO}
+    dates = (stamp for topic in dated for stamp in times[topic] if stamp > _EPOCH * _NANO)
+    first = min(dates, default=0) // _NANO * _NANO
     columns: dict[str, FloatArray] = {}
     notices = []
-    for topic, messages in found.items():
-        stamps = times[topic]
+    for topic, every in found.items():
+        origin = first if topic in dated else 0
+        messages = [entry for entry, stamp in zip(every, times[topic], strict=True) if stamp or not origin]
+        stamps = [stamp for stamp in times[topic] if stamp or not origin]
         joints = tuple(dict.fromkeys(name for entry in messages for name in entry.joints))
         parts = [f"topic {topic} ({types[topic]}): {len(messages)} messages"]
+        if len(messages) < len(every):
+            parts.append(f"{len(every) - len(messages)} more have a stamp that is zero, and were left out")
         if joints:
             parts.append(f"joints {', '.join(joints)}")
         source = "that of the headers" if headed[topic] else "that of recording"
@@ -188,7 +209,7 @@ def _build_columns(
             parts += _describe_steps(np.diff(np.array(stamps)) / _NANO)
         else:
             sizes = {len(entry.array) for entry in messages if entry.array is not None}
-            if len(sizes) != 1:
+            if len(sizes) != 1 or sizes == {0}:
                 others = (*others, f"{topic}/data (arrays of {min(sizes)} to {max(sizes)} numbers)")
                 continue
             own = {"data": np.array([entry.array for entry in messages])}
@@ -226,8 +247,9 @@ def _stack_joints(
 
 def _describe_messages(messages: Sequence[_Message], joints: tuple[str, ...], rows: int) -> Iterable[str]:
     """Yield what is unusual in the messages of a topic."""
-    orders = {entry.joints for entry in messages}
-    if any(list(order) != [name for name in joints if name in order] for order in orders):
+    orders = dict.fromkeys(entry.joints for entry in messages if len(set(entry.joints)) == len(entry.joints))
+    usual = dict.fromkeys(name for order in orders for name in order)
+    if any(list(order) != [name for name in usual if name in order] for order in orders):
         yield "the order of joints changes between messages, values were assigned by name"
     lacking = sum(set(entry.joints) != set(joints) for entry in messages)
     if lacking:
@@ -261,13 +283,15 @@ def _describe_left_files(path: Path) -> list[Notice]:
 
 
 _CHANNEL = re.compile(r"(.*)/([^/]+)/(position|velocity|effort)")
+_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+|[^\W\d_]+")
+_SIDES = {"left": "left", "l": "left", "right": "right", "r": "right"}
 
 
 def pick_topic(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLog, dict[str, tuple[str, ...]]]:
     """Return the log, and the columns by quantity of the topic with all joints; none, and why, without one.
 
     Of a bag, samples without a position or effort of every joint are left out. Tables that a program made of
-    a bag have topics too.
+    a bag have topics too. Topics that are commands by their names must be asked for.
     """
     topics: dict[str, dict[str, set[str]]] = {}
     for match in filter(None, map(_CHANNEL.fullmatch, raw.columns)):
@@ -283,7 +307,7 @@ def pick_topic(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLog, d
     for topic, own in topics.items():
         complete = [name for name, known in own.items() if {"position", "effort"} <= known]
         names = match_joints(complete, [joint.name for joint in robot.axes])
-        if names and wanted in (None, topic):
+        if names and (topic == wanted or (wanted is None and not is_commanded(topic))):
             named[topic] = names
     own_names = tuple(joint.name for joint in robot.axes)
     exact = [topic for topic, names in named.items() if names == own_names]
@@ -311,23 +335,38 @@ def pick_topic(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLog, d
 
 
 def match_joints(present: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...]:
-    """Return the names in `present` of joints: the same, or all with another beginning; none if ambiguous."""
+    """Return the names in `present` of joints: the same, or all with another beginning; none if ambiguous.
+
+    Beginnings are whole words, endings more than a number or a letter; left and right are never exchanged.
+    """
     if set(wanted) <= set(present):
         return tuple(wanted)
     found = set()
     # The beginning that all joints share may be another, as of fer_joint1 and panda_joint1.
-    for start in range(len(wanted[0])):
+    for start in sorted(set.intersection(*map(_list_starts, wanted))):
+        beginning, endings = wanted[0][:start], [name[start:] for name in wanted]
         if len({name[:start] for name in wanted}) > 1:
             break
-        endings = [name[start:] for name in wanted]
-        if not all(endings):
+        if any(ending.isdecimal() or len(ending) == 1 for ending in endings):
             continue
         for name in present:
-            if name.endswith(endings[0]):
-                candidate = tuple(name.removesuffix(endings[0]) + ending for ending in endings)
-                if set(candidate) <= set(present):
-                    found.add(candidate)
+            other = name.removesuffix(endings[0])
+            candidate = tuple(other + ending for ending in endings)
+            whole = all(len(other) in _list_starts(own) for own in candidate)
+            mine, its = _list_sides(beginning), _list_sides(other)
+            alike = not mine or not its or mine == its
+            if name in candidate and set(candidate) <= set(present) and whole and alike:
+                found.add(candidate)
     return found.pop() if len(found) == 1 else ()
+
+
+def _list_starts(name: str) -> set[int]:
+    """Return where the words of a name begin."""
+    return {match.start() for match in _WORD.finditer(name)}
+
+
+def _list_sides(text: str) -> set[str]:
+    return {_SIDES[word.lower()] for word in _WORD.findall(text) if word.lower() in _SIDES}
 
 
 def _refuse_topics(
@@ -348,10 +387,16 @@ def _refuse_topics(
     elif any(f"{topic}/time" in raw.columns for topic in topics):
         parts = []
         for topic, channels in topics.items():
-            lacking = [name for name in names if not {"position", "effort"} <= channels.get(name, set())]
-            silent = [name for name in lacking if name in channels]
-            what = f"lacks {join_names(lacking)}" if not silent else f"has no effort of {join_names(silent)}"
-            parts.append(f"{topic} {what} (it has {join_names(channels)})")
+            if robot.log.topic not in (None, topic):
+                continue
+            absent = [name for name in names if name not in channels]
+            what = [f"lacks {join_names(absent)}"] if absent else []
+            for channel in ("position", "effort"):
+                own = [name for name in names if channel not in channels.get(name, {channel})]
+                what += [f"has no {channel} of {join_names(own)}"] if own else []
+            if not what:
+                what = [f"is a command by its name, log.topic={topic} reads it"]
+            parts.append(f"{topic} {' and '.join(what)} (it has {join_names(channels)})")
         text = f"no topic has position and effort of every joint of {robot.name}: {'; '.join(parts)}"
         findings.refuse("log.topic", f"{text}; cut joints without messages off a URDF by --tip LINK")
 
@@ -373,5 +418,12 @@ def _keep_complete(
         findings.refuse("log.topic", f"{text}; {hint}, and effort must be measured")
         return raw
     findings.remark("log.incomplete-messages", f"{text} and were left out")
-    own = {name: values for name, values in raw.columns.items() if name.startswith(f"{topic}/")}
-    return replace(raw, columns={**raw.columns, **{name: values[whole] for name, values in own.items()}})
+    parts = re.compile(rf"{re.escape(topic)}/([^/]+)/[^/]+")
+    # The data and time of a topic below this one look like channels of a joint.
+    channels = [
+        match[0]
+        for match in filter(None, map(parts.fullmatch, raw.columns))
+        if _CHANNEL.fullmatch(match[0]) or f"{topic}/{match[1]}/time" not in raw.columns
+    ]
+    own = (f"{topic}/time", *channels)
+    return replace(raw, columns={**raw.columns, **{name: raw.columns[name][whole] for name in own}})

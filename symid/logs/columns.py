@@ -204,7 +204,7 @@ DEFAULT_NAMES = {
 def extract_time(raw: RawLog, robot: Robot, findings: Findings) -> tuple[FloatArray | None, tuple[str, ...]]:
     """Return time (N,) in s, None if it cannot be read, and the names of the columns used."""
     mapped = robot.log.time
-    names = mapped.columns if mapped else _choose_default_names(raw, "time")
+    names = mapped.columns if mapped else choose_default_names(raw, "time")
     array = _stack_columns(raw, names, "time", findings, mapped=mapped is not None)
     if array is None:
         return None, names
@@ -232,7 +232,7 @@ def extract_quantity(
     A missing one is a mistake, unless it is optional and no map names it, or is of the controller.
     """
     mapped: LogQuantity | None = getattr(robot.log, name)
-    names = mapped.columns if mapped else _choose_default_names(raw, name)
+    names = mapped.columns if mapped else choose_default_names(raw, name)
     if mapped is None:
         entries: list[LogQuantity | None] = [getattr(robot.log, other) for other in DEFAULT_NAMES]
         claimed = {column for entry in entries if entry is not None for column in entry.columns}
@@ -285,7 +285,7 @@ def _spread_temperature(name: str, values: FloatArray, joints: int) -> FloatArra
     return np.tile(values, (1, joints)) if name == "temperature" and values.shape[1] == 1 else values
 
 
-def _choose_default_names(raw: RawLog, name: str) -> tuple[str, ...]:
+def choose_default_names(raw: RawLog, name: str) -> tuple[str, ...]:
     """Return the names under which the quantity is there; the first default name if it is not."""
     for stem in DEFAULT_NAMES[name]:
         if stem in raw.columns:
@@ -299,7 +299,7 @@ def _choose_default_names(raw: RawLog, name: str) -> tuple[str, ...]:
 
 def has_default_columns(raw: RawLog, quantities: Iterable[str]) -> bool:
     """Return whether all the quantities are there under the names that they have without a map."""
-    return all(_choose_default_names(raw, name)[0] in raw.columns for name in quantities)
+    return all(choose_default_names(raw, name)[0] in raw.columns for name in quantities)
 
 
 def _list_numbers(names: tuple[str, ...]) -> list[int]:
@@ -313,7 +313,7 @@ def _check_joint_numbers(
 ) -> bool:
     """Return whether numbered columns count the joints from 0 or 1 without a gap, and as positions do."""
     numbers = _list_numbers(names)
-    first = [] if robot.log.position else _list_numbers(_choose_default_names(raw, "position"))
+    first = [] if robot.log.position else _list_numbers(choose_default_names(raw, "position"))
     text = ""
     if numbers and (numbers[0] > 1 or numbers != list(range(numbers[0], numbers[0] + len(numbers)))):
         text = f"{name}: {join_names(names)} are not numbered as 1, 2 ... or 0, 1 ..."

@@ -12,8 +12,9 @@ Path -> RawLog; Recording or RawLog -> file, written whole or not at all, the sa
     .h5 .hdf5     data sets and fields are columns `group.name`, with units in an attribute `unit` or `units`.
                   Needs h5py, the extra `hdf5`. Not supported: compound types, external links, MATLAB cells.
     .parquet      columns of numbers, times, lists of one length; fields of a structure as `structure.field`;
-                  units in the metadata of a column, `unit` or `units`, else in its name as in a heading; null
-                  is NaN. Needs pyarrow, the extra `parquet`.
+                  units of times are those of their types, of others in the metadata of a column, `unit` or
+                  `units`, else in its name as in a heading; null is NaN. Needs pyarrow, the extra `parquet`.
+                  Not supported: dates without a time, dictionaries.
 """
 
 import csv
@@ -323,8 +324,9 @@ def read_parquet(path: Path) -> RawLog:
     units = {}
     for (name, unit), entry in zip(headings, table.schema, strict=True):
         texts = [_decode_text((entry.metadata or {}).get(key)) for key in (b"unit", b"units")]
-        # The unit of a time stands in its type.
-        stated = next((text for text in (*texts, unit, getattr(entry.type, "unit", None)) if text), None)
+        # The unit of a time stands in its type, whatever its name or metadata say.
+        kind = getattr(entry.type, "value_type", entry.type)
+        stated = next((text for text in (getattr(kind, "unit", None), *texts, unit) if text), None)
         if stated:
             units[name] = stated
     return _build_raw_log(zip(names, values, strict=True), units)
@@ -333,16 +335,20 @@ def read_parquet(path: Path) -> RawLog:
 def _convert_column(pa: Any, column: Any) -> object:  # noqa: ANN401  pyarrow has no types
     """Return the numbers of a column, (N,) or (N, k); None where it has something else."""
     kind, types = column.type, pa.types
-    if types.is_timestamp(kind) or types.is_duration(kind):
-        column = column.cast(pa.int64())
+    if types.is_timestamp(kind) or types.is_duration(kind) or types.is_time(kind):
+        column = column.cast(pa.int32() if types.is_time32(kind) else pa.int64())
     elif types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind):
-        inner = column.flatten()
-        sizes = column.value_lengths().unique().to_pylist()
-        if len(sizes) != 1 or not sizes[0]:
+        column_of_rows = column.drop_null()
+        sizes = column_of_rows.value_lengths().unique().to_pylist()
+        flat = _convert_column(pa, column_of_rows.flatten())
+        if len(sizes) != 1 or not sizes[0] or not isinstance(flat, np.ndarray) or flat.ndim > 1:
             return None
-        flat = _convert_column(pa, inner)
-        return flat.reshape(-1, sizes[0]) if isinstance(flat, np.ndarray) and flat.ndim == 1 else None
-    elif not (types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind)):
+        rows = np.full((len(column), sizes[0]), np.nan)
+        rows[np.asarray(column.is_valid())] = flat.reshape(-1, sizes[0])
+        return rows
+    elif not any(
+        (types.is_integer(kind), types.is_floating(kind), types.is_boolean(kind), types.is_decimal(kind))
+    ):
         return None
     return np.asarray(column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False))
 

@@ -13,7 +13,7 @@ Not supported: columns without a unit, which is never guessed; a joint with no c
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set as AbstractSet
 from dataclasses import dataclass, fields, replace
 
 from symid.logs.columns import Findings, describe_missing_column, join_names, look_up_unit
@@ -110,10 +110,15 @@ def _read_heading(raw: RawLog, column: str, own: set[str], names: set[str]) -> H
         quantity=quantity,
         words=_drop_filler_words(tuple(word for word in left if word not in _COMMANDED_WORDS or word in own)),
         unit=unit,
-        commanded=bool((_COMMANDED_WORDS - own) & set(left)),
+        commanded=is_commanded(name, own),
         size=array.shape[1] if array.ndim > 1 else 1,
         indexed=bool(_INDEX.search(name)),
     )
+
+
+def is_commanded(name: str, own: AbstractSet[str] = frozenset()) -> bool:
+    """Return whether a name has a word of commands that is not in those of joints, `own`."""
+    return bool((_COMMANDED_WORDS - own) & set(_list_words(name)))
 
 
 def _drop_topic(name: str, joints: set[str]) -> str:
@@ -229,6 +234,27 @@ def describe_order(pairs: Sequence[tuple[int, Joint]], findings: Findings) -> No
     # Position, velocity and torque are mostly numbered alike: once is enough.
     if text not in {remark.text for remark in findings.remarks}:
         findings.remark("new.assumed-order", text)
+
+
+def note_other_numbers(columns: Sequence[str], joints: Sequence[Joint], findings: Findings) -> None:
+    """Note the order of numbered columns, one a joint, where joints' names have other numbers than these.
+
+    Nothing is noted if names count from one, or as the columns do, or if all have the same number. Where some
+    joints have none, only names such as joint1 count, not wrist_1.
+    """
+    numbers = [int(match[0]) for match in (re.search(r"\d+(?=\]?$)", name) for name in columns) if match]
+    ends = [[int(entry) for entry in re.findall(r"\d+", joint.name)[-1:]] for joint in joints]
+    if not all(ends):
+        words = [_drop_filler_words(_list_words(joint.name)) for joint in joints]
+        ends = [end if set(own[:-1]) <= _NUMBERED else [] for end, own in zip(ends, words, strict=True)]
+    alike = [
+        all(not end or end[0] == k for end, k in zip(ends, counted, strict=False))
+        for counted in (range(1, len(joints) + 1), numbers)
+    ]
+    stated = [end[0] for end in ends if end]
+    same = len(stated) > 1 and len(set(stated)) == 1
+    if len(numbers) == len(joints) and not any(alike) and not same:
+        describe_order(tuple(zip(numbers, joints, strict=True)), findings)
 
 
 def _merge_columns(first: Sequence[Sequence[str]], second: Sequence[Sequence[str]]) -> list[list[str]]:

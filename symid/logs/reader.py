@@ -25,6 +25,7 @@ from symid.errors import LogError
 from symid.logs.bags import STORAGE_SUFFIXES, is_bag_folder, pick_topic, read_bag
 from symid.logs.columns import (
     Findings,
+    choose_default_names,
     extract_quantity,
     extract_time,
     get_torque_transmission,
@@ -38,7 +39,9 @@ from symid.logs.headings import (
     choose_columns,
     describe_order,
     fill_map,
+    is_commanded,
     list_quantities,
+    note_other_numbers,
     propose_quantities,
     read_headings,
 )
@@ -101,6 +104,8 @@ def assign_columns(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLo
     if replace(robot.log, topic=None) != LogMap():
         return apply_preset(raw, robot, findings)
     if has_default_columns(raw, REQUIRED_QUANTITIES):
+        # What symid writes is in the order of the joints, whatever they are called.
+        note_other_numbers(choose_default_names(raw, "position"), robot.axes, findings)
         return raw, robot
     tried = Findings(file=findings.file)
     found = recognise_columns(raw, robot, {}, {}, tried)
@@ -181,7 +186,13 @@ def _match_preset(
         if preset == "ros" and "torque" not in units:
             text += "; a message does not state the unit of effort, and some drivers give currents"
         findings.remark("new.preset", text)
-        if preset == "ros" and re.search(r"\d\]?$", read["position"].columns[0]) and found is raw:
+        positions = read["position"].columns
+        by_name = [
+            _list_names(entry, robot.axes) for entry in _LAYOUTS[preset]["position"] if "{joint}" in entry
+        ]
+        if preset != "ros":
+            note_other_numbers(positions, robot.axes, findings)
+        elif positions not in by_name and re.search(r"\d\]?$", positions[0]) and found is raw:
             describe_order(tuple(enumerate(robot.axes)), findings)
         return Recognised(raw=found, table=fill_map(known.log, read), short=short, units=shown)
     return None
@@ -245,9 +256,11 @@ def apply_preset(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLog,
     elif log.time is None and time is not None:
         log = replace(log, time=LogQuantity(columns=(time,), unit=_TIMES[preset][time]))
     found: dict[str, Any] = {}
-    for name, patterns in _LAYOUTS[preset].items():
-        names = columns.get(name) or _match_columns(raw, patterns, robot.axes)
-        if getattr(log, name) is not None or (names is None and name == "velocity"):
+    left = [name for name in _LAYOUTS[preset] if getattr(log, name) is None]
+    columns = columns or _match_layout(raw, preset, left, robot.axes, findings)
+    for name in left:
+        names, patterns = columns.get(name), _LAYOUTS[preset][name]
+        if names is None and name == "velocity":
             continue
         if names is None:
             wanted = " or ".join(", ".join(_list_names(entry, robot.axes)[:2]) for entry in patterns)
@@ -264,16 +277,43 @@ def _list_names(pattern: str, joints: Sequence[Joint]) -> tuple[str, ...]:
     return tuple(pattern.format(k=index, joint=joint.name) for index, joint in enumerate(joints))
 
 
-def _match_columns(raw: RawLog, patterns: tuple[str, ...], joints: Sequence[Joint]) -> tuple[str, ...] | None:
-    """Return the columns of the first pattern that has one for every joint."""
-    for pattern in patterns:
-        names = _list_names(pattern, joints)
-        if pattern.startswith("*"):
-            hits = [[name for name in raw.columns if name.endswith(ending[1:])] for ending in names]
-            names = tuple(hit[0] if len(hit) == 1 else "" for hit in hits)
-        if all(name in raw.columns for name in names):
-            return names
-    return None
+def _match_layout(
+    raw: RawLog, preset: str, quantities: Sequence[str], joints: Sequence[Joint], findings: Findings
+) -> dict[str, tuple[str, ...]]:
+    """Return the columns of `quantities`, by names of one kind and of one topic, one for every joint.
+
+    Topics that are commands by their names are none; more columns than joints, or topics, are a mistake.
+    """
+    topics = [name.rpartition("/")[0] for name in raw.columns if "/" in name and not is_commanded(name)]
+    found: list[tuple[str, dict[str, tuple[str, ...]], dict[str, str]]] = []
+    for index in range(len(_LAYOUTS[preset]["position"])):
+        patterns = {name: _LAYOUTS[preset][name][index] for name in quantities}
+        anywhere = any(pattern.startswith("*") for pattern in patterns.values())
+        for topic in dict.fromkeys(topics) if anywhere else ("",):
+            start = topic.replace("{", "{{").replace("}", "}}")
+            own = {name: start + pattern.removeprefix("*") for name, pattern in patterns.items()}
+            names = {name: _list_names(pattern, joints) for name, pattern in own.items()}
+            # Of an array that is longer than the robot, one column more is there.
+            more = {name: own[name].format(k=len(joints), joint="") for name in own if "{k}" in own[name]}
+            found.append(
+                (topic, {key: each for key, each in names.items() if set(each) <= set(raw.columns)}, more)
+            )
+    needed = {*quantities} & {*REQUIRED_QUANTITIES} or {*quantities}
+    counts = [len({*own} & needed) for _, own, _ in found]
+    if not any(counts):
+        return {}
+    topic, columns, more = found[counts.index(max(counts))]
+    rivals = [
+        other for (other, *_), count in zip(found, counts, strict=True) if other and count == max(counts)
+    ]
+    if topic and len(rivals) > 1:
+        text = f"preset {preset!r}: {join_names(rivals)} have such columns; name those of the robot in [log]"
+        findings.refuse("log.preset", text)
+    for name in columns:
+        if more.get(name) in raw.columns:
+            text = f"{name}: {more[name]!r} is one column more than the robot has joints"
+            findings.refuse("log.preset", f"{text}; name those of its joints in [log.{name}]")
+    return columns
 
 
 def _convert_currents(columns: tuple[str, ...], unit: str, robot: Robot, findings: Findings) -> LogQuantity:

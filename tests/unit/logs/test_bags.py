@@ -212,6 +212,66 @@ def test_topics_without_the_robot(make_robot, messages, write_bag):
     silent = [(*message[:6], []) for message in messages]
     text = problems(write_bag(silent, name="silent"), make_robot())["log.topic"]
     assert "/joint_states has no effort of 'joint1', 'joint2'" in text
+    still = [(*message[:4], [], *message[5:]) for message in messages]
+    text = problems(write_bag(still, name="still"), make_robot())["log.topic"]
+    assert "/joint_states has no position of 'joint1', 'joint2'" in text
+    assert "no effort" not in text
+    short = [(*message[:3], NAMES[:1], *(part[:1] for part in message[4:6]), []) for message in messages]
+    text = problems(write_bag(short, name="short"), make_robot())["log.topic"]
+    assert "/joint_states lacks 'joint2' and has no effort of 'joint1'" in text
+
+
+def test_topics_whose_messages_name_no_joints(make_robot, columns, messages, write_bag):
+    nameless = [("/nameless", *message[1:3], (), *message[4:]) for message in messages]
+    path = write_bag([*messages, *nameless])
+    np.testing.assert_array_equal(read_recording(path, make_robot()).torque, columns["tau"])
+    assert read_raw(path).others == (f"/nameless ({STATE}, 50 messages, which name no joints)",)
+    text = problems(write_bag(nameless, name="only"), make_robot())["log.no-topic"]
+    assert "/nameless" in text
+    assert "which name no joints" in text
+
+
+def test_topics_of_commands_are_asked_for(make_robot, columns, messages, write_bag):
+    path = write_bag([("/joint_states_desired", *message[1:]) for message in messages])
+    assert "is a command by its name" in problems(path, make_robot())["log.topic"]
+    chosen = replace(make_robot(), log=LogMap(topic="/joint_states_desired"))
+    np.testing.assert_array_equal(read_recording(path, chosen).torque, columns["tau"])
+
+
+def test_topics_below_the_topic_keep_their_samples(make_robot, columns, messages, write_bag):
+    """Left-out samples of /js are none of /js/raw, of joints or an array."""
+    own = [("/js", *message[1:]) for message in messages]
+    own[7] = (*own[7][:3], NAMES[:1], *(part[:1] for part in own[7][4:]))
+    below = [("/js/raw", *message[1:3], ("x", "y"), *message[4:]) for message in messages[:30]]
+    arrays = [("/js/more", 0, message[2], (), [1.0, 2.0]) for message in messages[:20]]
+    path = write_bag([*own, *below, *arrays], kinds={"/js/more": ARRAY})
+    recording = read_recording(path, make_robot(), uneven=True)
+    np.testing.assert_array_equal(recording.torque, np.delete(columns["tau"], 7, axis=0))
+    shapes = {name: len(values) for name, values in recording.extras.items()}
+    assert (shapes["/js/raw/x/position"], shapes["/js/raw/time"]) == (30, 30)
+    assert (shapes["/js/more/data"], shapes["/js/more/time"]) == (20, 20)
+
+
+def test_times_are_counted_from_a_date_whatever_else_is_there(make_robot, messages, write_bag):
+    simulated = [("/sim", at - START + 10**9, *rest) for _, at, *rest in messages]
+    zero = [(messages[0][0], 0, *messages[0][2:]), *messages[1:]]
+    path = write_bag([*zero, *simulated])
+    found = read_raw(path)
+    np.testing.assert_array_equal(
+        found.columns["/joint_states/time"], (250_000_000 + 10_000_000 * np.arange(1, 50)) / 1e9
+    )
+    np.testing.assert_array_equal(found.columns["/sim/time"], (10**9 + 10_000_000 * np.arange(50)) / 1e9)
+    texts = [notice.text for notice in found.notices]
+    assert "1 more have a stamp that is zero, and were left out" in texts[0]
+    assert "less 1700000000 s" in texts[0]
+    assert "less" not in texts[1]
+
+
+def test_files_of_a_bag_are_read_in_the_order_of_their_times(make_robot, columns, messages, write_bag):
+    first, second = write_bag(messages[:30], name="run_2"), write_bag(messages[30:], name="run_10")
+    shutil.copy(second / "run_10.db3", first / "run_10.db3")
+    (first / "metadata.yaml").unlink()
+    np.testing.assert_array_equal(read_recording(first, make_robot()).torque, columns["tau"])
 
 
 def test_other_messages(make_robot, columns, messages, write_bag):
@@ -239,6 +299,26 @@ def test_messages_that_contradict_themselves(make_robot, messages, write_bag):
     assert len(recording.time) == 49
 
 
+@pytest.mark.parametrize("kind", [STATE, DYNAMIC])
+def test_names_twice_in_a_message(make_robot, messages, write_bag, kind):
+    """Nothing is read of such a message, and its order is none."""
+    twice = [
+        (*message[:3], ("joint2", "joint1", "joint2"), *(np.r_[part, 9.0] for part in message[4:]))
+        if k == 5
+        else message
+        for k, message in enumerate(messages)
+    ]
+    if kind == DYNAMIC:
+        twice = [(*entry[:5], entry[6]) for entry in twice]
+    path = write_bag(twice, kinds={"/joint_states": kind})
+    recording = read_recording(path, make_robot(), uneven=True)
+    assert len(recording.time) == 49
+    assert not np.any(recording.position == 9.0)
+    text = said(recording.notices)["log.topic-read"]
+    assert "1 messages have names twice" in text
+    assert "the order of joints changes" not in text
+
+
 def test_joints_with_another_beginning(make_robot, columns, messages, write_bag):
     renamed = [(*message[:3], ("fer_joint1", "fer_joint2"), *message[4:]) for message in messages]
     recording = read_recording(write_bag(renamed), make_robot())
@@ -257,6 +337,17 @@ def test_joints_with_another_beginning(make_robot, columns, messages, write_bag)
         # Two arms could be meant.
         (("left_j1", "left_j2", "right_j1", "right_j2"), ("arm_j1", "arm_j2"), ()),
         (("x1", "x2"), ("elbow", "wrist"), ()),
+        # Beginnings are whole words, endings more than a number or a letter, and arms are not exchanged.
+        (("right_joint1", "right_joint2"), ("left_joint1", "left_joint2"), ()),
+        (("R_joint1", "R_joint2"), ("left_joint1", "left_joint2"), ()),
+        (("left_fer_j1", "left_fer_j2"), ("left_arm_j1", "left_arm_j2"), ("left_fer_j1", "left_fer_j2")),
+        (("joint1", "joint2"), ("left_joint1", "left_joint2"), ("joint1", "joint2")),
+        (("finger1", "finger2"), ("joint1", "joint2"), ()),
+        (("finger_1", "finger_2"), ("joint_1", "joint_2"), ()),
+        (("x_a", "x_b"), ("y_a", "y_b"), ()),
+        (("slide",), ("knee",), ()),
+        (("myelbow", "mywrist"), ("elbow", "wrist"), ()),
+        (("armElbow", "armWrist"), ("legElbow", "legWrist"), ("armElbow", "armWrist")),
     ],
 )
 def test_names_of_joints(present, wanted, found):

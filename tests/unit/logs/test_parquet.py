@@ -56,6 +56,33 @@ def test_lists_structures_times_and_holes(make_robot, columns, tmp_path):
     np.testing.assert_array_equal(read_recording(path, robot).torque, columns["tau"])
 
 
+@pytest.mark.parametrize("kind", [pa.duration("ns"), pa.timestamp("ns"), pa.time64("ns"), pa.duration("ms")])
+def test_the_type_of_a_time_states_its_unit(make_robot, columns, tmp_path, kind):
+    """Also against the name of the column and its metadata."""
+    scale = 1e3 if kind.unit == "ms" else 1e9
+    counts = pa.array((columns["t"] * scale).round().astype(int))
+    arrays = {"time [s]": counts.cast(kind), "q": pa.array([list(row) for row in columns["q"]])}
+    arrays["tau"] = pa.array([list(row) for row in columns["tau"]])
+    path = write(tmp_path / "log.parquet", arrays, {"time [s]": {"unit": "s"}})
+    assert read_raw(path).units == {"time": kind.unit}
+    robot = make_robot(time=(("time",), kind.unit))
+    np.testing.assert_allclose(read_recording(path, robot).time, columns["t"], atol=1e-12)
+
+
+def test_rows_of_null_decimals_and_dates(tmp_path):
+    rows = [[1.0, 2.0], None, [3.0, 4.0]]
+    fixed = pa.array(rows, pa.list_(pa.float64(), 2))
+    decimals = pa.array([1, 2, 3], pa.decimal128(12, 2))
+    arrays = {"list": pa.array(rows), "fixed": fixed, "decimal": decimals}
+    arrays["date"] = pa.array([1, 2, 3], pa.date32())
+    raw = read_raw(write(tmp_path / "log.parquet", arrays))
+    expected = [[1.0, 2.0], [np.nan, np.nan], [3.0, 4.0]]
+    np.testing.assert_array_equal(raw.columns["list"], expected)
+    np.testing.assert_array_equal(raw.columns["fixed"], expected)
+    np.testing.assert_array_equal(raw.columns["decimal"], [1.0, 2.0, 3.0])
+    assert raw.others == ("date",)
+
+
 @pytest.mark.parametrize("content", [b"", b"PAR1", b"PAR1" + b"\0" * 50 + b"PAR1"])
 def test_files_that_are_no_tables(tmp_path, content):
     (tmp_path / "log.parquet").write_bytes(content)

@@ -106,3 +106,42 @@ def test_columns_of_words_are_passed_over(make_robot, tmp_path):
     np.testing.assert_array_equal(recording.position[:, 1], np.arange(20))
     said = {notice.code: notice.text for notice in recording.notices}
     assert said["log.unused-columns"].endswith(": frame_id, name")
+
+
+@pytest.mark.parametrize(
+    ("heading", "name", "said"),
+    [
+        ("Time,position_0,position_1,position_2,effort_0,effort_1", "ros", "'position_2' is one column more"),
+        ("time,q[0],q[1],tau_J[0],tau_J[1],tau_J[2]", "franka", "'tau_J[2]' is one column more"),
+        ("Time,/l/position[0],/l/position[1],/r/effort[0],/r/effort[1]", "ros", "torque: preset 'ros' needs"),
+        (
+            "Time,/target/position[0],/target/position[1],effort_0,effort_1",
+            "ros",
+            "position: preset 'ros' needs",
+        ),
+        (
+            (
+                "Time,/l/position[0],/l/position[1],/l/effort[0],/l/effort[1]"
+                ",/r/position[0],/r/position[1],/r/effort[0],/r/effort[1]"
+            ),
+            "ros",
+            "'/l', '/r' have such columns",
+        ),
+    ],
+)
+def test_columns_of_other_joints_are_refused(make_robot, tmp_path, heading, name, said):
+    """Arrays that are longer than the robot, topics that are mixed, and commands are no measured joints."""
+    rows = [",".join([str(k)] * len(heading.split(","))) for k in range(20)]
+    (tmp_path / "log.csv").write_text("\n".join([heading, *rows]))
+    with pytest.raises(LogError) as caught:
+        read_recording(tmp_path / "log.csv", preset(make_robot(), name))
+    assert any(said in notice.text for notice in caught.value.notices if notice.code == "log.preset")
+
+
+def test_a_velocity_is_read_beside_columns_that_are_named(make_robot, write, columns):
+    named = {
+        key: ((f"{stem}[0]", f"{stem}[1]"), "SI")
+        for key, stem in (("position", "state.q"), ("torque", "state.tau_J"))
+    }
+    robot = preset(make_robot(**named), "franka")
+    np.testing.assert_array_equal(read_recording(write("franka"), robot).velocity, columns["q"])
