@@ -103,8 +103,13 @@ def _write_value(value: object) -> str:
     return str(value).strip()
 
 
-def _list_numbers(values: Sequence[float] | None) -> tuple[float, ...] | None:
-    return None if values is None else tuple(map(float, values))
+def _list_numbers(values: Sequence[float] | None, name: str) -> tuple[float, ...] | None:
+    """Return the numbers of an argument as a tuple, or raise a UsageError."""
+    try:
+        return None if values is None else tuple(map(float, values))
+    except (TypeError, ValueError) as error:
+        text = f"{name}={values!r}: expected a list of numbers, one a joint"
+        raise UsageError(Notice(code="usage.range", text=text)) from error
 
 
 @final
@@ -802,7 +807,7 @@ class RobotModel:
         )
 
         series = SeriesOptions(
-            harmonics=harmonics, period=period, rest=not moving, start=_list_numbers(start)
+            harmonics=harmonics, period=period, rest=not moving, start=_list_numbers(start, "start")
         )
         robot = self.description
         limits = LimitOptions(
@@ -813,10 +818,12 @@ class RobotModel:
             jerk=jerk,
             workspace=() if workspace is None else read_workspace(Path(workspace), robot),
             torsion=torsion,
-            stiffness=_list_numbers(stiffness),
+            stiffness=_list_numbers(stiffness, "stiffness"),
         )
         options = ExcitationOptions(
-            problem=ProblemOptions(series=series, limits=limits, deviations=_list_numbers(deviations)),
+            problem=ProblemOptions(
+                series=series, limits=limits, deviations=_list_numbers(deviations, "deviations")
+            ),
             criterion=criterion,
             weight=weight,
             candidates=candidates,
@@ -893,10 +900,10 @@ class RobotModel:
         robot = self.description
         sensors = SensorSettings(clean=clean, noise=noise, delay=delay, offset=offset)
         control = ControlSettings(
-            bandwidth=bandwidth,
-            period=period,
-            stiffness=_list_numbers(stiffness),
-            damping=_list_numbers(damping),
+            bandwidth=None if bandwidth is None else float(bandwidth),
+            period=None if period is None else float(period),
+            stiffness=_list_numbers(stiffness, "stiffness"),
+            damping=_list_numbers(damping, "damping"),
         )
         check_sensor_settings(robot, sensors)
         # Before minutes go into the derivation.

@@ -159,7 +159,8 @@ _CUTS = (
     INPUT.option("--tip", "URDF, MJCF: last link of the robot; other branches are removed.", metavar="LINK"),
     INPUT.option(
         "--snap",
-        "URDF, MJCF: round angles within this distance of a quarter turn; 0 for none.  [default: 1e-5]",
+        "URDF, MJCF: round angles within this distance of a quarter turn; 0 for none.  [default: 1e-5 where "
+        "that changes no number of base parameters, else 0]",
         Finite(min=0.0, max=0.01),
         "RAD",
     ),

@@ -197,8 +197,9 @@ class RigidExperiment(FrozenArrays):
     controlled: bool = False
 
 
-RIGID_ENDS = ("well", "away", "chatter", "steep")
-"""Why an experiment ended: at its end, far from the reference, by endless stops, by friction too steep."""
+RIGID_ENDS = ("well", "away", "chatter", "steep", "unsettled")
+"""Why an experiment ended: at its end, far from the reference, by endless stops, by friction too steep, by no
+answer to which joints rest."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -237,10 +238,13 @@ _RIGID_REFERENCES = ("position", "speed", "torque", "stiffness", "damping", "lim
 _LOGGED = ("q", "dq", "theta", "dtheta", "spring", "torque", "work", "friction", "elastic", "damped")
 
 
-def _pack(*values: float | FloatArray | None) -> ctypes.Structure:
-    """Return a record of C: sizes and addresses (integers), numbers, pointers to arrays that live on."""
-    plain = [value.ctypes.data if isinstance(value, np.ndarray) else value or 0 for value in values]
-    kinds = [ctypes.c_double if isinstance(value, float) else ctypes.c_size_t for value in values]
+def _pack(*values: ctypes.c_double | int | FloatArray | None) -> ctypes.Structure:
+    """Return a record of C: numbers, sizes and addresses (integers), pointers to arrays that live on."""
+    plain = [
+        value.ctypes.data if isinstance(value, np.ndarray) else getattr(value, "value", value) or 0
+        for value in values
+    ]
+    kinds = [ctypes.c_double if isinstance(value, ctypes.c_double) else ctypes.c_size_t for value in values]
     names = [(f"field{number}", kind) for number, kind in enumerate(kinds)]
     record: type[ctypes.Structure] = type("Record", (ctypes.Structure,), {"_fields_": names})
     return record(*plain)
@@ -282,7 +286,9 @@ class CompiledPlant:
             *(getattr(robot, name) for name in _TABLES),
         )
         references = (getattr(order, name) for name in _REFERENCES)
-        experiment = _pack(order.ticks, order.substeps, order.parts, order.period, *references)
+        experiment = _pack(
+            order.ticks, order.substeps, order.parts, ctypes.c_double(order.period), *references
+        )
         answer = _pack(*arrays.values())
         inputs = tuple(ctypes.c_void_p(array.ctypes.data) for array in (start, order.play, memory))
         ticks = self.shared.symid_plant_run(
@@ -301,8 +307,7 @@ class CompiledPlant:
         widths = (size, size, size, bends, 1, 1)
         arrays = [np.zeros((ticks, width)) for width in widths]
         self.shared.symid_rigid_scratch.restype = self.shared.symid_rigid_run.restype = ctypes.c_size_t
-        sizes = ctypes.c_size_t(size), ctypes.c_size_t(bends)
-        memory = np.zeros(self.shared.symid_rigid_scratch(*sizes))
+        memory = np.zeros(self.shared.symid_rigid_scratch(*map(ctypes.c_size_t, (size, bends))))
         start = np.concatenate([order.q, order.dq, np.sign(order.dq), order.measured, order.velocity])
         flags = (int(bool(part.any())) for part in (robot.curved, robot.varying))
         functions = (_get_function_address(library, name) for name in RIGID_FUNCTIONS)
@@ -310,8 +315,8 @@ class CompiledPlant:
         tables = (getattr(robot, name) for name in _RIGID_TABLES)
         plant = _pack(size, bends, *flags, int(order.controlled), *functions, *friction, robot.beta, *tables)
         references = (getattr(order, name) for name in _RIGID_REFERENCES)
-        sizes_and_times = (ticks, order.substeps, int(order.sensed), order.period, order.blend)
-        records = (plant, _pack(*sizes_and_times, *references), _pack(*arrays, end))
+        sizes, times = (ticks, order.substeps, int(order.sensed)), (order.period, order.blend)
+        records = (plant, _pack(*sizes, *map(ctypes.c_double, times), *references), _pack(*arrays, end))
         robot_given, order_given, answer = map(ctypes.byref, records)
         pointers = (ctypes.c_void_p(array.ctypes.data) for array in (start, memory))
         count = int(self.shared.symid_rigid_run(robot_given, order_given, *pointers, answer))
@@ -351,7 +356,7 @@ def _get_address(shared: ctypes.CDLL, name: str) -> int:
 
 def _list_friction(
     library: Library, values: FloatArray, warm: FloatArray, *, bends: bool = False
-) -> tuple[float | FloatArray | None, ...]:
+) -> tuple[int | FloatArray | None, ...]:
     """Return how the plants call the robot's friction, with values (p,) at temperatures `warm` (n,)."""
     return (
         _get_function_address(library, "friction") if values.size else None,

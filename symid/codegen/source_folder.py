@@ -5,7 +5,8 @@ an update that was interrupted leaves a hidden folder with the manifest of its f
 knows them as its own.
 
 Supported: new folders, empty ones, and folders that symid wrote before.
-Not supported: writing over files that symid did not write, or, unless forced, that were edited since.
+Not supported: writing over files that symid did not write, or, unless forced, that were edited since; links
+in place of subfolders.
 """
 
 import contextlib
@@ -130,6 +131,11 @@ def check_folder(folder: Path, sources: SourceSet | None = None, *, force: bool 
     notices = []
     for path, text in (*sources.files, (MANIFEST, sources.manifest)) if sources else ():
         target = folder / path
+        link = next((place for place in _list_subfolders(folder, path) if place.is_symlink()), None)
+        if link is not None:
+            why = "is a link to another folder, and nothing is written through it; remove it"
+            notices.append(Notice(code="output.linked-folder", text=why, file=str(link)))
+            continue
         if not os.path.lexists(target) or (path == MANIFEST and ours):
             continue
         found = compute_digest(target.read_bytes()) if target.is_file() and not target.is_symlink() else ""
@@ -142,7 +148,12 @@ def check_folder(folder: Path, sources: SourceSet | None = None, *, force: bool 
             why = "was edited since symid wrote it; move it, or force to lose the changes"
             notices.append(Notice(code="output.edited-file", text=why, file=str(target)))
     if notices:
-        raise OutputError(*notices)
+        raise OutputError(*dict.fromkeys(notices))
+
+
+def _list_subfolders(folder: Path, path: str) -> list[Path]:
+    """Return the folders between `folder` and the file `path` in it, the innermost first."""
+    return [folder / place for place in list(Path(path).parents)[:-1]]
 
 
 def _write_staging(sources: SourceSet, staging: Path) -> None:
@@ -158,12 +169,21 @@ def _write_staging(sources: SourceSet, staging: Path) -> None:
 
 
 def _remove_stale_files(folder: Path, sources: SourceSet, listed: ListedDigests) -> None:
-    """Remove the files of the last run that this one does not write, if nobody changed them."""
+    """Remove the files of the last run that this one does not write, if nobody changed them.
+
+    Subfolders that this leaves empty go as well; what links to other folders is left alone.
+    """
     kept = {path for path, _ in sources.files}
     for path in sorted(listed.keys() - kept):
-        target = folder / path
+        target, places = folder / path, _list_subfolders(folder, path)
+        if any(place.is_symlink() for place in places):
+            continue
         if target.is_file() and compute_digest(target.read_bytes()) in listed[path]:
             target.unlink()
+        # One that holds anything stays, and so do those around it.
+        with contextlib.suppress(OSError):
+            for place in places:
+                place.rmdir()
 
 
 def _update_folder(sources: SourceSet, folder: Path, listed: ListedDigests) -> None:

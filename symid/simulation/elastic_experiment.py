@@ -21,7 +21,7 @@ from types import MappingProxyType
 import numpy as np
 
 from symid.arrays import FloatArray, FrozenArrays
-from symid.codegen import Library, PlantExperiment
+from symid.codegen import Library, PlantExperiment, PlantLog
 from symid.errors import Notice, SolverError, UsageError
 from symid.excitation import ReferenceMotion
 from symid.joint_models import REFERENCE_TEMPERATURE
@@ -237,7 +237,8 @@ def simulate_elastic(
 
     Raises:
         UsageError: sizes that do not fit, a value that the robot file does not state, options out of range.
-        SolverError: the controlled robot is unstable, or its springs do not carry it.
+        SolverError: the controlled robot is unstable, is not held near its reference, or its springs do not
+            carry it.
     """
     stated = values or get_elastic_values(robot, library.card)
     time, gains = _check_experiment(robot, library, trajectory, options)
@@ -257,13 +258,13 @@ def simulate_elastic(
         robot, library, stated, gains, options, desired=desired, reference=followed, rest=rest
     )
     ran = simulate_plant(library, plant, order, elements)
-    log, reach = ran.log, experiment.compute_reach(robot, desired)
-    lost = ~((np.abs(log.q) < reach) & (np.abs(log.theta) < reach))
-    lost[log.ticks :] = True
-    if np.any(lost):
-        tick = int(np.flatnonzero(np.any(lost, axis=1))[0])
-        found = experiment.describe_runaway(robot, lost[tick], tick, options.period, options.bandwidth)
-        raise SolverError(found)
+    log = ran.log
+    bandwidth = None if gains else options.bandwidth or experiment.BANDWIDTH
+    _check_control(robot, log, desired, period=options.period, bandwidth=bandwidth)
+    if not (values or reference):
+        poses = desired[:: max(1, len(desired) // 50)]
+        loads = np.abs(library.evaluate("gravity", poses, stated.beta)[0]).max(axis=0)
+        experiment.check_following(robot, log.q, desired, log.torque, loads)
     if curves:
         check_friction_at_speeds(curves, library.card.joints, log.dtheta)
     kinetic, potential = (part.reshape(-1) for part in library.evaluate("energy", log.q, log.dq, stated.beta))
@@ -294,6 +295,18 @@ def simulate_elastic(
     losses = (run.friction + run.spring).sum(axis=1)
     experiment.check_balance(run.kinetic + run.spin, run.potential, run.work.sum(axis=1), losses)
     return replace(run, recording=observe(run, options.sensors, rng))
+
+
+def _check_control(
+    robot: Robot, log: PlantLog, desired: FloatArray, *, period: float, bandwidth: float | None
+) -> None:
+    """Refuse a run that went out of control; `desired` (N, n); see `experiment.describe_runaway`."""
+    reach = experiment.compute_reach(robot, desired)
+    lost = ~((np.abs(log.q) < reach) & (np.abs(log.theta) < reach))
+    lost[log.ticks :] = True
+    if np.any(lost):
+        tick = int(np.flatnonzero(np.any(lost, axis=1))[0])
+        raise SolverError(experiment.describe_runaway(robot, lost[tick], tick, period, bandwidth))
 
 
 def _check_experiment(

@@ -210,6 +210,40 @@ def describe_saturation(robot: Robot, torque: FloatArray, limit: FloatArray) -> 
     )
 
 
+_NEAR_ENOUGH = (1.0, 0.5)
+"""Rad and m by which a joint may miss its reference, however little it is asked to move."""
+
+
+def check_following(
+    robot: Robot, q: FloatArray, desired: FloatArray, torque: FloatArray, weight: FloatArray
+) -> None:
+    """Refuse a run in which a joint missed its reference by more than all that it was asked to move.
+
+    `q`, `desired`, `torque` (N, n); `weight` (n,) is the most that carries a joint along the reference.
+    """
+    gap, limits, notices = np.abs(q - desired).max(axis=0), get_limits(robot, "torque"), []
+    for number, joint in enumerate(robot.axes):
+        slides = joint.kind is JointKind.PRISMATIC
+        unit, force = ("m", "N") if slides else ("rad", "N m")
+        if gap[number] <= max(float(np.ptp(desired[:, number])), _NEAR_ENOUGH[slides]):
+            continue
+        limit, share = limits[number], float(np.mean(np.abs(torque[:, number]) >= limits[number]))
+        bound = (
+            f"its torque limit is {limit:g} {force}, reached during {100 * share:.1f} % of the run; raise it "
+            "in the robot file, lighten the links, slow the motion down (--scale)"
+        )
+        weak = "its gains are too low for that; raise --bandwidth or --stiffness and --damping"
+        text = (
+            f"the controller did not hold joint {joint.name!r}: it was up to {gap[number]:.3g} {unit} from "
+            f"its reference, which moves by {np.ptp(desired[:, number]):.3g} {unit}; its weight along the "
+            f"reference takes up to {weight[number]:.3g} {force}, and {bound if share else weak}, or choose "
+            "another motion (--trajectory)"
+        )
+        notices.append(Notice(code="simulate.not-held", text=text))
+    if notices:
+        raise SolverError(*notices)
+
+
 def describe_massless(robot: Robot) -> Notice:
     """Return the notice on a robot whose mass matrix is singular."""
     text = (
@@ -222,15 +256,18 @@ def describe_massless(robot: Robot) -> Notice:
 def describe_runaway(
     robot: Robot, gone: NDArray[np.bool_], tick: int, period: float, bandwidth: float | None
 ) -> Notice:
-    """Return the notice on joints out of control, those in `gone` (n,), at a tick; period in s, Hz."""
+    """Return the notice on joints out of control, those in `gone` (n,), at a tick.
+
+    The period is in s; the bandwidth in Hz, None for gains that are stated.
+    """
     names = [joint.name for joint, lost in zip(robot.axes, gone, strict=True) if lost]
     limits = get_limits(robot, "torque")[gone]
     limited = " or raise its torque limit in the robot file" if np.any(np.isfinite(limits)) else ""
+    lower = "" if bandwidth is None else f"--bandwidth ({bandwidth:.3g} Hz) or "
     text = (
         f"the controlled robot became unstable at t = {tick * period:g} s, at joint "
-        f"{', '.join(map(repr, names))}; lower --bandwidth ({bandwidth or BANDWIDTH:g} Hz) or the gains "
-        f"(--stiffness, --damping), shorten --period ({period:g} s), slow the motion down (--scale), or give "
-        f"links with mass an inertia{limited}"
+        f"{', '.join(map(repr, names))}; lower {lower}the gains (--stiffness, --damping), shorten --period "
+        f"({period:g} s), slow the motion down (--scale), or give links with mass an inertia{limited}"
     )
     return Notice(code="simulate.unstable", text=text)
 
@@ -313,8 +350,8 @@ def simulate_experiment(
     Raises:
         UsageError: sizes that do not fit, a value that the robot file does not state, options out of range,
             friction that drives a joint at its speeds, elastic joints.
-        SolverError: the controlled robot is unstable or too light, chatters without end, or has friction that
-            is too steep.
+        SolverError: the controlled robot is unstable or too light, is not held near its reference, chatters
+            without end, or has friction that is too steep.
     """
     names = [joint.name for joint, elastic in zip(robot.axes, robot.elastic, strict=True) if elastic]
     if names:
@@ -339,9 +376,9 @@ def simulate_experiment(
     check_sensors(options.sensors, robot.freedom)
     encoder = get_encoder_turns(robot) / (options.sensors.counts_per_turn or np.inf)
     desired, speeds, _ = trajectory.evaluate(times)
-    law, notices = _complete_controller(robot, library, plant, desired, options)
+    law, bandwidth, notices = _complete_controller(robot, library, plant, desired, options)
     order = _build_order(robot, plant, law, (desired, speeds), options, encoder=encoder)
-    move = partial(_run_plant, robot, library, plant, law=law, bandwidth=options.bandwidth)
+    move = partial(_run_plant, robot, library, plant, law=law, bandwidth=bandwidth)
     try:
         run = move(order)
     except SolverError as error:
@@ -350,6 +387,9 @@ def simulate_experiment(
         # Steps as long as their error allows.
         run = move(replace(order, controlled=True))
     check_friction_at_speeds(plant.friction, library.card.joints, run.dq)
+    poses = desired[_choose_samples(desired)]
+    weight = np.abs([plant.compute_weight(pose) for pose in poses]).max(axis=0)
+    check_following(robot, run.q, desired, run.torque, weight)
     # The mean of the torques before and after each tick; nothing was held before the first.
     logged = run.torque.copy()
     logged[1:] = 0.5 * (run.torque[1:] + run.torque[:-1])
@@ -489,12 +529,16 @@ def _is_stable(plant: RigidPlant, mass: FloatArray, law: Controller, period: flo
     return True
 
 
+def _choose_samples(desired: FloatArray) -> NDArray[np.int64]:
+    """Return the rows of `desired` (N, n) at which the robot is examined."""
+    return np.linspace(0, len(desired) - 1, _GAIN_SAMPLES).astype(np.int64)
+
+
 def _compute_inertias(
     robot: Robot, library: Library, plant: RigidPlant, desired: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return M (K, n, n) along the motion, and 1 / (M^-1)_jj (K, n): what a joint feels, others free."""
-    samples = np.linspace(0, len(desired) - 1, _GAIN_SAMPLES).astype(int)
-    (mass,) = library.evaluate("mass_matrix", desired[samples], plant.beta)
+    (mass,) = library.evaluate("mass_matrix", desired[_choose_samples(desired)], plant.beta)
     try:
         inertias: FloatArray = 1.0 / np.diagonal(np.linalg.inv(mass), axis1=1, axis2=2)
     except np.linalg.LinAlgError as error:
@@ -506,8 +550,8 @@ def _compute_inertias(
 
 def _complete_controller(
     robot: Robot, library: Library, plant: RigidPlant, desired: FloatArray, options: ExperimentOptions
-) -> tuple[Controller, tuple[Notice, ...]]:
-    """Return the law, and what is to be said about it; gains that are not stated are of critical damping.
+) -> tuple[Controller, float | None, tuple[Notice, ...]]:
+    """Return the law, its bandwidth (None of stated gains) and notices; other gains are of critical damping.
 
     Kp = w^2 J, Kd = 2 w J, J the mean effective inertia. Where these sampled loops are not stable along the
     motion, J is the lowest one, viscous friction D adds w D to Kp, and w is lowered until they are.
@@ -529,25 +573,49 @@ def _complete_controller(
 
     if options.controller and options.bandwidth is None:
         stiffness, damping = options.stiffness or law.stiffness, options.damping or law.damping
-        return replace(law, stiffness=stiffness, damping=damping), ()
+        return replace(law, stiffness=stiffness, damping=damping), None, ()
     bandwidth, lowest = options.bandwidth or BANDWIDTH, inertias.min(axis=0)
     first = build(bandwidth, inertias.mean(axis=0), np.zeros(plant.size))
-    if (options.stiffness and options.damping) or _is_stable(plant, mass, first, options.period):
-        return first, ()
+    if options.stiffness and options.damping:
+        return first, None, ()
+    if _is_stable(plant, mass, first, options.period):
+        return first, bandwidth, ()
     viscous = plant.friction.viscous[1:].min(axis=0)
     found = build(bandwidth, lowest, viscous)
     while options.bandwidth is None and not _is_stable(plant, mass, found, options.period):
         bandwidth *= _LOWER
         if bandwidth < _LEAST_BANDWIDTH:
-            return first, ()
+            return first, BANDWIDTH, ()
         found = build(bandwidth, lowest, viscous)
-    if options.bandwidth or bandwidth == BANDWIDTH:
-        return found, ()
+    stable = options.bandwidth is None or _is_stable(plant, mass, found, options.period)
+    notice = _describe_gains(robot, inertias, (first, found), bandwidth, options, stable=stable)
+    return found, bandwidth, (notice,)
+
+
+def _describe_gains(
+    robot: Robot,
+    inertias: FloatArray,
+    laws: tuple[Controller, Controller],
+    bandwidth: float,
+    options: ExperimentOptions,
+    *,
+    stable: bool,
+) -> Notice:
+    """Return the notice on gains that differ from those of the mean inertia ; `laws`: those, these."""
+    lowest, asked = inertias.min(axis=0), options.bandwidth or BANDWIDTH
     joint = int(np.argmax(inertias.max(axis=0) / lowest))
-    text = (
-        f"the bandwidth of the controller was lowered from {BANDWIDTH:g} Hz to {bandwidth:.3g} Hz, at which "
-        f"it is stable at all poses of the motion; the inertia that joint {robot.axes[joint].name!r} feels, "
-        f"{lowest[joint]:.2g} to {inertias[:, joint].max():.2g} kg m^2 or kg, varies most. A shorter "
-        "--period allows more; --bandwidth sets it"
+    (before, after), name = ([law.stiffness[joint] for law in laws], robot.axes[joint].name)
+    change = (
+        f"was lowered from {asked:g} Hz to {bandwidth:.3g} Hz" if bandwidth < asked else f"is {asked:g} Hz"
     )
-    return found, (Notice(code="simulate.bandwidth", text=text),)
+    result = "at which the loops are stable at all poses of the motion"
+    if not stable:
+        result = "at which the loops may be unstable all the same at some pose of the motion"
+    text = (
+        f"the bandwidth of the controller {change}, with gains of the lowest inertia along the motion in "
+        f"place of the mean, and of viscous friction, {result}: the inertia that joint {name!r} feels, "
+        f"{lowest[joint]:.2g} to {inertias[:, joint].max():.2g} kg m^2 or kg, varies most, and its stiffness "
+        f"is {after:.3g} instead of {before:.3g} N m/rad or N/m. A shorter --period allows more; --bandwidth "
+        "or --stiffness and --damping set other gains"
+    )
+    return Notice(code="simulate.bandwidth", text=text)

@@ -36,6 +36,7 @@ import contextlib
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import product
 from typing import final
 
@@ -524,6 +525,8 @@ class BristleStride:
 
 
 _MOST_EVENTS = 200
+_MOST_TURNS = 400
+"""Exchanges of held and sliding joints; a positive definite M takes a few."""
 _ROOT_STEPS = 60
 _ROOT_TOLERANCE = 1e-13
 _LEAST_SHARE = 1e-9
@@ -629,7 +632,8 @@ class RigidPlant:
         """Return the state after `torque` (n,) was held for `duration` in s.
 
         The error of the velocity shortens all steps if `controlled`, else where friction is curved. A
-        SolverError if joints start and stop without end, or friction is too steep.
+        SolverError if joints start and stop without end, friction is too steep, or no choice of resting
+        joints fits.
         """
         checked = controlled or self.is_checked
         step, events, tries = duration / substeps, state.events, 0
@@ -772,7 +776,7 @@ class RigidPlant:
         modes, columns = list(state.modes), np.arange(self.size)
         mass = self._mass(state.q, self.beta)[0].copy()
         net = torque - self._bias(state.q, state.dq, self.beta)[0]
-        for _ in range(4 * 3 ** len(resting)):
+        for _ in range(_MOST_TURNS):
             rows = np.array(modes)
             drag = self._compute_drag(tuple(modes), state.q, state.dq, torque, state.bristles)
             friction = drag + self._lines.level[rows, columns]
@@ -793,6 +797,8 @@ class RigidPlant:
             if not wrong:
                 break
             modes[wrong[0]] = int(better[wrong[0]])
+        else:
+            raise SolverError(_describe_unsettled(state.q))
         if self.bristles is not None:
             modes = [mode or int(bends) for mode, bends in zip(modes, self.bristles.joints, strict=True)]
         return replace(state, modes=tuple(modes))
@@ -859,6 +865,16 @@ def _describe_chatter(q: FloatArray, duration: float) -> Notice:
     return Notice(code="simulate.chatter", text=text)
 
 
+def _describe_unsettled(q: FloatArray) -> Notice:
+    pose = ", ".join(f"{value:.3g}" for value in q.tolist())
+    text = (
+        f"at q = {pose} no choice of joints that rest and joints that slide fits the torques: the mass "
+        "matrix is not positive definite there, or friction grows with the load too much; correct the "
+        "masses, inertias and friction of the robot"
+    )
+    return Notice(code="simulate.unsettled", text=text)
+
+
 def quantise(values: FloatArray, step: FloatArray) -> FloatArray:
     """Return `values` (..., n) rounded to whole encoder steps (n,); a step of 0 rounds nothing."""
     safe = np.where(step > 0.0, step, 1.0)
@@ -907,9 +923,31 @@ def simulate_rigid_plant(
 ) -> RigidPlantRun:
     """Return the motion of a controlled robot; a notice says where it was computed without a compiler.
 
-    A robot that fixed steps bring out of control is simulated again with steps as long as their error allows.
-    A SolverError if joints start and stop without end, or friction is too steep.
+    A robot that fixed steps bring out of control, or to endless stops, is simulated again with steps as long
+    as their error allows. A SolverError if joints start and stop without end, friction is too steep, or no
+    choice of resting joints fits.
     """
+    run = partial(_run_once, library, plant, compiler=compiler)
+    if order.controlled or plant.is_checked:
+        return run(order)
+    again = replace(order, controlled=True)
+    try:
+        ran = run(order)
+    except SolverError:
+        with contextlib.suppress(SolverError):
+            return run(again)
+        raise
+    if ran.log.end == "away":
+        # What is unstable itself may be too fast for any step.
+        with contextlib.suppress(SolverError):
+            return run(again)
+    return ran
+
+
+def _run_once(
+    library: Library, plant: RigidPlant, order: RigidExperiment, *, compiler: str | None
+) -> RigidPlantRun:
+    """Return the motion in steps as `order` has them; errors are those of `simulate_rigid_plant`."""
     cards = library.card.friction
     friction = get_parameter_values(cards, library.card.robot) if cards else np.zeros(0)
     names = [*RIGID_FUNCTIONS, *(("friction",) if cards else ()), *(("friction_step",) * bool(plant.memory))]
@@ -922,10 +960,8 @@ def simulate_rigid_plant(
         raise SolverError(_describe_chatter(log.q[-1], order.period))
     if log.end == "steep":
         raise SolverError(plant.describe_steep(order.period, _COMPILED_STRIDES))
-    if log.end == "away" and not (order.controlled or plant.is_checked):
-        # What is unstable itself may be too fast for any step.
-        with contextlib.suppress(SolverError):
-            return simulate_rigid_plant(library, plant, replace(order, controlled=True), compiler=compiler)
+    if log.end == "unsettled":
+        raise SolverError(_describe_unsettled(log.q[-1]))
     return RigidPlantRun(log=log, backend="python" if code is None else "c", notices=notices)
 
 

@@ -46,8 +46,8 @@ typedef struct {
     double *q, *dq, *torque, *z, *work, *lost, *end;
 } rigid_log;
 
-enum { WELL, AWAY, CHATTER, STEEP };
-enum { MOST_EVENTS = 200, EXPLICIT_STRIDES = 40, IMPLICIT_STRIDES = 20000, IMPLICIT_TICKS = 20 };
+enum { WELL, AWAY, CHATTER, STEEP, UNSETTLED };
+enum { MOST_EVENTS = 200, MOST_TURNS = 400, EXPLICIT_STRIDES = 40, IMPLICIT_STRIDES = 20000, IMPLICIT_TICKS = 20 };
 enum { STAGES = 4, ROOT_STEPS = 60, SERIES = 10 };
 static const double ROOT_TOLERANCE = 1e-13, LEAST_SHARE = 1e-9, SLACK = 1e-9;
 static const double STRIDE_ERROR = 1e-7, STRIDE_FLOOR = 1e-10;
@@ -631,27 +631,29 @@ static double choose_stride(const rigid_robot *r, rigid_scratch *w, const double
 
 /*
  * Choose the modes of joints at rest in w->x: held ones need a torque within their band, others accelerate as they
- * slide. The first violation is exchanged, which ends as M is positive definite.
+ * slide. The first violation is exchanged, which ends as M is positive definite. Returns why that failed.
  */
-static void settle(const rigid_robot *r, const rigid_scratch *w, const double *torque)
+static int settle(const rigid_robot *r, const rigid_scratch *w, const double *torque)
 {
     const size_t n = r->n;
     const double *q = w->x, *dq = q + n, *z = q + 3 * n;
-    double *mode = w->x + 2 * n, most = 4.0;
+    double *mode = w->x + 2 * n;
+    int resting = 0;
     for (size_t i = 0; i < n; ++i) {
         w->rests[i] = (double)(mode[i] == 0.0);
-        most *= mode[i] == 0.0 ? 3.0 : 1.0;
+        resting |= mode[i] == 0.0;
     }
-    if (most < 5.0) {
-        return;
+    if (!resting) {
+        return WELL;
     }
     (void)r->mass(q, r->beta, w->mass);
     (void)r->bias(q, dq, r->beta, w->net);
     for (size_t i = 0; i < n; ++i) {
         w->net[i] = torque[i] - w->net[i];
     }
-    for (double turn = 0.0; turn < most; turn += 1.0) {
-        size_t wrong = n;
+    size_t wrong = 0;
+    for (size_t turn = 0; wrong < n && turn < MOST_TURNS; ++turn) {
+        wrong = n;
         double better = 0.0;
         find_drag(r, w, mode, q, dq, torque, z, w->drag);
         for (size_t i = 0; i < n; ++i) {
@@ -682,14 +684,14 @@ static void settle(const rigid_robot *r, const rigid_scratch *w, const double *t
             better = mode[i] == 0.0 ? pushed : (w->slope[i] * mode[i] < 0.0 ? 0.0 : mode[i]);
             wrong = w->rests[i] != 0.0 && better != mode[i] ? i : n;
         }
-        if (wrong == n) {
-            break;
+        if (wrong < n) {
+            mode[wrong] = better;
         }
-        mode[wrong] = better;
     }
     for (size_t i = 0; i < n; ++i) {
         mode[i] = mode[i] == 0.0 ? r->bristled[i] : mode[i];
     }
+    return wrong < n ? UNSETTLED : WELL;
 }
 
 /* The share of the step of h from w->x to w->y at which a joint stops: regula falsi by the Illinois rule. */
@@ -746,7 +748,9 @@ static int advance(const rigid_robot *r, rigid_scratch *w, const double *torque,
     double left = h, longest = h;
     w->tries = 0;
     while (left > 0.0) {
-        settle(r, w, torque);
+        if (settle(r, w, torque) != WELL) {
+            return UNSETTLED;
+        }
         const double taken = choose_stride(r, w, torque, fmin(left, longest), &longest);
         if (taken == 0.0) {
             return STEEP;

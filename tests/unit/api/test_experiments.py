@@ -33,6 +33,13 @@ def test_python_and_the_command_line_write_the_same_bytes(robot, found, tmp_path
     assert simulated.summarise() in printed
 
 
+def test_numbers_of_any_type_set_the_controller(robot):
+    given = {"period": np.float32(2**-9), "bandwidth": np.int64(10), "duration": 0.25}
+    plain = robot.simulate(period=2.0**-9, bandwidth=10.0, duration=0.25)
+    assert robot.simulate(**given).q.tobytes() == plain.q.tobytes()
+    assert np.ptp(plain.q) > 0.0
+
+
 def test_a_file_repeats_the_states_of_the_trajectory(robot, found, tmp_path):
     path = tmp_path / "motion.csv"
     motion = read_trajectory(found.save(path, rate=100, periods=2), robot.description)
@@ -77,6 +84,8 @@ def test_a_motion_is_scaled_about_its_centre_and_cut(robot, found):
         (lambda robot: robot.simulate(stiffness=[100.0, 10.0], damping=[-1.0, 1.0]), "usage.gains"),
         (lambda robot: robot.simulate(bandwidth=5, stiffness=[9.0, 9.0], damping=[1.0, 1.0]), "usage.gains"),
         (lambda robot: robot.simulate(stiffness=[9.0], damping=[1.0]), "usage.experiment"),
+        (lambda robot: robot.simulate(stiffness=["a", "b"], damping=[1.0, 1.0]), "usage.range"),
+        (lambda robot: robot.simulate(stiffness=9.0, damping=1.0), "usage.range"),
         (lambda robot: robot.excite(start=[0.0]), "usage.excitation"),
         (lambda robot: robot.excite(stiffness=[1.0, 1.0]), "usage.excitation"),
     ],

@@ -51,6 +51,35 @@ def test_stale_files_go_if_unchanged_and_a_users_files_stay(tmp_path):
     assert (tmp_path / "mine.c").read_text() == "mine"
 
 
+def nest(*paths):
+    digests = {path: compute_digest(path.encode()) for path in paths}
+    manifest = json.dumps({"symid": "0", "files": digests})
+    return SourceSet(files=tuple((path, path) for path in paths), manifest=manifest)
+
+
+def test_subfolders_that_a_run_leaves_empty_go_and_others_stay(tmp_path):
+    write_sources(nest("a.c", "old/deep/b.c", "kept/c.c"), tmp_path)
+    (tmp_path / "kept" / "mine.c").write_text("mine")
+    (tmp_path / "empty").mkdir()
+    write_sources(nest("a.c"), tmp_path)
+    assert names(tmp_path) == ["a.c", "empty", "kept", MANIFEST]
+    assert names(tmp_path / "kept") == ["mine.c"]
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_nothing_is_written_or_removed_through_a_link(tmp_path, force):
+    folder, foreign = tmp_path / "out", tmp_path / "foreign"
+    write_sources(nest("a.c", "src/b.c"), folder)
+    (folder / "src").rename(foreign)
+    (folder / "src").symlink_to(foreign)
+    with pytest.raises(OutputError, match="src") as caught:
+        write_sources(nest("a.c", "src/b.c", "src/deep/c.c"), folder, force=force)
+    assert code(caught) == ["output.linked-folder"]
+    write_sources(nest("a.c"), folder, force=force)
+    assert names(foreign) == ["b.c"]
+    assert (folder / "src").is_symlink()
+
+
 @pytest.mark.parametrize("force", [False, True])
 @pytest.mark.parametrize("name", ["thesis.tex", "a.c", ".git", MANIFEST])
 def test_a_foreign_folder_is_refused(tmp_path, name, force):

@@ -282,9 +282,18 @@ def test_a_spring_that_gives_way_is_an_error(elastic_robot, elastic_library):
 def test_an_unstable_loop_is_an_error_with_a_remedy(elastic_robot, elastic_library):
     wild = replace(CLEAN, gains=MotorGains(stiffness=(4000.0, 1500.0), damping=(1e5, 1e5)))
     free = change_joints(elastic_robot, limits=Limits())
-    with pytest.raises(SolverError, match="12 Hz") as caught:
+    with pytest.raises(SolverError, match="--stiffness") as caught:
         simulate(free, elastic_library, build_ta(duration=2.0), wild)
     assert caught.value.notices[0].code == "simulate.unstable"
+    # These gains do not follow from a bandwidth.
+    assert "--bandwidth" not in caught.value.notices[0].text
+
+
+def test_an_elastic_arm_that_its_motors_cannot_carry_is_refused(elastic_robot, elastic_library):
+    weak = change_joints(elastic_robot, limits=Limits(torque=1.0))
+    with pytest.raises(SolverError, match=r"'[a-z]+'.*reference.*torque limit is 1 N m") as caught:
+        simulate(weak, elastic_library, replace(build_ta(duration=4.0), centre=np.array([2.0, 0.0])))
+    assert {notice.code for notice in caught.value.notices} == {"simulate.not-held"}
 
 
 def test_a_robot_without_inertia_is_an_error(elastic_robot, elastic_library):
@@ -412,9 +421,7 @@ def test_defaults_are_those_of_a_noisy_clock_with_perfect_sensors():
 @pytest.mark.parametrize("name", ["two_link_harmonic", "puma560_elastic"])
 def test_other_elastic_robots_of_the_shelf(robots_folder, c_compiler, name):
     robot = read_robot(robots_folder / f"{name}.toml")
-    library = prepare_library(
-        robot, names=("forward_dynamics", "mass_matrix", "gravity", "energy", "friction")
-    )
+    library = prepare_library(robot, names=FUNCTIONS)
     trajectory = build_random_fourier(robot, np.random.default_rng(3), FourierOptions(duration=3.0))
     run = simulate(robot, library, trajectory, build_noisy_options())
     assert run.backend == "c"

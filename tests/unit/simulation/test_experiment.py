@@ -7,7 +7,7 @@ import pytest
 
 from symid.errors import SolverError, UsageError
 from symid.excitation.trajectories import build_ta, build_tb
-from symid.robot.description import Limits
+from symid.robot.description import Controller, Limits
 from symid.simulation.experiment import (
     ExperimentOptions,
     SensorOptions,
@@ -75,12 +75,40 @@ def test_the_same_seed_gives_the_same_bytes(make_robot, arm):
 
 
 def test_torque_limits_hold_and_are_said(make_robot, arm):
-    robot = make_robot(2, limits=(Limits(torque=20.0), Limits()))
+    # Its weight takes up to 36.3 N m.
+    robot = make_robot(2, limits=(Limits(torque=36.0), Limits()))
     run = simulate(robot, arm, replace(CLEAN, duration=1.0))
-    assert np.abs(run.torque[:, 0]).max() == 20.0
+    assert np.abs(run.torque[:, 0]).max() == 36.0
     # The arm of these tests is not compiled.
     assert [notice.code for notice in run.recording.notices] == ["simulate.slow-plant", "simulate.saturation"]
     assert "joint1" in run.recording.notices[1].text
+
+
+def test_an_arm_that_is_heavier_than_its_drives_is_refused(make_robot, arm):
+    robot = make_robot(2, limits=(Limits(torque=20.0), Limits()))
+    with pytest.raises(SolverError, match=r"'joint1'.*36.3 N m.*torque limit is 20 N m") as caught:
+        simulate(robot, arm, replace(CLEAN, duration=1.0))
+    assert [notice.code for notice in caught.value.notices] == ["simulate.not-held"]
+
+
+def test_soft_gains_that_let_a_joint_go_are_refused(make_robot, arm):
+    law = Controller(stiffness=(1.0, 1.0), damping=(1.0, 1.0), offset=(0.0, 0.0))
+    with pytest.raises(SolverError, match=r"gains are too low") as caught:
+        simulate(make_robot(2), arm, replace(CLEAN, controller=law))
+    assert {notice.code for notice in caught.value.notices} == {"simulate.not-held"}
+
+
+def test_gains_of_a_stated_bandwidth_that_differ_are_said(make_robot, arm):
+    def tell(bandwidth):
+        run = simulate(make_robot(2), arm, replace(CLEAN, duration=0.2, bandwidth=bandwidth))
+        codes = {notice.code: notice.text for notice in run.recording.notices}
+        return codes.get("simulate.bandwidth", ""), run.controller.stiffness[0] / bandwidth**2
+
+    (quiet, mean), (text, lowest) = tell(5.0), tell(60.0)
+    assert quiet == ""
+    assert lowest != pytest.approx(mean, rel=1e-3)
+    assert "is 60 Hz" in text
+    assert "lowest inertia" in text
 
 
 def test_a_run_begins_without_a_fall(make_robot, arm):

@@ -14,7 +14,7 @@ from symid.excitation.trajectories import build_random_fourier
 from symid.robot.toml_reader import parse_robot
 from symid.robot.urdf_reader import read_urdf
 from symid.simulation import rigid_plant
-from symid.simulation.experiment import ExperimentOptions, SensorOptions, simulate_experiment
+from symid.simulation.experiment import ExperimentOptions, SensorOptions, get_limits, simulate_experiment
 from symid.simulation.rigid_plant import RigidPlant, simulate_rigid_plant
 
 CALLED = ("friction", "friction_regressor", "forward_dynamics", "mass_matrix", "bias", "energy")
@@ -244,6 +244,63 @@ def test_a_robot_out_of_control_is_told_with_its_joint(make_arm):
     ) as caught:
         simulate(make_arm(damping=0.0), replace(CLEAN, bandwidth=300.0))
     assert caught.value.notices[0].code == "simulate.unstable"
+
+
+def test_gains_that_are_stated_are_what_is_to_be_lowered(make_arm):
+    wild = replace(CLEAN, stiffness=(9e5,) * 3, damping=(9e3,) * 3)
+    with pytest.raises(SolverError, match=r"lower the gains \(--stiffness, --damping\)") as caught:
+        simulate(make_arm(damping=0.0), wild)
+    assert "--bandwidth" not in caught.value.notices[0].text
+
+
+def test_damping_far_too_large_for_fixed_steps_is_no_chatter(make_arm, monkeypatch):
+    """Explicit steps reverse such a joint at every stop; those that their error allows do not."""
+    _, library = make_arm(damping=1e6)
+    plant, order = RigidPlant(library), push(swing(20, (8.0, 20.0, 3.0), 5.0))
+    assert simulate_rigid_plant(library, plant, order).log.end == "well"
+    run = rigid_plant._run_once
+    ends = []
+
+    def watch(library, plant, order, **options):
+        try:
+            ran = run(library, plant, order, **options)
+        except SolverError as error:
+            ends.append((order.controlled, error.notices[0].code))
+            raise
+        ends.append((order.controlled, ran.log.end))
+        return ran
+
+    monkeypatch.setattr(rigid_plant, "_run_once", watch)
+    simulate_rigid_plant(library, plant, order)
+    assert ends == [(False, "simulate.chatter"), (True, "well")]
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_no_choice_of_resting_joints_is_an_error_in_both_plants(make_arm, monkeypatch, compiled):
+    _, library = make_arm(dry=1.5)
+    plant = RigidPlant(library)
+    # With all masses and inertias negative every joint moves against its torque.
+    plant.beta = -plant.beta
+    if not compiled:
+        monkeypatch.setattr(rigid_plant, "load_plant_code", lambda *_, **__: None)
+    with pytest.raises(SolverError, match="not positive definite") as caught:
+        simulate_rigid_plant(library, plant, push(swing(20, (8.0, 20.0, 3.0), 5.0)))
+    assert caught.value.notices[0].code == "simulate.unsettled"
+
+
+def test_a_limit_of_zero_in_a_urdf_is_an_unknown_one(make_arm):
+    robot, library = make_arm(dry=1.5, effort=0.0)
+    assert np.all(np.isinf(get_limits(robot, "torque")))
+    assert np.abs(simulate((robot, library), replace(CLEAN, duration=0.2)).torque).max() > 1.0
+
+
+@pytest.mark.parametrize("kind", [int, np.float32])
+def test_numbers_of_any_type_are_seconds(make_arm, kind):
+    _, library = make_arm(dry=1.5)
+    plant, order = RigidPlant(library), push(swing(3, (8.0, 20.0, 3.0), 5.0))
+    one, same = (replace(order, period=period) for period in (1.0, kind(1)))
+    first, second = (simulate_rigid_plant(library, plant, one).log.q for one in (one, same))
+    assert first.tobytes() == second.tobytes()
 
 
 def test_the_controller_is_the_same_in_both_plants(make_arm, monkeypatch):
