@@ -73,11 +73,22 @@ def test_the_table_of_robots_is_that_of_the_folder(project, robots_folder):
 
 
 def test_the_example_of_writing_a_urdf_works_in_any_folder(project, tmp_path, monkeypatch):
-    (block,) = find_blocks(project, "urdf.md", "python")
+    (_, block) = find_blocks(project, "urdf.md", "python")
     monkeypatch.chdir(tmp_path)
     found = {}
     exec(block, found)  # noqa: S102
     assert len(parse_urdf(found["text"]).joints) == 7
+
+
+def test_mujoco_writes_the_inertias_of_geoms(project, tmp_path, monkeypatch):
+    pytest.importorskip("mujoco", reason="the extra mujoco is not installed")
+    (block, _) = find_blocks(project, "urdf.md", "python")
+    monkeypatch.chdir(tmp_path)
+    geom = '<joint name="j" type="hinge"/><geom type="sphere" size="0.1" density="1000"/>'
+    model = f'<mujoco><worldbody><body name="b">{geom}</body></worldbody></mujoco>'
+    (tmp_path / "arm.xml").write_text(model, encoding="utf-8")
+    exec(block, {})  # noqa: S102
+    assert "<inertial" in (tmp_path / "arm_inertial.xml").read_text(encoding="utf-8")
 
 
 def test_the_way_to_install_is_told(project):
