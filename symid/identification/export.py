@@ -15,7 +15,13 @@ from pathlib import Path
 import numpy as np
 
 from symid.codegen import build_library_prefix, build_model_card, clean_text, prepare_library
-from symid.dynamics import BaseParameters, StandardSet, build_grouping, derive_base_parameters
+from symid.dynamics import (
+    BaseParameters,
+    IdentifiedRobot,
+    StandardSet,
+    build_grouping,
+    derive_base_parameters,
+)
 from symid.environment import write_file
 from symid.errors import EstimateError, Notice, RobotError, UsageError
 from symid.identification.elastic import build_rigid_variant
@@ -236,15 +242,8 @@ def write_identified(
         OutputError: the file cannot be written.
     """
     suffix = check_format(path, precision)
-    rotorless = _choose_kind(found.robot, path) == "URDF"
-    identified = build_robot(found, grouped=not rotorless)
-    if rotorless and identified.standard.reason:
-        # Links that cannot hold the inertia of their rotors as well.
-        identified = build_robot(found)
-    costs: tuple[JointCost, ...] = ()
-    if identified.standard.reason:
-        costs = measure_costs(identified.standard, found, prepare_library(found.robot), limit)
-        _refuse_costs(costs, identified.standard.reason, source)
+    identified, costs = _build_bodies(found, limit, rotorless=_choose_kind(found.robot, path) == "URDF")
+    _refuse_costs(costs, identified.standard.reason, source)
     sources = tuple(Path(entry).name for entry in found.sources)
     before = f"; before: {identified.robot.source}" if identified.robot.source else ""
     robot = replace(identified.robot, source=f"Values identified from {', '.join(sources)}{before}")
@@ -272,6 +271,25 @@ def write_identified(
         kind=written.kind,
         notices=(*list_warnings(identified, found, source), *written.notices, *warnings),
     )
+
+
+def _build_bodies(
+    found: Identified, limit: float | None, *, rotorless: bool
+) -> tuple[IdentifiedRobot, tuple[JointCost, ...]]:
+    """Return the robot with its bodies, and what they cost where they are not those identified.
+
+    Of a format that is `rotorless` for simulators links have the inertia of their rotors, if they can.
+    """
+    identified = build_robot(found, grouped=not rotorless)
+    if not identified.standard.reason:
+        return identified, ()
+    library = prepare_library(found.robot)
+    costs = measure_costs(identified.standard, found, library, limit)
+    if rotorless and (not costs or any(entry.percent > entry.limit for entry in costs)):
+        identified = build_robot(found)
+        exact = not identified.standard.reason
+        costs = () if exact else measure_costs(identified.standard, found, library, limit)
+    return identified, costs
 
 
 def _refuse_costs(costs: Sequence[JointCost], reason: str, source: Path) -> None:
