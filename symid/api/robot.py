@@ -1170,6 +1170,9 @@ class RobotModel:
         )
 
 
+_ROUNDED = ("robot.angle-snapped", "robot.axis-snapped")
+
+
 def load(
     robot: str | PathLike[str],
     *,
@@ -1209,7 +1212,6 @@ def load(
         >>> symid.load("panda").name
         'panda'
     """
-    from symid.dynamics import choose_reading
     from symid.robot import load_robot
 
     check_choice("backend", backend, BACKENDS)
@@ -1230,7 +1232,12 @@ def load(
         convention=convention,
         gravity=written,
     )
-    described = choose_reading(read) if snap is None else read(snap=snap)
+    described = read(snap=snap)
+    if snap is None and any(notice.code in _ROUNDED for notice in described.notices):
+        # Loads SymPy: only where an angle was rounded.
+        from symid.dynamics import choose_reading
+
+        described = choose_reading(read)
     return RobotModel(description=described, backend=backend, progress=progress)
 
 

@@ -93,6 +93,11 @@ def test_the_export_of_a_wrong_fit_is_refused(capsys, fits, tmp_path):
     assert "--accept" in answer["errors"][0]["text"]
     assert not path.exists()
     code, answer = call_json(capsys, "export", "two_link", fits[1], "-o", path, "--accept")
+    # Bodies that cannot have its values are another matter.
+    assert (code, answer["errors"][0]["code"]) == (3, "export.cost")
+    code, answer = call_json(
+        capsys, "export", "two_link", fits[1], "-o", path, "--accept", "--limit", "1e6"
+    )
     assert code == 0
     assert answer["warnings"][0]["code"] == "identify.wrong"
     assert path.exists()

@@ -10,7 +10,7 @@ from scipy.linalg import expm
 from symid.codegen.cache import prepare_library
 from symid.codegen.compiled_models import PlantExperiment, has_addresses, load_plant_code
 from symid.joint_models import FrictionValues
-from symid.simulation import elastic_plant
+from symid.simulation import rigid_plant
 from symid.simulation.elastic_plant import (
     Springs,
     build_plant_robot,
@@ -386,7 +386,7 @@ def test_a_compiler_that_fails_is_told(elastic_library, numbers, monkeypatch):
     def fail(*_, **__):
         raise GenerationError(Notice(code="codegen.compiler-failed", text="no headers"))
 
-    monkeypatch.setattr(elastic_plant, "load_plant_code", fail)
+    monkeypatch.setattr(rigid_plant, "load_plant_code", fail)
     run = simulate_plant(elastic_library, numbers, order_run(ticks=3))
     assert "no headers" in run.notices[0].text
 
