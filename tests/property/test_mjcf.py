@@ -163,5 +163,6 @@ def test_frames_of_bodies_are_those_of_mujoco(turns, places, sequence, unit, see
     mujoco.mj_forward(model, data)
     poses = find_link_poses(parse_mjcf(text, snap=0.0), data.qpos)
     for name, pose in zip("ab", poses, strict=True):
-        np.testing.assert_allclose(pose.translation, data.body(name).xpos, rtol=0, atol=1e-11)
-        np.testing.assert_allclose(pose.rotation.ravel(), data.body(name).xmat, rtol=0, atol=1e-12)
+        # Frames are turned to common normals with 12 digits; of nearly parallel axes fewer of them are left.
+        np.testing.assert_allclose(pose.translation, data.body(name).xpos, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(pose.rotation.ravel(), data.body(name).xmat, rtol=0, atol=1e-9)
