@@ -180,17 +180,12 @@ def read_states(path, cutoff, factor):
     return position, velocity, acceleration, torque, lambda values: sosfiltfilt(sections, values, padlen=24)
 
 
-def read_comments(folder):
-    """Return from the comments of the URDF what it has no words for: offsets and rotors, joint by joint."""
-    text = (folder / "arm_identified.urdf").read_text(encoding="utf-8")
-    found = []
-    for joint in JOINTS:
-        (values,) = re.findall(
-            rf"joint {joint}: friction model coulomb-viscous-offset, values (.*?) \(", text
-        )
-        (rotor,) = re.findall(rf"joint {joint}: rotor inertia (\S+) on the joint's side", text)
-        found.append((*map(float, values.split()), float(rotor)))
-    return np.array(found).T
+def read_rest(folder):
+    """Return from the estimate what the URDF has no words for: offsets, and rotors that stand alone."""
+    found = json.loads((folder / "estimate.json").read_text(encoding="utf-8"))["parameters"]
+    values = {entry["name"]: entry["value"] for entry in found}
+    numbers = range(1, len(JOINTS) + 1)
+    return (np.array([values.get(f"{name}{number}", 0.0) for number in numbers]) for name in ("offset", "IA"))
 
 
 def test_pinocchio_foretells_the_other_motion_as_validate_says(walk):
@@ -198,8 +193,9 @@ def test_pinocchio_foretells_the_other_motion_as_validate_says(walk):
     folder, steps = walk
     model = pin.buildModelFromUrdf(str(folder / "arm_identified.urdf"))
     data = model.createData()
-    viscous, dry, offset, rotor = read_comments(folder)
-    np.testing.assert_allclose(model.damping, viscous, rtol=1e-9)
+    offset, rotor = read_rest(folder)
+    assert np.flatnonzero(rotor).tolist() == [2]
+    viscous, dry = model.damping, model.upperDryFrictionLimit
     used = json.loads((folder / "estimate.json").read_text(encoding="utf-8"))["settings"]["processing"]
     cutoff, factor = used["filter_cutoff"], used["decimation"]["factor"]
     assert f"low-pass at {cutoff:g} Hz; decimation by {factor} " in steps[3][2]

@@ -95,9 +95,7 @@ def test_the_export_of_a_wrong_fit_is_refused(capsys, fits, tmp_path):
     code, answer = call_json(capsys, "export", "two_link", fits[1], "-o", path, "--accept")
     # Bodies that cannot have its values are another matter.
     assert (code, answer["errors"][0]["code"]) == (3, "export.cost")
-    code, answer = call_json(
-        capsys, "export", "two_link", fits[1], "-o", path, "--accept", "--limit", "1e6"
-    )
+    code, answer = call_json(capsys, "export", "two_link", fits[1], "-o", path, "--accept", "--limit", "1e6")
     assert code == 0
     assert answer["warnings"][0]["code"] == "identify.wrong"
     assert path.exists()

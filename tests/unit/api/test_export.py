@@ -1,6 +1,5 @@
 """Exports of robots and of fits in memory, read back by symid and by Pinocchio."""
 
-import numpy as np
 import pinocchio as pin
 import pytest
 
