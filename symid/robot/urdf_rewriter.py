@@ -21,8 +21,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from symid.arrays import FloatArray
+from symid.errors import Notice, RobotError
 from symid.joint_models import NO_FRICTION
-from symid.robot.description import Joint, Robot, SourceFile
+from symid.robot.description import Joint, Robot
 from symid.robot.geometry import (
     IDENTITY,
     ZERO,
@@ -84,9 +85,11 @@ def rewrite_urdf(text: str, robot: Robot) -> RewrittenFile:
     cut off included, as identified ones do.
 
     Raises:
-        RobotError: the text is no URDF.
+        RobotError: the text is no URDF, or the robot was made from none.
     """
-    made = robot.made_from or SourceFile(file=robot.path, sha256="")
+    if (made := robot.made_from) is None:
+        text = f"robot {robot.name!r} was made from no URDF; write a new one (-o FILE)"
+        raise RobotError(Notice(code="robot.not-made", text=text, file=robot.path))
     before = parse_urdf(text, robot.path, base=made.base, tip=made.tip, snap=made.snap)
     document = parse_document(text, robot.path)
     reading = read_parts(document, made.snap)

@@ -123,7 +123,10 @@ def name_terms(robot):
     }
 
 
-PARTS = st.floats(-3, 3, allow_nan=False, allow_subnormal=False).map(lambda value: round(value, 6))
+# Six decimals, none so small that what it turns lies within 1e-9 rad of a right angle: readers round there.
+PARTS = st.floats(-3, 3, allow_nan=False, allow_subnormal=False).map(
+    lambda value: round(value, 6) if abs(value) > 1e-3 else 0.0
+)
 ORIENTATIONS = {"quat": 4, "axisangle": 4, "euler": 3, "xyaxes": 6, "zaxis": 3}
 
 
@@ -163,6 +166,20 @@ def test_frames_of_bodies_are_those_of_mujoco(turns, places, sequence, unit, see
     mujoco.mj_forward(model, data)
     poses = find_link_poses(parse_mjcf(text, snap=0.0), data.qpos)
     for name, pose in zip("ab", poses, strict=True):
-        # Frames are turned to common normals with 12 digits; of nearly parallel axes fewer of them are left.
-        np.testing.assert_allclose(pose.translation, data.body(name).xpos, rtol=0, atol=1e-9)
-        np.testing.assert_allclose(pose.rotation.ravel(), data.body(name).xmat, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(pose.translation, data.body(name).xpos, rtol=0, atol=1e-11)
+        np.testing.assert_allclose(pose.rotation.ravel(), data.body(name).xmat, rtol=0, atol=1e-12)
+
+
+def test_angles_below_a_billionth_are_taken_as_rounding():
+    """An axis that is 2e-10 rad from a right angle counts as at one, as in URDFs."""
+    text = (
+        '<mujoco><worldbody><body name="a"><joint axis="1 2 -1"/><geom size="0.1"/>'
+        '<body name="b" quat="2.4e-05 1 1 0"><joint type="slide" axis="0 1 1"/><geom size="0.1"/></body>'
+        "</body></worldbody></mujoco>"
+    )
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    pose = find_link_poses(parse_mjcf(text, snap=0.0), np.zeros(2))[1]
+    moved = np.abs(pose.rotation.ravel() - data.body("b").xmat).max()
+    assert 1e-11 < moved < 1e-9

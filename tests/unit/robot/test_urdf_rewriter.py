@@ -7,6 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from symid.errors import RobotError
 from symid.joint_models import FrictionValues
 from symid.robot.inertia import build_pseudo_inertias
 from symid.robot.toml_reader import parse_robot
@@ -296,3 +297,9 @@ def test_followers_of_what_stands_still_stand_where_the_reader_has_them():
     robot = give_values(parse_urdf(text))
     back = parse_urdf(rewrite_urdf(text, robot).text)
     np.testing.assert_allclose(back.joints[0].inertial, robot.joints[0].inertial, rtol=0, atol=1e-9)
+
+
+def test_a_robot_of_no_file_is_refused():
+    with pytest.raises(RobotError) as caught:
+        rewrite_urdf(FILE, dataclasses.replace(parse_urdf(FILE), made_from=None))
+    assert caught.value.notices[0].code == "robot.not-made"
