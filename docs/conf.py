@@ -20,7 +20,7 @@ napoleon_use_ivar = True
 default_role = "code"
 source_suffix = {".md": "markdown"}
 exclude_patterns = ["_build"]
-myst_heading_anchors = 3
+myst_heading_anchors = 4
 
 html_theme = "furo"
 html_title = f"symid {release}"
