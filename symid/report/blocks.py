@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache
-from itertools import zip_longest
+from itertools import count, groupby, zip_longest
 from operator import attrgetter
 from typing import Any
 
@@ -197,8 +197,45 @@ def write_html(blocks: Sequence[Block], *, failed: bool = False) -> str:
 
 
 def write_elements(blocks: Iterable[Block]) -> str:
-    """Return the blocks as elements of HTML, without their style."""
-    return "\n".join(map(_write_element, blocks))
+    """Return the blocks as elements of HTML, without their style; figures in a row stand side by side."""
+    parts = []
+    for drawn, group in groupby(blocks, key=lambda block: isinstance(block, Drawing)):
+        elements = [_write_element(block) for block in group]
+        several = drawn and len(elements) > 1
+        parts += [f'<div class="figures">{"".join(elements)}</div>'] if several else elements
+    return "\n".join(parts)
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A part of a page: its heading, its address within the page, and its blocks as HTML."""
+
+    title: str
+    anchor: str
+    body: str
+
+
+def split_sections(blocks: Sequence[Block], taken: Iterable[str] = ()) -> tuple[Section, ...]:
+    """Return the sections that headings `== heading ==` begin; blocks before the first one have no title.
+
+    Anchors are the headings in small letters, with a number where two are alike or one is `taken`.
+    """
+    found: list[tuple[str, list[Block]]] = [("", [])]
+    for block in blocks:
+        heading = _HEADING.fullmatch(block) if isinstance(block, str) else None
+        if heading and heading[1] == "==":
+            found.append((heading[2], []))
+        else:
+            found[-1][1].append(block)
+    used, sections = set(taken), []
+    for title, inner in found:
+        if not title and not inner:
+            continue
+        plain = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-") or "begin"
+        anchor = next(name for k in count(1) if (name := plain if k == 1 else f"{plain}-{k}") not in used)
+        used.add(anchor)
+        sections.append(Section(title, anchor, write_elements(inner)))
+    return tuple(sections)
 
 
 def _write_element(block: Block) -> str:

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -43,8 +43,19 @@ from symid.report.figures import (
 )
 from symid.report.fit_text import show_effects, show_residual
 from symid.report.identification_page import UNTESTED
-from symid.report.pages import Page, build_fit_page, format_error, show_refused, tabulate_parameters
-from symid.report.verdict import judge_elastic
+from symid.report.pages import (
+    TOLD,
+    Page,
+    build_fit_page,
+    draw_certainty,
+    format_error,
+    format_percent,
+    show_refused,
+    tabulate_groupings,
+    tabulate_parameters,
+    write_minus,
+)
+from symid.report.verdict import compute_spring_share, judge_elastic
 
 if TYPE_CHECKING:
     from symid.identification.elastic import TrackingRun
@@ -67,12 +78,13 @@ def build_elastic_page(
     *,
     iterated: ElasticEstimate | None = None,
     tracking: "Sequence[TrackingRun]" = (),
+    **options: Any,  # noqa: ANN401  fields of the page
 ) -> Page:
     """Return all that the page shows.
 
     `trials` are what the estimate predicts of logs, held out or not; iterations of `iterated`, from the same
     logs, are shown where the result has none; `tracking` are motions with several feed-forwards. `notices`
-    and `origin` are those of `build_identification_page`.
+    and `origin` are those of `build_identification_page`, `options` further fields of the page.
     """
     refused = {name for name, _ in estimate.refused}
     kept = [entry for entry in estimate.parameters if entry.name not in refused]
@@ -91,33 +103,80 @@ def build_elastic_page(
         *_show_trials(trials),
         *(("== Springs ==",) if springs else ()),
         *(block for entry in springs for block in show_spring(entry)),
-        *("== Parameters ==", tabulate_parameters(kept), *show_refused(estimate.refused)),
+        *(
+            "== Parameters ==",
+            tabulate_parameters(kept),
+            *draw_certainty(kept),
+            *show_refused(estimate.refused),
+        ),
         *(("== Drives and sensors ==", show_effects(estimate)) if estimate.effects else ()),
+        *(_show_tracking(estimate, tracking) if tracking else ()),
+        *(() if trials else ("== Held-out logs ==", UNTESTED)),
+    )
+    more = (
         *("== Methods ==", f"{estimate.reason[:1].upper()}{estimate.reason[1:]}."),
         *_compare_methods(estimate),
         *_show_convergence(course),
-        *(_show_tracking(estimate, tracking) if tracking else ()),
+        *_show_errors(trials),
         "== Residual of the fit ==",
         show_residual(
             estimate.residual, "Motor torque by motor dynamics and springs, in the logs of the fit."
         ),
         show_residual((estimate.energy,), "Energy over windows, in the logs of the fit."),
+        "== What each parameter groups ==",
+        tabulate_groupings(kept),
     )
     return build_fit_page(
         estimate,
         subject="identified dynamics and springs",
         verdict=judge_elastic(estimate, trials),
+        numbers=_list_numbers(estimate, trials),
+        lead=_draw_lead(estimate, trials),
         blocks=blocks,
+        more=more,
         settings=settings,
         notices=notices,
         origin=origin,
         conventions="torsion is motor minus link position; torques and inertias are on the joint side",
+        **options,
     )
 
 
+def _list_numbers(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> list[tuple[str, str]]:
+    """Return the numbers that matter: what dynamics and springs leave of torques, what is told from zero."""
+    held_out = [trial for trial in trials if not trial.fitted]
+    numbers, told = [], {spring.joint for spring in estimate.springs if spring.told}
+    if held_out:
+        dynamics = max(entry.relative_percent for trial in held_out for entry in trial.residuals[0][1])
+        springs = [compute_spring_share(joint) for trial in held_out for joint in trial.joints]
+        where = "in the held-out log"
+    elif estimate.evidence is not None:
+        dynamics, where = max(estimate.evidence.held_out), "in stretches held out in turn"
+        pairs = zip(estimate.evidence.springs, estimate.residual, strict=False)
+        springs = [share for share, entry in pairs if entry.joint in told]
+    else:
+        dynamics, where = max(entry.relative_percent for entry in estimate.residual), "in the logs of the fit"
+        springs = []
+    numbers.append((format_percent(dynamics), f"of a motor's torque unexplained at most, {where}"))
+    if springs and all(share is not None for share in springs):
+        worst = max(share for share in springs if share is not None)
+        numbers.append((format_percent(worst), "of a joint's torque left by its spring, at most"))
+    if estimate.covariance:
+        count = sum(abs(entry.value) >= TOLD * entry.std for entry in estimate.parameters)
+        numbers.append((f"{count} of {len(estimate.parameters)}", "parameters told from zero"))
+    return numbers
+
+
+def _draw_lead(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> Drawing | None:
+    """Return the loops of the first joint in a held-out log, or else its identified spring."""
+    for trial in trials:
+        if not trial.fitted and trial.joints:
+            return draw_loops(trial.joints[0])
+    told = [entry for entry in estimate.springs if entry.told]
+    return draw_branches(told[0]) if told else None
+
+
 def _show_trials(trials: Sequence[ElasticTrial]) -> Iterator[Block]:
-    if not trials:
-        yield from ("== Hysteresis loops ==", UNTESTED)
     for trial in trials:
         yield f"== Hysteresis loops: {trial.source} =="
         yield (
@@ -128,13 +187,20 @@ def _show_trials(trials: Sequence[ElasticTrial]) -> Iterator[Block]:
             yield f"=== {joint.joint} ==="
             yield draw_loops(joint)
             yield draw_loops(joint, opened=True)
+        yield from (show_residual(lines, text) for text, lines in trial.residuals)
+
+
+def _show_errors(trials: Sequence[ElasticTrial]) -> Iterator[Block]:
+    """Yield what springs leave of joint torques over time."""
+    for trial in trials:
+        yield f"== Residual of {trial.source} =="
+        for joint in trial.joints:
             if joint.final is not None:
                 label, linear = _get_linear_torque(joint)
                 first = (label, "initial", joint.motor - linear)
                 errors = list_lines(joint.time, first, ("identified", "final", joint.motor - joint.final))
-                caption = f"Measured joint torque of {joint.joint} less the torque of the spring."
+                caption = f"When does the spring miss? Joint torque of {joint.joint} less that of the spring."
                 yield build_line_figure(caption, ("time (s)", f"difference ({joint.unit})"), errors)
-        yield from (show_residual(lines, text) for text, lines in trial.residuals)
 
 
 def draw_loops(entry: JointTrial, *, opened: bool = False) -> Drawing:
@@ -220,7 +286,7 @@ def _list_knees(spring: Elasticity) -> tuple[tuple[str, str], ...]:
         for knee in sorted(knees, key=lambda knee: knee.threshold * side):
             slope += knee.slope
             result.append((knee.threshold, slope))
-    return tuple((_write_minus(f"{torque:.4g}"), f"{slope:.4g}") for torque, slope in sorted(result))
+    return tuple((write_minus(f"{torque:.4g}"), f"{slope:.4g}") for torque, slope in sorted(result))
 
 
 def _choose_amplitude(estimate: SpringEstimate) -> float:
@@ -299,7 +365,7 @@ def _describe_reach(estimate: SpringEstimate) -> Iterator[str]:
         yield f"True stops from {first} on never slipped: their stiffness is a part of k0 here."
     far = [knee.threshold for knee in estimate.elasticity.knees if abs(knee.threshold) > estimate.torque]
     if far:
-        names = ", ".join(_write_minus(f"{value:.3g}") for value in far)
+        names = ", ".join(write_minus(f"{value:.3g}") for value in far)
         yield f"The torque never reached the knees at {names} {unit}: the slope beyond is not identifiable."
     if not (estimate.elasticity.stops or estimate.elasticity.branches):
         yield "No stop has any stiffness: the identified spring has no hysteresis."
@@ -334,10 +400,6 @@ def _sweep_torsion(*turns: float) -> FloatArray:
     """Return torsions from zero to each of `turns`, `_SAMPLES` steps a way."""
     parts = [np.linspace(start, end, _SAMPLES + 1)[1:] for start, end in pairwise((0.0, *turns))]
     return np.concatenate([np.zeros(1), *parts])
-
-
-def _write_minus(text: str) -> str:
-    return text.replace("-", "\N{MINUS SIGN}")
 
 
 def _compare_methods(estimate: ElasticEstimate) -> Iterator[Block]:

@@ -22,14 +22,15 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.report.blocks import Drawing
 
-WIDTH = 860
+WIDTH = 560
+"""Of a figure: half a page on a desk, the whole of a telephone, where its letters stay legible."""
 _SMALLEST, _LARGEST = 1e-300, 1e300
 """Ends of axes: the least of a logarithmic one, and the greatest. What lies beyond is not in the drawing."""
 _RIGHT, _BOTTOM = 14, 46
-_CHARACTER = 6.7
+_CHARACTER = 7.2
 """Width of a character of the legend on average, in the unit of the drawing."""
 _LEGEND_ROW = 19.0
-_SUPERSCRIPT = str.maketrans(
+SUPERSCRIPT = str.maketrans(
     "-0123456789",
     "\N{SUPERSCRIPT MINUS}\N{SUPERSCRIPT ZERO}\N{SUPERSCRIPT ONE}\N{SUPERSCRIPT TWO}\N{SUPERSCRIPT THREE}"
     "\N{SUPERSCRIPT FOUR}\N{SUPERSCRIPT FIVE}\N{SUPERSCRIPT SIX}\N{SUPERSCRIPT SEVEN}"
@@ -89,7 +90,7 @@ class PlotArea:
 
     x: Axis
     y: Axis
-    height: float = 270.0
+    height: float = 230.0
     top: float = 14.0
     left: float = 74.0
 
@@ -136,7 +137,7 @@ def _draw_axes(frame: PlotArea, labels: tuple[str, str], *, names: bool = False)
     """Return grid, numbers and labels; with `names` the rows are named elsewhere, and have no numbers."""
     top, bottom, left, right = frame.top, frame.bottom, frame.left, frame.right
     parts = []
-    for tick in frame.x.choose_ticks(8):
+    for tick in frame.x.choose_ticks(5):
         x = frame.place_x(tick)
         text = format_tick(tick, logarithmic=frame.x.logarithmic)
         parts.append(f'<line class="grid" x1="{x:.1f}" y1="{top:g}" x2="{x:.1f}" y2="{bottom:g}"/>')
@@ -166,7 +167,7 @@ def _draw_legend(styles: Mapping[str, str]) -> tuple[list[str], float]:
     rows: list[list[tuple[str, float]]] = [[]]
     for label in styles:
         width = 31.0 + _CHARACTER * len(label) + 16.0
-        if rows[-1] and sum(other for _, other in rows[-1]) + width > WIDTH - 90:
+        if rows[-1] and sum(other for _, other in rows[-1]) + width > WIDTH - 30:
             rows.append([])
         rows[-1].append((label, width))
     parts = []
@@ -187,7 +188,7 @@ def format_tick(value: float, *, logarithmic: bool = False) -> str:
         power = math.floor(math.log10(value) + 1e-9)
         factor = value / _raise_ten(power)
         head = "10" if abs(factor - 1.0) < 1e-6 else f"{factor:g}\N{MULTIPLICATION SIGN}10"
-        return head + str(power).translate(_SUPERSCRIPT)
+        return head + str(power).translate(SUPERSCRIPT)
     return f"{value:.6g}".replace("-", "\N{MINUS SIGN}") if abs(value) > 1e-300 else "0"
 
 
@@ -195,8 +196,8 @@ def _format_points(x: FloatArray, y: FloatArray) -> str:
     return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
 
 
-def _wrap_figure(caption: str, height: float, body: Sequence[str]) -> Drawing:
-    head = f'<svg viewBox="0 0 {WIDTH} {height:g}" role="img" xmlns="http://www.w3.org/2000/svg">'
+def _wrap_figure(caption: str, height: float, body: Sequence[str], width: float = WIDTH) -> Drawing:
+    head = f'<svg viewBox="0 0 {width:g} {height:g}" role="img" xmlns="http://www.w3.org/2000/svg">'
     return Drawing(f"{head}<title>{escape(caption)}</title>{''.join(body)}</svg>", caption)
 
 
@@ -316,12 +317,12 @@ def build_line_figure(
         lines = [replace(line, x=line.x[kept], y=line.y[kept]) for line, kept in positive if kept.any()]
     x = replace(build_axis([line.x for line in lines], 0.03 if whole else 0.0), whole=whole)
     y = build_axis([line.y for line in lines], 0.05, logarithmic=logarithmic)
-    frame = PlotArea(x=x, y=y, height=251.0)
+    frame = PlotArea(x=x, y=y, height=230.0)
     return _build_figure(caption, labels, lines, frame, thin_line)
 
 
 def build_curve_figure(
-    caption: str, labels: tuple[str, str], lines: Sequence[Line], *, height: float = 420.0
+    caption: str, labels: tuple[str, str], lines: Sequence[Line], *, height: float = 340.0
 ) -> Drawing:
     """Return curves y(x) that need be no functions of x, such as hysteresis loops, clouds and areas.
 
@@ -386,7 +387,7 @@ def build_histogram(caption: str, labels: tuple[str, str], values: FloatArray) -
         scale = len(values) * width / (deviation * math.sqrt(2.0 * math.pi))
         normal = scale * np.exp(-0.5 * ((x - mean) / deviation) ** 2)
     largest = max(float(counts.max()), float(normal.max()), 1.0)
-    frame = PlotArea(x=axis, y=Axis(low=0.0, high=1.05 * largest), height=270.0)
+    frame = PlotArea(x=axis, y=Axis(low=0.0, high=1.05 * largest), height=230.0)
     body = _draw_axes(frame, labels)
     for count, (left, right) in zip(counts, pairwise(edges), strict=True):
         start, top = frame.place_x(left), frame.place_y(float(count))
@@ -397,18 +398,22 @@ def build_histogram(caption: str, labels: tuple[str, str], values: FloatArray) -
     return _wrap_figure(caption, frame.height, body)
 
 
-def build_mark_figure(caption: str, label: str, marks: Sequence[Mark]) -> Drawing:
+def build_mark_figure(
+    caption: str, label: str, marks: Sequence[Mark], *, dense: bool = False, limit: float | None = None
+) -> Drawing:
     """Return values in rows from top to bottom; `label` names the axis, with its unit.
 
-    Marks, not bars, because the axis is logarithmic where the values differ by more than a factor.
+    Marks, not bars, because the axis is logarithmic where the values differ by more than a factor. `dense`
+    rows are as low as letters allow; a line stands at `limit`.
     """
-    ends = np.array([entry.value for entry in marks])
+    row_height, radius = (19.0, 4.0) if dense else (30.0, 5.5)
+    ends = np.array([entry.value for entry in marks] + ([] if limit is None else [limit]))
     logarithmic = bool(ends.min() > 0.0 and float(ends.max()) / float(ends.min()) > _LOGARITHMIC_RATIO)
     axis = build_axis([ends] if logarithmic else [np.append(ends, 0.0)], 0.04, logarithmic=logarithmic)
-    left = 24.0 + 7.0 * max(len(entry.label) for entry in marks)
+    left = 24.0 + 7.6 * max(len(entry.label) for entry in marks)
     # The digits stand right of the marks and need room even there.
-    room = 18.0 + 6.7 * max(len(entry.text) for entry in marks)
-    share = room / (WIDTH - left - room)
+    room = 18.0 + _CHARACTER * max(len(entry.text) for entry in marks)
+    share = room / max(WIDTH - left - room, room)
     if logarithmic:
         decades = math.log10(axis.high) - math.log10(axis.low)
         is_beyond = math.log10(axis.high) + share * decades > math.log10(_LARGEST)
@@ -416,8 +421,14 @@ def build_mark_figure(caption: str, label: str, marks: Sequence[Mark]) -> Drawin
     else:
         high = axis.high + share * (axis.high - axis.low)
     rows = Axis(low=float(len(marks)), high=0.0)
-    frame = PlotArea(x=replace(axis, high=high), y=rows, height=60.0 + 34.0 * len(marks), left=left)
+    height = 60.0 + row_height * len(marks)
+    frame = PlotArea(x=replace(axis, high=high), y=rows, height=height, left=left)
     body = _draw_axes(frame, (label, ""), names=True)
+    if limit is not None:
+        x = float(frame.place_x(limit))
+        body.append(
+            f'<line class="line virgin" x1="{x:.1f}" y1="{frame.top:g}" x2="{x:.1f}" y2="{frame.bottom:g}"/>'
+        )
     for row, entry in enumerate(marks):
         style = "chosen" if entry.chosen else "other"
         x, y = float(frame.place_x(entry.value)), float(frame.place_y(row + 0.5))
@@ -425,9 +436,10 @@ def build_mark_figure(caption: str, label: str, marks: Sequence[Mark]) -> Drawin
         body += [
             f'<line class="grid" x1="{left:g}" y1="{y:.1f}" x2="{frame.right:g}" y2="{y:.1f}"/>',
             f'<text class="{style}" {place}>{escape(entry.label)}</text>',
-            f'<circle class="mark {style}" cx="{x:.1f}" cy="{y:.1f}" r="5.5"/>',
-            f'<text class="{style}" x="{x + 12:.1f}" y="{y + 4:.1f}">{escape(entry.text)}</text>',
+            f'<circle class="mark {style}" cx="{x:.1f}" cy="{y:.1f}" r="{radius:g}"/>',
         ]
+        if entry.text:
+            body.append(f'<text class="{style}" x="{x + 12:.1f}" y="{y + 4:.1f}">{escape(entry.text)}</text>')
     return _wrap_figure(caption, frame.height, body)
 
 
@@ -465,6 +477,8 @@ def build_flow_chart(
     arrows: Sequence[Arrow],
     titles: Sequence[tuple[Point, str]],
     height: float,
+    *,
+    width: float,
 ) -> Drawing:
     """Return boxes and arrows between them, and `titles` of parts of the chart."""
     body = [
@@ -475,7 +489,7 @@ def build_flow_chart(
         body += _draw_arrow(arrow)
     for box in boxes:
         body += _draw_box(box)
-    return _wrap_figure(caption, height, body)
+    return _wrap_figure(caption, height, body, width)
 
 
 def _draw_box(box: Box) -> list[str]:

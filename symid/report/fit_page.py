@@ -6,6 +6,7 @@ Supported: estimates of rigid and elastic robots, results of friction (whose law
 """
 
 import math
+import shlex
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from symid.errors import Notice, UsageError
 from symid.identification import TaskContext, diagnose_fit
 from symid.identification.elastic import (
     ElasticEstimate,
+    ElasticTrial,
     build_rigid_estimate,
     build_rigid_variant,
     check_settings,
@@ -161,6 +163,26 @@ def _write(path: Path, page: Page, **found: Any) -> WrittenPage:  # noqa: ANN401
     return WrittenPage(file=write_page(path, page), robot=page.robot, verdict=page.verdict, **found)
 
 
+def _suggest_step(
+    estimate: Estimate | ElasticEstimate,
+    verdict: FitVerdict,
+    tried: Sequence[Validation | ElasticTrial],
+    known: tuple[Robot, TaskContext] | None,
+    file: str,
+) -> tuple[str, str]:
+    """Return the command that an expert would type after this verdict, and what for."""
+    robot = str(known[0].path) if known is not None and known[0].path else estimate.robot
+    if verdict.level in {"wrong", "doubtful"}:
+        return shlex.join(["symid", "check", robot, *estimate.sources]), "Look for the cause"
+    if all(entry.fitted for entry in tried):
+        command = shlex.join(["symid", "validate", robot, file or "ESTIMATE"])
+        return f"{command} LOG", "Test it on a log of another motion"
+    target = f"{estimate.robot}_identified.toml"
+    return shlex.join(
+        ["symid", "export", robot, file or "ESTIMATE", "-o", target]
+    ), "Write a robot file with these values"
+
+
 def _load_logs(
     robot: Robot, logs: Sequence[Path | Recording], test: Sequence[LogPart], context: TaskContext
 ) -> tuple[Library, tuple[Recording, ...], tuple[Notice, ...], tuple[str, ...]]:
@@ -209,7 +231,16 @@ def _write_rigid_page(
             diagnosis = diagnose_fit(robot, estimate, context)
             notices += diagnosis.notices
     notices += tuple(notice for entry in validations for notice in entry.notices)
-    page = build_identification_page(estimate, validations, notices, origin, diagnosis=diagnosis)
+    page = build_identification_page(
+        estimate,
+        validations,
+        notices,
+        origin,
+        diagnosis=diagnosis,
+        next_step=_suggest_step(
+            estimate, judge_identification(estimate, validations), validations, known, file
+        ),
+    )
     settled = [(entry.source, entry.processing) for entry in validations if entry.processing is not None]
     return _write(
         path,
@@ -234,7 +265,8 @@ def _write_elastic_page(
 ) -> WrittenPage:
     check_settings(pairs, "elastic")
     if known is None or not logs:
-        return _write(path, build_elastic_page(estimate))
+        step = _suggest_step(estimate, judge_elastic(estimate, ()), (), known, file)
+        return _write(path, build_elastic_page(estimate, next_step=step))
     robot, context = known
     described = restore_robot(robot, estimate, pairs)
     library, recordings, notices, origin = _load_logs(described, logs, test, context)
@@ -246,9 +278,10 @@ def _write_elastic_page(
     notices += (*aligned, *(notice for notice in found if notice not in notices))
     cutoff = get_stated_cutoff(described, pairs)
     trials = tuple(evaluate_elastic(estimate, library, entry, cutoff=cutoff) for entry in moved)
+    step = _suggest_step(estimate, judge_elastic(estimate, trials), trials, known, file)
     return _write(
         path,
-        build_elastic_page(estimate, trials, notices, origin),
+        build_elastic_page(estimate, trials, notices, origin, next_step=step),
         sources=tuple(entry.source for entry in trials),
         notices=notices,
     )

@@ -29,7 +29,6 @@ from symid.joint_models import FrictionLaw, compute_friction_torque, get_law
 from symid.report.blocks import Block, Drawing, tabulate
 from symid.report.figures import (
     STYLES,
-    WIDTH,
     ArmJoint,
     Arrow,
     Box,
@@ -138,8 +137,8 @@ def _draw_stribeck() -> Drawing:
     return _draw(caption, lines)
 
 
-_LEFT, _RIGHT, _GUTTER = 190.0, 650.0, 420.0
-"""Middles of the columns of the flow chart, and a way between them."""
+_LEFT, _RIGHT, _GUTTER, _ACROSS = 190.0, 650.0, 420.0, 860.0
+"""Middles of the columns of the flow chart, a way between them, and its width."""
 _ROWS = tuple(70.0 + 76.0 * row for row in range(6))
 _HALF, _EDGE, _OUTSIDE = 23.0, 150.0, 16.0
 """Half a box, up and across; a way about the columns."""
@@ -188,12 +187,12 @@ def _draw_hybrid() -> Drawing:
         "caption is public, so its algorithm may differ. The genetic algorithm alone leaves out the four "
         "steps of annealing."
     )
-    return build_flow_chart(caption, boxes, _list_arrows(), titles, _ROWS[5] + 40.0)
+    return build_flow_chart(caption, boxes, _list_arrows(), titles, _ROWS[5] + 40.0, width=_ACROSS)
 
 
 def _list_arrows() -> list[Arrow]:
     """Return the ways between the steps of the hybrid: down both columns, across, and back."""
-    answers, low, end = {1: "yes", 4: "yes"}, _ROWS[5] - 5.0, WIDTH - _OUTSIDE
+    answers, low, end = {1: "yes", 4: "yes"}, _ROWS[5] - 5.0, _ACROSS - _OUTSIDE
 
     def lead_down(x: float, row: int, label: str = "") -> Arrow:
         return Arrow(((x, _ROWS[row] + _HALF), (x, _ROWS[row + 1] - _HALF)), label)

@@ -17,6 +17,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -33,7 +34,14 @@ from symid.identification.friction import (
 from symid.identification.rigid import Diagnosis
 from symid.joint_models import compute_friction_torque, get_law
 from symid.report.blocks import Block, Drawing, Table, tabulate
-from symid.report.figures import Line, build_curve_figure, build_histogram, build_line_figure
+from symid.report.figures import (
+    Line,
+    Mark,
+    build_curve_figure,
+    build_histogram,
+    build_line_figure,
+    build_mark_figure,
+)
 from symid.report.fit_text import (
     show_all_rows,
     show_evidence,
@@ -43,7 +51,17 @@ from symid.report.fit_text import (
     show_residual,
     tabulate_laws,
 )
-from symid.report.pages import Page, build_fit_page, format_digits, show_refused, tabulate_parameters
+from symid.report.pages import (
+    TOLD,
+    Page,
+    build_fit_page,
+    draw_certainty,
+    format_digits,
+    format_percent,
+    show_refused,
+    tabulate_groupings,
+    tabulate_parameters,
+)
 from symid.report.verdict import QUANTITIES, judge_friction, judge_identification
 
 _CANDIDATES = 15
@@ -66,6 +84,7 @@ def build_identification_page(
     origin: Sequence[str] = (),
     *,
     diagnosis: Diagnosis | None = None,
+    **options: Any,  # noqa: ANN401  fields of the page
 ) -> Page:
     """Return all that the page shows.
 
@@ -75,6 +94,7 @@ def build_identification_page(
         notices: what else a reader should know: of the robot, its library, and the recordings.
         origin: what the page was made from, in short texts.
         diagnosis: of the fit and its own logs.
+        options: further fields of the page.
     """
     settings = {
         "rows": estimate.rows,
@@ -85,26 +105,88 @@ def build_identification_page(
         "outcome": estimate.outcome.value,
     }
     blocks = (
+        *chain.from_iterable(map(_show_log, validations)),
         "== Parameters ==",
         tabulate_parameters(estimate.parameters),
+        *draw_certainty(estimate.parameters),
         *show_refused(estimate.refused),
         *_show_laws(estimate),
+        *(() if validations else ("== Held-out logs ==", UNTESTED)),
+    )
+    more = (
+        "== What each parameter groups ==",
+        tabulate_groupings(estimate.parameters),
         "== Residual of the fit ==",
         show_residual(estimate.residual, "What the model leaves unexplained of the logs of the fit."),
         *_show_choice(estimate),
         *(() if diagnosis is None else _show_diagnosis(estimate, diagnosis)),
-        "== Predicted logs ==",
-        *(chain.from_iterable(map(_show_log, validations)) if validations else (UNTESTED,)),
+        *chain.from_iterable(map(_show_errors, validations)),
     )
     return build_fit_page(
         estimate,
         subject="identified parameters",
         verdict=judge_identification(estimate, validations),
+        numbers=_list_numbers(estimate, validations),
+        lead=_draw_lead(estimate, validations),
         blocks=blocks,
+        more=more,
         settings=settings,
         notices=notices,
         origin=origin,
+        **options,
     )
+
+
+def _list_numbers(estimate: Estimate, validations: Sequence[Validation]) -> list[tuple[str, str]]:
+    """Return the numbers that matter: what is left of held-out motions, where most, and what is known."""
+    held_out = [entry for entry in validations if not entry.fitted]
+    evidence, numbers = estimate.evidence, []
+    if held_out:
+        worst = max(held_out, key=lambda entry: entry.mean_relative_percent)
+        joint = max(worst.residual, key=lambda entry: entry.relative_percent)
+        name = QUANTITIES[estimate.rows]
+        numbers += [
+            (format_percent(worst.mean_relative_percent), f"of the {name} unexplained in the held-out log"),
+            (format_percent(joint.relative_percent), f"of it at most, at {joint.joint}"),
+        ]
+    elif evidence is not None:
+        part = max(evidence.joints, key=lambda entry: entry.held_out)
+        numbers += [
+            (format_percent(evidence.unexplained), "of the torque unexplained in stretches held out in turn"),
+            (format_percent(part.held_out), f"of it at most, at {part.joint}"),
+        ]
+    else:
+        joint = max(estimate.residual, key=lambda entry: entry.relative_percent)
+        text = "of the torque unexplained, in the logs of the fit alone"
+        numbers.append((format_percent(estimate.mean_relative_percent), text))
+        numbers.append((format_percent(joint.relative_percent), f"of it at most, at {joint.joint}"))
+    told = sum(abs(entry.value) >= TOLD * entry.std for entry in estimate.parameters)
+    numbers.append((f"{told} of {len(estimate.parameters)}", "parameters told from zero"))
+    return numbers
+
+
+def _draw_lead(estimate: Estimate, validations: Sequence[Validation]) -> Drawing:
+    """Return the worst joint of a held-out log, measured and predicted; else what is left joint by joint."""
+    held_out = [entry for entry in validations if not entry.fitted and entry.series]
+    if held_out:
+        worst = max(held_out, key=lambda entry: entry.mean_relative_percent)
+        joint = max(worst.residual, key=lambda entry: entry.relative_percent)
+        series = next((entry for entry in worst.series if entry.joint == joint.joint), worst.series[0])
+        return draw_prediction(
+            series,
+            worst.rows,
+            f"Does it predict motions that it was not fitted to? {series.joint}, the joint with most left.",
+        )
+    evidence = estimate.evidence
+    if evidence is not None:
+        pairs = [(entry.joint, entry.held_out) for entry in evidence.joints]
+        caption = "How much does it miss, joint by joint? Torque left in stretches that were held out."
+    else:
+        pairs = [(entry.joint, entry.relative_percent) for entry in estimate.residual]
+        caption = "How much does it miss, joint by joint? Torque left in the logs of the fit."
+    worst_joint = max(pairs, key=lambda pair: pair[1])[0]
+    marks = [Mark(name, value, format_percent(value), name == worst_joint) for name, value in pairs]
+    return build_mark_figure(caption, "unexplained (% of the joint's torque)", marks)
 
 
 def _show_laws(estimate: Estimate) -> Iterator[Block]:
@@ -297,32 +379,37 @@ def _draw_profiles(entry: JointProfiles) -> Iterator[Drawing]:
 def _show_log(validation: Validation) -> Iterator[Block]:
     caption = "A log of the fit: this is no test." if validation.fitted else "Held out: not used in the fit."
     mean = f"Mean over joints of the relative residual: {validation.mean_relative_percent:.4f} %"
-    yield f"=== {validation.source} ==="
+    yield f"== {'Log of the fit' if validation.fitted else 'Held-out log'} {validation.source} =="
     yield show_residual(validation.residual, f"{caption} {mean}")
+    yield from (draw_prediction(series, validation.rows) for series in validation.series)
+
+
+def _show_errors(validation: Validation) -> Iterator[Block]:
+    """Yield the residual of a log: by phases of motion, over time, and its distribution."""
+    yield f"== Residual of {validation.source} =="
     yield from show_motion(validation.motion)
     if validation.scoring:
         yield f"{_capitalise(show_all_rows(validation))}."
     for series in validation.series:
         error, joint, unit = series.measured - series.predicted, series.joint, series.unit
-        yield f"=== {joint} ==="
-        yield draw_prediction(series, validation.rows)
+        quantity = _name_quantity(series, validation.rows)
         yield build_line_figure(
-            f"Residual of {joint}, measured minus predicted {_name_quantity(series, validation.rows)}.",
+            f"When does it miss? {joint}, measured minus predicted {quantity}.",
             ("time (s)", f"residual ({unit})"),
             (Line("residual", "residual", series.time, error),),
         )
         yield build_histogram(
-            f"Distribution of the residual of {joint}, and the normal distribution of the same deviation.",
+            f"Is it noise? Residual of {joint}, and the normal distribution of the same deviation.",
             (f"residual ({unit})", "rows"),
             error,
         )
 
 
-def draw_prediction(series: Series, rows: str) -> Drawing:
+def draw_prediction(series: Series, rows: str, caption: str = "") -> Drawing:
     """Return the figure of what was measured and predicted of one joint."""
     quantity, values = _name_quantity(series, rows), (series.measured, series.predicted)
     return build_line_figure(
-        f"Measured and predicted {quantity} of {series.joint}.",
+        f"{caption} Measured and predicted {quantity} of {series.joint}.".lstrip(),
         ("time (s)", f"{quantity} ({series.unit})"),
         [Line(name, name, series.time, y) for name, y in zip(("measured", "predicted"), values, strict=True)],
     )
@@ -402,10 +489,15 @@ def build_friction_page(found: FrictionIdentification) -> Page:
         *(block for entry in found.joints for block in _show_joint(entry)),
         *(("== Joints without a law ==", left_out) if left_out else ()),
     )
+    more = tuple(block for entry in found.joints for block in _show_search(entry))
     settings = {"requested law": found.model, "estimator": found.estimator}
-    verdict = judge_friction(found)
     return build_fit_page(
-        found, subject="identified friction", verdict=verdict, blocks=blocks, settings=settings
+        found,
+        subject="identified friction",
+        verdict=judge_friction(found),
+        blocks=blocks,
+        more=more,
+        settings=settings,
     )
 
 
@@ -417,6 +509,14 @@ def _show_joint(entry: JointFriction) -> Iterator[Block]:
     yield tabulate_parameters(estimate.parameters, formulas=False)
     yield from show_refused(estimate.refused)
     yield show_residual((entry.residual,), "Residual of law and rigid part in the logs of the fit.")
+    if entry.selection is not None:
+        yield entry.selection.verdict
+
+
+def _show_search(entry: JointFriction) -> Iterator[Block]:
+    """Yield how the law of a joint was found: phases of motion, rigid part, choice, poses, the search."""
+    estimate = entry.estimate
+    yield f"== {entry.joint}: how it was found =="
     yield from show_motion((entry.motion,) if entry.motion is not None else ())
     yield f"{_capitalise(entry.rigid)}."
     yield (
@@ -427,8 +527,7 @@ def _show_joint(entry: JointFriction) -> Iterator[Block]:
     if estimate.extra:
         yield from ("=== Rigid part ===", tabulate_parameters(estimate.extra, formulas=False))
     if entry.selection is not None:
-        yield from ("=== Choice of the law ===", entry.selection.verdict)
-        yield show_law_trials(entry.selection, _TRIALS)
+        yield from ("=== Choice of the law ===", show_law_trials(entry.selection, _TRIALS))
     if entry.poses is not None:
         yield from ("=== Poses of the other joints ===", f"{_capitalise(entry.poses.verdict)}.")
         yield from show_poses(entry.poses)

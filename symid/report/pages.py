@@ -8,11 +8,12 @@ Not supported: more than one robot on a page; interaction.
 """
 
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from symid import __version__
 from symid.codegen import Library
@@ -22,7 +23,8 @@ from symid.identification.elastic import ElasticEstimate
 from symid.identification.estimators import Estimate, ParameterEstimate
 from symid.identification.friction import FrictionIdentification
 from symid.logs import Recording
-from symid.report.blocks import Block, Table, tabulate, write_elements
+from symid.report.blocks import Block, Drawing, Table, split_sections, tabulate, write_elements
+from symid.report.figures import SUPERSCRIPT, Mark, build_mark_figure
 from symid.report.verdict import FitVerdict
 from symid.robot import Robot
 
@@ -42,7 +44,11 @@ class Page:
         robot: its name, or whose results are shown.
         subject: of the page, in a few words.
         verdict: stands first.
+        numbers: the few that matter, each with what it is.
+        lead: the figure beside them.
+        next_step: the command that a reader would type next, and why.
         blocks: headings, paragraphs, tables and figures in their order.
+        more: the same for those who look closer: its sections are folded, but printed.
         settings: name and value of all that was used.
         notices: what else a reader should know, each once.
         origin: what the page was made from, in short texts.
@@ -54,6 +60,10 @@ class Page:
     verdict: FitVerdict
     blocks: Sequence[Block]
     settings: Sequence[tuple[str, str]]
+    numbers: Sequence[tuple[str, str]] = ()
+    lead: Drawing | None = None
+    next_step: tuple[str, str] | None = None
+    more: Sequence[Block] = ()
     notices: Sequence[str] = ()
     origin: Sequence[str] = (WRITTEN_BY,)
     conventions: str = "friction opposes positive velocity with positive sign"
@@ -69,7 +79,7 @@ def build_fit_page(
     settings: Mapping[str, object],
     notices: Sequence[Notice] = (),
     origin: Sequence[str] = (),
-    **options: str,
+    **options: Any,  # noqa: ANN401  fields of the record
 ) -> Page:
     """Return the page of an estimate; `settings` and `notices` besides its own, `options` of `Page`."""
     model = {"logs": estimate.sources, "signature of the model": estimate.signature}
@@ -108,7 +118,14 @@ def write_page(path: Path, page: Page) -> Path:
 def render_page(page: Page) -> str:
     """Return the page as HTML."""
     values = {field.name: getattr(page, field.name) for field in fields(page)}
-    return build_environment().get_template(TEMPLATE).render(values)
+    shown = split_sections(page.blocks, _OWN_ANCHORS)
+    taken = (*_OWN_ANCHORS, *(section.anchor for section in shown))
+    folded = split_sections(page.more, taken)
+    return build_environment().get_template(TEMPLATE).render(values, shown=shown, folded=folded)
+
+
+_OWN_ANCHORS = ("notices", "settings")
+"""Of sections that every page has."""
 
 
 @cache
@@ -127,39 +144,75 @@ def build_environment() -> "Environment":
     )
     # Every text of a block is escaped there; figures are SVG of our own.
     environment.filters["elements"] = lambda blocks: Markup(write_elements(blocks))  # noqa: S704
+    environment.filters["markup"] = Markup
     return environment
 
 
 def tabulate_parameters(parameters: Sequence[ParameterEstimate], *, formulas: bool = True) -> Table:
     """Return the table of parameters with the true values where they are known.
 
-    Without `formulas` an expression is the meaning of a parameter in words. Errors are relative to the true
-    value, where that is not zero.
+    Without `formulas` a column has the meaning of a parameter in words. Errors are relative to the true
+    value, where that is not zero; a value within two deviations of zero has no relative deviation.
     """
     known = any(entry.truth is not None for entry in parameters)
-
-    def explain(entry: ParameterEstimate) -> str:
-        if not formulas:
-            return "\n" + "; ".join(filter(None, (entry.expression, entry.reason)))
-        return f"{'' if entry.expression == entry.name else entry.expression}\n{entry.reason}"
-
-    columns = "name; value=value:.5g; std; relative std=relative; unit"
-    columns += f"; truth; error; {_SIGMA}=near" if known else ""
-    columns += f"; {'what it groups, and why' if formulas else 'meaning'}=explain"
-    title = "Values in SI units, with their standard deviation"
+    columns = "name; value ± std=pair; unit=unit; uncertainty=relative"
+    columns += f"; truth=truth; error; {_SIGMA}=near" if known else ""
+    columns += "" if formulas else "; meaning=explain"
+    title = "With standard deviations"
     if known:
-        title += f"; {_SIGMA}: the true value lies within three standard deviations"
+        title += f"; {_SIGMA}: the true value lies within three of them"
+    left = (0, 2) if formulas else (0, 2, columns.count("; "))
     return tabulate(
         parameters,
         columns,
-        (0, 4, columns.count("; ")),
+        left,
         f"{title}.",
-        std=lambda entry: format_digits(entry.std),
-        relative=lambda entry: format_percent(entry.relative_std_percent),
+        pair=lambda entry: format_pair(entry.value, entry.std),
+        unit=lambda entry: write_unit(entry.unit),
+        relative=_describe_uncertainty,
+        truth=lambda entry: entry.truth,
         error=lambda entry: format_error(entry.value, entry.truth),
         near=lambda entry: entry.near_truth if math.isfinite(entry.std) else None,
-        explain=explain,
+        explain=lambda entry: "\n" + "; ".join(filter(None, (entry.expression, entry.reason))),
     )
+
+
+def _describe_uncertainty(entry: ParameterEstimate) -> str:
+    if not math.isfinite(entry.std):
+        return "-"
+    if abs(entry.value) < TOLD * entry.std:
+        return f"> {100.0 / TOLD:.0f} %"
+    return format_percent(entry.relative_std_percent)
+
+
+TOLD = 2.0
+"""Standard deviations from zero beyond which a value is told from it."""
+
+
+def tabulate_groupings(parameters: Sequence[ParameterEstimate]) -> Table:
+    """Return what each parameter groups, and why."""
+    rows = [
+        (entry.name, f"{'' if entry.expression == entry.name else entry.expression}\n{entry.reason}")
+        for entry in parameters
+    ]
+    return Table(("name", "group of standard parameters, and why"), rows, (0, 1))
+
+
+def draw_certainty(parameters: Sequence[ParameterEstimate]) -> tuple[Drawing, ...]:
+    """Return the figure of what the logs tell of each parameter; nothing where no deviation is known."""
+    known = [entry for entry in parameters if 0.0 < entry.std < math.inf and entry.value]
+    if not known:
+        return ()
+    told = [abs(entry.value) >= TOLD * entry.std for entry in known]
+    marks = [
+        Mark(entry.name, abs(entry.value) / entry.std, chosen=not sure)
+        for entry, sure in zip(known, told, strict=True)
+    ]
+    caption = (
+        f"What do the logs tell? {sum(told)} of {len(known)} parameters are told from zero: they are larger "
+        "than two standard deviations, the dashed line."
+    )
+    return (build_mark_figure(caption, "size, in standard deviations", marks, dense=True, limit=TOLD),)
 
 
 def show_refused(refused: Sequence[tuple[str, str]]) -> tuple[Table, ...]:
@@ -182,6 +235,39 @@ def format_digits(value: float) -> str:
     if not math.isfinite(value):
         return "-"
     return f"{value:.0f}" if 99.5 <= value < 1e6 else f"{value:.2g}"
+
+
+def format_pair(value: float, std: float) -> str:
+    """Return a value with its deviation in matching digits: two of the deviation, one from 30 on.
+
+    Without a finite deviation the value has five digits.
+    """
+    if not math.isfinite(std) or std <= 0.0:
+        return write_minus(f"{value:.5g}")
+    place = math.floor(math.log10(std))
+    # Two digits of 10 to 29, one of 30 to 99: the deviation of a deviation is no better.
+    decimals = 1 - place if std / 10.0**place < _ONE_DIGIT else -place
+    size = math.floor(math.log10(max(abs(value), std)))
+    power = size if decimals > _MOST_DECIMALS or size > _MOST_DECIMALS else 0
+    scale, decimals = 10.0**power, max(decimals + power, 0)
+    text = f"{value / scale:.{decimals}f} \N{PLUS-MINUS SIGN} {std / scale:.{decimals}f}"
+    text = f"({text})\N{MULTIPLICATION SIGN}10{str(power).translate(SUPERSCRIPT)}" if power else text
+    return write_minus(text)
+
+
+_ONE_DIGIT = 3.0
+_MOST_DECIMALS = 6
+
+
+def write_minus(text: str) -> str:
+    """Return a number with the sign of minus in place of the hyphen."""
+    return text.replace("-", "\N{MINUS SIGN}")
+
+
+def write_unit(unit: str) -> str:
+    """Return a unit as it is printed: its powers raised, on one line."""
+    raised = re.sub(r"\^(-?\d+)", lambda match: match[1].translate(SUPERSCRIPT), unit)
+    return raised.replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def format_percent(value: float) -> str:

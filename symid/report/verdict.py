@@ -499,6 +499,11 @@ def _compute_linear_share(joint: JointTrial) -> float:
     return _compute_share(joint.link, stiffness * joint.torsion)
 
 
+def compute_spring_share(joint: JointTrial) -> float | None:
+    """Return the percentage of a joint's torque by its link that its spring leaves; None without a spring."""
+    return None if joint.final is None else _compute_share(joint.link, joint.final)
+
+
 def _compute_share(torque: FloatArray, predicted: FloatArray) -> float:
     """Return the share in percent of a torque that a prediction leaves."""
     whole = float(np.linalg.norm(torque))

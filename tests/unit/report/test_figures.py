@@ -85,7 +85,7 @@ def test_curves_turn_back_and_stay_in_their_frame():
     steps = np.diff(first[:, 0])
     assert steps.min() < 0.0 < steps.max()
     height = float(root.get("viewBox").split()[3])
-    assert np.all((first > [74, 14]) & (first < [846, height - 46]))
+    assert np.all((first > [74, 14]) & (first < [546, height - 46]))
 
 
 def test_a_logarithmic_axis_has_equal_lengths_for_equal_ratios():
@@ -159,7 +159,20 @@ def test_values_in_rows_mark_the_choice():
         "mark other",
     ]
     assert {"linear & plain", "8", "error (%)"} <= {entry.text for entry in root.iter(f"{SVG}text")}
-    assert all(0 < mark < 860 for mark in marks)
+    assert all(0 < mark < 560 for mark in marks)
+
+
+def test_dense_rows_have_a_line_at_their_limit():
+    marks = [Mark(label=f"p{k}", value=10.0**k) for k in range(-2, 5)]
+    plain, dense = (
+        build_mark_figure("t", "x", marks, dense=low, limit=limit)
+        for low, limit in ((False, None), (True, 2.0))
+    )
+    (line,) = [entry for entry in parse(dense).iter(f"{SVG}line") if entry.get("class") == "line virgin"]
+    places = [float(mark.get("cx")) for mark in parse(dense).iter(f"{SVG}circle")]
+    assert places[2] < float(line.get("x1")) < places[3]
+    assert float(parse(dense).get("viewBox").split()[3]) < float(parse(plain).get("viewBox").split()[3])
+    assert not [entry for entry in parse(plain).iter(f"{SVG}line") if entry.get("class") == "line virgin"]
 
 
 def test_values_alike_have_a_linear_axis_from_zero():
@@ -210,7 +223,8 @@ def test_a_flow_chart_has_its_steps_and_arrows_that_end_at_their_heads():
         Arrow(((200.0, 83.0), (200.0, 137.0)), "down"),
         Arrow(((50.0, 160.0), (20.0, 160.0), (20.0, 60.0), (50.0, 60.0)), "no"),
     ]
-    root = parse(build_flow_chart("steps", boxes, arrows, [((200.0, 20.0), "part")], 220.0))
+    root = parse(build_flow_chart("steps", boxes, arrows, [((200.0, 20.0), "part")], 220.0, width=400.0))
+    assert root.get("viewBox") == "0 0 400 220"
     assert [text.text for text in root.iter(f"{SVG}text")] == [
         "part",
         "down",

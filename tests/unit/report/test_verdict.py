@@ -159,7 +159,9 @@ def test_a_fit_carries_its_verdict_everywhere(robot, estimate, tmp_path):
     assert f"{bad.verdict.headline}" in bad._repr_html_()
     page = bad.report(tmp_path / "page.html")
     assert [entry.code for entry in page.errors] == ["identify.wrong"]
-    assert '<p class="headline">Wrong - The model does not explain' in page.file.read_text(encoding="utf-8")
+    assert '<p class="headline"><strong>Wrong</strong> The model does not explain' in page.file.read_text(
+        encoding="utf-8"
+    )
     with pytest.raises(symid.EstimateError) as caught:
         bad.export(tmp_path / "arm.toml")
     assert caught.value.notices[0].code == "export.wrong"
