@@ -24,6 +24,19 @@ def show_path(path: Path) -> str:
         return str(path)
 
 
+def read_file(path: Path, most: int) -> bytes:
+    """Return the bytes of a file of at most `most` bytes; devices that never end are read no further.
+
+    Raises:
+        OSError: it cannot be read, or is larger; ValueError: no file can have the name.
+    """
+    with path.open("rb") as stream:
+        content = stream.read(most + 1)
+    if len(content) > most:
+        raise OSError(errno.EFBIG, f"larger than {most / 1e6:.0f} MB, the most that is read")
+    return content
+
+
 def check_suffix(path: Path, what: str, known: Iterable[str]) -> str:
     """Return the suffix of an output file in lower case, one of `known`; messages call the file `what`.
 

@@ -166,7 +166,9 @@ def _run_compiler(command: Sequence[str]) -> str:
         done = subprocess.run(
             command,
             capture_output=True,
-            text=True,
+            # Compilers of other languages write what is no UTF-8.
+            encoding="utf-8",
+            errors="replace",
             check=False,
             timeout=_COMPILER_TIMEOUT,
             # A store of objects that machines share may not know which of them "native" meant.

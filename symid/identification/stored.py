@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from symid.codegen import ModelCard
-from symid.environment import write_file
+from symid.environment import read_file, write_file
 from symid.errors import EstimateError, Notice, SymidError
 from symid.identification.elastic import ElasticEstimate, name_friction
 from symid.identification.estimators import Estimate, FitRecord, check_model
@@ -132,6 +132,10 @@ def read_element(path: Path) -> HysteresisRecord:
     raise EstimateError(*(Notice(code="estimate.format", text=text, file=str(path)) for text in mistakes))
 
 
+_LARGEST_FILE = 500 * 10**6
+"""Bytes of a result: the covariance of a hundred joints has a hundredth."""
+
+
 def is_element(path: Path) -> bool:
     """Return whether `path` holds an element that symid wrote, with mistakes or without."""
     return _name_format(path) == _ELEMENT
@@ -140,7 +144,7 @@ def is_element(path: Path) -> bool:
 def _name_format(path: Path) -> object:
     """Return what a file says of its format, None where it says nothing."""
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = json.loads(read_file(path, _LARGEST_FILE).decode())
     except (OSError, ValueError, RecursionError):
         return None
     return data.get("format") if isinstance(data, dict) else None
@@ -210,7 +214,7 @@ def _refuse(path: Path, text: str, line: int = 0, column: int = 0) -> EstimateEr
 
 def _read_json(path: Path) -> object:
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_file(path, _LARGEST_FILE).decode()
     except OSError as error:
         raise _refuse(path, f"cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:

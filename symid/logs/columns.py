@@ -358,6 +358,9 @@ def _stack_columns(
 
 def _describe_missing(raw: RawLog, name: str, quantity: str) -> str:
     if name in raw.others:
+        large = next((entry.text for entry in raw.notices if entry.code == "log.too-large"), "")
+        if repr(name) in large:
+            return f"{quantity}: {large}"
         return f"{quantity}: column {name!r} of the log does not hold real numbers"
     return f"{quantity}: {describe_missing_column(name, raw.columns)}"
 

@@ -19,7 +19,10 @@ Path -> RawLog; Recording or RawLog -> file, written whole or not at all, the sa
 
 import csv
 import io
+import math
 import re
+import struct
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
@@ -30,7 +33,7 @@ from typing import IO, Any
 import numpy as np
 
 from symid.arrays import FloatArray, freeze
-from symid.environment import check_suffix, write_file
+from symid.environment import check_suffix, read_file, write_file
 from symid.errors import LogError, Notice, OutputError
 from symid.logs.recording import Recording
 from symid.notation import UNITS, get_unit
@@ -56,18 +59,47 @@ class RawLog:
     notices: tuple[Notice, ...] = ()
 
 
-def _build_raw_log(entries: Iterable[tuple[str, object]], units: Mapping[str, str]) -> RawLog:
-    """Return the columns of real numbers as float64, and the names of everything else."""
+LARGEST_ARRAY, LARGEST_LOG = 10**9, 4 * 10**9
+"""Bytes of an array, and of all arrays of a log, that are read: 39 hours of a number at 900 Hz."""
+
+
+class _TooLarge:
+    """Stands for an array that is too large to be read, with its size in bytes."""
+
+    def __init__(self, size: int) -> None:
+        self.size = size
+
+
+def _build_raw_log(path: Path, entries: Iterable[tuple[str, object]], units: Mapping[str, str]) -> RawLog:
+    """Return the columns of real numbers as float64, and the names of everything else.
+
+    Raises:
+        LogError: together they are too large.
+    """
     columns: dict[str, FloatArray] = {}
     others: dict[str, None] = {}
+    large: dict[str, int] = {}
+    room = LARGEST_LOG
     for name, values in entries:
+        if isinstance(values, _TooLarge):
+            others[name], large[name] = None, values.size
+            continue
         array = np.asarray(values)
         if array.dtype.kind not in "biuf" or not 0 <= array.ndim <= 2:
             others[name] = None
             continue
         # A MATLAB column is (N, 1), a row (1, N): both are one column.
         columns[name] = freeze(array.reshape(-1) if array.ndim == 2 and 1 in array.shape else array)
-    return RawLog(columns=columns, units=units, others=tuple(others))
+        room -= columns[name].nbytes
+        if room < 0:
+            text = f"the log has more than {LARGEST_LOG / 1e9:.3g} GB of numbers; cut it into several"
+            raise build_file_error(path, text, "log.too-large")
+    notices = []
+    if large:
+        names = ", ".join(f"{name!r} ({size / 1e9:.3g} GB)" for name, size in large.items())
+        text = f"not read, for an array may have {LARGEST_ARRAY / 1e9:.3g} GB: {names}; cut the log"
+        notices.append(Notice(code="log.too-large", text=text, file=str(path)))
+    return RawLog(columns=columns, units=units, others=tuple(others), notices=tuple(notices))
 
 
 def split_heading(heading: str) -> tuple[str, str | None]:
@@ -117,9 +149,10 @@ def read_csv(path: Path) -> RawLog:
 
 def _read_lines(path: Path) -> TableLines:
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_file(path, LARGEST_ARRAY).decode("utf-8-sig")
     except (UnicodeDecodeError, OSError) as error:
-        raise build_file_error(path, f"this is not a text file that can be read: {error}") from error
+        reason = getattr(error, "strerror", None) or error
+        raise build_file_error(path, f"this is not a text file that can be read: {reason}") from error
     kept = [
         (number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"
     ]
@@ -224,17 +257,41 @@ def read_npz(path: Path) -> RawLog:
             if not isinstance(archive, np.lib.npyio.NpzFile):
                 raise build_file_error(path, "this is a single array (.npy), not a NumPy archive (.npz)")
             for name in archive.files:
+                size = _measure_member(archive, name)
                 try:
-                    content[name] = archive[name]
+                    content[name] = _TooLarge(size) if size > LARGEST_ARRAY else archive[name]
                 except ValueError:  # an array of objects; it is reported as no column of numbers
                     content[name] = None
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+    # NumPy and zipfile raise any of these on a damaged file, according to where the damage lies.
+    except (*_DAMAGED, EOFError, zipfile.BadZipFile, zlib.error, SyntaxError, tokenize.TokenError) as error:
         raise build_file_error(path, f"this is not a NumPy archive that can be read: {error}") from error
     stated, units = content.pop(UNITS_ARRAY, None), {}
     if isinstance(stated, np.ndarray) and stated.dtype.kind == "U":
         pairs = map(split_heading, stated.reshape(-1).tolist())
         units = {name: unit for name, unit in pairs if unit is not None}
-    return _build_raw_log(content.items(), units)
+    return _build_raw_log(path, content.items(), units)
+
+
+_DAMAGED = (
+    *(OSError, ValueError, TypeError, KeyError, IndexError, AttributeError, RuntimeError, OverflowError),
+    *(MemoryError, struct.error),
+)
+
+
+def _measure_member(archive: Any, name: str) -> int:  # noqa: ANN401  numpy keeps the type for itself
+    """Return how many bytes an array of an archive has in memory; 0 where it is none."""
+    members = archive.zip.namelist()
+    member = name if name in members else f"{name}.npy"
+    with archive.zip.open(member) as stream:
+        if stream.read(len(_NPY_MAGIC)) != _NPY_MAGIC:
+            return int(archive.zip.getinfo(member).file_size)
+        first = stream.read(2)[:1] == b"\x01"
+        read = np.lib.format.read_array_header_1_0 if first else np.lib.format.read_array_header_2_0
+        try:
+            shape, _, kind = read(stream)
+        except ValueError:
+            return 0
+    return math.prod(shape) * max(kind.itemsize, 8)
 
 
 _MATLAB_NUMBERS = frozenset(
@@ -263,9 +320,9 @@ def read_hdf5(path: Path) -> RawLog:
                 if unit:
                     units[name] = unit
     # h5py raises any of these on a damaged file, according to where the damage lies.
-    except (OSError, ValueError, TypeError, KeyError, RuntimeError) as error:
+    except _DAMAGED as error:
         raise build_file_error(path, f"this is not an HDF5 file that can be read: {error}") from error
-    return _build_raw_log(entries, units)
+    return _build_raw_log(path, entries, units)
 
 
 def _walk_data_sets(h5py: Any, group: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:  # noqa: ANN401  h5py has no types
@@ -287,6 +344,10 @@ def _load_data_set(data: Any) -> object:  # noqa: ANN401  h5py has no types
         return None
     if data.dtype.kind not in "biuf" or data.ndim > 2:
         return None
+    # Of a chunk that was never written there is only its size.
+    size = math.prod(data.shape) * max(data.dtype.itemsize, 8)
+    if size > LARGEST_ARRAY:
+        return _TooLarge(size)
     values = np.asarray(data[()])
     return values.T if kind is not None else values
 
@@ -309,6 +370,10 @@ def read_parquet(path: Path) -> RawLog:
         )
         raise build_file_error(path, text, "log.needs-parquet") from error
     try:
+        found = parquet.read_metadata(str(path))
+        if found.num_rows * found.num_columns * 8 > LARGEST_LOG:
+            text = f"the log has more than {LARGEST_LOG / 1e9:.3g} GB of numbers; cut it into several"
+            raise build_file_error(path, text, "log.too-large")
         table = parquet.read_table(str(path), partitioning=None)
         while any(pa.types.is_struct(entry.type) for entry in table.schema):
             table = table.flatten()
@@ -329,7 +394,7 @@ def read_parquet(path: Path) -> RawLog:
         stated = next((text for text in (getattr(kind, "unit", None), *texts, unit) if text), None)
         if stated:
             units[name] = stated
-    return _build_raw_log(zip(names, values, strict=True), units)
+    return _build_raw_log(path, zip(names, values, strict=True), units)
 
 
 def _convert_column(pa: Any, column: Any) -> object:  # noqa: ANN401  pyarrow has no types
@@ -368,9 +433,10 @@ def read_mat(path: Path) -> RawLog:
     try:
         content = loadmat(str(path), struct_as_record=True)
     # SciPy raises any of these on a damaged file, according to where the damage lies.
-    except (MatReadError, ValueError, TypeError, NotImplementedError, OSError, KeyError, zlib.error) as error:
-        raise build_file_error(path, f"this is not a MATLAB file that can be read: {error}") from error
-    return _build_raw_log(_flatten_structures(content), {})
+    except (MatReadError, zlib.error, *_DAMAGED) as error:
+        reason = "an array is larger than memory" if isinstance(error, MemoryError) else error
+        raise build_file_error(path, f"this is not a MATLAB file that can be read: {reason}") from error
+    return _build_raw_log(path, _flatten_structures(content), {})
 
 
 def _flatten_structures(content: dict[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:

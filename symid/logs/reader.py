@@ -435,20 +435,23 @@ def _check_encoders(columns: dict[str, tuple[str, ...]], findings: Findings, *, 
 def read_raw(path: Path) -> RawLog:
     """Return the columns of the log at `path` as they stand in it, or raise a LogError."""
     try:
-        folder = is_bag_folder(path)
+        folder, exists, plain = is_bag_folder(path), path.exists(), path.is_file()
     except PermissionError as error:
         raise build_file_error(
             path, "the folder may not be read (no permission)", "log.unreadable"
         ) from error
+    except OSError as error:
+        raise build_file_error(path, f"cannot be read: {error.strerror}", "log.unreadable") from error
     reader = read_bag if folder else READERS.get(path.suffix.lower())
     if reader is None:
         found = repr(path.suffix) if path.suffix else "no suffix"
         text = f"a log must be one of {', '.join(READERS)}, or the folder of a ROS 2 bag, got {found}"
         raise build_file_error(path, text, "log.unknown-suffix")
-    if not path.exists():
+    if not exists:
         raise build_file_error(path, "there is no such file", "log.no-such-file")
-    if not folder and not path.is_file():
-        raise build_file_error(path, "this is a folder, not a log", "log.unreadable")
+    if not folder and not plain:
+        kind = "a folder" if path.is_dir() else "a device"
+        raise build_file_error(path, f"this is {kind}, not a log", "log.unreadable")
     try:
         return reader(path)
     except PermissionError as error:

@@ -207,7 +207,7 @@ def write_elements(blocks: Iterable[Block]) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class PageSection:
     """A part of a page: its heading, its address within the page, and its blocks as HTML."""
 
     title: str
@@ -215,7 +215,7 @@ class Section:
     body: str
 
 
-def split_sections(blocks: Sequence[Block], taken: Iterable[str] = ()) -> tuple[Section, ...]:
+def split_sections(blocks: Sequence[Block], taken: Iterable[str] = ()) -> tuple[PageSection, ...]:
     """Return the sections that headings `== heading ==` begin; blocks before the first one have no title.
 
     Anchors are the headings in small letters, with a number where two are alike or one is `taken`.
@@ -234,7 +234,7 @@ def split_sections(blocks: Sequence[Block], taken: Iterable[str] = ()) -> tuple[
         plain = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-") or "begin"
         anchor = next(name for k in count(1) if (name := plain if k == 1 else f"{plain}-{k}") not in used)
         used.add(anchor)
-        sections.append(Section(title, anchor, write_elements(inner)))
+        sections.append(PageSection(title, anchor, write_elements(inner)))
     return tuple(sections)
 
 

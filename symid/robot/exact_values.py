@@ -45,6 +45,8 @@ _FACTOR = r"(?:\d+(?:\.\d+)?(?:[eE][-+]?\d{1,2})?|sqrt\(\s*[236]\s*\)|[A-Za-z][A
 _STEP = re.compile(rf"\s*(?P<operator>[-+*/])\s*(?P<factor>{_FACTOR})\s*")
 _FRACTION = re.compile(r"\s*[-+]?\d{1,18}(?:\.\d{1,18})?(?:\s*/\s*\d{1,18})?\s*")
 _LONGEST = 2000
+_LARGEST_PART = Fraction(10) ** 30
+"""Of a coefficient; numbers in files have the same limit."""
 _NO = Fraction(0)
 _ROOTS = {2: Exact.surd(_NO, 1), 3: Exact.surd(_NO, 0, 1), 6: Exact.surd(_NO, 0, 0, 1)}
 # What a symbol can be, by its unit: an example, in words, a typical value.
@@ -91,7 +93,9 @@ def _parse_value(value: object) -> Exact | None:
     number = to_decimal(value)
     if number is not None:
         return Exact.of(str(number))
-    return parse_linear_form(value) if isinstance(value, str) else None
+    form = parse_linear_form(value) if isinstance(value, str) else None
+    sizes = [abs(part) for _, parts in (form.terms if form else ()) for part in parts if part]
+    return form if all(1 / _LARGEST_PART <= size <= _LARGEST_PART for size in sizes) else None
 
 
 def read_linear_form(

@@ -21,7 +21,7 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
-from symid.environment import locate_resource_folder
+from symid.environment import locate_resource_folder, read_file
 from symid.errors import Notice, RobotError, UsageError
 from symid.joint_models import NO_FRICTION, FrictionValues, get_law, list_value_names, name_values
 from symid.notation import get_unit_factor
@@ -32,7 +32,7 @@ from symid.robot.toml_settings import (
     list_controller,
     read_settings,
 )
-from symid.robot.toml_values import KeyPath, Place, Places, Section, suggest_names
+from symid.robot.toml_values import LARGEST_FILE, KeyPath, Place, Places, Section, suggest_names
 
 _SUFFIX = ".toml"
 # Behind the XML declaration and comments; what was passed once is not tried again in another way.
@@ -59,7 +59,7 @@ def is_xml(path: Path) -> bool:
 def is_mjcf(path: Path) -> bool:
     """Return whether a file is an MJCF model by its outermost tag; False where it cannot be read."""
     try:
-        text = path.read_bytes()
+        text = read_file(path, LARGEST_FILE)
     except (OSError, ValueError):
         return False
     # URDFs may have a <mujoco> inside.
@@ -189,7 +189,8 @@ def _parse_setting(text: str) -> object:
     """Return the value that `text` writes in TOML, or else the text itself, or a list of texts."""
     try:
         values = tomllib.loads(f"value = {text}", parse_float=Decimal)
-    except tomllib.TOMLDecodeError:
+    # A number with too many digits is a ValueError.
+    except (tomllib.TOMLDecodeError, ValueError, RecursionError):
         parts = [part.strip() for part in text.split(",")]
         return [_parse_setting(part) for part in parts] if len(parts) > 1 else text
     return values["value"] if len(values) == 1 else text

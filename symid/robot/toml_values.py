@@ -9,6 +9,7 @@ Not supported: places in texts that are not TOML; the scanner validates nothing.
 """
 
 import difflib
+import io
 import math
 import re
 import tomllib
@@ -19,8 +20,12 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
+from symid.environment import read_file
 from symid.errors import Notice, RobotError
 from symid.notation import adapt_unit, get_unit_factor
+
+LARGEST_FILE = 64 * 10**6
+"""Bytes of a text that describes a robot; the largest URDFs with their meshes inside have a tenth."""
 
 
 def read_text_file(path: Path, noun: str = "file", *, keep_ends: bool = False) -> str:
@@ -32,9 +37,10 @@ def read_text_file(path: Path, noun: str = "file", *, keep_ends: bool = False) -
         RobotError: it cannot be read, or is not UTF-8.
     """
     try:
+        content = read_file(path, LARGEST_FILE)
         if keep_ends:
-            return path.read_bytes().decode()
-        return path.read_text(encoding="utf-8-sig")
+            return content.decode()
+        return io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig").read()
     except (OSError, UnicodeDecodeError) as error:
         if isinstance(error, OSError):
             text = f"cannot be read: {error.strerror or error}"
@@ -216,6 +222,7 @@ BASE = "base"
 _LONGEST_SHOWN = 40
 # Beyond this many decimal places a number is a slip, and exact arithmetic with it would not end.
 _LARGEST_EXPONENT = 30
+_MOST_DIGITS = 1000
 _NUMBER_WITH_UNIT = re.compile(r"\s*[-+]?[\d.]+(?:[eE][-+]?\d+)?\s*(\S.*?)\s*")
 
 
@@ -469,7 +476,25 @@ def parse_toml(text: str, file: str, code: str = "robot.syntax") -> Section:
             words += f'; write a text or the name of a length in quotes: "{bare[0]}"'
         notice = Notice(code=code, text=words, file=file, line=line, column=column)
         raise RobotError(notice) from error
-    return Section(values=values, places=locate_values(text, file))
+    except (ValueError, RecursionError) as error:
+        raise _explain_excess(text, file, code, deep=isinstance(error, RecursionError)) from error
+    try:
+        return Section(values=values, places=locate_values(text, file))
+    except RecursionError as error:
+        raise _explain_excess(text, file, code, deep=True) from error
+
+
+def _explain_excess(text: str, file: str, code: str, *, deep: bool) -> RobotError:
+    """Return the error of a text that Python cannot hold: nested too deeply, or with an endless number."""
+    pattern, words = (_DEEP, "nested too deeply") if deep else (_ENDLESS, "a number has too many digits")
+    match = pattern.search(text)
+    start = match.start() if match else 0
+    line, column = text.count("\n", 0, start) + 1, start - text.rfind("\n", 0, start)
+    return RobotError(Notice(code=code, text=f"{words} to be read", file=file, line=line, column=column))
+
+
+_DEEP = re.compile(r"(?:\[[^\]\n]{0,9}){40}|(?:\{[^}\n]{0,9}){40}|(?:\w\s*\.\s*){40}")
+_ENDLESS = re.compile(r"[\d_]{1000,}")
 
 
 def show(text: str) -> str:
@@ -505,6 +530,8 @@ def to_decimal(value: object) -> Decimal | None:
     number = Decimal(repr(value)) if isinstance(value, float) else Decimal(value)
     if not number.is_finite() or (number and abs(number.adjusted()) > _LARGEST_EXPONENT):
         return None
+    if len(number.as_tuple().digits) > _MOST_DIGITS:
+        return None
     return number
 
 
@@ -512,7 +539,11 @@ def explain_number(value: object, unit: str) -> str:
     """Return in words what keeps `value` from being a number in `unit`, or nothing."""
     match = _NUMBER_WITH_UNIT.fullmatch(value) if isinstance(value, str) else None
     if not match:
-        return " (not a finite number of a sensible size)" if isinstance(value, int | float | Decimal) else ""
+        return (
+            " (not a finite number of a sensible size and length)"
+            if isinstance(value, int | float | Decimal)
+            else ""
+        )
     try:
         dimension = get_unit_factor(unit)[0]
         found = get_unit_factor(match[1])[0]

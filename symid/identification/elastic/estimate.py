@@ -172,6 +172,11 @@ class ElasticEstimate(DynamicsRecord):
             whole = len(effect.values) == len(effect.deviations) == count and effect.joint in joints
             if not whole or not all(map(math.isfinite, (*effect.values, *effect.deviations, effect.order))):
                 mistakes.append(f"effects: {effect.kind} of joint {effect.joint}: no such effect")
+        mistakes += [
+            f"trials: {trial.method}: expected {len(self.parameters)} values, got {len(trial.values)}"
+            for trial in self.trials
+            if len(trial.values) != len(self.parameters)
+        ]
         if self.evidence is not None:
             found, size = self.evidence, len(self.residual)
             lengths = (len(found.held_out), len(found.noise), len(found.springs) or size)

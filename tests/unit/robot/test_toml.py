@@ -96,7 +96,7 @@ MISTAKES = [
     ("robot.wrong-type", HEAD + JOINT + "limits = { position = [0] }\n", 6, 23, "list of 2 numbers in rad"),
     ("robot.wrong-type", HEAD + JOINT + 'limits = { torque = "3 N m" }\n', 6, 21, "alone, in N*m"),
     ("robot.wrong-type", HEAD + JOINT + "limits = { torque = inf }\n", 6, 21, "torque: "),
-    ("robot.wrong-type", HEAD + JOINT + "link = { mass = 1e400 }\n", 6, 17, "sensible size"),
+    ("robot.wrong-type", HEAD + JOINT + "link = { mass = 1e400 }\n", 6, 17, "sensible size and length"),
     ("robot.wrong-type", HEAD + JOINT + '[log]\ntorque = { columns = [1], unit = "N m" }\n', 7, 22, "texts"),
     (
         "robot.wrong-type",

@@ -1,0 +1,204 @@
+"""Files that no honest program writes: each ends in a SymidError that says what, and where."""
+
+import io
+import json
+import shutil
+import struct
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import symid
+from symid.environment import read_file
+from symid.errors import EstimateError, LogError, RobotError, SymidError
+from symid.identification.stored import read_fit
+from symid.logs.files import LARGEST_ARRAY
+from symid.logs.reader import read_raw
+from symid.robot import read_robot
+from symid.robot.dh_table import parse_dh_table
+from symid.robot.loading import is_mjcf, override_robot
+from symid.robot.toml_values import parse_toml
+
+ROBOT = Path("robots/two_link.toml")
+FITS = Path("tests/data/fits")
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("x = " + "{a=" * 5000 + "1" + "}" * 5000, "nested too deeply"),
+        ("x = " + "[" * 5000 + "]" * 5000, "nested too deeply"),
+        ("x = " + "9" * 5000, "too many digits"),
+    ],
+)
+def test_tables_and_numbers_without_an_end_have_a_line(line, words):
+    with pytest.raises(RobotError) as caught:
+        parse_toml(f'name = "arm"\n{line}\n', "arm.toml").finish()
+    (notice,) = caught.value.notices
+    assert words in notice.text
+    assert (notice.file, notice.line) == ("arm.toml", 2)
+
+
+def test_settings_of_a_call_may_be_as_odd():
+    robot = read_robot(ROBOT)
+    for text in ("9" * 5000, "[" * 5000):
+        with pytest.raises(SymidError):
+            override_robot(robot, (("processing.filter_cutoff", text),))
+
+
+def test_lengths_beyond_doubles_are_refused_at_their_cell():
+    table = f"joint, alpha, a, d, theta\nfirst, 0, {'9' * 400}, 0, q\n"
+    with pytest.raises(RobotError) as caught:
+        parse_dh_table(table, "modified", file="arm.csv")
+    assert [(entry.line, entry.column) for entry in caught.value.notices] == [(2, 11)]
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".csv"])
+def test_names_that_no_file_can_have(tmp_path, suffix):
+    with pytest.raises(LogError, match="too long"):
+        read_raw(tmp_path / f"{'a' * 300}{suffix}")
+
+
+def test_devices_that_never_end_are_no_files(tmp_path):
+    for name in ("log.csv", "log.npz"):
+        (tmp_path / name).symlink_to("/dev/zero")
+        with pytest.raises(LogError, match="a device"):
+            read_raw(tmp_path / name)
+    (tmp_path / "arm.toml").symlink_to("/dev/zero")
+    with pytest.raises(RobotError, match="larger than 64 MB"):
+        read_robot(tmp_path / "arm.toml")
+    assert not is_mjcf(tmp_path / "arm.toml")
+    (tmp_path / "fit.json").symlink_to("/dev/zero")
+    with pytest.raises(OSError, match="larger than 1 MB"):
+        read_file(tmp_path / "fit.json", 10**6)
+
+
+def write_archive(path, members):
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in members.items():
+            archive.writestr(f"{name}.npy", content)
+
+
+def write_header(text):
+    """Return a member that has this header and no numbers."""
+    head = text.encode() + b"\n"
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head
+
+
+def write_array(values):
+    stream = io.BytesIO()
+    np.save(stream, values)
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "{'descr': '<f8', 'fortran_order': False, 'shape': (3",
+        "(" * 300,
+        "{'descr': 'x'",
+        "\x00",
+        "{}",
+        "3L 'a",
+    ],
+)
+def test_damaged_headers_of_arrays_are_damage(tmp_path, header):
+    write_archive(tmp_path / "log.npz", {"t": write_header(header)})
+    texts = []
+    try:
+        texts += read_raw(tmp_path / "log.npz").others
+    except LogError as error:
+        texts += [entry.text for entry in error.notices]
+    assert texts == ["t"] or "NumPy archive" in texts[0]
+
+
+def test_an_array_too_large_is_left_out_by_its_header_and_named_where_it_is_needed(tmp_path):
+    count = LARGEST_ARRAY // 8 + 1
+    large = write_header(f"{{'descr': '<f8', 'fortran_order': False, 'shape': ({count},)}}")
+    time = np.arange(100.0)
+    members = {name: write_array(time) for name in ("t", "tau1", "tau2", "q1")}
+    path = tmp_path / "log.npz"
+    write_archive(path, {**members, "q2": write_array(time), "camera": large})
+    found = read_raw(path)
+    assert found.others == ("camera",)
+    (notice,) = found.notices
+    assert notice.code == "log.too-large"
+    assert "'camera' (1 GB)" in notice.text
+    write_archive(path, {**members, "q2": large})
+    columns = {"time": (["t"], "s"), "position": (["q1", "q2"], "rad"), "torque": (["tau1", "tau2"], "N m")}
+    pairs = []
+    for key, (names, unit) in columns.items():
+        several = key != "time"
+        pairs += [(f"log.{key}.column{'s' * several}", json.dumps(names) if several else names[0])]
+        pairs += [(f"log.{key}.unit", unit)]
+    robot = override_robot(read_robot(ROBOT), tuple(pairs))
+    from symid.logs.reader import read_recording
+
+    with pytest.raises(LogError, match="position: not read"):
+        read_recording(path, robot)
+
+
+def test_an_hdf5_file_may_ask_for_more_than_there_is(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "log.h5"
+    with h5py.File(path, "w") as file:
+        file["t"] = np.arange(100.0)
+        file.create_dataset("huge", (2**33,), "f8", chunks=(2**20,))
+    assert path.stat().st_size < 100_000
+    found = read_raw(path)
+    assert (list(found.columns), found.others) == (["t"], ("huge",))
+    assert "'huge' (68.7 GB)" in found.notices[0].text
+
+
+def test_a_matlab_file_may_ask_for_more_than_there_is(tmp_path):
+    from scipy.io import savemat
+
+    path = tmp_path / "log.mat"
+    savemat(path, {"t": np.arange(100.0)})
+    whole = bytearray(path.read_bytes())
+    # The size of the element that holds the numbers.
+    place = whole.index(struct.pack("<II", 9, 800))
+    whole[place + 4 : place + 8] = struct.pack("<I", 2**31)
+    path.write_bytes(bytes(whole))
+    with pytest.raises(LogError, match="not a MATLAB file that can be read"):
+        read_raw(path)
+
+
+def test_trials_of_methods_have_a_value_a_parameter(tmp_path, elastic_fit):
+    data = json.loads(elastic_fit.read_text(encoding="utf-8"))
+    trials = data["trials"]
+    trials[0]["values"] = trials[0]["values"][:-1]
+    path = tmp_path / "fit.json"
+    path.write_text(json.dumps(data), encoding="utf-8")
+    with pytest.raises(EstimateError, match=r"expected \d+ values"):
+        read_fit(path)
+
+
+@pytest.fixture
+def elastic_fit(tmp_path):
+    return Path(shutil.copy(FITS / "elastic_1.json", tmp_path / "elastic.json"))
+
+
+def test_findings_of_others(shared_data, tmp_path):
+    """Files that once ended in a traceback."""
+    folder = shared_data.parent / "fuzz_findings"
+    if not folder.is_dir():
+        pytest.skip("wants ../shared/fuzz_findings")
+    robot, texts = symid.load("two_link"), []
+    for path in sorted(folder.iterdir()):
+        calls = {
+            ".toml": [lambda path=path: symid.load(path), lambda path=path: robot.check(path)],
+            ".json": [lambda path=path: symid.load_fit(path).report(tmp_path / "page.html")],
+            ".csv": [
+                lambda path=path: robot.check(path),
+                lambda path=path: parse_dh_table(path.read_text(), "modified"),
+            ],
+        }.get(path.suffix, [lambda path=path: robot.check(path)])
+        for call in calls:
+            try:
+                call()
+            except SymidError as error:
+                texts += [entry.text for entry in error.notices]
+    assert all(texts)
