@@ -112,9 +112,13 @@ def measure_code_sizes(folder: Path, prefix: str, names: Sequence[str]) -> dict[
             continue
         if found is None or symbol not in found.functions:
             continue
-        # Parts of a long function are called one after the other.
-        parts = [size for name, size in found.functions.items() if name.startswith("part_")]
-        code, frames = found.functions[symbol] + sum(parts), _read_stack_frames(folder / f"{symbol}.su")
+        # Parts of a long function are called one after the other. Of a function that begins with a test, GCC
+        # makes that test and "NAME.part.0".
+        own = (symbol, f"{symbol}.", "part_")
+        code = sum(
+            size for part, size in found.functions.items() if part == own[0] or part.startswith(own[1:])
+        )
+        frames = _read_stack_frames(folder / f"{symbol}.su")
         stack = None
         if frames is not None:
             inside = [frame for name, frame in frames.items() if "part_" in name and symbol not in name]
