@@ -14,7 +14,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-RUNS = 10
+RUNS = 7
 HEAVY = ("numpy", "scipy", "sympy", "casadi", "click", "jinja2")
 ROBOT = Path(__file__).resolve().parent.parent / "robots" / "two_link.toml"
 AIMS = {"symid --help": 0.150, "import symid": 0.060}
@@ -36,7 +36,11 @@ def run(command: tuple[str, ...]) -> str:
     """Run a command and return what it writes to the error stream; its byte code is kept."""
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     environment |= {"OMP_NUM_THREADS": "1"}
-    return subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stderr
+    # Python looks for packages in the folder that it is started in, before those of its environment.
+    place = Path(command[0]).parent
+    return subprocess.run(
+        command, check=True, capture_output=True, text=True, env=environment, cwd=place
+    ).stderr
 
 
 def measure(command: tuple[str, ...]) -> float:

@@ -252,8 +252,8 @@ _LARGEST_VALUE = 1e3
 _CUTS = (1e-9, 1e-6, 1e-4, 1e-3)
 # Where rounding to thousandths has its edges: not at the simple fractions that exact solutions are made of.
 _ROUNDING_EDGE = 0.137
-# Of matrices that beta is chosen by (30 joints still have all hundred states), and states at least.
-_MOST_NUMBERS, _FEWEST_PROJECTED = 2**24, 8
+# Of matrices that beta is chosen by (18 joints still have all hundred states), and states at least.
+_MOST_NUMBERS, _FEWEST_PROJECTED = 2**22, 8
 
 
 def _project_positive_definite(columns: FloatArray) -> FloatArray:
@@ -351,11 +351,12 @@ def _evaluate_mass_matrices(
     return evaluate
 
 
+_ONE = 1.0
 # By operation: its value in doubles, its derivatives by the operands (from these and the value), and its own
 # rounding in units of 2^-53 (double) or 2^-24 (float); own sines err by less than 4 units in the last place.
 _FLOAT_RULES: Mapping[Op, tuple[Callable[..., Any], Callable[..., tuple[Any, ...]], float]] = {
-    Op.ADD: (ARITHMETIC[Op.ADD], lambda *_: (1.0, 1.0), 1.0),
-    Op.SUB: (ARITHMETIC[Op.SUB], lambda *_: (1.0, 1.0), 1.0),
+    Op.ADD: (ARITHMETIC[Op.ADD], lambda *_: (_ONE, _ONE), 1.0),
+    Op.SUB: (ARITHMETIC[Op.SUB], lambda *_: (_ONE, _ONE), 1.0),
     Op.MUL: (ARITHMETIC[Op.MUL], lambda a, b, _: (b, a), 1.0),
     Op.DIV: (ARITHMETIC[Op.DIV], lambda _, b, y: (1.0 / b, y / b), 1.0),
     Op.SQRT: (np.sqrt, lambda _, y: (0.5 / y,), 1.0),
@@ -409,7 +410,10 @@ def bound_rounding(
                 own, slopes = units * unit * value, differentiate(*given, value)
             total, square = np.abs(own), own**2
             for slope, k in zip(slopes, one.operands, strict=True):
-                total, square = total + np.abs(slope) * sums[k], square + slope**2 * squares[k]
+                if slope is _ONE:
+                    total, square = total + sums[k], square + squares[k]
+                else:
+                    total, square = total + np.abs(slope) * sums[k], square + slope**2 * squares[k]
             values[number], sums[number], squares[number] = value, total, square
             for port, element, ref in given_out:
                 outputs[port][element] = value if ref > 0 else -value
@@ -460,6 +464,8 @@ def find_ease(program: Program, inputs: Sequence[FloatArray], precision: str) ->
 
 
 _AGREEMENT = 1e-8
+_LONG = 60_000
+"""Instructions of all functions together: robots of up to about fifteen joints have fewer."""
 _CONVERT_TO_DECIMALS = np.vectorize(Decimal, otypes=[object])
 
 
@@ -554,6 +560,8 @@ def build_references(
     angles, limit = list_angle_inputs(programs), ANGLE_LIMITS[options.precision]
     drawn = SampleStates(count=options.states, seed=options.seed, shared={}, angles=angles, limit=limit)
     eased, failures = [], []
+    # Bounds of long programs take long, and none is without some rounding: the first beta is as good.
+    long = sum(len(program.instructions) for program in programs) > _LONG
 
     def build(states: SampleStates, eases: list[tuple[float, ...]]) -> tuple[Reference, ...] | None:
         try:
@@ -569,7 +577,7 @@ def build_references(
         states = replace(drawn, shared={card.vector: beta, **springs})
         eases = [find_ease(one, states.compute_all(one)[1], options.precision) for one in programs]
         worst = max((max(ease, default=1.0) for ease in eases), default=1.0)
-        if worst == 1.0 and (found := build(states, eases)):
+        if (worst == 1.0 or long) and (found := build(states, eases)):
             return found
         if worst > 1.0:
             eased.append((worst, states, eases))
