@@ -11,7 +11,7 @@ Not supported: blocks of samples for programs with other than sums, products, qu
 
 import heapq
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain
@@ -177,6 +177,11 @@ def group_angles(program: Program) -> GroupedAngles:
     return GroupedAngles(places=places, before=tuple(before))
 
 
+def _measure(lines: Sequence[str]) -> int:
+    """Return how long compilers take for lines, in statements; eight elements are stored as one."""
+    return len(lines) + _GROUP_SIZE * sum("store_eight" in line for line in lines)
+
+
 @dataclass(slots=True)
 class _CPrinter:
     """Statements of one function; values are of type `kind`, `call` names functions and helpers."""
@@ -236,11 +241,12 @@ class _CPrinter:
                 parts[0] += self._print_instruction(number)
         slots: dict[int, int] = {}
         free: list[int] = []
-        size, new = 0, [k for k in self.names if self.names[k] == f"t{k}"]
+        size, new, length = 0, [k for k in self.names if self.names[k] == f"t{k}"], _measure(parts[0])
         for number in range(1, len(self.program.instructions) + 1):
             new += [] if number in self.names else [number]
-            parts[-1] += self._print_step(number)
-            length = len(parts[-1]) + _GROUP_SIZE * sum("store_eight" in line for line in parts[-1])
+            step = list(self._print_step(number))
+            parts[-1] += step
+            length += _measure(step)
             if length < _PART_LENGTH or number == len(self.program.instructions):
                 continue
             for k in [k for k in slots if last[k] <= number]:
@@ -251,7 +257,7 @@ class _CPrinter:
                     slots[k] = heapq.heappop(free) if free else size - 1
                     parts[-1].append(f"kept[{slots[k]}] = t{k};")
                     self.names[k] = f"kept[{slots[k]}]"
-            new = []
+            new, length = [], 0
             parts.append([])
         return size, parts
 
@@ -330,14 +336,26 @@ def _join_parts(
     ports = {**ports, "kept": f"{printer.kind} kept[restrict {max(size, 1)}]"}
     calls, parts = [f"{printer.kind} kept[{max(size, 1)}];"], []
     for place, lines in enumerate(printed, start=1):
-        named = set(_NAME.findall(" ".join(lines)))
-        statements = (*(text for load, text in loads.items() if load in named), *lines)
+        statements = tuple(_place_loads(loads, lines))
         named = set(_NAME.findall(" ".join(statements)))
         given = [port for port in ports if port in named]
         head = f"PART void {name}_{place}({', '.join(ports[port] for port in given)})"
         parts.append(FunctionPart(head=head, statements=statements))
         calls.append(f"{name}_{place}({', '.join(given)});")
     return FunctionBody(statements=tuple(calls), parts=tuple(parts))
+
+
+def _place_loads(loads: Mapping[str, str], statements: Iterable[str]) -> Iterator[str]:
+    """Yield `statements`, each with the loads, by the names that they give, that it is the first to use.
+
+    Loads that all come first would wait on the stack: compilers keep the order.
+    """
+    waiting = dict(loads)
+    for statement in statements:
+        for name in _NAME.findall(statement):
+            if name in waiting:
+                yield waiting.pop(name)
+        yield statement
 
 
 def print_simd(program: Program, precision: str) -> FunctionBody:
@@ -378,7 +396,7 @@ def print_simd(program: Program, precision: str) -> FunctionBody:
         for port, element in ((inputs[number], element) for number, element in used)
     }
     if not is_long(program):
-        return FunctionBody(statements=(*loads.values(), *printer.print()))
+        return FunctionBody(statements=tuple(_place_loads(loads, printer.print())))
     ports = {"k": "size_t k"}
     for place, port in enumerate((*inputs, *outputs)):
         kind = f"{'const ' * (place < len(inputs))}{precision}"

@@ -16,7 +16,7 @@ import decimal
 import math
 import operator
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Context, Decimal, DecimalException, localcontext
 from functools import lru_cache, partial
@@ -77,6 +77,26 @@ def _build_no_value_error(program: Program, why: str) -> GenerationError:
     return GenerationError(Notice(code="codegen.no-reference", text=text))
 
 
+def _walk(program: Program) -> Iterator[tuple[int, Instruction, list[tuple[int, int, int]], list[int]]]:
+    """Yield instructions by their numbers, the outputs that they are, and what no one reads any more then.
+
+    An output is port, element and the reference, whose sign counts. A long program holds few values at once.
+    """
+    last = list(range(len(program.instructions) + 1))
+    for number, one in enumerate(program.instructions, start=1):
+        for operand in one.operands:
+            last[operand] = number
+    outputs: dict[int, list[tuple[int, int, int]]] = {}
+    for port, refs in enumerate(program.outputs):
+        for element, ref in enumerate(refs):
+            outputs.setdefault(abs(ref), []).append((port, element, ref))
+    over: dict[int, list[int]] = {}
+    for number, end in enumerate(last[1:], start=1):
+        over.setdefault(end, []).append(number)
+    for number, one in enumerate(program.instructions, start=1):
+        yield number, one, outputs.get(number, []), over.get(number, [])
+
+
 def compute_exact_outputs(
     program: Program, inputs: Sequence[DecimalArray], states: int
 ) -> tuple[DecimalArray, ...]:
@@ -85,7 +105,7 @@ def compute_exact_outputs(
     Raises:
         GenerationError: the function has no value at one of the states.
     """
-    values: list[Any] = [None]
+    values: dict[int, Any] = {}
 
     def read(ref: int) -> Any:  # noqa: ANN401  a number, or an array of them
         return values[ref] if ref > 0 else -values[-ref]
@@ -101,11 +121,12 @@ def compute_exact_outputs(
     outputs = tuple(np.empty((states, len(refs)), dtype=object) for refs in program.outputs)
     try:
         with localcontext(_DECIMAL_CONTEXT):
-            for instruction in program.instructions:
-                values.append(compute(instruction))  # noqa: PERF401  later values need earlier ones
-            for output, refs in zip(outputs, program.outputs, strict=True):
-                for k, ref in enumerate(refs):
-                    output[:, k] = read(ref)
+            for number, instruction, given, over in _walk(program):
+                values[number] = compute(instruction)
+                for port, element, ref in given:
+                    outputs[port][:, element] = read(ref)
+                for old in over:
+                    del values[old]
     except (DecimalException, ArithmeticError, ValueError, TypeError) as error:
         # Division by zero, and arguments outside a function's domain.
         raise _build_no_value_error(program, repr(error)) from error
@@ -231,81 +252,111 @@ _LARGEST_VALUE = 1e3
 _CUTS = (1e-9, 1e-6, 1e-4, 1e-3)
 # Where rounding to thousandths has its edges: not at the simple fractions that exact solutions are made of.
 _ROUNDING_EDGE = 0.137
+# Of matrices that beta is chosen by (18 joints still have all hundred states), and states at least.
+_MOST_NUMBERS, _FEWEST_PROJECTED = 2**22, 8
 
 
-def _project_positive_definite(columns: FloatArray, size: int) -> FloatArray:
+def _project_positive_definite(columns: FloatArray) -> FloatArray:
     """Return beta of a positive definite mass matrix at every state, as far as there is one.
 
-    Directions of beta that hardly move the matrix would take huge values: such are cut off until none is.
+    `columns` (states, n, n, b) are matrices of unit vectors. Directions of beta that hardly move the matrix
+    would take huge values: such are cut off until none is.
     """
-    left, singular, right = np.linalg.svd(columns, full_matrices=False)
-    states = columns.shape[0] // size**2
+    states, size, _, count = columns.shape
+    # The upper triangle has all; an element that the lower one has too weighs twice in a sum of squares.
+    upper = np.triu_indices(size)
+    weights = np.where(upper[0] == upper[1], 1.0, np.sqrt(2.0))
+    base, small = np.linalg.qr((weights[:, None] * columns[:, *upper]).reshape(-1, count))
+    left, singular, right = np.linalg.svd(small)
+
+    def fit(matrices: FloatArray) -> FloatArray:
+        """Return the coefficients, of `left`, of the beta next to matrices (states, n, n)."""
+        fitted: FloatArray = left.T @ (base.T @ (weights * matrices[:, *upper]).ravel())
+        return fitted
+
     for cut in _CUTS:
         kept = singular > cut * singular[0]
-        inverse = right.T @ (np.where(kept, 1.0 / np.where(kept, singular, 1.0), 0.0)[:, None] * left.T)
-        beta = inverse @ np.tile(np.eye(size).ravel(), states)
+        inverse = right.T * np.where(kept, 1.0 / np.where(kept, singular, 1.0), 0.0)
+        beta = inverse @ fit(np.broadcast_to(np.eye(size), (states, size, size)))
         for _ in range(_PROJECTIONS):
-            values, vectors = np.linalg.eigh((columns @ beta).reshape(states, size, size))
+            values, vectors = np.linalg.eigh(columns @ beta)
             raised = (vectors * np.maximum(values, 1.0)[:, None, :]) @ vectors.transpose(0, 2, 1)
-            beta = inverse @ raised.ravel()
+            beta = inverse @ fit(raised)
         if np.abs(beta).max() <= _LARGEST_VALUE:
             break
     return np.asarray(beta, dtype=np.float64)
 
 
 def _compute_condition(matrices: FloatArray) -> float:
-    return float(np.linalg.cond(matrices).max()) if np.isfinite(matrices).all() else np.inf
+    """Return the worst condition of symmetric matrices (states, n, n), infinite where one is singular."""
+    if not np.isfinite(matrices).all():
+        return np.inf
+    sizes = np.abs(np.linalg.eigvalsh(matrices))
+    least, most = sizes.min(axis=-1, initial=np.inf), sizes.max(axis=-1, initial=0.0)
+    return float(np.max(np.where(least > 0.0, most / np.where(least > 0.0, least, 1.0), np.inf)))
 
 
 def choose_parameters(
     card: ModelCard, functions: Sequence[ca.Function], programs: Sequence[Program], states: SampleStates
-) -> list[tuple[float, ...]]:
-    """Return values of beta to try: those of the robot file if they are good, then others.
+) -> Iterator[tuple[float, ...]]:
+    """Yield values of beta to try: those of the robot file if they are good, then others.
 
     The mass matrix must be well conditioned at `states`; without that function, beta is random.
     """
     stated = [parameter.value for parameter in card.beta]
-    known = [np.array([value for value in stated if value is not None])]
-    given = known if len(known[0]) == len(stated) and np.isfinite(known[0]).all() else []
+    known = np.array([value for value in stated if value is not None])
+    given = [known] if len(known) == len(stated) and np.isfinite(known).all() else []
     drawn = SampleStates(count=_ATTEMPTS, seed=states.seed, shared={})
-    draws = list(drawn.find(Port(name=card.vector, shape=(len(card.beta),), unit="", meaning="")))
-    specs = [program.spec for program in programs]
-    names = [spec.name for spec in specs if card.vector in {port.name for port in spec.inputs}]
-    if "mass_matrix" in names and stated:
-        place = [spec.name for spec in specs].index("mass_matrix")
-        function, program = functions[place], programs[place]
-
-        at = replace(states, shared={card.vector: (0.0,) * len(stated)})
-        _, inputs = at.compute_all(program)
-        place = [port.name for port in program.spec.inputs].index(card.vector)
-
-        def evaluate(beta: FloatArray) -> FloatArray:
-            (matrices,) = evaluate_casadi(
-                function, program, [*inputs[:place], beta, *inputs[place + 1 :]], states.count
-            )
-            return matrices.reshape(-1, card.size, card.size)
-
-        given = [beta for beta in given if _compute_condition(evaluate(beta)) < _LARGEST_CONDITION]
-        columns = np.stack([evaluate(unit).ravel() for unit in np.eye(len(stated))], axis=1)
-        inertia = _project_positive_definite(columns, card.size)
-
-        def strengthen(draw: FloatArray) -> FloatArray:
-            for multiple in _MULTIPLES:
-                thousandths = np.floor((draw + multiple * inertia) * PER_UNIT + _ROUNDING_EDGE)
-                beta: FloatArray = thousandths / PER_UNIT + 0.0
-                if _compute_condition((columns @ beta).reshape(-1, card.size, card.size)) < _GOOD_CONDITION:
-                    break
-            return beta
-
-        draws = list(map(strengthen, draws))
-    return [tuple(beta.tolist()) for beta in (*given, *draws)]
+    draws = drawn.find(Port(name=card.vector, shape=(len(card.beta),), unit="", meaning=""))
+    matrices = _evaluate_mass_matrices(card, functions, programs, states) if stated else None
+    if matrices is not None:
+        given = [beta for beta in given if _compute_condition(matrices(beta, None)) < _LARGEST_CONDITION]
+    yield from (tuple(beta.tolist()) for beta in given)
+    if matrices is None:
+        yield from map(tuple, draws.tolist())
+        return
+    # What all states of a large robot need would not fit into memory; a part of them determines beta.
+    few = max(_FEWEST_PROJECTED, _MOST_NUMBERS // (card.size**2 * len(stated)))
+    columns = np.stack([matrices(unit, few) for unit in np.eye(len(stated))], axis=-1)
+    inertia = _project_positive_definite(columns)
+    for draw in draws:
+        for multiple in _MULTIPLES:
+            beta = np.floor((draw + multiple * inertia) * PER_UNIT + _ROUNDING_EDGE) / PER_UNIT + 0.0
+            if _compute_condition(matrices(beta, None)) < _GOOD_CONDITION:
+                break
+        yield tuple(beta.tolist())
 
 
+def _evaluate_mass_matrices(
+    card: ModelCard, functions: Sequence[ca.Function], programs: Sequence[Program], states: SampleStates
+) -> Callable[[FloatArray, int | None], FloatArray] | None:
+    """Return the mass matrices (states, n, n) of a beta at the first states, or all; None without them."""
+    places = [k for k, program in enumerate(programs) if program.spec.name == "mass_matrix"]
+    if not any(card.vector in {port.name for port in programs[k].spec.inputs} for k in places):
+        return None
+    function, program = functions[places[0]], programs[places[0]]
+    _, inputs = replace(states, shared={card.vector: (0.0,) * len(card.beta)}).compute_all(program)
+    vector = [port.name for port in program.spec.inputs].index(card.vector)
+
+    def evaluate(beta: FloatArray, few: int | None) -> FloatArray:
+        count = min(states.count, few or states.count)
+        own = [
+            values if port.shared else values[:count]
+            for port, values in zip(program.spec.inputs, inputs, strict=True)
+        ]
+        own[vector] = beta
+        (matrices,) = evaluate_casadi(function, program, own, count)
+        return matrices.reshape(-1, card.size, card.size)
+
+    return evaluate
+
+
+_ONE = 1.0
 # By operation: its value in doubles, its derivatives by the operands (from these and the value), and its own
 # rounding in units of 2^-53 (double) or 2^-24 (float); own sines err by less than 4 units in the last place.
 _FLOAT_RULES: Mapping[Op, tuple[Callable[..., Any], Callable[..., tuple[Any, ...]], float]] = {
-    Op.ADD: (ARITHMETIC[Op.ADD], lambda *_: (1.0, 1.0), 1.0),
-    Op.SUB: (ARITHMETIC[Op.SUB], lambda *_: (1.0, 1.0), 1.0),
+    Op.ADD: (ARITHMETIC[Op.ADD], lambda *_: (_ONE, _ONE), 1.0),
+    Op.SUB: (ARITHMETIC[Op.SUB], lambda *_: (_ONE, _ONE), 1.0),
     Op.MUL: (ARITHMETIC[Op.MUL], lambda a, b, _: (b, a), 1.0),
     Op.DIV: (ARITHMETIC[Op.DIV], lambda _, b, y: (1.0 / b, y / b), 1.0),
     Op.SQRT: (np.sqrt, lambda _, y: (0.5 / y,), 1.0),
@@ -338,9 +389,13 @@ def bound_rounding(
     first, or sixteen times the second where that is less: roundings are as good as independent.
     """
     unit = _UNITS[precision]
-    values, sums, squares = [np.zeros(())], [np.zeros(())], [np.zeros(())]
+    count = max((len(port) for port in inputs if port.ndim > 1), default=1)
+    outputs, errors = ([np.empty((len(refs), count)) for refs in program.outputs] for _ in range(2))
+    values: dict[int, FloatArray] = {}
+    sums: dict[int, FloatArray] = {}
+    squares: dict[int, FloatArray] = {}
     with np.errstate(all="ignore"):
-        for one in program.instructions:
+        for number, one, given_out, over in _walk(program):
             slopes: tuple[Any, ...] = ()
             if one.op is Op.INPUT:
                 value = inputs[one.args[0]][..., one.args[1]]
@@ -355,22 +410,17 @@ def bound_rounding(
                 own, slopes = units * unit * value, differentiate(*given, value)
             total, square = np.abs(own), own**2
             for slope, k in zip(slopes, one.operands, strict=True):
-                total, square = total + np.abs(slope) * sums[k], square + slope**2 * squares[k]
-            values.append(value)
-            sums.append(total)
-            squares.append(square)
-    count = max((len(port) for port in inputs if port.ndim > 1), default=1)
-
-    def gather(entries: list[FloatArray], refs: Sequence[int]) -> FloatArray:
-        rows = [np.broadcast_to(entries[abs(ref)], (count,)) for ref in refs]
-        return np.array(rows, dtype=np.float64).reshape(len(refs), count)
-
-    found = []
-    for refs in program.outputs:
-        signs = np.sign(np.array(refs, dtype=np.float64)).reshape(-1, 1)
-        errors = np.minimum(gather(sums, refs), _MOST_DEVIATIONS * np.sqrt(gather(squares, refs)))
-        found.append((signs * gather(values, refs), errors))
-    return found
+                if slope is _ONE:
+                    total, square = total + sums[k], square + squares[k]
+                else:
+                    total, square = total + np.abs(slope) * sums[k], square + slope**2 * squares[k]
+            values[number], sums[number], squares[number] = value, total, square
+            for port, element, ref in given_out:
+                outputs[port][element] = value if ref > 0 else -value
+                errors[port][element] = np.minimum(total, _MOST_DEVIATIONS * np.sqrt(square))
+            for old in over:
+                del values[old], sums[old], squares[old]
+    return list(zip(outputs, errors, strict=True))
 
 
 # Errors are measured by the largest value of an output; one below NEGLIGIBLE is zero but for rounding, and
@@ -414,6 +464,8 @@ def find_ease(program: Program, inputs: Sequence[FloatArray], precision: str) ->
 
 
 _AGREEMENT = 1e-8
+_LONG = 60_000
+"""Instructions of all functions together: robots of up to about fifteen joints have fewer."""
 _CONVERT_TO_DECIMALS = np.vectorize(Decimal, otypes=[object])
 
 
@@ -508,6 +560,8 @@ def build_references(
     angles, limit = list_angle_inputs(programs), ANGLE_LIMITS[options.precision]
     drawn = SampleStates(count=options.states, seed=options.seed, shared={}, angles=angles, limit=limit)
     eased, failures = [], []
+    # Bounds of long programs take long, and none is without some rounding: the first beta is as good.
+    long = sum(len(program.instructions) for program in programs) > _LONG
 
     def build(states: SampleStates, eases: list[tuple[float, ...]]) -> tuple[Reference, ...] | None:
         try:
@@ -523,7 +577,7 @@ def build_references(
         states = replace(drawn, shared={card.vector: beta, **springs})
         eases = [find_ease(one, states.compute_all(one)[1], options.precision) for one in programs]
         worst = max((max(ease, default=1.0) for ease in eases), default=1.0)
-        if worst == 1.0 and (found := build(states, eases)):
+        if (worst == 1.0 or long) and (found := build(states, eases)):
             return found
         if worst > 1.0:
             eased.append((worst, states, eases))

@@ -78,6 +78,7 @@ if TYPE_CHECKING:
         describe_uneven as describe_uneven,
         differentiate as differentiate,
         differentiate_smooth as differentiate_smooth,
+        estimate_density as estimate_density,
         low_pass as low_pass,
         prepare_signals as prepare_signals,
     )

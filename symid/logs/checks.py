@@ -18,6 +18,7 @@ from symid.arrays import FloatArray
 from symid.errors import Notice
 from symid.logs.recording import Recording
 from symid.logs.sampling import describe_timing
+from symid.logs.signals import take_line_off
 from symid.robot import Joint, JointKind, Robot
 
 # Thresholds of warnings, not of refusals.
@@ -129,12 +130,10 @@ def _check_second(recording: Recording, robot: Robot) -> Iterator[tuple[str, str
 
 def _check_velocity(recording: Recording, velocity: FloatArray, robot: Robot) -> Iterator[tuple[str, str]]:
     """Compare the integral of the logged velocity, which may have a small bias, with the position."""
-    from scipy.integrate import cumulative_trapezoid
-    from scipy.signal import detrend
-
-    ways = cumulative_trapezoid(velocity, recording.time, axis=0, initial=0.0)
+    steps = 0.5 * np.diff(recording.time)[:, None] * (velocity[1:] + velocity[:-1])
+    ways = np.concatenate([np.zeros((1, velocity.shape[1])), np.cumsum(steps, axis=0)])
     for index, joint in enumerate(robot.axes):
-        position, integral = detrend(recording.position[:, index]), detrend(ways[:, index])
+        position, integral = map(take_line_off, (recording.position[:, index], ways[:, index]))
         sizes = float(np.linalg.norm(position)), float(np.linalg.norm(integral))
         if not min(sizes) or np.ptp(recording.position[:, index]) < _LEAST_WAY:
             continue

@@ -16,8 +16,7 @@ Supported: uniform sampling, see `describe_uneven`. Not supported: online filter
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cache
-from typing import Any
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +26,12 @@ from symid.errors import LogError, Notice
 from symid.logs.recording import Recording, Signals
 from symid.robot import Decimation, Processing
 
+LongArray = NDArray[np.longdouble]
+
 _FREQUENCIES = 8192
-_LEAST_BLOCK = 128
-"""Samples of a block of the decimation: shorter ones have more states, longer ones larger matrices."""
+_LEAST_BLOCK, _WHOLE_BLOCK = 128, 64
+"""Samples of a block, of a decimation and of other filters: shorter ones have more states, longer ones larger
+matrices."""
 _PIECE = 512
 """Samples of columns that are turned into rows while they are in the cache."""
 _WIDTH = 8
@@ -51,6 +53,19 @@ def compute_pad_length(order: int) -> int:
     return 3 * order
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _LowPass:
+    """A low-pass of `order` up to `edge`, in parts of half the sample rate; every `factor`-th sample is kept.
+
+    Chebyshev I with `ripple_db` in the pass band, or Butterworth where that is None.
+    """
+
+    order: int
+    edge: float
+    ripple_db: float | None = None
+    factor: int = 1
+
+
 def low_pass(values: FloatArray, *, period: float, cutoff: float, order: int) -> FloatArray:
     """Return `values` (N, ...) through a Butterworth filter, forward and backward.
 
@@ -61,10 +76,7 @@ def low_pass(values: FloatArray, *, period: float, cutoff: float, order: int) ->
     if not 0.0 < cutoff < nyquist:
         text = f"the filter cut-off must be below {nyquist:g} Hz, half the sample rate, got {cutoff:g} Hz"
         raise LogError(Notice(code="log.filter-cutoff", text=text))
-    from scipy.signal import butter
-
-    sections = butter(order, cutoff / nyquist, output="sos")
-    return _filter_both_ways(sections, values, order)
+    return _filter_both_ways(_LowPass(order=order, edge=cutoff / nyquist), values)
 
 
 def differentiate(values: FloatArray, period: float) -> FloatArray:
@@ -94,17 +106,31 @@ def decimate(values: FloatArray, decimation: Decimation) -> FloatArray:
 
     ceil(N / r) samples are kept, the last one included, as in MATLAB's `decimate`; a LogError if there are
     too few. A model that is linear in its parameters stays true when its columns and the measurement pass the
-    same filter (Gautier 1997). Only the samples kept are computed, see `_DecimationBlocks`.
+    same filter (Gautier 1997). Only the samples kept are computed, see `_FilterBlocks`.
     """
-    factor = decimation.factor
-    if factor == 1:
+    if decimation.factor == 1:
         return values.copy()
-    kept, blocks = -(-len(values) // factor), _build_decimation_blocks(decimation)
+    return _filter_both_ways(_describe_decimation(decimation), values)
+
+
+def _describe_decimation(decimation: Decimation) -> _LowPass:
+    edge = decimation.band / decimation.factor
+    return _LowPass(
+        order=decimation.order, edge=edge, ripple_db=decimation.ripple_db, factor=decimation.factor
+    )
+
+
+def _filter_both_ways(kind: _LowPass, values: FloatArray) -> FloatArray:
+    """Return what a filter keeps of `values` (N, ...), both ways; LogError if there are too few."""
+    factor, pad = kind.factor, _check_length(len(values), kind.order)
+    kept, blocks = -(-len(values) // factor), _build_blocks(kind)
     if blocks is None:
-        smooth = _filter_both_ways(_design_decimation(decimation), values, decimation.order)
+        # The import takes longer than most filters run.
+        from scipy.signal import sosfiltfilt
+
+        smooth = sosfiltfilt(_design_sections(kind).copy(), values, axis=0, padtype="odd", padlen=pad)
         first = factor - (factor * kept - len(values)) - 1
         return np.ascontiguousarray(smooth[first::factor])
-    _check_length(len(values), decimation.order)
     flat = np.asarray(values, dtype=np.float64).reshape(len(values), math.prod(values.shape[1:]))
     rows = np.zeros((kept, flat.shape[1]))
     places = _list_live(flat) if flat.shape[1] > _WIDTH else np.arange(flat.shape[1])
@@ -127,8 +153,8 @@ def _list_live(columns: FloatArray) -> NDArray[np.intp]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _DecimationBlocks:
-    """The decimation of `decimate` by blocks of L samples, of which the last of every r is a row, G a block.
+class _FilterBlocks:
+    """A filter both ways by blocks of L samples, of which the last of every r is a row, G a block.
 
         s_(b+1) = A s_b + B x_b,    y_b = C s_b + D x_b                      forward
         w_(b-1) = A w_b + B J y_b,  rows_b = E J (C w_b + D J y_b)           backward, J turns the time round
@@ -187,27 +213,17 @@ class _DecimationBlocks:
         return np.asarray(rows.reshape(len(columns), -1)[:, -kept:])
 
 
-@cache
-def _build_decimation_blocks(decimation: Decimation) -> _DecimationBlocks | None:
-    """Return the blocks of a decimation; None where its filter remembers too many samples."""
-    from scipy.linalg import toeplitz
-    from scipy.signal import sosfilt
-
-    factor, pad = decimation.factor, compute_pad_length(decimation.order)
-    memory = _count_remembered(decimation, _VANISHED)
+@lru_cache(maxsize=64)
+def _build_blocks(kind: _LowPass) -> _FilterBlocks | None:
+    """Return the blocks of a filter; None where it remembers too many samples."""
+    factor, pad = kind.factor, compute_pad_length(kind.order)
+    memory = _count_remembered(kind, _VANISHED)
     if memory > _LONGEST:
         return None
-    length = factor * -(-_LEAST_BLOCK // factor)
+    length = factor * -(-(_LEAST_BLOCK if factor > 1 else _WHOLE_BLOCK) // factor)
     most = max(length, pad)
-    # In extended precision, where there is one: the filter runs through cancelling states.
-    sections = _design_decimation(decimation).astype(np.longdouble)
-    unknown = 2 * len(sections)
-    starts = np.zeros((len(sections), 2, unknown + 1), dtype=np.longdouble)
-    starts.reshape(unknown, -1)[:, 1:] = np.eye(unknown)
-    pulse = np.zeros((memory + most, unknown + 1), dtype=np.longdouble)
-    pulse[0, 0] = 1.0
-    responses, _ = sosfilt(sections, pulse, axis=0, zi=starts)
-    response, free = responses[:, 0], _orthonormalise(responses[:, 1:])
+    states, response = _compute_responses(_design_sections(kind), memory + most)
+    free = _orthonormalise(states)
     step = free[:-1].T @ free[1:]
     # What an input adds to the state, k samples later; what a constant input left.
     entered = [free[:-1].T @ response[1:]]
@@ -218,12 +234,14 @@ def _build_decimation_blocks(decimation: Decimation) -> _DecimationBlocks | None
     while np.abs(powers[-1]).max() > _VANISHED:
         powers.append(powers[-1] @ powers[-1])
     late, out = np.array(entered, dtype=np.float64).T, free[:most].astype(np.float64)
-    direct = toeplitz(response[:most].astype(np.float64), np.zeros(most))
+    # Entry (i, k) is the response i - k samples later.
+    lags = np.subtract.outer(np.arange(most), np.arange(most))
+    direct = np.where(lags < 0, 0.0, response[np.maximum(lags, 0)].astype(np.float64))
     inside, rows = direct[:length, :length], slice(factor - 1, length, factor)
     ending = np.hstack([out[:pad], direct[:pad, :pad]])
     settled = (np.linalg.matrix_power(step, pad) @ steady).astype(np.float64)
     steps = late[:, :length]
-    return _DecimationBlocks(
+    return _FilterBlocks(
         pad=pad,
         inner=np.vstack([steps[:, ::-1], steps @ inside, inside[:, rows].T @ inside]).T.copy(),
         across=np.vstack([steps @ out[:length], inside[:, rows].T @ out[:length]]).T.copy(),
@@ -234,15 +252,37 @@ def _build_decimation_blocks(decimation: Decimation) -> _DecimationBlocks | None
     )
 
 
-def _count_remembered(decimation: Decimation, rest: float) -> int:
+def _compute_responses(sections: FloatArray, count: int) -> tuple[LongArray, LongArray]:
+    """Return the outputs (count, states) that each state alone leaves, and the response (count,) to a pulse.
+
+    In extended precision, where there is one: the filter runs through cancelling states.
+    """
+    size = 2 * len(sections)
+    # One sample of all states, and of an input of one behind them.
+    states = np.eye(size, size + 1, dtype=np.longdouble)
+    signal = np.zeros(size + 1, dtype=np.longdouble)
+    signal[size] = 1.0
+    after = np.empty_like(states)
+    for k, (b0, b1, b2, _, a1, a2) in enumerate(sections.astype(np.longdouble)):
+        entering, signal = signal, b0 * signal + states[2 * k]
+        after[2 * k] = b1 * entering - a1 * signal + states[2 * k + 1]
+        after[2 * k + 1] = b2 * entering - a2 * signal
+    power, entry = after[:, :size], after[:, size]
+    free = signal[None, :size]
+    while len(free) < count:
+        free = np.concatenate([free, free @ power])
+        power = power @ power
+    return free[:count], np.concatenate([signal[size:], free[: count - 1] @ entry])
+
+
+def _count_remembered(kind: _LowPass, rest: float) -> int:
     """Return the samples after which a transient of the filter has fallen to a relative `rest`."""
-    slowest = float(np.abs(_design_decimation(decimation, "zpk")[1]).max())
-    return math.ceil(math.log(rest) / math.log(slowest))
+    return math.ceil(math.log(rest) / math.log(float(np.abs(_design_poles(kind)[0]).max())))
 
 
-def _orthonormalise(columns: FloatArray) -> FloatArray:
+def _orthonormalise(columns: LongArray) -> LongArray:
     """Return orthonormal columns that span those given, in their precision; NumPy's own have double."""
-    found: list[FloatArray] = []
+    found: list[LongArray] = []
     for column in columns.T[columns.any(axis=0)]:
         rest = column / np.sqrt(column @ column)
         for _ in range(2):  # twice, against rounding
@@ -261,25 +301,56 @@ def compute_noise_bandwidth(processing: Processing, period: float) -> float:
     torque passes it, low-pass. `period` in s, before decimation.
     """
     decimation = processing.decimation
-    from scipy.signal import butter, sosfreqz
-
     # The pass band after decimation always holds many frequencies.
     count = _FREQUENCIES * max(1, decimation.factor // 10)
     gain = np.ones(count)
     if decimation.factor > 1:
-        gain *= np.abs(sosfreqz(_design_decimation(decimation), worN=count)[1]) ** 4
+        gain *= _compute_gain(_describe_decimation(decimation), count) ** 4
     if processing.filter_torque and processing.filter_cutoff is not None:
-        sections = butter(processing.filter_order, processing.filter_cutoff * 2.0 * period, output="sos")
-        gain *= np.abs(sosfreqz(sections, worN=count)[1]) ** 4
+        edge = processing.filter_cutoff * 2.0 * period
+        gain *= _compute_gain(_LowPass(order=processing.filter_order, edge=edge), count) ** 4
     return min(1.0, decimation.factor * float(np.mean(gain) / gain[0]))
 
 
-@cache
-def _design_decimation(decimation: Decimation, output: str = "sos") -> Any:  # noqa: ANN401  scipy has no types
-    from scipy.signal import cheby1
+def _compute_gain(kind: _LowPass, count: int) -> FloatArray:
+    """Return |H| at `count` frequencies from zero to below half the sample rate."""
+    delay = np.exp(-1j * np.pi * np.arange(count) / count)
+    gain = np.ones(count)
+    for b0, b1, b2, _, a1, a2 in _design_sections(kind):
+        gain *= np.abs((b0 + delay * (b1 + delay * b2)) / (1.0 + delay * (a1 + delay * a2)))
+    return gain
 
-    edge = decimation.band / decimation.factor
-    return cheby1(decimation.order, decimation.ripple_db, edge, output=output)
+
+def _design_poles(kind: _LowPass) -> tuple[NDArray[np.complex128], float]:
+    """Return the poles of a digital low-pass with all zeros at -1, and the gain that goes with these.
+
+    Poles of the analogue filter, -exp(i t) or -sinh(m + i t), become digital ones by the bilinear transform
+    with the edge at its place (Parks and Burrus 1987, sections 7.2 and 7.3).
+    """
+    order = kind.order
+    angles = 0.5j * np.pi * np.arange(1 - order, order, 2) / order
+    poles, level = -np.exp(angles), 1.0
+    if kind.ripple_db is not None:
+        ripple = math.sqrt(10.0 ** (0.1 * kind.ripple_db) - 1.0)
+        poles = -np.sinh(math.asinh(1.0 / ripple) / order + angles)
+        level = 1.0 if order % 2 else 1.0 / math.sqrt(1.0 + ripple**2)
+    poles = math.tan(0.5 * np.pi * kind.edge) * poles
+    gain = level * float(np.prod(-poles / (1.0 - poles)).real)
+    return (1.0 + poles) / (1.0 - poles), gain
+
+
+@lru_cache(maxsize=64)
+def _design_sections(kind: _LowPass) -> FloatArray:
+    """Return second-order sections (k, 6), b0 b1 b2 1 a1 a2, those of the longest memory last."""
+    poles, gain = _design_poles(kind)
+    upper = sorted(poles[: kind.order // 2], key=abs)
+    sections = [[1.0, 2.0, 1.0, 1.0, -2.0 * pole.real, (pole * pole.conjugate()).real] for pole in upper]
+    if kind.order % 2:
+        sections.insert(0, [1.0, 1.0, 0.0, 1.0, -poles[kind.order // 2].real, 0.0])
+    found = np.array(sections)
+    found[0, :3] *= gain
+    found.setflags(write=False)
+    return found
 
 
 def _check_length(samples: int, order: int) -> int:
@@ -291,12 +362,29 @@ def _check_length(samples: int, order: int) -> int:
     return pad
 
 
-def _filter_both_ways(sections: FloatArray, values: FloatArray, order: int) -> FloatArray:
-    pad = _check_length(len(values), order)
-    from scipy.signal import sosfiltfilt
+def take_line_off(values: FloatArray) -> FloatArray:
+    """Return `values` (N, ...) without the line that fits them best."""
+    places = np.arange(len(values)) - 0.5 * (len(values) - 1)
+    flat = values.reshape(len(values), -1)
+    level, slope = flat.mean(axis=0), places @ flat / max(1.0, float(places @ places))
+    rest: FloatArray = flat - level - places[:, None] * slope
+    return rest.reshape(values.shape)
 
-    result: FloatArray = sosfiltfilt(sections, values, axis=0, padtype="odd", padlen=pad)
-    return np.ascontiguousarray(result)
+
+def estimate_density(values: FloatArray, rate: float, length: int) -> tuple[FloatArray, FloatArray]:
+    """Return frequencies (m,) in Hz and one-sided spectral densities (m, n) of `values` (N, n) at `rate` Hz.
+
+    Means over Hann windows of `length` samples, half of which overlap, each without its line (Welch 1967).
+    """
+    places = np.arange(length)
+    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * places / length)
+    starts = range(0, len(values) - length + 1, length - length // 2)
+    power = np.zeros((length // 2 + 1, values.shape[1]))
+    for start in starts:
+        part = take_line_off(values[start : start + length])
+        power += np.abs(np.fft.rfft(window[:, None] * part, axis=0)) ** 2
+    power[1 : (length + 1) // 2] *= 2.0
+    return np.arange(len(power)) * rate / length, power / (len(starts) * rate * np.sum(window**2))
 
 
 _BLOCK = 32768
@@ -383,14 +471,14 @@ def decimate_blocks(
     same up to rounding and only one block is in memory. `evaluate` gives the values (k, ...) of a slice of
     samples.
     """
-    factor = decimation.factor
+    factor, kind = decimation.factor, _describe_decimation(decimation)
     if factor == 1:
         for start in range(0, samples, _BLOCK):
             part = slice(start, min(samples, start + _BLOCK))
             yield part, evaluate(part)
         return
     # Rows after which the transient of the filter has settled.
-    reach = -(-_count_remembered(decimation, _MEMORY_FLOOR) // factor) + decimation.order
+    reach = -(-_count_remembered(kind, _MEMORY_FLOOR) // factor) + decimation.order
     # The last row is the last sample, as in `decimate`.
     kept = -(-samples // factor)
     first = samples - 1 - factor * (kept - 1)

@@ -31,9 +31,9 @@ int symid_emps_forward_kinematics_batch(size_t n, const double *restrict q, doub
     if (n >= SYMID_EMPS_LANES) {
         for (size_t first = 0; first < n; first += SYMID_EMPS_LANES) {
             const size_t k = first <= n - SYMID_EMPS_LANES ? first : n - SYMID_EMPS_LANES;
-            const lanes q0 = GATHER(q + 1 * k, 1);
             store_eight(R + 9 * k, 9, (const lanes[]){ALL(1.0), ALL(0.0), ALL(0.0), ALL(0.0), ALL(0.0), -ALL(1.0), ALL(0.0), ALL(1.0)});
             store_one(R + 9 * k + 8, 9, ALL(0.0));
+            const lanes q0 = GATHER(q + 1 * k, 1);
             store_one(P + 3 * k, 3, ALL(0.0)); store_one(P + 3 * k + 1, 3, -q0); store_one(P + 3 * k + 2, 3, ALL(0.0));
         }
         return SYMID_EMPS_OK;

@@ -13,5 +13,5 @@ const char *symid_emps_signature(void)
 
 const char *symid_emps_digest(void)
 {
-    return "5083853dc48eeea609cde106312e350683edaaae3f65da5c6fcf38b6f430749f";
+    return "f221b827c473a72aec7c10f70c3d3b98799a5ab88aed654715f98a0425b873ce";
 }

@@ -54,14 +54,13 @@ int symid_two_link_bias_batch(size_t n, const double *restrict q, const double *
             const size_t k = first <= n - SYMID_TWO_LINK_LANES ? first : n - SYMID_TWO_LINK_LANES;
             const lanes q0 = GATHER(q + 2 * k, 2);
             const lanes q1 = GATHER(q + 2 * k + 1, 2);
-            const lanes dq0 = GATHER(dq + 2 * k, 2);
-            const lanes dq1 = GATHER(dq + 2 * k + 1, 2);
             const lanes angles[2] = {q0, q1};
             lanes sines[2];
             lanes cosines[2];
             find_sines(2, angles, sines, cosines);
             const lanes t2 = sines[0];
             const lanes t4 = t2 * ALL(9.81);
+            const lanes dq0 = GATHER(dq + 2 * k, 2);
             const lanes t7 = dq0 * dq0;
             const lanes t8 = ALL(0.5) * t7;
             const lanes t9 = t4 - t8;
@@ -78,6 +77,7 @@ int symid_two_link_bias_batch(size_t n, const double *restrict q, const double *
             const lanes t23 = t22 * ALL(9.81);
             const lanes t24 = t23 * t21;
             const lanes t25 = t24 - t18;
+            const lanes dq1 = GATHER(dq + 2 * k + 1, 2);
             const lanes t27 = dq0 + dq1;
             const lanes t28 = t27 * t27;
             const lanes t29 = t28 * t17;

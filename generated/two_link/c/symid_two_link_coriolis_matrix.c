@@ -39,8 +39,6 @@ int symid_two_link_coriolis_matrix_batch(size_t n, const double *restrict q, con
         for (size_t first = 0; first < n; first += SYMID_TWO_LINK_LANES) {
             const size_t k = first <= n - SYMID_TWO_LINK_LANES ? first : n - SYMID_TWO_LINK_LANES;
             const lanes q1 = GATHER(q + 2 * k + 1, 2);
-            const lanes dq0 = GATHER(dq + 2 * k, 2);
-            const lanes dq1 = GATHER(dq + 2 * k + 1, 2);
             const lanes angles[1] = {q1};
             lanes sines[1];
             lanes cosines[1];
@@ -50,8 +48,10 @@ int symid_two_link_coriolis_matrix_batch(size_t n, const double *restrict q, con
             const lanes t6 = cosines[0];
             const lanes t7 = ALL(beta[5]) * t6;
             const lanes t8 = t4 + t7;
+            const lanes dq0 = GATHER(dq + 2 * k, 2);
             const lanes t11 = dq0 * ALL(0.5);
             const lanes t12 = t11 * t8;
+            const lanes dq1 = GATHER(dq + 2 * k + 1, 2);
             const lanes t14 = dq0 + dq1;
             const lanes t15 = t14 * t8;
             const lanes t16 = ALL(0.5) * t15;

@@ -57,8 +57,6 @@ int symid_two_link_energy_batch(size_t n, const double *restrict q, const double
             const size_t k = first <= n - SYMID_TWO_LINK_LANES ? first : n - SYMID_TWO_LINK_LANES;
             const lanes q0 = GATHER(q + 2 * k, 2);
             const lanes q1 = GATHER(q + 2 * k + 1, 2);
-            const lanes dq0 = GATHER(dq + 2 * k, 2);
-            const lanes dq1 = GATHER(dq + 2 * k + 1, 2);
             const lanes angles[2] = {q0, q1};
             lanes sines[2];
             lanes cosines[2];
@@ -68,8 +66,10 @@ int symid_two_link_energy_batch(size_t n, const double *restrict q, const double
             const lanes t6 = sines[1];
             const lanes t7 = ALL(beta[5]) * t6;
             const lanes t8 = t4 - t7;
+            const lanes dq0 = GATHER(dq + 2 * k, 2);
             const lanes t11 = dq0 * ALL(0.5);
             const lanes t12 = t11 * t8;
+            const lanes dq1 = GATHER(dq + 2 * k + 1, 2);
             const lanes t14 = dq0 + dq1;
             const lanes t16 = ALL(beta[3]) * t14;
             const lanes t17 = ALL(0.5) * t16;

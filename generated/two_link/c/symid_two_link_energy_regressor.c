@@ -59,14 +59,14 @@ int symid_two_link_energy_regressor_batch(size_t n, const double *restrict q, co
             const size_t k = first <= n - SYMID_TWO_LINK_LANES ? first : n - SYMID_TWO_LINK_LANES;
             const lanes q0 = GATHER(q + 2 * k, 2);
             const lanes q1 = GATHER(q + 2 * k + 1, 2);
-            const lanes dq0 = GATHER(dq + 2 * k, 2);
-            const lanes dq1 = GATHER(dq + 2 * k + 1, 2);
             const lanes angles[2] = {q0, q1};
             lanes sines[2];
             lanes cosines[2];
             find_sines(2, angles, sines, cosines);
+            const lanes dq0 = GATHER(dq + 2 * k, 2);
             const lanes t3 = dq0 * dq0;
             const lanes t4 = ALL(0.5) * t3;
+            const lanes dq1 = GATHER(dq + 2 * k + 1, 2);
             const lanes t7 = dq0 + dq1;
             const lanes t8 = t7 * t7;
             const lanes t9 = ALL(0.5) * t8;

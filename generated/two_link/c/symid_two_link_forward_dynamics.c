@@ -71,10 +71,6 @@ int symid_two_link_forward_dynamics_batch(size_t n, const double *restrict q, co
             const size_t k = first <= n - SYMID_TWO_LINK_LANES ? first : n - SYMID_TWO_LINK_LANES;
             const lanes q0 = GATHER(q + 2 * k, 2);
             const lanes q1 = GATHER(q + 2 * k + 1, 2);
-            const lanes dq0 = GATHER(dq + 2 * k, 2);
-            const lanes dq1 = GATHER(dq + 2 * k + 1, 2);
-            const lanes tau0 = GATHER(tau + 2 * k, 2);
-            const lanes tau1 = GATHER(tau + 2 * k + 1, 2);
             const lanes angles[2] = {q0, q1};
             lanes sines[2];
             lanes cosines[2];
@@ -95,6 +91,7 @@ int symid_two_link_forward_dynamics_batch(size_t n, const double *restrict q, co
             const lanes t21 = t19 + t20;
             const lanes t23 = sines[0];
             const lanes t25 = t23 * ALL(9.81);
+            const lanes dq0 = GATHER(dq + 2 * k, 2);
             const lanes t27 = dq0 * dq0;
             const lanes t28 = ALL(0.5) * t27;
             const lanes t29 = t25 - t28;
@@ -103,6 +100,7 @@ int symid_two_link_forward_dynamics_batch(size_t n, const double *restrict q, co
             const lanes t32 = t31 * ALL(9.81);
             const lanes t33 = t32 * t8;
             const lanes t34 = t33 + t30;
+            const lanes dq1 = GATHER(dq + 2 * k + 1, 2);
             const lanes t36 = dq0 + dq1;
             const lanes t37 = t36 * t36;
             const lanes t38 = t21 * t37;
@@ -112,8 +110,10 @@ int symid_two_link_forward_dynamics_batch(size_t n, const double *restrict q, co
             const lanes t44 = ALL(beta[2]) * t25;
             const lanes t45 = t42 - t44;
             const lanes t46 = t45 - t40;
+            const lanes tau0 = GATHER(tau + 2 * k, 2);
             const lanes t48 = tau0 - t46;
             const lanes t49 = t18 * t48;
+            const lanes tau1 = GATHER(tau + 2 * k + 1, 2);
             const lanes t51 = tau1 + t34;
             const lanes t52 = t51 - t49;
             const lanes t53 = t12 * t18;

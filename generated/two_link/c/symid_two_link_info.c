@@ -13,5 +13,5 @@ const char *symid_two_link_signature(void)
 
 const char *symid_two_link_digest(void)
 {
-    return "355e6fef896fd195b620bcd92ff63238cb8b8d204bb2930fccb4ac45b3621dfd";
+    return "40df2797a963f54dce32cdf431b728e39fa24c6f628cef5d4034f495fc2b7cf4";
 }

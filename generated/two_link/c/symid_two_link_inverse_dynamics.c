@@ -63,16 +63,13 @@ int symid_two_link_inverse_dynamics_batch(size_t n, const double *restrict q, co
             const size_t k = first <= n - SYMID_TWO_LINK_LANES ? first : n - SYMID_TWO_LINK_LANES;
             const lanes q0 = GATHER(q + 2 * k, 2);
             const lanes q1 = GATHER(q + 2 * k + 1, 2);
-            const lanes dq0 = GATHER(dq + 2 * k, 2);
-            const lanes dq1 = GATHER(dq + 2 * k + 1, 2);
-            const lanes ddq0 = GATHER(ddq + 2 * k, 2);
-            const lanes ddq1 = GATHER(ddq + 2 * k + 1, 2);
             const lanes angles[2] = {q0, q1};
             lanes sines[2];
             lanes cosines[2];
             find_sines(2, angles, sines, cosines);
             const lanes t2 = cosines[0];
             const lanes t4 = t2 * ALL(9.81);
+            const lanes ddq0 = GATHER(ddq + 2 * k, 2);
             const lanes t7 = ddq0 * ALL(0.5);
             const lanes t8 = t4 + t7;
             const lanes t11 = cosines[1];
@@ -83,6 +80,7 @@ int symid_two_link_inverse_dynamics_batch(size_t n, const double *restrict q, co
             const lanes t17 = t8 * t16;
             const lanes t18 = sines[0];
             const lanes t19 = t18 * ALL(9.81);
+            const lanes dq0 = GATHER(dq + 2 * k, 2);
             const lanes t21 = dq0 * dq0;
             const lanes t22 = ALL(0.5) * t21;
             const lanes t23 = t19 - t22;
@@ -91,10 +89,12 @@ int symid_two_link_inverse_dynamics_batch(size_t n, const double *restrict q, co
             const lanes t26 = t24 + t25;
             const lanes t27 = t23 * t26;
             const lanes t28 = t17 - t27;
+            const lanes ddq1 = GATHER(ddq + 2 * k + 1, 2);
             const lanes t30 = ddq0 + ddq1;
             const lanes t32 = ALL(beta[3]) * t30;
             const lanes t33 = t32 + t28;
             const lanes t34 = t30 * t16;
+            const lanes dq1 = GATHER(dq + 2 * k + 1, 2);
             const lanes t36 = dq0 + dq1;
             const lanes t37 = t36 * t36;
             const lanes t38 = t37 * t26;

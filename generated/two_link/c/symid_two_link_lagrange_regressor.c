@@ -57,8 +57,6 @@ int symid_two_link_lagrange_regressor_batch(size_t n, const double *restrict q, 
             const size_t k = first <= n - SYMID_TWO_LINK_LANES ? first : n - SYMID_TWO_LINK_LANES;
             const lanes q0 = GATHER(q + 2 * k, 2);
             const lanes q1 = GATHER(q + 2 * k + 1, 2);
-            const lanes dq0 = GATHER(dq + 2 * k, 2);
-            const lanes dq1 = GATHER(dq + 2 * k + 1, 2);
             const lanes angles[2] = {q0, q1};
             lanes sines[2];
             lanes cosines[2];
@@ -76,8 +74,10 @@ int symid_two_link_lagrange_regressor_batch(size_t n, const double *restrict q, 
             const lanes t15 = t11 * t5;
             const lanes t16 = t14 + t15;
             store_eight(YL + 12 * k, 12, (const lanes[]){ALL(0.0), -t5, t7, ALL(0.0), -t13, t16, ALL(0.0), ALL(0.0)});
+            const lanes dq0 = GATHER(dq + 2 * k, 2);
             const lanes t19 = dq0 * ALL(0.5);
             const lanes t20 = t11 * t19;
+            const lanes dq1 = GATHER(dq + 2 * k + 1, 2);
             const lanes t22 = dq0 + dq1;
             const lanes t23 = t20 * t22;
             const lanes t24 = t13 + t23;

@@ -48,12 +48,12 @@ int symid_two_link_momentum_regressor_batch(size_t n, const double *restrict q, 
         for (size_t first = 0; first < n; first += SYMID_TWO_LINK_LANES) {
             const size_t k = first <= n - SYMID_TWO_LINK_LANES ? first : n - SYMID_TWO_LINK_LANES;
             const lanes q1 = GATHER(q + 2 * k + 1, 2);
-            const lanes dq0 = GATHER(dq + 2 * k, 2);
-            const lanes dq1 = GATHER(dq + 2 * k + 1, 2);
             const lanes angles[1] = {q1};
             lanes sines[1];
             lanes cosines[1];
             find_sines(1, angles, sines, cosines);
+            const lanes dq0 = GATHER(dq + 2 * k, 2);
+            const lanes dq1 = GATHER(dq + 2 * k + 1, 2);
             const lanes t4 = dq0 + dq1;
             const lanes t6 = dq0 * ALL(0.5);
             const lanes t8 = cosines[0];

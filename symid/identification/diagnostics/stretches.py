@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.identification.regression import Rows, list_resting_joints
-from symid.logs import Recording, low_pass
+from symid.logs import Recording, estimate_density, low_pass
 
 STRETCHES = 6
 """Of all logs together; two a log at least."""
@@ -48,14 +48,12 @@ def measure_scoring_band(recordings: Sequence[Recording]) -> float:
     The power is the integral of (2 pi f)^2 (density - floor) over frequencies at which the density of the
     position is ten times its floor (the median of the upper half of all frequencies) or more.
     """
-    from scipy.signal import welch
-
     found = []
     for recording in recordings:
         rate = 1.0 / recording.period
         moving = np.setdiff1d(np.arange(recording.position.shape[1]), list_resting_joints(recording))
         length = min(len(recording.time), max(64, round(4.0 * rate)))
-        frequency, density = welch(recording.position, fs=rate, nperseg=length, detrend="linear", axis=0)
+        frequency, density = estimate_density(recording.position, rate, length)
         floor = np.median(density[frequency > 0.25 * rate], axis=0)
         power = np.where(density > _ABOVE * floor, density - floor, 0.0) * (frequency**2)[:, None]
         total = power.sum(axis=0)

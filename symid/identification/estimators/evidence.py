@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 
 from symid.arrays import FloatArray
 
@@ -33,7 +32,9 @@ def find_phases(time: FloatArray, velocity: FloatArray, run: NDArray[np.intp]) -
         own = np.flatnonzero(run == number)
         steps = np.diff(time[own])
         span = max(3, round(_SPAN / float(np.median(steps)))) if len(steps) else 3
-        standing = np.abs(uniform_filter1d(velocity[own], span, mode="nearest")) <= _STANDING * top
+        wide = np.pad(velocity[own], (span // 2, (span - 1) // 2), mode="edge")
+        average = np.convolve(wide, np.full(span, 1.0 / span), mode="valid")
+        standing = np.abs(average) <= _STANDING * top
         edges = np.flatnonzero(np.diff(np.concatenate([[False], standing, [False]])))
         for first, last in edges.reshape(-1, 2):
             if last - first >= span:

@@ -29,7 +29,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
@@ -48,7 +47,14 @@ from symid.identification.regression.identifiability import (
     hold_resting_joints,
     list_resting_joints,
 )
-from symid.logs import Recording, Signals, choose_cutoff, choose_processing, prepare_signals
+from symid.logs import (
+    Recording,
+    Signals,
+    choose_cutoff,
+    choose_processing,
+    estimate_density,
+    prepare_signals,
+)
 from symid.robot import Processing, Robot
 
 NOISE_SHARE = 0.01
@@ -69,11 +75,9 @@ class JointBand:
 
 def measure_bands(recording: Recording) -> tuple[JointBand, ...]:
     """Return noise and clean band of every joint of a recording."""
-    from scipy.signal import welch
-
     rate = 1.0 / recording.period
     length = min(len(recording.time), max(64, round(2.0 * rate)))
-    frequency, density = welch(recording.position, fs=rate, nperseg=length, detrend="linear", axis=0)
+    frequency, density = estimate_density(recording.position, rate, length)
     frequency, steep = frequency[1:], (2.0 * np.pi * frequency[1:]) ** 4
     bands = []
     for column in density[1:].T:
@@ -464,7 +468,11 @@ def _widen(rows: Rows, slow: NDArray[np.bool_], margin: float) -> NDArray[np.boo
             for part in parts:
                 steps = np.diff(rows.time[part])
                 places = round(reach / float(np.median(steps))) if len(steps) else 0
-                wide[part] = maximum_filter1d(slow[part], 2 * places + 1, mode="constant")
+                # How many slow ones there are before each row, and among its neighbours.
+                before = np.concatenate([[0], np.cumsum(slow[part])])
+                index = np.arange(len(part))
+                last, first = np.minimum(index + places + 1, len(part)), np.maximum(index - places, 0)
+                wide[part] = before[last] > before[first]
             if np.sum(~wide[own]) >= least:
                 break
             reach *= 0.5

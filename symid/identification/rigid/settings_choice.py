@@ -124,13 +124,13 @@ def _filter_rows(values: FloatArray, band: float, places: NDArray[np.intp]) -> F
 
     `band` is in cycles a sample; ends are reflected oddly.
     """
-    from scipy.signal import firwin
-
     half = round(_TAPS / band)
     if band >= 0.45 or not half:
         return values[places]
     half = min(half, len(values) - 1)
-    taps = firwin(2 * half + 1, 2.0 * band)
+    # A windowed sinc with gain one at zero.
+    taps = np.sinc(2.0 * band * np.arange(-half, half + 1)) * np.hamming(2 * half + 1)
+    taps /= np.sum(taps)
     first, step = int(places[0]), int(places[1] - places[0]) if len(places) > 1 else 1
     # The weights of some neighbouring places are one matrix.
     weights = np.zeros((_TOGETHER, len(taps) + step * (_TOGETHER - 1)))

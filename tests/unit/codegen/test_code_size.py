@@ -6,7 +6,7 @@ import subprocess
 
 import pytest
 
-from symid.codegen.compiler import STACK_FLAG, measure_code_sizes, read_object_file
+from symid.codegen.compiler import STACK_FLAG, ObjectFile, measure_code_sizes, read_object_file
 
 SOURCE = """
 #include <math.h>
@@ -67,6 +67,21 @@ def test_sizes_of_a_function(folder):
     assert size.batch_stack is not None
     assert 320 <= size.stack <= size.batch_stack < 2000
     assert measure_code_sizes(folder, "symid_x", ("f",)) == sizes
+
+
+def test_what_the_compiler_split_off_is_of_the_function(tmp_path, monkeypatch):
+    functions = {"symid_x_f": 54, "symid_x_f.part.0": 9000, "symid_x_f.cold": 7, "part_1.isra.0": 100}
+    functions |= {
+        "symid_x_f_batch": 300,
+        "symid_x_f_batch.part.0": 20,
+        "batch_part_1": 50,
+        "find_far_sines": 3,
+    }
+    (tmp_path / "symid_x_f.o").write_bytes(b"")
+    made = ObjectFile(functions=functions, constants=8)
+    monkeypatch.setattr("symid.codegen.compiler.read_object_file", lambda _: made)
+    size = measure_code_sizes(tmp_path, "symid_x", ("f",))["f"]
+    assert (size.code, size.batch_code) == (54 + 9000 + 7 + 100, 300 + 20 + 50 + 3)
 
 
 def test_without_what_the_compiler_says_of_the_stack_there_is_none(folder):

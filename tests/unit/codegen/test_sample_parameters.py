@@ -32,7 +32,7 @@ def build(project, robot, *names):
 def test_mass_matrices_are_well_conditioned_at_every_state(project, robot):
     made = build(project, robot, "mass_matrix")
     states = SampleStates(count=100, seed=1, shared={})
-    found = choose_parameters(made.card, made.functions, made.programs, states)
+    found = list(choose_parameters(made.card, made.functions, made.programs, states))
     assert len(found) >= 4
     for beta in found[-4:]:
         at = SampleStates(count=100, seed=1, shared={"beta": beta})

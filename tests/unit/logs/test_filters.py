@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from scipy.signal import cheby1, sosfilt, sosfiltfilt
+from scipy.signal import butter, cheby1, detrend, sosfilt, sosfiltfilt, sosfreqz, welch
 
 from symid.errors import LogError
+from symid.logs import signals
 from symid.logs.recording import Recording
 from symid.logs.signals import (
     choose_processing,
@@ -16,8 +17,10 @@ from symid.logs.signals import (
     decimate,
     decimate_blocks,
     differentiate,
+    estimate_density,
     low_pass,
     prepare_signals,
+    take_line_off,
 )
 from symid.robot.description import Decimation, Processing
 
@@ -97,6 +100,52 @@ def test_the_noise_band_of_a_decimation_hardly_depends_on_its_factor(factor):
     assert wide == pytest.approx(
         compute_noise_bandwidth(Processing(decimation=Decimation(factor=10)), 1e-3), rel=0.03
     )
+
+
+@given(order=st.integers(1, 8), edge=st.floats(0.01, 0.95), ripple=st.none() | st.floats(0.01, 3.0))
+def test_filters_have_the_gain_and_the_poles_of_those_of_scipy(order, edge, ripple):
+    kind = signals._LowPass(order=order, edge=edge, ripple_db=ripple)
+    design = [order, edge] if ripple is None else [order, ripple, edge]
+    theirs = (butter if ripple is None else cheby1)(*design, output="sos")
+    expected = np.abs(sosfreqz(theirs, worN=256)[1])
+    np.testing.assert_allclose(signals._compute_gain(kind, 256), expected, rtol=1e-8, atol=1e-14)
+    poles = (butter if ripple is None else cheby1)(*design, output="zpk")[1]
+    np.testing.assert_allclose(
+        np.sort_complex(signals._design_poles(kind)[0]), np.sort_complex(poles), atol=1e-14
+    )
+
+
+@settings(max_examples=60)
+@given(
+    order=st.integers(1, 8),
+    edge=st.floats(0.01, 0.95),
+    beyond=st.integers(1, 3000),
+    shape=st.sampled_from([(), (1,), (7,), (2, 9)]),
+    seed=st.integers(0, 1000),
+)
+def test_the_low_pass_is_that_of_scipy(order, edge, beyond, shape, seed):
+    values = np.random.default_rng(seed).normal(size=(3 * order + beyond, *shape)).cumsum(axis=0)
+    expected = sosfiltfilt(butter(order, edge, output="sos"), values, axis=0, padtype="odd", padlen=3 * order)
+    found = low_pass(values, period=0.5, cutoff=edge, order=order)
+    # Rounding of SciPy's recursion grows with the memory of the filter.
+    np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(values).max())
+
+
+@given(
+    samples=st.integers(3, 400),
+    length=st.integers(3, 120),
+    columns=st.integers(1, 3),
+    rate=st.floats(1.0, 1e4),
+    seed=st.integers(0, 1000),
+)
+def test_densities_are_those_of_scipy(samples, length, columns, rate, seed):
+    values = np.random.default_rng(seed).normal(size=(samples, columns)).cumsum(axis=0)
+    length = min(samples, length)
+    found = estimate_density(values, rate, length)
+    expected = welch(values, fs=rate, nperseg=length, detrend="linear", axis=0)
+    np.testing.assert_allclose(found[0], expected[0], rtol=1e-12)
+    np.testing.assert_allclose(found[1], expected[1], atol=1e-10 * np.abs(expected[1]).max() + 1e-25)
+    np.testing.assert_allclose(take_line_off(values), detrend(values, axis=0), atol=1e-10)
 
 
 def decimate_by_scipy(values, decimation):
