@@ -13,5 +13,5 @@ const char *symid_emps_signature(void)
 
 const char *symid_emps_digest(void)
 {
-    return "5083853dc48eeea609cde106312e350683edaaae3f65da5c6fcf38b6f430749f";
+    return "11b1fd358764847393432de5ca60f59ea198660cfeff04c69c08203bab1b7b9a";
 }

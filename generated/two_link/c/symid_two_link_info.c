@@ -13,5 +13,5 @@ const char *symid_two_link_signature(void)
 
 const char *symid_two_link_digest(void)
 {
-    return "355e6fef896fd195b620bcd92ff63238cb8b8d204bb2930fccb4ac45b3621dfd";
+    return "85555e5f6118a8c3f933a0116b0013cd02a3c8b74b44f0bfc65dff91a9d3cef5";
 }
