@@ -88,7 +88,10 @@ def _list_names(family: str) -> Mapping[str, tuple[str, ...]]:
             both = {name: (name, f"{name}:world") for name in ("mass_matrix", "forward_dynamics")}
             return {**names, **both}
         case "SX":
-            return {**names, "torque_regressor": ("torque_regressor:base",)}
+            return {
+                **{name: names[name] for name in FUNCTIONS[:7]},
+                "torque_regressor": ("torque_regressor:base",),
+            }
         case "SX-constant":
             return {name: (f"{name}:constant",) for name in FUNCTIONS[:5]}
         case "batch" | "batch-1000":

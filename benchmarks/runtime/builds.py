@@ -44,8 +44,10 @@ FUNCTIONS = (
     "kinetic_energy_regressor",
     "potential_energy_regressor",
     "torque_regressor",
+    "inverse_dynamics_derivatives",
+    "forward_dynamics_derivatives",
 )
-_OURS = (*FUNCTIONS[:5], "energy_regressor", "torque_regressor")
+_OURS = (*FUNCTIONS[:5], "energy_regressor", *FUNCTIONS[7:])
 
 
 def _list_flags(machine: str) -> list[str]:

@@ -24,7 +24,13 @@ def _evaluate(case: Case, data: Any, q: FloatArray, dq: FloatArray, ddq: FloatAr
     pin, model = import_pinocchio(), case.model
     tau = pin.rnea(model, data, q, dq, ddq).copy()
     gravity = pin.computeGeneralizedGravity(model, data, q).copy()
+    pin.computeRNEADerivatives(model, data, q, dq, ddq)
+    torques = [data.dtau_dq.copy(), data.dtau_dv.copy(), _mirror(data.M)]
+    pin.computeABADerivatives(model, data, q, dq, tau)
+    accelerations = [data.ddq_dq.copy(), data.ddq_dv.copy(), _mirror(data.Minv)]
     return {
+        "inverse_dynamics_derivatives": np.stack(torques),
+        "forward_dynamics_derivatives": np.stack(accelerations),
         "inverse_dynamics": tau,
         "gravity": gravity,
         "mass_matrix": _mirror(pin.crba(model, data, q)).copy(),
@@ -49,8 +55,8 @@ def _bring_over(case: Case, name: str, reference: FloatArray, *, columns: bool) 
     if name.endswith("regressor") and columns:
         reference = reference[..., list(case.columns)]
     back = np.argsort(case.order)
-    if name == "mass_matrix":
-        return reference[:, back][:, :, back]
+    if name == "mass_matrix" or name.endswith("derivatives"):
+        return reference[..., back, :][..., back]
     return reference if "energy" in name else reference[:, back]
 
 
@@ -72,6 +78,9 @@ def find_difference(
     elif base and name.endswith("regressor"):
         reference = reference[..., list(case.columns)]
     found = found.reshape(SAMPLES, -1)
+    if name == "forward_dynamics_derivatives":
+        # Without the acceleration itself, which `forward_dynamics` has.
+        found = found[:, case.robot.size :]
     if name == "coriolis_matrix":
         dq = case.states[1] if ours else case.states[1][:, list(case.order)]
         found = np.einsum("kij,kj->ki", found.reshape(SAMPLES, dq.shape[1], -1), dq)

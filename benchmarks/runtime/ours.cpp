@@ -13,16 +13,21 @@ namespace {
 struct Work {
     bench::States states;
     std::size_t n, b;
-    // Outputs of one sample, and of all of them for the batch; `also` is the second output.
-    std::vector<double> out, also, all, all_also;
+    // Outputs of one sample, and of all of them for the batch; `also` is the second output, `more` and `rest` the
+    // third and the fourth.
+    std::vector<double> out, also, more, rest, all, all_also, all_more, all_rest;
 
     explicit Work(const bench::States &given) : states(given), n(given.joints), b(given.beta.size())
     {
         const std::size_t size = n * std::max(n, b);
         out.resize(size);
         also.resize(size);
+        more.resize(n * n);
+        rest.resize(n * n);
         all.resize(size * states.samples);
         all_also.resize(size * states.samples);
+        all_more.resize(n * n * states.samples);
+        all_rest.resize(n * n * states.samples);
     }
 
     const double *q(std::size_t k) const { return states.q.data() + k * n; }
@@ -38,8 +43,17 @@ std::vector<double> cut(const std::vector<double> &values, std::size_t size, std
     return {start, start + static_cast<std::ptrdiff_t>(size)};
 }
 
+std::vector<double> join(std::vector<std::vector<double>> parts)
+{
+    std::vector<double> result;
+    for (const auto &part : parts) {
+        result.insert(result.end(), part.begin(), part.end());
+    }
+    return result;
+}
+
 // The batch takes a range of samples in one call, `block` at a time, always to the same place.
-#define BLOCK_ENTRY(name, block, call, output, size)                                                             \
+#define BLOCK_ENTRY(name, block, call, output)                                                                   \
     bench::Entry                                                                                                 \
     {                                                                                                            \
         name,                                                                                                    \
@@ -56,14 +70,16 @@ std::vector<double> cut(const std::vector<double> &values, std::size_t size, std
                 if (k % block == 0) {                                                                            \
                     call;                                                                                        \
                 }                                                                                                \
-                return cut(output, size, k % block);                                                             \
+                const std::size_t place = k % block;                                                             \
+                return output;                                                                                   \
             }                                                                                                    \
     }
 
 // Results of 128 samples stay in the processor's cache, as the one result of other libraries does; those of 1000
 // regressors may not.
-#define BATCH_ENTRY(name, call, output, size)                                                                    \
-    BLOCK_ENTRY(name ":batch", 128, call, output, size), BLOCK_ENTRY(name ":batch-1000", 1000, call, output, size)
+#define BATCH_ENTRY_OF(name, call, output)                                                                       \
+    BLOCK_ENTRY(name ":batch", 128, call, output), BLOCK_ENTRY(name ":batch-1000", 1000, call, output)
+#define BATCH_ENTRY(name, call, values, size) BATCH_ENTRY_OF(name, call, cut(values, size, place))
 
 } // namespace
 
@@ -83,6 +99,14 @@ std::vector<bench::Entry> bench::list_entries()
               cut(w.also, w.b)),
         ENTRY("torque_regressor", F(torque_regressor)(w.q(k), w.dq(k), w.ddq(k), w.out.data()),
               cut(w.out, w.n * w.b)),
+        ENTRY("inverse_dynamics_derivatives",
+              F(inverse_dynamics_derivatives)(w.q(k), w.dq(k), w.ddq(k), w.beta(), w.out.data(), w.also.data(),
+                                              w.more.data()),
+              join({cut(w.out, w.n * w.n), cut(w.also, w.n * w.n), w.more})),
+        ENTRY("forward_dynamics_derivatives",
+              F(forward_dynamics_derivatives)(w.q(k), w.dq(k), w.tau(k), w.beta(), w.out.data(), w.also.data(),
+                                              w.more.data(), w.rest.data()),
+              join({cut(w.out, w.n), cut(w.also, w.n * w.n), w.more, w.rest})),
         BATCH_ENTRY("inverse_dynamics",
                     BATCH(inverse_dynamics)(count, w.q(k), w.dq(k), w.ddq(k), w.beta(), w.all.data()), w.all, w.n),
         BATCH_ENTRY("gravity", BATCH(gravity)(count, w.q(k), w.beta(), w.all.data()), w.all, w.n),
@@ -98,6 +122,17 @@ std::vector<bench::Entry> bench::list_entries()
                     w.b),
         BATCH_ENTRY("torque_regressor",
                     BATCH(torque_regressor)(count, w.q(k), w.dq(k), w.ddq(k), w.all.data()), w.all, w.n *w.b),
+        BATCH_ENTRY_OF("inverse_dynamics_derivatives",
+                       BATCH(inverse_dynamics_derivatives)(count, w.q(k), w.dq(k), w.ddq(k), w.beta(), w.all.data(),
+                                                           w.all_also.data(), w.all_more.data()),
+                       join({cut(w.all, w.n * w.n, place), cut(w.all_also, w.n * w.n, place),
+                             cut(w.all_more, w.n * w.n, place)})),
+        BATCH_ENTRY_OF("forward_dynamics_derivatives",
+                       BATCH(forward_dynamics_derivatives)(count, w.q(k), w.dq(k), w.tau(k), w.beta(), w.all.data(),
+                                                           w.all_also.data(), w.all_more.data(),
+                                                           w.all_rest.data()),
+                       join({cut(w.all, w.n, place), cut(w.all_also, w.n * w.n, place),
+                             cut(w.all_more, w.n * w.n, place), cut(w.all_rest, w.n * w.n, place)})),
     };
 }
 

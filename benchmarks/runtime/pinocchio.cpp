@@ -1,9 +1,12 @@
 // Pinocchio's algorithms on doubles; the model is read from the file named by the environment variable MODEL.
 #include "model.hpp"
 
+#include <pinocchio/algorithm/aba-derivatives.hpp>
 #include <pinocchio/algorithm/aba.hpp>
 #include <pinocchio/algorithm/crba.hpp>
 #include <pinocchio/algorithm/regressor.hpp>
+#include <pinocchio/algorithm/rnea-derivatives.hpp>
+#include <pinocchio/algorithm/rnea-second-order-derivatives.hpp>
 #include <pinocchio/algorithm/rnea.hpp>
 
 #include "contender.hpp"
@@ -55,6 +58,39 @@ std::vector<double> symmetric(const Eigen::MatrixXd &matrix)
     return rows(Eigen::MatrixXd(matrix.selfadjointView<Eigen::Upper>()));
 }
 
+std::vector<double> join(std::vector<std::vector<double>> parts)
+{
+    std::vector<double> result;
+    for (const auto &part : parts) {
+        result.insert(result.end(), part.begin(), part.end());
+    }
+    return result;
+}
+
+template <class Tensor> std::vector<double> entries(const Tensor &tensor)
+{
+    std::vector<double> result;
+    for (Eigen::Index i = 0; i < tensor.dimension(0); ++i) {
+        for (Eigen::Index j = 0; j < tensor.dimension(1); ++j) {
+            for (Eigen::Index k = 0; k < tensor.dimension(2); ++k) {
+                result.push_back(tensor(i, j, k));
+            }
+        }
+    }
+    return result;
+}
+
+// The algorithms of the derivatives only add to what is zero, but do not clear it themselves.
+void derive_twice(Work &w, std::size_t k)
+{
+    auto &data = w.data;
+    for (auto *tensor : {&data.d2tau_dqdq, &data.d2tau_dvdv, &data.d2tau_dqdv, &data.d2tau_dadq}) {
+        tensor->setZero();
+    }
+    pinocchio::ComputeRNEASecondOrderDerivatives(w.model, data, w.q[k], w.dq[k], w.ddq[k], data.d2tau_dqdq,
+                                                 data.d2tau_dvdv, data.d2tau_dqdv, data.d2tau_dadq);
+}
+
 } // namespace
 
 // The mass matrix and forward dynamics exist in two forms, in frames of the links and of the world.
@@ -78,6 +114,15 @@ std::vector<bench::Entry> bench::list_entries()
         ENTRY("torque_regressor",
               pinocchio::computeJointTorqueRegressor(w.model, w.data, w.q[k], w.dq[k], w.ddq[k]),
               rows(w.data.jointTorqueRegressor)),
+        ENTRY("inverse_dynamics_derivatives",
+              pinocchio::computeRNEADerivatives(w.model, w.data, w.q[k], w.dq[k], w.ddq[k]),
+              join({rows(w.data.dtau_dq), rows(w.data.dtau_dv), symmetric(w.data.M)})),
+        ENTRY("forward_dynamics_derivatives",
+              pinocchio::computeABADerivatives(w.model, w.data, w.q[k], w.dq[k], w.tau[k]),
+              join({rows(w.data.ddq), rows(w.data.ddq_dq), rows(w.data.ddq_dv), symmetric(w.data.Minv)})),
+        ENTRY("inverse_dynamics_second_derivatives", derive_twice(w, k),
+              join({entries(w.data.d2tau_dqdq), entries(w.data.d2tau_dvdv), entries(w.data.d2tau_dqdv),
+                    entries(w.data.d2tau_dadq)})),
     };
 }
 

@@ -125,7 +125,9 @@ def build_case(name: str) -> Case:
     robot = _read(name)
     robot = replace(robot, name=name, joints=tuple(map(_strip, robot.joints)), couplings=())
     bodies = [joint.inertial or _draw_body(rng) for joint in robot.joints]
-    model = pin.buildModelFromXML(write_urdf(robot, bodies))
+    pairs = zip(robot.joints, bodies, strict=True)
+    robot = replace(robot, joints=tuple(replace(joint, inertial=body) for joint, body in pairs))
+    model = pin.buildModelFromXML(write_urdf(robot))
     model.gravity.linear = np.array([value.to_float(dict(robot.symbols)) for value in robot.gravity])
     order = _find_order(model, robot)
     base = derive_base_parameters(robot)

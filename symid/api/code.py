@@ -237,6 +237,7 @@ class CompiledModel:
     inverse_dynamics: RobotFunction
     forward_dynamics: RobotFunction
     inverse_dynamics_derivatives: TupleFunction
+    forward_dynamics_derivatives: TupleFunction
     energy: TupleFunction
     energy_regressor: TupleFunction
     momentum_regressor: RobotFunction

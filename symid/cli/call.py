@@ -157,12 +157,12 @@ _FILES = {
     for file, verbs in (
         ("first_steps", "new check"),
         ("dynamics", "derive base generate"),
-        ("experiments", "excite simulate"),
+        ("dynamics", "excite simulate"),
         ("identification", "identify"),
         ("results", "validate compare export"),
         ("identification", "payload hysteresis"),
         ("results", "report"),
-        ("studies", "study"),
+        ("dynamics", "study"),
         ("first_steps", "doctor demo"),
     )
     for verb in verbs.split()

@@ -1,14 +1,43 @@
-"""The verbs on a robot's dynamics: `symid derive`, `symid base`, `symid generate`."""
+"""The verbs on a robot's dynamics and on simulated experiments.
 
+`symid derive`, `symid base`, `symid generate`; `symid excite`, `symid simulate`, `symid study NAME`.
+"""
+
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 import click
 
+import symid
 from symid.api import BaseForm
-from symid.cli.call import Answer, Console, make_answer
-from symid.cli.options import NamedRobot, friction_option, output_option, robot_argument
-from symid.cli.verbs import MODEL, OUTPUT, verb
+from symid.cli.call import Answer, Console, answer_saved, make_answer
+from symid.cli.options import (
+    NamedRobot,
+    check_output,
+    friction_option,
+    output_option,
+    robot_argument,
+    robot_option,
+    settings_options,
+)
+from symid.cli.verbs import (
+    COUNT,
+    FILE,
+    INPUT,
+    METHOD,
+    MODEL,
+    OUTPUT,
+    POSITIVE,
+    WHOLE,
+    Decorator,
+    Finite,
+    Group,
+    Verb,
+    add_options,
+    verb,
+)
+from symid.environment import check_suffix, show_path
 from symid.errors import Notice, UsageError
 
 
@@ -97,3 +126,330 @@ def generate_command(
     return make_answer(
         model.write(target, output, functions=names or None, friction_laws=friction_laws, **options)
     )
+
+
+_seed_option = METHOD.option("--seed", "Random seed.", WHOLE, "N", default=1)
+_UNSTATED = "where the robot file states none"
+
+
+_LISTS = ("start", "stiffness", "deviations")
+
+
+@verb("excite")
+@robot_argument()
+@METHOD.option("--harmonics", "Number of harmonics of each joint.", COUNT, "N", default=5)
+@METHOD.option("--period", "Length of the trajectory, s.", POSITIVE, "S", default=10.0)
+@METHOD.option(
+    "--criterion",
+    "Minimise the condition number of the column-scaled regressor, or maximise the information.",
+    click.Choice(("condition", "d-optimal")),
+    default="condition",
+)
+@METHOD.option(
+    "--weight",
+    "Weight of the information; the condition number alone favours tiny motions.",
+    Finite(min=0.0),
+    default=0.1,
+)
+@METHOD.option("--moving", "Let it start and end in motion instead of at rest.", is_flag=True)
+@METHOD.option("--start", "Pose at the start and at the end, rad or m.", metavar="Q1,Q2,...")
+@MODEL.option(
+    "--share",
+    "Part of every limit that may be used.",
+    Finite(min=0.0, max=1.0, min_open=True),
+    default=0.95,
+)
+@MODEL.option(
+    "--sweep", f"Position limit on either side of zero {_UNSTATED}, rad or m.", POSITIVE, default=1.0
+)
+@MODEL.option("--velocity", f"Velocity limit {_UNSTATED}, rad/s or m/s.", POSITIVE, default=2.0)
+@MODEL.option("--acceleration", f"Acceleration limit {_UNSTATED}, rad/s^2 or m/s^2.", POSITIVE, default=10.0)
+@MODEL.option("--jerk", f"Jerk limit {_UNSTATED}, rad/s^3 or m/s^3.  [default: none]", POSITIVE)
+@INPUT.option(
+    "--workspace",
+    "File (.toml) of spheres and planes that bound the links.",
+    click.Path(path_type=Path, exists=True, dir_okay=False),
+    "FILE",
+)
+@MODEL.option("--torsion", "Largest torsion of elastic joints, rad or m.", POSITIVE, "RAD")
+@MODEL.option(
+    "--stiffness",
+    "Stiffness of all joints for --torsion; replaces that of the robot file, N m/rad or N/m.",
+    metavar="K1,K2,...",
+)
+@METHOD.option(
+    "--deviations",
+    "Standard deviations of the torque noise, one a joint, N m or N.  [default: all equal]",
+    metavar="S1,S2,...",
+)
+@METHOD.option(
+    "--candidates",
+    "Number of random feasible trajectories to start from and to compare with.",
+    COUNT,
+    "N",
+    default=1000,
+)
+@METHOD.option("--starts", "Number of candidates that are optimised.", COUNT, "N", default=10)
+@OUTPUT.option("--rate", "Sample rate of the file.", POSITIVE, "HZ", default=1000.0)
+@OUTPUT.option("--periods", "Number of periods in the file.", COUNT, "N", default=1)
+@friction_option
+@_seed_option
+@output_option("Trajectory to write, .csv.")
+def excite_command(
+    console: Console,
+    *,
+    robot: NamedRobot,
+    friction: str | None,
+    output: Path | None,
+    force: bool,
+    rate: float,
+    periods: int,
+    workspace: Path | None,
+    **search: Any,  # noqa: ANN401  the options of the search, typed in `RobotModel.excite`
+) -> Answer:
+    """Compute an optimal trajectory for identification.
+
+    It is a finite Fourier series for every joint, within all limits of the robot file at all times;
+    `symid simulate --trajectory FILE` follows it.
+    """
+    model = robot.load(console, friction=friction)
+    if output is not None:
+        check_suffix(output, "a trajectory", (".csv",))
+    check_output(output, force=force, inputs=(model.path, *([workspace] if workspace else [])))
+    search |= {name: _split_numbers(name, search[name], len(model.joints)) for name in _LISTS}
+    found = model.excite(workspace=workspace, **search)
+    if output is None:
+        return make_answer(found, file=None, samples=0, rate=rate)
+    found.save(output, rate=rate, periods=periods)
+    samples = found.count_samples(rate=rate, periods=periods)
+    line = f"{show_path(output)}: {samples} samples of t, q, dq, ddq"
+    return make_answer(found, line, file=output, samples=samples, rate=rate)
+
+
+def _split_numbers(name: str, text: str | None, joints: int) -> Sequence[float] | None:
+    """Return the numbers of a list such as 1,2,3; refuse any but one for each joint."""
+    if text is None:
+        return None
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError as error:
+        message = f"--{name} {text}: expected {joints} numbers with commas between them"
+        raise UsageError(Notice(code="usage.excitation", text=message)) from error
+    if len(numbers) != joints:
+        message = f"--{name}: {len(numbers)} numbers for {joints} joints; give one for each"
+        raise UsageError(Notice(code="usage.excitation", text=message))
+    return numbers
+
+
+@verb("simulate")
+@robot_argument(computes=True)
+@METHOD.option(
+    "--trajectory",
+    "fourier (a random Fourier series), ta or tb (published), tc (for validation), or a file (.csv) "
+    "of symid excite.",
+    metavar="NAME|FILE",
+    default="fourier",
+)
+@METHOD.option("--scale", "Factor on the trajectory's amplitudes.", POSITIVE, "FACTOR", default=1.0)
+@METHOD.option("--joint", "Number of the joint that tb moves, without mimic joints.", COUNT, default=1)
+@METHOD.option("--duration", "Length of the experiment, s.  [default: that of the trajectory]", POSITIVE, "S")
+@MODEL.option(
+    "--noise",
+    "Standard deviation of the torque sensors, N m or N.  [default: 0.05; of an elastic robot 2 % "
+    "of each joint's RMS torque]",
+    Finite(min=0.0),
+    "N",
+)
+@MODEL.option("--clean", "Simulate perfect sensors: no noise, no encoder steps.", is_flag=True)
+@MODEL.option(
+    "--delay",
+    "Elastic robots only: delay of the link encoders relative to the motor encoders, s.",
+    Finite(),
+    "S",
+    default=0.0,
+    show_default=False,
+)
+@MODEL.option(
+    "--offset",
+    "Elastic robots only: reading of the link encoders at zero, rad or m.",
+    Finite(),
+    "RAD",
+    default=0.0,
+    show_default=False,
+)
+@METHOD.option(
+    "--bandwidth",
+    "Bandwidth of the gains, Hz.  [default: 12, or less where the loops would not be stable; the gains of "
+    "the robot file]",
+    POSITIVE,
+    "HZ",
+)
+@METHOD.option(
+    "--period",
+    "Period of control and log, s.  [default: 0.001; of an elastic robot with --clean 0.0002]",
+    POSITIVE,
+    "S",
+)
+@METHOD.option("--stiffness", "Own position gains, N m/rad or N/m; with --damping.", metavar="K1,K2,...")
+@METHOD.option("--damping", "Own velocity gains, N m s/rad or N s/m.", metavar="D1,D2,...")
+@friction_option
+@_seed_option
+@output_option("Log to write, .npz or .csv.", required=True)
+def simulate_command(
+    console: Console,
+    *,
+    robot: NamedRobot,
+    trajectory: str,
+    friction: str | None,
+    output: Path,
+    force: bool,
+    **settings: Any,  # noqa: ANN401  the options of the experiment, typed in `RobotModel.simulate`
+) -> Answer:
+    """Simulate the robot under PD control along a trajectory and write the measured log.
+
+    The robot file must state masses and friction. The log of an elastic robot holds link positions q,
+    motor positions theta and motor torques tau.
+    """
+    model = robot.load(console, friction=friction)
+    check_suffix(output, "a log", (".npz", ".csv"))
+    check_output(output, force=force, inputs=(model.path, Path(trajectory)))
+    gains = ("stiffness", "damping")
+    settings |= {name: _split_numbers(name, settings[name], len(model.joints)) for name in gains}
+    run = model.simulate(trajectory, **settings)
+    written = run.save(output)
+    return Answer(
+        text=f"{show_path(written)}: {run.summarise()}",
+        result={"robot": model.name, "file": written, **run.to_dict()},
+        warnings=run.notices,
+    )
+
+
+_FLAGS = frozenset({"--json", "--quiet", "--verbose"})
+_ELASTIC = "Robot with elastic joints and all values stated."
+
+
+class _Studies(Verb, click.Group):
+    """A verb with several parts; common flags may stand before or after a part."""
+
+    command_class = Verb
+    flags = Group("")
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options, then the parts."""
+        super().format_options(ctx, formatter)
+        self.format_commands(ctx, formatter)
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Pass the common flags to the part."""
+        count = next((k for k, text in enumerate(args) if not _is_flag(text)), len(args))
+        flags, rest = args[:count], args[count:]
+        if flags and not rest:
+            ctx.fail(f"Missing part: one of {', '.join(self.commands)}.")
+        return super().parse_args(ctx, [*rest[:1], *flags, *rest[1:]])
+
+
+def _is_flag(text: str) -> bool:
+    return text in _FLAGS or (text[:1] == "-" and len(text) > 1 and set(text[1:]) <= {"q", "v"})
+
+
+def _runs_options(seeds: int, seed: int = 1, *, jobs: bool = True) -> Decorator:
+    """Return the options for the runs of a study."""
+    text = "Number of noise draws, starting with --seed."
+    cores = "Number of processes.  [default: one for each core]"
+    options = (
+        METHOD.option("--seeds", text, COUNT, "N", default=seeds),
+        METHOD.option("--seed", "First random seed.", WHOLE, "N", default=seed),
+        METHOD.option("--jobs", cores, COUNT, "N"),
+    )
+    return add_options(*options if jobs else options[:2])
+
+
+_times_option = OUTPUT.option(
+    "--times", "Show how long each method took, which differs from run to run.", is_flag=True
+)
+
+
+@click.group("study", cls=_Studies, subcommand_metavar="NAME [ARGS]...")
+def study_command(**_: object) -> None:
+    """Compare methods on simulated robots with known parameters.
+
+    Each study repeats identification with many noise draws, and prints tables.
+    """
+
+
+@study_command.command("elastic")
+@robot_option(_ELASTIC, "two_link_elastic")
+@_runs_options(100)
+@_times_option
+def _elastic(console: Console, *, robot: NamedRobot, times: bool, **runs: Any) -> Answer:  # noqa: ANN401
+    """Errors of every method for elastic joints on four sets of logs, clean and noisy."""
+    return make_answer(robot.load(console).study_elastic(timed=times, **runs))
+
+
+@study_command.command("tracking")
+@robot_option(_ELASTIC, "two_link_elastic")
+@_runs_options(20)
+def _tracking(console: Console, *, robot: NamedRobot, seeds: int, seed: int, jobs: int | None) -> Answer:
+    """Tracking errors of links with feed-forward of the identified model, another one, or none."""
+    return make_answer(robot.load(console).study_tracking(seeds=seeds, seed=seed, jobs=jobs))
+
+
+@study_command.command("six-joints")
+@robot_option(_ELASTIC, "puma560_elastic")
+@_runs_options(1, jobs=False)
+def _six_joints(console: Console, *, robot: NamedRobot, seeds: int, seed: int) -> Answer:
+    """Dynamics of an elastic six-axis arm, validated on a held-out motion."""
+    return make_answer(robot.load(console).study_six_joints(seeds=seeds, seed=seed))
+
+
+@study_command.command("foreign")
+@METHOD.option("--arm", "2r, planar, or 3r, spatial.", click.Choice(("2r", "3r")), default="2r")
+@METHOD.option("--truths", "Hidden models, separated by commas.  [default: all]", metavar="NAME,...")
+@METHOD.option("--sizes", "Factors of what is foreign.", metavar="X,...", default="1")
+@METHOD.option("--share", "Part of the full length of the logs.", POSITIVE, "X", default=1.0)
+@_runs_options(3)
+def _foreign(console: Console, *, truths: str | None, sizes: str, **runs: Any) -> Answer:  # noqa: ANN401
+    """Errors of every method for elastic joints on hidden models that are not those of symid."""
+    try:
+        factors = tuple(float(part) for part in sizes.split(","))
+    except ValueError as error:
+        text = f"--sizes {sizes}: expected numbers with commas between them"
+        raise UsageError(Notice(code="usage.foreign-study", text=text)) from error
+    names = tuple(truths.split(",")) if truths else ()
+    return make_answer(symid.study_foreign(truths=names, sizes=factors, progress=console.progress, **runs))
+
+
+@study_command.command("friction-tables")
+@_runs_options(1000, 0)
+@_times_option
+@output_option("Page with all tables and figures to write, .html.")
+def _friction_tables(
+    console: Console,
+    *,
+    times: bool,
+    output: Path | None,
+    force: bool,
+    **runs: Any,  # noqa: ANN401
+) -> Answer:
+    """Tables of Zhang, Hu and Zou (2021) on joint friction, with our results beside theirs."""
+    # Refuse an output that cannot be written before minutes of work.
+    check_output(output, force=force)
+    found = symid.study_friction_tables(timed=times, progress=console.progress, **runs)
+    return answer_saved(found, output, "report")
+
+
+@study_command.command("precision")
+@robot_argument(computes=True)
+@_runs_options(400)
+def _precision(console: Console, *, robot: NamedRobot, seeds: int, seed: int, jobs: int | None) -> Answer:
+    """Errors of identification against the Cramer-Rao bound, on five random excitations."""
+    return make_answer(robot.load(console).study_precision(seeds=seeds, seed=seed, jobs=jobs))
+
+
+@study_command.command("cutoff")
+@robot_argument(computes=True)
+@click.argument("log", type=FILE)
+@settings_options
+def _cutoff(console: Console, *, robot: NamedRobot, log: Path, settings: dict[str, str]) -> Answer:
+    """Prediction error of a fit for several cut-offs of the position filter."""
+    return make_answer(robot.load(console, settings=settings).study_cutoff(log))

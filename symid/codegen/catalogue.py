@@ -187,6 +187,9 @@ _OUTPUTS = {
     "dtau_dq": ("nn", "N m/rad", "by position"),
     "dtau_ddq": ("nn", "N m s/rad", "by velocity"),
     "dtau_dddq": ("nn", "kg m^2", "by acceleration: the mass matrix"),
+    "dddq_dq": ("nn", "1/s^2", "by position"),
+    "dddq_ddq": ("nn", "1/s", "by velocity"),
+    "dddq_dtau": ("nn", "1/(kg m^2)", "by torque: the inverse of the mass matrix"),
     "T": ("1", "J", "kinetic energy"),
     "V": ("1", "J", "potential energy"),
     "hT": ("b", "mixed", "kinetic energy regressor"),
@@ -218,6 +221,8 @@ _ENTRIES = {
     "forward_dynamics: q dq tau beta -> ddq": "acceleration under the torque tau",
     "inverse_dynamics_derivatives: q dq ddq beta -> dtau_dq dtau_ddq dtau_dddq": "derivatives of "
     "the inverse dynamics",
+    "forward_dynamics_derivatives: q dq tau beta -> ddq dddq_dq dddq_ddq dddq_dtau": "acceleration under "
+    "the torque tau, and its derivatives",
     "energy: q dq beta -> T V": "kinetic and potential energy, up to the constant that base "
     "parameters cannot know",
     "energy_regressor: q dq -> hT hV": "kinetic and potential energy per base parameter",
@@ -237,6 +242,10 @@ _ENTRIES = {
     "-> tau_m theta dtheta Q_next": "torque of the motors under which the links move as wanted, with "
     "friction",
 }
+
+
+MOST_SOLVED = 16
+"""Most coordinates for `forward_dynamics_derivatives`: it multiplies full matrices, 2 n^3 products."""
 
 
 def list_specs(
@@ -262,6 +271,7 @@ def list_specs(
     offered = {
         **dict.fromkeys(("friction", "friction_regressor"), friction > 0),
         "friction_step": bristles > 0,
+        "forward_dynamics_derivatives": joints <= MOST_SOLVED,
         "hysteresis_step": elastic is not None,
         "hysteresis_inverse_step": elastic is not None and elastic.invertible,
         "elastic_inverse_dynamics": elastic is not None and elastic.feed,
@@ -335,6 +345,11 @@ def list_robot_specs(
     for name in names or ():
         if name not in known:
             text = f"function '{name}' is not in the catalogue; there are {', '.join(known)}"
+            if name == "forward_dynamics_derivatives":
+                text = (
+                    f"function '{name}' is written for {MOST_SOLVED} coordinates at most, the robot has "
+                    f"{robot.freedom}: solve M x = r with the blocks of inverse_dynamics_derivatives"
+                )
             raise UsageError(Notice(code="usage.unknown-function", text=text))
     return tuple(spec for spec in specs if names is None or spec.name in names)
 

@@ -18,6 +18,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from symid.codegen.catalogue import FRICTION_INPUTS, Constants, list_bristles, list_robot_specs
+from symid.codegen.equation_routes import (
+    build_coriolis_route,
+    build_derivatives_route,
+    build_differentiated_route,
+    build_forward_derivatives_route,
+    build_forward_dynamics_route,
+)
 from symid.codegen.functions import FunctionSpec
 from symid.codegen.programs import (
     Op,
@@ -302,85 +309,30 @@ def _list_regressor_routes(
     return {**routes, "differentiation of the energy": build_derived} if derive else routes
 
 
+def _meet_at(depth: int) -> Callable[[Robot], ProjectionFrame]:
+    """Return the meeting in the link `depth` links above the first one of its chain, or the link itself."""
+
+    def place(robot: Robot) -> ProjectionFrame:
+        def locate(link: int) -> int:
+            path = [link]
+            while (parent := robot.joints[path[0]].parent) >= 0:
+                path.insert(0, parent)
+            return path[min(depth, len(path) - 1)]
+
+        return locate
+
+    return place
+
+
 def _build_mass_matrix_route(depth: int | None) -> RouteBuilder:
     """Return the route by composite bodies whose momenta stop `depth` links above the first one."""
 
     def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
         robot = workspace.robot
-
-        def locate(link: int) -> int:
-            path = [link]
-            while (parent := robot.joints[path[0]].parent) >= 0:
-                path.insert(0, parent)
-            return path[min(depth or 0, len(path) - 1)]
-
-        meet = None if depth is None else locate
+        meet = None if depth is None else _meet_at(depth)(robot)
         matrix = compute_mass_matrix(workspace.recursion, workspace.parameters, meet=meet)
         rows = fold_matrix(robot, workspace.recursion.algebra, matrix)
         return (tuple(itertools.chain(*rows)),)
-
-    return build
-
-
-def _solve_ldlt(
-    workspace: RouteWorkspace, matrix: Sequence[Sequence[int]], right: Sequence[int]
-) -> list[int]:
-    """Return x of M x = r by an LDL' factorisation written out.
-
-    Each pivot is inverted once: n more products, but a quotient takes as long as ten of them.
-    """
-    table, n = workspace.table, len(right)
-    one = table.constant(1.0)
-
-    def remove(start: int, products: Sequence[tuple[int, int]]) -> int:
-        for left, factor in products:
-            start = table.add(start, -table.mul(left, factor))
-        return start
-
-    lower = [[0] * n for _ in range(n)]
-    scaled = [[0] * n for _ in range(n)]
-    inverses: list[int] = []
-    for i in range(n):
-        for j in range(i):
-            scaled[i][j] = remove(matrix[i][j], [(lower[j][k], scaled[i][k]) for k in range(j)])
-            lower[i][j] = table.mul(scaled[i][j], inverses[j])
-        pivot = remove(matrix[i][i], [(lower[i][k], scaled[i][k]) for k in range(i)])
-        inverses.append(table.div(one, pivot))
-    solution: list[int] = []
-    for i in range(n):
-        solution.append(remove(right[i], [(lower[i][k], solution[k]) for k in range(i)]))
-    for i in reversed(range(n)):
-        solution[i] = table.mul(solution[i], inverses[i])
-        solution[i] = remove(solution[i], [(lower[k][i], solution[k]) for k in range(i + 1, n)])
-    return solution
-
-
-def _build_forward_dynamics_route(mass: RouteBuilder, torques: RouteBuilder) -> RouteBuilder:
-    """Return the route that solves M ddq = tau - c for a matrix and a bias torque from two other routes."""
-
-    def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-        table, n = workspace.table, workspace.robot.freedom
-        (entries,), (bias,) = workspace.recall(mass), workspace.recall(torques)
-        rest = [table.add(tau, -c) for tau, c in zip(workspace.inputs["tau"], bias, strict=True)]
-        matrix = [entries[n * row : n * (row + 1)] for row in range(n)]
-        return (tuple(_solve_ldlt(workspace, matrix, rest)),)
-
-    return build
-
-
-def _build_torque_derivatives_route(torques: RouteBuilder) -> RouteBuilder:
-    """Return the route to dtau/dq and dtau/ddq that differentiates the torques of another route."""
-
-    def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-        table = workspace.table
-        (values,) = workspace.recall(torques)
-        one = table.constant(1.0)
-        blocks = []
-        for name in ("q", "dq"):
-            directions = [{ref: one} for ref in workspace.inputs[name]]
-            columns = differentiate_along(table, values, directions)
-            blocks.append(workspace.flatten_columns(columns))
-        return tuple(blocks)
 
     return build
 
@@ -521,22 +473,48 @@ def _combine_routes(build: Callable[[RouteBuilder, RouteBuilder], RouteBuilder],
     }
 
 
-_DERIVATIVE_ROUTES: Routes = {
-    name: _build_torque_derivatives_route(build) for name, build in _RECURSION_ROUTES.items()
-}
+def _list_composite_routes(
+    build: Callable[[Callable[[Robot], ProjectionFrame] | None], RouteBuilder],
+) -> Routes:
+    """Return the routes whose wrenches of composite bodies go down to every joint, or stop before.
+
+    Last links are held in all of them: their composite bodies are carried without a turn.
+    """
+    places = {
+        "": None,
+        ", meeting in the third link": _meet_at(2),
+        ", meeting in the fourth link": _meet_at(3),
+    }
+    routes: dict[str, RouteBuilder] = {}
+    for ending, place in places.items():
+        variants = _list_variants(f"composite bodies{ending}", build(place))
+        routes |= {name: variant for name, variant in variants.items() if name.endswith("held")}
+    return routes
+
+
+_DIFFERENTIATED = ("tensor recursion", "tensor recursion, last links held")
 ROUTES: Mapping[str, Routes] = {
     "forward_kinematics": {"chain of frames": _emit_forward_kinematics},
     "jacobian": {"axes in the base frame": _emit_jacobian},
     "mass_matrix": {**_MASS_ROUTES, "differentiation of the energy": _emit_derived_mass_matrix},
-    "coriolis_matrix": _list_variants("torques of unit rates", _emit_coriolis_matrix),
+    "coriolis_matrix": {
+        **_list_composite_routes(build_coriolis_route),
+        **_list_variants("torques of unit rates", _emit_coriolis_matrix),
+    },
     "gravity": _TORQUE_ROUTES,
     "bias": _TORQUE_ROUTES,
     "inverse_dynamics": _TORQUE_ROUTES,
-    "forward_dynamics": _combine_routes(_build_forward_dynamics_route, _RECURSION_ROUTES),
-    "inverse_dynamics_derivatives": _combine_routes(
-        lambda mass, blocks: lambda workspace: (*workspace.recall(blocks), *workspace.recall(mass)),
-        _DERIVATIVE_ROUTES,
-    ),
+    "forward_dynamics": _combine_routes(build_forward_dynamics_route, _RECURSION_ROUTES),
+    "inverse_dynamics_derivatives": {
+        **_list_composite_routes(build_derivatives_route),
+        **{
+            f"differentiation of the {name}": build_differentiated_route(
+                _RECURSION_ROUTES[name], _emit_mass_matrix
+            )
+            for name in _DIFFERENTIATED
+        },
+    },
+    "forward_dynamics_derivatives": _list_composite_routes(build_forward_derivatives_route),
     "energy": {
         "regressor times parameters": _emit_energy,
         **_list_variants("sum over bodies", _emit_energy_of_bodies, both=False),

@@ -47,6 +47,9 @@ _OUTPUT_LATEX = {
     "dtau_dq": r"\frac{\partial \tau}{\partial q}",
     "dtau_ddq": r"\frac{\partial \tau}{\partial \dot q}",
     "dtau_dddq": r"\frac{\partial \tau}{\partial \ddot q}",
+    "dddq_dq": r"\frac{\partial \ddot q}{\partial q}",
+    "dddq_ddq": r"\frac{\partial \ddot q}{\partial \dot q}",
+    "dddq_dtau": r"\frac{\partial \ddot q}{\partial \tau}",
 }
 _INDEXED = re.compile(r"^(?P<letter>[^_^]+)(_\{?(?P<below>[^{}^]+)\}?)?(?P<above>\^.+)?$")
 _NUMBERED = re.compile(r"^(?P<letter>[A-Za-z_]+?)(?P<place>c|\d*)_?(?P<number>\d+)$")

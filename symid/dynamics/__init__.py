@@ -114,6 +114,11 @@ if TYPE_CHECKING:
         list_kindred_readings as list_kindred_readings,
         read_group as read_group,
     )
+    from symid.dynamics.torque_derivatives import (
+        compute_coriolis_matrix as compute_coriolis_matrix,
+        compute_equation_terms as compute_equation_terms,
+        compute_torque_derivatives as compute_torque_derivatives,
+    )
 else:
     from symid.lazy import load_names
 

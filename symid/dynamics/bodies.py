@@ -10,7 +10,7 @@ that is not listed is zero and costs nothing.
 Supported: rotor inertias of joints and couplings, springs of joints.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import product
 
 from symid.dynamics.algebra import Algebra, Label, Matrix, T, Vector
@@ -105,6 +105,17 @@ def add_drive_torques(
     return tuple(result)
 
 
+def add_drive_inertias(recursion: Recursion[T], matrix: list[list[T]], parameters: Mapping[Label, T]) -> None:
+    """Add the inertias of rotors to the mass matrix of the joints, in place."""
+    robot, algebra = recursion.robot, recursion.algebra
+    for key in list_drive_parameters(robot):
+        if key[1] == "IA" and key in parameters:
+            shares = _list_shares(robot, key[0])
+            for (i, first), (j, second) in product(shares, shares):
+                share = algebra.mul(algebra.constant(first * second), parameters[key])
+                matrix[i][j] = algebra.add(matrix[i][j], share)
+
+
 Parameters = Mapping[tuple[int, str], T]
 Body = tuple[Matrix[T], Vector[T], T]
 """Inertia tensor about the link frame's origin (kg m^2), first moments (kg m), mass (kg)."""
@@ -138,7 +149,16 @@ def rotate_tensor_about_z(algebra: Algebra[T], turn: tuple[T, T], tensor: Matrix
     return (minus(xx, e), xy, xz), (xy, plus(yy, e), yz), (xz, yz, zz)
 
 
-def transform_body(algebra: Algebra[T], frame: LinkFrame[T], body: Body[T]) -> Body[T]:
+TensorTurn = Callable[[Algebra[T], tuple[T, T], Matrix[T]], Matrix[T]]
+"""How a symmetric tensor turns about z by an angle given as (cos, sin)."""
+
+
+def transform_body(
+    algebra: Algebra[T],
+    frame: LinkFrame[T],
+    body: Body[T],
+    rotate: TensorTurn[T] = rotate_tensor_about_z,
+) -> Body[T]:
     """Return inertia tensor, first moments and mass about the parent's origin, in its axes.
 
     I_p = R I R' + 2 (t.m) E - t m' - m t' + M (t.t E - t t'),  m = R MS,  t the link's origin.
@@ -148,7 +168,7 @@ def transform_body(algebra: Algebra[T], frame: LinkFrame[T], body: Body[T]) -> B
     m = rotate_to_parent(algebra, frame, moments)
     t = frame.origin
     if frame.turn is not None:
-        tensor = rotate_tensor_about_z(algebra, frame.turn, tensor)
+        tensor = rotate(algebra, frame.turn, tensor)
     half = algebra.multiply_matrices(frame.fixed, tensor)
     turned = {(i, j): algebra.dot(half[i], frame.fixed[j]) for i in range(3) for j in range(i, 3)}
     # With u = m + M t / 2 the shift is 2 (t.u) E - t u' - u t'; doubled constants cost nothing.
@@ -193,10 +213,5 @@ def compute_mass_matrix(
             x, y, z = (algebra.add_vectors(a, b) for a, b in zip(left[0], right[0], strict=True))
             moments = algebra.add_vectors(left[1], right[1])
             bodies[parent] = ((x, y, z), moments, algebra.add(left[2], right[2]))
-    for key in list_drive_parameters(robot):
-        if key[1] == "IA" and key in parameters:
-            shares = _list_shares(robot, key[0])
-            for (i, first), (j, second) in product(shares, shares):
-                share = algebra.mul(algebra.constant(first * second), parameters[key])
-                matrix[i][j] = algebra.add(matrix[i][j], share)
+    add_drive_inertias(recursion, matrix, parameters)
     return tuple(tuple(row) for row in matrix)

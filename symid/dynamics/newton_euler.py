@@ -11,6 +11,7 @@ rates give M ddqr + C dqr with the Christoffel factor C (Echeandia and Wensing 2
 Supported: trees of revolute and prismatic joints, rotor inertias reflected to the joint side, springs.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Generic
 
@@ -57,21 +58,25 @@ def compute_accelerations(recursion: Recursion[T]) -> tuple[Screw[T], ...]:
     return tuple(result)
 
 
-def accumulate_torques(recursion: Recursion[T], wrenches: list[Wrench[T]]) -> list[T]:
-    """Return what every joint carries of the wrenches of its link and all links beyond it."""
+def accumulate_wrenches(recursion: Recursion[T], wrenches: Sequence[Wrench[T]]) -> list[Wrench[T]]:
+    """Return what every link carries: its own wrench and those of all links beyond it, in its frame."""
     robot, algebra, frames = recursion.robot, recursion.algebra, recursion.frames
     carried = list(wrenches)
-    torques = [algebra.zero] * robot.size
     for joint in reversed(range(robot.size)):
-        own, parent = carried[joint], robot.joints[joint].parent
-        torques[joint] = own.moment[2] if frames[joint].revolute else own.force[2]
+        parent = robot.joints[joint].parent
         if parent >= 0:
-            lifted, other = transform_wrench(algebra, frames[joint], own), carried[parent]
+            lifted, other = transform_wrench(algebra, frames[joint], carried[joint]), carried[parent]
             carried[parent] = Wrench(
                 force=algebra.add_vectors(other.force, lifted.force),
                 moment=algebra.add_vectors(other.moment, lifted.moment),
             )
-    return torques
+    return carried
+
+
+def accumulate_torques(recursion: Recursion[T], wrenches: Sequence[Wrench[T]]) -> list[T]:
+    """Return what every joint carries of the wrenches of its link and all links beyond it."""
+    carried = zip(accumulate_wrenches(recursion, wrenches), recursion.frames, strict=True)
+    return [wrench.moment[2] if frame.revolute else wrench.force[2] for wrench, frame in carried]
 
 
 def compute_inverse_dynamics(recursion: Recursion[T], parameters: Parameters[T]) -> tuple[T, ...]:
@@ -255,6 +260,21 @@ def _compute_tensor_moment(
     )
 
 
+def compute_link_wrenches(
+    recursion: Recursion[T], parameters: Parameters[T], spins: Sequence[AccelerationTensor[T]]
+) -> list[Wrench[T]]:
+    """Return the wrench that moves each link: f = M a + U MS, n = I dw + w x I w + MS x a."""
+    algebra, wrenches = recursion.algebra, []
+    for link, spin in enumerate(spins):
+        tensor, moments, mass = gather_body(algebra, parameters, link)
+        force = algebra.apply_matrix(spin.tensor, moments)
+        moment = _compute_tensor_moment(algebra, tensor, spin)
+        force = algebra.add_vectors(force, algebra.scale_vector(mass, spin.linear))
+        moment = algebra.add_vectors(moment, algebra.cross(moments, spin.linear))
+        wrenches.append(Wrench(force=force, moment=moment))
+    return wrenches
+
+
 def compute_tensor_torques(
     recursion: Recursion[T], parameters: Parameters[T], reference: Reference[T] | None = None
 ) -> tuple[T, ...]:
@@ -262,13 +282,7 @@ def compute_tensor_torques(
 
     `reference`: dqr and ddqr for M ddqr + C dqr + g (see above); None for the state's own dq and ddq.
     """
-    algebra, wrenches = recursion.algebra, []
-    for link, spin in enumerate(compute_acceleration_tensors(recursion, reference)):
-        tensor, moments, mass = gather_body(algebra, parameters, link)
-        force = algebra.apply_matrix(spin.tensor, moments)
-        moment = _compute_tensor_moment(algebra, tensor, spin)
-        force = algebra.add_vectors(force, algebra.scale_vector(mass, spin.linear))
-        moment = algebra.add_vectors(moment, algebra.cross(moments, spin.linear))
-        wrenches.append(Wrench(force=force, moment=moment))
+    spins = compute_acceleration_tensors(recursion, reference)
+    wrenches = compute_link_wrenches(recursion, parameters, spins)
     accelerations = reference[1] if reference else recursion.state.acceleration
     return add_drive_torques(recursion, accumulate_torques(recursion, wrenches), parameters, accelerations)

@@ -34,7 +34,7 @@ from tests.sx_programs import read_sx_program
 RANGES = {"q": 3.0, "dq": 2.0, "ddq": 5.0, "dqr": 2.0, "ddqr": 5.0, "tau": 20.0}
 SEVERAL = tuple(name for name, routes in ROUTES.items() if len(routes) > 1)
 # Six derivatives a second of a solved system are no test of a route: its parts are compared themselves.
-SOLVED = ("forward_dynamics",)
+SOLVED = ("forward_dynamics", "forward_dynamics_derivatives")
 
 
 def find_base_values(robot, base, rng):

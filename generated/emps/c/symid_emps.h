@@ -253,6 +253,31 @@ int symid_emps_inverse_dynamics_derivatives(const double q[1], const double dq[1
 int symid_emps_inverse_dynamics_derivatives_batch(size_t n, const double *q, const double *dq, const double *ddq, const double beta[1], double *dtau_dq, double *dtau_ddq, double *dtau_dddq);
 
 /**
+ * @brief acceleration under the torque tau, and its derivatives
+ *
+ * @param[in] q joint coordinates: 1, rad
+ * @param[in] dq joint velocities: 1, rad/s
+ * @param[in] tau joint torques without friction: 1, N m
+ * @param[in] beta base inertial parameters: 1, mixed; one vector for all samples
+ * @param[out] ddq joint accelerations: 1, rad/s^2
+ * @param[out] dddq_dq by position: 1 x 1, 1/s^2
+ * @param[out] dddq_ddq by velocity: 1 x 1, 1/s
+ * @param[out] dddq_dtau by torque: the inverse of the mass matrix: 1 x 1, 1/(kg m^2)
+ * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
+ *
+ * Operations: 2 products, 0 sums, 0 elementary functions.
+ */
+int symid_emps_forward_dynamics_derivatives(const double q[1], const double dq[1], const double tau[1], const double beta[1], double ddq[1], double dddq_dq[1], double dddq_ddq[1], double dddq_dtau[1]);
+
+/**
+ * @brief symid_emps_forward_dynamics_derivatives for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
+ */
+int symid_emps_forward_dynamics_derivatives_batch(size_t n, const double *q, const double *dq, const double *tau, const double beta[1], double *ddq, double *dddq_dq, double *dddq_ddq, double *dddq_dtau);
+
+/**
  * @brief kinetic and potential energy, up to the constant that base parameters cannot know
  *
  * @param[in] q joint coordinates: 1, rad

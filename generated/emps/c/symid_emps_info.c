@@ -13,5 +13,5 @@ const char *symid_emps_signature(void)
 
 const char *symid_emps_digest(void)
 {
-    return "f221b827c473a72aec7c10f70c3d3b98799a5ab88aed654715f98a0425b873ce";
+    return "11b1fd358764847393432de5ca60f59ea198660cfeff04c69c08203bab1b7b9a";
 }

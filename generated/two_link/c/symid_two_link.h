@@ -262,6 +262,31 @@ int symid_two_link_inverse_dynamics_derivatives(const double q[2], const double 
 int symid_two_link_inverse_dynamics_derivatives_batch(size_t n, const double *q, const double *dq, const double *ddq, const double beta[6], double *dtau_dq, double *dtau_ddq, double *dtau_dddq);
 
 /**
+ * @brief acceleration under the torque tau, and its derivatives
+ *
+ * @param[in] q joint coordinates: 2, rad
+ * @param[in] dq joint velocities: 2, rad/s
+ * @param[in] tau joint torques without friction: 2, N m
+ * @param[in] beta base inertial parameters: 6, mixed; one vector for all samples
+ * @param[out] ddq joint accelerations: 2, rad/s^2
+ * @param[out] dddq_dq by position: 2 x 2, 1/s^2
+ * @param[out] dddq_ddq by velocity: 2 x 2, 1/s
+ * @param[out] dddq_dtau by torque: the inverse of the mass matrix: 2 x 2, 1/(kg m^2)
+ * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
+ *
+ * Operations: 56 products, 35 sums, 4 elementary functions.
+ */
+int symid_two_link_forward_dynamics_derivatives(const double q[2], const double dq[2], const double tau[2], const double beta[6], double ddq[2], double dddq_dq[4], double dddq_ddq[4], double dddq_dtau[4]);
+
+/**
+ * @brief symid_two_link_forward_dynamics_derivatives for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
+ */
+int symid_two_link_forward_dynamics_derivatives_batch(size_t n, const double *q, const double *dq, const double *tau, const double beta[6], double *ddq, double *dddq_dq, double *dddq_ddq, double *dddq_dtau);
+
+/**
  * @brief kinetic and potential energy, up to the constant that base parameters cannot know
  *
  * @param[in] q joint coordinates: 2, rad

@@ -173,7 +173,7 @@ def blocks():
     # The derivatives alone are half of all instructions, and printed as the others are.
     base = derive_base_parameters(robot)
     names = [spec.name for spec in list_robot_specs(robot, base)]
-    names.remove("inverse_dynamics_derivatives")
+    names = [name for name in names if not name.endswith("derivatives")]
     return generate_c_library(build_functions(robot, names=tuple(names)))
 
 

@@ -1,0 +1,378 @@
+"""Derivatives of the joint torques, and the Coriolis matrix, from composite bodies.
+
+Recursion, parameters {(link, name): value} -> matrices with a row and a column a joint. A parameter that is
+not listed is zero and costs nothing. A composite body is a link with all links beyond it; about the origin of
+a frame at rest that coincides with the link's frame it has
+
+    P = sum of m v,   D = sum of m v r',   K = tr(D) E - D,   B u = (u x P, K u),
+
+B the Christoffel factor of a velocity whose angular part is u. With S the axis of a joint, R = dS/dt and
+T = d^2S/dt^2 its rates in space, gravity as an acceleration of the base, and W the wrench that a composite
+body needs, for a joint j on the way from the base to joint i:
+
+    dtau_i/dddq_j = S_i' I_i S_j
+    dtau_i/ddq_j = 2 S_i' (B_i S_j + I_i R_j)        dtau_j/ddq_i = 2 S_j' (B_i S_i + I_i R_i)
+    dtau_i/dq_j = S_i' (2 B_i R_j + I_i T_j)         dtau_j/dq_i = S_j' (2 B_i R_i + I_i T_i + S_i x* W_i)
+
+Carpentier and Mansard 2018; Singh, Russell and Wensing 2022. B' S_i has no force: as a couple it passes
+joints by rotations alone. dtau/ddq is 2 C, C the Christoffel factor.
+
+Supported: trees of revolute and prismatic joints, rotor inertias reflected to the joint side, springs.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Generic
+
+from symid.dynamics.algebra import Algebra, Matrix, T, Vector, transpose
+from symid.dynamics.bodies import (
+    Body,
+    Parameters,
+    add_drive_inertias,
+    add_drive_torques,
+    gather_body,
+    transform_body,
+)
+from symid.dynamics.newton_euler import (
+    AccelerationTensor,
+    accumulate_wrenches,
+    compute_acceleration_tensors,
+    compute_link_wrenches,
+)
+from symid.dynamics.recursion import (
+    LinkFrame,
+    LinkMotion,
+    ProjectionFrame,
+    Recursion,
+    Screw,
+    Screws,
+    Wrench,
+    build_axis_screws,
+    compute_screw_rates,
+    project_wrench,
+    rotate_to_parent,
+    transform_screws,
+)
+
+Rows = tuple[tuple[T, ...], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TorqueDerivatives(Generic[T]):
+    """dtau/dq (N m/rad), dtau/ddq (N m s/rad) and dtau/dddq (kg m^2), a row and a column a joint."""
+
+    by_position: Rows[T]
+    by_velocity: Rows[T]
+    by_acceleration: Rows[T]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EquationTerms(Generic[T]):
+    """What the equations of motion hold of the position and the velocity: M, 2 C, and the torques at rest."""
+
+    mass: Rows[T]
+    twice_coriolis: Rows[T]
+    rest: tuple[T, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Composite(Generic[T]):
+    """A composite body in its link's frame: inertia, and `factor` times K and P (see above)."""
+
+    body: Body[T]
+    turning: Matrix[T]
+    momentum: Vector[T]
+
+
+def turn_matrix(algebra: Algebra[T], turn: tuple[T, T], matrix: Matrix[T]) -> Matrix[T]:
+    """Return the matrix R A R' of a turn R about z by an angle given as (cos, sin).
+
+    With d = xx - yy, t = xy + yx, e = s^2 d + c s t and g = c s d - s^2 t the plane entries become xx - e,
+    yy + e, xy + g, yx + g: matrices that turn together share s^2 and c s.
+    """
+    c, s = turn
+    plus, minus, mul = algebra.add, algebra.sub, algebra.mul
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = matrix
+    square, product = mul(s, s), mul(c, s)
+    d, t = minus(xx, yy), plus(xy, yx)
+    e = plus(mul(square, d), mul(product, t))
+    g = minus(mul(product, d), mul(square, t))
+    xz, yz = minus(mul(c, xz), mul(s, yz)), plus(mul(s, xz), mul(c, yz))
+    zx, zy = minus(mul(c, zx), mul(s, zy)), plus(mul(s, zx), mul(c, zy))
+    return (minus(xx, e), plus(xy, g), xz), (plus(yx, g), plus(yy, e), yz), (zx, zy, zz)
+
+
+def _shift_turning(algebra: Algebra[T], turning: Matrix[T], momentum: Vector[T], arm: Vector[T]) -> Matrix[T]:
+    """Return K + (P.r) E - P r': K of points that are moved by the arm r."""
+    shares = [[algebra.mul(p, r) for r in arm] for p in momentum]
+    rows = [
+        [algebra.sub(entry, share) for entry, share in zip(*pair, strict=True)]
+        for pair in zip(turning, shares, strict=True)
+    ]
+    for k in range(3):
+        first, second = (k + 1) % 3, (k + 2) % 3
+        # Without P_k r_k, which the trace gives back.
+        rows[k][k] = algebra.sum_values([turning[k][k], shares[first][first], shares[second][second]])
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rows
+    return (xx, xy, xz), (yx, yy, yz), (zx, zy, zz)
+
+
+def _build_composite(
+    algebra: Algebra[T], body: Body[T], motion: LinkMotion[T], *, double: bool
+) -> _Composite[T]:
+    """Return a link alone: K = -[w x] Sigma + (v.m) E - v m', P = w x m + M v, twice if `double`.
+
+    Sigma = sum of m r r' = tr(I)/2 E - I, m the first moments.
+    """
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = body[0]
+    mul, plus, minus, neg, (wx, wy, wz) = algebra.mul, algebra.add, algebra.sub, algebra.neg, motion.angular
+    sums = [minus(plus(yy, zz), xx), minus(plus(xx, zz), yy), minus(plus(xx, yy), zz)]
+    w, v = motion.angular, motion.linear
+    if double:
+        w, v = algebra.add_vectors(w, w), algebra.add_vectors(v, v)
+    else:
+        sums = list(map(algebra.half, sums))
+    (ux, uy, uz), (sx, sy, sz) = w, sums
+    a, b, c = mul(ux, yz), mul(uy, xz), mul(uz, xy)
+    spin = (
+        (minus(b, c), plus(mul(uy, yz), mul(wz, sy)), neg(plus(mul(wy, sz), mul(uz, yz)))),
+        (neg(plus(mul(wz, sx), mul(ux, xz))), minus(c, a), plus(mul(uz, xz), mul(wx, sz))),
+        (plus(mul(ux, xy), mul(wy, sx)), neg(plus(mul(wx, sy), mul(uy, xy))), minus(a, b)),
+    )
+    momentum = algebra.add_vectors(algebra.scale_vector(body[2], v), algebra.cross(w, body[1]))
+    return _Composite(body=body, turning=_shift_turning(algebra, spin, v, body[1]), momentum=momentum)
+
+
+def _carry_composite(algebra: Algebra[T], frame: LinkFrame[T], part: _Composite[T]) -> _Composite[T]:
+    """Return a composite body about the parent's origin, in its axes."""
+    turning = turn_matrix(algebra, frame.turn, part.turning) if frame.turn else part.turning
+    half = algebra.multiply_matrices(frame.fixed, turning)
+    turning = algebra.multiply_matrices(half, transpose(frame.fixed))
+    momentum = rotate_to_parent(algebra, frame, part.momentum)
+    return _Composite(
+        body=transform_body(algebra, frame, part.body, turn_matrix),
+        turning=_shift_turning(algebra, turning, momentum, frame.origin),
+        momentum=momentum,
+    )
+
+
+def _join(algebra: Algebra[T], left: _Composite[T], right: _Composite[T]) -> _Composite[T]:
+    def add(one: Matrix[T], other: Matrix[T]) -> Matrix[T]:
+        x, y, z = (algebra.add_vectors(a, b) for a, b in zip(one, other, strict=True))
+        return x, y, z
+
+    (tensor, moments, mass), (other, arms, load) = left.body, right.body
+    return _Composite(
+        body=(add(tensor, other), algebra.add_vectors(moments, arms), algebra.add(mass, load)),
+        turning=add(left.turning, right.turning),
+        momentum=algebra.add_vectors(left.momentum, right.momentum),
+    )
+
+
+def _compute_composites(
+    recursion: Recursion[T], parameters: Parameters[T], *, double: bool
+) -> list[_Composite[T]]:
+    """Return the composite body of every link."""
+    robot, algebra = recursion.robot, recursion.algebra
+    found = [
+        _build_composite(algebra, gather_body(algebra, parameters, link), motion, double=double)
+        for link, motion in enumerate(recursion.motions)
+    ]
+    for link in reversed(range(robot.size)):
+        parent = robot.joints[link].parent
+        if parent >= 0:
+            moved = _carry_composite(algebra, recursion.frames[link], found[link])
+            found[parent] = _join(algebra, found[parent], moved)
+    return found
+
+
+def _add_wrenches(algebra: Algebra[T], first: Wrench[T], *others: Wrench[T]) -> Wrench[T]:
+    force = algebra.add_vectors(first.force, *(wrench.force for wrench in others))
+    return Wrench(force=force, moment=algebra.add_vectors(first.moment, *(one.moment for one in others)))
+
+
+def _double(algebra: Algebra[T], screw: Screw[T]) -> Screw[T]:
+    a, b = screw.angular, screw.linear
+    return Screw(angular=algebra.add_vectors(a, a), linear=algebra.add_vectors(b, b))
+
+
+def _push(algebra: Algebra[T], body: Body[T], screw: Screw[T]) -> Wrench[T]:
+    """Return the momentum I S of a body that moves by a screw."""
+    tensor, moments, mass = body
+    force = algebra.scale_vector(mass, screw.linear)
+    moment = algebra.apply_matrix(tensor, screw.angular)
+    return Wrench(
+        force=algebra.add_vectors(force, algebra.cross(screw.angular, moments)),
+        moment=algebra.add_vectors(moment, algebra.cross(moments, screw.linear)),
+    )
+
+
+def _turn_momentum(algebra: Algebra[T], part: _Composite[T], screw: Screw[T]) -> Wrench[T]:
+    """Return B S, times the factor of `part`."""
+    moment = algebra.apply_matrix(part.turning, screw.angular)
+    return Wrench(force=algebra.cross(screw.angular, part.momentum), moment=moment)
+
+
+def _build_couple(algebra: Algebra[T], part: _Composite[T], screw: Screw[T]) -> Wrench[T]:
+    """Return B' S, times the factor of `part`: a moment alone."""
+    moment = algebra.apply_matrix(transpose(part.turning), screw.angular)
+    moment = algebra.add_vectors(moment, algebra.cross(part.momentum, screw.linear))
+    return Wrench(force=(algebra.zero,) * 3, moment=moment)
+
+
+def _compute_second_rates(
+    recursion: Recursion[T], rates: Sequence[Screw[T]], spins: Sequence[AccelerationTensor[T]]
+) -> list[Screw[T]]:
+    """Return T of every joint: (U z, a x z + 2 v x (w x z)), or (0, U z) if prismatic."""
+    algebra = recursion.algebra
+    zero = algebra.zero
+    none, axis = (zero, zero, zero), (zero, zero, algebra.one)
+    found = []
+    for link, spin in enumerate(spins):
+        x, y, z = (row[2] for row in spin.tensor)
+        if recursion.frames[link].revolute:
+            swing = algebra.cross(recursion.motions[link].linear, _double(algebra, rates[link]).angular)
+            linear = algebra.add_vectors(algebra.cross(spin.linear, axis), swing)
+            found.append(Screw(angular=(x, y, z), linear=linear))
+        else:
+            found.append(Screw(angular=none, linear=(x, y, z)))
+    return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Sweep(Generic[T]):
+    """The composite bodies of a state, and where their wrenches meet the screws of the joints before them.
+
+    `factor` of `composites` is two if `rates` are 2 R, else one.
+    """
+
+    recursion: Recursion[T]
+    meet: ProjectionFrame | None
+    composites: Sequence[_Composite[T]]
+    axes: Sequence[Screw[T]]
+    rates: Sequence[Screw[T]]
+
+    def carry(self, own: Sequence[Screw[T]]) -> Screws[T]:
+        return transform_screws(self.recursion, tuple(own))
+
+    def fill(
+        self, lower: Callable[[int], Sequence[tuple[Wrench[T], Screws[T]]]], upper: Callable[[int], Wrench[T]]
+    ) -> list[list[T]]:
+        """Return the entries (i, j), sums of wrenches of i on screws of j, and (j, i), on the axes."""
+        robot, algebra = self.recursion.robot, self.recursion.algebra
+        axes = self.carry(self.axes)
+        rows = [[algebra.zero] * robot.size for _ in range(robot.size)]
+        for joint in range(robot.size):
+            stop = self.meet(joint) if self.meet else -1
+            parts = [project_wrench(self.recursion, joint, *pair, stop) for pair in lower(joint)]
+            across, other = project_wrench(self.recursion, joint, upper(joint), axes, stop), joint
+            while other >= 0:
+                # Of the joint itself both are the same: the one written last takes fewer operations.
+                rows[other][joint] = across[other]
+                rows[joint][other] = algebra.sum_values([part[other] for part in parts])
+                other = robot.joints[other].parent
+        return rows
+
+    def compute_mass_matrix(self, parameters: Parameters[T]) -> Rows[T]:
+        algebra, axes = self.recursion.algebra, self.carry(self.axes)
+        momenta = [_push(algebra, *pair) for pair in self._pair_bodies(self.axes)]
+        rows = self.fill(lambda i: [(momenta[i], axes)], momenta.__getitem__)
+        add_drive_inertias(self.recursion, rows, parameters)
+        return tuple(map(tuple, rows))
+
+    def compute_coriolis_matrix(self) -> Rows[T]:
+        """Return C, times the factor of the composites."""
+        algebra, axes, rates = self.recursion.algebra, self.carry(self.axes), self.carry(self.rates)
+        momenta = [_push(algebra, *pair) for pair in self._pair_bodies(self.axes)]
+        pushes = [_push(algebra, *pair) for pair in self._pair_bodies(self.rates)]
+        pairs = list(zip(self.composites, self.axes, strict=True))
+        couples = [_build_couple(algebra, *pair) for pair in pairs]
+        turns = [_turn_momentum(algebra, *pair) for pair in pairs]
+        rows = self.fill(
+            lambda i: [(couples[i], axes), (momenta[i], rates)],
+            lambda i: _add_wrenches(algebra, turns[i], pushes[i]),
+        )
+        return tuple(map(tuple, rows))
+
+    def _pair_bodies(self, screws: Sequence[Screw[T]]) -> list[tuple[Body[T], Screw[T]]]:
+        return [(part.body, screw) for part, screw in zip(self.composites, screws, strict=True)]
+
+
+def _build_sweep(
+    recursion: Recursion[T], parameters: Parameters[T], meet: ProjectionFrame | None, *, double: bool
+) -> _Sweep[T]:
+    rates = compute_screw_rates(recursion)
+    return _Sweep(
+        recursion=recursion,
+        meet=meet,
+        composites=_compute_composites(recursion, parameters, double=double),
+        axes=build_axis_screws(recursion),
+        rates=[_double(recursion.algebra, rate) for rate in rates] if double else rates,
+    )
+
+
+def compute_coriolis_matrix(
+    recursion: Recursion[T], parameters: Parameters[T], *, meet: ProjectionFrame | None = None
+) -> Rows[T]:
+    """Return C with C_ij = sum of c_ijk dq_k, c the Christoffel symbols, in kg m^2/s.
+
+    `meet`: where the wrenches of composite bodies meet the screws of joints before them, as everywhere here.
+    """
+    return _build_sweep(recursion, parameters, meet, double=False).compute_coriolis_matrix()
+
+
+def compute_equation_terms(
+    recursion: Recursion[T], parameters: Parameters[T], *, meet: ProjectionFrame | None = None
+) -> EquationTerms[T]:
+    """Return M, 2 C and the torques at rest, of gravity and springs, of tau = M ddq + C dq + rest.
+
+    Of a joint gravity g takes -S' I (0, g): the momentum of its composite body times -g.
+    """
+    robot, algebra = recursion.robot, recursion.algebra
+    sweep = _build_sweep(recursion, parameters, meet, double=True)
+    weights = []
+    for part, screw, motion in zip(sweep.composites, sweep.axes, recursion.motions, strict=True):
+        force = _push(algebra, part.body, screw).force
+        weights.append(algebra.neg(algebra.dot(force, motion.gravity)))
+    still = (algebra.zero,) * robot.size
+    return EquationTerms(
+        mass=sweep.compute_mass_matrix(parameters),
+        twice_coriolis=sweep.compute_coriolis_matrix(),
+        rest=add_drive_torques(recursion, weights, parameters, still),
+    )
+
+
+def compute_torque_derivatives(
+    recursion: Recursion[T], parameters: Parameters[T], *, meet: ProjectionFrame | None = None
+) -> TorqueDerivatives[T]:
+    """Return the derivatives of the joint torques without friction by q, dq and ddq (see above)."""
+    algebra = recursion.algebra
+    sweep = _build_sweep(recursion, parameters, meet, double=True)
+    spins = compute_acceleration_tensors(recursion)
+    wrenches = accumulate_wrenches(recursion, compute_link_wrenches(recursion, parameters, spins))
+    single = compute_screw_rates(recursion)
+    second = _compute_second_rates(recursion, single, spins)
+    rates, seconds = sweep.carry(single), sweep.carry(second)
+
+    def compute_lower(joint: int) -> list[tuple[Wrench[T], Screws[T]]]:
+        part, axis = sweep.composites[joint], sweep.axes[joint]
+        return [(_build_couple(algebra, part, axis), rates), (_push(algebra, part.body, axis), seconds)]
+
+    def compute_upper(joint: int) -> Wrench[T]:
+        part, axis, load = sweep.composites[joint], sweep.axes[joint], wrenches[joint]
+        moment = algebra.add_vectors(
+            algebra.cross(axis.angular, load.moment), algebra.cross(axis.linear, load.force)
+        )
+        turned = Wrench(force=algebra.cross(axis.angular, load.force), moment=moment)
+        pushed = _push(algebra, part.body, second[joint])
+        return _add_wrenches(algebra, _turn_momentum(algebra, part, single[joint]), pushed, turned)
+
+    rows = sweep.fill(compute_lower, compute_upper)
+    for key, value in parameters.items():
+        if key[1] == "KS":
+            rows[key[0]][key[0]] = algebra.add(rows[key[0]][key[0]], value)
+    return TorqueDerivatives(
+        by_position=tuple(map(tuple, rows)),
+        by_velocity=sweep.compute_coriolis_matrix(),
+        by_acceleration=sweep.compute_mass_matrix(parameters),
+    )

@@ -1,0 +1,159 @@
+"""Derivatives of the dynamics: of exact polynomials, and Pinocchio's at a thousand states."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from sympy import QQ
+
+from symid.codegen.catalogue import list_robot_specs
+from symid.codegen.routes import choose_route
+from symid.dynamics.algebra import build_state
+from symid.dynamics.base_parameters import derive_base_parameters
+from symid.dynamics.exact_algebra import build_exact_algebra, differentiate
+from symid.dynamics.newton_euler import compute_tensor_torques
+from symid.dynamics.recursion import build_recursion
+from symid.dynamics.torque_derivatives import (
+    compute_coriolis_matrix,
+    compute_equation_terms,
+    compute_torque_derivatives,
+)
+from symid.errors import UsageError
+from symid.notation import INERTIAL
+from tests.chains import (
+    PANDA,
+    PUMA560,
+    STANFORD,
+    TWO_LINK,
+    UR5,
+    build_chain,
+    build_pinocchio,
+    draw_parameters,
+)
+from tests.float_algebra import FloatAlgebra, build_float_state
+
+STATES = 1000
+# Revolute and prismatic joints, axes that are neither parallel nor at right angles, gravity along no axis.
+TILTED = build_chain(
+    [(0.0, 0, 0, "q"), (np.pi / 3, 0.3, 0.1, "q"), (np.pi / 2, 0.2, "q", 0.0)],
+    gravity=("0.3", "-0.5", "-9.7"),
+    name="tilted",
+)
+
+
+def list_values(robot, parameters):
+    return {
+        (link, name): parameters[link, k] for link in range(robot.size) for k, name in enumerate(INERTIAL)
+    }
+
+
+@pytest.mark.parametrize("robot", [TWO_LINK, TILTED], ids=lambda r: r.name)
+def test_derivatives_are_those_of_the_exact_polynomials(robot):
+    algebra = build_exact_algebra(robot)
+    rng = np.random.default_rng(2)
+    values = {
+        (link, name): algebra.ring.ground_new(QQ(int(rng.integers(-9, 10)), 7))
+        for link in range(robot.size)
+        for name in INERTIAL
+    }
+    recursion = build_recursion(robot, algebra, build_state(robot, algebra, algebra.generators))
+    torques = [algebra.reduce(torque) for torque in compute_tensor_torques(recursion, values)]
+    found = compute_torque_derivatives(recursion, values)
+    for j in range(robot.size):
+        for i, torque in enumerate(torques):
+            expected = (
+                differentiate(robot, algebra, torque, j),
+                torque.diff(algebra.generators[f"dq{j + 1}"]),
+                torque.diff(algebra.generators[f"ddq{j + 1}"]),
+            )
+            blocks = (found.by_position, found.by_velocity, found.by_acceleration)
+            for block, exact in zip(blocks, expected, strict=True):
+                assert algebra.reduce(block[i][j] - exact) == 0
+
+
+@pytest.mark.parametrize("meet", [None, lambda link: link, lambda link: min(link, 2)])
+@pytest.mark.parametrize("robot", [PANDA, UR5, STANFORD], ids=lambda r: r.name)
+def test_derivatives_equal_pinocchio_at_a_thousand_states(robot, meet):
+    rng = np.random.default_rng(3)
+    q, dq, ddq = rng.uniform(-3, 3, (3, robot.size, STATES))
+    parameters = draw_parameters(rng, robot.size)
+    recursion = build_recursion(robot, FloatAlgebra(dict(robot.symbols)), build_float_state(q, dq, ddq))
+    values = list_values(robot, parameters)
+    found = compute_torque_derivatives(recursion, values, meet=meet)
+    coriolis = compute_coriolis_matrix(recursion, values, meet=meet)
+    terms = compute_equation_terms(recursion, values, meet=meet)
+
+    def stack(rows):
+        return np.array([[np.broadcast_to(entry, STATES) for entry in row] for row in rows])
+
+    by_q, by_dq, by_ddq, coriolis = map(
+        stack, (found.by_position, found.by_velocity, found.by_acceleration, coriolis)
+    )
+    (rest,) = stack([terms.rest])
+    model = build_pinocchio(robot, parameters)
+    data = model.createData()
+    for k in range(STATES):
+        pin.computeRNEADerivatives(model, data, q[:, k], dq[:, k], ddq[:, k])
+        mass = np.triu(data.M) + np.triu(data.M, 1).T
+        for mine, theirs in ((by_q, data.dtau_dq), (by_dq, data.dtau_dv), (by_ddq, mass)):
+            np.testing.assert_allclose(mine[..., k], theirs, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(2 * coriolis[..., k], data.dtau_dv, rtol=0, atol=1e-9)
+        bias = coriolis[..., k] @ dq[:, k] + rest[:, k]
+        np.testing.assert_allclose(
+            bias, pin.nonLinearEffects(model, data, q[:, k], dq[:, k]), rtol=0, atol=1e-9
+        )
+    np.testing.assert_array_equal(stack(terms.twice_coriolis), by_dq)
+
+
+def evaluate(program, inputs):
+    """Return the outputs of a program at many states, (size, states) a port."""
+    values = [np.zeros(())]
+    rules = {
+        "add": np.add,
+        "sub": np.subtract,
+        "mul": np.multiply,
+        "div": np.divide,
+        "sin": np.sin,
+        "cos": np.cos,
+    }
+    for one in program.instructions:
+        if one.op.value == "input":
+            values.append(inputs[program.spec.inputs[one.args[0]].name][one.args[1]])
+        elif one.op.value == "constant":
+            values.append(np.array(one.constant))
+        else:
+            values.append(
+                rules[one.op.value](*(values[ref] if ref > 0 else -values[-ref] for ref in one.args))
+            )
+    return [
+        np.array([np.broadcast_to(np.sign(ref) * values[abs(ref)], STATES) for ref in refs])
+        for refs in program.outputs
+    ]
+
+
+@pytest.mark.parametrize("robot", [PANDA, UR5, PUMA560], ids=lambda r: r.name)
+def test_derivatives_of_the_forward_dynamics_equal_pinocchio_at_a_thousand_states(robot):
+    rng = np.random.default_rng(4)
+    parameters = draw_parameters(rng, robot.size)
+    flat, base = list_values(robot, parameters), derive_base_parameters(robot)
+    beta = np.array([[sum(float(c) * flat[key] for key, c in p.terms)] for p in base.parameters])
+    q, dq, tau = rng.uniform(-2, 2, (3, robot.size, STATES))
+    (spec,) = list_robot_specs(robot, base, ("forward_dynamics_derivatives",))
+    program = choose_route(robot, base, spec).program
+    found = evaluate(program, {"q": q, "dq": dq, "tau": tau, "beta": beta})
+    ddq, by_q, by_dq, by_tau = (part.reshape(-1, robot.size, STATES) for part in found)
+    model = build_pinocchio(robot, parameters)
+    data = model.createData()
+    for k in range(STATES):
+        pin.computeABADerivatives(model, data, q[:, k], dq[:, k], tau[:, k])
+        pairs = ((by_q, data.ddq_dq), (by_dq, data.ddq_dv), (by_tau, data.Minv), (ddq, data.ddq[None]))
+        for mine, theirs in pairs:
+            size = max(1.0, float(np.abs(theirs).max()))
+            np.testing.assert_allclose(mine[..., k], theirs, rtol=0, atol=1e-9 * size)
+
+
+def test_what_is_too_large_for_full_matrices_is_said():
+    robot = build_chain([(np.pi / 2, 0.1, 0, "q")] * 17, name="long")
+    base = derive_base_parameters(robot)
+    assert "forward_dynamics_derivatives" not in [spec.name for spec in list_robot_specs(robot, base)]
+    with pytest.raises(UsageError, match="16 coordinates at most, the robot has 17"):
+        list_robot_specs(robot, base, ("forward_dynamics_derivatives",))
