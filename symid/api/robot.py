@@ -350,7 +350,8 @@ class RobotModel:
         Where neither the robot nor anything else has changed since the last time, nothing is done.
 
         Args:
-            target: "c", "python" (one module of NumPy), or "casadi" (functions, their C, and a loader).
+            target: "c", "python" (one module of NumPy), "js" (one of JavaScript), or "casadi" (functions,
+                their C, and a loader).
             folder: new, or written by symid earlier; other files in it are not changed.
             functions: the names of those wanted; all by default.
             precision: type of all numbers in C.

@@ -48,8 +48,8 @@ def base_command(console: Console, *, robot: NamedRobot, friction: str | None, f
 @robot_argument()
 @OUTPUT.option(
     "--target",
-    "What to write: a C library, a NumPy module, or CasADi functions with their C and a loader.",
-    click.Choice(("c", "python", "casadi")),
+    "What to write: a C library, a module of NumPy or JavaScript, or CasADi functions, their C and a loader.",
+    click.Choice(("c", "python", "casadi", "js")),
     default="c",
 )
 @OUTPUT.option(
@@ -78,14 +78,14 @@ def generate_command(
     console: Console,
     *,
     robot: NamedRobot,
-    target: Literal["c", "python", "casadi"],
+    target: Literal["c", "python", "casadi", "js"],
     names: tuple[str, ...],
     friction_laws: bool,
     friction: str | None,
     output: Path,
     **options: Any,  # noqa: ANN401  of the code, typed in `RobotModel.write`
 ) -> Answer:
-    """Write the robot's functions as a C library, as a Python module, or for CasADi.
+    """Write the robot's functions as a C library, as a Python or JavaScript module, or for CasADi.
 
     The folder does not need symid. Its self-test runs after writing, for C if there is a compiler. A
     folder that is up to date is not changed.
