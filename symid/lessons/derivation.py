@@ -255,7 +255,7 @@ _ELEMENTS = (
 )
 
 
-def _describe_friction(robot: Robot) -> Step | None:
+def describe_friction(robot: Robot) -> Step | None:
     """Return the friction laws of all joints with their sources; None without any."""
     joints = [
         (number, joint, get_friction_law(joint.friction)) for number, joint in enumerate(robot.joints, 1)
@@ -306,7 +306,7 @@ def derive_lesson(robot: Robot) -> tuple[Step, ...]:
     """
     base, energy = derive_base_parameters(robot), derive_energy(robot)
     state = build_state(robot, energy.algebra, energy.algebra.generators)
-    friction = _describe_friction(robot)
+    friction = describe_friction(robot)
     return (
         _describe_frames(robot),
         _describe_velocities(build_recursion(robot, energy.algebra, state).motions),

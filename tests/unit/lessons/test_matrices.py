@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import symid
-from symid.lessons.books import BOOK_NAMES, build_style, get_book
 from symid.lessons.matrices import (
     build_model,
     check_composites,
@@ -18,9 +17,12 @@ from symid.lessons.matrices import (
     name_lengths,
 )
 from symid.lessons.textbook import (
+    BOOK_NAMES,
     build_angle_sums,
+    build_style,
     evaluate_sum,
     expand_sum,
+    get_book,
     list_chains,
     write_latex,
     write_sum,
