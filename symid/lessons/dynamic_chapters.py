@@ -444,8 +444,8 @@ _KINDS = {
     "body": r"Composite bodies: link $j$ and all beyond it, as one rigid body in the frame of link $j$",
     "gravity": "The field of gravity in the axes of a link",
     "momentum": (
-        r"Momenta of composite bodies: ${}^{j}p^{(k)}$ and ${}^{j}h^{(k)}$ are momentum and moment of momentum "
-        "of the composite body $k$ per unit rate of its joint, in the frame of link $j$"
+        r"Momenta of composite bodies: ${}^{j}p^{(k)}$ and ${}^{j}h^{(k)}$ are momentum and moment of "
+        "momentum of the composite body $k$ per unit rate of its joint, in the frame of link $j$"
     ),
 }
 

@@ -392,7 +392,8 @@ def check_power(equations: Equations) -> bool:
     model = equations.model
     change = differentiate_by_time(model, equations.kinetic + equations.potential)
     pairs = zip(list_rates(model), compute_torques(equations), strict=True)
-    return change == model.algebra.sum_values(model.algebra.mul(rate, torque) for rate, torque in pairs)
+    power = model.algebra.sum_values(model.algebra.mul(rate, torque) for rate, torque in pairs)
+    return bool(change == power)
 
 
 def build_exact_point(robot: Robot, algebra: ExactAlgebra) -> dict[str, Any]:

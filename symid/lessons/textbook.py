@@ -25,7 +25,7 @@ Not supported: joints that follow others, in sums of angles (their sines stay th
 import itertools
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache, partial
@@ -136,11 +136,10 @@ def _list_choices(chain: Angle) -> Iterator[_Choice]:
     size = len(chain)
     runs = [(a, b) for a in range(size) for b in range(a, size)]
     own = tuple((k, k) for k in range(size))
-    if size <= _LONGEST_CHAIN:
-        others = itertools.combinations(runs, size)
-    else:
-        others = iter([tuple((0, k) for k in range(size)), tuple((k, size - 1) for k in range(size))])
-    for choice in (own, *(runs_taken for runs_taken in others if runs_taken != own)):
+    ends = (tuple((0, k) for k in range(size)), tuple((k, size - 1) for k in range(size)))
+    every: Iterable[tuple[tuple[int, int], ...]] = itertools.combinations(runs, size)
+    others = every if size <= _LONGEST_CHAIN else ends
+    for choice in (own, *(other for other in others if other != own)):
         rows = [[sign if a <= k <= b else 0 for k, (_, sign) in enumerate(chain)] for a, b in choice]
         matrix = Matrix(rows)
         if matrix.det() == 0:
@@ -232,8 +231,8 @@ def write_sum(value: PolyElement, sums: AngleSums, senses: Mapping[str, Letter] 
         waves = tuple(item for item in monomial if _is_wave(item[0]))
         groups.setdefault(plain, {})[waves] = number
     terms: Terms = {}
-    for plain, waves in groups.items():
-        for monomial, number in _join_angles(waves, sums).items():
+    for plain, share in groups.items():
+        for monomial, number in _join_angles(share, sums).items():
             terms[_sort({**dict(plain), **dict(monomial)})] = number
     return _collect(terms)
 
@@ -254,7 +253,8 @@ def _join_angles(waves: Terms, sums: AngleSums) -> Terms:
 
 
 def _measure_waves(terms: Terms) -> int:
-    return sum(power * (3 + len(letter[1])) for key in terms for letter, power in key if _is_angle(letter))
+    items = [(letter[1], power) for key in terms for letter, power in key]
+    return sum(power * (3 + len(angle)) for angle, power in items if isinstance(angle, tuple))
 
 
 def _is_angle(letter: Letter) -> bool:

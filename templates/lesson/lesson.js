@@ -131,7 +131,7 @@ const drawArm = (svg, { triads, labels, width, height }) => {
     const g = D.gravity.map((value) => value / pull), [ax, ay] = project(g);
     const length = Math.hypot(ax, ay);
     if (length > 0.1) {
-      const [bx, by] = [width - 26, 26], [ex, ey] = [bx + 30 * ax / length * Math.abs(length), by - 30 * ay / length * Math.abs(length)];
+      const [bx, by] = [width - 46, 26], [ex, ey] = [bx + 30 * ax / length * Math.abs(length), by - 30 * ay / length * Math.abs(length)];
       const shift = ey < by ? 30 : 0;
       draw(svg, "line", { x1: bx, y1: by + shift, x2: ex.toFixed(1), y2: (ey + shift).toFixed(1), stroke: "var(--soft)", "stroke-width": 1.6 });
       draw(svg, "circle", { cx: ex.toFixed(1), cy: (ey + shift).toFixed(1), r: 3, fill: "var(--soft)" });
@@ -528,6 +528,7 @@ const startSprings = () => {
       tune.replaceChildren();
       const R = reach(), { at, k, r } = parts();
       torsion = addSlider(tune, "\\varphi", "Torsion", -R, R, 0, (x) => `${show(Number((1000 * x).toFixed(3)))} mrad`, (x) => { stepTo(x); redraw(); });
+      one.shown = torsion;
       const more = make("details", {}, make("summary", {}, "Stiffness and thresholds of the stops")), box = make("div", { class: "two" });
       const add = (latex, name, index, high, unit) => addSlider(box, latex, name, high / 200, high, h[index], (x) => `${show(Number(x.toPrecision(3)))} ${unit}`, (x) => { h[index] = x; reset(); torsion.set(0); redraw(); });
       add("k_0", "Stiffness that remains", at.k0, 2 * h[at.k0] || 100, "N m");
@@ -584,6 +585,7 @@ const startSprings = () => {
   });
   const R = reach();
   for (const goal of [0.85, -0.55, 0.3]) stepTo(goal * R);
+  redraws.push(() => { if (one.shown) one.shown.set(one.phi[one.joint]); });
   redraw();
 };
 widget("sides", (node) => {
