@@ -230,8 +230,8 @@ class Derivation(Result):
     Example:
         >>> import symid
         >>> lesson = symid.load("emps").derivation()
-        >>> [step.title for step in lesson.steps]
-        ['Frames', 'Velocities', 'Energy', 'Base parameters', 'Torques', 'Friction']
+        >>> [step.title for step in lesson.steps][3:]
+        ['Base parameters', 'Inertia matrix', 'Coriolis matrix', 'Gravity', 'Torques', 'Friction']
     """
 
     robot: "Robot"
@@ -248,7 +248,9 @@ class Derivation(Result):
         angle: Literal["q", "theta"] | None = None,
         long_sines: bool = False,
     ) -> Path:
-        """Write the derivation as a page that follows the reader's posture; see `RobotModel.write_lesson`.
+        """Write the derivation as a page that follows the reader's posture, and return its path.
+
+        `path`, `notation`, `parameters`, `angle` and `long_sines` are those of `RobotModel.write_lesson`.
 
         Raises:
             OutputError: the page cannot be written.

@@ -89,8 +89,6 @@ if TYPE_CHECKING:
         build_identified_robot as build_identified_robot,
     )
     from symid.dynamics.recursion import (
-        FramePose as FramePose,
-        LinkFrame as LinkFrame,
         LinkMotion as LinkMotion,
         ProjectionFrame as ProjectionFrame,
         Recursion as Recursion,

@@ -25,7 +25,7 @@ from symid.dynamics import (
     write_label,
 )
 from symid.errors import Notice, SymidError
-from symid.lessons.matrices import Model, build_model_recursion
+from symid.lessons.matrices import LessonModel, build_model_recursion
 from symid.lessons.textbook import (
     Book,
     Style,
@@ -88,7 +88,7 @@ class Lesson:
     """
 
     robot: Robot
-    model: Model
+    model: LessonModel
     book: Book
     chapters: tuple[Chapter, ...]
     values: Mapping[str, float]
@@ -108,7 +108,7 @@ def require(holds: bool, otherwise: str) -> None:  # noqa: FBT001  reads as an a
 class ChapterWriter:
     """Writes polynomials of a model in the letters of a book; every formula is read back and compared."""
 
-    model: Model
+    model: LessonModel
     book: Book
     style: Style
 
@@ -148,7 +148,7 @@ def list_slides(robot: Robot) -> frozenset[int]:
     return frozenset(k for k, joint in enumerate(robot.joints, start=1) if joint.prismatic)
 
 
-def build_values(robot: Robot, model: Model) -> tuple[dict[str, float], tuple[float, ...], bool]:
+def build_values(robot: Robot, model: LessonModel) -> tuple[dict[str, float], tuple[float, ...], bool]:
     """Return the values of all letters, of beta, and whether links of the file lack values.
 
     Links without values get those of a rod of 3 kg, less by a quarter from link to link, that reaches half

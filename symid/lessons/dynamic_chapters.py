@@ -31,7 +31,7 @@ from symid.lessons.derivation import describe_friction
 from symid.lessons.matrices import (
     Composites,
     Equations,
-    Model,
+    LessonModel,
     Parameterisation,
     build_model,
     build_model_recursion,
@@ -145,7 +145,7 @@ def _write_energy_columns(writer: ChapterWriter, equations: Equations) -> tuple[
     return tuple(items)
 
 
-def _list_linear_letters(model: Model) -> list[str]:
+def _list_linear_letters(model: LessonModel) -> list[str]:
     """Return the letters that all parameters are linear in: masses and inertias."""
     known = model.algebra.generators
     found = []
@@ -250,9 +250,7 @@ def _find_ratio(value: PolyElement, known: PolyElement) -> PolyElement | None:
 
 def _write_coriolis(writer: ChapterWriter, equations: Equations) -> Chapter:
     require(check_skew(equations), "dM/dt - 2C is not skew")
-    book, model = writer.book, writer.model
-    named = _name_symbols(equations)
-    size, joints = model.robot.freedom, model.robot.coordinates
+    book, named = writer.book, _name_symbols(equations)
     M, C = book.mass, book.coriolis
     q = book.coordinates
     items = [
@@ -274,42 +272,7 @@ def _write_coriolis(writer: ChapterWriter, equations: Equations) -> Chapter:
     if not named:
         items.append(Item(kind="text", text=f"The inertia matrix does not depend on the posture: ${C} = 0$."))
     items += [writer.formula(entry.letter, entry.value, entry.name, "kg m²") for entry in named]
-    texts, codes = [], {}
-    for i in range(size):
-        row = []
-        for j in range(size):
-            parts, code = [], []
-            for k in range(size):
-                for entry in named:
-                    ratio = _find_ratio(equations.christoffel[i, j, k], entry.value)
-                    if ratio is not None:
-                        number = writer.latex(ratio)
-                        rate = writer.coordinate(joints[k], "d")
-                        parts.append((number, entry.letter, rate))
-                        code.append(
-                            f"({_write_number_code(writer, ratio)})*v.{entry.name}*v.dq{joints[k] + 1}"
-                        )
-            row.append(_join_rates(parts))
-            codes[i, j] = " + ".join(code) or "0"
-        texts.append(row)
-    if named:
-        if size <= 3 and _is_small([text for row in texts for text in row], 60):
-            items.append(write_matrix(f"{C}", texts))
-            items += [
-                Item(kind="value", name=f"C{i + 1}_{j + 1}", code=code) for (i, j), code in codes.items()
-            ]
-        else:
-            items += [
-                Item(
-                    kind="formula",
-                    latex=rf"{C}_{{{i + 1}{j + 1}}} = {texts[i][j]}",
-                    name=f"C{i + 1}_{j + 1}",
-                    code=codes[i, j],
-                    unit="kg m²/s",
-                )
-                for i in range(size)
-                for j in range(size)
-            ]
+    items += _write_products(writer, equations, named) if named else []
     items.append(
         Item(kind="check", text=rf"exact: $\dot {M} - 2{C}$ plus its transpose is the zero polynomial")
     )
@@ -317,9 +280,44 @@ def _write_coriolis(writer: ChapterWriter, equations: Equations) -> Chapter:
     return Chapter(title="Coriolis matrix", anchor="coriolis", items=tuple(items))
 
 
-def _write_number_code(writer: ChapterWriter, value: PolyElement) -> str:
-    """Return a number as JavaScript."""
-    return write_code(writer.write(value), "v")
+def _write_products(writer: ChapterWriter, equations: Equations, named: Sequence[_Named]) -> list[Item]:
+    """Return C in the letters of its Christoffel symbols: a matrix where it is short, else its elements."""
+    C, joints = writer.book.coriolis, writer.model.robot.coordinates
+    size = len(joints)
+    texts: list[list[str]] = []
+    codes: list[list[str]] = []
+    for i in range(size):
+        row = [_list_products(writer, equations, named, (i, j)) for j in range(size)]
+        texts.append([_join_rates([part[:3] for part in parts]) for parts in row])
+        codes.append([" + ".join(part[3] for part in parts) or "0" for parts in row])
+    places = [(i, j) for i in range(size) for j in range(size)]
+    if size <= WRITTEN_OUT and _is_small([text for row in texts for text in row], 60):
+        values = [Item(kind="value", name=f"C{i + 1}_{j + 1}", code=codes[i][j]) for i, j in places]
+        return [write_matrix(C, texts), *values]
+    return [
+        Item(
+            kind="formula",
+            latex=rf"{C}_{{{i + 1}{j + 1}}} = {texts[i][j]}",
+            name=f"C{i + 1}_{j + 1}",
+            code=codes[i][j],
+            unit="kg m²/s",
+        )
+        for i, j in places
+    ]
+
+
+def _list_products(
+    writer: ChapterWriter, equations: Equations, named: Sequence[_Named], place: tuple[int, int]
+) -> list[tuple[str, str, str, str]]:
+    """Return number, letter and rate of every term of an element of C, and the term in JavaScript."""
+    found = []
+    for k, joint in enumerate(writer.model.robot.coordinates):
+        for entry in named:
+            ratio = _find_ratio(equations.christoffel[*place, k], entry.value)
+            if ratio is not None:
+                code = f"({write_code(writer.write(ratio), 'v')})*v.{entry.name}*v.dq{joint + 1}"
+                found.append((writer.latex(ratio), entry.letter, writer.coordinate(joint, "d"), code))
+    return found
 
 
 def _join_rates(parts: Sequence[tuple[str, str, str]]) -> str:

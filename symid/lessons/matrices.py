@@ -1,8 +1,8 @@
 """The matrices of the equation of motion as exact polynomials: M, C, g, the Jacobian and both energies.
 
-Robot -> `Model`, its geometry with a name for every length, its parameters as polynomials in the letters that
-are wanted; `Model` -> `Equations`, and for long chains `Composites`, where every element is short because
-composite bodies and their momenta have names.
+Robot -> `LessonModel`, its geometry with a name for every length, its parameters as polynomials in the
+letters that are wanted; `LessonModel` -> `Equations`, and for long chains `Composites`, where every element
+is short because composite bodies and their momenta have names.
 
 M and g come out of composite bodies and of the potential, the energies from the motions of the links, torques
 from Newton and Euler: what a lesson states is compared as polynomials, or at an exact point where these would
@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any, Literal, TypeAlias
 
-from sympy import Expr, Symbol
+from sympy import Expr, Symbol, preorder_traversal
 from sympy.polys.rings import PolyElement, PolyRing
 
 from symid.dynamics import (
@@ -59,7 +59,7 @@ PolynomialMatrix: TypeAlias = tuple[Polynomials, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Model:
+class LessonModel:
     """A robot as a lesson writes it.
 
     Attributes:
@@ -133,7 +133,9 @@ def name_lengths(robot: Robot) -> tuple[Robot, dict[str, float]]:
     return named, lengths
 
 
-def build_model(robot: Robot, form: Parameterisation | None = None, further: Sequence[str] = ()) -> Model:
+def build_model(
+    robot: Robot, form: Parameterisation | None = None, further: Sequence[str] = ()
+) -> LessonModel:
     """Return the model of `robot`.
 
     Args:
@@ -148,7 +150,9 @@ def build_model(robot: Robot, form: Parameterisation | None = None, further: Seq
     exact = build_exact_algebra(named)
     own = [str(symbol) for symbol in exact.ring.symbols]
     letters = [entry.name for entry in base.parameters if entry.name not in formulas]
-    found = {str(symbol) for value in formulas.values() for symbol in value.free_symbols}
+    found = {
+        x.name for value in formulas.values() for x in preorder_traversal(value) if isinstance(x, Symbol)
+    }
     letters += sorted(found - set(own) - set(letters))
     names = [*letters, *further, *own]
     start = len(letters) + len(further)
@@ -161,7 +165,7 @@ def build_model(robot: Robot, form: Parameterisation | None = None, further: Seq
         else known[entry.name]
         for entry in base.parameters
     }
-    return Model(
+    return LessonModel(
         robot=named,
         lengths=lengths,
         base=base,
@@ -247,7 +251,7 @@ def write_body(joint: Joint, number: int) -> tuple[Expr, ...]:
 class Equations:
     """M(q), c_ijk, g(q), T and V of a model as polynomials; `symbols` of Christoffel by (i, j, k)."""
 
-    model: Model
+    model: LessonModel
     mass: PolynomialMatrix
     christoffel: Mapping[tuple[int, int, int], PolyElement]
     gravity: Polynomials
@@ -268,19 +272,19 @@ class Equations:
         )
 
 
-def list_rates(model: Model, letter: str = "dq") -> list[PolyElement]:
+def list_rates(model: LessonModel, letter: str = "dq") -> list[PolyElement]:
     """Return the generators dq, or ddq, of the coordinates."""
     known = model.algebra.generators
     return [known[f"{letter}{joint + 1}"] for joint in model.robot.coordinates]
 
 
-def build_model_recursion(model: Model) -> Recursion[PolyElement]:
+def build_model_recursion(model: LessonModel) -> Recursion[PolyElement]:
     """Return frames and motions of all links as polynomials."""
     state = build_state(model.robot, model.algebra, model.algebra.generators)
     return build_recursion(model.robot, model.algebra, state)
 
 
-def derive_energies(model: Model) -> tuple[PolyElement, PolyElement]:
+def derive_energies(model: LessonModel) -> tuple[PolyElement, PolyElement]:
     """Return kinetic and potential energy, rotors and springs included, up to a constant."""
     algebra, recursion = model.algebra, build_model_recursion(model)
     kinetic, potential = algebra.zero, algebra.zero
@@ -297,7 +301,7 @@ def derive_energies(model: Model) -> tuple[PolyElement, PolyElement]:
     return kinetic, potential - still
 
 
-def _find_constant(model: Model, value: PolyElement) -> PolyElement:
+def _find_constant(model: LessonModel, value: PolyElement) -> PolyElement:
     """Return the terms that no coordinate takes part in."""
     moving = [
         k
@@ -307,7 +311,7 @@ def _find_constant(model: Model, value: PolyElement) -> PolyElement:
     return value.ring.from_dict({key: n for key, n in value.items() if not any(key[k] for k in moving)})
 
 
-def derive_equations(model: Model) -> Equations:
+def derive_equations(model: LessonModel) -> Equations:
     """Return M by composite bodies, C from its slopes, g from the potential."""
     robot, algebra = model.robot, model.algebra
     recursion = build_model_recursion(model)
@@ -336,7 +340,7 @@ def derive_equations(model: Model) -> Equations:
     )
 
 
-def differentiate_by_time(model: Model, value: PolyElement) -> PolyElement:
+def differentiate_by_time(model: LessonModel, value: PolyElement) -> PolyElement:
     """Return d/dt of a polynomial in coordinates and rates."""
     robot, algebra = model.robot, model.algebra
     total = algebra.zero
@@ -433,7 +437,7 @@ class Composites:
         mass, gravity: of the joints, in the names.
     """
 
-    model: Model
+    model: LessonModel
     definitions: tuple[Definition, ...]
     mass: Mapping[tuple[int, int], PolyElement]
     gravity: Polynomials
@@ -456,7 +460,7 @@ def _list_composite_names(robot: Robot) -> Iterator[str]:
 class _Namer:
     """Gives values a letter where they are long, and keeps the definitions."""
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: LessonModel) -> None:
         self.model = model
         self.known = model.algebra.generators
         self.definitions: list[Definition] = []

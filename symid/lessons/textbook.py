@@ -1,7 +1,7 @@
 """Exact polynomials written as a textbook writes them: sums of angles, common factors, short products.
 
 Polynomial over s_i, c_i, parameters, lengths and rates -> `Sum`, a tree of sums and products with c23 for
-cos(q2 + q3); `Sum` -> LaTeX with break points at its sums, plain text, a number, and the polynomial again.
+cos(q2 + q3); `Sum` -> LaTeX with break points at its sums, plain text, code, and the polynomial again.
 
 Joints that turn about parallel axes form a chain. In a chain of n joints any n independent sums of successive
 angles describe all the others with whole numbers, so sines and cosines of the joints are polynomials in those
@@ -379,27 +379,6 @@ def _count_waves(total: Sum | None) -> int:
         _count_waves(p.inner) + sum(_is_angle(letter) for letter, _ in p.letters)
         for p in (total.products if total else ())
     )
-
-
-def evaluate_sum(total: Sum, values: Mapping[str, float]) -> float:
-    """Return the number that a sum is at `values`, which has q1, .. in rad or m for sines and cosines too."""
-    result = 0.0
-    for product in total.products:
-        value = float(product.number)
-        for letter, power in product.letters:
-            value *= _evaluate_letter(letter, values) ** power
-        result += value if product.inner is None else value * evaluate_sum(product.inner, values)
-    return result
-
-
-def _evaluate_letter(letter: Letter, values: Mapping[str, float]) -> float:
-    if isinstance(letter, str):
-        return values[letter]
-    kind, what = letter
-    if isinstance(what, int):
-        return math.sqrt(what)
-    angle = sum(sign * values[f"q{number}"] for number, sign in what)
-    return math.sin(angle) if kind == "s" else math.cos(angle)
 
 
 def expand_sum(total: Sum, algebra: ExactAlgebra, names: Mapping[Letter, str] | None = None) -> PolyElement:

@@ -426,6 +426,8 @@ const update = () => {
   }
   let worst = 0;
   now.M.forEach((row, i) => row.forEach((value, j) => { const mine = v[`M${i + 1}_${j + 1}`]; if (mine !== undefined) worst = Math.max(worst, Math.abs(mine - value)); }));
+  const C = square(F.coriolis_matrix(state.q, state.dq, D.beta), N);
+  C.forEach((row, i) => row.forEach((value, j) => { const mine = v[`C${i + 1}_${j + 1}`]; if (mine !== undefined) worst = Math.max(worst, Math.abs(mine - value)); }));
   now.g.forEach((value, k) => { const mine = v[`g${k + 1}_`]; if (mine !== undefined) worst = Math.max(worst, Math.abs(mine - value)); });
   numbers.kinetic.textContent = `${show(T[0])} J`;
   numbers.potential.textContent = `${show(V[0])} J`;

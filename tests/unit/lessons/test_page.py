@@ -6,6 +6,7 @@ import re
 import pytest
 
 import symid
+from symid.cli.main import run
 from symid.errors import SymidError
 from symid.lessons import dynamic_chapters, get_book, write_lesson_page
 from symid.lessons.chapters import build_values
@@ -118,3 +119,15 @@ def test_the_front_door(tmp_path):
 def test_a_derivation_writes_its_page(tmp_path):
     path = symid.load("two_link").derivation().html(tmp_path / "lesson.html")
     assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+
+
+def test_options_of_a_page_need_a_page(capsys):
+    """The notice is usage.lesson-option."""
+    assert run(["derive", "two_link", "--notation", "craig"]) == 2
+    assert "--notation: only for a page; add --html FILE" in capsys.readouterr().err
+
+
+def test_the_verb_writes_a_page(capsys, tmp_path):
+    assert run(["derive", "ppr", "--html", str(tmp_path / "ppr.html"), "-q"]) == 0
+    assert "opens in any browser" in capsys.readouterr().out
+    assert (tmp_path / "ppr.html").exists()
