@@ -2,6 +2,7 @@
 #   make demo    simulate, generate, identify, validate, report, on a two-link arm
 #   make test    style, types and all tests
 #   make study   elastic joints whose hidden models are not those of symid, 10 seeds; takes an hour or two
+#   make test-browser     lessons in a headless Chromium
 #   make test-embedded    generated C under other compilers, sanitizers, cppcheck, and on Cortex-M in QEMU
 # PYTHON is the interpreter that .venv is made from (3.11 or later).
 
@@ -18,7 +19,7 @@ PYTEST := OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest
 EMBEDDED := gcc:gcc clang:clang cppcheck:cppcheck arm-none-eabi-gcc:gcc-arm-none-eabi qemu-system-arm:qemu-system-arm
 
 .DEFAULT_GOAL := help
-.PHONY: help demo study test test-slow test-embedded embedded-packages lint docs wheel benchmark clean
+.PHONY: help demo study test test-slow test-browser test-embedded embedded-packages lint docs wheel benchmark clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -74,6 +75,12 @@ test-embedded: $(VENV)/dev
 		exit 1; \
 	fi
 	$(PYTEST) -m embedded --numprocesses $(WORKERS) tests/embedded
+
+# Pages are opened, moved, dragged and printed; what they show is compared with the library.
+test-browser: $(VENV)/dev
+	@command -v chromium >/dev/null || command -v chromium-browser >/dev/null || command -v google-chrome >/dev/null || { \
+		echo "test-browser wants Chromium; as root: apt-get install --no-install-recommends chromium"; exit 1; }
+	$(PYTEST) -m browser tests/browser
 
 docs: $(VENV)/docs
 	$(BIN)/sphinx-build -W --keep-going -b html docs docs/_build/html

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
         Study as Study,
         TupleFunction as TupleFunction,
         WrittenCode as WrittenCode,
+        WrittenLesson as WrittenLesson,
         build_log as build_log,
         demo as demo,
         doctor as doctor,

@@ -10,7 +10,12 @@ if TYPE_CHECKING:
         TupleFunction as TupleFunction,
         WrittenCode as WrittenCode,
     )
-    from symid.api.dynamics import BaseForm as BaseForm, BaseSet as BaseSet, Derivation as Derivation
+    from symid.api.dynamics import (
+        BaseForm as BaseForm,
+        BaseSet as BaseSet,
+        Derivation as Derivation,
+        WrittenLesson as WrittenLesson,
+    )
     from symid.api.experiment import ExcitedTrajectory as ExcitedTrajectory, Simulation as Simulation
     from symid.api.first_steps import (
         DemoResult as DemoResult,

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from symid.report import Block
     from symid.robot import Robot
 
-Target = Literal["c", "python", "casadi"]
+Target = Literal["c", "python", "casadi", "js"]
 Parameters = Literal["base", "standard"]
 
 

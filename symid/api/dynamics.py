@@ -1,10 +1,13 @@
 """Exact base parameters of a robot, with reasons, and the derivation of its dynamics.
 
-Robot -> `BaseSet`; robot -> `Derivation`, step by step, with operation counts of the generated code.
+Robot -> `BaseSet`; robot -> `Derivation`, step by step, with operation counts of the generated code; robot ->
+`WrittenLesson`, the derivation as a page.
 """
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from os import PathLike, fspath
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal, final
 
 from symid import report
@@ -150,6 +153,69 @@ def derive_base_set(robot: "Robot", form: BaseForm = "torque") -> BaseSet:
     return BaseSet(robot=robot, form=form, product=derive_base_parameters(robot, form=form))
 
 
+Notation = Literal["symid", "siciliano", "craig", "khalil"]
+LessonParameters = Literal["base", "symbols", "bodies"]
+
+
+@final
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class WrittenLesson(Result):
+    """A lesson that was written as a page.
+
+    Attributes:
+        robot: the robot. path: of the page. size: bytes. notation: whose letters it has.
+
+    Example:
+        >>> import symid
+        >>> lesson = symid.load("two_link").write_lesson("lesson.html", notation="siciliano")
+        >>> lesson.path.name
+        'lesson.html'
+        >>> lesson.size < 2_000_000
+        True
+    """
+
+    robot: "Robot"
+    path: Path
+    size: int
+    notation: Notation
+
+    def summarise(self) -> str:
+        """Return robot, file and size."""
+        return f"{self.robot.name}: {self.path}, {self.size / 1e6:.2f} MB"
+
+    def blocks(self) -> "tuple[Block, ...]":
+        """Return where the page is."""
+        return (f"lesson: {self.path} ({self.size / 1e6:.2f} MB, one file, opens in any browser)",)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return file, size and notation."""
+        return {
+            "robot": self.robot.name,
+            "file": str(self.path),
+            "size": self.size,
+            "notation": self.notation,
+        }
+
+
+def write_lesson(
+    robot: "Robot",
+    path: str | PathLike[str],
+    notation: Notation = "symid",
+    parameters: LessonParameters | None = None,
+    angle: Literal["q", "theta"] | None = None,
+    *,
+    long_sines: bool = False,
+) -> WrittenLesson:
+    """Write the lesson on `robot`; see `RobotModel.write_lesson`."""
+    from symid.environment import check_suffix, write_file
+    from symid.lessons import get_book, write_lesson_page
+
+    file = Path(fspath(path))
+    check_suffix(file, "a lesson", (".html", ".htm"))
+    page = write_lesson_page(robot, get_book(notation, angle=angle, long=long_sines), parameters)
+    return WrittenLesson(robot=robot, path=write_file(file, page), size=len(page.encode()), notation=notation)
+
+
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Derivation(Result):
@@ -164,14 +230,33 @@ class Derivation(Result):
     Example:
         >>> import symid
         >>> lesson = symid.load("emps").derivation()
-        >>> [step.title for step in lesson.steps]
-        ['Frames', 'Velocities', 'Energy', 'Base parameters', 'Torques', 'Friction']
+        >>> [step.title for step in lesson.steps][3:]
+        ['Base parameters', 'Inertia matrix', 'Coriolis matrix', 'Gravity', 'Torques', 'Friction']
     """
 
     robot: "Robot"
     steps: "tuple[Step, ...]"
     operations: "tuple[RouteCount, ...]"
     latex: bool = False
+
+    def html(
+        self,
+        path: str | PathLike[str],
+        *,
+        notation: Notation = "symid",
+        parameters: LessonParameters | None = None,
+        angle: Literal["q", "theta"] | None = None,
+        long_sines: bool = False,
+    ) -> Path:
+        """Write the derivation as a page that follows the reader's posture, and return its path.
+
+        `path`, `notation`, `parameters`, `angle` and `long_sines` are those of `RobotModel.write_lesson`.
+
+        Raises:
+            OutputError: the page cannot be written.
+        """
+        found = write_lesson(self.robot, path, notation, parameters, angle, long_sines=long_sines)
+        return found.path
 
     def summarise(self) -> str:
         """Return robot and steps."""

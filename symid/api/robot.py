@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     import casadi as ca
 
     from symid.api.code import CompiledModel, Parameters, Target, WrittenCode
-    from symid.api.dynamics import Derivation
+    from symid.api.dynamics import Derivation, LessonParameters, Notation, WrittenLesson
     from symid.api.experiment import ExcitationCriterion, ExcitedTrajectory, Simulation
     from symid.api.fit import ElasticFit, Fit, FrictionFit, RigidFit
     from symid.api.identification import (
@@ -254,6 +254,39 @@ class RobotModel:
         counts = count_route_operations(self.description)
         return Derivation(robot=self.description, steps=steps, operations=counts, latex=latex)
 
+    def write_lesson(
+        self,
+        path: str | PathLike[str],
+        *,
+        notation: "Notation" = "symid",
+        parameters: "LessonParameters | None" = None,
+        angle: Literal["q", "theta"] | None = None,
+        long_sines: bool = False,
+    ) -> "WrittenLesson":
+        """Write the derivation as one self-contained page: formulas, their numbers, checks, the arm to move.
+
+        Args:
+            path: of the page, `.html`.
+            notation: letters of symid, or of Siciliano et al., Craig, or Khalil and Dombre.
+            parameters: "base", the file's "symbols", or "bodies" (masses, centres of mass, inertias). None
+                takes symbols where the file has them, bodies in the books that use them, else base.
+            angle: "q" or "theta" in place of the book's own letter.
+            long_sines: write cos(q1 + q2) in place of c12.
+
+        Raises:
+            RobotError: a symbolic length has no value.
+            OutputError: the page cannot be written.
+
+        Example:
+            >>> import symid
+            >>> symid.load("two_link").write_lesson("arm.html").notation
+            'symid'
+        """
+        from symid.api.dynamics import write_lesson
+
+        self.progress(f"deriving the lesson on {self.name}")
+        return write_lesson(self.description, path, notation, parameters, angle, long_sines=long_sines)
+
     def sympy(self, name: str, *, standard: bool = False) -> "SymbolicFunction":
         """Return a function of the catalogue as exact SymPy expressions.
 
@@ -350,7 +383,8 @@ class RobotModel:
         Where neither the robot nor anything else has changed since the last time, nothing is done.
 
         Args:
-            target: "c", "python" (one module of NumPy), or "casadi" (functions, their C, and a loader).
+            target: "c", "python" (one module of NumPy), "js" (one of JavaScript), or "casadi" (functions,
+                their C, and a loader).
             folder: new, or written by symid earlier; other files in it are not changed.
             functions: the names of those wanted; all by default.
             precision: type of all numbers in C.

@@ -44,12 +44,42 @@ from symid.errors import Notice, UsageError
 @verb("derive")
 @robot_argument()
 @OUTPUT.option("--latex", "Print formulas in LaTeX.", is_flag=True)
-def derive_command(console: Console, *, robot: NamedRobot, latex: bool) -> Answer:
+@OUTPUT.option("--html", "Write the lesson as one page, with the arm to move.", FILE, "FILE")
+@MODEL.option(
+    "--notation",
+    "Letters of the page: those of symid or of a textbook.",
+    click.Choice(("symid", "siciliano", "craig", "khalil")),
+    default="symid",
+)
+@MODEL.option(
+    "--parameters",
+    "Parameters of the page: base, the file's symbols, or masses, centres of mass and inertias (bodies).",
+    click.Choice(("base", "symbols", "bodies")),
+)
+@MODEL.option("--angle", "Letter of angles in the page.", click.Choice(("q", "theta")))
+@MODEL.option("--long-sines", "Write cos(q1 + q2) in place of c12 in the page.", is_flag=True)
+def derive_command(
+    console: Console,
+    *,
+    robot: NamedRobot,
+    latex: bool,
+    html: Path | None,
+    **options: Any,  # noqa: ANN401  of the page, typed in `RobotModel.write_lesson`
+) -> Answer:
     """Derive the dynamics step by step, from the frames to the torques, with operation counts.
+
+    With --html the derivation is a page for a lecture: M, C and g as formulas with their numbers, checks,
+    the arm to move; one file that needs no network.
 
     Each step has a sentence, its formulas and a check. Then follow the operations of the generated
     functions; --json lists those of all routes, not only the chosen ones.
     """
+    if html is not None:
+        return make_answer(robot.load(console).write_lesson(html, **options))
+    given = [name for name, value in options.items() if value not in (None, False, "symid")]
+    if given:
+        text = f"--{given[0].replace('_', '-')}: only for a page; add --html FILE"
+        raise UsageError(Notice(code="usage.lesson-option", text=text))
     return make_answer(robot.load(console).derivation(latex=latex))
 
 
@@ -77,8 +107,8 @@ def base_command(console: Console, *, robot: NamedRobot, friction: str | None, f
 @robot_argument()
 @OUTPUT.option(
     "--target",
-    "What to write: a C library, a NumPy module, or CasADi functions with their C and a loader.",
-    click.Choice(("c", "python", "casadi")),
+    "What to write: a C library, a module of NumPy or JavaScript, or CasADi functions, their C and a loader.",
+    click.Choice(("c", "python", "casadi", "js")),
     default="c",
 )
 @OUTPUT.option(
@@ -107,14 +137,14 @@ def generate_command(
     console: Console,
     *,
     robot: NamedRobot,
-    target: Literal["c", "python", "casadi"],
+    target: Literal["c", "python", "casadi", "js"],
     names: tuple[str, ...],
     friction_laws: bool,
     friction: str | None,
     output: Path,
     **options: Any,  # noqa: ANN401  of the code, typed in `RobotModel.write`
 ) -> Answer:
-    """Write the robot's functions as a C library, as a Python module, or for CasADi.
+    """Write the robot's functions as a C library, as a Python or JavaScript module, or for CasADi.
 
     The folder does not need symid. Its self-test runs after writing, for C if there is a compiler. A
     folder that is up to date is not changed.

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
         build_model_card as build_model_card,
         build_spring_vector as build_spring_vector,
         list_robot_specs as list_robot_specs,
+        list_spring_parameters as list_spring_parameters,
     )
     from symid.codegen.compiled_models import (
         RIGID_FUNCTIONS as RIGID_FUNCTIONS,
@@ -50,8 +51,10 @@ if TYPE_CHECKING:
         generate_folder as generate_folder,
     )
     from symid.codegen.library import Library as Library
+    from symid.codegen.python_targets import write_javascript_function as write_javascript_function
     from symid.codegen.routes import (
         RouteCount as RouteCount,
+        choose_route as choose_route,
         count_route_operations as count_route_operations,
     )
     from symid.codegen.source_text import (

@@ -178,10 +178,24 @@ _MAKE_VARIABLES = frozenset({"MAKEFLAGS", "MFLAGS", "GNUMAKEFLAGS", "MAKELEVEL",
 _PASSED = re.compile(r"0 of [1-9][0-9]* functions failed")
 
 
+@functools.cache
+def _find_node() -> str:
+    """Return the version of Node, empty where there is none."""
+    path = shutil.which("node")
+    if path is None:
+        return ""
+    with contextlib.suppress(OSError, subprocess.SubprocessError):
+        done = subprocess.run([path, "--version"], capture_output=True, text=True, check=False, timeout=60.0)
+        return f"Node {done.stdout.strip()}" if not done.returncode else ""
+    return ""
+
+
 def choose_runner(target: str) -> tuple[Compiler | None, str]:
     """Return the compiler, and the version of what runs the self-test, empty where nothing can."""
     if target == "python":
         return None, f"Python {platform.python_version()}, NumPy {version('numpy')}"
+    if target == "js":
+        return None, _find_node()
     compiler = locate_compiler()
     built_by = compiler.version if compiler is not None and shutil.which("make") else ""
     if target == "casadi":
@@ -248,7 +262,8 @@ def run_selftest(
         failed = done is not None and done.returncode
         if done is None or not failed:
             module = {"python": f"{prefix}.py", "casadi": f"{prefix}_casadi.py"}.get(target)
-            done = run([sys.executable, module] if module else [str(copy / "selftest")])
+            command = [sys.executable, module] if module else [str(copy / "selftest")]
+            done = run(["node", "selftest.mjs"] if target == "js" else command)
             failed = done.returncode or not _PASSED.fullmatch(done.stdout.rstrip("\n").rpartition("\n")[2])
         if failed:
             how = f"`{' '.join(done.args)}` ended with {done.returncode}"
@@ -258,7 +273,7 @@ def run_selftest(
     return BuildRecord(inputs=inputs, selftest="passed", runner=runner, flags=flags, sizes=sizes)
 
 
-TARGETS = ("c", "python", "casadi")
+TARGETS = ("c", "python", "casadi", "js")
 PARAMETERS = ("base", "standard")
 
 
@@ -347,14 +362,22 @@ def generate_folder(
             # Imported here: where nothing has changed, neither CasADi nor SymPy is needed.
             from symid.codegen.c_library import generate_c_library
             from symid.codegen.casadi_functions import build_functions
-            from symid.codegen.python_targets import generate_casadi_target, generate_python_module
+            from symid.codegen.python_targets import (
+                generate_casadi_target,
+                generate_javascript_module,
+                generate_python_module,
+            )
 
             check_folder(folder)
             progress(f"deriving the functions of {robot.name}")
             standard = order.parameters == "standard"
             functions = build_functions(robot, names=order.names, standard=standard, constant=order.constant)
             progress(f"writing {order.target} code")
-            generate = {"python": generate_python_module, "casadi": generate_casadi_target}
+            generate = {
+                "python": generate_python_module,
+                "casadi": generate_casadi_target,
+                "js": generate_javascript_module,
+            }
             sources = generate.get(order.target, generate_c_library)(functions, order.options)
             manifest, record = write_tested(sources, folder, order.target, inputs, progress, force=force)
         else:
@@ -395,4 +418,6 @@ def describe_untested(folder: Path, record: BuildRecord) -> tuple[Notice, ...]:
     if record.selftest == "passed":
         return ()
     text = "its self-test was not run: no C compiler or no make; install them, then `make check` there"
+    if (folder / "selftest.mjs").exists():
+        text = "its self-test was not run: no Node; install it, then `node selftest.mjs` there"
     return (Notice(code="generate.selftest-not-run", text=text, file=str(folder)),)

@@ -1,4 +1,4 @@
-"""Programs as text: C for one sample and for a block of samples side by side (SIMD), NumPy for batches.
+"""Programs as text: C for one sample and for a block of samples side by side (SIMD), NumPy, JavaScript.
 
 In C an output is written as soon as its value is there, so that few values wait on the stack. Sines and
 cosines of all angles are computed together, first. The time and memory of compilers grow faster than a
@@ -25,6 +25,10 @@ _INFIX = {Op.ADD: "+", Op.SUB: "-", Op.MUL: "*", Op.DIV: "/"}
 _HELPER_OPS = (Op.SIGN, Op.LESS, Op.LESS_EQUAL, Op.IS_ZERO, Op.SELECT, Op.MAXIMUM, Op.MINIMUM)
 # NumPy's own let a NaN through.
 _NUMPY_OPS = (Op.MAXIMUM, Op.MINIMUM)
+# JavaScript's own let a NaN through too.
+_JAVASCRIPT_NAMES = {Op.POWER: "pow", Op.MAXIMUM: "max", Op.MINIMUM: "min"}
+_JAVASCRIPT_HELPERS = (Op.LESS, Op.LESS_EQUAL, Op.IS_ZERO, Op.SELECT)
+_REGISTER = re.compile(r"t(\d+) = ")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,6 +83,37 @@ def print_python(program: Program, *, plain: bool = False) -> list[str]:
 
     `plain`: of numbers and lists instead, with functions of `math`.
     """
+
+    def call(op: Op) -> str:
+        if plain:
+            return f"_{op.value}" if op in _HELPER_OPS else _PLAIN_NAMES.get(op, f"math.{op.value}")
+        return f"_{op.value}" if op in _HELPER_OPS and op not in _NUMPY_OPS else f"np.{op.value}"
+
+    def index(port: Port, element: int) -> str:
+        return str(element) if plain else _write_element_index(port, element)
+
+    return _print_registers(program, call, index)
+
+
+def print_javascript(program: Program) -> list[str]:
+    """Return the statements of a JavaScript function of one sample; arrays are flat, row by row.
+
+    Outputs are arrays of zeros before. Registers are declared in the first statement.
+    """
+
+    def call(op: Op) -> str:
+        return f"_{op.value}" if op in _JAVASCRIPT_HELPERS else f"Math.{_JAVASCRIPT_NAMES.get(op, op.value)}"
+
+    lines = _print_registers(program, call, lambda _, element: str(element))
+    used = {int(match[1]) for line in lines if (match := _REGISTER.match(line))}
+    declared = [f"let {', '.join(f't{k}' for k in sorted(used))};"] if used else []
+    return [*declared, *(f"{line};" for line in lines)]
+
+
+def _print_registers(
+    program: Program, call: Callable[[Op], str], index: Callable[[Port, int], str]
+) -> list[str]:
+    """Return statements in the operators that Python and JavaScript share; names are used again."""
     last = {k: number for number, one in enumerate(program.instructions, start=1) for k in one.operands}
     last |= {abs(ref): len(program.instructions) + 1 for refs in program.outputs for ref in refs}
     names = [""]
@@ -89,14 +124,6 @@ def print_python(program: Program, *, plain: bool = False) -> list[str]:
 
     def read(ref: int) -> str:
         return names[ref] if ref > 0 else f"-{names[-ref]}"
-
-    def call(op: Op) -> str:
-        if plain:
-            return f"_{op.value}" if op in _HELPER_OPS else _PLAIN_NAMES.get(op, f"math.{op.value}")
-        return f"_{op.value}" if op in _HELPER_OPS and op not in _NUMPY_OPS else f"np.{op.value}"
-
-    def index(port: Port, element: int) -> str:
-        return str(element) if plain else _write_element_index(port, element)
 
     for number, instruction in enumerate(program.instructions, start=1):
         if instruction.op is Op.CONSTANT:

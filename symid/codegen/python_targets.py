@@ -1,6 +1,7 @@
-"""The targets that Python imports: a NumPy module, and CasADi functions with their loader.
+"""The targets that interpreters load: modules of NumPy and JavaScript, CasADi functions with their loader.
 
-The NumPy module needs NumPy alone: one sample, or any number of leading axes. The CasADi target holds all
+The NumPy module needs NumPy alone: one sample, or any number of leading axes. The
+JavaScript module runs in browsers and Node: one sample, arrays row by row. The CasADi target holds all
 functions as .casadi files and in CasADi's own C, a module that loads either, and Jacobians in C of the
 functions that equations of motion are made of.
 
@@ -8,6 +9,7 @@ Not supported: float; Jacobians in C of regressors, of the Coriolis matrix and o
 be most of the code; .casadi files have them.
 """
 
+import json
 from collections.abc import Sequence
 
 import casadi as ca
@@ -15,7 +17,7 @@ import casadi as ca
 from symid.codegen.casadi_functions import Functions, get_matrix_shape
 from symid.codegen.functions import Port
 from symid.codegen.material import BANNER, Fields, Material, prepare_material, write_operations
-from symid.codegen.printing import print_python
+from symid.codegen.printing import print_javascript, print_python
 from symid.codegen.programs import Operations, Program
 from symid.codegen.references import PER_UNIT, TOLERANCES, WEIGHTS, ReferenceRows
 from symid.codegen.source_folder import SourceSet
@@ -105,6 +107,73 @@ def generate_python_module(functions: Functions, options: GenerateOptions | None
     )
     files = ((f"{material.prefix}.py", module), ("README.md", material.write("python/README.md.jinja")))
     return material.collect("python", files)
+
+
+def write_javascript_function(program: Program, *, exported: bool = True) -> list[str]:
+    """Return a JavaScript function, its comment with shapes and units before it."""
+    spec = program.spec
+    lines = [f"/** Return the {spec.meaning}.", " *"]
+    lines += [f" * @param {port.name} {_describe_flat_port(port)}" for port in spec.inputs]
+    lines += [f" * returns {port.name} {_describe_flat_port(port)}" for port in spec.outputs]
+    lines.append(" */")
+    head = f"function {spec.name}({', '.join(port.name for port in spec.inputs)}) {{"
+    lines.append(f"export {head}" if exported else head)
+    lines += [f"  const {port.name} = new Float64Array({port.size});" for port in spec.outputs]
+    lines += [f"  {line}" for line in print_javascript(program)]
+    names = ", ".join(port.name for port in spec.outputs)
+    lines.append(f"  return {names if len(spec.outputs) == 1 else f'{{ {names} }}'};")
+    return [*lines, "}"]
+
+
+def _describe_flat_port(port: Port) -> str:
+    return f"{' x '.join(map(str, port.shape))}, {port.meaning}, {port.unit}"
+
+
+def generate_javascript_module(functions: Functions, options: GenerateOptions | None = None) -> SourceSet:
+    """Return an ES module that computes `functions`, with its self-test for Node, README and manifest.
+
+    Raises:
+        GenerationError: a function disagrees with itself.
+    """
+    material = prepare_material(functions, options or GenerateOptions())
+    inputs: dict[str, Fields] = {}
+    tests = []
+    for program, reference in zip(material.programs, material.references, strict=True):
+        for port, name, rows in zip(program.spec.inputs, reference.tables, reference.inputs, strict=True):
+            values = [list(row) for row in rows] if not port.shared else list(rows[0])
+            inputs.setdefault(name, {"name": name, "rows": json.dumps(values)})
+        tables = zip(reference.whole, reference.sums, reference.scales, strict=True)
+        outputs = [
+            json.dumps([[list(row) for row in rows] for rows in pair] + [scale]) for *pair, scale in tables
+        ]
+        names = [port.name for port in program.spec.outputs]
+        tests.append(
+            {
+                "name": program.spec.name,
+                "inputs": json.dumps(
+                    [
+                        [name, port.shared]
+                        for name, port in zip(reference.tables, program.spec.inputs, strict=True)
+                    ]
+                ),
+                "outputs": json.dumps(names),
+                "references": outputs,
+            }
+        )
+    module = material.write(
+        "javascript/module.mjs.jinja",
+        functions=["\n".join(write_javascript_function(program)) for program in material.programs],
+    )
+    selftest = material.write(
+        "javascript/selftest.mjs.jinja",
+        weights=json.dumps(WEIGHTS),
+        tolerance=TOLERANCES["double"],
+        inputs=list(inputs.values()),
+        tests=tests,
+    )
+    readme = material.write("javascript/README.md.jinja", example=material.card.functions[0].name)
+    files = ((f"{material.prefix}.mjs", module), ("selftest.mjs", selftest), ("README.md", readme))
+    return material.collect("js", files)
 
 
 # Derivatives of the forward dynamics amplify rounding errors by the square of what the dynamics do.

@@ -7,6 +7,7 @@ if TYPE_CHECKING:
         Algebra as Algebra,
         Label as Label,
         RobotState as RobotState,
+        Vector as Vector,
         build_state as build_state,
         spread_coordinates as spread_coordinates,
     )
@@ -25,12 +26,16 @@ if TYPE_CHECKING:
         compute_drive_energy as compute_drive_energy,
         compute_mass_matrix as compute_mass_matrix,
         gather_body as gather_body,
+        transform_body as transform_body,
     )
     from symid.dynamics.exact_algebra import (
+        ExactAlgebra as ExactAlgebra,
         PointAlgebra as PointAlgebra,
         build_basis as build_basis,
+        build_exact_algebra as build_exact_algebra,
         build_power_function as build_power_function,
         choose_domain as choose_domain,
+        differentiate as differentiate,
         list_symbols as list_symbols,
         split_polynomial as split_polynomial,
         write_name_latex as write_name_latex,
@@ -87,11 +92,15 @@ if TYPE_CHECKING:
         LinkMotion as LinkMotion,
         ProjectionFrame as ProjectionFrame,
         Recursion as Recursion,
+        Wrench as Wrench,
         build_recursion as build_recursion,
         compute_jacobian as compute_jacobian,
         compute_link_poses as compute_link_poses,
+        compute_poses as compute_poses,
         fold_matrix as fold_matrix,
         fold_vector as fold_vector,
+        rotate_to_link as rotate_to_link,
+        transform_wrench as transform_wrench,
     )
     from symid.dynamics.regressors import (
         Columns as Columns,

@@ -4,6 +4,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from symid.lessons.derivation import Step as Step, derive_lesson as derive_lesson
+    from symid.lessons.page import write_lesson_page as write_lesson_page
+    from symid.lessons.textbook import get_book as get_book
 else:
     from symid.lazy import load_names
 

@@ -3,7 +3,7 @@
 Robot -> `Step` records, from the frames to torques and friction, each with formulas in text and LaTeX.
 
 Supported: every robot of the exact algebra. Beyond three coordinates the torques are too long to print; they
-are checked at an exact rational point instead of term by term.
+are checked at an exact rational point instead of term by term, and the lesson as a page has M and g.
 """
 
 from collections.abc import Sequence
@@ -50,6 +50,8 @@ from symid.joint_models import (
     get_friction_law,
     list_memory_values,
 )
+from symid.lessons.matrices import build_model, check_mass_is_curvature, check_skew, derive_equations
+from symid.lessons.textbook import build_style, get_book, write_latex, write_sum, write_text
 from symid.notation import INERTIAL
 from symid.robot import JointKind, Robot
 
@@ -200,6 +202,45 @@ def _describe_base(robot: Robot, base: BaseParameters) -> Step:
     )
 
 
+def _describe_matrices(robot: Robot) -> list[Step]:
+    """Return M, C and g as textbooks write them, with their checks; beyond three coordinates nothing."""
+    if robot.freedom > _WRITTEN_OUT:
+        return []
+    equations = derive_equations(build_model(robot))
+    _require(check_mass_is_curvature(equations), "M is not the second derivative of the kinetic energy")
+    _require(check_skew(equations), "dM/dt - 2C is not skew")
+    size, sums = range(robot.freedom), equations.model.sums
+    style = build_style(get_book("symid"), frozenset(k + 1 for k in size if robot.axes[k].prismatic))
+
+    def write(letter: str, value: PolyElement, *place: int) -> Formula:
+        total, below = write_sum(value, sums), "".join(str(k + 1) for k in place)
+        return Formula(
+            left=f"{letter}{below}",
+            text=write_text(total).replace("**", "^"),
+            latex=write_latex(total, style),
+            left_latex=f"{letter}_{{{below}}}",
+        )
+
+    mass = [write("M", equations.mass[i][j], i, j) for i in size for j in size if j >= i]
+    coriolis = [write("C", equations.coriolis[i][j], i, j) for i in size for j in size]
+    gravity = [write("g", equations.gravity[i], i) for i in size]
+    return [
+        Step(
+            title="Inertia matrix",
+            sentence="T = dq' M(q) dq / 2, by composite bodies; c12 stands for cos(q1 + q2).",
+            formulas=tuple(mass),
+            check="verified exactly: the second derivatives of the kinetic energy by the rates",
+        ),
+        Step(
+            title="Coriolis matrix",
+            sentence="C = sum of c_ijk dq_k, of Christoffel symbols of M.",
+            formulas=tuple(coriolis),
+            check="verified exactly: dM/dt - 2 C is skew",
+        ),
+        Step(title="Gravity", sentence="The slope of the potential: g = dV/dq.", formulas=tuple(gravity)),
+    ]
+
+
 def _describe_torques(robot: Robot, energy: ExactEnergy, base: BaseParameters) -> Step:
     written = robot.freedom <= _WRITTEN_OUT
     sentence = "Lagrange: tau = d/dt(dT/ddq) - dT/dq + dV/dq, per base parameter, from the energy alone."
@@ -255,7 +296,7 @@ _ELEMENTS = (
 )
 
 
-def _describe_friction(robot: Robot) -> Step | None:
+def describe_friction(robot: Robot) -> Step | None:
     """Return the friction laws of all joints with their sources; None without any."""
     joints = [
         (number, joint, get_friction_law(joint.friction)) for number, joint in enumerate(robot.joints, 1)
@@ -306,12 +347,13 @@ def derive_lesson(robot: Robot) -> tuple[Step, ...]:
     """
     base, energy = derive_base_parameters(robot), derive_energy(robot)
     state = build_state(robot, energy.algebra, energy.algebra.generators)
-    friction = _describe_friction(robot)
+    friction = describe_friction(robot)
     return (
         _describe_frames(robot),
         _describe_velocities(build_recursion(robot, energy.algebra, state).motions),
         _describe_energy(energy, base),
         _describe_base(robot, base),
+        *_describe_matrices(robot),
         _describe_torques(robot, energy, base),
         *([] if friction is None else [friction]),
     )

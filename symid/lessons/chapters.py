@@ -1,0 +1,525 @@
+r"""A lesson as chapters: sentences, formulas, numbers, checks; here those on geometry and parameters.
+
+Robot, book -> `Chapter`s of `Item`s: frames, transforms, velocities, Jacobian, base parameters; the numbers
+that formulas start from. Text and formulas only: `page` draws them. In texts `$...$` is LaTeX. A formula with
+a `code` has a value at the posture that the reader chooses, from the formula itself.
+
+Supported: robots of the exact algebra. Not supported: more than one tool; loops.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from sympy.polys.rings import PolyElement
+
+from symid.dynamics import (
+    BaseParameters,
+    build_grouping,
+    compute_jacobian,
+    compute_parameter_values,
+    compute_poses,
+    derive_base_parameters,
+    fold_vector,
+    get_label_unit,
+    write_label,
+)
+from symid.errors import Notice, SymidError
+from symid.lessons.matrices import LessonModel, build_model_recursion
+from symid.lessons.textbook import (
+    Book,
+    Style,
+    Sum,
+    expand_sum,
+    write_code,
+    write_latex,
+    write_number,
+    write_sum,
+    write_symbol,
+)
+from symid.notation import INERTIAL
+from symid.robot import Exact, Robot
+
+WRITTEN_OUT = 3
+"""Joints up to which a lesson writes everything out."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Item:
+    """A piece of a chapter.
+
+    Args:
+        kind: "text", "formula", "matrix", "table", "check", "widget".
+        text: of a text or check; the summary where there are `items`, which a reader opens.
+        latex: of a formula. name: of its value, for later formulas. code: its value in JavaScript.
+        sympy: the right side for SymPy. unit: of the value.
+        rows: of a table, the first its head; or of a matrix of formulas.
+    """
+
+    kind: str
+    text: str = ""
+    latex: str = ""
+    name: str = ""
+    code: str = ""
+    sympy: str = ""
+    unit: str = ""
+    rows: tuple[tuple[str, ...], ...] = ()
+    items: tuple["Item", ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Chapter:
+    """A numbered chapter: its title, and an anchor for the list of contents."""
+
+    title: str
+    anchor: str
+    items: tuple[Item, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lesson:
+    """A derivation for the page: chapters, and the numbers that its formulas start from.
+
+    Attributes:
+        robot: of the file. model: what the formulas are written in. book: their letters.
+        tips: where the drawing of each link ends, in its frame, m.
+        values: of lengths and parameters. stand_ins: whether some were made up.
+        beta: the base parameters, in the order of generated functions.
+    """
+
+    robot: Robot
+    model: LessonModel
+    book: Book
+    chapters: tuple[Chapter, ...]
+    values: Mapping[str, float]
+    beta: tuple[float, ...]
+    stand_ins: bool
+    tips: tuple[tuple[float, float, float], ...]
+
+
+def require(holds: bool, otherwise: str) -> None:  # noqa: FBT001  reads as an assertion
+    """Raise if an identity does not hold: then symid itself is wrong."""
+    if not holds:
+        text = f"the lesson contradicts itself: {otherwise}; please report this robot"
+        raise SymidError(Notice(code="dynamics.contradiction", text=text))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChapterWriter:
+    """Writes polynomials of a model in the letters of a book; every formula is read back and compared."""
+
+    model: LessonModel
+    book: Book
+    style: Style
+
+    def write(self, value: PolyElement) -> Sum:
+        """Return a polynomial as a textbook writes it."""
+        total = write_sum(value, self.model.sums)
+        require(expand_sum(total, self.model.algebra) == value, "a formula is not what was derived")
+        return total
+
+    def latex(self, value: PolyElement) -> str:
+        """Return the same in LaTeX."""
+        return write_latex(self.write(value), self.style)
+
+    def formula(self, left: str, value: PolyElement, name: str = "", unit: str = "") -> Item:
+        """Return left = value with its value by `name`, and the right side for SymPy."""
+        total = self.write(value)
+        return Item(
+            kind="formula",
+            latex=f"{left} = {write_latex(total, self.style)}",
+            name=name,
+            code=write_code(total, "v") if name else "",
+            sympy=write_code(total),
+            unit=unit.replace("^2", "²"),
+        )
+
+    def symbol(self, name: str) -> str:
+        """Return a symbol in LaTeX."""
+        return write_symbol(name, self.book, list_slides(self.model.robot))
+
+    def coordinate(self, joint: int, dots: str = "") -> str:
+        """Return the coordinate of a joint, `dots` d for its rate, in LaTeX."""
+        return self.symbol(f"{dots}q{joint + 1}")
+
+
+def list_slides(robot: Robot) -> frozenset[int]:
+    """Return the numbers of prismatic joints."""
+    return frozenset(k for k, joint in enumerate(robot.joints, start=1) if joint.prismatic)
+
+
+def build_values(robot: Robot, model: LessonModel) -> tuple[dict[str, float], tuple[float, ...], bool]:
+    """Return the values of all letters, of beta, and whether links of the file lack values.
+
+    Links without values get those of a rod of 3 kg, less by a quarter from link to link, that reaches half
+    the way to the next joint: what a page needs to move, and says that it made up.
+    """
+    bodies = [joint.inertial or _make_body(robot, index) for index, joint in enumerate(robot.joints)]
+    base = derive_base_parameters(robot)
+    known = compute_parameter_values(robot, base)
+    missing = [entry for entry in base.parameters if entry.name not in known]
+    numbers = {
+        (link, name): x for link, body in enumerate(bodies) for name, x in zip(INERTIAL, body, strict=True)
+    }
+    defaults = {"IA": 0.1, "KS": 10.0, "KR": 0.0}
+    grouping = build_grouping(robot, base)
+    standard = np.array([numbers.get(label, defaults.get(label[1], 0.0)) for label in grouping.labels])
+    made = dict(
+        zip((p.name for p in grouping.parameters), map(float, grouping.matrix @ standard), strict=True)
+    )
+    beta = {entry.name: known.get(entry.name, made[entry.name]) for entry in base.parameters}
+    values = {**dict(model.robot.symbols), **beta}
+    for number, body in enumerate(bodies, start=1):
+        values |= _split_body(number, body)
+    return values, tuple(beta.values()), bool(missing)
+
+
+def _make_body(robot: Robot, index: int) -> tuple[float, ...]:
+    """Return the ten parameters of a stand-in: a rod with thickness, and its mass in the middle."""
+    symbols = dict(robot.symbols)
+    after = [joint for joint in robot.joints if joint.parent == index]
+    end = [value.to_float(symbols) for value in after[0].placement.translation] if after else [0.1, 0.0, 0.05]
+    if not any(end):
+        end = [0.02, 0.03, 0.1]
+    mass, c = 3.0 * 0.75**index, np.array(end) / 2
+    tensor = mass * (c @ c * np.eye(3) - np.outer(c, c)) * (4.0 / 3.0) + 0.002 * mass * np.eye(3)
+    entries = [tensor[i, j] for i in range(3) for j in range(i, 3)]
+    return (*map(float, entries), *(float(mass * x) for x in c), mass)
+
+
+def find_tip(robot: Robot, index: int) -> tuple[float, float, float]:
+    """Return twice the centre of mass of a link: where a drawing lets a last link end."""
+    body = robot.joints[index].inertial or _make_body(robot, index)
+    x, y, z = (2.0 * moment / body[9] if body[9] else 0.0 for moment in body[6:9])
+    return x, y, z
+
+
+def _split_body(number: int, body: Sequence[float]) -> dict[str, float]:
+    """Return mass, centre of mass and central inertia of a link by the letters of lessons."""
+    mass = body[9]
+    c = np.array(body[6:9]) / mass if mass else np.zeros(3)
+    shift = mass * (c @ c * np.eye(3) - np.outer(c, c))
+    result = {f"m{number}": mass}
+    result |= {f"l{axis}{number}": float(x) for axis, x in zip("xyz", c, strict=True)}
+    pairs = [(i, j) for i in range(3) for j in range(i, 3)]
+    for value, (i, j) in zip(body[:6], pairs, strict=True):
+        result[f"I{number}{'xyz'[i]}{'xyz'[j]}"] = float(value - shift[i, j])
+    return result
+
+
+# Geometry.
+
+
+def _write_exact(value: Exact, writer: ChapterWriter) -> str:
+    """Return a number or linear form of lengths in LaTeX."""
+    return writer.latex(writer.model.algebra.constant(value))
+
+
+def write_kinematics(writer: ChapterWriter, robot: Robot) -> Iterator[Chapter]:
+    """Yield the chapters from the frames to the Jacobian."""
+    yield _write_frames(writer, robot)
+    yield _write_transforms(writer)
+    yield _write_velocities(writer)
+    yield _write_jacobian(writer)
+
+
+def _write_row(writer: ChapterWriter, index: int) -> tuple[str, ...]:
+    """Return the row of a joint: kind, parent, alpha, a, theta, d where it has one, else its placement."""
+    joint = writer.model.robot.joints[index]
+    (xx, xy, xz), (_, _, yz), (_, _, zz) = joint.placement.rotation
+    x, y, z = joint.placement.translation
+    kind = "slides" if joint.prismatic else "turns"
+    before = str(joint.parent + 1) if joint.parent >= 0 else "base"
+    if xz:
+        axis = ", ".join(_write_exact(value, writer) for value in (xz, yz, zz))
+        origin = ", ".join(_write_exact(value, writer) for value in (x, y, z))
+        return (str(index + 1), joint.name, kind, before, f"$z = ({axis})$", "", "", f"$p = ({origin})$")
+    alpha = _write_degrees(zz, -yz)
+    turn = _write_degrees(xx, -xy)
+    along = _find_offset(joint.placement.rotation, (x, y, z))
+    offset = "?" if along is None else _write_exact(along, writer)
+    q = writer.coordinate(index)
+    own = f"{q} + {turn}" if turn != "0" else q
+    theta, d = (turn, f"{q} + {offset}" if offset != "0" else q) if joint.prismatic else (own, offset)
+    return (
+        str(index + 1),
+        joint.name,
+        kind,
+        before,
+        f"${alpha}$",
+        f"${_write_exact(x, writer)}$",
+        f"${theta}$",
+        f"${d}$",
+    )
+
+
+def _find_offset(rotation: Sequence[Sequence[Exact]], translation: Sequence[Exact]) -> Exact | None:
+    """Return d of a row whose axis is (0, -sin alpha, cos alpha)."""
+    _, y, z = translation
+    _, yz, zz = (row[2] for row in rotation)
+    return yz * y + zz * z
+
+
+def _write_degrees(cosine: Exact, sine: Exact) -> str:
+    """Return an angle from its cosine and sine: a multiple of pi, else in degrees."""
+    angle = float(np.arctan2(sine.to_float(), cosine.to_float()))
+    twelfths = round(angle / (np.pi / 12))
+    if abs(angle - twelfths * np.pi / 12) > 1e-9:
+        return rf"{np.degrees(angle):.6g}^\circ"
+    if not twelfths:
+        return "0"
+    top, bottom = twelfths // np.gcd(twelfths, 12), 12 // np.gcd(twelfths, 12)
+    number = {1: r"\pi", -1: r"-\pi"}.get(int(top), rf"{top}\pi")
+    return number if bottom == 1 else rf"{'-' if top < 0 else ''}\tfrac{{{number.lstrip('-')}}}{{{bottom}}}"
+
+
+def _write_frames(writer: ChapterWriter, robot: Robot) -> Chapter:
+    model, book = writer.model, writer.book
+    letters = rf"${book.length}$", rf"${book.offset}$"
+    head = ("joint", "name", "motion", "after", r"$\alpha$", letters[0], r"$\theta$", letters[1])
+    rows = tuple(_write_row(writer, index) for index in range(robot.size))
+    items = [
+        Item(
+            kind="text",
+            text="Every link has a frame whose $z$ axis is the axis of its joint. The table holds the "
+            "rows of "
+            "modified Denavit-Hartenberg parameters: from the frame before, turn by $\\alpha$ about $x$, "
+            "move by "
+            f"{letters[0]} along it, turn by $\\theta$ about the new $z$, move by {letters[1]} along it."
+            + (
+                " The file has standard rows; they were converted exactly."
+                if robot.convention == "standard"
+                else ""
+            ),
+        ),
+        Item(kind="table", rows=(head, *rows)),
+        Item(kind="widget", text="frames"),
+    ]
+    if model.lengths:
+        named = [
+            (f"${writer.symbol(name)}$", f"{value:g}", "m/s²" if name == "g" else "m")
+            for name, value in model.lengths.items()
+        ]
+        items.append(
+            Item(
+                kind="text",
+                text="Lengths of the file have names, so that formulas show where they come from:",
+            )
+        )
+        items.append(Item(kind="table", rows=(("letter", "value", "unit"), *named)))
+    followers = [
+        rf"joint {k} follows joint {joint.mimic.master + 1}: ${writer.coordinate(k - 1)} = "
+        rf"{write_number(abs(joint.mimic.multiplier))}\,{writer.coordinate(joint.mimic.master)}$"
+        + (" with the other sign" if joint.mimic.multiplier < 0 else "")
+        for k, joint in enumerate(robot.joints, start=1)
+        if joint.mimic is not None
+    ]
+    if followers:
+        items.append(Item(kind="text", text="; ".join(followers).capitalize() + "."))
+    gravity = ", ".join(_write_exact(value, writer) for value in model.robot.gravity)
+    items.append(Item(kind="text", text=f"Gravity is $({gravity})$ in the base frame."))
+    return Chapter(title="Frames", anchor="frames", items=tuple(items))
+
+
+def _write_transforms(writer: ChapterWriter) -> Chapter:
+    recursion = build_model_recursion(writer.model)
+    algebra, robot = writer.model.algebra, writer.model.robot
+    items: list[Item] = [
+        Item(
+            kind="text",
+            text="A row of the table is a homogeneous transform: rotation and origin of link $j$ in the "
+            "frame of "
+            "the link before. $s_j$ and $c_j$ stand for sine and cosine of the joint's angle."
+            if not writer.book.long
+            else "A row of the table is a homogeneous transform: rotation and origin of link $j$.",
+        )
+    ]
+    matrices = []
+    for index, frame in enumerate(recursion.frames):
+        rotation = frame.fixed
+        if frame.turn is not None:
+            c, s = frame.turn
+            turn = (
+                (c, algebra.neg(s), algebra.zero),
+                (s, c, algebra.zero),
+                (algebra.zero, algebra.zero, algebra.one),
+            )
+            rotation = algebra.multiply_matrices(rotation, turn)
+        rows = [
+            [*map(writer.latex, row), writer.latex(x)] for row, x in zip(rotation, frame.origin, strict=True)
+        ]
+        left = rf"{{}}^{{{robot.joints[index].parent + 1}}}T_{{{index + 1}}}"
+        matrices.append(write_matrix(left, [*rows, ["0", "0", "0", "1"]]))
+    return Chapter(
+        title="Transforms", anchor="transforms", items=(*items, *_fold(matrices, "All transforms"))
+    )
+
+
+def write_matrix(left: str, rows: Sequence[Sequence[str]]) -> Item:
+    """Return left = matrix, its elements in LaTeX."""
+    body = r" \\ ".join(" & ".join(row) for row in rows)
+    return Item(kind="matrix", latex=rf"{left} = \begin{{bmatrix}} {body} \end{{bmatrix}}")
+
+
+def _fold(items: Sequence[Item], title: str, most: int = 4) -> tuple[Item, ...]:
+    """Return the items, closed under a title where there are many."""
+    return (
+        tuple(items)
+        if len(items) <= most
+        else (Item(kind="details", text=f"{title} ({len(items)})", items=tuple(items)),)
+    )
+
+
+def _write_velocities(writer: ChapterWriter) -> Chapter:
+    recursion, robot = build_model_recursion(writer.model), writer.model.robot
+    law = (
+        r"\omega_j = R_j^{\mathsf T}\,\omega_{j-1} + \dot q_j\, z, \qquad "
+        r"v_j = R_j^{\mathsf T}\,(v_{j-1} + \omega_{j-1}\times p_j)"
+    )
+    items = [
+        Item(
+            kind="text",
+            text="From the base outwards: the velocity of the link before, in the axes of this link, plus "
+            "that of "
+            "its own joint. $R_j$ and $p_j$ are rotation and origin in the transform above; a joint that "
+            "slides "
+            r"adds $\dot q_j z$ to $v_j$ instead.",
+        ),
+        Item(kind="formula", latex=law.replace(r"\dot q", rf"\dot {writer.book.angle}")),
+    ]
+    shown = range(robot.size) if robot.size <= WRITTEN_OUT + 1 else range(3)
+    vectors = []
+    for index in shown:
+        motion = recursion.motions[index]
+        for letter, vector in ((r"\omega", motion.angular), ("v", motion.linear)):
+            rows = [[writer.latex(value)] for value in vector]
+            vectors.append(write_matrix(rf"{letter}_{{{index + 1}}}", rows))
+    items += _fold(vectors, "Velocities of the links", 8)
+    if len(shown) < robot.size:
+        items.append(
+            Item(
+                kind="text",
+                text="The links beyond go on in the same way; below, composite bodies take their place.",
+            )
+        )
+    return Chapter(title="Velocities", anchor="velocities", items=tuple(items))
+
+
+def _write_jacobian(writer: ChapterWriter) -> Chapter:
+    model = writer.model
+    recursion, robot = build_model_recursion(model), model.robot
+    items = [
+        Item(
+            kind="text",
+            text="The column of joint $j$ is the velocity of the last link per unit of its rate: with the "
+            "axis "
+            "$z_j$ and the origin $p_j$ in the base frame,",
+        ),
+        Item(
+            kind="formula",
+            latex=r"J_j = \begin{bmatrix} z_j \times (p_n - p_j) \\ z_j \end{bmatrix}, \qquad "
+            r"J_j = \begin{bmatrix} z_j \\ 0 \end{bmatrix} \text{ for a joint that slides.}",
+        ),
+    ]
+    if robot.size <= WRITTEN_OUT + 1:
+        rows = compute_jacobian(recursion)
+        items.append(
+            write_matrix("J", [[*map(writer.latex, fold_vector(robot, model.algebra, row))] for row in rows])
+        )
+    else:
+        poses = compute_poses(recursion)
+        first = [k for k in range(robot.size) if k < 3]
+        for k in first:
+            axis = [[writer.latex(row[2])] for row in poses[k].rotation]
+            origin = [[writer.latex(value)] for value in poses[k].origin]
+            items.append(write_matrix(rf"z_{{{k + 1}}}", axis))
+            items.append(write_matrix(rf"p_{{{k + 1}}}", origin))
+        items.append(
+            Item(
+                kind="text",
+                text="Those beyond are products of the transforms; their numbers follow the posture.",
+            )
+        )
+    items.append(Item(kind="widget", text="jacobian"))
+    return Chapter(title="Jacobian", anchor="jacobian", items=tuple(items))
+
+
+# Parameters.
+
+
+def write_base(writer: ChapterWriter) -> Chapter:
+    """Return the chapter on base parameters, each group with its reason."""
+    model = writer.model
+    robot, base = model.robot, model.base
+    total = sum(name in (*INERTIAL, "IA", "KS", "KR") for _, name in base.labels)
+    items = [
+        Item(
+            kind="text",
+            text=f"The energies are linear in the {total} standard parameters of links, rotors and "
+            f"springs. Only "
+            f"{base.count} combinations of them change any torque: the base parameters, found exactly "
+            f"from the "
+            "energies (Gautier and Khalil 1990). Each has a reason; show it to see the motions that "
+            "cannot tell "
+            "the members of a group apart.",
+        ),
+        Item(kind="base"),
+    ]
+    rows = [("name", "stands for", "why", "show")]
+    for entry in base.parameters:
+        terms = _write_group(writer, base, entry.name)
+        rows.append(
+            (f"${writer.symbol(entry.name)}$", f"${terms}$", entry.reason, _name_show(robot, entry.terms))
+        )
+    gone: dict[str, list[str]] = {}
+    for lost in base.eliminated:
+        gone.setdefault(lost.reason, []).append(f"${writer.symbol(write_label(robot, lost.label))}$")
+    items[-1] = Item(kind="table", rows=tuple(rows), text="base")
+    lost_rows = [("eliminated", "why"), *((", ".join(names), reason) for reason, names in gone.items())]
+    items.append(
+        Item(
+            kind="details",
+            text=f"What no torque shows alone ({len(base.eliminated)} parameters)",
+            items=(Item(kind="table", rows=tuple(lost_rows)),),
+        )
+    )
+    if model.form != "base":
+        items.append(Item(kind="text", text="In the letters of this lesson:"))
+        items += [
+            writer.formula(
+                writer.symbol(entry.name),
+                model.parameters[entry.label],
+                f"beta_{entry.name}",
+                get_label_unit(robot, entry.label),
+            )
+            for entry in base.parameters
+        ]
+    return Chapter(title="Base parameters", anchor="base", items=tuple(items))
+
+
+def _name_show(robot: Robot, terms: Sequence[tuple[tuple[int, str], object]]) -> str:
+    """Return what the drawing shows for a group, a joint and what lies on its axis; empty for nothing."""
+    for (link, name), _ in terms[1:]:
+        if link < robot.size and name in ("M", "MZ", "YY") and not robot.joints[link].prismatic:
+            return f"show:{link + 1}:{name}"
+    return ""
+
+
+def _write_group(writer: ChapterWriter, base: BaseParameters, name: str) -> str:
+    """Return a group as a sum of standard parameters with factors in lengths."""
+    (entry,) = (one for one in base.parameters if one.name == name)
+    text = ""
+    for label, factor in entry.terms:
+        symbol = writer.symbol(write_label(writer.model.robot, label))
+        domain = writer.model.algebra.ring
+        try:
+            share = writer.write(domain.from_expr(factor))
+        except (ValueError, TypeError):
+            return rf"\text{{{entry.expression}}}"
+        written = write_latex(share, writer.style)
+        negative = len(share.products) == 1 and written.startswith("-")
+        written = written.removeprefix("-") if negative else written
+        bracket = f"({written})" if len(share.products) > 1 else written
+        product = symbol if bracket == "1" else rf"{bracket}\,{symbol}"
+        text += f" {'-' if negative else '+'} {product}" if text else f"{'-' if negative else ''}{product}"
+    return text

@@ -1,0 +1,625 @@
+"""The matrices of the equation of motion as exact polynomials: M, C, g, the Jacobian and both energies.
+
+Robot -> `LessonModel`, its geometry with a name for every length, its parameters as polynomials in the
+letters that are wanted; `LessonModel` -> `Equations`, and for long chains `Composites`, where every element
+is short because composite bodies and their momenta have names.
+
+M and g come out of composite bodies and of the potential, the energies from the motions of the links, torques
+from Newton and Euler: what a lesson states is compared as polynomials, or at an exact point where these would
+be too long.
+
+    C_ij = sum over k of c_ijk dq_k,  c_ijk = (dM_ij/dq_k + dM_ik/dq_j - dM_jk/dq_i) / 2   (Christoffel)
+
+Supported: all robots of the exact algebra; parameters as base parameters, in the file's symbols, or as
+masses, centres of mass and central inertias.
+Not supported: names for lengths of placements that are no Denavit-Hartenberg row (their numbers stay).
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import Any, Literal, TypeAlias
+
+from sympy import Expr, Symbol, preorder_traversal
+from sympy.polys.rings import PolyElement, PolyRing
+
+from symid.dynamics import (
+    BaseParameters,
+    ExactAlgebra,
+    Label,
+    PointAlgebra,
+    Recursion,
+    Vector,
+    Wrench,
+    build_exact_algebra,
+    build_recursion,
+    build_state,
+    choose_domain,
+    compute_body_energy,
+    compute_drive_energy,
+    compute_inverse_dynamics,
+    compute_mass_matrix,
+    derive_base_parameters,
+    derive_parameter_formulas,
+    differentiate,
+    fold_matrix,
+    fold_vector,
+    gather_body,
+    rotate_to_link,
+    transform_body,
+    transform_wrench,
+)
+from symid.lessons.textbook import AngleSums, build_angle_sums, write_sum
+from symid.notation import INERTIAL
+from symid.robot import Exact, Joint, Placement, Robot
+
+Parameterisation: TypeAlias = Literal["base", "symbols", "bodies"]
+Polynomials: TypeAlias = tuple[PolyElement, ...]
+PolynomialMatrix: TypeAlias = tuple[Polynomials, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LessonModel:
+    """A robot as a lesson writes it.
+
+    Attributes:
+        robot: with named lengths. lengths: their values in m, and that of g in m/s^2.
+        base: its base parameters. algebra: its ring has the letters of the parameters.
+        parameters: the representatives as polynomials in those letters. form: which letters.
+        sums: sums of angles.
+    """
+
+    robot: Robot
+    lengths: Mapping[str, float]
+    base: BaseParameters
+    algebra: ExactAlgebra
+    parameters: Mapping[Label, PolyElement]
+    form: Parameterisation
+    sums: AngleSums
+
+
+def _name_value(value: Exact, name: str, lengths: dict[str, float]) -> Exact:
+    """Return the symbol `name` for a number that is not zero; other values stay."""
+    if not value or not value.is_number:
+        return value
+    lengths[name] = value.to_float()
+    return Exact.symbol(name)
+
+
+def _name_row(joint: Joint, number: int, taken: Sequence[str], lengths: dict[str, float]) -> Joint:
+    """Return a joint with a_i and d_i for the lengths of a row of a Denavit-Hartenberg table."""
+    rotation, (x, y, z) = joint.placement.rotation, joint.placement.translation
+    axis = (rotation[0][2], rotation[1][2], rotation[2][2])
+    if (
+        axis[0]
+        or not all(value.is_number for value in (x, y, z))
+        or {f"a{number}", f"d{number}"} & set(taken)
+    ):
+        return joint
+    along = axis[1] * y + axis[2] * z
+    if (axis[1] * along, axis[2] * along) != (y, z):
+        return joint
+    a, d = _name_value(x, f"a{number}", lengths), _name_value(along, f"d{number}", lengths)
+    placement = Placement(rotation=rotation, translation=(a, axis[1] * d, axis[2] * d))
+    return replace(joint, placement=placement)
+
+
+def name_lengths(robot: Robot) -> tuple[Robot, dict[str, float]]:
+    """Return the robot with a name for each length of its table and for g, and their values.
+
+    Names stay away where the robot would have other base parameters with them: then its lengths are special.
+    """
+    lengths: dict[str, float] = {}
+    taken = [name for name, _ in robot.symbols]
+    joints = [_name_row(joint, k, taken, lengths) for k, joint in enumerate(robot.joints, start=1)]
+    gravity = robot.gravity
+    pulls = [value for value in gravity if value]
+    if len(pulls) == 1 and pulls[0].is_number and "g" not in taken:
+        lengths["g"] = abs(pulls[0].to_float())
+        sign = Exact.of(1 if pulls[0].to_float() > 0 else -1)
+        x, y, z = (sign * Exact.symbol("g") if value else value for value in gravity)
+        gravity = (x, y, z)
+    named = replace(
+        robot,
+        joints=tuple(joints),
+        gravity=gravity,
+        symbols=(
+            *robot.symbols,
+            *((name, abs(value) if name == "g" else value) for name, value in lengths.items()),
+        ),
+    )
+    if derive_base_parameters(named).keys != derive_base_parameters(robot).keys:
+        return robot, {}
+    return named, lengths
+
+
+def build_model(
+    robot: Robot, form: Parameterisation | None = None, further: Sequence[str] = ()
+) -> LessonModel:
+    """Return the model of `robot`.
+
+    Args:
+        robot: as its file has it.
+        form: of the parameters; None takes the file's symbols where it has any, else base parameters.
+        further: names of generators that the ring is to have besides.
+    """
+    named, lengths = name_lengths(robot)
+    base = derive_base_parameters(named)
+    formulas = _list_formulas(robot, named, base, form)
+    form = form if form == "bodies" else "symbols" if formulas else "base"
+    exact = build_exact_algebra(named)
+    own = [str(symbol) for symbol in exact.ring.symbols]
+    letters = [entry.name for entry in base.parameters if entry.name not in formulas]
+    found = {
+        x.name for value in formulas.values() for x in preorder_traversal(value) if isinstance(x, Symbol)
+    }
+    letters += sorted(found - set(own) - set(letters))
+    names = [*letters, *further, *own]
+    start = len(letters) + len(further)
+    sines = tuple((s + start, c + start) for s, c in exact.sines)
+    algebra = ExactAlgebra(PolyRing(names, exact.ring.domain), sines)
+    known = algebra.generators
+    parameters = {
+        entry.label: algebra.ring.from_expr(formulas[entry.name])
+        if entry.name in formulas
+        else known[entry.name]
+        for entry in base.parameters
+    }
+    return LessonModel(
+        robot=named,
+        lengths=lengths,
+        base=base,
+        algebra=algebra,
+        parameters=parameters,
+        form=form,
+        sums=build_angle_sums(named),
+    )
+
+
+def _list_formulas(
+    robot: Robot, named: Robot, base: BaseParameters, form: Parameterisation | None
+) -> dict[str, Expr]:
+    """Return formulas of the base parameters in the letters of `form`; none where they are letters."""
+    if form == "base":
+        return {}
+    if form == "bodies":
+        standard = {
+            (link, name): value
+            for link, joint in enumerate(named.joints)
+            for name, value in zip(INERTIAL, write_body(joint, link + 1), strict=True)
+        }
+        return {
+            entry.name: sum(
+                (share * standard[label] for label, share in entry.terms), Symbol("zero") * 0
+            ).expand()
+            for entry in base.parameters
+            if all(label in standard for label, _ in entry.terms)
+        }
+    found = {name: value.expand() for name, value in derive_parameter_formulas(robot, base).items()}
+    if not found or any(joint.form is None for joint in robot.joints):
+        return {}
+    rest = {entry.name: Symbol(entry.name) for entry in base.parameters if entry.name not in found}
+    silent = {name for name in rest if _is_zero(robot, base, name)}
+    polynomials = all(value.as_numer_denom()[1].is_number for value in found.values())
+    return {**found, **dict.fromkeys(silent, Symbol("zero") * 0)} if polynomials else {}
+
+
+def _is_zero(robot: Robot, base: BaseParameters, name: str) -> bool:
+    """Return whether the file states that a base parameter is zero."""
+    (entry,) = (entry for entry in base.parameters if entry.name == name)
+    if any(label[1] not in INERTIAL for label, _ in entry.terms):
+        return False
+    values = [robot.joints[link].inertial for (link, _), _ in entry.terms]
+    numbers = [
+        inertial[INERTIAL.index(label[1])]
+        for inertial, (label, _) in zip(values, entry.terms, strict=True)
+        if inertial is not None
+    ]
+    return len(numbers) == len(values) and not any(numbers)
+
+
+def write_body(joint: Joint, number: int) -> tuple[Expr, ...]:
+    """Return the ten standard parameters in mass, centre of mass and central inertia of a link.
+
+    Coordinates of the centre of mass and products of inertia that the file states as zero are left out.
+    """
+    given = joint.inertial or (1.0,) * 10
+    mass = Symbol(f"m{number}")
+    x, y, z = (
+        Symbol(f"{axis}{number}") if given[6 + k] else Symbol("zero") * 0
+        for k, axis in enumerate(("lx", "ly", "lz"))
+    )
+    tensor = {}
+    for k, (name, u, v) in enumerate(zip(INERTIAL[:6], "xxxyyz", "xyzyzz", strict=True)):
+        known = bool(given[k]) or u == v
+        tensor[name] = Symbol(f"I{number}{u}{v}") if known else Symbol("zero") * 0
+    return (
+        tensor["XX"] + mass * (y**2 + z**2),
+        tensor["XY"] - mass * x * y,
+        tensor["XZ"] - mass * x * z,
+        tensor["YY"] + mass * (x**2 + z**2),
+        tensor["YZ"] - mass * y * z,
+        tensor["ZZ"] + mass * (x**2 + y**2),
+        mass * x,
+        mass * y,
+        mass * z,
+        mass,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Equations:
+    """M(q), c_ijk, g(q), T and V of a model as polynomials; `symbols` of Christoffel by (i, j, k)."""
+
+    model: LessonModel
+    mass: PolynomialMatrix
+    christoffel: Mapping[tuple[int, int, int], PolyElement]
+    gravity: Polynomials
+    kinetic: PolyElement
+    potential: PolyElement
+
+    @property
+    def coriolis(self) -> PolynomialMatrix:
+        """Return C(q, dq) of Christoffel symbols."""
+        algebra, size = self.model.algebra, self.model.robot.freedom
+        rates = list_rates(self.model)
+        return tuple(
+            tuple(
+                algebra.sum_values(algebra.mul(self.christoffel[i, j, k], rates[k]) for k in range(size))
+                for j in range(size)
+            )
+            for i in range(size)
+        )
+
+
+def list_rates(model: LessonModel, letter: str = "dq") -> list[PolyElement]:
+    """Return the generators dq, or ddq, of the coordinates."""
+    known = model.algebra.generators
+    return [known[f"{letter}{joint + 1}"] for joint in model.robot.coordinates]
+
+
+def build_model_recursion(model: LessonModel) -> Recursion[PolyElement]:
+    """Return frames and motions of all links as polynomials."""
+    state = build_state(model.robot, model.algebra, model.algebra.generators)
+    return build_recursion(model.robot, model.algebra, state)
+
+
+def derive_energies(model: LessonModel) -> tuple[PolyElement, PolyElement]:
+    """Return kinetic and potential energy, rotors and springs included, up to a constant."""
+    algebra, recursion = model.algebra, build_model_recursion(model)
+    kinetic, potential = algebra.zero, algebra.zero
+    for link, motion in enumerate(recursion.motions):
+        body = gather_body(algebra, model.parameters, link)
+        moving, resting = compute_body_energy(algebra, body, motion)
+        kinetic, potential = kinetic + moving, potential + resting
+    for key, value in model.parameters.items():
+        if key[1] not in INERTIAL:
+            moving, resting = compute_drive_energy(recursion, key)
+            kinetic += algebra.mul(value, moving)
+            potential += algebra.mul(value, resting)
+    still = _find_constant(model, potential)
+    return kinetic, potential - still
+
+
+def _find_constant(model: LessonModel, value: PolyElement) -> PolyElement:
+    """Return the terms that no coordinate takes part in."""
+    moving = [
+        k
+        for k, symbol in enumerate(model.algebra.ring.symbols)
+        if str(symbol).rstrip("0123456789") in ("s", "c", "q") and str(symbol)[-1].isdigit()
+    ]
+    return value.ring.from_dict({key: n for key, n in value.items() if not any(key[k] for k in moving)})
+
+
+def derive_equations(model: LessonModel) -> Equations:
+    """Return M by composite bodies, C from its slopes, g from the potential."""
+    robot, algebra = model.robot, model.algebra
+    recursion = build_model_recursion(model)
+    mass = fold_matrix(robot, algebra, compute_mass_matrix(recursion, model.parameters))
+    kinetic, potential = derive_energies(model)
+    size, joints = robot.freedom, robot.coordinates
+    slopes = {
+        (i, j, k): differentiate(robot, algebra, mass[i][j], joints[k])
+        for i in range(size)
+        for j in range(i, size)
+        for k in range(size)
+    }
+
+    def slope(i: int, j: int, k: int) -> PolyElement:
+        return slopes[min(i, j), max(i, j), k]
+
+    symbols = {
+        (i, j, k): algebra.half(slope(i, j, k) + slope(i, k, j) - slope(j, k, i))
+        for i in range(size)
+        for j in range(size)
+        for k in range(size)
+    }
+    gravity = tuple(differentiate(robot, algebra, potential, joint) for joint in joints)
+    return Equations(
+        model=model, mass=mass, christoffel=symbols, gravity=gravity, kinetic=kinetic, potential=potential
+    )
+
+
+def differentiate_by_time(model: LessonModel, value: PolyElement) -> PolyElement:
+    """Return d/dt of a polynomial in coordinates and rates."""
+    robot, algebra = model.robot, model.algebra
+    total = algebra.zero
+    pairs = zip(robot.coordinates, list_rates(model), list_rates(model, "ddq"), strict=True)
+    for joint, rate, acceleration in pairs:
+        total += algebra.mul(differentiate(robot, algebra, value, joint), rate)
+        total += algebra.mul(value.diff(rate), acceleration)
+    return total
+
+
+def check_mass_is_curvature(equations: Equations) -> bool:
+    """Return whether M of composite bodies is the second derivative of T by the rates."""
+    rates, mass = list_rates(equations.model), equations.mass
+    return all(
+        equations.kinetic.diff(a).diff(b) == mass[i][j]
+        for i, a in enumerate(rates)
+        for j, b in enumerate(rates)
+    )
+
+
+def check_skew(equations: Equations) -> bool:
+    """Return whether dM/dt - 2 C is skew: the sum with its transpose is zero."""
+    model, coriolis = equations.model, equations.coriolis
+    size = range(model.robot.freedom)
+    rest = [
+        [differentiate_by_time(model, equations.mass[i][j]) - 2 * coriolis[i][j] for j in size] for i in size
+    ]
+    return all(rest[i][j] + rest[j][i] == 0 for i in size for j in size)
+
+
+def compute_torques(equations: Equations) -> Polynomials:
+    """Return M ddq + C dq + g."""
+    model = equations.model
+    algebra, rates = model.algebra, list_rates(model)
+    accelerations, coriolis = list_rates(model, "ddq"), equations.coriolis
+    rows = []
+    for row, turning, weight in zip(equations.mass, coriolis, equations.gravity, strict=True):
+        parts = [algebra.mul(a, b) for a, b in zip(row, accelerations, strict=True)]
+        parts += [algebra.mul(a, b) for a, b in zip(turning, rates, strict=True)]
+        rows.append(algebra.sum_values([*parts, weight]))
+    return tuple(rows)
+
+
+def check_newton_euler(equations: Equations) -> bool:
+    """Return whether M ddq + C dq + g is what Newton and Euler give, as polynomials."""
+    model = equations.model
+    torques = compute_inverse_dynamics(build_model_recursion(model), model.parameters)
+    return fold_vector(model.robot, model.algebra, torques) == compute_torques(equations)
+
+
+def check_power(equations: Equations) -> bool:
+    """Return whether d(T + V)/dt = sum of dq_i tau_i, as polynomials."""
+    model = equations.model
+    change = differentiate_by_time(model, equations.kinetic + equations.potential)
+    pairs = zip(list_rates(model), compute_torques(equations), strict=True)
+    power = model.algebra.sum_values(model.algebra.mul(rate, torque) for rate, torque in pairs)
+    return bool(change == power)
+
+
+def build_exact_point(robot: Robot, algebra: ExactAlgebra) -> dict[str, Any]:
+    """Return a fixed number for every generator, with s^2 + c^2 = 1."""
+    domain = choose_domain(robot)
+
+    def number(value: Fraction) -> Any:  # noqa: ANN401  an element of a SymPy domain
+        return domain.convert(value.numerator) / domain.convert(value.denominator)
+
+    values = {
+        str(symbol): number(Fraction(3 + k % 5, 7 + k % 3)) for k, symbol in enumerate(algebra.ring.symbols)
+    }
+    for k in range(1, robot.size + 1):
+        t = Fraction(2 * k + 1, 3 * k + 5)
+        values[f"s{k}"], values[f"c{k}"] = number(2 * t / (1 + t * t)), number((1 - t * t) / (1 + t * t))
+        values[f"q{k}"] = number(Fraction(k, 5))
+        values[f"dq{k}"], values[f"ddq{k}"] = number(Fraction(7 - 2 * k, 3)), number(Fraction(5 * k - 11, 4))
+    return values
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Definition:
+    """A named quantity: its letter, what it is (kind, link, frame, axis), and its polynomial."""
+
+    name: str
+    kind: str
+    value: PolyElement
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Composites:
+    """M and g of a long chain in quantities that have names, each defined by those before it.
+
+    Attributes:
+        model: its ring has the names.
+        definitions: composite bodies from the tip, gravity and momenta, in the order of their use.
+        mass, gravity: of the joints, in the names.
+    """
+
+    model: LessonModel
+    definitions: tuple[Definition, ...]
+    mass: Mapping[tuple[int, int], PolyElement]
+    gravity: Polynomials
+
+
+_SHORT = 6
+"""Terms up to which a quantity has no name of its own."""
+
+
+def _list_composite_names(robot: Robot) -> Iterator[str]:
+    for number in range(1, robot.size + 1):
+        yield from (f"{name}c{number}" for name in INERTIAL)
+        yield from (f"G{number}{axis}" for axis in "xyz")
+        parent = robot.joints[number - 1].parent
+        while parent >= 0:
+            yield from (f"{letter}{number}_{parent + 1}{axis}" for letter in "FN" for axis in "xyz")
+            parent = robot.joints[parent].parent
+
+
+class _Namer:
+    """Gives values a letter where they are long, and keeps the definitions."""
+
+    def __init__(self, model: LessonModel) -> None:
+        self.model = model
+        self.known = model.algebra.generators
+        self.definitions: list[Definition] = []
+
+    def name(self, value: PolyElement, name: str, kind: str, most: int = _SHORT) -> PolyElement:
+        """Return the letter of `value`, or `value` itself where it is short."""
+        if len(value) <= 1 or write_sum(value, self.model.sums).count_terms() <= most:
+            return value
+        self.definitions.append(Definition(name=name, kind=kind, value=value))
+        return self.known[name]
+
+
+def derive_composites(robot: Robot) -> Composites:
+    """Return M and g of a robot in composite bodies and their momenta (Walker and Orin 1982), all named."""
+    named, _ = name_lengths(robot)
+    model = build_model(robot, "base", tuple(_list_composite_names(named)))
+    namer, algebra, recursion = _Namer(model), model.algebra, build_model_recursion(model)
+    bodies = _name_bodies(namer, recursion)
+    pulls = _name_gravity(namer, recursion)
+    mass: dict[tuple[int, int], PolyElement] = {}
+    weights = []
+    for joint in range(named.size):
+        (xx, xy, xz), (mx, my, _), total = bodies[joint][0][2], bodies[joint][1], bodies[joint][2]
+        zero = algebra.zero
+        x, y, z = pulls[joint]
+        if recursion.frames[joint].revolute:
+            wrench = Wrench(force=(-my, mx, zero), moment=(xx, xy, xz))
+            weights.append(algebra.mul(my, x) - algebra.mul(mx, y))
+        else:
+            wrench = Wrench(force=(zero, zero, total), moment=(my, -mx, zero))
+            weights.append(-algebra.mul(total, z))
+        _project(namer, recursion, joint, wrench, mass)
+    for (index, name), value in model.parameters.items():
+        if name == "IA" and index < named.size:
+            mass[index, index] += value
+    used = _select_used(namer.definitions, [*mass.values(), *weights])
+    return Composites(model=model, definitions=used, mass=mass, gravity=tuple(weights))
+
+
+def _select_used(definitions: Sequence[Definition], values: Sequence[PolyElement]) -> tuple[Definition, ...]:
+    """Return the definitions that `values` need, in their order."""
+    wanted = {str(x) for value in values for x in _list_letters(value)}
+    kept = []
+    for entry in reversed(definitions):
+        if entry.name in wanted:
+            kept.append(entry)
+            wanted |= {str(x) for x in _list_letters(entry.value)}
+    return tuple(reversed(kept))
+
+
+def _list_letters(value: PolyElement) -> list[Any]:
+    powers = [max(column) for column in zip(*value.keys(), strict=True)] if value else []
+    return [x for x, power in zip(value.ring.symbols, powers, strict=bool(powers)) if power]
+
+
+def _name_gravity(namer: _Namer, recursion: Recursion[PolyElement]) -> list[Vector[PolyElement]]:
+    """Return the gravity vector in every link's frame, from the base outwards, its long entries named."""
+    algebra, robot = namer.model.algebra, recursion.robot
+    x, y, z = map(algebra.constant, robot.gravity)
+    pulls: list[Vector[PolyElement]] = []
+    for index, (joint, frame) in enumerate(zip(robot.joints, recursion.frames, strict=True)):
+        before = pulls[joint.parent] if joint.parent >= 0 else (x, y, z)
+        turned = rotate_to_link(algebra, frame, before)
+        u, v, w = (
+            namer.name(value, f"G{index + 1}{axis}", "gravity")
+            for value, axis in zip(turned, "xyz", strict=True)
+        )
+        pulls.append((u, v, w))
+    return pulls
+
+
+def _name_bodies(namer: _Namer, recursion: Recursion[PolyElement]) -> list[Any]:
+    """Return the composite bodies, their entries named from the tip to the base."""
+    model = namer.model
+    algebra, robot = model.algebra, model.robot
+    bodies = [gather_body(algebra, model.parameters, link) for link in range(robot.size)]
+    for joint in reversed(range(robot.size)):
+        tensor, moments, mass = bodies[joint]
+        entries = [tensor[i][j] for i in range(3) for j in range(i, 3)] + [*moments, mass]
+        xx, xy, xz, yy, yz, zz, mx, my, mz, m = (
+            namer.name(value, f"{name}c{joint + 1}", "body", 1)
+            for name, value in zip(INERTIAL, entries, strict=True)
+        )
+        bodies[joint] = (((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)), (mx, my, mz), m)
+        parent = robot.joints[joint].parent
+        if parent >= 0:
+            left, right = bodies[parent], transform_body(algebra, recursion.frames[joint], bodies[joint])
+            x, y, z = (algebra.add_vectors(a, b) for a, b in zip(left[0], right[0], strict=True))
+            bodies[parent] = (
+                (x, y, z),
+                algebra.add_vectors(left[1], right[1]),
+                algebra.add(left[2], right[2]),
+            )
+    return bodies
+
+
+def _project(
+    namer: _Namer,
+    recursion: Recursion[PolyElement],
+    joint: int,
+    wrench: Wrench[PolyElement],
+    mass: dict[tuple[int, int], PolyElement],
+) -> None:
+    """Write the row of M of a joint: the momentum of its composite body at every joint below."""
+    robot, frames = recursion.robot, recursion.frames
+    below = joint
+    while below >= 0:
+        mass[below, joint] = wrench.moment[2] if frames[below].revolute else wrench.force[2]
+        parent = robot.joints[below].parent
+        if parent >= 0:
+            moved = transform_wrench(namer.model.algebra, frames[below], wrench)
+            parts = []
+            for letter, vector in (("F", moved.force), ("N", moved.moment)):
+                x, y, z = (
+                    namer.name(value, f"{letter}{joint + 1}_{parent + 1}{axis}", "momentum")
+                    for value, axis in zip(vector, "xyz", strict=True)
+                )
+                parts.append((x, y, z))
+            wrench = Wrench(force=parts[0], moment=parts[1])
+        below = parent
+
+
+def evaluate_polynomial(value: PolyElement, point: Mapping[str, Any]) -> Any:  # noqa: ANN401
+    """Return the exact number that a polynomial is at a point, which names the generators in use."""
+    names = [str(symbol) for symbol in value.ring.symbols]
+    total = value.ring.domain.zero
+    for exponents, coefficient in value.terms():
+        term = coefficient
+        for k, power in enumerate(exponents):
+            if power:
+                term *= point[names[k]] ** power
+        total += term
+    return total
+
+
+def check_composites(composites: Composites) -> bool:
+    """Return whether M and g, all names put in, are those of the recursion at an exact point."""
+    model = composites.model
+    robot, domain = model.robot, model.algebra.ring.domain
+    point = build_exact_point(robot, model.algebra)
+    for entry in composites.definitions:
+        point[entry.name] = evaluate_polynomial(entry.value, point)
+    algebra = PointAlgebra(domain, point)
+    still = {name: domain.zero if name.startswith(("dq", "ddq")) else value for name, value in point.items()}
+    recursion = build_recursion(robot, algebra, build_state(robot, algebra, still))
+    values = {entry.label: point[entry.name] for entry in model.base.parameters}
+    mass = compute_mass_matrix(recursion, values)
+    springs = {label: value for label, value in values.items() if label[1] not in ("KS", "KR")}
+    torques = compute_inverse_dynamics(recursion, springs)
+    size = range(robot.size)
+    same = all(
+        evaluate_polynomial(composites.mass[i, j], point) == mass[i][j]
+        if (i, j) in composites.mass
+        else mass[i][j] == 0
+        for i in size
+        for j in size
+        if j >= i
+    )
+    return same and all(
+        evaluate_polynomial(value, point) == torque
+        for value, torque in zip(composites.gravity, torques, strict=True)
+    )

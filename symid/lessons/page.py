@@ -1,0 +1,259 @@
+"""A lesson as one HTML file: formulas typeset as the page opens, numbers that follow the reader's posture.
+
+Robot -> chapters, the generated functions as JavaScript, geometry and values -> HTML. Formulas are set by
+KaTeX, whose script and fonts (MIT, see templates/lesson/katex) stand in the page; MathML is beside them for
+screen readers. Nothing is loaded from elsewhere, and the same input gives the same bytes.
+
+The numbers come twice: from the formulas, and from the functions that code generation writes; the page shows
+how far they differ.
+
+Supported: all robots of the lesson. Not supported: readers without JavaScript, who see formulas as LaTeX.
+"""
+
+import base64
+import json
+import re
+from collections.abc import Iterator, Sequence
+from html import escape
+from pathlib import Path
+
+from symid import __version__
+from symid.codegen import (
+    choose_route,
+    list_robot_specs,
+    list_spring_parameters,
+    write_javascript_function,
+)
+from symid.dynamics import derive_base_parameters
+from symid.environment import locate_resource_folder
+from symid.lessons.chapters import Chapter, Item, Lesson, list_slides
+from symid.lessons.dynamic_chapters import build_lesson
+from symid.lessons.elastic_chapters import write_elastic
+from symid.lessons.matrices import Parameterisation
+from symid.lessons.textbook import Book, write_symbol
+from symid.robot import Robot
+
+_FUNCTIONS = ("mass_matrix", "coriolis_matrix", "gravity", "inverse_dynamics", "energy", "jacobian")
+_SPRING_FUNCTIONS = ("hysteresis_step", "hysteresis_inverse_step")
+_TICK = '<span class="tick" aria-hidden="true">\N{CHECK MARK}</span>'
+_REGION = 'class="scroll" tabindex="0" role="region" aria-label="Table"'
+_MARKED = re.compile(r"\$([^$]+)\$|`([^`]+)`")
+
+
+def write_lesson_page(robot: Robot, book: Book, form: Parameterisation | None = None) -> str:
+    """Return the page of the lesson on `robot`.
+
+    Raises:
+        SymidError: two derivations that must agree do not.
+        RobotError: a symbolic length has no value.
+    """
+    lesson = build_lesson(robot, book, form)
+    chapters = (*lesson.chapters, *write_elastic(robot, book))
+    folder = locate_resource_folder("templates") / "lesson"
+    numbers = iter(range(1, 100_000))
+    sections = [_write_section(chapter, place, numbers) for place, chapter in enumerate(chapters, start=1)]
+    contents = "".join(
+        f'<li><a href="#{chapter.anchor}">{escape(chapter.title)}</a></li>' for chapter in chapters
+    )
+    parts = {
+        "TITLE": escape(f"{robot.name}: equation of motion"),
+        "NAME": escape(robot.name.replace("_", " ")),
+        "DESCRIPTION": escape(robot.description),
+        "LEAD": _write_lead(lesson),
+        "CONTENTS": contents,
+        "SECTIONS": "\n".join(sections),
+        "FOOT": escape(
+            f"Written by symid {__version__} from {Path(robot.path).name or robot.name}. SI units throughout."
+        ),
+        "STYLE": _write_fonts(folder) + (folder / "lesson.css").read_text(encoding="utf-8"),
+        "KATEX": (folder / "katex" / "katex.min.js").read_text(encoding="utf-8"),
+        "FUNCTIONS": _write_functions(robot),
+        "FORMULAS": _write_formulas(chapters),
+        "DATA": json.dumps(_describe(lesson), separators=(",", ":"), sort_keys=True).replace("<", "\\u003c"),
+        "SCRIPT": (folder / "lesson.js").read_text(encoding="utf-8"),
+    }
+    template = (folder / "lesson.html").read_text(encoding="utf-8")
+    # One pass: what is put in may hold such marks itself.
+    return re.sub(r"\{\{([A-Z]+)\}\}", lambda match: parts[match[1]], template)
+
+
+def _write_lead(lesson: Lesson) -> str:
+    book = lesson.book
+    letters = f"Letters as in {escape(book.title)}. " if book.title else ""
+    made = (
+        "<strong>The file has no inertial values: the numbers on this page are those of stand-in links, "
+        "rods of 3 kg "
+        "and less.</strong> The formulas do not depend on them. "
+        if lesson.stand_ins
+        else ""
+    )
+    return (
+        f"{letters}{made}Every formula was derived exactly from the robot file and checked by a second "
+        f"derivation. "
+        "Numbers beside formulas are those at the posture of the sliders."
+    )
+
+
+def _write_fonts(folder: Path) -> str:
+    """Return KaTeX's style with the fonts at hand inside."""
+    style = (folder / "katex" / "katex.min.css").read_text(encoding="utf-8")
+
+    def put(match: re.Match[str]) -> str:
+        found = re.search(r"url\(fonts/([\w-]+\.woff2)\)", match[0])
+        file = folder / "katex" / "fonts" / (found[1] if found else "")
+        if not file.is_file():
+            return ""
+        data = base64.b64encode(file.read_bytes()).decode("ascii")
+        return re.sub(r"src:[^}]*", f'src:url(data:font/woff2;base64,{data}) format("woff2")', match[0])
+
+    return re.sub(r"@font-face\{[^}]*\}", put, style)
+
+
+# HTML of the chapters.
+
+
+def _write_inline(text: str) -> str:
+    """Return a text with its $formulas$ and `code` marked, all else escaped."""
+    result, place = "", 0
+    for match in _MARKED.finditer(text):
+        result += escape(text[place : match.start()])
+        tag = (
+            f'<span class="tex">{escape(match[1])}</span>' if match[1] else f"<code>{escape(match[2])}</code>"
+        )
+        result += tag
+        place = match.end()
+    return result + escape(text[place:])
+
+
+def _write_section(chapter: Chapter, place: int, numbers: Iterator[int]) -> str:
+    body = "\n".join(_write_item(item, numbers) for item in chapter.items)
+    title = escape(chapter.title)
+    heading = f'<h2><span class="count">{place}</span>{title}</h2>'
+    return f'<section id="{chapter.anchor}">{heading}\n{body}\n</section>'
+
+
+def _write_item(item: Item, numbers: Iterator[int]) -> str:
+    match item.kind:
+        case "text":
+            return f"<p>{_write_inline(item.text)}</p>"
+        case "check":
+            return f'<p class="check">{_TICK} <strong>Checked</strong>, {_write_inline(item.text)}.</p>'
+        case "formula" | "matrix":
+            return _write_formula(item, next(numbers))
+        case "table":
+            return _write_table(item)
+        case "details":
+            inner = "\n".join(_write_item(part, numbers) for part in item.items)
+            opened = " open" if item.name == "open" else ""
+            return f"<details{opened}><summary>{_write_inline(item.text)}</summary>\n{inner}\n</details>"
+        case "widget":
+            return f'<div class="widget" data-widget="{item.text}"></div>'
+        case _:
+            return ""
+
+
+def _write_formula(item: Item, number: int) -> str:
+    wide = " wide" if item.kind == "matrix" else ""
+    value = ""
+    if item.name and item.code != "0":
+        unit = f' data-unit="{escape(item.unit)}"' if item.unit else ""
+        value = f'<span class="value" data-name="{escape(item.name)}"{unit}></span>'
+    sympy = f' data-sympy="{escape(item.sympy)}"' if item.sympy else ""
+    formula = f'<span class="tex">{escape(item.latex)}</span>'
+    return (
+        f'<div class="formula{wide}"{sympy}><div class="set">{formula}</div>'
+        f'{value}<span class="number">({number})</span></div>'
+    )
+
+
+def _write_table(item: Item) -> str:
+    head, *rows = item.rows
+    kind = ' class="base"' if item.text == "base" else ""
+
+    def cell(text: str) -> str:
+        if text.startswith("show:"):
+            _, joint, name = text.split(":")
+            data = f'data-joint="{joint}" data-kind="{name}"'
+            return f'<td><button type="button" class="show" {data}>show</button></td>'
+        return f"<td>{_write_inline(text)}</td>"
+
+    titles = "".join(f'<th scope="col">{_write_inline(text)}</th>' for text in head)
+    lines = "".join(f"<tr>{''.join(map(cell, row))}</tr>" for row in rows)
+    table = f"<table{kind}><thead><tr>{titles}</tr></thead><tbody>{lines}</tbody></table>"
+    return f"<div {_REGION}>{table}</div>"
+
+
+# What the page computes with.
+
+
+def _write_functions(robot: Robot) -> str:
+    """Return the generated functions in JavaScript, those of the rigid robot and of its springs."""
+    base = derive_base_parameters(robot)
+    names = _FUNCTIONS
+    if any(joint.elasticity for joint in robot.joints):
+        known = {spec.name for spec in list_robot_specs(robot, base)}
+        names += tuple(name for name in _SPRING_FUNCTIONS if name in known)
+    specs = list_robot_specs(robot, base, names)
+    lines: list[str] = []
+    for spec in specs:
+        lines += write_javascript_function(choose_route(robot, base, spec).program, exported=False)
+    return "\n".join(lines) + f"\nreturn {{ {', '.join(spec.name for spec in specs)} }};"
+
+
+def _list_items(items: Sequence[Item]) -> Iterator[Item]:
+    for item in items:
+        yield item
+        yield from _list_items(item.items)
+
+
+def _write_formulas(chapters: Sequence[Chapter]) -> str:
+    """Return the formulas with values as JavaScript, each after those that it needs."""
+    items = [item for chapter in chapters for item in _list_items(chapter.items) if item.name and item.code]
+    return ",\n".join(f"[{json.dumps(item.name)}, (v) => {item.code}]" for item in items)
+
+
+def _describe(lesson: Lesson) -> dict[str, object]:
+    """Return geometry, values, letters and springs for the page."""
+    robot, book = lesson.robot, lesson.book
+    symbols, slides = dict(robot.symbols), list_slides(robot)
+    joints = []
+    for index, joint in enumerate(robot.joints):
+        place = joint.placement
+        joints.append(
+            {
+                "name": joint.name,
+                "parent": joint.parent,
+                "prismatic": joint.prismatic,
+                "rotation": [[value.to_float(symbols) for value in row] for row in place.rotation],
+                "origin": [value.to_float(symbols) for value in place.translation],
+                "limits": joint.limits.position,
+                "master": joint.mimic.master if joint.mimic else index,
+                "multiplier": float(joint.mimic.multiplier) if joint.mimic else 1.0,
+                "tip": list(lesson.tips[index]),
+                "latex": write_symbol(f"q{index + 1}", book, slides),
+            }
+        )
+    springs = [
+        {"name": card.name, "value": 0.0 if card.value is None else card.value, "unit": card.unit}
+        for card in list_spring_parameters(robot)
+    ]
+    return {
+        "robot": robot.name,
+        "joints": joints,
+        "coordinates": list(robot.coordinates),
+        "gravity": [value.to_float(symbols) for value in robot.gravity],
+        "values": dict(lesson.values),
+        "beta": list(lesson.beta),
+        "springs": springs,
+        "letters": {
+            "mass": book.mass,
+            "gravity": book.gravity,
+            "kinetic": book.kinetic,
+            "potential": book.potential,
+            "torque": book.torque,
+            "coriolis": book.coriolis,
+        },
+        "stops": [len(joint.elasticity.stops) if joint.elasticity else 0 for joint in robot.axes],
+        "cubic": [bool(joint.elasticity and joint.elasticity.cubic) for joint in robot.axes],
+        "rotors": [joint.drive.rotor_inertia or 0.0 for joint in robot.axes],
+    }

@@ -1,0 +1,723 @@
+"""Exact polynomials written as a textbook writes them: sums of angles, common factors, short products.
+
+Polynomial over s_i, c_i, parameters, lengths and rates -> `Sum`, a tree of sums and products with c23 for
+cos(q2 + q3); `Sum` -> LaTeX with break points at its sums, plain text, code, and the polynomial again.
+
+Joints that turn about parallel axes form a chain. In a chain of n joints any n independent sums of successive
+angles describe all the others with whole numbers, so sines and cosines of the joints are polynomials in those
+of the sums, exactly. The coefficient of each product of parameters is written in every such choice of sums,
+in normal form (s^2 = 1 - c^2), and the one with the fewest terms is taken. Nothing is guessed:
+`expand_sum` turns every tree back into the polynomial it was made from.
+
+The letters are those of a book; letters of the robot file (l1, m1, g) are kept in each:
+
+    symid       M, C, g, tau   q       c_12, groups of parameters with an upper index
+    siciliano   B, C, g, tau   theta   lengths a_i of the link itself (standard Denavit-Hartenberg rows)
+    craig       M, C, G, tau   theta   lengths a_{i-1} of modified rows; V is the vector of velocities
+    khalil      A, C, Q, Gamma q       C12, lengths d_j and r_j of modified rows; energies E and U
+
+Siciliano, Sciavicco, Villani and Oriolo 2009; Craig 2005; Khalil and Dombre 2002.
+
+Supported: chains of any length, axes that point the opposite way, coefficients with roots of two and three.
+Not supported: joints that follow others, in sums of angles (their sines stay their own).
+"""
+
+import itertools
+import math
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import cache, partial
+from typing import Literal, TypeAlias
+
+from sympy import QQ, Add, Expr, Matrix, Mul, Rational
+from sympy.polys.rings import PolyElement, PolyRing
+
+from symid.dynamics import ExactAlgebra
+from symid.errors import Notice, UsageError
+from symid.robot import Exact, JointKind, Robot
+
+Angle: TypeAlias = tuple[tuple[int, int], ...]
+"""A sum of joint angles: number and sign of each, the first one positive."""
+Letter: TypeAlias = str | tuple[str, Angle] | tuple[str, int]
+"""A symbol by its name, ("s" or "c", angle), or ("root", 2) for a square root."""
+Monomial: TypeAlias = tuple[tuple[Letter, int], ...]
+Terms: TypeAlias = dict[Monomial, Fraction]
+
+_ONE = Exact.of(1)
+_Axes: TypeAlias = tuple[tuple[Exact, Exact, Exact], ...]
+
+_PARAMETERS = ("m", "M", "I", "J", "X", "Y", "Z", "K")
+_LONGEST_CHAIN = 3
+"""Up to here all choices of sums are tried, 16 of them; beyond only the joints' own and those from an end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Product:
+    """number * letters^powers * (inner); `inner` None stands for one."""
+
+    number: Fraction
+    letters: Monomial
+    inner: "Sum | None" = None
+
+
+@dataclass(frozen=True, slots=True)
+class Sum:
+    """A sum of products; without any it is zero."""
+
+    products: tuple[Product, ...] = ()
+
+    def count_terms(self) -> int:
+        """Return how many products of letters the sum has when its brackets stay closed inside products."""
+        return sum(max(1, p.inner.count_terms() if p.inner else 1) for p in self.products)
+
+
+@dataclass(frozen=True, slots=True)
+class _Choice:
+    """A choice of sums of angles: sine and cosine of every joint as polynomials in those of the sums."""
+
+    angles: tuple[Angle, ...]
+    images: Mapping[Letter, PolyElement]
+    algebra: ExactAlgebra
+
+
+@dataclass(frozen=True, slots=True)
+class AngleSums:
+    """The chains of parallel axes of a robot, each with all its choices of sums."""
+
+    chains: tuple[tuple[_Choice, ...], ...]
+
+
+def list_chains(robot: Robot) -> tuple[Angle, ...]:
+    """Return the longest runs of revolute joints about parallel axes: number and sense of each joint."""
+    open_chains: list[Angle] = []
+    turned: list[tuple[int, _Axes | None]] = []
+    for index, joint in enumerate(robot.joints):
+        chain, rotation = turned[joint.parent] if joint.parent >= 0 else (-1, None)
+        placed = joint.placement.rotation
+        total = placed if rotation is None else _multiply(rotation, placed)
+        if joint.kind is JointKind.PRISMATIC or joint.mimic is not None:
+            turned.append((chain if joint.mimic is None else -1, total if chain >= 0 else None))
+            continue
+        sense = 1 if total[2][2] == _ONE else -1 if total[2][2] == -_ONE else 0
+        free = chain >= 0 and sense and not _is_followed(open_chains[chain], robot, index)
+        if free:
+            before = open_chains[chain][-1][1]
+            open_chains[chain] = (*open_chains[chain], (index + 1, before * sense))
+        else:
+            open_chains.append(((index + 1, 1),))
+            chain = len(open_chains) - 1
+        turned.append((chain, None))
+    return tuple(open_chains)
+
+
+def _is_followed(chain: Angle, robot: Robot, index: int) -> bool:
+    """Return whether the chain goes on already, beyond the last joint that `index` turns after."""
+    before = robot.joints[index].parent
+    while before >= 0 and robot.joints[before].kind is JointKind.PRISMATIC:
+        before = robot.joints[before].parent
+    return chain[-1][0] != before + 1
+
+
+def _multiply(left: _Axes, right: _Axes) -> _Axes:
+    columns = list(zip(*right, strict=True))
+    a, b, c = (tuple(x * u + y * v + z * w for u, v, w in columns) for x, y, z in left)
+    return ((a[0], a[1], a[2]), (b[0], b[1], b[2]), (c[0], c[1], c[2]))
+
+
+def build_angle_sums(robot: Robot) -> AngleSums:
+    """Return the chains of a robot with their choices of sums."""
+    return AngleSums(tuple(tuple(_list_choices(chain)) for chain in list_chains(robot)))
+
+
+def _list_choices(chain: Angle) -> Iterator[_Choice]:
+    """Yield the joints' own angles first, then every other independent choice of successive sums."""
+    size = len(chain)
+    runs = [(a, b) for a in range(size) for b in range(a, size)]
+    own = tuple((k, k) for k in range(size))
+    ends = (tuple((0, k) for k in range(size)), tuple((k, size - 1) for k in range(size)))
+    every: Iterable[tuple[tuple[int, int], ...]] = itertools.combinations(runs, size)
+    others = every if size <= _LONGEST_CHAIN else ends
+    for choice in (own, *(other for other in others if other != own)):
+        rows = [[sign if a <= k <= b else 0 for k, (_, sign) in enumerate(chain)] for a, b in choice]
+        matrix = Matrix(rows)
+        if matrix.det() == 0:
+            continue
+        angles = tuple(_orient(chain[a : b + 1]) for a, b in choice)
+        senses = [chain[a][1] for a, _ in choice]
+        inverse = matrix.inv()
+        shares = [[int(inverse[k, n]) * senses[n] for n in range(size)] for k in range(size)]
+        yield _build_choice(chain, angles, shares)
+
+
+def _orient(run: Angle) -> Angle:
+    return tuple((number, sign * run[0][1]) for number, sign in run)
+
+
+def _build_choice(chain: Angle, angles: tuple[Angle, ...], shares: Sequence[Sequence[int]]) -> _Choice:
+    """Return the choice; `shares` has every joint's angle as whole multiples of the sums."""
+    ring = PolyRing([f"{kind}{k}" for k in range(len(angles)) for kind in "sc"], QQ)
+    algebra = ExactAlgebra(ring, tuple((2 * k, 2 * k + 1) for k in range(len(angles))))
+    images: dict[Letter, PolyElement] = {}
+    for (number, _), row in zip(chain, shares, strict=True):
+        sine, cosine = ring.zero, ring.one
+        for k, share in enumerate(row):
+            for _ in range(abs(share)):
+                s, c = ring.gens[2 * k] * (1 if share > 0 else -1), ring.gens[2 * k + 1]
+                sine, cosine = (
+                    algebra.reduce(sine * c + cosine * s),
+                    algebra.reduce(cosine * c - sine * s),
+                )
+        images["s", ((number, 1),)] = sine
+        images["c", ((number, 1),)] = cosine
+    return _Choice(angles, images, algebra)
+
+
+def sort_letter(letter: Letter) -> tuple[object, ...]:
+    """Return the order of letters in a product: roots, parameters, lengths, gravity, sines, rates."""
+    if isinstance(letter, tuple):
+        return (0, 0, str(letter[1])) if letter[0] == "root" else (4, letter[1], letter[0])
+    head = letter.rstrip("0123456789")
+    number = int(letter[len(head) :] or 0)
+    if head in ("dq", "ddq"):
+        return (5, number, head)
+    return (3 if letter == "g" else 1 if head[:1] in _PARAMETERS else 2, number, head)
+
+
+def _sort(monomial: Mapping[Letter, int]) -> Monomial:
+    return tuple(sorted(((k, n) for k, n in monomial.items() if n), key=lambda item: sort_letter(item[0])))
+
+
+@cache
+def _read_letter(name: str) -> Letter:
+    kind, number = name[:1], name[1:]
+    return (kind, ((int(number), 1),)) if kind in "sc" and number.isdigit() else name
+
+
+def list_terms(value: PolyElement, senses: Mapping[str, Letter] | None = None) -> Terms:
+    """Return the terms of a polynomial, roots of two and three as letters of their own."""
+    domain = value.ring.domain
+    names = [(senses or {}).get(str(x)) or _read_letter(str(x)) for x in value.ring.symbols]
+    result: Terms = {}
+    for exponents, coefficient in value.terms():
+        letters = {names[k]: power for k, power in enumerate(exponents) if power}
+        for number, root in _split_number(domain.to_sympy(coefficient)):
+            key = _sort({**letters, **({("root", root): 1} if root > 1 else {})})
+            result[key] = result.get(key, Fraction(0)) + number
+    return result
+
+
+def _split_number(value: Expr) -> Iterator[tuple[Fraction, int]]:
+    """Yield a number of Q(sqrt 2, sqrt 3) as rational multiples of square roots."""
+    for term in Add.make_args(value):
+        number, root = Fraction(1), 1
+        for factor in Mul.make_args(term):
+            if isinstance(factor, Rational):
+                number *= Fraction(int(factor.p), int(factor.q))
+            else:
+                root *= int(factor**2)
+        yield number, root
+
+
+def write_sum(value: PolyElement, sums: AngleSums, senses: Mapping[str, Letter] | None = None) -> Sum:
+    """Return a polynomial as a textbook writes it.
+
+    `senses` has the letters of generators that are not read by their names, (s1, c1: sine and cosine).
+    """
+    groups: dict[Monomial, Terms] = {}
+    for monomial, number in list_terms(value, senses).items():
+        plain = tuple(item for item in monomial if not _is_wave(item[0]))
+        waves = tuple(item for item in monomial if _is_wave(item[0]))
+        groups.setdefault(plain, {})[waves] = number
+    terms: Terms = {}
+    for plain, share in groups.items():
+        for monomial, number in _join_angles(share, sums).items():
+            terms[_sort({**dict(plain), **dict(monomial)})] = number
+    return _collect(terms)
+
+
+def _is_wave(letter: Letter) -> bool:
+    return isinstance(letter, tuple) and letter[0] in ("s", "c")
+
+
+def _join_angles(waves: Terms, sums: AngleSums) -> Terms:
+    """Return a polynomial of sines and cosines in the sums of angles that give it the fewest terms."""
+    for choices in sums.chains:
+        own = choices[0].images
+        if not any(letter in own for monomial in waves for letter, _ in monomial):
+            continue
+        forms = (_complete_squares(_substitute(waves, choice), choice.angles) for choice in choices)
+        waves = min(forms, key=lambda form: (len(form), _measure_waves(form)))
+    return waves
+
+
+def _measure_waves(terms: Terms) -> int:
+    items = [(letter[1], power) for key in terms for letter, power in key]
+    return sum(power * (3 + len(angle)) for angle, power in items if isinstance(angle, tuple))
+
+
+def _is_angle(letter: Letter) -> bool:
+    return isinstance(letter, tuple) and isinstance(letter[1], tuple)
+
+
+def _substitute(waves: Terms, choice: _Choice) -> Terms:
+    """Return the polynomial with the joints of one chain in the sums of `choice`."""
+    result: Terms = {}
+    letters: list[Letter] = [(kind, angle) for angle in choice.angles for kind in "sc"]
+    for monomial, number in waves.items():
+        image = choice.algebra.one
+        rest = []
+        for letter, power in monomial:
+            if letter in choice.images:
+                for _ in range(power):
+                    image = choice.algebra.mul(image, choice.images[letter])
+            else:
+                rest.append((letter, power))
+        for exponents, factor in image.terms():
+            joined = {**dict(rest), **{letters[k]: n for k, n in enumerate(exponents) if n}}
+            key = _sort(joined)
+            total = result.get(key, Fraction(0)) + number * Fraction(
+                int(factor.numerator), int(factor.denominator)
+            )
+            result[key] = total
+            if not total:
+                del result[key]
+    return result
+
+
+def _complete_squares(terms: Terms, angles: Sequence[Angle]) -> Terms:
+    """Return the terms with s^2 for 1 - c^2, and c^2 - s^2 for 2 c^2 - 1."""
+    terms = dict(terms)
+    for angle in angles:
+        sine, cosine = ("s", angle), ("c", angle)
+        for monomial in tuple(terms):
+            powers, number = dict(monomial), terms.get(monomial)
+            square = _sort({**powers, cosine: powers.get(cosine, 0) + 2})
+            other = terms.get(square)
+            if number is None or other is None or powers.get(sine):
+                continue
+            if other in (-number, -2 * number):
+                del terms[monomial]
+                terms[_sort({**powers, sine: 2})] = number
+                terms[square] = other + number
+                if not terms[square]:
+                    del terms[square]
+    return terms
+
+
+# The largest ratio of two numbers that a common factor may leave.
+_LARGE = 4
+
+
+def _collect(terms: Terms) -> Sum:
+    """Return the sum with common factors taken out, again and again the one that saves most letters."""
+    products: list[Product] = []
+    rest = dict(terms)
+    while rest:
+        factor, saved = _find_factor(rest)
+        if saved <= 0:
+            products += [Product(number, monomial) for monomial, number in rest.items()]
+            break
+        divisor = dict(factor)
+        chosen = {key: rest.pop(key) for key in tuple(rest) if _divides(divisor, dict(key))}
+        products.append(_take_out(chosen, divisor))
+    ordered = sorted(products, key=_sort_product)
+    # A sum begins with a term that is added, where it has one.
+    first = next((k for k, product in enumerate(ordered) if product.number > 0), 0)
+    return Sum((ordered[first], *ordered[:first], *ordered[first + 1 :]) if ordered else ())
+
+
+def _take_out(chosen: Terms, divisor: Mapping[Letter, int]) -> Product:
+    inner = {
+        _sort({letter: power - divisor.get(letter, 0) for letter, power in key}): number
+        for key, number in chosen.items()
+    }
+    numbers = list(inner.values())
+    factor = Fraction(
+        math.gcd(*(number.numerator for number in numbers)),
+        math.lcm(*(number.denominator for number in numbers)),
+    )
+    factor = -factor if all(number < 0 for number in numbers) else factor
+    if any(abs(number / factor) > _LARGE for number in numbers):
+        factor = Fraction(1)
+    return Product(factor, _sort(divisor), _collect({key: number / factor for key, number in inner.items()}))
+
+
+def _divides(divisor: Mapping[Letter, int], monomial: Mapping[Letter, int]) -> bool:
+    """Return whether a product holds the divisor, and no more of its letters: squares stay whole."""
+    return all(monomial.get(letter, 0) == power for letter, power in divisor.items())
+
+
+def _find_factor(terms: Terms) -> tuple[Monomial, int]:
+    """Return the product of letters that saves most when it is taken out of the terms that share it."""
+    keys = [dict(key) for key in terms]
+    candidates: dict[Monomial, int] = {}
+    for left, right in itertools.combinations(keys, 2):
+        common = _sort({letter: n for letter, n in left.items() if right.get(letter) == n})
+        if common and common not in candidates:
+            weight = sum(n * (2 if _is_angle(letter) else 1) for letter, n in common)
+            count = sum(_divides(dict(common), key) for key in keys)
+            candidates[common] = (count - 1) * weight
+    if not candidates:
+        return (), 0
+    best = max(candidates, key=lambda key: (candidates[key], -len(key)))
+    return best, candidates[best]
+
+
+def _sort_product(product: Product) -> tuple[object, ...]:
+    """Return the order of products in a sum: without sines first, then by letters."""
+    waves = sum(_is_angle(letter) for letter, _ in product.letters)
+    inner = 0 if product.inner is None else 1
+    hidden = _count_waves(product.inner)
+    keys = tuple((sort_letter(letter), -power) for letter, power in product.letters)
+    return (min(waves + hidden, 1), inner, waves, len(keys) == 0, str(keys))
+
+
+def _count_waves(total: Sum | None) -> int:
+    return sum(
+        _count_waves(p.inner) + sum(_is_angle(letter) for letter, _ in p.letters)
+        for p in (total.products if total else ())
+    )
+
+
+def expand_sum(total: Sum, algebra: ExactAlgebra, names: Mapping[Letter, str] | None = None) -> PolyElement:
+    """Return a sum as the polynomial of `algebra` that it stands for; `names` undoes the senses."""
+    known, result = algebra.generators, algebra.zero
+    for product in total.products:
+        number = QQ(product.number.numerator, product.number.denominator)
+        value = algebra.one * algebra.ring.domain.convert(number)
+        for letter, power in product.letters:
+            factor = _expand_letter(letter, algebra, known, names or {})
+            for _ in range(power):
+                value = algebra.mul(value, factor)
+        result += (
+            value if product.inner is None else algebra.mul(value, expand_sum(product.inner, algebra, names))
+        )
+    return result
+
+
+def _expand_letter(
+    letter: Letter, algebra: ExactAlgebra, known: Mapping[str, PolyElement], names: Mapping[Letter, str]
+) -> PolyElement:
+    if letter in names:
+        return known[names[letter]]
+    if isinstance(letter, str):
+        return known[letter]
+    kind, what = letter
+    if isinstance(what, int):
+        return algebra.ring.ground_new(algebra.ring.domain.from_sympy(Rational(what) ** Rational(1, 2)))
+    sine, cosine = algebra.zero, algebra.one
+    for number, sign in what:
+        s, c = known[f"s{number}"] * sign, known[f"c{number}"]
+        sine, cosine = algebra.reduce(sine * c + cosine * s), algebra.reduce(cosine * c - sine * s)
+    return sine if kind == "s" else cosine
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Style:
+    """How letters are written: `write` in LaTeX with its power; decimals shorter than `digits` stay whole."""
+
+    write: Callable[[Letter, int], str]
+    digits: int = 6
+
+
+def write_latex(total: Sum, style: Style) -> str:
+    """Return a sum in LaTeX; its signs stand outside of groups, so that lines can break there."""
+    if not total.products:
+        return "0"
+    text = ""
+    for k, product in enumerate(total.products):
+        negative = product.number < 0
+        sign = "-" if negative else "+" if k else ""
+        text += f" {sign} " if k else sign
+        text += _write_product(abs(product.number), product, style)
+    return text
+
+
+def _write_product(number: Fraction, product: Product, style: Style) -> str:
+    inner = product.inner
+    alone = inner is None and not product.letters
+    parts = [] if number == 1 and not alone else [write_number(number)]
+    letters = [style.write(letter, power) for letter, power in product.letters]
+    if inner is not None:
+        # A bracket without sines stands before the sines: (m1 lc1 + m2 l1) g c1.
+        place = len(letters)
+        if not _count_waves(inner):
+            place = sum(not _is_late(letter) for letter, _ in product.letters)
+        letters.insert(place, rf"({write_latex(inner, style)})")
+    return r" \, ".join([*parts, *letters])
+
+
+def _is_late(letter: Letter) -> bool:
+    return isinstance(letter, tuple) or sort_letter(letter)[0] == 5
+
+
+def write_number(number: Fraction) -> str:
+    """Return a positive number in LaTeX: a decimal where it is a short one, else a fraction."""
+    if number.denominator == 1:
+        return str(number.numerator)
+    rest = number.denominator
+    for prime in (2, 5):
+        while rest % prime == 0:
+            rest //= prime
+    if rest == 1 and number.denominator not in (2, 4, 8):
+        text = f"{float(number):.10g}"
+        if Fraction(text) == number and len(text) <= 9:
+            return text
+    if max(number.numerator, number.denominator) > 9999:
+        return rf"{float(number):.6g}"
+    return rf"\tfrac{{{number.numerator}}}{{{number.denominator}}}"
+
+
+def write_text(total: Sum) -> str:
+    """Return a sum in plain text, c23 for cos(q2 + q3), as Python reads it with ** for powers."""
+    parts = []
+    for product in total.products:
+        factors = (
+            []
+            if abs(product.number) == 1 and (product.letters or product.inner)
+            else [str(abs(product.number))]
+        )
+        factors += [write_letter(letter) + (f"**{n}" if n > 1 else "") for letter, n in product.letters]
+        factors += [f"({write_text(product.inner)})"] if product.inner else []
+        parts.append(("- " if product.number < 0 else "+ ") + "*".join(factors))
+    text = " ".join(parts)
+    return (text[2:] if text.startswith("+ ") else text.replace("- ", "-", 1)) or "0"
+
+
+def write_letter(letter: Letter) -> str:
+    """Return a letter in plain text."""
+    if isinstance(letter, str):
+        return letter
+    kind, what = letter
+    if isinstance(what, int):
+        return f"sqrt({what})"
+    if all(sign > 0 for _, sign in what) and all(number < 10 for number, _ in what):
+        return kind + "".join(str(number) for number, _ in what)
+    angle = "".join(f"{'+' if sign > 0 else '-'}q{number}" for number, sign in what)
+    return f"{'sin' if kind == 's' else 'cos'}({angle.removeprefix('+')})"
+
+
+def write_code(total: Sum, values: str = "") -> str:
+    """Return a sum as code: SymPy's, or with `values` JavaScript that reads the object of that name."""
+    parts = []
+    for product in total.products:
+        number = abs(product.number)
+        plain = number == 1 and (product.letters or product.inner is not None)
+        factors = [] if plain else [f"({number})" if number.denominator > 1 else str(number)]
+        for letter, power in product.letters:
+            text = _write_code_letter(letter, values)
+            factors += [text] * power if values else [text if power == 1 else f"{text}**{power}"]
+        if product.inner is not None:
+            factors.append(f"({write_code(product.inner, values)})")
+        parts.append(("- " if product.number < 0 else "+ ") + "*".join(factors))
+    text = " ".join(parts)
+    return (text[2:] if text.startswith("+ ") else text.replace("- ", "-", 1)) or "0"
+
+
+def _write_code_letter(letter: Letter, values: str) -> str:
+    head = f"{values}." if values else ""
+    if isinstance(letter, str):
+        return f"{head}{letter}"
+    kind, what = letter
+    function = "Math." if values else ""
+    if isinstance(what, int):
+        return f"{function}sqrt({what})"
+    angle = " ".join(f"{'+' if sign > 0 else '-'} {head}q{number}" for number, sign in what)
+    return f"{function}{'sin' if kind == 's' else 'cos'}({angle.removeprefix('+ ')})"
+
+
+# The letters of books.
+
+BookName: TypeAlias = Literal["symid", "siciliano", "craig", "khalil"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Book:
+    """Letters in LaTeX.
+
+    Attributes:
+        name: as the option has it. title: authors, title, year; empty for symid's own.
+        mass, coriolis, gravity, torque: the matrices. kinetic, potential: the energies.
+        angle, slide: of revolute and prismatic joints. coordinates: the vector of both.
+        sine, cosine: of the short form. length, offset: of the table's rows. shift: what the number of a
+            length is more than that of its row. long: write cos(q1 + q2) in place of c12.
+    """
+
+    name: BookName
+    title: str = ""
+    mass: str = "M"
+    coriolis: str = "C"
+    gravity: str = "g"
+    torque: str = r"\tau"
+    kinetic: str = "T"
+    potential: str = "V"
+    angle: str = "q"
+    slide: str = "q"
+    coordinates: str = "q"
+    sine: str = "s"
+    cosine: str = "c"
+    length: str = "a"
+    offset: str = "d"
+    shift: int = 0
+    grouped: str = "{name}_{{{number}}}^{{\\mathrm R}}"
+    long: bool = False
+
+
+_SICILIANO = Book(
+    name="siciliano",
+    title="Siciliano, Sciavicco, Villani, Oriolo: Robotics - Modelling, Planning and Control (2009)",
+    mass="B",
+    kinetic=r"\mathcal T",
+    potential=r"\mathcal U",
+    angle=r"\vartheta",
+    slide="d",
+    shift=-1,
+)
+_CRAIG = Book(
+    name="craig",
+    title="Craig: Introduction to Robotics - Mechanics and Control (3rd edition, 2005)",
+    coriolis="C",
+    gravity="G",
+    kinetic="k",
+    potential="u",
+    angle=r"\theta",
+    slide="d",
+    coordinates=r"\Theta",
+    shift=-1,
+)
+_KHALIL = Book(
+    name="khalil",
+    title="Khalil, Dombre: Modeling, Identification and Control of Robots (2002)",
+    mass="A",
+    gravity="Q",
+    torque=r"\Gamma",
+    kinetic="E",
+    potential="U",
+    slide="r",
+    sine="S",
+    cosine="C",
+    length="d",
+    offset="r",
+    grouped="{name}_{{\\mathrm R{number}}}",
+)
+_BOOKS = {book.name: book for book in (Book(name="symid"), _SICILIANO, _CRAIG, _KHALIL)}
+BOOK_NAMES: tuple[BookName, ...] = ("symid", "siciliano", "craig", "khalil")
+
+
+def get_book(name: str, *, angle: str | None = None, long: bool = False) -> Book:
+    """Return the letters of a book.
+
+    Args:
+        name: one of `BOOK_NAMES`.
+        angle: "q" or "theta" in place of the book's own letter of an angle.
+        long: whether to write cos(q1 + q2) in place of c12.
+
+    Raises:
+        UsageError: there is no such book.
+    """
+    if name not in _BOOKS:
+        text = f"there is no notation {name!r}; it is one of {', '.join(BOOK_NAMES)}"
+        raise UsageError(Notice(code="usage.notation", text=text))
+    book = replace(_BOOKS[name], long=long)
+    letters = {"q": "q", "theta": r"\theta"}
+    return replace(book, angle=letters[angle], coordinates=letters[angle]) if angle else book
+
+
+_COMPOSITE = re.compile(r"^(XX|XY|XZ|YY|YZ|ZZ|MX|MY|MZ|M)c(\d+)$")
+_PULL = re.compile(r"^G(\d+)([xyz])$")
+_MOMENTUM = re.compile(r"^([FN])(\d+)_(\d+)([xyz])$")
+_ROW = re.compile(r"^([ad])(\d+)$")
+_RATE = re.compile(r"^(d{0,2})q(\d+)$")
+_KHALIL_NAME = re.compile(r"^(XX|XY|XZ|YY|YZ|ZZ|MX|MY|MZ|M|IA|KS|KR)(R?)(\d+)$")
+_CENTRE = re.compile(r"^l([xyz])(\d+)$")
+_CENTRAL = re.compile(r"^I(\d+)([xyz]{2})$")
+_PLAIN = re.compile(r"^([A-Za-z])([A-Za-z]*)_?(\d*)$")
+_GREEK = "alpha beta gamma delta epsilon zeta eta theta kappa lambda mu nu xi rho sigma tau phi chi psi omega"
+
+
+def write_symbol(name: str, book: Book, slides: frozenset[int] = frozenset()) -> str:
+    """Return the symbol `name` in LaTeX; `slides` are the numbers of prismatic joints."""
+    if match := _RATE.match(name):
+        letter = book.slide if int(match[2]) in slides else book.angle
+        dots = {"": "", "d": r"\dot ", "dd": r"\ddot "}[match[1]]
+        return f"{dots}{{{letter}}}_{{{match[2]}}}" if dots else f"{letter}_{{{match[2]}}}"
+    if match := _COMPOSITE.match(name):
+        return rf"\overline{{\mathit{{{match[1]}}}}}_{{{match[2]}}}"
+    if match := _PULL.match(name):
+        return rf"{{}}^{{{match[1]}}}g_{{{match[2]}}}"
+    if match := _MOMENTUM.match(name):
+        letter = "p" if match[1] == "F" else "h"
+        return rf"{{}}^{{{match[3]}}}{letter}^{{({match[2]})}}_{{{match[4]}}}"
+    if match := _ROW.match(name):
+        shift = book.shift if match[1] == "a" else 0
+        letter = book.length if match[1] == "a" else book.offset
+        return f"{letter}_{{{int(match[2]) + shift}}}"
+    if match := _KHALIL_NAME.match(name):
+        letters = rf"\mathit{{{match[1]}}}" if len(match[1]) > 1 else match[1]
+        if match[2]:
+            return book.grouped.format(name=letters, number=match[3])
+        return f"{letters}_{{{match[3]}}}"
+    if match := _CENTRE.match(name):
+        return f"\\ell_{{{match[2]}{match[1]}}}"
+    if match := _CENTRAL.match(name):
+        return f"I_{{{match[1]},{match[2]}}}"
+    return _write_plain(name)
+
+
+def _write_plain(name: str) -> str:
+    head = name.rstrip("0123456789_")
+    if head.lower() in _GREEK.split():
+        number = name[len(head) :].strip("_")
+        return f"\\{head}_{{{number}}}" if number else f"\\{head}"
+    if match := _PLAIN.match(name):
+        word = rf"\mathrm{{{match[2]}}}" if match[2] else ""
+        below = f"{word}{match[3]}"
+        return f"{match[1]}_{{{below}}}" if below else match[1]
+    escaped = name.replace("_", r"\_")
+    return rf"\mathit{{{escaped}}}"
+
+
+def write_angle(angle: Angle, book: Book) -> str:
+    """Return a sum of joint angles."""
+    text = "".join(f" {'+' if sign > 0 else '-'} {book.angle}_{{{number}}}" for number, sign in angle)
+    return text.removeprefix(" + ")
+
+
+def _write_wave(kind: str, angle: Angle, power: int, book: Book) -> str:
+    above = f"^{{{power}}}" if power > 1 else ""
+    simple = all(sign > 0 for _, sign in angle)
+    if book.long:
+        name = r"\sin" if kind == "s" else r"\cos"
+        inner = write_angle(angle, book)
+        return rf"{name}{above} {inner}" if len(angle) == 1 else rf"{name}{above}({inner})"
+    letter = book.sine if kind == "s" else book.cosine
+    comma = "," if any(number > 9 for number, _ in angle) else ""
+    numbers = [f"{'' if sign > 0 else '-'}{number}" for number, sign in angle]
+    below = comma.join(numbers) if simple else "".join(numbers)
+    return f"{letter}_{{{below}}}{above}"
+
+
+def _write_letter(book: Book, slides: frozenset[int], letter: Letter, power: int) -> str:
+    if isinstance(letter, str):
+        text = write_symbol(letter, book, slides)
+        if power == 1:
+            return text
+        busy = "^" in text or text.startswith(r"\d")
+        return (
+            f"({text})^{{{power}}}"
+            if "^" in text
+            else f"{text}^{{{power}}}"
+            if not busy
+            else f"{text}^{{\\,{power}}}"
+        )
+    kind, what = letter
+    if isinstance(what, int):
+        return rf"\sqrt{{{what}}}"
+    return _write_wave(kind, what, power, book)
+
+
+def build_style(book: Book, slides: frozenset[int] = frozenset()) -> Style:
+    """Return how sums are written in the letters of a book."""
+    return Style(write=partial(_write_letter, book, slides))

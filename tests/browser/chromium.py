@@ -1,0 +1,149 @@
+"""A headless Chromium for tests, driven over its debugging pipe: no package, no port, no network."""
+
+import base64
+import contextlib
+import fcntl
+import json
+import os
+import select
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
+_PATIENCE = 60.0
+
+
+def find_chromium():
+    """Return the path of Chromium, None where there is none."""
+    return next(filter(None, map(shutil.which, PROGRAMS)), None)
+
+
+class Browser:
+    """One page. `messages` holds what the console said, `requests` the addresses that were asked for."""
+
+    def __init__(self):
+        self.folder = tempfile.TemporaryDirectory(prefix="symid-chromium-")
+        # Chromium reads commands from 3 and writes answers to 4.
+        read, self._out = os.pipe()
+        self._in, write = os.pipe()
+        ends = [fcntl.fcntl(end, fcntl.F_DUPFD, 50) for end in (read, write)]
+        options = (
+            "--headless=new",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--disable-dev-shm-usage",
+            "--hide-scrollbars",
+            "--remote-debugging-pipe",
+            f"--user-data-dir={self.folder.name}",
+            "about:blank",
+        )
+        start = (
+            "import os, sys; os.dup2(int(sys.argv[1]), 3); os.dup2(int(sys.argv[2]), 4); "
+            "os.execv(sys.argv[3], sys.argv[3:])"
+        )
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", start, *map(str, ends), find_chromium(), *options],
+            pass_fds=ends,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        for end in (read, write, *ends):
+            os.close(end)
+        self._number, self._buffer, self._session = 0, b"", None
+        self.messages, self.requests, self._loaded = [], [], False
+        target = self.call("Target.getTargets")["targetInfos"]
+        page = next(one for one in target if one["type"] == "page")
+        attached = self.call("Target.attachToTarget", targetId=page["targetId"], flatten=True)
+        self._session = attached["sessionId"]
+        for domain in ("Page", "Runtime", "Network", "Log"):
+            self.call(f"{domain}.enable")
+
+    def call(self, method, **parameters):
+        self._number += 1
+        message = {"id": self._number, "method": method, "params": parameters}
+        if self._session:
+            message["sessionId"] = self._session
+        os.write(self._out, json.dumps(message).encode() + b"\0")
+        while True:
+            answer = self._read()
+            if answer.get("id") == self._number:
+                assert "error" not in answer, answer
+                return answer["result"]
+
+    def _read(self):
+        end = time.monotonic() + _PATIENCE
+        while b"\0" not in self._buffer:
+            ready, _, _ = select.select([self._in], [], [], max(0.0, end - time.monotonic()))
+            assert ready, "Chromium does not answer"
+            data = os.read(self._in, 1 << 20)
+            assert data, "Chromium has ended"
+            self._buffer += data
+        line, self._buffer = self._buffer.split(b"\0", 1)
+        answer = json.loads(line)
+        self._note(answer)
+        return answer
+
+    def _note(self, answer):
+        method, given = answer.get("method"), answer.get("params", {})
+        if method == "Runtime.consoleAPICalled":
+            self.messages.append(str(given["args"]))
+        elif method == "Runtime.exceptionThrown":
+            self.messages.append(str(given["exceptionDetails"].get("exception", given)))
+        elif method == "Log.entryAdded":
+            self.messages.append(given["entry"]["text"])
+        elif method == "Network.requestWillBeSent":
+            self.requests.append(given["request"]["url"])
+        elif method == "Page.loadEventFired":
+            self._loaded = True
+
+    def size(self, width, height, *, dark=False):
+        self.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
+        scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
+        self.call("Emulation.setEmulatedMedia", features=scheme)
+
+    def open(self, path):
+        self._loaded = False
+        self.messages.clear()
+        self.requests.clear()
+        self.call("Page.navigate", url=Path(path).resolve().as_uri())
+        while not self._loaded:
+            self._read()
+
+    def run(self, script):
+        found = self.call("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
+        assert "exceptionDetails" not in found, found
+        return found["result"].get("value")
+
+    def drag(self, points):
+        kinds = ["mousePressed", *["mouseMoved"] * (len(points) - 2), "mouseReleased"]
+        for kind, (x, y) in zip(kinds, points, strict=True):
+            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+
+    def shoot(self, path):
+        size = self.call("Page.getLayoutMetrics")["cssContentSize"]
+        clip = {"x": 0, "y": 0, "width": size["width"], "height": size["height"], "scale": 1}
+        found = self.call("Page.captureScreenshot", format="png", captureBeyondViewport=True, clip=clip)
+        Path(path).write_bytes(base64.b64decode(found["data"]))
+
+    def print(self, path):
+        found = self.call("Page.printToPDF", printBackground=False, preferCSSPageSize=False)
+        Path(path).write_bytes(base64.b64decode(found["data"]))
+
+    def close(self):
+        self.process.terminate()
+        self.process.wait(timeout=20)
+        os.close(self._in)
+        os.close(self._out)
+        with contextlib.suppress(OSError):
+            self.folder.cleanup()

@@ -1,0 +1,122 @@
+"""Lessons in a headless Chromium: what a reader sees is what the library computes; nothing is asked for."""
+
+import numpy as np
+import pytest
+
+import symid
+from symid.joint_models import Elasticity, compute_hysteresis_torque, compute_stored_energy
+from symid.robot import load_robot
+
+pytestmark = pytest.mark.browser
+
+ROBOTS = (
+    "two_link",
+    "two_link_symbols",
+    "two_link_elastic",
+    "scara",
+    "puma560",
+    "panda",
+    "quadruped",
+    "ppr",
+)
+
+CUT_OFF = "[...document.querySelectorAll('.formula .set')].filter((x) => x.scrollWidth > x.clientWidth + 2)"
+
+
+@pytest.fixture(scope="session")
+def pages(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("lessons")
+
+    def get(name):
+        path = folder / f"{name}.html"
+        return path if path.exists() else symid.load(name).write_lesson(path).path
+
+    return get
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_page_is_quiet_and_nothing_is_cut_off(browser, pages, name):
+    for width, dark in ((1280, False), (400, False), (1280, True)):
+        browser.size(width, 900, dark=dark)
+        browser.open(pages(name))
+        assert browser.run("document.fonts.ready.then(() => document.querySelectorAll('.katex').length)") > 20
+        assert browser.messages == []
+        assert [url for url in browser.requests if not url.startswith(("file:", "data:"))] == []
+        assert browser.run("document.querySelectorAll('.katex-error').length") == 0
+        assert browser.run("document.documentElement.scrollWidth") <= width
+        assert browser.run("document.querySelectorAll('.katex-mathml math').length") > 20
+        if width == 1280:
+            assert browser.run(f"{CUT_OFF}.length") == 0
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_matrices_of_the_page_are_those_of_the_library(browser, pages, name):
+    browser.size(1280, 900)
+    browser.open(pages(name))
+    robot = symid.load(name)
+    library = robot.compile()
+    rng = np.random.default_rng(3)
+    beta = np.array(browser.run("LESSON_DATA.beta"))
+    for _ in range(3):
+        q = rng.uniform(-1.0, 1.0, robot.description.freedom)
+        browser.run(f"window.lesson.move({q.tolist()})")
+        # Formulas are held against generated code in the page, that against the library here.
+        assert browser.run("window.lesson.worst") < 1e-9
+        assert np.abs(np.array(browser.run("window.lesson.mass")) - library.mass_matrix(q, beta)).max() < 1e-9
+        assert np.abs(np.array(browser.run("window.lesson.gravity")) - library.gravity(q, beta)).max() < 1e-9
+
+
+def test_sliders_move_the_arm(browser, pages):
+    browser.size(1280, 900)
+    browser.open(pages("two_link_symbols"))
+    before = browser.run("document.querySelector('[data-name=M1_1]').textContent")
+    browser.run(
+        "(() => { const x = document.querySelectorAll('aside .slider input')[1]; x.value = 0; "
+        "x.dispatchEvent(new Event('input')); })()"
+    )
+    after = browser.run("document.querySelector('[data-name=M1_1]').textContent")
+    library = symid.load("two_link_symbols").compile()
+    q = np.array(browser.run("window.lesson.state.q"))
+    assert abs(q[1]) < 1e-9
+    assert before != after
+    value = library.mass_matrix(q, library.beta)[0, 0]
+    assert after == f"= {float(f'{value:.4g}'):g} kg m²"
+
+
+def test_a_torsion_that_is_dragged_gives_the_torque_of_the_joint_model(browser, pages):
+    browser.size(1280, 900)
+    browser.open(pages("two_link_elastic"))
+    elasticity = load_robot("two_link_elastic").joints[0].elasticity
+    assert isinstance(elasticity, Elasticity)
+    browser.run("(() => { const spring = window.lesson.springs[0]; spring.reset(); })()")
+    path = [0.0, 0.012, -0.004, 0.009, -0.015, 0.02]
+    for goal in path[1:]:
+        browser.run(f"window.lesson.springs[0].stepTo({goal})")
+    trail = np.array(browser.run("window.lesson.springs[0].one.trail"))
+    torque = compute_hysteresis_torque(elasticity, trail[:, 0])
+    assert np.abs(trail[:, 1] - torque).max() < 1e-12
+    assert np.abs(trail[:, 3] - compute_stored_energy(elasticity, trail[:, 0])).max() < 1e-12
+    assert np.all(np.diff(trail[:, 2] - trail[:, 3]) > -1e-6)
+
+
+def test_the_loop_follows_the_mouse(browser, pages):
+    browser.size(1280, 900)
+    browser.open(pages("two_link_elastic"))
+    browser.run("document.querySelector('[data-widget=hysteresis]').scrollIntoView({ block: 'center' })")
+    box = browser.run(
+        "(() => { const b = document.querySelector('[data-widget=hysteresis] svg').getBoundingClientRect(); "
+        "return [b.x, b.y, b.width, b.height]; })()"
+    )
+    x, y, width, height = box
+    browser.run("window.lesson.springs[0].reset()")
+    browser.drag([(x + share * width, y + height / 2) for share in (0.5, 0.7, 0.9, 0.4, 0.4)])
+    trail = np.array(browser.run("window.lesson.springs[0].one.trail"))
+    assert trail[:, 0].max() > 0.01
+    assert trail[-1, 0] < 0.0
+
+
+def test_a_printed_page_has_everything_open(browser, pages, tmp_path):
+    browser.size(1000, 900)
+    browser.open(pages("two_link"))
+    browser.print(tmp_path / "lesson.pdf")
+    assert (tmp_path / "lesson.pdf").read_bytes().startswith(b"%PDF")

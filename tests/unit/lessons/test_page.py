@@ -1,0 +1,133 @@
+"""Lessons as pages: one file, no request, the same bytes, braces in balance, parts of every kind of robot."""
+
+import html
+import re
+
+import pytest
+
+import symid
+from symid.cli.main import run
+from symid.errors import SymidError
+from symid.lessons import dynamic_chapters, get_book, write_lesson_page
+from symid.lessons.chapters import build_values
+from symid.lessons.matrices import build_model
+from symid.robot import load_robot
+from symid.robot.toml_reader import parse_robot
+
+
+def list_formulas(page):
+    return [html.unescape(text) for text in re.findall(r'<span class="tex">(.*?)</span>', page)]
+
+
+@pytest.fixture(scope="module")
+def page():
+    return write_lesson_page(load_robot("two_link_elastic"), get_book("symid"))
+
+
+def test_a_page_is_one_file_that_loads_nothing(page):
+    assert len(page.encode()) < 2_000_000
+    assert not re.findall(r"(?:src|href)\s*=\s*[\"']?(?:https?:)?//", page)
+    assert "url(fonts" not in page
+    assert page.count("url(data:font/woff2") == 11
+    assert "@import" not in page
+    assert not re.search(r"\{\{[A-Z]+\}\}", page)
+
+
+def test_the_same_robot_gives_the_same_bytes(page):
+    assert write_lesson_page(load_robot("two_link_elastic"), get_book("symid")) == page
+
+
+def test_formulas_are_in_balance(page):
+    formulas = list_formulas(page)
+    assert len(formulas) > 80
+    for formula in formulas:
+        bare = formula.replace(r"\{", "").replace(r"\}", "")
+        assert bare.count("{") == bare.count("}"), formula
+
+
+def test_an_elastic_robot_has_both_sides_springs_and_two_steps(page):
+    titles = re.findall(r'<span class="count">\d+</span>(.*?)</h2>', page)
+    assert titles[-4:] == [
+        "Motor and link",
+        "Springs that remember",
+        "Energy of the springs, and their inverse",
+        "The two-step method",
+    ]
+    assert "function hysteresis_step(" in page
+    assert "function mass_matrix(" in page
+
+
+@pytest.mark.parametrize(
+    ("book", "formula"),
+    [
+        ("symid", r"g_{2} = m_{2} \, l_{\mathrm{c}2} \, g \, c_{12}"),
+        ("siciliano", r"B_{22} = I_{2} + m_{2} \, l_{\mathrm{c}2}^{2}"),
+        ("craig", r"G_{2} = m_{2} \, l_{\mathrm{c}2} \, g \, c_{12}"),
+        ("khalil", r"Q_{2} = m_{2} \, l_{\mathrm{c}2} \, g \, C_{12}"),
+    ],
+)
+def test_books_have_their_letters(book, formula):
+    assert formula in list_formulas(write_lesson_page(load_robot("two_link_symbols"), get_book(book)))
+
+
+def test_angles_and_sines_as_wanted():
+    book = get_book("symid", angle="theta", long=True)
+    formulas = list_formulas(write_lesson_page(load_robot("two_link_symbols"), book))
+    assert r"g_{2} = m_{2} \, l_{\mathrm{c}2} \, g \, \cos(\theta_{1} + \theta_{2})" in formulas
+
+
+def test_masses_and_centres_of_mass_where_they_are_wanted():
+    formulas = list_formulas(write_lesson_page(load_robot("two_link"), get_book("siciliano")))
+    assert any(text.startswith("B_{22} = I_{2,zz} + m_{2}") for text in formulas)
+
+
+def test_texts_of_the_file_are_escaped():
+    robot = parse_robot(
+        'name = "a"\ndescription = "<script>x</script>"\nconvention = "modified"\ngravity = [0, 0, -9.81]\n'
+        '[[joint]]\nname = "{{STYLE}}"\nkind = "revolute"\nalpha = "pi/2"\n'
+    )
+    text = write_lesson_page(robot, get_book("symid"))
+    assert "<script>x" not in text
+    assert "{{STYLE}}" in text
+    assert text.count("KaTeX_Main") == write_lesson_page(load_robot("two_link"), get_book("symid")).count(
+        "KaTeX_Main"
+    )
+
+
+def test_stand_ins_are_bodies_and_are_said():
+    robot = load_robot("scara")
+    _, beta, made = build_values(robot, build_model(robot, "base"))
+    assert made
+    assert len(beta) == 8
+    assert "stand-in links" in write_lesson_page(robot, get_book("symid"))
+
+
+def test_a_contradiction_is_never_a_page(monkeypatch):
+    monkeypatch.setattr(dynamic_chapters, "check_skew", lambda _: False)
+    with pytest.raises(SymidError, match="dM/dt - 2C is not skew"):
+        write_lesson_page(load_robot("two_link"), get_book("symid"))
+
+
+def test_the_front_door(tmp_path):
+    lesson = symid.load("two_link").write_lesson(tmp_path / "lesson.html", notation="khalil")
+    assert lesson.path.stat().st_size == lesson.size
+    assert lesson.to_dict()["notation"] == "khalil"
+    with pytest.raises(symid.OutputError, match=r"\.html"):
+        symid.load("two_link").write_lesson(tmp_path / "lesson.pdf")
+
+
+def test_a_derivation_writes_its_page(tmp_path):
+    path = symid.load("two_link").derivation().html(tmp_path / "lesson.html")
+    assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+
+
+def test_options_of_a_page_need_a_page(capsys):
+    """The notice is usage.lesson-option."""
+    assert run(["derive", "two_link", "--notation", "craig"]) == 2
+    assert "--notation: only for a page; add --html FILE" in capsys.readouterr().err
+
+
+def test_the_verb_writes_a_page(capsys, tmp_path):
+    assert run(["derive", "ppr", "--html", str(tmp_path / "ppr.html"), "-q"]) == 0
+    assert "opens in any browser" in capsys.readouterr().out
+    assert (tmp_path / "ppr.html").exists()
