@@ -25,9 +25,9 @@ int symid_emps_forward_dynamics_derivatives_batch(size_t n, const double *restri
     if (n >= SYMID_EMPS_LANES) {
         for (size_t first = 0; first < n; first += SYMID_EMPS_LANES) {
             const size_t k = first <= n - SYMID_EMPS_LANES ? first : n - SYMID_EMPS_LANES;
-            const lanes tau0 = GATHER(tau + 1 * k, 1);
             const lanes t3 = ALL(1.0) / ALL(beta[0]);
             store_one(dddq_dtau + 1 * k, 1, t3);
+            const lanes tau0 = GATHER(tau + 1 * k, 1);
             const lanes t5 = tau0 * t3;
             store_one(ddq + 1 * k, 1, t5);
             store_one(dddq_dq + 1 * k, 1, ALL(0.0));

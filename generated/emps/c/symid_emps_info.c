@@ -13,5 +13,5 @@ const char *symid_emps_signature(void)
 
 const char *symid_emps_digest(void)
 {
-    return "11b1fd358764847393432de5ca60f59ea198660cfeff04c69c08203bab1b7b9a";
+    return "881010db5da10d5a6dffbadc2f5f8b9656db00446a4d0334d6cb201ce7f2545a";
 }

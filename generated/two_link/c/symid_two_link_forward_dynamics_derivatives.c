@@ -134,10 +134,6 @@ int symid_two_link_forward_dynamics_derivatives_batch(size_t n, const double *re
             const size_t k = first <= n - SYMID_TWO_LINK_LANES ? first : n - SYMID_TWO_LINK_LANES;
             const lanes q0 = GATHER(q + 2 * k, 2);
             const lanes q1 = GATHER(q + 2 * k + 1, 2);
-            const lanes dq0 = GATHER(dq + 2 * k, 2);
-            const lanes dq1 = GATHER(dq + 2 * k + 1, 2);
-            const lanes tau0 = GATHER(tau + 2 * k, 2);
-            const lanes tau1 = GATHER(tau + 2 * k + 1, 2);
             const lanes angles[2] = {q0, q1};
             lanes sines[2];
             lanes cosines[2];
@@ -159,8 +155,11 @@ int symid_two_link_forward_dynamics_derivatives_batch(size_t n, const double *re
             const lanes t22 = t21 * ALL(9.81);
             const lanes t23 = t22 * t20;
             const lanes t24 = t15 - t23;
+            const lanes tau0 = GATHER(tau + 2 * k, 2);
             const lanes t26 = tau0 + t24;
+            const lanes dq0 = GATHER(dq + 2 * k, 2);
             const lanes t28 = dq0 * t8;
+            const lanes dq1 = GATHER(dq + 2 * k + 1, 2);
             const lanes t30 = dq0 + dq1;
             const lanes t31 = t30 + t30;
             const lanes t32 = t8 * t31;
@@ -183,6 +182,7 @@ int symid_two_link_forward_dynamics_derivatives_batch(size_t n, const double *re
             const lanes t53 = t14 * t8;
             const lanes t54 = t22 * t18;
             const lanes t55 = t53 - t54;
+            const lanes tau1 = GATHER(tau + 2 * k + 1, 2);
             const lanes t57 = tau1 + t55;
             const lanes t58 = t36 * t28;
             const lanes t59 = t57 - t58;

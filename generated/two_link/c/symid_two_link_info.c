@@ -13,5 +13,5 @@ const char *symid_two_link_signature(void)
 
 const char *symid_two_link_digest(void)
 {
-    return "85555e5f6118a8c3f933a0116b0013cd02a3c8b74b44f0bfc65dff91a9d3cef5";
+    return "a8ccf7d056ecfd660a7d21b66e0abfc1a948614e58ab4ac92675846f258ea023";
 }
