@@ -32,6 +32,9 @@ _FREQUENCIES = 8192
 _LEAST_BLOCK, _WHOLE_BLOCK = 128, 64
 """Samples of a block, of a decimation and of other filters: shorter ones have more states, longer ones larger
 matrices."""
+_RESTING = 1e-8
+"""Of its fastest speed, below which a joint rests: what rounding leaves of a still encoder, of which dry
+friction would take the sign. Encoders of 20 bits have a hundred times as much."""
 _PIECE = 512
 """Samples of columns that are turned into rows while they are in the cache."""
 _WIDTH = 8
@@ -423,6 +426,7 @@ def prepare_signals(recording: Recording, processing: Processing) -> Signals:
     ddq = differentiate(dq, period)
     if processing.states == "acceleration" and recording.acceleration is not None:
         ddq = _smooth(recording, "acceleration", processing)
+    dq = np.where(np.abs(dq) < _RESTING * np.abs(dq).max(axis=0), 0.0, dq)
     kept = slice(processing.drop_first, len(recording.time) - processing.drop_last)
     load, temperature = recording.load, recording.temperature
     return Signals(

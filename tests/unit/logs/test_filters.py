@@ -373,3 +373,17 @@ def test_what_is_stated_stays():
     assert choose_processing(stated, 1e-3) == stated
     assert choose_processing(replace(stated, automatic=True), 1e-3) == stated
     assert choose_processing(Processing(), 1e-3).filter_cutoff is None
+
+
+def test_a_joint_that_stands_has_no_sign():
+    """What rounding leaves of a still encoder would decide dry friction."""
+    position = np.sin(3.0 * TIMES)[:, None] * [1.0, 0.3]
+    position[2000:] = position[2000] + 1e-13 * np.random.default_rng(4).normal(size=(2000, 2))
+    found = prepare_signals(
+        replace(record(), position=position, time=TIMES, torque=np.zeros((4000, 2)), velocity=None),
+        Processing(filter_cutoff=50.0),
+    )
+    assert not found.dq[3000:].any()
+    assert np.all(found.dq[:900] != 0.0)
+    # The acceleration is that of the motion as it was.
+    np.testing.assert_array_equal(found.ddq[:900], differentiate(differentiate(found.q, T), T)[:900])
