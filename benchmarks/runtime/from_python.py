@@ -25,9 +25,10 @@ __all__ = ["measure_from_python"]
 SAMPLES = 10_000
 CALLS = 2_000
 _PIN, _BATCH, _MODULE = "pin, loop", "Library.evaluate", "NumPy module"
+_OUT = "the same, out="
 _RNEA, _BOUND = "pin.rnea", "Library.bind"
-# The least of: loop / evaluate, loop / module; the most of: bind / rnea.
-_BATCH_GATE, _MODULE_GATE, _CALL_GATE = 12.0, 2.0, 1.4
+# The least of: loop / evaluate into old and into new arrays, loop / module; the most of: bind / rnea.
+_OUT_GATE, _BATCH_GATE, _MODULE_GATE, _CALL_GATE = 30.0, 12.0, 2.0, 1.4
 _TOLERANCE = 1e-9
 
 Action = Callable[[], object]
@@ -61,6 +62,7 @@ def _list_batches(case: Case, states: FloatArray, folder: Path) -> dict[str, Cal
     data, (q, dq, ddq) = model.createData(), states
     library = prepare_library(case.robot)
     module = load_library(_write_module(case, folder / "module"))
+    kept = library.evaluate("torque_regressor", q, dq, ddq)
 
     def loop() -> FloatArray:
         result = np.empty((len(q), case.robot.size, len(columns)))
@@ -71,6 +73,7 @@ def _list_batches(case: Case, states: FloatArray, folder: Path) -> dict[str, Cal
     return {
         _PIN: loop,
         _BATCH: lambda: library.evaluate("torque_regressor", q, dq, ddq)[0],
+        _OUT: lambda: library.evaluate("torque_regressor", q, dq, ddq, out=kept)[0],
         _MODULE: lambda: module.evaluate("torque_regressor", q, dq, ddq)[0],
     }
 
@@ -127,6 +130,7 @@ def measure_from_python(*, quick: bool, show: bool) -> dict[str, object]:
         call_times = {name: value / CALLS for name, value in _clock(calls, 3 * rounds).items()}
     ratios = {
         "batch": batch_times[_PIN] / batch_times[_BATCH],
+        "out": batch_times[_PIN] / batch_times[_OUT],
         "module": batch_times[_PIN] / batch_times[_MODULE],
         "call": call_times[_BOUND] / call_times[_RNEA],
     }
@@ -136,6 +140,7 @@ def measure_from_python(*, quick: bool, show: bool) -> dict[str, object]:
         print("panda, inverse dynamics, one call, us")
         print("\n".join(f"  {name:18}{1e6 * value:9.3f}" for name, value in call_times.items()))
         print(_say("pin loop / Library.evaluate", ratios["batch"], gate=_BATCH_GATE))
+        print(_say("pin loop / Library.evaluate, out=", ratios["out"], gate=_OUT_GATE))
         print(_say("pin loop / NumPy module", ratios["module"], gate=_MODULE_GATE))
         print(_say("Library.bind / pin.rnea", ratios["call"], gate=_CALL_GATE, least=False))
     return {"robot": "panda", "batch_seconds": batch_times, "call_seconds": call_times, "ratios": ratios}

@@ -149,11 +149,11 @@ class _Function:
         return self.library.bind(self.spec.name, out=out)
 
     def _evaluate(
-        self, inputs: "tuple[ArrayLike, ...]", out: "Sequence[FloatArray] | None"
+        self, inputs: "tuple[ArrayLike, ...]", out: "Sequence[FloatArray] | None", threads: int
     ) -> "tuple[FloatArray, ...]":
         # The library converts and checks the inputs.
         arrays = cast("tuple[FloatArray, ...]", inputs)
-        return self.library.evaluate(self.spec.name, *arrays, out=out)
+        return self.library.evaluate(self.spec.name, *arrays, out=out, threads=threads)
 
 
 @final
@@ -171,18 +171,22 @@ class RobotFunction(_Function):
 
     __slots__ = ()
 
-    def __call__(self, *inputs: "ArrayLike", out: "FloatArray | None" = None) -> "FloatArray":
+    def __call__(
+        self, *inputs: "ArrayLike", out: "FloatArray | None" = None, threads: int = 1
+    ) -> "FloatArray":
         """Return the output for one sample, or for a batch.
 
         Args:
             inputs: in the order of `spec.inputs`: (n,) each, or (N, n) for N samples; vectors of parameters
                 are shared by all samples. SI units, angles in rad.
             out: float64 array for the output; None for a new one.
+            threads: that share a batch of compiled C; the output is the same bytes with any number.
 
         Raises:
-            UsageError: an input has a wrong shape or is not real, or `out` does not fit the output.
+            UsageError: an input has a wrong shape or is not real, `out` does not fit the output, or there is
+                no thread.
         """
-        return self._evaluate(inputs, None if out is None else (out,))[0]
+        return self._evaluate(inputs, None if out is None else (out,), threads)[0]
 
 
 @final
@@ -201,13 +205,15 @@ class TupleFunction(_Function):
 
     __slots__ = ()
 
-    def __call__(self, *inputs: "ArrayLike", out: "Sequence[FloatArray] | None" = None) -> Outputs:
+    def __call__(
+        self, *inputs: "ArrayLike", out: "Sequence[FloatArray] | None" = None, threads: int = 1
+    ) -> Outputs:
         """Return the outputs for one sample, or for a batch, in order and by name.
 
-        `inputs` and errors are those of `RobotFunction`; `out` has a float64 array for each output.
+        `inputs`, `threads` and errors are those of `RobotFunction`; `out` has an array of float64 for each.
         """
         names = [port.name for port in self.spec.outputs]
-        return Outputs.build(names, self._evaluate(inputs, out))
+        return Outputs.build(names, self._evaluate(inputs, out, threads))
 
 
 @final

@@ -347,8 +347,12 @@ class RobotModel:
             text = f"function {name!r} is not in the catalogue of {self.name}: {hint}"
             raise UsageError(Notice(code="usage.unknown-function", text=text))
 
-    def compile(self) -> "CompiledModel":
+    def compile(self, *, fused: bool = False) -> "CompiledModel":
         """Return all functions of the robot, compiled and loaded by its `backend`, as attributes.
+
+        Args:
+            fused: let the C compiler make one instruction (FMA) of a product and a sum, which saves about a
+                tenth of the time. Last digits then depend on compiler and processor.
 
         Raises:
             RobotError: a symbolic length has no value.
@@ -362,7 +366,7 @@ class RobotModel:
         """
         from symid.api.code import CompiledModel
 
-        return CompiledModel(self.library)
+        return CompiledModel(self._prepare(self.description, fused=True) if fused else self.library)
 
     def write(
         self,
@@ -482,10 +486,10 @@ class RobotModel:
 
         return TaskContext(prepare=self._prepare, progress=self.progress)
 
-    def _prepare(self, description: "Robot") -> "Library":
+    def _prepare(self, description: "Robot", *, fused: bool = False) -> "Library":
         from symid.codegen import prepare_library
 
-        return prepare_library(description, progress=self.progress, backend=self.backend)
+        return prepare_library(description, progress=self.progress, backend=self.backend, fused=fused)
 
     def identify(
         self,

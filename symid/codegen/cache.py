@@ -29,7 +29,14 @@ from typing import Generic, TypeVar
 
 from symid import __version__
 from symid.codegen.calls import choose_call_path
-from symid.codegen.compiler import CANDIDATES, Compiler, compile_sources, diagnose_compiler, locate_compiler
+from symid.codegen.compiler import (
+    CANDIDATES,
+    Compiler,
+    allow_fusing,
+    compile_sources,
+    diagnose_compiler,
+    locate_compiler,
+)
 from symid.codegen.library import Library, load_library
 from symid.codegen.source_folder import compute_digest, write_sources
 from symid.codegen.source_text import BACKENDS, build_library_prefix, check_choice, read_template_bytes
@@ -348,6 +355,7 @@ def prepare_library(
     cache: Path | None = None,
     compiler: str | None = None,
     backend: str = "auto",
+    fused: bool = False,
 ) -> Library:
     """Return the robot's library; derive, generate and compile it if it is not in the cache.
 
@@ -361,6 +369,7 @@ def prepare_library(
         backend: what computes the functions: "c"; "python" for NumPy; "casadi" for the C of CasADi, or its
             virtual machine where there is no compiler; "auto" for C, or NumPy where there is no compiler.
             A notice names the fallback.
+        fused: let the C compiler round a product and a sum once, see `allow_fusing`; a library of its own.
 
     Raises:
         RobotError: the robot is not supported.
@@ -391,7 +400,7 @@ def prepare_library(
         code, reason = "codegen.no-compiler", f"{missing} was not found"
     else:
         try:
-            return obtain(found)
+            return obtain(allow_fusing(found) if fused else found)
         except GenerationError:
             fault = diagnose_compiler(found)
             if not fault:

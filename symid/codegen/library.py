@@ -107,7 +107,9 @@ class Library:
         """Return "c", "python" or "casadi"."""
         return self.engine.backend
 
-    def evaluate(self, name: str, *inputs: FloatArray, out: Sequence[FloatArray] | None = None) -> Arrays:
+    def evaluate(
+        self, name: str, *inputs: FloatArray, out: Sequence[FloatArray] | None = None, threads: int = 1
+    ) -> Arrays:
         """Return the outputs of function `name`.
 
         Contiguous arrays of float64 are not copied. In a loop over batches of many megabytes, give the
@@ -119,11 +121,16 @@ class Library:
             out: a tuple of arrays to write the outputs to and return, contiguous, float64, of the outputs'
                 shapes, without memory in common; None for new ones. An input that shares memory with
                 them is copied first.
+            threads: that share a batch; the outputs are the same bytes with any number. Compiled C alone
+                has more than one.
 
         Raises:
             UsageError: the function does not exist, an input has a wrong shape or no real numbers, or `out`
-                cannot take the outputs.
+                cannot take the outputs, or there is no thread.
         """
+        if threads < 1:
+            text = f"threads: expected 1 or more, got {threads}"
+            raise UsageError(Notice(code="usage.threads", text=text))
         spec = get_spec(self.card, name)
         samples, arrays = check_inputs(self.card, spec, inputs)
         kept = None if out is None else check_outputs(self.card, spec, samples, out)
@@ -131,6 +138,8 @@ class Library:
             array.copy() if any(np.may_share_memory(array, output) for output in kept or ()) else array
             for array in arrays
         )
+        if isinstance(self.engine, _CompiledEngine):
+            return self.engine.run(spec, samples, given, kept, threads)
         return self.engine.run(spec, samples, given, kept)
 
     def bind(self, name: str, *, out: Sequence[FloatArray] | None = None) -> Call:
@@ -169,6 +178,10 @@ def _check_status(name: str, status: int) -> None:
         raise GenerationError(Notice(code="codegen.call-failed", text=text))
 
 
+_LEAST_PIECE = 256
+"""Samples for a thread: to start one takes as long as some hundred."""
+
+
 @final
 class _CompiledEngine:
     """Functions of a shared library; `digest` is what it must have been built from.
@@ -199,14 +212,39 @@ class _CompiledEngine:
             raise _build_stale_error(self.binary) from error
         return symbol
 
-    def run(self, spec: FunctionSpec, samples: int | None, given: Arrays, kept: Arrays | None) -> Arrays:
+    def run(
+        self, spec: FunctionSpec, samples: int | None, given: Arrays, kept: Arrays | None, threads: int = 1
+    ) -> Arrays:
         arrays = [np.asarray(array, dtype=self._dtype) for array in given]
         outputs = kept if self._dtype is np.float64 else None
         if outputs is None:
             outputs = tuple(allocate_output(port, samples, self._dtype) for port in spec.outputs)
-        pointers = [ctypes.c_void_p(array.ctypes.data) for array in (*arrays, *outputs)]
-        count = ctypes.c_size_t(1 if samples is None else samples)
-        _check_status(spec.name, self._get_symbol(f"{spec.name}_batch")(count, *pointers))
+        # Where each array begins, and how far its next sample is.
+        places = [
+            (array.ctypes.data, 0 if port.shared else port.size * array.itemsize)
+            for port, array in zip((*spec.inputs, *spec.outputs), (*arrays, *outputs), strict=True)
+        ]
+        call, count = self._get_symbol(f"{spec.name}_batch"), 1 if samples is None else samples
+
+        def run_piece(start: int, stop: int) -> int:
+            pointers = (ctypes.c_void_p(first + start * step) for first, step in places)
+            return call(ctypes.c_size_t(stop - start), *pointers)
+
+        # A piece has whole vectors of samples, and enough of them to be worth a thread.
+        piece = _LEAST_PIECE * max(1, -(-count // (_LEAST_PIECE * threads)))
+        starts = range(0, count, piece) if threads > 1 and count >= 2 * _LEAST_PIECE else ()
+        if len(starts) > 1:
+            # The last piece takes a short rest along.
+            stops = [*starts[1:], count]
+            if count - starts[-1] < _LEAST_PIECE:
+                starts, stops = starts[:-1], [*stops[:-2], count]
+            from concurrent.futures import ThreadPoolExecutor
+
+            with ThreadPoolExecutor(len(starts)) as pool:
+                statuses = list(pool.map(run_piece, starts, stops))
+        else:
+            statuses = [run_piece(0, count)]
+        _check_status(spec.name, max(statuses))
         return _keep_outputs(outputs, kept)
 
     def bind(self, card: ModelCard, spec: FunctionSpec, kept: Arrays | None) -> Call:

@@ -67,6 +67,22 @@ def test_the_second_call_makes_nothing(robot, tmp_path, c_compiler):
     assert len(list(tmp_path.iterdir())) == 1
 
 
+def test_fused_products_are_a_library_of_their_own_and_differ_by_rounding(
+    robots_folder, tmp_path, c_compiler
+):
+    robot = read_robot(robots_folder / "ur5.toml")
+    names = ("inverse_dynamics",)
+    plain, fused = (
+        prepare_library(robot, names=names, cache=tmp_path, backend="c", compiler=c_compiler, fused=fused)
+        for fused in (False, True)
+    )
+    assert len(list(tmp_path.iterdir())) == 2
+    states = np.random.default_rng(0).normal(size=(3, 50, 6))
+    beta = np.linspace(0.5, 1.5, len(plain.card.beta))
+    (expected,), (found,) = (one.evaluate("inverse_dynamics", *states, beta) for one in (plain, fused))
+    np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
+
+
 @pytest.mark.parametrize("victim", ["libsymid_emps.so", "manifest.json", "symid_emps.h", "seal.json"])
 def test_a_tampered_entry_is_made_again(robot, tmp_path, entry, victim):
     assert prepare(robot, tmp_path)[1] == []

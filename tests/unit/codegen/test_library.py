@@ -196,6 +196,23 @@ def test_inputs_that_are_outputs_are_copied_first(library, shift):
     np.testing.assert_array_equal(target, wanted)
 
 
+@pytest.mark.parametrize("samples", [1, 511, 512, 700, 1031])
+@pytest.mark.parametrize("threads", [2, 3, 64])
+def test_threads_share_a_batch_without_changing_a_byte(folder, samples, threads):
+    library = load_library(folder)
+    q = np.random.default_rng(samples).normal(size=(samples, 2))
+    beta = np.arange(1.0, 1.0 + len(library.card.beta))
+    (alone,) = library.evaluate("mass_matrix", q, beta)
+    (shared,) = library.evaluate("mass_matrix", q, beta, threads=threads)
+    assert alone.tobytes() == shared.tobytes()
+
+
+def test_no_thread_is_refused(library):
+    with pytest.raises(UsageError, match="threads: expected 1 or more, got 0") as caught:
+        library.evaluate("mass_matrix", np.zeros(2), np.ones(len(library.card.beta)), threads=0)
+    assert caught.value.notices[0].code == "usage.threads"
+
+
 def test_a_bound_function_writes_to_the_arrays_of_the_caller(library):
     q, beta = make_arrays(library, ())
     target = np.full(2, np.nan)
