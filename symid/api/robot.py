@@ -310,7 +310,9 @@ class RobotModel:
         self._check_function(name)
         return derive_symbolic(self.description, name, standard=standard, base=self.base.product)
 
-    def casadi(self, name: str, *, standard: bool = False, constant: bool = False) -> "ca.Function":
+    def casadi(
+        self, name: str, *, standard: bool = False, constant: bool = False, compiled: bool = False
+    ) -> "ca.Function":
         """Return a function of the catalogue as a CasADi function, with derivatives of any order.
 
         Vectors are columns; matrices of samples side by side and `map` work as CasADi has them. SI units.
@@ -320,8 +322,12 @@ class RobotModel:
             standard: whether it takes the standard parameters pi in place of beta.
             constant: use the robot file's values of beta, rotors and friction as constants; the parameters h
                 of springs stay arguments.
+            compiled: of inverse and forward dynamics, call the generated C, for the values and for first
+                derivatives; there are no second ones, so Ipopt needs `hessian_approximation`
+                "limited-memory", or a Gauss-Newton matrix.
 
         Raises:
+            GenerationError: `compiled`, and no C compiler works.
             RobotError: a symbolic length has no value.
             UsageError: the robot has no such function, or its file lacks a value for a constant.
 
@@ -331,16 +337,22 @@ class RobotModel:
             >>> gravity.size1_in("q")
             2
         """
-        from symid.codegen import build_casadi_function
+        from symid.codegen import build_casadi_function, build_compiled_function
 
         self._check_function(name)
+        if compiled:
+            return build_compiled_function(self.description, name, standard=standard, constant=constant)
         return build_casadi_function(self.description, name, standard=standard, constant=constant)
 
     def _check_function(self, name: str) -> None:
         """Refuse a function that the catalogue does not have for this robot, with the nearest names."""
-        from symid.codegen import list_robot_specs
+        from symid.codegen import LIMITED, list_robot_specs
         from symid.robot import suggest_names
 
+        if name in LIMITED:
+            # Written on request, or for few coordinates: the error says so.
+            list_robot_specs(self.description, self.base.product, (name,))
+            return
         names = [spec.name for spec in list_robot_specs(self.description, self.base.product)]
         if name not in names:
             hint = suggest_names(name, names, otherwise="there are")

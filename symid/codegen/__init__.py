@@ -14,6 +14,7 @@ if TYPE_CHECKING:
         build_functions as build_functions,
     )
     from symid.codegen.catalogue import (
+        LIMITED as LIMITED,
         build_model_card as build_model_card,
         build_spring_vector as build_spring_vector,
         list_robot_specs as list_robot_specs,
@@ -51,6 +52,7 @@ if TYPE_CHECKING:
         generate_folder as generate_folder,
     )
     from symid.codegen.library import Library as Library
+    from symid.codegen.python_targets import build_compiled_function as build_compiled_function
     from symid.codegen.python_targets import write_javascript_function as write_javascript_function
     from symid.codegen.routes import (
         RouteCount as RouteCount,

@@ -187,6 +187,10 @@ _OUTPUTS = {
     "dtau_dq": ("nn", "N m/rad", "by position"),
     "dtau_ddq": ("nn", "N m s/rad", "by velocity"),
     "dtau_dddq": ("nn", "kg m^2", "by acceleration: the mass matrix"),
+    "dM_dq": ("nnn", "kg m^2/rad", "entry (i, j, k): of M_ij by q_k"),
+    "d2tau_dq2": ("nnn", "N m/rad^2", "entry (i, j, k): of tau_i by q_j and q_k"),
+    "d2tau_dq_ddq": ("nnn", "N m s/rad^2", "entry (i, j, k): of tau_i by q_j and dq_k"),
+    "d2tau_ddq2": ("nnn", "N m s^2/rad^2", "entry (i, j, k): of tau_i by dq_j and dq_k"),
     "dddq_dq": ("nn", "1/s^2", "by position"),
     "dddq_ddq": ("nn", "1/s", "by velocity"),
     "dddq_dtau": ("nn", "1/(kg m^2)", "by torque: the inverse of the mass matrix"),
@@ -223,6 +227,10 @@ _ENTRIES = {
     "the inverse dynamics",
     "forward_dynamics_derivatives: q dq tau beta -> ddq dddq_dq dddq_ddq dddq_dtau": "acceleration under "
     "the torque tau, and its derivatives",
+    "mass_matrix_derivatives: q beta -> dM_dq": "derivative of the mass matrix by the position; the "
+    "Christoffel symbols are c_ijk = (dM_ij/dq_k + dM_ik/dq_j - dM_jk/dq_i) / 2",
+    "inverse_dynamics_second_derivatives: q dq ddq beta -> d2tau_dq2 d2tau_dq_ddq d2tau_ddq2 dM_dq": "second "
+    "derivatives of the inverse dynamics; those by q and ddq are dM_dq",
     "energy: q dq beta -> T V": "kinetic and potential energy, up to the constant that base "
     "parameters cannot know",
     "energy_regressor: q dq -> hT hV": "kinetic and potential energy per base parameter",
@@ -244,8 +252,18 @@ _ENTRIES = {
 }
 
 
-MOST_SOLVED = 16
-"""Most coordinates for `forward_dynamics_derivatives`: it multiplies full matrices, 2 n^3 products."""
+MOST_FULL = 16
+"""Most coordinates for functions of full matrices or tensors: n^3 entries, or 2 n^3 products."""
+ON_REQUEST = frozenset({"inverse_dynamics_second_derivatives"})
+"""Functions that are as long as all others together: they are written where they are named."""
+_FULL = {
+    "forward_dynamics_derivatives": "solve M x = r with the blocks of inverse_dynamics_derivatives",
+    "inverse_dynamics_second_derivatives": "differentiate inverse_dynamics_derivatives in CasADi",
+    "mass_matrix_derivatives": "the Coriolis matrix at unit velocities has the same symbols",
+}
+
+LIMITED = frozenset(_FULL)
+"""Functions that are not written for every robot, or only where they are named."""
 
 
 def list_specs(
@@ -271,7 +289,7 @@ def list_specs(
     offered = {
         **dict.fromkeys(("friction", "friction_regressor"), friction > 0),
         "friction_step": bristles > 0,
-        "forward_dynamics_derivatives": joints <= MOST_SOLVED,
+        **dict.fromkeys(_FULL, joints <= MOST_FULL),
         "hysteresis_step": elastic is not None,
         "hysteresis_inverse_step": elastic is not None and elastic.invertible,
         "elastic_inverse_dynamics": elastic is not None and elastic.feed,
@@ -326,7 +344,8 @@ def list_robot_specs(
 ) -> tuple[FunctionSpec, ...]:
     """Return the catalogue for a robot and the base or standard parameters that its functions take.
 
-    `names` are those of the functions wanted, None for all; the order is that of the catalogue.
+    `names` are those of the functions wanted, None for all but `ON_REQUEST`; the order is that of the
+    catalogue.
 
     Raises:
         UsageError: a name is not in the catalogue.
@@ -345,13 +364,14 @@ def list_robot_specs(
     for name in names or ():
         if name not in known:
             text = f"function '{name}' is not in the catalogue; there are {', '.join(known)}"
-            if name == "forward_dynamics_derivatives":
+            if name in _FULL:
                 text = (
-                    f"function '{name}' is written for {MOST_SOLVED} coordinates at most, the robot has "
-                    f"{robot.freedom}: solve M x = r with the blocks of inverse_dynamics_derivatives"
+                    f"function '{name}' is written for {MOST_FULL} coordinates at most, the robot has "
+                    f"{robot.freedom}: {_FULL[name]}"
                 )
             raise UsageError(Notice(code="usage.unknown-function", text=text))
-    return tuple(spec for spec in specs if names is None or spec.name in names)
+    wanted = [name for name in known if name not in ON_REQUEST] if names is None else names
+    return tuple(spec for spec in specs if spec.name in wanted)
 
 
 def _write_fraction(value: Fraction) -> str:

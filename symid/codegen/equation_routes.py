@@ -11,7 +11,7 @@ own: C dq + rest. M^-1 = L^-T D^-1 L^-1 shares the factors of M = L D L' with th
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
+from itertools import chain, product
 
 from symid.codegen.programs import ExpressionTable, differentiate_along
 from symid.codegen.workspace import Elements, RouteBuilder, RouteWorkspace
@@ -19,6 +19,7 @@ from symid.dynamics import (
     ProjectionFrame,
     compute_coriolis_matrix,
     compute_equation_terms,
+    compute_mass_derivatives,
     compute_torque_derivatives,
     fold_matrix,
     fold_vector,
@@ -135,6 +136,63 @@ def build_derivatives_route(place: Callable[[Robot], ProjectionFrame] | None) ->
         found = compute_torque_derivatives(workspace.recursion, workspace.parameters, meet=meet)
         blocks = (found.by_position, found.by_velocity, found.by_acceleration)
         return tuple(_flatten(workspace, block) for block in blocks)
+
+    return build
+
+
+def build_mass_derivatives_route(place: Callable[[Robot], ProjectionFrame] | None) -> RouteBuilder:
+    """Return the route to dM/dq by composite bodies, whose wrenches stop at `place`."""
+
+    def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+        robot, algebra = workspace.robot, workspace.algebra
+        meet = place(robot) if place else None
+        slopes = compute_mass_derivatives(workspace.recursion, workspace.parameters, meet=meet)
+        matrices = [_flatten(workspace, matrix) for matrix in slopes]
+        return (tuple(chain(*(fold_vector(robot, algebra, part) for part in zip(*matrices, strict=True)))),)
+
+    return build
+
+
+def build_second_derivatives_route(place: Callable[[Robot], ProjectionFrame] | None) -> RouteBuilder:
+    """Return the route to the second derivatives of tau, and dM/dq, that differentiates the first ones.
+
+    By two velocities they are sums of c_ijk, of dM/dq. Of d^2 tau/dq^2 half is computed.
+    """
+    first, third = build_derivatives_route(place), build_mass_derivatives_route(place)
+
+    def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+        table, n = workspace.table, workspace.robot.freedom
+        by_q, by_dq, _ = workspace.recall(first)
+        (mass,) = workspace.recall(third)
+        directions = [{ref: table.constant(1.0)} for ref in workspace.inputs["q"]]
+        twice = differentiate_along(table, by_q, directions)
+        mixed = differentiate_along(table, by_dq, directions)
+        indices = list(product(range(n), repeat=3))
+
+        def read(i: int, j: int, k: int) -> int:
+            return mass[n * (n * i + j) + k]
+
+        def add_symbols(i: int, j: int, k: int) -> int:
+            return table.add(table.add(read(i, j, k), read(i, k, j)), -read(j, k, i))
+
+        return (
+            tuple(twice[max(j, k)][n * i + min(j, k)] for i, j, k in indices),
+            tuple(mixed[j][n * i + k] for i, j, k in indices),
+            tuple(add_symbols(i, max(j, k), min(j, k)) for i, j, k in indices),
+            mass,
+        )
+
+    return build
+
+
+def build_differentiated_mass_route(mass: RouteBuilder) -> RouteBuilder:
+    """Return the route that differentiates the mass matrix of another route."""
+
+    def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+        table = workspace.table
+        (values,) = workspace.recall(mass)
+        directions = [{ref: table.constant(1.0)} for ref in workspace.inputs["q"]]
+        return (workspace.flatten_columns(differentiate_along(table, values, directions)),)
 
     return build
 

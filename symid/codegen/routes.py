@@ -21,9 +21,12 @@ from symid.codegen.catalogue import FRICTION_INPUTS, Constants, list_bristles, l
 from symid.codegen.equation_routes import (
     build_coriolis_route,
     build_derivatives_route,
+    build_differentiated_mass_route,
     build_differentiated_route,
     build_forward_derivatives_route,
     build_forward_dynamics_route,
+    build_mass_derivatives_route,
+    build_second_derivatives_route,
 )
 from symid.codegen.functions import FunctionSpec
 from symid.codegen.programs import (
@@ -515,6 +518,11 @@ ROUTES: Mapping[str, Routes] = {
         },
     },
     "forward_dynamics_derivatives": _list_composite_routes(build_forward_derivatives_route),
+    "mass_matrix_derivatives": {
+        **_list_composite_routes(build_mass_derivatives_route),
+        "differentiation of composite bodies": build_differentiated_mass_route(_emit_mass_matrix),
+    },
+    "inverse_dynamics_second_derivatives": _list_composite_routes(build_second_derivatives_route),
     "energy": {
         "regressor times parameters": _emit_energy,
         **_list_variants("sum over bodies", _emit_energy_of_bodies, both=False),

@@ -126,6 +126,7 @@ if TYPE_CHECKING:
     from symid.dynamics.torque_derivatives import (
         compute_coriolis_matrix as compute_coriolis_matrix,
         compute_equation_terms as compute_equation_terms,
+        compute_mass_derivatives as compute_mass_derivatives,
         compute_torque_derivatives as compute_torque_derivatives,
     )
 else:

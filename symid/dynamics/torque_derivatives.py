@@ -14,6 +14,9 @@ body needs, for a joint j on the way from the base to joint i:
     dtau_i/ddq_j = 2 S_i' (B_i S_j + I_i R_j)        dtau_j/ddq_i = 2 S_j' (B_i S_i + I_i R_i)
     dtau_i/dq_j = S_i' (2 B_i R_j + I_i T_j)         dtau_j/dq_i = S_j' (2 B_i R_i + I_i T_i + S_i x* W_i)
 
+dM/dq: a turn of joint k turns its composite body, which changes M_ij of joints i, j before it by that change,
+and the momentum I_i S_i of joints beyond it, which changes M_ij of joints j before it.
+
 Carpentier and Mansard 2018; Singh, Russell and Wensing 2022. B' S_i has no force: as a couple it passes
 joints by rotations alone. dtau/ddq is 2 C, C the Christoffel factor.
 
@@ -52,6 +55,7 @@ from symid.dynamics.recursion import (
     project_wrench,
     rotate_to_parent,
     transform_screws,
+    transform_wrench,
 )
 
 Rows = tuple[tuple[T, ...], ...]
@@ -156,15 +160,20 @@ def _carry_composite(algebra: Algebra[T], frame: LinkFrame[T], part: _Composite[
     )
 
 
-def _join(algebra: Algebra[T], left: _Composite[T], right: _Composite[T]) -> _Composite[T]:
-    def add(one: Matrix[T], other: Matrix[T]) -> Matrix[T]:
-        x, y, z = (algebra.add_vectors(a, b) for a, b in zip(one, other, strict=True))
-        return x, y, z
+def _add_matrices(algebra: Algebra[T], left: Matrix[T], right: Matrix[T]) -> Matrix[T]:
+    x, y, z = (algebra.add_vectors(a, b) for a, b in zip(left, right, strict=True))
+    return x, y, z
 
-    (tensor, moments, mass), (other, arms, load) = left.body, right.body
+
+def _add_bodies(algebra: Algebra[T], left: Body[T], right: Body[T]) -> Body[T]:
+    tensor = _add_matrices(algebra, left[0], right[0])
+    return tensor, algebra.add_vectors(left[1], right[1]), algebra.add(left[2], right[2])
+
+
+def _join(algebra: Algebra[T], left: _Composite[T], right: _Composite[T]) -> _Composite[T]:
     return _Composite(
-        body=(add(tensor, other), algebra.add_vectors(moments, arms), algebra.add(mass, load)),
-        turning=add(left.turning, right.turning),
+        body=_add_bodies(algebra, left.body, right.body),
+        turning=_add_matrices(algebra, left.turning, right.turning),
         momentum=algebra.add_vectors(left.momentum, right.momentum),
     )
 
@@ -298,6 +307,79 @@ class _Sweep(Generic[T]):
         return [(part.body, screw) for part, screw in zip(self.composites, screws, strict=True)]
 
 
+def _move_body(algebra: Algebra[T], body: Body[T], screw: Screw[T]) -> Body[T]:
+    """Return the change of a body that moves by a screw, about a frame that stands still.
+
+    z x m + M u, [z x] I - I [z x] + 2 (u.m) E - u m' - m u' for the screw (z, u).
+    """
+    tensor, moments, mass = body
+    z, u = screw.angular, screw.linear
+    # The columns of [z x] I; I [z x] is its transpose with the other sign.
+    columns = [algebra.cross(z, row) for row in tensor]
+    shift = algebra.dot(u, moments)
+    entries = [[algebra.add(columns[j][i], columns[i][j]) for j in range(3)] for i in range(3)]
+    for i in range(3):
+        entries[i][i] = algebra.sum_values([entries[i][i], shift, shift])
+        for j in range(3):
+            share = algebra.add(algebra.mul(u[i], moments[j]), algebra.mul(moments[i], u[j]))
+            entries[i][j] = algebra.sub(entries[i][j], share)
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = entries
+    moved = algebra.add_vectors(algebra.cross(z, moments), algebra.scale_vector(mass, u))
+    return ((xx, xy, xz), (yx, yy, yz), (zx, zy, zz)), moved, algebra.zero
+
+
+def _turn_wrench(algebra: Algebra[T], screw: Screw[T], wrench: Wrench[T]) -> Wrench[T]:
+    """Return the change of a wrench that moves by a screw, S x* W."""
+    moment = algebra.cross(screw.angular, wrench.moment)
+    return Wrench(
+        force=algebra.cross(screw.angular, wrench.force),
+        moment=algebra.add_vectors(moment, algebra.cross(screw.linear, wrench.force)),
+    )
+
+
+def compute_mass_derivatives(
+    recursion: Recursion[T], parameters: Parameters[T], *, meet: ProjectionFrame | None = None
+) -> tuple[Rows[T], ...]:
+    """Return dM_ij/dq_k, kg m^2/rad, a matrix for every joint k (see above)."""
+    robot, algebra, frames = recursion.robot, recursion.algebra, recursion.frames
+    bodies = _compute_composite_bodies(recursion, parameters)
+    axes = build_axis_screws(recursion)
+    screws = transform_screws(recursion, axes)
+    found = [[[algebra.zero] * robot.size for _ in range(robot.size)] for _ in range(robot.size)]
+
+    def fill(turned: int, row: int, start: int, wrench: Wrench[T]) -> None:
+        """Write dM of `row` and all joints from `start` on down to the base by the turn of a joint."""
+        entries = project_wrench(recursion, start, wrench, screws, meet(start) if meet else -1)
+        column = start if start != turned else robot.joints[start].parent
+        while column >= 0:
+            found[turned][row][column] = found[turned][column][row] = entries[column]
+            column = robot.joints[column].parent
+
+    for joint in range(robot.size):
+        wrench, turned = _push(algebra, bodies[joint], axes[joint]), joint
+        while robot.joints[turned].parent >= 0:
+            fill(turned, joint, turned, _turn_wrench(algebra, axes[turned], wrench))
+            wrench = transform_wrench(algebra, frames[turned], wrench)
+            turned = robot.joints[turned].parent
+        change, before = _move_body(algebra, bodies[joint], axes[joint]), joint
+        while robot.joints[before].parent >= 0:
+            change = transform_body(algebra, frames[before], change, turn_matrix)
+            before = robot.joints[before].parent
+            fill(joint, before, before, _push(algebra, change, axes[before]))
+    return tuple(tuple(map(tuple, matrix)) for matrix in found)
+
+
+def _compute_composite_bodies(recursion: Recursion[T], parameters: Parameters[T]) -> list[Body[T]]:
+    robot, algebra = recursion.robot, recursion.algebra
+    found = [gather_body(algebra, parameters, link) for link in range(robot.size)]
+    for link in reversed(range(robot.size)):
+        parent = robot.joints[link].parent
+        if parent >= 0:
+            moved = transform_body(algebra, recursion.frames[link], found[link], turn_matrix)
+            found[parent] = _add_bodies(algebra, found[parent], moved)
+    return found
+
+
 def _build_sweep(
     recursion: Recursion[T], parameters: Parameters[T], meet: ProjectionFrame | None, *, double: bool
 ) -> _Sweep[T]:
@@ -360,10 +442,7 @@ def compute_torque_derivatives(
 
     def compute_upper(joint: int) -> Wrench[T]:
         part, axis, load = sweep.composites[joint], sweep.axes[joint], wrenches[joint]
-        moment = algebra.add_vectors(
-            algebra.cross(axis.angular, load.moment), algebra.cross(axis.linear, load.force)
-        )
-        turned = Wrench(force=algebra.cross(axis.angular, load.force), moment=moment)
+        turned = _turn_wrench(algebra, axis, load)
         pushed = _push(algebra, part.body, second[joint])
         return _add_wrenches(algebra, _turn_momentum(algebra, part, single[joint]), pushed, turned)
 

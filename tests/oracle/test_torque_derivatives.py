@@ -1,10 +1,12 @@
 """Derivatives of the dynamics: of exact polynomials, and Pinocchio's at a thousand states."""
 
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
 from sympy import QQ
 
+from symid.codegen.casadi_functions import build_casadi_function
 from symid.codegen.catalogue import list_robot_specs
 from symid.codegen.routes import choose_route
 from symid.dynamics.algebra import build_state
@@ -15,6 +17,7 @@ from symid.dynamics.recursion import build_recursion
 from symid.dynamics.torque_derivatives import (
     compute_coriolis_matrix,
     compute_equation_terms,
+    compute_mass_derivatives,
     compute_torque_derivatives,
 )
 from symid.errors import UsageError
@@ -57,7 +60,7 @@ def test_derivatives_are_those_of_the_exact_polynomials(robot):
     }
     recursion = build_recursion(robot, algebra, build_state(robot, algebra, algebra.generators))
     torques = [algebra.reduce(torque) for torque in compute_tensor_torques(recursion, values)]
-    found = compute_torque_derivatives(recursion, values)
+    found, slopes = compute_torque_derivatives(recursion, values), compute_mass_derivatives(recursion, values)
     for j in range(robot.size):
         for i, torque in enumerate(torques):
             expected = (
@@ -68,6 +71,9 @@ def test_derivatives_are_those_of_the_exact_polynomials(robot):
             blocks = (found.by_position, found.by_velocity, found.by_acceleration)
             for block, exact in zip(blocks, expected, strict=True):
                 assert algebra.reduce(block[i][j] - exact) == 0
+            for k, slope in enumerate(slopes):
+                mass = torque.diff(algebra.generators[f"ddq{j + 1}"])
+                assert algebra.reduce(slope[i][j] - differentiate(robot, algebra, mass, k)) == 0
 
 
 @pytest.mark.parametrize("meet", [None, lambda link: link, lambda link: min(link, 2)])
@@ -149,6 +155,33 @@ def test_derivatives_of_the_forward_dynamics_equal_pinocchio_at_a_thousand_state
         for mine, theirs in pairs:
             size = max(1.0, float(np.abs(theirs).max()))
             np.testing.assert_allclose(mine[..., k], theirs, rtol=0, atol=1e-9 * size)
+
+
+@pytest.mark.parametrize("robot", [PANDA, UR5, STANFORD], ids=lambda r: r.name)
+def test_second_derivatives_are_those_of_casadi_of_the_torques(robot):
+    rng = np.random.default_rng(5)
+    torques, second = (
+        build_casadi_function(robot, name)
+        for name in ("inverse_dynamics", "inverse_dynamics_second_derivatives")
+    )
+    n = robot.size
+    symbols = [ca.SX.sym("x", *torques.size_in(k)) for k in range(4)]
+    value, (q, dq, ddq, _) = torques(*symbols), symbols
+
+    def derive(first, other):
+        slopes = ca.vec(ca.jacobian(value, first).T)
+        return ca.jacobian(slopes, other)
+
+    pairs = ((q, q), (q, dq), (dq, dq), (ddq, q))
+    expected = ca.Function("second", symbols, [ca.densify(derive(*pair)) for pair in pairs])
+    for _ in range(5):
+        inputs = [rng.uniform(-2, 2, torques.size1_in(k)) for k in range(4)]
+        for mine, theirs in zip(second.call(inputs), expected.call(inputs), strict=True):
+            theirs = theirs.full()
+            size = max(1.0, float(np.abs(theirs).max()))
+            # A row of the Jacobian is one pair (i, j); entries (j, k) of a port are side by side.
+            tensor = theirs.reshape(n, n, n)
+            np.testing.assert_allclose(mine.full().reshape(n, n, n), tensor, rtol=0, atol=1e-10 * size)
 
 
 def test_what_is_too_large_for_full_matrices_is_said():

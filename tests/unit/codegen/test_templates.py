@@ -12,7 +12,7 @@ from symid.codegen.casadi_functions import build_functions
 from symid.codegen.compiled_models import write_branch, write_springs
 from symid.codegen.element_code import ElementCode, build_sources
 from symid.codegen.printing import write_literal
-from symid.codegen.python_targets import generate_casadi_target, generate_python_module
+from symid.codegen.python_targets import generate_casadi_target, generate_python_module, write_external
 from symid.codegen.source_text import GenerateOptions, read_template_bytes, write_template
 from symid.errors import GenerationError, UsageError
 from symid.joint_models import Elasticity, FrictionValues, Relaxation, get_dynamic_law
@@ -41,6 +41,7 @@ def test_every_template_is_written_by_a_target(monkeypatch):
     generate_python_module(remembering, GenerateOptions(states=3))
     generate_casadi_target(functions, GenerateOptions(states=3))
     generate_friction_state(get_dynamic_law("lugre"))
+    write_external(build_functions(robot), "inverse_dynamics")
     write_python_call(functions.card, "symid_x")
     for target in ("c", "python", "casadi"):
         build_sources(Elasticity(stiffness=1.0), ElementCode(target=target))
