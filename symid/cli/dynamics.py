@@ -29,6 +29,13 @@ from symid.errors import Notice, UsageError
 )
 @MODEL.option("--angle", "Letter of angles in the page.", click.Choice(("q", "theta")))
 @MODEL.option("--long-sines", "Write cos(q1 + q2) in place of c12 in the page.", is_flag=True)
+@OUTPUT.option(
+    "--exercises",
+    "Exercises at the end of the page, with a file of answers.",
+    click.IntRange(0, 50),
+    default=0,
+)
+@OUTPUT.option("--seed", "Of the exercises.", click.IntRange(0), default=0)
 def derive_command(
     console: Console,
     *,
@@ -47,7 +54,7 @@ def derive_command(
     """
     if html is not None:
         return make_answer(robot.load(console).write_lesson(html, **options))
-    given = [name for name, value in options.items() if value not in (None, False, "symid")]
+    given = [name for name, value in options.items() if value not in (None, False, "symid", 0)]
     if given:
         text = f"--{given[0].replace('_', '-')}: only for a page; add --html FILE"
         raise UsageError(Notice(code="usage.lesson-option", text=text))
