@@ -190,7 +190,8 @@ class WrittenLesson(Result):
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return where the page is."""
-        lines = [f"lesson: {self.path} ({self.size / 1e6:.2f} MB, one file, opens in any browser)"]
+        how = "for pdflatex" if self.path.suffix == ".tex" else "opens in any browser"
+        lines = [f"lesson: {self.path} ({self.size / 1e6:.2f} MB, one file, {how})"]
         lines += [f"answers: {self.answers}"] if self.answers else []
         return ("\n".join(lines),)
 
@@ -217,11 +218,15 @@ def write_lesson(
 ) -> WrittenLesson:
     """Write the lesson on `robot`; see `RobotModel.write_lesson`."""
     from symid.environment import check_suffix, write_file
-    from symid.lessons import get_book, write_lesson_page
+    from symid.lessons import get_book, write_lesson_page, write_lesson_tex
 
     file = Path(fspath(path))
-    check_suffix(file, "a lesson", (".html", ".htm"))
+    suffix = check_suffix(file, "a lesson", (".html", ".htm", ".tex"))
     book = get_book(notation, angle=angle, long=long_sines)
+    if suffix == ".tex":
+        text = write_lesson_tex(robot, book, parameters)
+        size = len(text.encode())
+        return WrittenLesson(robot=robot, path=write_file(file, text), size=size, notation=notation)
     page = write_lesson_page(robot, book, parameters, exercises=exercises, seed=seed)
     answers = write_file(file.with_suffix(".answers.txt"), page.answers) if page.answers else None
     return WrittenLesson(

@@ -1,4 +1,4 @@
-"""A lesson as one HTML file: formulas typeset as the page opens, numbers that follow the reader's posture.
+"""A lesson as one HTML file, its formulas typeset as it opens, its numbers the reader's; or in LaTeX.
 
 Robot -> chapters, the generated functions as JavaScript, geometry and values -> HTML. Formulas are set by
 KaTeX, whose script and fonts (MIT, see templates/lesson/katex) stand in the page; MathML is beside them for
@@ -53,6 +53,7 @@ from symid.robot import Exact, Robot
 _FUNCTIONS = ("mass_matrix", "coriolis_matrix", "gravity", "inverse_dynamics", "energy", "jacobian")
 _SPRING_FUNCTIONS = ("hysteresis_step", "hysteresis_inverse_step")
 _TICK = '<span class="tick" aria-hidden="true">\N{CHECK MARK}</span>'
+_LONG_CELL = 40
 _REGION = 'class="scroll" tabindex="0" role="region" aria-label="Table"'
 _MARKED = re.compile(r"\$([^$]+)\$|`([^`]+)`")
 
@@ -295,6 +296,85 @@ def _describe(lesson: Lesson) -> dict[str, object]:
         "cubic": [bool(joint.elasticity and joint.elasticity.cubic) for joint in robot.axes],
         "rotors": [joint.drive.rotor_inertia or 0.0 for joint in robot.axes],
     }
+
+
+# LaTeX.
+
+_TEX_HEAD = r"""\documentclass[11pt,a4paper]{article}
+\usepackage[utf8]{inputenc}
+\usepackage{amsmath,amssymb,graphicx,longtable,array}
+\usepackage[margin=25mm]{geometry}
+\setlength{\parindent}{0pt}\setlength{\parskip}{.5\baselineskip}
+\newcounter{formula}
+% A formula breaks at its sums, its further lines indented; a matrix that is too wide becomes smaller.
+\newcommand{\formula}[1]{{\stepcounter{formula}\raggedright\hangindent=2.5em\hangafter=1
+  $\displaystyle #1$\quad(\theformula)\par}}
+\newcommand{\wide}[1]{{\stepcounter{formula}\sbox0{$\displaystyle #1$}%
+  \ifdim\wd0>.9\linewidth\resizebox{.9\linewidth}{!}{\usebox0}\else\usebox0\fi\quad(\theformula)\par}}
+\newcommand{\checked}[1]{\textbf{Checked}, #1.\par}
+\begin{document}
+"""
+_TEX_MARKS = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+_TEX_MARKS |= {mark: rf"\{mark}" for mark in "&%#_{}$"}
+_TEX_MARKS |= {"\N{SUPERSCRIPT TWO}": "$^2$", "\N{MINUS SIGN}": "-"}
+
+
+def write_lesson_tex(robot: Robot, book: Book, form: Parameterisation | None = None) -> str:
+    """Return the lesson on `robot` as a LaTeX document for pdflatex.
+
+    Raises:
+        SymidError: two derivations that must agree do not.
+    """
+    lesson = build_lesson(robot, book, form)
+    chapters = (*lesson.chapters, *write_elastic(robot, book))
+    title = _write_tex(f"{robot.name}: equation of motion")
+    parts = [_TEX_HEAD, rf"\title{{{title}}}\author{{symid {__version__}}}\date{{}}\maketitle"]
+    parts.append(_write_tex(robot.description))
+    for chapter in chapters:
+        parts.append(rf"\section{{{_write_tex(chapter.title)}}}")
+        parts += map(_write_tex_item, chapter.items)
+    return "\n\n".join([*filter(None, parts), r"\end{document}"]) + "\n"
+
+
+def _write_tex(text: str) -> str:
+    """Return a text in LaTeX, its $formulas$ as they are."""
+    result, place = "", 0
+    for match in _MARKED.finditer(text):
+        result += "".join(_TEX_MARKS.get(letter, letter) for letter in text[place : match.start()])
+        code = "".join(_TEX_MARKS.get(letter, letter) for letter in match[2] or "")
+        result += f"${match[1]}$" if match[1] else rf"\texttt{{{code}}}"
+        place = match.end()
+    return result + "".join(_TEX_MARKS.get(letter, letter) for letter in text[place:])
+
+
+def _write_tex_item(item: Item) -> str:
+    match item.kind:
+        case "text":
+            return _write_tex(item.text)
+        case "check":
+            return rf"\checked{{{_write_tex(item.text)}}}"
+        case "formula":
+            return rf"\formula{{{item.latex}}}"
+        case "matrix":
+            return rf"\wide{{{item.latex}}}"
+        case "details":
+            inner = "\n\n".join(filter(None, map(_write_tex_item, item.items)))
+            return rf"\subsection*{{{_write_tex(item.text)}}}" + f"\n{inner}"
+        case "table":
+            return _write_tex_table(item)
+        case _:
+            return ""
+
+
+def _write_tex_table(item: Item) -> str:
+    """Return a table; the columns of one that gives reasons have widths of their own."""
+    rows = [row[:3] if item.text == "base" else row for row in item.rows]
+    wide = {2: "p{.35\\linewidth}p{.58\\linewidth}", 3: "lp{.34\\linewidth}p{.46\\linewidth}"}
+    given = any(len(text) > _LONG_CELL for row in rows for text in row)
+    columns = wide.get(len(rows[0]), "l" * len(rows[0])) if given else "l" * len(rows[0])
+    lines = [" & ".join(map(_write_tex, row)) + r" \\" for row in rows]
+    body = "\n".join([rf"{lines[0]} \hline", *lines[1:]])
+    return rf"\begin{{longtable}}{{{columns}}}" + f"\n{body}\n" + r"\end{longtable}"
 
 
 # Exercises.
