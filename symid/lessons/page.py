@@ -227,7 +227,7 @@ def _write_table(item: Item) -> str:
 def _write_functions(robot: Robot) -> str:
     """Return the generated functions in JavaScript, those of the rigid robot and of its springs."""
     base = derive_base_parameters(robot)
-    names = _FUNCTIONS
+    names: tuple[str, ...] = _FUNCTIONS
     if any(joint.elasticity for joint in robot.joints):
         known = {spec.name for spec in list_robot_specs(robot, base)}
         names += tuple(name for name in _SPRING_FUNCTIONS if name in known)
@@ -373,7 +373,7 @@ def _write_tex_table(item: Item) -> str:
     given = any(len(text) > _LONG_CELL for row in rows for text in row)
     columns = wide.get(len(rows[0]), "l" * len(rows[0])) if given else "l" * len(rows[0])
     lines = [" & ".join(map(_write_tex, row)) + r" \\" for row in rows]
-    body = "\n".join([rf"{lines[0]} \hline", *lines[1:]])
+    body = "\n".join([rf"{lines[0]} \hline\endhead", *lines[1:]])
     return rf"\begin{{longtable}}{{{columns}}}" + f"\n{body}\n" + r"\end{longtable}"
 
 
@@ -472,7 +472,8 @@ def _ask_effect(lesson: Lesson, rng: np.random.Generator) -> Exercise | None:
         return None
     lost = gone[int(rng.integers(len(gone)))]
     others = [kept[int(k)] for k in rng.choice(len(kept), _OTHERS, replace=False)]
-    names = [(write_label(robot, entry.label), entry is lost) for entry in (lost, *others)]
+    labels = [lost.label, *(entry.label for entry in others)]
+    names = [(write_label(robot, label), label == lost.label) for label in labels]
     options = tuple((f"${write_symbol(name, lesson.book)}$", right) for name, right in sorted(names))
     prompt = "Which of these parameters can no motion of this robot show"
     prompt += f", and why? ({', '.join(name for name, _ in sorted(names))})"
