@@ -163,7 +163,11 @@ class WrittenLesson(Result):
     """A lesson that was written as a page.
 
     Attributes:
-        robot: the robot. path: of the page. size: bytes. notation: whose letters it has.
+        robot: the robot.
+        path: of the page.
+        size: in bytes.
+        notation: whose letters it has.
+        answers: the file with the answers to its exercises, None without exercises.
 
     Example:
         >>> import symid
@@ -178,6 +182,7 @@ class WrittenLesson(Result):
     path: Path
     size: int
     notation: Notation
+    answers: Path | None = None
 
     def summarise(self) -> str:
         """Return robot, file and size."""
@@ -185,7 +190,10 @@ class WrittenLesson(Result):
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return where the page is."""
-        return (f"lesson: {self.path} ({self.size / 1e6:.2f} MB, one file, opens in any browser)",)
+        how = "for pdflatex" if self.path.suffix == ".tex" else "opens in any browser"
+        lines = [f"lesson: {self.path} ({self.size / 1e6:.2f} MB, one file, {how})"]
+        lines += [f"answers: {self.answers}"] if self.answers else []
+        return ("\n".join(lines),)
 
     def to_dict(self) -> dict[str, object]:
         """Return file, size and notation."""
@@ -205,15 +213,29 @@ def write_lesson(
     angle: Literal["q", "theta"] | None = None,
     *,
     long_sines: bool = False,
+    exercises: int = 0,
+    seed: int = 0,
 ) -> WrittenLesson:
     """Write the lesson on `robot`; see `RobotModel.write_lesson`."""
     from symid.environment import check_suffix, write_file
-    from symid.lessons import get_book, write_lesson_page
+    from symid.lessons import get_book, write_lesson_page, write_lesson_tex
 
     file = Path(fspath(path))
-    check_suffix(file, "a lesson", (".html", ".htm"))
-    page = write_lesson_page(robot, get_book(notation, angle=angle, long=long_sines), parameters)
-    return WrittenLesson(robot=robot, path=write_file(file, page), size=len(page.encode()), notation=notation)
+    suffix = check_suffix(file, "a lesson", (".html", ".htm", ".tex"))
+    book = get_book(notation, angle=angle, long=long_sines)
+    if suffix == ".tex":
+        text = write_lesson_tex(robot, book, parameters)
+        size = len(text.encode())
+        return WrittenLesson(robot=robot, path=write_file(file, text), size=size, notation=notation)
+    page = write_lesson_page(robot, book, parameters, exercises=exercises, seed=seed)
+    answers = write_file(file.with_suffix(".answers.txt"), page.answers) if page.answers else None
+    return WrittenLesson(
+        robot=robot,
+        path=write_file(file, page.html),
+        size=len(page.html.encode()),
+        notation=notation,
+        answers=answers,
+    )
 
 
 @final

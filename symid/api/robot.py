@@ -262,16 +262,20 @@ class RobotModel:
         parameters: "LessonParameters | None" = None,
         angle: Literal["q", "theta"] | None = None,
         long_sines: bool = False,
+        exercises: int = 0,
+        seed: int = 0,
     ) -> "WrittenLesson":
         """Write the derivation as one self-contained page: formulas, their numbers, checks, the arm to move.
 
         Args:
-            path: of the page, `.html`.
+            path: of the page, `.html`; `.tex` for a document for pdflatex, which has no exercises.
             notation: letters of symid, or of Siciliano et al., Craig, or Khalil and Dombre.
             parameters: "base", the file's "symbols", or "bodies" (masses, centres of mass, inertias). None
                 takes symbols where the file has them, bodies in the books that use them, else base.
             angle: "q" or "theta" in place of the book's own letter.
             long_sines: write cos(q1 + q2) in place of c12.
+            exercises: how many stand at the end; their answers go to a text file beside the page.
+            seed: of the exercises.
 
         Raises:
             RobotError: a symbolic length has no value.
@@ -285,7 +289,8 @@ class RobotModel:
         from symid.api.dynamics import write_lesson
 
         self.progress(f"deriving the lesson on {self.name}")
-        return write_lesson(self.description, path, notation, parameters, angle, long_sines=long_sines)
+        options: dict[str, Any] = {"long_sines": long_sines, "exercises": exercises, "seed": seed}
+        return write_lesson(self.description, path, notation, parameters, angle, **options)
 
     def sympy(self, name: str, *, standard: bool = False) -> "SymbolicFunction":
         """Return a function of the catalogue as exact SymPy expressions.

@@ -45,6 +45,7 @@ from symid.errors import Notice, UsageError
 @robot_argument()
 @OUTPUT.option("--latex", "Print formulas in LaTeX.", is_flag=True)
 @OUTPUT.option("--html", "Write the lesson as one page, with the arm to move.", FILE, "FILE")
+@OUTPUT.option("--tex", "Write the lesson as a document for pdflatex.", FILE, "FILE")
 @MODEL.option(
     "--notation",
     "Letters of the page: those of symid or of a textbook.",
@@ -58,12 +59,20 @@ from symid.errors import Notice, UsageError
 )
 @MODEL.option("--angle", "Letter of angles in the page.", click.Choice(("q", "theta")))
 @MODEL.option("--long-sines", "Write cos(q1 + q2) in place of c12 in the page.", is_flag=True)
+@OUTPUT.option(
+    "--exercises",
+    "Exercises at the end of the page, with a file of answers.",
+    click.IntRange(0, 50),
+    default=0,
+)
+@OUTPUT.option("--seed", "Of the exercises.", click.IntRange(0), default=0)
 def derive_command(
     console: Console,
     *,
     robot: NamedRobot,
     latex: bool,
     html: Path | None,
+    tex: Path | None,
     **options: Any,  # noqa: ANN401  of the page, typed in `RobotModel.write_lesson`
 ) -> Answer:
     """Derive the dynamics step by step, from the frames to the torques, with operation counts.
@@ -74,9 +83,12 @@ def derive_command(
     Each step has a sentence, its formulas and a check. Then follow the operations of the generated
     functions; --json lists those of all routes, not only the chosen ones.
     """
-    if html is not None:
-        return make_answer(robot.load(console).write_lesson(html, **options))
-    given = [name for name, value in options.items() if value not in (None, False, "symid")]
+    if html is not None and tex is not None:
+        raise UsageError(Notice(code="usage.lesson-files", text="--html and --tex: write one at a time"))
+    wanted = html or tex
+    if wanted is not None:
+        return make_answer(robot.load(console).write_lesson(wanted, **options))
+    given = [name for name, value in options.items() if value not in (None, False, "symid", 0)]
     if given:
         text = f"--{given[0].replace('_', '-')}: only for a page; add --html FILE"
         raise UsageError(Notice(code="usage.lesson-option", text=text))

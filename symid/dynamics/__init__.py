@@ -6,6 +6,7 @@ if TYPE_CHECKING:
     from symid.dynamics.algebra import (
         Algebra as Algebra,
         Label as Label,
+        OperatorAlgebra as OperatorAlgebra,
         RobotState as RobotState,
         Vector as Vector,
         build_state as build_state,

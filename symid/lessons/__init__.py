@@ -4,7 +4,10 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from symid.lessons.derivation import Step as Step, derive_lesson as derive_lesson
-    from symid.lessons.page import write_lesson_page as write_lesson_page
+    from symid.lessons.page import (
+        write_lesson_page as write_lesson_page,
+        write_lesson_tex as write_lesson_tex,
+    )
     from symid.lessons.textbook import get_book as get_book
 else:
     from symid.lazy import load_names

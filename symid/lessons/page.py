@@ -1,4 +1,4 @@
-"""A lesson as one HTML file: formulas typeset as the page opens, numbers that follow the reader's posture.
+"""A lesson as one HTML file, its formulas typeset as it opens, its numbers the reader's; or in LaTeX.
 
 Robot -> chapters, the generated functions as JavaScript, geometry and values -> HTML. Formulas are set by
 KaTeX, whose script and fonts (MIT, see templates/lesson/katex) stand in the page; MathML is beside them for
@@ -7,15 +7,22 @@ screen readers. Nothing is loaded from elsewhere, and the same input gives the s
 The numbers come twice: from the formulas, and from the functions that code generation writes; the page shows
 how far they differ.
 
+Exercises are drawn from the robot: gaps in formulas, groups to name, a torque at a posture, parameters
+without effect. Typed formulas are compared with the answer at random points.
+
 Supported: all robots of the lesson. Not supported: readers without JavaScript, who see formulas as LaTeX.
 """
 
 import base64
 import json
+import math
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
+
+import numpy as np
 
 from symid import __version__
 from symid.codegen import (
@@ -24,24 +31,45 @@ from symid.codegen import (
     list_spring_parameters,
     write_javascript_function,
 )
-from symid.dynamics import derive_base_parameters
+from symid.dynamics import (
+    OperatorAlgebra,
+    build_recursion,
+    build_state,
+    compute_inverse_dynamics,
+    derive_base_parameters,
+    fold_vector,
+    spread_coordinates,
+    write_label,
+)
 from symid.environment import locate_resource_folder
 from symid.lessons.chapters import Chapter, Item, Lesson, list_slides
 from symid.lessons.dynamic_chapters import build_lesson
 from symid.lessons.elastic_chapters import write_elastic
 from symid.lessons.matrices import Parameterisation
-from symid.lessons.textbook import Book, write_symbol
-from symid.robot import Robot
+from symid.lessons.textbook import Book, write_code, write_sum, write_symbol
+from symid.notation import INERTIAL
+from symid.robot import Exact, Robot
 
 _FUNCTIONS = ("mass_matrix", "coriolis_matrix", "gravity", "inverse_dynamics", "energy", "jacobian")
 _SPRING_FUNCTIONS = ("hysteresis_step", "hysteresis_inverse_step")
 _TICK = '<span class="tick" aria-hidden="true">\N{CHECK MARK}</span>'
+_LONG_CELL = 40
 _REGION = 'class="scroll" tabindex="0" role="region" aria-label="Table"'
 _MARKED = re.compile(r"\$([^$]+)\$|`([^`]+)`")
 
 
-def write_lesson_page(robot: Robot, book: Book, form: Parameterisation | None = None) -> str:
-    """Return the page of the lesson on `robot`.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LessonPage:
+    """A lesson as HTML, and the answers to its exercises as text, empty without exercises."""
+
+    html: str
+    answers: str = ""
+
+
+def write_lesson_page(
+    robot: Robot, book: Book, form: Parameterisation | None = None, *, exercises: int = 0, seed: int = 0
+) -> LessonPage:
+    """Return the page of the lesson on `robot`, with so many exercises, drawn with `seed`.
 
     Raises:
         SymidError: two derivations that must agree do not.
@@ -49,12 +77,16 @@ def write_lesson_page(robot: Robot, book: Book, form: Parameterisation | None = 
     """
     lesson = build_lesson(robot, book, form)
     chapters = (*lesson.chapters, *write_elastic(robot, book))
+    drawn = draw_exercises(lesson, exercises, np.random.default_rng(seed))
+    if drawn:
+        chapters = (*chapters, _EXERCISES)
     folder = locate_resource_folder("templates") / "lesson"
     numbers = iter(range(1, 100_000))
     sections = [_write_section(chapter, place, numbers) for place, chapter in enumerate(chapters, start=1)]
     contents = "".join(
         f'<li><a href="#{chapter.anchor}">{escape(chapter.title)}</a></li>' for chapter in chapters
     )
+    file = Path(robot.path).name or robot.name
     parts = {
         "TITLE": escape(f"{robot.name}: equation of motion"),
         "NAME": escape(robot.name.replace("_", " ")),
@@ -62,19 +94,25 @@ def write_lesson_page(robot: Robot, book: Book, form: Parameterisation | None = 
         "LEAD": _write_lead(lesson),
         "CONTENTS": contents,
         "SECTIONS": "\n".join(sections),
-        "FOOT": escape(
-            f"Written by symid {__version__} from {Path(robot.path).name or robot.name}. SI units throughout."
-        ),
+        "FOOT": escape(f"Written by symid {__version__} from {file}. SI units throughout."),
         "STYLE": _write_fonts(folder) + (folder / "lesson.css").read_text(encoding="utf-8"),
         "KATEX": (folder / "katex" / "katex.min.js").read_text(encoding="utf-8"),
         "FUNCTIONS": _write_functions(robot),
         "FORMULAS": _write_formulas(chapters),
-        "DATA": json.dumps(_describe(lesson), separators=(",", ":"), sort_keys=True).replace("<", "\\u003c"),
+        "EXERCISES": ",\n".join(map(_write_exercise, drawn)),
+        "DATA": _write_json(_describe(lesson)),
         "SCRIPT": (folder / "lesson.js").read_text(encoding="utf-8"),
     }
     template = (folder / "lesson.html").read_text(encoding="utf-8")
     # One pass: what is put in may hold such marks itself.
-    return re.sub(r"\{\{([A-Z]+)\}\}", lambda match: parts[match[1]], template)
+    html = re.sub(r"\{\{([A-Z]+)\}\}", lambda match: parts[match[1]], template)
+    answers = "".join(f"{k}. {one.prompt}\n   {one.answer}\n" for k, one in enumerate(drawn, start=1))
+    return LessonPage(html=html, answers=answers)
+
+
+def _write_json(value: object) -> str:
+    """Return JSON that may stand in a script."""
+    return json.dumps(value, separators=(",", ":"), sort_keys=True).replace("<", "\\u003c")
 
 
 def _write_lead(lesson: Lesson) -> str:
@@ -189,7 +227,7 @@ def _write_table(item: Item) -> str:
 def _write_functions(robot: Robot) -> str:
     """Return the generated functions in JavaScript, those of the rigid robot and of its springs."""
     base = derive_base_parameters(robot)
-    names = _FUNCTIONS
+    names: tuple[str, ...] = _FUNCTIONS
     if any(joint.elasticity for joint in robot.joints):
         known = {spec.name for spec in list_robot_specs(robot, base)}
         names += tuple(name for name in _SPRING_FUNCTIONS if name in known)
@@ -241,6 +279,7 @@ def _describe(lesson: Lesson) -> dict[str, object]:
         "robot": robot.name,
         "joints": joints,
         "coordinates": list(robot.coordinates),
+        "standard": dict.fromkeys((write_label(robot, label) for label in lesson.model.base.labels), 0.0),
         "gravity": [value.to_float(symbols) for value in robot.gravity],
         "values": dict(lesson.values),
         "beta": list(lesson.beta),
@@ -257,3 +296,226 @@ def _describe(lesson: Lesson) -> dict[str, object]:
         "cubic": [bool(joint.elasticity and joint.elasticity.cubic) for joint in robot.axes],
         "rotors": [joint.drive.rotor_inertia or 0.0 for joint in robot.axes],
     }
+
+
+# LaTeX.
+
+_TEX_HEAD = r"""\documentclass[11pt,a4paper]{article}
+\usepackage[utf8]{inputenc}
+\usepackage{amsmath,amssymb,graphicx,longtable,array}
+\usepackage[margin=25mm]{geometry}
+\setlength{\parindent}{0pt}\setlength{\parskip}{.5\baselineskip}
+\newcounter{formula}
+% A formula breaks at its sums, its further lines indented; a matrix that is too wide becomes smaller.
+\newcommand{\formula}[1]{{\stepcounter{formula}\raggedright\hangindent=2.5em\hangafter=1
+  $\displaystyle #1$\quad(\theformula)\par}}
+\newcommand{\wide}[1]{{\stepcounter{formula}\sbox0{$\displaystyle #1$}%
+  \ifdim\wd0>.9\linewidth\resizebox{.9\linewidth}{!}{\usebox0}\else\usebox0\fi\quad(\theformula)\par}}
+\newcommand{\checked}[1]{\textbf{Checked}, #1.\par}
+\begin{document}
+"""
+_TEX_MARKS = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+_TEX_MARKS |= {mark: rf"\{mark}" for mark in "&%#_{}$"}
+_TEX_MARKS |= {"\N{SUPERSCRIPT TWO}": "$^2$", "\N{MINUS SIGN}": "-"}
+
+
+def write_lesson_tex(robot: Robot, book: Book, form: Parameterisation | None = None) -> str:
+    """Return the lesson on `robot` as a LaTeX document for pdflatex.
+
+    Raises:
+        SymidError: two derivations that must agree do not.
+    """
+    lesson = build_lesson(robot, book, form)
+    chapters = (*lesson.chapters, *write_elastic(robot, book))
+    title = _write_tex(f"{robot.name}: equation of motion")
+    parts = [_TEX_HEAD, rf"\title{{{title}}}\author{{symid {__version__}}}\date{{}}\maketitle"]
+    parts.append(_write_tex(robot.description))
+    for chapter in chapters:
+        parts.append(rf"\section{{{_write_tex(chapter.title)}}}")
+        parts += map(_write_tex_item, chapter.items)
+    return "\n\n".join([*filter(None, parts), r"\end{document}"]) + "\n"
+
+
+def _write_tex(text: str) -> str:
+    """Return a text in LaTeX, its $formulas$ as they are."""
+    result, place = "", 0
+    for match in _MARKED.finditer(text):
+        result += "".join(_TEX_MARKS.get(letter, letter) for letter in text[place : match.start()])
+        code = "".join(_TEX_MARKS.get(letter, letter) for letter in match[2] or "")
+        result += f"${match[1]}$" if match[1] else rf"\texttt{{{code}}}"
+        place = match.end()
+    return result + "".join(_TEX_MARKS.get(letter, letter) for letter in text[place:])
+
+
+def _write_tex_item(item: Item) -> str:
+    match item.kind:
+        case "text":
+            return _write_tex(item.text)
+        case "check":
+            return rf"\checked{{{_write_tex(item.text)}}}"
+        case "formula":
+            return rf"\formula{{{item.latex}}}"
+        case "matrix":
+            return rf"\wide{{{item.latex}}}"
+        case "details":
+            inner = "\n\n".join(filter(None, map(_write_tex_item, item.items)))
+            return rf"\subsection*{{{_write_tex(item.text)}}}" + f"\n{inner}"
+        case "table":
+            return _write_tex_table(item)
+        case _:
+            return ""
+
+
+def _write_tex_table(item: Item) -> str:
+    """Return a table; the columns of one that gives reasons have widths of their own."""
+    rows = [row[:3] if item.text == "base" else row for row in item.rows]
+    wide = {2: "p{.35\\linewidth}p{.58\\linewidth}", 3: "lp{.34\\linewidth}p{.46\\linewidth}"}
+    given = any(len(text) > _LONG_CELL for row in rows for text in row)
+    columns = wide.get(len(rows[0]), "l" * len(rows[0])) if given else "l" * len(rows[0])
+    lines = [" & ".join(map(_write_tex, row)) + r" \\" for row in rows]
+    body = "\n".join([rf"{lines[0]} \hline\endhead", *lines[1:]])
+    return rf"\begin{{longtable}}{{{columns}}}" + f"\n{body}\n" + r"\end{longtable}"
+
+
+# Exercises.
+
+_EXERCISES = Chapter(
+    title="Exercises",
+    anchor="exercises",
+    items=(
+        Item(
+            kind="text",
+            text="Type formulas with the letters of the copied SymPy text, as `m2*lc2*g*cos(q1 + q2)`, or "
+            "shorter, "
+            "as `m2 lc2 g c12`. They are compared with the answer at random points.",
+        ),
+        Item(kind="widget", text="exercises"),
+    ),
+)
+_LONGEST_ANSWER = 140
+_OTHERS = 3
+_SMALL_TORQUE = 1e-9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Exercise:
+    """A question: its answer as text, and as JavaScript `code`, a `number`, or one of `options`."""
+
+    prompt: str
+    answer: str
+    code: str = ""
+    number: float | None = None
+    options: tuple[tuple[str, bool], ...] = ()
+
+
+def draw_exercises(lesson: Lesson, count: int, rng: np.random.Generator) -> tuple[Exercise, ...]:
+    """Return exercises on a lesson: formulas, groups, torques at rest, parameters without effect."""
+    makers = (_ask_formula, _ask_group, _ask_torque, _ask_effect)
+    found: list[Exercise] = []
+    for k in range(50 * count):
+        one = makers[k % len(makers)](lesson, rng)
+        if one is not None and one.prompt not in {other.prompt for other in found}:
+            found.append(one)
+        if len(found) == count:
+            break
+    return tuple(found)
+
+
+def _ask_formula(lesson: Lesson, rng: np.random.Generator) -> Exercise | None:
+    items = [item for chapter in lesson.chapters for item in _list_items(chapter.items)]
+    known = [x for x in items if x.code and x.name[:1] in set("Mgh") and 4 < len(x.sympy) <= _LONGEST_ANSWER]
+    if not known:
+        return None
+    item = known[int(rng.integers(len(known)))]
+    left, _, right = item.latex.partition(" = ")
+    return Exercise(prompt=f"What is ${left}$?", answer=f"${right}$, as text {item.sympy}", code=item.code)
+
+
+def _ask_group(lesson: Lesson, rng: np.random.Generator) -> Exercise | None:
+    robot, base = lesson.model.robot, lesson.model.base
+    groups = [entry for entry in base.parameters if len(entry.terms) > 1]
+    if not groups:
+        return None
+    entry = groups[int(rng.integers(len(groups)))]
+    symbol = write_symbol(entry.name, lesson.book)
+    ring, terms = lesson.model.algebra.ring, []
+    for label, factor in entry.terms:
+        share = write_sum(ring.from_expr(factor), lesson.model.sums)
+        terms.append((write_label(robot, label), write_code(share, "v"), write_code(share)))
+    code = " + ".join(f"({share})*v.{name}" for name, share, _ in terms)
+    text = " + ".join(name if share == "1" else f"({share})*{name}" for name, _, share in terms)
+    prompt = f"Which standard parameters does ${symbol}$ stand for? Write the sum, as MX1 + a2*M2."
+    return Exercise(prompt=prompt, answer=f"{text}: {entry.reason}", code=code)
+
+
+def _ask_torque(lesson: Lesson, rng: np.random.Generator) -> Exercise | None:
+    robot = lesson.robot
+    q = [round(float(x), 1) for x in rng.uniform(-1.5, 1.5, robot.freedom)]
+    torques = _compute_gravity(lesson, q)
+    joint = int(rng.integers(robot.freedom))
+    if abs(torques[joint]) < _SMALL_TORQUE:
+        return None
+    posture = ", ".join(f"{x:g}" for x in q)
+    unit = "N" if robot.axes[joint].prismatic else "N m"
+    prompt = (
+        f"With the values of this page, which torque ({unit}) holds joint {robot.coordinates[joint] + 1} "
+        f"at rest at q = ({posture})? To one percent."
+    )
+    return Exercise(prompt=prompt, answer=f"{torques[joint]:.5g} {unit}", number=torques[joint])
+
+
+def _ask_effect(lesson: Lesson, rng: np.random.Generator) -> Exercise | None:
+    robot, base = lesson.model.robot, lesson.model.base
+    gone = [entry for entry in base.eliminated if entry.reason.startswith("no effect")]
+    kept = [entry for entry in base.parameters if entry.label[1] in INERTIAL]
+    if not gone or len(kept) < _OTHERS:
+        return None
+    lost = gone[int(rng.integers(len(gone)))]
+    others = [kept[int(k)] for k in rng.choice(len(kept), _OTHERS, replace=False)]
+    labels = [lost.label, *(entry.label for entry in others)]
+    names = [(write_label(robot, label), label == lost.label) for label in labels]
+    options = tuple((f"${write_symbol(name, lesson.book)}$", right) for name, right in sorted(names))
+    prompt = "Which of these parameters can no motion of this robot show"
+    prompt += f", and why? ({', '.join(name for name, _ in sorted(names))})"
+    return Exercise(prompt=prompt, answer=f"{lost.name}: {lost.reason}", options=options)
+
+
+@dataclass(frozen=True, slots=True)
+class _FloatAlgebra(OperatorAlgebra):
+    """Doubles; `symbols` has the values of symbolic lengths in m."""
+
+    symbols: dict[str, float]
+    zero = 0.0
+    one = 1.0
+
+    def constant(self, value: Exact) -> float:
+        return value.to_float(self.symbols)
+
+    def half(self, value: float) -> float:
+        return 0.5 * value
+
+
+def _compute_gravity(lesson: Lesson, q: Sequence[float]) -> tuple[float, ...]:
+    """Return the torques at rest, springs included, by the Newton-Euler recursion in doubles."""
+    robot = lesson.robot
+    algebra = _FloatAlgebra(dict(robot.symbols))
+    values: dict[str, float] = {}
+    for number, angle in enumerate(spread_coordinates(robot, algebra, q)[: robot.size], start=1):
+        values |= {f"s{number}": math.sin(angle), f"c{number}": math.cos(angle), f"q{number}": angle}
+    recursion = build_recursion(robot, algebra, build_state(robot, algebra, values))
+    keys = derive_base_parameters(robot).keys
+    torques = compute_inverse_dynamics(recursion, dict(zip(keys, lesson.beta, strict=True)))
+    return fold_vector(robot, algebra, torques)
+
+
+def _write_exercise(one: Exercise) -> str:
+    """Return an exercise as a JavaScript object."""
+    parts = [f'"prompt": {_write_json(one.prompt)}', f'"answer": {_write_json(one.answer)}']
+    if one.code:
+        parts.append(f'"formula": (v) => {one.code}')
+    if one.number is not None:
+        parts.append(f'"number": {one.number!r}')
+    if one.options:
+        options = [{"text": text, "right": right} for text, right in one.options]
+        parts.append(f'"options": {_write_json(options)}')
+    return f"{{ {', '.join(parts)} }}"

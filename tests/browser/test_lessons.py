@@ -120,3 +120,34 @@ def test_a_printed_page_has_everything_open(browser, pages, tmp_path):
     browser.open(pages("two_link"))
     browser.print(tmp_path / "lesson.pdf")
     assert (tmp_path / "lesson.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_exercises_are_marked(browser, tmp_path):
+    page = symid.load("two_link_symbols").write_lesson(tmp_path / "page.html", exercises=10, seed=3)
+    browser.size(1280, 900)
+    browser.open(page.path)
+    assert browser.messages == []
+    count = browser.run("LESSON_EXERCISES.length")
+    assert count == 10
+    formulas = browser.run("LESSON_EXERCISES.map((one) => [Boolean(one.formula), one.answer])")
+    answer = (
+        "(() => { const box = document.getElementById('exercise-%d'), input = box.querySelector('input'); "
+        "input.value = %r; box.querySelector('button').click(); "
+        "return box.querySelector('.verdict').textContent; })()"
+    )
+    marked = 0
+    for place, (is_formula, text) in enumerate(formulas, start=1):
+        if is_formula and "as text " in text:
+            right = text.split("as text ")[1]
+            assert browser.run(answer % (place, right)) == "right"
+            assert browser.run(answer % (place, right.replace("*", " ").replace("  ", "^"))) == "right"
+            assert browser.run(answer % (place, f"{right} + 0.001")) == "not yet"
+            assert browser.run(answer % (place, f"{right} + (")) == "the formula is not finished"
+            assert "no letter of this lesson" in browser.run(answer % (place, "xyzzy"))
+            marked += 1
+    assert marked
+    script = "LESSON_EXERCISES.findIndex((one) => one.number !== undefined)"
+    place = browser.run(script)
+    number = browser.run(f"LESSON_EXERCISES[{place}].number")
+    assert browser.run(answer % (place + 1, f"{number:.4g}")) == "right"
+    assert browser.run(answer % (place + 1, f"{number * 1.05:.4g}")) == "not yet"

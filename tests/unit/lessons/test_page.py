@@ -2,17 +2,24 @@
 
 import html
 import re
+import shutil
+import subprocess
 
 import pytest
 
 import symid
 from symid.cli.main import run
 from symid.errors import SymidError
-from symid.lessons import dynamic_chapters, get_book, write_lesson_page
+from symid.lessons import dynamic_chapters, get_book, write_lesson_tex
 from symid.lessons.chapters import build_values
 from symid.lessons.matrices import build_model
+from symid.lessons.page import write_lesson_page as write_parts
 from symid.robot import load_robot
 from symid.robot.toml_reader import parse_robot
+
+
+def write_lesson_page(*arguments, **options):
+    return write_parts(*arguments, **options).html
 
 
 def list_formulas(page):
@@ -131,3 +138,68 @@ def test_the_verb_writes_a_page(capsys, tmp_path):
     assert run(["derive", "ppr", "--html", str(tmp_path / "ppr.html"), "-q"]) == 0
     assert "opens in any browser" in capsys.readouterr().out
     assert (tmp_path / "ppr.html").exists()
+
+
+def test_exercises_have_answers_and_the_same_seed_gives_the_same(tmp_path):
+    robot = load_robot("two_link")
+    first = write_parts(robot, get_book("symid"), exercises=8, seed=4)
+    assert first == write_parts(robot, get_book("symid"), exercises=8, seed=4)
+    assert first.answers != write_parts(robot, get_book("symid"), exercises=8, seed=5).answers
+    prompts = [line for line in first.answers.splitlines() if line[0].isdigit()]
+    assert len(prompts) == len(set(prompts)) == 8
+    for start in ("What is", "Which standard", "With the values", "Which of these"):
+        assert any(start in line for line in prompts)
+    assert write_parts(robot, get_book("symid")).answers == ""
+
+
+def test_a_torque_to_compute_is_that_of_the_library():
+    robot = symid.load("two_link")
+    answers = write_parts(robot.description, get_book("symid"), exercises=12, seed=1).answers
+    library = robot.compile()
+    found = re.findall(r"holds joint (\d) at rest at q = \((.*?)\)\?.*\n   (\S+) N m", answers)
+    assert found
+    for joint, posture, value in found:
+        gravity = library.gravity([float(x) for x in posture.split(",")], library.beta)
+        assert float(value) == pytest.approx(gravity[int(joint) - 1], rel=1e-4)
+
+
+def test_answers_stand_beside_the_page(tmp_path):
+    lesson = symid.load("scara").write_lesson(tmp_path / "scara.html", exercises=4, seed=2)
+    assert lesson.answers == tmp_path / "scara.answers.txt"
+    assert len(lesson.answers.read_text(encoding="utf-8").splitlines()) == 8
+
+
+PDFLATEX = shutil.which("pdflatex")
+
+
+@pytest.mark.skipif(
+    PDFLATEX is None, reason="pdflatex is not here: apt-get install texlive-latex-recommended"
+)
+@pytest.mark.parametrize("name", ["two_link", "puma560", "two_link_elastic"])
+def test_pdflatex_runs_without_an_error(name, tmp_path):
+    symid.load(name).write_lesson(tmp_path / "lesson.tex", notation="siciliano")
+    command = [PDFLATEX, "-interaction=nonstopmode", "-halt-on-error", "lesson.tex"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 0, done.stdout[-2000:]
+    assert (tmp_path / "lesson.pdf").stat().st_size > 20_000
+    # Nothing runs out of the page by more than a letter.
+    widths = [float(width) for width in re.findall(r"Overfull \\hbox \(([\d.]+)pt", done.stdout)]
+    assert max(widths, default=0.0) < 12.0
+
+
+def test_a_document_has_texts_in_tex():
+    robot = parse_robot(
+        'name = "a_b"\ndescription = "100 % & #1 {x}"\nconvention = "modified"\ngravity = [0, 0, -9.81]\n'
+        '[[joint]]\nname = "a^b"\nkind = "revolute"\nalpha = "pi/2"\n'
+    )
+    text = write_lesson_tex(robot, get_book("symid"))
+    assert r"100 \% \& \#1 \{x\}" in text
+    assert r"a\textasciicircum{}b" in text
+    assert r"\title{a\_b: equation of motion}" in text
+    assert text.endswith("\\end{document}\n")
+
+
+def test_one_file_at_a_time(capsys):
+    """The notice is usage.lesson-files."""
+    assert run(["derive", "two_link", "--html", "a.html", "--tex", "a.tex"]) == 2
+    assert "write one at a time" in capsys.readouterr().err
