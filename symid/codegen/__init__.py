@@ -52,8 +52,10 @@ if TYPE_CHECKING:
         generate_folder as generate_folder,
     )
     from symid.codegen.library import Library as Library
-    from symid.codegen.python_targets import build_compiled_function as build_compiled_function
-    from symid.codegen.python_targets import write_javascript_function as write_javascript_function
+    from symid.codegen.python_targets import (
+        build_compiled_function as build_compiled_function,
+        write_javascript_function as write_javascript_function,
+    )
     from symid.codegen.routes import (
         RouteCount as RouteCount,
         choose_route as choose_route,

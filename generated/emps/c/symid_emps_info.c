@@ -13,5 +13,5 @@ const char *symid_emps_signature(void)
 
 const char *symid_emps_digest(void)
 {
-    return "881010db5da10d5a6dffbadc2f5f8b9656db00446a4d0334d6cb201ce7f2545a";
+    return "f7b94bd429971c1df9b2e48798604c948fac325710f72927a9d32a9aa83de3e7";
 }

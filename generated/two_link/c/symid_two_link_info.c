@@ -13,5 +13,5 @@ const char *symid_two_link_signature(void)
 
 const char *symid_two_link_digest(void)
 {
-    return "a8ccf7d056ecfd660a7d21b66e0abfc1a948614e58ab4ac92675846f258ea023";
+    return "007689971ac32db8eddcfde8f6fe255ea6ea04039a2cb4014e7c31fd03a8bbc5";
 }
