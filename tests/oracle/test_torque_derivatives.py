@@ -176,8 +176,8 @@ def test_second_derivatives_are_those_of_casadi_of_the_torques(robot):
     expected = ca.Function("second", symbols, [ca.densify(derive(*pair)) for pair in pairs])
     for _ in range(5):
         inputs = [rng.uniform(-2, 2, torques.size1_in(k)) for k in range(4)]
-        for mine, theirs in zip(second.call(inputs), expected.call(inputs), strict=True):
-            theirs = theirs.full()
+        for mine, exact in zip(second.call(inputs), expected.call(inputs), strict=True):
+            theirs = exact.full()
             size = max(1.0, float(np.abs(theirs).max()))
             # A row of the Jacobian is one pair (i, j); entries (j, k) of a port are side by side.
             tensor = theirs.reshape(n, n, n)

@@ -870,6 +870,53 @@ static const double sums_forward_dynamics_derivatives_dddq_dtau[200] = {
     -103.37768679631526, -99.2835209825998, -103.37768679631526, -99.2835209825998, -103.37768679631526,
 };
 
+static const double whole_mass_matrix_derivatives_dM_dq[2] = {
+    0.0, 0.0,
+};
+
+static const double sums_mass_matrix_derivatives_dM_dq[200] = {
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, 0.0, 0.0, 0.0,
+};
+
 static const double whole_energy_T[2] = {
     -0.10836932849999999, -0.2532384,
 };
@@ -1771,6 +1818,29 @@ static double test_forward_dynamics_derivatives(void)
     return run(&tested);
 }
 
+static int call_mass_matrix_derivatives(const double *const *in, double *const *out)
+{
+    return symid_emps_mass_matrix_derivatives(in[0], in[1], out[0]);
+}
+
+static int call_mass_matrix_derivatives_batch(size_t n, const double *const *in, double *const *out)
+{
+    return symid_emps_mass_matrix_derivatives_batch(n, in[0], in[1], out[0]);
+}
+
+static double test_mass_matrix_derivatives(void)
+{
+    static const input inputs[] = {
+        { state_q_1, NULL, 1 },
+        { NULL, shared_beta, 1 },
+    };
+    static const output outputs[] = {
+        { whole_mass_matrix_derivatives_dM_dq, sums_mass_matrix_derivatives_dM_dq, 0.01, 1 },
+    };
+    const test tested = { call_mass_matrix_derivatives, call_mass_matrix_derivatives_batch, inputs, outputs, 2, 1 };
+    return run(&tested);
+}
+
 static int call_energy(const double *const *in, double *const *out)
 {
     return symid_emps_energy(in[0], in[1], in[2], out[0], out[1]);
@@ -1981,6 +2051,7 @@ int main(void)
     failed += report("forward_dynamics", test_forward_dynamics());
     failed += report("inverse_dynamics_derivatives", test_inverse_dynamics_derivatives());
     failed += report("forward_dynamics_derivatives", test_forward_dynamics_derivatives());
+    failed += report("mass_matrix_derivatives", test_mass_matrix_derivatives());
     failed += report("energy", test_energy());
     failed += report("energy_regressor", test_energy_regressor());
     failed += report("momentum_regressor", test_momentum_regressor());
@@ -1989,6 +2060,6 @@ int main(void)
     failed += report("slotine_li_regressor", test_slotine_li_regressor());
     failed += report("friction", test_friction());
     failed += report("friction_regressor", test_friction_regressor());
-    printf("%d of 18 functions failed\n", failed);
+    printf("%d of 19 functions failed\n", failed);
     return failed == 0 ? 0 : 1;
 }

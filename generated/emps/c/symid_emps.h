@@ -278,6 +278,26 @@ int symid_emps_forward_dynamics_derivatives(const double q[1], const double dq[1
 int symid_emps_forward_dynamics_derivatives_batch(size_t n, const double *q, const double *dq, const double *tau, const double beta[1], double *ddq, double *dddq_dq, double *dddq_ddq, double *dddq_dtau);
 
 /**
+ * @brief derivative of the mass matrix by the position; the Christoffel symbols are c_ijk = (dM_ij/dq_k + dM_ik/dq_j - dM_jk/dq_i) / 2
+ *
+ * @param[in] q joint coordinates: 1, rad
+ * @param[in] beta base inertial parameters: 1, mixed; one vector for all samples
+ * @param[out] dM_dq entry (i, j, k): of M_ij by q_k: 1 x 1 x 1, kg m^2/rad
+ * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
+ *
+ * Operations: 0 products, 0 sums, 0 elementary functions.
+ */
+int symid_emps_mass_matrix_derivatives(const double q[1], const double beta[1], double dM_dq[1]);
+
+/**
+ * @brief symid_emps_mass_matrix_derivatives for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
+ */
+int symid_emps_mass_matrix_derivatives_batch(size_t n, const double *q, const double beta[1], double *dM_dq);
+
+/**
  * @brief kinetic and potential energy, up to the constant that base parameters cannot know
  *
  * @param[in] q joint coordinates: 1, rad

@@ -13,5 +13,5 @@ const char *symid_emps_signature(void)
 
 const char *symid_emps_digest(void)
 {
-    return "11b1fd358764847393432de5ca60f59ea198660cfeff04c69c08203bab1b7b9a";
+    return "af72905ebdf79fc9dcdc65abdfa9e0cf5be4e48213f1092cace8142bb546834a";
 }

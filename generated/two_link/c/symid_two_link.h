@@ -287,6 +287,26 @@ int symid_two_link_forward_dynamics_derivatives(const double q[2], const double 
 int symid_two_link_forward_dynamics_derivatives_batch(size_t n, const double *q, const double *dq, const double *tau, const double beta[6], double *ddq, double *dddq_dq, double *dddq_ddq, double *dddq_dtau);
 
 /**
+ * @brief derivative of the mass matrix by the position; the Christoffel symbols are c_ijk = (dM_ij/dq_k + dM_ik/dq_j - dM_jk/dq_i) / 2
+ *
+ * @param[in] q joint coordinates: 2, rad
+ * @param[in] beta base inertial parameters: 6, mixed; one vector for all samples
+ * @param[out] dM_dq entry (i, j, k): of M_ij by q_k: 2 x 2 x 2, kg m^2/rad
+ * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
+ *
+ * Operations: 3 products, 1 sums, 2 elementary functions.
+ */
+int symid_two_link_mass_matrix_derivatives(const double q[2], const double beta[6], double dM_dq[8]);
+
+/**
+ * @brief symid_two_link_mass_matrix_derivatives for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
+ */
+int symid_two_link_mass_matrix_derivatives_batch(size_t n, const double *q, const double beta[6], double *dM_dq);
+
+/**
  * @brief kinetic and potential energy, up to the constant that base parameters cannot know
  *
  * @param[in] q joint coordinates: 2, rad

@@ -13,5 +13,5 @@ const char *symid_two_link_signature(void)
 
 const char *symid_two_link_digest(void)
 {
-    return "85555e5f6118a8c3f933a0116b0013cd02a3c8b74b44f0bfc65dff91a9d3cef5";
+    return "0f6515abaa10d2820d8842923a417a2ce31881f5112c049f9a8b17004a0ab016";
 }
