@@ -10,6 +10,7 @@ Not supported: loops, branches, calls; derivatives of other operations than sums
 and cosine (TypeError).
 """
 
+import functools
 import itertools
 import math
 import operator
@@ -59,6 +60,7 @@ ARITHMETIC: Mapping[Op, Callable[..., Any]] = {
 """What the four operators are in Python, for numbers and expressions alike."""
 _PRODUCTS = (Op.MUL, Op.DIV)
 _SUMS = (Op.ADD, Op.SUB)
+_MOST_ORDERED = 600
 _ELEMENTARY = (Op.SIN, Op.COS, Op.TAN, Op.SQRT, Op.EXP, Op.TANH, Op.POWER)
 
 
@@ -112,11 +114,34 @@ def _count(ops: list[Op]) -> Operations:
     return Operations(mul=mul, add=add, trig=trig)
 
 
-def build_depth_first(program: Program) -> Program:
+def order_by_growth(program: Program) -> list[int]:
+    """Return the numbers of the outputs, next always the one that needs the fewest values not yet there.
+
+    Entries of several matrices that share values follow one another; where outputs are very many, they stay
+    port by port.
+    """
+    rest = dict.fromkeys(map(abs, itertools.chain(*program.outputs)))
+    if len(rest) > _MOST_ORDERED:
+        return list(rest)
+    # Bit k of an entry: whether it needs value k.
+    needed, present, order = [0], 0, list[int]()
+    for number, instruction in enumerate(program.instructions, start=1):
+        needed.append(functools.reduce(operator.or_, (needed[k] for k in instruction.operands), 1 << number))
+    while rest:
+        missing = [((needed[ref] & ~present).bit_count(), ref) for ref in rest]
+        _, ref = min(missing, key=operator.itemgetter(0))
+        del rest[ref]
+        order.append(ref)
+        present |= needed[ref]
+    return order
+
+
+def build_depth_first(program: Program, outputs: Iterable[int] | None = None) -> Program:
     """Return `program` with its instructions in depth-first order, so that few values are alive at a time.
 
     A value is computed when the first that needs it is next; of two operands first the one that needs more
-    values itself (Sethi and Ullman 1970, for trees).
+    values itself (Sethi and Ullman 1970, for trees). `outputs` is another order of the outputs than that of
+    the ports.
     """
     # How many values are alive at once while a value is computed, were none used twice.
     needs = [0]
@@ -124,7 +149,7 @@ def build_depth_first(program: Program) -> Program:
         below = sorted((needs[k] for k in set(instruction.operands)), reverse=True)
         needs.append(max([1, *(need + k for k, need in enumerate(below))]))
     order: dict[int, None] = {}
-    for ref in itertools.chain(*program.outputs):
+    for ref in itertools.chain(*program.outputs) if outputs is None else outputs:
         waiting = [abs(ref)]
         while waiting:
             operands = program.instructions[waiting[-1] - 1].operands

@@ -39,6 +39,7 @@ from symid.codegen.programs import (
     differentiate_along,
     differentiate_backward,
     differentiate_forward,
+    order_by_growth,
 )
 from symid.codegen.workspace import Elements, RouteBuilder, RouteWorkspace, build_workspace, check_symbols
 from symid.dynamics import (
@@ -589,7 +590,10 @@ def choose_route(
             RouteCount(function=spec.name, route=name, operations=count, chosen=name == chosen)
             for name, count in counts.items()
         )
-        program = build_depth_first(table.build_program(spec, built[chosen]))
+        whole = table.build_program(spec, built[chosen])
+        # Their matrices share most values: 2 to 5 % of the time.
+        order = order_by_growth(whole) if spec.name.endswith("derivatives") else None
+        program = build_depth_first(whole, order)
         choices.append(RouteChoice(program=program, counts=tuple(rows)))
     old, new = (count_operations(choice.program) for choice in (choices[0], choices[-1]))
     cheaper = new.mul + new.add < old.mul + old.add and new.trig <= old.trig
