@@ -3,7 +3,7 @@
     python benchmarks/scaling.py [--sizes 5,10,20] [--shapes chain,tree] [--compile]
 
 Chains, and trees of branches of five joints in which two branches begin where one ends. Each robot has a
-process of its own: the exact programs of all functions, the C sources with reference values, and with --compile
+process of its own: exact programs of all functions, C sources with reference values, and with --compile
 make with the self-test. An exponent is the slope of the line through logarithms of time and joints.
 """
 
