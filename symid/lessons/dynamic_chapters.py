@@ -375,7 +375,7 @@ def _write_motion(writer: ChapterWriter, equations: Equations) -> Chapter:
             text=rf"exact: $\frac{{d}}{{dt}}({book.kinetic} + {book.potential}) = \dot {book.coordinates} "
             rf"\cdot {book.torque}$, "
             "the energy theorem. Below it is plotted along a motion: the work of the torques, and what it "
-            "became.",
+            "became",
         ),
         Item(kind="widget", text="energy"),
         Item(

@@ -408,7 +408,8 @@ def _compare_methods(estimate: ElasticEstimate) -> Iterator[Block]:
         return
     truth = [entry.truth for entry in estimate.parameters]
     measures = {"prediction error (noise = 1)": [trial.error for trial in trials]}
-    known = [place for place, true in enumerate(truth) if true]
+    whole = all(len(trial.values) == len(truth) for trial in trials)
+    known = [place for place, true in enumerate(truth) if true and whole]
     if known:
         values = np.array([trial.values for trial in trials])[:, known]
         true = np.array([truth[place] for place in known], dtype=np.float64)

@@ -109,7 +109,7 @@ def test_a_report_with_a_diagnosis(capsys, logs, estimate, tmp_path):
     ):
         assert heading in text
     # The spectrum, three profiles a joint, three figures a joint of the held-out log, and perhaps an ellipse.
-    assert figures in (13, 14)
+    assert figures in (15, 16)
     first = page.read_bytes()
     assert run([*map(str, call), "--force", "-q"]) == 0
     assert page.read_bytes() == first

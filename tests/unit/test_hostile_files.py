@@ -168,11 +168,11 @@ def test_a_matlab_file_may_ask_for_more_than_there_is(tmp_path):
 
 def test_trials_of_methods_have_a_value_a_parameter(tmp_path, elastic_fit):
     data = json.loads(elastic_fit.read_text(encoding="utf-8"))
-    trials = data["trials"]
-    trials[0]["values"] = trials[0]["values"][:-1]
+    first = data["trials"][0]
+    data["trials"] = [first, {**first, "values": first["values"][:-1]}]
     path = tmp_path / "fit.json"
     path.write_text(json.dumps(data), encoding="utf-8")
-    with pytest.raises(EstimateError, match=r"expected \d+ values"):
+    with pytest.raises(EstimateError, match=r"expected \d+ values as of"):
         read_fit(path)
 
 

@@ -7,10 +7,10 @@ int symid_emps_forward_dynamics_derivatives(const double q[restrict 1], const do
     if (q == NULL || dq == NULL || tau == NULL || beta == NULL || ddq == NULL || dddq_dq == NULL || dddq_ddq == NULL || dddq_dtau == NULL) {
         return SYMID_EMPS_ERROR_NULL;
     }
-    const double t3 = 1.0 / beta[0];
-    dddq_dtau[0] = t3;
-    const double t5 = tau[0] * t3;
-    ddq[0] = t5;
+    const double t4 = 1.0 / beta[0];
+    dddq_dtau[0] = t4;
+    const double t6 = tau[0] * t4;
+    ddq[0] = t6;
     dddq_dq[0] = 0.0;
     dddq_ddq[0] = 0.0;
     return SYMID_EMPS_OK;
@@ -25,11 +25,11 @@ int symid_emps_forward_dynamics_derivatives_batch(size_t n, const double *restri
     if (n >= SYMID_EMPS_LANES) {
         for (size_t first = 0; first < n; first += SYMID_EMPS_LANES) {
             const size_t k = first <= n - SYMID_EMPS_LANES ? first : n - SYMID_EMPS_LANES;
-            const lanes t3 = ALL(1.0) / ALL(beta[0]);
-            store_one(dddq_dtau + 1 * k, 1, t3);
+            const lanes t4 = ALL(1.0) / ALL(beta[0]);
+            store_one(dddq_dtau + 1 * k, 1, t4);
             const lanes tau0 = GATHER(tau + 1 * k, 1);
-            const lanes t5 = tau0 * t3;
-            store_one(ddq + 1 * k, 1, t5);
+            const lanes t6 = tau0 * t4;
+            store_one(ddq + 1 * k, 1, t6);
             store_one(dddq_dq + 1 * k, 1, ALL(0.0));
             store_one(dddq_ddq + 1 * k, 1, ALL(0.0));
         }

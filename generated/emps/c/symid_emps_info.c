@@ -13,5 +13,5 @@ const char *symid_emps_signature(void)
 
 const char *symid_emps_digest(void)
 {
-    return "f7b94bd429971c1df9b2e48798604c948fac325710f72927a9d32a9aa83de3e7";
+    return "f2f4791a983a3087781e3d13d292634c4b8c3c0983920c8bf6744b1f687a0c19";
 }

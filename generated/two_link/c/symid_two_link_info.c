@@ -13,5 +13,5 @@ const char *symid_two_link_signature(void)
 
 const char *symid_two_link_digest(void)
 {
-    return "007689971ac32db8eddcfde8f6fe255ea6ea04039a2cb4014e7c31fd03a8bbc5";
+    return "952389d4fd17436e29be32505cd3e992d9d480b363af047445235fed9bf76faf";
 }

@@ -172,10 +172,11 @@ class ElasticEstimate(DynamicsRecord):
             whole = len(effect.values) == len(effect.deviations) == count and effect.joint in joints
             if not whole or not all(map(math.isfinite, (*effect.values, *effect.deviations, effect.order))):
                 mistakes.append(f"effects: {effect.kind} of joint {effect.joint}: no such effect")
+        first = len(self.trials[0].values) if self.trials else 0
         mistakes += [
-            f"trials: {trial.method}: expected {len(self.parameters)} values, got {len(trial.values)}"
+            f"trials: {trial.method}: expected {first} values as of the first, got {len(trial.values)}"
             for trial in self.trials
-            if len(trial.values) != len(self.parameters)
+            if len(trial.values) != first
         ]
         if self.evidence is not None:
             found, size = self.evidence, len(self.residual)
