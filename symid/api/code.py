@@ -245,7 +245,6 @@ class CompiledModel:
     inverse_dynamics_derivatives: TupleFunction
     forward_dynamics_derivatives: TupleFunction
     mass_matrix_derivatives: RobotFunction
-    inverse_dynamics_second_derivatives: TupleFunction
     energy: TupleFunction
     energy_regressor: TupleFunction
     momentum_regressor: RobotFunction

@@ -81,9 +81,7 @@ def test_no_function_of_the_catalogue_is_without_a_type(robot, tmp_path):
     elastic = symid.load("two_link_elastic", backend="python")
     (tmp_path / "one.toml").write_text(BENT)
     bent = symid.load(tmp_path / "one.toml", backend="python")
-    second = robot.compile(functions=("inverse_dynamics_second_derivatives",))
-    models = (robot.compile(), second, elastic.compile(), bent.compile())
-    names = {name for model in models for name in model.functions}
+    names = {*robot.compile().functions, *elastic.compile().functions, *bent.compile().functions}
     assert names == set(CompiledModel.__annotations__)
 
 
