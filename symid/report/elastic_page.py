@@ -44,9 +44,9 @@ from symid.report.figures import (
 from symid.report.fit_text import show_effects, show_residual
 from symid.report.identification_page import UNTESTED
 from symid.report.pages import (
-    TOLD,
     Page,
     build_fit_page,
+    count_significant,
     draw_certainty,
     format_error,
     format_percent,
@@ -143,7 +143,7 @@ def build_elastic_page(
 
 
 def _list_numbers(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> list[tuple[str, str]]:
-    """Return the numbers that matter: what dynamics and springs leave of torques, what is told from zero."""
+    """Return the numbers that matter: what dynamics and springs leave of torques, and what is significant."""
     held_out = [trial for trial in trials if not trial.fitted]
     numbers, told = [], {spring.joint for spring in estimate.springs if spring.told}
     if held_out:
@@ -162,8 +162,7 @@ def _list_numbers(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
         worst = max(share for share in springs if share is not None)
         numbers.append((format_percent(worst), "of a joint's torque left by its spring, at most"))
     if estimate.covariance:
-        count = sum(abs(entry.value) >= TOLD * entry.std for entry in estimate.parameters)
-        numbers.append((f"{count} of {len(estimate.parameters)}", "parameters told from zero"))
+        numbers.append(count_significant(estimate.parameters))
     return numbers
 
 

@@ -52,9 +52,9 @@ from symid.report.fit_text import (
     tabulate_laws,
 )
 from symid.report.pages import (
-    TOLD,
     Page,
     build_fit_page,
+    count_significant,
     draw_certainty,
     format_digits,
     format_percent,
@@ -138,7 +138,7 @@ def build_identification_page(
 
 
 def _list_numbers(estimate: Estimate, validations: Sequence[Validation]) -> list[tuple[str, str]]:
-    """Return the numbers that matter: what is left of held-out motions, where most, and what is known."""
+    """Return the numbers that matter: what is left of held-out motions, where most, what is significant."""
     held_out = [entry for entry in validations if not entry.fitted]
     evidence, numbers = estimate.evidence, []
     if held_out:
@@ -160,8 +160,7 @@ def _list_numbers(estimate: Estimate, validations: Sequence[Validation]) -> list
         text = "of the torque unexplained, in the logs of the fit alone"
         numbers.append((format_percent(estimate.mean_relative_percent), text))
         numbers.append((format_percent(joint.relative_percent), f"of it at most, at {joint.joint}"))
-    told = sum(abs(entry.value) >= TOLD * entry.std for entry in estimate.parameters)
-    numbers.append((f"{told} of {len(estimate.parameters)}", "parameters told from zero"))
+    numbers.append(count_significant(estimate.parameters))
     return numbers
 
 

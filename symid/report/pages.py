@@ -180,13 +180,19 @@ def tabulate_parameters(parameters: Sequence[ParameterEstimate], *, formulas: bo
 def _describe_uncertainty(entry: ParameterEstimate) -> str:
     if not math.isfinite(entry.std):
         return "-"
-    if abs(entry.value) < TOLD * entry.std:
-        return f"> {100.0 / TOLD:.0f} %"
+    if abs(entry.value) < _SIGNIFICANT * entry.std:
+        return f"> {100.0 / _SIGNIFICANT:.0f} %"
     return format_percent(entry.relative_std_percent)
 
 
-TOLD = 2.0
-"""Standard deviations from zero beyond which a value is told from it."""
+_SIGNIFICANT = 2.0
+"""Standard deviations beyond which a value is significant."""
+
+
+def count_significant(parameters: Sequence[ParameterEstimate]) -> tuple[str, str]:
+    """Return how many parameters are larger than two standard deviations, of how many, and what that is."""
+    count = sum(abs(entry.value) >= _SIGNIFICANT * entry.std for entry in parameters)
+    return f"{count} of {len(parameters)}", "parameters significant (> 2 std)"
 
 
 def tabulate_groupings(parameters: Sequence[ParameterEstimate]) -> Table:
@@ -199,20 +205,22 @@ def tabulate_groupings(parameters: Sequence[ParameterEstimate]) -> Table:
 
 
 def draw_certainty(parameters: Sequence[ParameterEstimate]) -> tuple[Drawing, ...]:
-    """Return the figure of what the logs tell of each parameter; nothing where no deviation is known."""
+    """Return the figure of how significant each parameter is; nothing where no deviation is known."""
     known = [entry for entry in parameters if 0.0 < entry.std < math.inf and entry.value]
     if not known:
         return ()
-    told = [abs(entry.value) >= TOLD * entry.std for entry in known]
+    significant = [abs(entry.value) >= _SIGNIFICANT * entry.std for entry in known]
     marks = [
         Mark(entry.name, abs(entry.value) / entry.std, chosen=not sure)
-        for entry, sure in zip(known, told, strict=True)
+        for entry, sure in zip(known, significant, strict=True)
     ]
     caption = (
-        f"What do the logs tell? {sum(told)} of {len(known)} parameters are told from zero: they are larger "
-        "than two standard deviations, the dashed line."
+        f"Which parameters are significant? {sum(significant)} of {len(known)} are larger than two standard "
+        "deviations, the dashed line."
     )
-    return (build_mark_figure(caption, "size, in standard deviations", marks, dense=True, limit=TOLD),)
+    return (
+        build_mark_figure(caption, "size, in standard deviations", marks, dense=True, limit=_SIGNIFICANT),
+    )
 
 
 def show_refused(refused: Sequence[tuple[str, str]]) -> tuple[Table, ...]:
