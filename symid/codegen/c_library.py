@@ -25,7 +25,14 @@ from symid.codegen.c_friction import generate_friction_laws
 from symid.codegen.casadi_functions import Functions
 from symid.codegen.functions import FunctionSpec, ModelCard, ParameterCard, Port
 from symid.codegen.material import BANNER, Fields, Material, prepare_material, write_operations
-from symid.codegen.printing import FunctionBody, print_c, print_simd, write_literal, write_table_lines
+from symid.codegen.printing import (
+    FunctionBody,
+    list_streamed,
+    print_c,
+    print_simd,
+    write_literal,
+    write_table_lines,
+)
 from symid.codegen.programs import Program
 from symid.codegen.references import (
     ANGLE_LIMITS,
@@ -266,6 +273,8 @@ def _write_function(material: Material, program: Program) -> str:
         lane_parts=lanes.parts,
         statements=body.statements,
         lane_bodies=[lanes.statements] if lanes.statements else [],
+        real=real,
+        streamed=[{"name": port.name, "size": port.size} for port in list_streamed(spec)],
         call=", ".join(port.name if port.shared else f"{port.name} + {port.size} * k" for port in ports),
     )
 

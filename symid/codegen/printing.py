@@ -18,7 +18,7 @@ from itertools import chain
 
 import numpy as np
 
-from symid.codegen.functions import Port
+from symid.codegen.functions import FunctionSpec, Port
 from symid.codegen.programs import Instruction, Op, Program
 
 _INFIX = {Op.ADD: "+", Op.SUB: "-", Op.MUL: "*", Op.DIV: "/"}
@@ -165,6 +165,8 @@ _GROUP_SIZE = 8
 """A multiple of every SIMD width."""
 _LONGEST_BODY, _PART_LENGTH = 8000, 1000
 """Statements of a function that is printed as one, and of a part of one that is not."""
+_STREAMED_SIZES = range(64, 1025)
+"""Numbers of an output that may go past the caches: fewer are few bytes, more have no room on a stack."""
 _NAME = re.compile(r"[A-Za-z_]\w*")
 
 
@@ -385,14 +387,23 @@ def _place_loads(loads: Mapping[str, str], statements: Iterable[str]) -> Iterato
         yield statement
 
 
+def list_streamed(spec: FunctionSpec) -> tuple[Port, ...]:
+    """Return the outputs of which a large batch is written past the caches, block by block."""
+    return tuple(port for port in spec.outputs if port.size in _STREAMED_SIZES)
+
+
 def print_simd(program: Program, precision: str) -> FunctionBody:
-    """Return the body of a loop over blocks of samples, the first of which is number `k`; empty if none."""
+    """Return the body of a loop over blocks of samples, the first of which is number `k`; empty if none.
+
+    A streamed output Y stands at `Y_to`, which is Y + size k or a block of its own.
+    """
     angles = group_angles(program)
     sides = {instruction.op for instruction in program.instructions}
     trigonometry = [i for i in program.instructions if i.op in _TRIGONOMETRY]
     if not sides <= _SIMD_OPS or any(i.args[0] not in angles.places for i in trigonometry):
         return FunctionBody(statements=())
     inputs, outputs = program.spec.inputs, program.spec.outputs
+    streamed = list_streamed(program.spec)
 
     def write_input(number: int, element: int) -> str:
         port = inputs[number]
@@ -402,7 +413,8 @@ def print_simd(program: Program, precision: str) -> FunctionBody:
         return f"ALL({write_literal(value, precision)})"
 
     def write_place(port: Port, element: int) -> str:
-        return f"{port.name} + {port.size} * k" + (f" + {element}" if element else "")
+        first = f"{port.name}_to" if port in streamed else f"{port.name} + {port.size} * k"
+        return first + (f" + {element}" if element else "")
 
     def write_store(port: Port, first: int, *texts: str) -> str:
         if len(texts) == _GROUP_SIZE:
@@ -429,6 +441,9 @@ def print_simd(program: Program, precision: str) -> FunctionBody:
         kind = f"{'const ' * (place < len(inputs))}{precision}"
         size = f"{port.name}[restrict {port.size}]" if port.shared else f"*restrict {port.name}"
         ports[port.name] = f"{kind} {size}"
+    for port in streamed:
+        ports[f"{port.name}_to"] = f"{precision} *restrict {port.name}_to"
+        del ports[port.name]
     return _join_parts(printer, "batch_part", ports, loads)
 
 

@@ -13,5 +13,5 @@ const char *symid_emps_signature(void)
 
 const char *symid_emps_digest(void)
 {
-    return "f2f4791a983a3087781e3d13d292634c4b8c3c0983920c8bf6744b1f687a0c19";
+    return "674d8f98509a2bb2ddbb79f9dcb6a5361b21410dacb231ce77a275e4afefcd63";
 }

@@ -13,5 +13,5 @@ const char *symid_two_link_signature(void)
 
 const char *symid_two_link_digest(void)
 {
-    return "952389d4fd17436e29be32505cd3e992d9d480b363af047445235fed9bf76faf";
+    return "0f719b3a2ea245bc2d4ce200f2d9f3f62fea8f267e1d5779fdbe650f574d33d7";
 }

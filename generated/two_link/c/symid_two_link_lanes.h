@@ -18,6 +18,9 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h>
+#if defined(__SSE2__)
+#include <emmintrin.h>
+#endif
 
 /* 16 is 0 for all but half precision. */
 #if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || (FLT_EVAL_METHOD != 0 && FLT_EVAL_METHOD != 16)
@@ -300,6 +303,45 @@ static inline void store_eight(double *out, size_t stride, const lanes x[8])
     store_lanes(out + stride * 1 + 6, y7_1);
 #endif
 }
+
+/*
+ * Outputs of a batch with more bytes than SYMID_TWO_LINK_STREAMED go past the caches: a line of memory that is written
+ * whole need not be read first, and what the caches hold stays there.
+ */
+#ifndef SYMID_TWO_LINK_STREAMED
+#define SYMID_TWO_LINK_STREAMED 8388608
+#endif
+
+#if defined(__SSE2__)
+static inline void stream_block(double *out, const double *block, size_t count)
+{
+    size_t k = 0;
+    for (; k < count && (uintptr_t)(out + k) % 16 != 0; ++k) {
+        out[k] = block[k];
+    }
+    for (; k + 16 / sizeof *out <= count; k += 16 / sizeof *out) {
+        _mm_stream_si128((__m128i *)(void *)(out + k), _mm_loadu_si128((const __m128i *)(const void *)(block + k)));
+    }
+    for (; k < count; ++k) {
+        out[k] = block[k];
+    }
+}
+
+/* Streamed numbers are in memory before anything that is written later. */
+static inline void finish_streams(void)
+{
+    _mm_sfence();
+}
+#else
+static inline void stream_block(double *out, const double *block, size_t count)
+{
+    memcpy(out, block, count * sizeof *out);
+}
+
+static inline void finish_streams(void)
+{
+}
+#endif
 #endif
 
 #endif
