@@ -26,7 +26,13 @@ from symid.robot.xml_writers import write_urdf
 
 __all__ = ["ROBOTS", "Case", "build_case", "find_prefix", "import_pinocchio", "write_model", "write_states"]
 
-ROBOTS = ("two_link", "puma560", "ur5", "panda", "solo12", "quadruped")
+# Of example-robot-data: file, base and tip. The last one was drawn at random from its 69 files.
+_EXAMPLES = {
+    "solo12": ("solo_description/robots/solo12.urdf", None, None),
+    "g1_arm": ("g1_description/urdf/g1_29dof_rev_1_0.urdf", "torso_link", "left_wrist_yaw_link"),
+    "anymal": ("anymal_c_simple_description/urdf/anymal.urdf", None, None),
+}
+ROBOTS = ("two_link", "puma560", "ur5", "panda", "quadruped", *_EXAMPLES)
 SAMPLES = 1000
 # Pinocchio orders m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
 PINOCCHIO_ORDER = ("M", "MX", "MY", "MZ", "XX", "XY", "YY", "XZ", "YZ", "ZZ")
@@ -76,16 +82,15 @@ def find_prefix() -> Path:
     return next(path for path in Path(import_pinocchio().__file__).parents if path.name == "cmeel.prefix")
 
 
-def _read_solo() -> Robot:
-    path = find_prefix() / "share/example-robot-data/robots/solo_description/robots/solo12.urdf"
+def _read(name: str) -> Robot:
+    if name not in _EXAMPLES:
+        return read_robot(locate_robot_file(name))
+    file, base, tip = _EXAMPLES[name]
+    path = find_prefix() / "share/example-robot-data/robots" / file
     if not path.is_file():
         text = "example-robot-data is not installed: pip install example-robot-data"
         raise NotInstalledError(text)
-    return read_urdf(path)
-
-
-def _read(name: str) -> Robot:
-    return _read_solo() if name == "solo12" else read_robot(locate_robot_file(name))
+    return read_urdf(path, base=base, tip=tip)
 
 
 def _strip(joint: Joint) -> Joint:
