@@ -201,6 +201,9 @@ _OUTPUTS = {
     "Yp": ("nb", "mixed", "momentum regressor"),
     "YL": ("nb", "mixed", "regressor of dL/dq"),
     "Y": ("nb", "mixed", "torque regressor"),
+    "dY_dq": ("nbn", "mixed", "entry (i, j, k): of Y_ij by q_k"),
+    "dY_ddq": ("nbn", "mixed", "entry (i, j, k): of Y_ij by dq_k"),
+    "dY_dddq": ("nbn", "mixed", "entry (i, j, k): of Y_ij by ddq_k; times beta_j, summed over j, M_ik"),
     "Yr": ("nb", "mixed", "Slotine-Li regressor"),
     "tau_f": ("n", "N m", "friction torques"),
     "Yf": ("np", "mixed", "friction regressor"),
@@ -237,6 +240,7 @@ _ENTRIES = {
     "momentum_regressor: q dq -> Yp": "generalised momentum dT/ddq per base parameter",
     "lagrange_regressor: q dq -> YL": "dL/dq = dT/dq - dV/dq per base parameter",
     "torque_regressor: q dq ddq -> Y": "joint torque per base parameter",
+    "torque_regressor_derivatives: q dq ddq -> dY_dq dY_ddq dY_dddq": "derivatives of the torque regressor",
     "slotine_li_regressor: q dq dqr ddqr -> Yr": "M ddqr + C dqr + g per base parameter",
     "friction: dq q load temperature f -> tau_f": "friction torque, positive against positive velocity",
     "friction_regressor: dq q load temperature -> Yf": "friction torque per friction parameter",
@@ -254,11 +258,12 @@ _ENTRIES = {
 
 MOST_FULL = 16
 """Most coordinates for functions of full matrices or tensors: n^3 entries, or 2 n^3 products."""
-ON_REQUEST = frozenset({"inverse_dynamics_second_derivatives"})
+ON_REQUEST = frozenset({"inverse_dynamics_second_derivatives", "torque_regressor_derivatives"})
 """Functions that are as long as all others together: they are written where they are named."""
 _FULL = {
     "forward_dynamics_derivatives": "solve M x = r with the blocks of inverse_dynamics_derivatives",
     "inverse_dynamics_second_derivatives": "differentiate inverse_dynamics_derivatives in CasADi",
+    "torque_regressor_derivatives": "differentiate torque_regressor in CasADi",
     "mass_matrix_derivatives": "the Coriolis matrix at unit velocities has the same symbols",
 }
 

@@ -197,6 +197,22 @@ def build_differentiated_mass_route(mass: RouteBuilder) -> RouteBuilder:
     return build
 
 
+def build_regressor_derivatives_route(regressor: RouteBuilder) -> RouteBuilder:
+    """Return the route that differentiates the torque regressor of another route by q, dq and ddq."""
+
+    def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+        table = workspace.table
+        (values,) = workspace.recall(regressor)
+        one = table.constant(1.0)
+        blocks = (
+            differentiate_along(table, values, [{ref: one} for ref in workspace.inputs[name]])
+            for name in ("q", "dq", "ddq")
+        )
+        return tuple(map(workspace.flatten_columns, blocks))
+
+    return build
+
+
 def build_coriolis_route(place: Callable[[Robot], ProjectionFrame] | None) -> RouteBuilder:
     """Return the route to the Coriolis matrix by composite bodies, whose wrenches stop at `place`."""
 

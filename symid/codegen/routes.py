@@ -26,6 +26,7 @@ from symid.codegen.equation_routes import (
     build_forward_derivatives_route,
     build_forward_dynamics_route,
     build_mass_derivatives_route,
+    build_regressor_derivatives_route,
     build_second_derivatives_route,
 )
 from symid.codegen.functions import FunctionSpec
@@ -497,6 +498,7 @@ def _list_composite_routes(
 
 
 _DIFFERENTIATED = ("tensor recursion", "tensor recursion, last links held")
+_TORQUE_REGRESSOR_ROUTES = _list_regressor_routes(compute_torque_columns, _derive_torque)
 ROUTES: Mapping[str, Routes] = {
     "forward_kinematics": {"chain of frames": _emit_forward_kinematics},
     "jacobian": {"axes in the base frame": _emit_jacobian},
@@ -536,7 +538,11 @@ ROUTES: Mapping[str, Routes] = {
         compute_lagrange_columns,
         lambda w, t, v: differentiate_backward(w.table, w.table.add(t, -v), w.inputs["q"]),
     ),
-    "torque_regressor": _list_regressor_routes(compute_torque_columns, _derive_torque),
+    "torque_regressor": _TORQUE_REGRESSOR_ROUTES,
+    "torque_regressor_derivatives": {
+        f"{name}, differentiated": build_regressor_derivatives_route(route)
+        for name, route in _TORQUE_REGRESSOR_ROUTES.items()
+    },
     "slotine_li_regressor": _list_regressor_routes(compute_torque_columns, reference=("dqr", "ddqr")),
     "friction": {"regressor times parameters": _emit_friction},
     "friction_regressor": {

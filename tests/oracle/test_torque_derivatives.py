@@ -184,6 +184,28 @@ def test_second_derivatives_are_those_of_casadi_of_the_torques(robot):
             np.testing.assert_allclose(mine.full().reshape(n, n, n), tensor, rtol=0, atol=1e-10 * size)
 
 
+@pytest.mark.parametrize("robot", [PANDA, UR5, STANFORD], ids=lambda r: r.name)
+def test_derivatives_of_the_regressor_are_casadis_and_give_those_of_the_torque(robot):
+    rng = np.random.default_rng(6)
+    regressor, slopes, torques = (
+        build_casadi_function(robot, name)
+        for name in ("torque_regressor", "torque_regressor_derivatives", "inverse_dynamics_derivatives")
+    )
+    n, b = regressor.size_out(0)
+    symbols = [ca.SX.sym("x", n) for _ in range(3)]
+    rows = ca.vec(regressor(*symbols).T)
+    expected = ca.Function("slopes", symbols, [ca.densify(ca.jacobian(rows, x)) for x in symbols])
+    for _ in range(5):
+        state, beta = [rng.uniform(-2, 2, n) for _ in symbols], rng.uniform(-2, 2, b)
+        blocks = zip(slopes.call(state), expected.call(state), torques.call([*state, beta]), strict=True)
+        for mine, theirs, torque in blocks:
+            found = mine.full().reshape(n, b, n)
+            size = max(1.0, float(np.abs(found).max()))
+            np.testing.assert_allclose(found, theirs.full().reshape(n, b, n), rtol=0, atol=1e-10 * size)
+            summed = np.einsum("ijk,j->ik", found, beta)
+            np.testing.assert_allclose(summed, torque.full(), rtol=0, atol=1e-9 * size)
+
+
 def test_what_is_too_large_for_full_matrices_is_said():
     robot = build_chain([(np.pi / 2, 0.1, 0, "q")] * 17, name="long")
     base = derive_base_parameters(robot)
