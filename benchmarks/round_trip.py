@@ -381,9 +381,11 @@ def compare_numbers(
     for key, table in values.items():
         off = np.array([table[name] - fit[name].value for name in names]) / std
         trip.found["chi_square"][key] = float(off @ inverse @ off)
-    rotors = [name for name in names if name.startswith("IA")]
+    rotors = {f"IA{number}": float(exported.rotor[k]) for number, k in enumerate(there, 1)}
     trip.found["rotors"] = {
-        name: abs(values["exported"][name] - fit[name].value) / fit[name].std for name in rotors
+        name: abs(inertia - fit[name].value) / fit[name].std
+        for name, inertia in rotors.items()
+        if name in names
     }
 
 
