@@ -170,6 +170,15 @@ def counts():
     }
 
 
+def test_routes_that_large_robots_leave_out_are_chosen_for_none_with_six_joints(counts, monkeypatch):
+    monkeypatch.setattr("symid.codegen.routes._MOST_TRIED", 0)
+    for name in ("PUMA560", "KR30"):
+        chosen = {
+            count.function: count.operations for count in count_route_operations(ROBOTS[name]) if count.chosen
+        }
+        assert {function: (entry.mul, entry.add) for function, entry in chosen.items()} == counts[name]
+
+
 def find_excess(counts, bounds):
     return [
         f"{robot} {function}: {counts[robot][function]} > {bound}"
