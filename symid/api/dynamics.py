@@ -5,22 +5,25 @@ Robot -> `BaseSet`; robot -> `Derivation`, step by step, with operation counts o
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, final
 
 from symid import report
 from symid.api.result import Result
-from symid.errors import Notice, UsageError
+from symid.errors import InputError, Notice, OutputError, UsageError
 
 if TYPE_CHECKING:
     from symid.codegen import RouteCount
     from symid.dynamics import BaseParameter, BaseParameters
-    from symid.lessons import Step
+    from symid.lessons import AnswerSheet, MarkedAnswer, Step
     from symid.report import Block
     from symid.robot import Robot
 
+_LARGEST_SHEET = 1_000_000
+_SHOWN = 48
+"""Letters of an answer in a table."""
 BaseForm = Literal["torque", "energy", "momentum", "gravity"]
 
 
@@ -168,6 +171,7 @@ class WrittenLesson(Result):
         size: in bytes.
         notation: whose letters it has.
         answers: the file with the answers to its exercises, None without exercises.
+        sheet: the file in which students type theirs, likewise.
 
     Example:
         >>> import symid
@@ -183,6 +187,7 @@ class WrittenLesson(Result):
     size: int
     notation: Notation
     answers: Path | None = None
+    sheet: Path | None = None
 
     def summarise(self) -> str:
         """Return robot, file and size."""
@@ -192,7 +197,7 @@ class WrittenLesson(Result):
         """Return where the page is."""
         how = "for pdflatex" if self.path.suffix == ".tex" else "opens in any browser"
         lines = [f"lesson: {self.path} ({self.size / 1e6:.2f} MB, one file, {how})"]
-        lines += [f"answers: {self.answers}"] if self.answers else []
+        lines += [f"exercises to fill in: {self.sheet}", f"answers: {self.answers}"] if self.answers else []
         return ("\n".join(lines),)
 
     def to_dict(self) -> dict[str, object]:
@@ -202,6 +207,8 @@ class WrittenLesson(Result):
             "file": str(self.path),
             "size": self.size,
             "notation": self.notation,
+            "exercises": None if self.sheet is None else str(self.sheet),
+            "answers": None if self.answers is None else str(self.answers),
         }
 
 
@@ -227,15 +234,114 @@ def write_lesson(
         text = write_lesson_tex(robot, book, parameters)
         size = len(text.encode())
         return WrittenLesson(robot=robot, path=write_file(file, text), size=size, notation=notation)
+    sheet_file = file.with_suffix(".exercises.txt")
+    if exercises and sheet_file.exists() and any(_read_sheet(sheet_file).answers.values()):
+        text = "has answers that were typed; move it, or name the page otherwise"
+        raise OutputError(Notice(code="output.answers", text=text, file=str(sheet_file)))
     page = write_lesson_page(robot, book, parameters, exercises=exercises, seed=seed)
     answers = write_file(file.with_suffix(".answers.txt"), page.answers) if page.answers else None
+    sheet = write_file(sheet_file, page.sheet) if page.sheet else None
     return WrittenLesson(
         robot=robot,
         path=write_file(file, page.html),
         size=len(page.html.encode()),
         notation=notation,
         answers=answers,
+        sheet=sheet,
     )
+
+
+def _read_sheet(path: Path) -> "AnswerSheet":
+    """Return what stands in a sheet of exercises.
+
+    Raises:
+        InputError: the file cannot be read, or is no such sheet.
+    """
+    from symid.environment import read_file
+    from symid.lessons import read_sheet
+
+    try:
+        text = read_file(path, _LARGEST_SHEET).decode("utf-8-sig")
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or "it is no text in UTF-8"
+        raise InputError(
+            Notice(code="lesson.unreadable", text=f"cannot be read: {reason}", file=str(path))
+        ) from error
+    return read_sheet(text, str(path))
+
+
+@final
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class MarkedSheet(Result):
+    """Answers to the exercises of a lesson with their marks; accepted where all are right.
+
+    Attributes:
+        robot: the robot.
+        path: of the sheet.
+        answers: each with `number`, `prompt`, what was `typed`, a `mark` ("right", "wrong", "unreadable",
+            "empty") and a `note`.
+
+    Example:
+        >>> import symid
+        >>> from pathlib import Path
+        >>> robot = symid.load("two_link")
+        >>> sheet = robot.write_lesson("lesson.html", exercises=1).sheet
+        >>> filled = Path("ann.txt")
+        >>> _ = filled.write_text(sheet.read_text().replace("answer 1 =", "answer 1 = 0"))
+        >>> robot.check_answers(filled).answers[0].mark
+        'wrong'
+    """
+
+    robot: "Robot"
+    path: Path
+    answers: "tuple[MarkedAnswer, ...]"
+
+    @property
+    def count(self) -> int:
+        """Return how many answers are right."""
+        return sum(entry.mark == "right" for entry in self.answers)
+
+    @property
+    def errors(self) -> tuple[Notice, ...]:
+        """Return that not all answers are right, where that is so."""
+        if self.count == len(self.answers):
+            return ()
+        text = f"{len(self.answers) - self.count} of {len(self.answers)} answers are not right"
+        return (Notice(code="lesson.not-right", text=text, file=str(self.path)),)
+
+    def summarise(self) -> str:
+        """Return robot, file and count."""
+        return f"{self.robot.name}: {self.path}, {self.count} of {len(self.answers)} right"
+
+    def blocks(self) -> "tuple[Block, ...]":
+        """Return a headline, and a row for each answer."""
+        rows = [
+            (
+                entry.number,
+                entry.mark,
+                entry.typed if len(entry.typed) <= _SHOWN else entry.typed[:_SHOWN] + "...",
+                entry.note,
+            )
+            for entry in self.answers
+        ]
+        return (self.summarise(), report.Table(("exercise", "mark", "answer", "note"), rows, left=(1, 2, 3)))
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the marks in plain types."""
+        return {
+            "robot": self.robot.name,
+            "file": str(self.path),
+            "right": self.count,
+            "answers": [asdict(entry) for entry in self.answers],
+        }
+
+
+def check_answers(robot: "Robot", path: str | PathLike[str]) -> MarkedSheet:
+    """Mark a sheet of exercises; see `RobotModel.check_answers`."""
+    from symid.lessons import mark_sheet
+
+    file = Path(fspath(path))
+    return MarkedSheet(robot=robot, path=file, answers=mark_sheet(robot, _read_sheet(file), str(file)))
 
 
 @final

@@ -4,6 +4,12 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from symid.lessons.derivation import Step as Step, derive_lesson as derive_lesson
+    from symid.lessons.exercises import (
+        AnswerSheet as AnswerSheet,
+        MarkedAnswer as MarkedAnswer,
+        mark_sheet as mark_sheet,
+        read_sheet as read_sheet,
+    )
     from symid.lessons.page import (
         write_lesson_page as write_lesson_page,
         write_lesson_tex as write_lesson_tex,

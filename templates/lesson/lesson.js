@@ -637,6 +637,8 @@ const readFormula = (text) => {
 };
 const markFormula = (text, answer) => {
   const found = readFormula(text);
+  for (const [name, formula] of LESSON_FORMULAS)
+    if (String(formula) === String(answer) && new RegExp(`\\b${name}\\b`).test(text)) throw new Error(`"${name}" is what is asked for`);
   for (let trial = 0; trial < 8; trial += 1) {
     const v = computeValues(state.q.map(() => 4 * Math.random() - 2), state.q.map(() => 4 * Math.random() - 2));
     for (const name of [...Object.keys(D.values), ...Object.keys(D.standard)]) v[name] = 0.2 + Math.random();
