@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, final
+from typing import TYPE_CHECKING, Literal, TypedDict, Unpack, final
 
 from symid import report
 from symid.api.result import Result
@@ -160,6 +160,15 @@ Notation = Literal["symid", "siciliano", "craig", "khalil"]
 LessonParameters = Literal["base", "symbols", "bodies"]
 
 
+class LessonLetters(TypedDict, total=False):
+    """Options of a lesson's letters, those of `RobotModel.write_lesson`."""
+
+    notation: Notation
+    parameters: LessonParameters | None
+    angle: Literal["q", "theta"] | None
+    long_sines: bool
+
+
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class WrittenLesson(Result):
@@ -172,6 +181,7 @@ class WrittenLesson(Result):
         notation: whose letters it has.
         answers: the file with the answers to its exercises, None without exercises.
         sheet: the file in which students type theirs, likewise.
+        executed: of a notebook, whether its cells have outputs; None of other files.
 
     Example:
         >>> import symid
@@ -188,6 +198,17 @@ class WrittenLesson(Result):
     notation: Notation
     answers: Path | None = None
     sheet: Path | None = None
+    executed: bool | None = None
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Return warnings and notes on the robot, and that a notebook has no outputs where that is so."""
+        if self.executed is not False:
+            return super().notices
+        text = (
+            "its cells were not executed: that needs pip install 'symid[notebook]'; Jupyter executes them too"
+        )
+        return (*super().notices, Notice(code="lesson.not-executed", text=text, file=str(self.path)))
 
     def summarise(self) -> str:
         """Return robot, file and size."""
@@ -195,7 +216,8 @@ class WrittenLesson(Result):
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return where the page is."""
-        how = "for pdflatex" if self.path.suffix == ".tex" else "opens in any browser"
+        forms = {".tex": "for pdflatex", ".ipynb": "opens in Jupyter"}
+        how = forms.get(self.path.suffix.lower(), "opens in any browser")
         lines = [f"lesson: {self.path} ({self.size / 1e6:.2f} MB, one file, {how})"]
         lines += [f"exercises to fill in: {self.sheet}", f"answers: {self.answers}"] if self.answers else []
         return ("\n".join(lines),)
@@ -225,15 +247,27 @@ def write_lesson(
 ) -> WrittenLesson:
     """Write the lesson on `robot`; see `RobotModel.write_lesson`."""
     from symid.environment import check_suffix, write_file
-    from symid.lessons import get_book, write_lesson_page, write_lesson_tex
+    from symid.lessons import get_book, write_lesson_notebook, write_lesson_page, write_lesson_tex
 
     file = Path(fspath(path))
-    suffix = check_suffix(file, "a lesson", (".html", ".htm", ".tex"))
+    suffix = check_suffix(file, "a lesson", (".html", ".htm", ".tex", ".ipynb"))
     book = get_book(notation, angle=angle, long=long_sines)
+    if exercises and suffix in (".tex", ".ipynb"):
+        what = f"exercises={exercises}: they are part of a page; write a .html for them"
+        raise UsageError(Notice(code="usage.lesson-option", text=what))
     if suffix == ".tex":
         text = write_lesson_tex(robot, book, parameters)
         size = len(text.encode())
         return WrittenLesson(robot=robot, path=write_file(file, text), size=size, notation=notation)
+    if suffix == ".ipynb":
+        made = write_lesson_notebook(robot, book, parameters, file.resolve().parent)
+        return WrittenLesson(
+            robot=robot,
+            path=write_file(file, made.text),
+            size=len(made.text.encode()),
+            notation=notation,
+            executed=made.executed,
+        )
     sheet_file = file.with_suffix(".exercises.txt")
     if exercises and sheet_file.exists() and any(_read_sheet(sheet_file).answers.values()):
         text = "has answers that were typed; move it, or name the page otherwise"
@@ -367,24 +401,30 @@ class Derivation(Result):
     operations: "tuple[RouteCount, ...]"
     latex: bool = False
 
-    def html(
-        self,
-        path: str | PathLike[str],
-        *,
-        notation: Notation = "symid",
-        parameters: LessonParameters | None = None,
-        angle: Literal["q", "theta"] | None = None,
-        long_sines: bool = False,
-    ) -> Path:
+    def html(self, path: str | PathLike[str], **letters: Unpack[LessonLetters]) -> Path:
         """Write the derivation as a page that follows the reader's posture, and return its path.
 
-        `path`, `notation`, `parameters`, `angle` and `long_sines` are those of `RobotModel.write_lesson`.
+        `path` ends in .html; the `letters` are the options `notation`, `parameters`, `angle` and
+        `long_sines` of `RobotModel.write_lesson`.
 
         Raises:
             OutputError: the page cannot be written.
         """
-        found = write_lesson(self.robot, path, notation, parameters, angle, long_sines=long_sines)
-        return found.path
+        return self._write(path, ".html", letters)
+
+    def tex(self, path: str | PathLike[str], **letters: Unpack[LessonLetters]) -> Path:
+        """Write the derivation as a document for pdflatex, .tex; otherwise as `html`."""
+        return self._write(path, ".tex", letters)
+
+    def ipynb(self, path: str | PathLike[str], **letters: Unpack[LessonLetters]) -> Path:
+        """Write the derivation as a notebook, .ipynb; otherwise as `html`."""
+        return self._write(path, ".ipynb", letters)
+
+    def _write(self, path: str | PathLike[str], suffix: str, letters: LessonLetters) -> Path:
+        from symid.environment import check_suffix
+
+        check_suffix(Path(fspath(path)), "such a lesson", (suffix,))
+        return write_lesson(self.robot, path, **letters).path
 
     def summarise(self) -> str:
         """Return robot and steps."""

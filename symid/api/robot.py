@@ -268,7 +268,8 @@ class RobotModel:
         """Write the derivation as one self-contained page: formulas, their numbers, checks, the arm to move.
 
         Args:
-            path: of the page, `.html`; `.tex` for a document for pdflatex, which has no exercises.
+            path: of the page, `.html`; `.tex` for a document for pdflatex, `.ipynb` for a notebook with live
+                SymPy objects, executed where nbclient and ipykernel are there.
             notation: letters of symid, or of Siciliano et al., Craig, or Khalil and Dombre.
             parameters: "base", the file's "symbols", or "bodies" (masses, centres of mass, inertias). None
                 takes symbols where the file has them, bodies in the books that use them, else base.

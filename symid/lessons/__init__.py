@@ -10,6 +10,7 @@ if TYPE_CHECKING:
         mark_sheet as mark_sheet,
         read_sheet as read_sheet,
     )
+    from symid.lessons.notebook import write_lesson_notebook as write_lesson_notebook
     from symid.lessons.page import (
         write_lesson_page as write_lesson_page,
         write_lesson_tex as write_lesson_tex,

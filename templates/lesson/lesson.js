@@ -30,6 +30,8 @@ const setTex = (node, latex, display = false) =>
 const tex = (latex) => { const node = make("span", { class: "tex" }); setTex(node, latex); return node; };
 
 // Formulas.
+// C divides whole numbers whole, and has no powers.
+const writeC = (text) => text.replace(/\((\d+)\/(\d+)\)/g, "($1.0/$2.0)").replace(/(\w+(?:\([^()]*\))?)\*\*(\d+)/g, "pow($1, $2)");
 for (const node of document.querySelectorAll(".tex")) {
   const latex = node.textContent, formula = node.closest(".formula");
   const wide = formula !== null && formula.classList.contains("wide");
@@ -46,7 +48,7 @@ for (const node of document.querySelectorAll(".tex")) {
     bar.append(button);
   };
   add("LaTeX", latex);
-  if (formula.dataset.sympy) add("SymPy", formula.dataset.sympy);
+  if (formula.dataset.sympy) { add("SymPy", formula.dataset.sympy); add("C", writeC(formula.dataset.sympy)); }
   formula.append(bar);
 }
 const fitWide = () => {
