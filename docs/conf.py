@@ -65,7 +65,9 @@ def write_notebooks(app: Sphinx) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for source in sorted((FOLDER / "notebooks").glob("*.py")):
         notebook = read_notebook(source)
-        NotebookClient(notebook, record_timing=False, resources={"metadata": {"path": str(folder)}}).execute()
+        place = {"metadata": {"path": str(folder)}}
+        quiet = ["--IPKernelApp.log_level=50"]
+        NotebookClient(notebook, record_timing=False, extra_arguments=quiet, resources=place).execute()
         nbformat.write(notebook, folder / f"{source.stem}.ipynb")
         page, _ = HTMLExporter().from_notebook_node(notebook)
         (folder / f"{source.stem}.html").write_text(page, encoding="utf-8")

@@ -413,11 +413,17 @@ class Derivation(Result):
         return self._write(path, ".html", letters)
 
     def tex(self, path: str | PathLike[str], **letters: Unpack[LessonLetters]) -> Path:
-        """Write the derivation as a document for pdflatex, .tex; otherwise as `html`."""
+        """Write the derivation as a document for pdflatex, and return its path.
+
+        `path` ends in .tex; `letters` are those of `html`.
+        """
         return self._write(path, ".tex", letters)
 
     def ipynb(self, path: str | PathLike[str], **letters: Unpack[LessonLetters]) -> Path:
-        """Write the derivation as a notebook, .ipynb; otherwise as `html`."""
+        """Write the derivation as a notebook, executed where that is possible, and return its path.
+
+        `path` ends in .ipynb; `letters` are those of `html`.
+        """
         return self._write(path, ".ipynb", letters)
 
     def _write(self, path: str | PathLike[str], suffix: str, letters: LessonLetters) -> Path:
