@@ -96,7 +96,7 @@ def _ask_group(lesson: Lesson, rng: np.random.Generator) -> Exercise | None:
         terms.append((write_label(robot, label), write_code(share, "v"), write_code(share)))
     code = " + ".join(f"({share})*v.{name}" for name, share, _ in terms)
     text = " + ".join(name if share == "1" else f"({share})*{name}" for name, _, share in terms)
-    prompt = f"Which standard parameters does ${symbol}$ stand for? Write the sum, as MX1 + a2*M2."
+    prompt = f"Which standard parameters does ${symbol}$ stand for? Write the sum, as XX8 + a9*MX9."
     return Exercise(prompt=prompt, answer=f"{text}: {entry.reason}", code=code)
 
 
