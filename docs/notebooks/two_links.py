@@ -41,8 +41,8 @@ sp.expand(T)
 # %% [markdown]
 # Lagrange:
 #
-# $$\tau_i = \frac{d}{dt}\frac{\partial T}{\partial \dot q_i} - \frac{\partial T}{\partial q_i}
-# + \frac{\partial V}{\partial q_i}$$
+# $$\tau_i = \frac{d}{dt}\frac{\partial T}{\partial \dot q_i} - \frac{\partial T}{\partial q_i} +
+# \frac{\partial V}{\partial q_i}$$
 
 # %%
 angles = sp.Matrix([q1, q2])
