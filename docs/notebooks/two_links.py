@@ -1,7 +1,7 @@
 # %% [markdown]
 # # The two-link arm, by hand and by symid
 #
-# Every course on robot dynamics derives this arm on the blackboard: two links in a vertical plane, lengths
+# Every course on robot dynamics derives this arm on the blackboard: two links in a vertical plane, length
 # $L_1$, centres of mass at $l_{c1}$ and $l_{c2}$, masses $m_1, m_2$, central inertias $I_1, I_2$. Here it
 # is done twice. First by hand, with Lagrange's equations in SymPy; then symid derives the same arm from its
 # robot file. Both must agree symbol by symbol, and at the end a question: which of these masses can a motor
@@ -31,12 +31,14 @@ centre_2 = elbow + lc2 * sp.Matrix([sp.cos(q1 + q2), sp.sin(q1 + q2)])
 # %% [markdown]
 # Kinetic energy: each centre of mass moves, each link turns. The second link turns at
 # $\dot q_1 + \dot q_2$: to forget $\dot q_1$ there is the most frequent mistake in this derivation.
+# The square of the second velocity is a law of cosines:
 
 # %%
 v1, v2 = centre_1.diff(t), centre_2.diff(t)
-T = (m1 * v1.dot(v1) + m2 * v2.dot(v2) + I1 * q1.diff(t) ** 2 + I2 * (q1 + q2).diff(t) ** 2) / 2
+squared = sp.simplify(v2.dot(v2))
+T = (m1 * v1.dot(v1) + m2 * squared + I1 * q1.diff(t) ** 2 + I2 * (q1 + q2).diff(t) ** 2) / 2
 V = g * (m1 * centre_1[1] + m2 * centre_2[1])
-sp.expand(T)
+squared
 
 # %% [markdown]
 # Lagrange:
