@@ -11,6 +11,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 DEMO := demo
+AXE := $(VENV)/axe/node_modules/axe-core/axe.min.js
 WORKERS ?= 2
 # A worker a core: threads of the linear algebra would only wait for each other, and change last digits.
 # Compiled modules are kept, even where the environment says otherwise: tests start many processes.
@@ -19,11 +20,11 @@ PYTEST := OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest
 EMBEDDED := gcc:gcc clang:clang cppcheck:cppcheck arm-none-eabi-gcc:gcc-arm-none-eabi qemu-system-arm:qemu-system-arm
 
 .DEFAULT_GOAL := help
-.PHONY: help demo study test test-slow test-browser test-embedded embedded-packages lint docs wheel benchmark clean
+.PHONY: help demo study test test-slow test-browser browser-packages test-embedded embedded-packages lint docs wheel benchmark clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
-	@echo "make lint, test-slow, docs, wheel, benchmark, embedded-packages, clean"
+	@echo "make lint, test-slow, docs, wheel, benchmark, embedded-packages, browser-packages, clean"
 
 $(VENV)/made:
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "symid needs Python 3.11 or later, set PYTHON")'
@@ -76,10 +77,24 @@ test-embedded: $(VENV)/dev
 	fi
 	$(PYTEST) -m embedded --numprocesses $(WORKERS) tests/embedded
 
+# What test-browser still wants of Debian, a package a line; nothing if all is there.
+browser-packages:
+	@command -v chromium >/dev/null || command -v chromium-browser >/dev/null || command -v google-chrome >/dev/null || echo chromium
+	@command -v npm >/dev/null || echo npm
+
+# The rules for pages that everybody can read; only tests use them.
+$(AXE): $(VENV)/made
+	npm install --silent --no-save --no-audit --no-fund --prefix $(VENV)/axe axe-core@4.14.1
+	@touch $@
+
 # Pages are opened, moved, dragged and printed; what they show is compared with the library.
 test-browser: $(VENV)/dev
-	@command -v chromium >/dev/null || command -v chromium-browser >/dev/null || command -v google-chrome >/dev/null || { \
-		echo "test-browser wants Chromium; as root: apt-get install --no-install-recommends chromium"; exit 1; }
+	@missing=$$($(MAKE) --silent --no-print-directory browser-packages | paste -sd' '); \
+	if [ -n "$$missing" ]; then \
+		echo "test-browser wants programs that are not here; as root: apt-get install --no-install-recommends $$missing"; \
+		exit 1; \
+	fi
+	@$(MAKE) --silent --no-print-directory $(AXE)
 	$(PYTEST) -m browser tests/browser
 
 docs: $(VENV)/docs

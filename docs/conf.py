@@ -1,8 +1,15 @@
-"""Configuration of Sphinx."""
+"""Configuration of Sphinx; lessons and executed notebooks are written beside the pages of HTML."""
+
+import sys
+from pathlib import Path
 
 from sphinx.application import Sphinx
 
+import symid
 from symid import __version__
+
+FOLDER = Path(__file__).resolve().parent
+sys.path.insert(0, str(FOLDER.parent))
 
 project = "symid"
 author = "the symid developers"
@@ -31,6 +38,43 @@ def hide_constructor(_app: Sphinx, what: str, *_arguments: object) -> tuple[str,
     return ("", None) if what == "class" else None
 
 
+LESSONS = ("two_link", "two_link_symbols", "two_link_elastic", "scara", "puma560", "panda", "quadruped")
+
+
+def write_lessons(app: Sphinx) -> None:
+    """Write the lessons that the pages link to, with exercises."""
+    if app.builder.format == "html":
+        folder = Path(app.outdir) / "lessons"
+        folder.mkdir(parents=True, exist_ok=True)
+        for name in LESSONS:
+            (folder / f"{name}.exercises.txt").unlink(missing_ok=True)
+            symid.load(name).write_lesson(folder / f"{name}.html", exercises=6)
+
+
+def write_notebooks(app: Sphinx) -> None:
+    """Execute the notebooks, and write each as such and as a page."""
+    if app.builder.format != "html":
+        return
+    import nbformat
+    from nbclient import NotebookClient
+    from nbconvert import HTMLExporter
+
+    from tests.notebooks import read_notebook
+
+    folder = Path(app.outdir) / "notebooks"
+    folder.mkdir(parents=True, exist_ok=True)
+    for source in sorted((FOLDER / "notebooks").glob("*.py")):
+        notebook = read_notebook(source)
+        place = {"metadata": {"path": str(folder)}}
+        quiet = ["--IPKernelApp.log_level=50"]
+        NotebookClient(notebook, record_timing=False, extra_arguments=quiet, resources=place).execute()
+        nbformat.write(notebook, folder / f"{source.stem}.ipynb")
+        page, _ = HTMLExporter().from_notebook_node(notebook)
+        (folder / f"{source.stem}.html").write_text(page, encoding="utf-8")
+
+
 def setup(app: Sphinx) -> None:
-    """Tell Sphinx what to do with signatures."""
+    """Tell Sphinx what to do with signatures, and what to write besides."""
+    app.connect("builder-inited", write_lessons)
+    app.connect("builder-inited", write_notebooks)
     app.connect("autodoc-process-signature", hide_constructor)

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
         FrictionTables as FrictionTables,
         Log as Log,
         LogValidation as LogValidation,
+        MarkedSheet as MarkedSheet,
         OneShotProblem as OneShotProblem,
         OneShotSolution as OneShotSolution,
         PayloadResult as PayloadResult,

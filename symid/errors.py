@@ -28,6 +28,7 @@ NOTES = frozenset(
         *("identify.automatic", "identify.friction-state", "identify.second-encoder", "identify.slow-rows"),
         *("identify.measured-load", "identify.plain-friction", "identify.resampled"),
         "identify.unused-processing",
+        "lesson.not-executed",
         *(
             "log.aligned",
             "log.converted",

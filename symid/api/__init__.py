@@ -14,6 +14,7 @@ if TYPE_CHECKING:
         BaseForm as BaseForm,
         BaseSet as BaseSet,
         Derivation as Derivation,
+        MarkedSheet as MarkedSheet,
         WrittenLesson as WrittenLesson,
     )
     from symid.api.experiment import ExcitedTrajectory as ExcitedTrajectory, Simulation as Simulation

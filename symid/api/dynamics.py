@@ -5,22 +5,25 @@ Robot -> `BaseSet`; robot -> `Derivation`, step by step, with operation counts o
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, final
+from typing import TYPE_CHECKING, Literal, TypedDict, Unpack, final
 
 from symid import report
 from symid.api.result import Result
-from symid.errors import Notice, UsageError
+from symid.errors import InputError, Notice, OutputError, UsageError
 
 if TYPE_CHECKING:
     from symid.codegen import RouteCount
     from symid.dynamics import BaseParameter, BaseParameters
-    from symid.lessons import Step
+    from symid.lessons import AnswerSheet, MarkedAnswer, Step
     from symid.report import Block
     from symid.robot import Robot
 
+_LARGEST_SHEET = 1_000_000
+_SHOWN = 48
+"""Letters of an answer in a table."""
 BaseForm = Literal["torque", "energy", "momentum", "gravity"]
 
 
@@ -157,6 +160,15 @@ Notation = Literal["symid", "siciliano", "craig", "khalil"]
 LessonParameters = Literal["base", "symbols", "bodies"]
 
 
+class LessonLetters(TypedDict, total=False):
+    """Options of a lesson's letters, those of `RobotModel.write_lesson`."""
+
+    notation: Notation
+    parameters: LessonParameters | None
+    angle: Literal["q", "theta"] | None
+    long_sines: bool
+
+
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class WrittenLesson(Result):
@@ -168,6 +180,8 @@ class WrittenLesson(Result):
         size: in bytes.
         notation: whose letters it has.
         answers: the file with the answers to its exercises, None without exercises.
+        sheet: the file in which students type theirs, likewise.
+        executed: of a notebook, whether its cells have outputs; None of other files.
 
     Example:
         >>> import symid
@@ -183,6 +197,18 @@ class WrittenLesson(Result):
     size: int
     notation: Notation
     answers: Path | None = None
+    sheet: Path | None = None
+    executed: bool | None = None
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Return warnings and notes on the robot, and that a notebook has no outputs where that is so."""
+        if self.executed is not False:
+            return super().notices
+        text = (
+            "its cells were not executed: that needs pip install 'symid[notebook]'; Jupyter executes them too"
+        )
+        return (*super().notices, Notice(code="lesson.not-executed", text=text, file=str(self.path)))
 
     def summarise(self) -> str:
         """Return robot, file and size."""
@@ -190,9 +216,10 @@ class WrittenLesson(Result):
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return where the page is."""
-        how = "for pdflatex" if self.path.suffix == ".tex" else "opens in any browser"
+        forms = {".tex": "for pdflatex", ".ipynb": "opens in Jupyter"}
+        how = forms.get(self.path.suffix.lower(), "opens in any browser")
         lines = [f"lesson: {self.path} ({self.size / 1e6:.2f} MB, one file, {how})"]
-        lines += [f"answers: {self.answers}"] if self.answers else []
+        lines += [f"exercises to fill in: {self.sheet}", f"answers: {self.answers}"] if self.answers else []
         return ("\n".join(lines),)
 
     def to_dict(self) -> dict[str, object]:
@@ -202,6 +229,8 @@ class WrittenLesson(Result):
             "file": str(self.path),
             "size": self.size,
             "notation": self.notation,
+            "exercises": None if self.sheet is None else str(self.sheet),
+            "answers": None if self.answers is None else str(self.answers),
         }
 
 
@@ -218,24 +247,135 @@ def write_lesson(
 ) -> WrittenLesson:
     """Write the lesson on `robot`; see `RobotModel.write_lesson`."""
     from symid.environment import check_suffix, write_file
-    from symid.lessons import get_book, write_lesson_page, write_lesson_tex
+    from symid.lessons import get_book, write_lesson_notebook, write_lesson_page, write_lesson_tex
 
     file = Path(fspath(path))
-    suffix = check_suffix(file, "a lesson", (".html", ".htm", ".tex"))
+    suffix = check_suffix(file, "a lesson", (".html", ".htm", ".tex", ".ipynb"))
     book = get_book(notation, angle=angle, long=long_sines)
+    if exercises and suffix in (".tex", ".ipynb"):
+        what = f"exercises={exercises}: they are part of a page; write a .html for them"
+        raise UsageError(Notice(code="usage.lesson-option", text=what))
     if suffix == ".tex":
         text = write_lesson_tex(robot, book, parameters)
         size = len(text.encode())
         return WrittenLesson(robot=robot, path=write_file(file, text), size=size, notation=notation)
+    if suffix == ".ipynb":
+        made = write_lesson_notebook(robot, book, parameters, file.resolve().parent)
+        return WrittenLesson(
+            robot=robot,
+            path=write_file(file, made.text),
+            size=len(made.text.encode()),
+            notation=notation,
+            executed=made.executed,
+        )
+    sheet_file = file.with_suffix(".exercises.txt")
+    if exercises and sheet_file.exists() and any(_read_sheet(sheet_file).answers.values()):
+        text = "has answers that were typed; move it, or name the page otherwise"
+        raise OutputError(Notice(code="output.answers", text=text, file=str(sheet_file)))
     page = write_lesson_page(robot, book, parameters, exercises=exercises, seed=seed)
     answers = write_file(file.with_suffix(".answers.txt"), page.answers) if page.answers else None
+    sheet = write_file(sheet_file, page.sheet) if page.sheet else None
     return WrittenLesson(
         robot=robot,
         path=write_file(file, page.html),
         size=len(page.html.encode()),
         notation=notation,
         answers=answers,
+        sheet=sheet,
     )
+
+
+def _read_sheet(path: Path) -> "AnswerSheet":
+    """Return what stands in a sheet of exercises.
+
+    Raises:
+        InputError: the file cannot be read, or is no such sheet.
+    """
+    from symid.environment import read_file
+    from symid.lessons import read_sheet
+
+    try:
+        text = read_file(path, _LARGEST_SHEET).decode("utf-8-sig")
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or "it is no text in UTF-8"
+        raise InputError(
+            Notice(code="lesson.unreadable", text=f"cannot be read: {reason}", file=str(path))
+        ) from error
+    return read_sheet(text, str(path))
+
+
+@final
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class MarkedSheet(Result):
+    """Answers to the exercises of a lesson with their marks; accepted where all are right.
+
+    Attributes:
+        robot: the robot.
+        path: of the sheet.
+        answers: each with `number`, `prompt`, what was `typed`, a `mark` ("right", "wrong", "unreadable",
+            "empty") and a `note`.
+
+    Example:
+        >>> import symid
+        >>> from pathlib import Path
+        >>> robot = symid.load("two_link")
+        >>> sheet = robot.write_lesson("lesson.html", exercises=1).sheet
+        >>> filled = Path("ann.txt")
+        >>> _ = filled.write_text(sheet.read_text().replace("answer 1 =", "answer 1 = 0"))
+        >>> robot.check_answers(filled).answers[0].mark
+        'wrong'
+    """
+
+    robot: "Robot"
+    path: Path
+    answers: "tuple[MarkedAnswer, ...]"
+
+    @property
+    def count(self) -> int:
+        """Return how many answers are right."""
+        return sum(entry.mark == "right" for entry in self.answers)
+
+    @property
+    def errors(self) -> tuple[Notice, ...]:
+        """Return that not all answers are right, where that is so."""
+        if self.count == len(self.answers):
+            return ()
+        text = f"{len(self.answers) - self.count} of {len(self.answers)} answers are not right"
+        return (Notice(code="lesson.not-right", text=text, file=str(self.path)),)
+
+    def summarise(self) -> str:
+        """Return robot, file and count."""
+        return f"{self.robot.name}: {self.path}, {self.count} of {len(self.answers)} right"
+
+    def blocks(self) -> "tuple[Block, ...]":
+        """Return a headline, and a row for each answer."""
+        rows = [
+            (
+                entry.number,
+                entry.mark,
+                entry.typed if len(entry.typed) <= _SHOWN else entry.typed[:_SHOWN] + "...",
+                entry.note,
+            )
+            for entry in self.answers
+        ]
+        return (self.summarise(), report.Table(("exercise", "mark", "answer", "note"), rows, left=(1, 2, 3)))
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the marks in plain types."""
+        return {
+            "robot": self.robot.name,
+            "file": str(self.path),
+            "right": self.count,
+            "answers": [asdict(entry) for entry in self.answers],
+        }
+
+
+def check_answers(robot: "Robot", path: str | PathLike[str]) -> MarkedSheet:
+    """Mark a sheet of exercises; see `RobotModel.check_answers`."""
+    from symid.lessons import mark_sheet
+
+    file = Path(fspath(path))
+    return MarkedSheet(robot=robot, path=file, answers=mark_sheet(robot, _read_sheet(file), str(file)))
 
 
 @final
@@ -261,24 +401,36 @@ class Derivation(Result):
     operations: "tuple[RouteCount, ...]"
     latex: bool = False
 
-    def html(
-        self,
-        path: str | PathLike[str],
-        *,
-        notation: Notation = "symid",
-        parameters: LessonParameters | None = None,
-        angle: Literal["q", "theta"] | None = None,
-        long_sines: bool = False,
-    ) -> Path:
+    def html(self, path: str | PathLike[str], **letters: Unpack[LessonLetters]) -> Path:
         """Write the derivation as a page that follows the reader's posture, and return its path.
 
-        `path`, `notation`, `parameters`, `angle` and `long_sines` are those of `RobotModel.write_lesson`.
+        `path` ends in .html; the `letters` are the options `notation`, `parameters`, `angle` and
+        `long_sines` of `RobotModel.write_lesson`.
 
         Raises:
             OutputError: the page cannot be written.
         """
-        found = write_lesson(self.robot, path, notation, parameters, angle, long_sines=long_sines)
-        return found.path
+        return self._write(path, ".html", letters)
+
+    def tex(self, path: str | PathLike[str], **letters: Unpack[LessonLetters]) -> Path:
+        """Write the derivation as a document for pdflatex, and return its path.
+
+        `path` ends in .tex; `letters` are those of `html`.
+        """
+        return self._write(path, ".tex", letters)
+
+    def ipynb(self, path: str | PathLike[str], **letters: Unpack[LessonLetters]) -> Path:
+        """Write the derivation as a notebook, executed where that is possible, and return its path.
+
+        `path` ends in .ipynb; `letters` are those of `html`.
+        """
+        return self._write(path, ".ipynb", letters)
+
+    def _write(self, path: str | PathLike[str], suffix: str, letters: LessonLetters) -> Path:
+        from symid.environment import check_suffix
+
+        check_suffix(Path(fspath(path)), "such a lesson", (suffix,))
+        return write_lesson(self.robot, path, **letters).path
 
     def summarise(self) -> str:
         """Return robot and steps."""

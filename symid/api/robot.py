@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     import casadi as ca
 
     from symid.api.code import CompiledModel, Parameters, Target, WrittenCode
-    from symid.api.dynamics import Derivation, LessonParameters, Notation, WrittenLesson
+    from symid.api.dynamics import Derivation, LessonParameters, MarkedSheet, Notation, WrittenLesson
     from symid.api.experiment import ExcitationCriterion, ExcitedTrajectory, Simulation
     from symid.api.fit import ElasticFit, Fit, FrictionFit, RigidFit
     from symid.api.identification import (
@@ -268,13 +268,15 @@ class RobotModel:
         """Write the derivation as one self-contained page: formulas, their numbers, checks, the arm to move.
 
         Args:
-            path: of the page, `.html`; `.tex` for a document for pdflatex, which has no exercises.
+            path: of the page, `.html`; `.tex` for a document for pdflatex, `.ipynb` for a notebook with live
+                SymPy objects, executed where nbclient and ipykernel are there.
             notation: letters of symid, or of Siciliano et al., Craig, or Khalil and Dombre.
             parameters: "base", the file's "symbols", or "bodies" (masses, centres of mass, inertias). None
                 takes symbols where the file has them, bodies in the books that use them, else base.
             angle: "q" or "theta" in place of the book's own letter.
             long_sines: write cos(q1 + q2) in place of c12.
-            exercises: how many stand at the end; their answers go to a text file beside the page.
+            exercises: how many stand at the end; a sheet to fill in (`check_answers` marks it) and the
+                answers go to text files beside the page.
             seed: of the exercises.
 
         Raises:
@@ -291,6 +293,29 @@ class RobotModel:
         self.progress(f"deriving the lesson on {self.name}")
         options: dict[str, Any] = {"long_sines": long_sines, "exercises": exercises, "seed": seed}
         return write_lesson(self.description, path, notation, parameters, angle, **options)
+
+    def check_answers(self, path: str | PathLike[str]) -> "MarkedSheet":
+        """Mark the answers that were typed into the sheet of a lesson's exercises.
+
+        Formulas are compared exactly: any form of the right polynomial is right. A number is right to one
+        percent. The sheet says with which settings its exercises were drawn.
+
+        Args:
+            path: of the sheet, as `write_lesson` with `exercises` wrote it beside the page.
+
+        Raises:
+            InputError: the file is no such sheet, or one of another robot.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> sheet = robot.write_lesson("arm.html", exercises=2).sheet
+            >>> robot.check_answers(sheet)
+            <MarkedSheet two_link: arm.exercises.txt, 0 of 2 right>
+        """
+        from symid.api.dynamics import check_answers
+
+        return check_answers(self.description, path)
 
     def sympy(self, name: str, *, standard: bool = False) -> "SymbolicFunction":
         """Return a function of the catalogue as exact SymPy expressions.

@@ -46,6 +46,7 @@ from symid.errors import Notice, UsageError
 @OUTPUT.option("--latex", "Print formulas in LaTeX.", is_flag=True)
 @OUTPUT.option("--html", "Write the lesson as one page, with the arm to move.", FILE, "FILE")
 @OUTPUT.option("--tex", "Write the lesson as a document for pdflatex.", FILE, "FILE")
+@OUTPUT.option("--ipynb", "Write the lesson as a notebook with SymPy objects, executed.", FILE, "FILE")
 @MODEL.option(
     "--notation",
     "Letters of the page: those of symid or of a textbook.",
@@ -66,6 +67,7 @@ from symid.errors import Notice, UsageError
     default=0,
 )
 @OUTPUT.option("--seed", "Of the exercises.", click.IntRange(0), default=0)
+@INPUT.option("--check", "Mark the answers in a sheet of exercises.", FILE, "FILE")
 def derive_command(
     console: Console,
     *,
@@ -73,6 +75,8 @@ def derive_command(
     latex: bool,
     html: Path | None,
     tex: Path | None,
+    ipynb: Path | None,
+    check: Path | None,
     **options: Any,  # noqa: ANN401  of the page, typed in `RobotModel.write_lesson`
 ) -> Answer:
     """Derive the dynamics step by step, from the frames to the torques, with operation counts.
@@ -82,16 +86,25 @@ def derive_command(
 
     Each step has a sentence, its formulas and a check. Then follow the operations of the generated
     functions; --json lists those of all routes, not only the chosen ones.
+
+    With --check, answers that were typed into the sheet of --exercises are marked; any form of the right
+    formula is right. The exit code is 1 if one is not right.
     """
-    if html is not None and tex is not None:
-        raise UsageError(Notice(code="usage.lesson-files", text="--html and --tex: write one at a time"))
-    wanted = html or tex
-    if wanted is not None:
-        return make_answer(robot.load(console).write_lesson(wanted, **options))
-    given = [name for name, value in options.items() if value not in (None, False, "symid", 0)]
-    if given:
-        text = f"--{given[0].replace('_', '-')}: only for a page; add --html FILE"
+    files = {"--html": html, "--tex": tex, "--ipynb": ipynb, "--check": check}
+    given = {name: path for name, path in files.items() if path is not None}
+    if len(given) > 1:
+        text = f"{' and '.join(given)}: one at a time"
+        raise UsageError(Notice(code="usage.lesson-files", text=text))
+    page = html or tex or ipynb
+    if page is not None:
+        return make_answer(robot.load(console).write_lesson(page, **options))
+    unused = [name for name, value in options.items() if value not in (None, False, "symid", 0)]
+    if unused:
+        what = "the sheet says how it was drawn" if check else "only for a page; add --html FILE"
+        text = f"--{unused[0].replace('_', '-')}: {what}"
         raise UsageError(Notice(code="usage.lesson-option", text=text))
+    if check is not None:
+        return make_answer(robot.load(console).check_answers(check))
     return make_answer(robot.load(console).derivation(latex=latex))
 
 

@@ -4,6 +4,13 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from symid.lessons.derivation import Step as Step, derive_lesson as derive_lesson
+    from symid.lessons.exercises import (
+        AnswerSheet as AnswerSheet,
+        MarkedAnswer as MarkedAnswer,
+        mark_sheet as mark_sheet,
+        read_sheet as read_sheet,
+    )
+    from symid.lessons.notebook import write_lesson_notebook as write_lesson_notebook
     from symid.lessons.page import (
         write_lesson_page as write_lesson_page,
         write_lesson_tex as write_lesson_tex,

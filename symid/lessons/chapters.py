@@ -97,6 +97,13 @@ class Lesson:
     tips: tuple[tuple[float, float, float], ...]
 
 
+def list_items(items: Sequence[Item]) -> Iterator[Item]:
+    """Yield items with those inside of them."""
+    for item in items:
+        yield item
+        yield from list_items(item.items)
+
+
 def require(holds: bool, otherwise: str) -> None:  # noqa: FBT001  reads as an assertion
     """Raise if an identity does not hold: then symid itself is wrong."""
     if not holds:

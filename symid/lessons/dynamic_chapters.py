@@ -374,8 +374,7 @@ def _write_motion(writer: ChapterWriter, equations: Equations) -> Chapter:
             kind="check",
             text=rf"exact: $\frac{{d}}{{dt}}({book.kinetic} + {book.potential}) = \dot {book.coordinates} "
             rf"\cdot {book.torque}$, "
-            "the energy theorem. Below it is plotted along a motion: the work of the torques, and what it "
-            "became",
+            "the energy theorem",
         ),
         Item(kind="widget", text="energy"),
         Item(
@@ -549,9 +548,8 @@ def _write_long_motion(writer: ChapterWriter) -> Chapter:
         Item(kind="widget", text="skew"),
         Item(
             kind="text",
-            text=rf"The energy theorem, $\frac{{d}}{{dt}}({book.kinetic} + {book.potential}) = \dot "
-            rf"{q}\cdot {book.torque}$, along a "
-            "motion: the work of the torques, and what it became.",
+            text=rf"The energy theorem holds along every motion: "
+            rf"$\frac{{d}}{{dt}}({book.kinetic} + {book.potential}) = \dot {q}\cdot {book.torque}$.",
         ),
         Item(kind="widget", text="energy"),
     ]

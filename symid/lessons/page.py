@@ -7,15 +7,11 @@ screen readers. Nothing is loaded from elsewhere, and the same input gives the s
 The numbers come twice: from the formulas, and from the functions that code generation writes; the page shows
 how far they differ.
 
-Exercises are drawn from the robot: gaps in formulas, groups to name, a torque at a posture, parameters
-without effect. Typed formulas are compared with the answer at random points.
-
 Supported: all robots of the lesson. Not supported: readers without JavaScript, who see formulas as LaTeX.
 """
 
 import base64
 import json
-import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -31,24 +27,15 @@ from symid.codegen import (
     list_spring_parameters,
     write_javascript_function,
 )
-from symid.dynamics import (
-    OperatorAlgebra,
-    build_recursion,
-    build_state,
-    compute_inverse_dynamics,
-    derive_base_parameters,
-    fold_vector,
-    spread_coordinates,
-    write_label,
-)
+from symid.dynamics import derive_base_parameters, write_label
 from symid.environment import locate_resource_folder
-from symid.lessons.chapters import Chapter, Item, Lesson, list_slides
+from symid.lessons.chapters import Chapter, Item, Lesson, list_items, list_slides
 from symid.lessons.dynamic_chapters import build_lesson
 from symid.lessons.elastic_chapters import write_elastic
+from symid.lessons.exercises import Exercise, draw_exercises, write_sheet
 from symid.lessons.matrices import Parameterisation
-from symid.lessons.textbook import Book, write_code, write_sum, write_symbol
-from symid.notation import INERTIAL
-from symid.robot import Exact, Robot
+from symid.lessons.textbook import Book, write_symbol
+from symid.robot import Robot
 
 _FUNCTIONS = ("mass_matrix", "coriolis_matrix", "gravity", "inverse_dynamics", "energy", "jacobian")
 _SPRING_FUNCTIONS = ("hysteresis_step", "hysteresis_inverse_step")
@@ -60,10 +47,11 @@ _MARKED = re.compile(r"\$([^$]+)\$|`([^`]+)`")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LessonPage:
-    """A lesson as HTML, and the answers to its exercises as text, empty without exercises."""
+    """A lesson as HTML; as text its exercises to fill in, `sheet`, and their answers, empty without any."""
 
     html: str
     answers: str = ""
+    sheet: str = ""
 
 
 def write_lesson_page(
@@ -107,7 +95,9 @@ def write_lesson_page(
     # One pass: what is put in may hold such marks itself.
     html = re.sub(r"\{\{([A-Z]+)\}\}", lambda match: parts[match[1]], template)
     answers = "".join(f"{k}. {one.prompt}\n   {one.answer}\n" for k, one in enumerate(drawn, start=1))
-    return LessonPage(html=html, answers=answers)
+    settings = {"exercises": exercises, "seed": seed, "notation": book.name, "parameters": form}
+    sheet = write_sheet(robot.name, drawn, settings) if drawn else ""
+    return LessonPage(html=html, answers=answers, sheet=sheet)
 
 
 def _write_json(value: object) -> str:
@@ -238,15 +228,9 @@ def _write_functions(robot: Robot) -> str:
     return "\n".join(lines) + f"\nreturn {{ {', '.join(spec.name for spec in specs)} }};"
 
 
-def _list_items(items: Sequence[Item]) -> Iterator[Item]:
-    for item in items:
-        yield item
-        yield from _list_items(item.items)
-
-
 def _write_formulas(chapters: Sequence[Chapter]) -> str:
     """Return the formulas with values as JavaScript, each after those that it needs."""
-    items = [item for chapter in chapters for item in _list_items(chapter.items) if item.name and item.code]
+    items = [item for chapter in chapters for item in list_items(chapter.items) if item.name and item.code]
     return ",\n".join(f"[{json.dumps(item.name)}, (v) => {item.code}]" for item in items)
 
 
@@ -296,6 +280,34 @@ def _describe(lesson: Lesson) -> dict[str, object]:
         "cubic": [bool(joint.elasticity and joint.elasticity.cubic) for joint in robot.axes],
         "rotors": [joint.drive.rotor_inertia or 0.0 for joint in robot.axes],
     }
+
+
+_EXERCISES = Chapter(
+    title="Exercises",
+    anchor="exercises",
+    items=(
+        Item(
+            kind="text",
+            text="Type formulas with the letters of the copied SymPy text, as `m2*lc2*g*cos(q1 + q2)`, or "
+            "shorter, "
+            "as `m2 lc2 g c12`. They are compared with the answer at random points.",
+        ),
+        Item(kind="widget", text="exercises"),
+    ),
+)
+
+
+def _write_exercise(one: Exercise) -> str:
+    """Return an exercise as a JavaScript object."""
+    parts = [f'"prompt": {_write_json(one.prompt)}', f'"answer": {_write_json(one.answer)}']
+    if one.code:
+        parts.append(f'"formula": (v) => {one.code}')
+    if one.number is not None:
+        parts.append(f'"number": {one.number!r}')
+    if one.options:
+        options = [{"text": text, "right": right} for text, right in one.options]
+        parts.append(f'"options": {_write_json(options)}')
+    return f"{{ {', '.join(parts)} }}"
 
 
 # LaTeX.
@@ -375,147 +387,3 @@ def _write_tex_table(item: Item) -> str:
     lines = [" & ".join(map(_write_tex, row)) + r" \\" for row in rows]
     body = "\n".join([rf"{lines[0]} \hline\endhead", *lines[1:]])
     return rf"\begin{{longtable}}{{{columns}}}" + f"\n{body}\n" + r"\end{longtable}"
-
-
-# Exercises.
-
-_EXERCISES = Chapter(
-    title="Exercises",
-    anchor="exercises",
-    items=(
-        Item(
-            kind="text",
-            text="Type formulas with the letters of the copied SymPy text, as `m2*lc2*g*cos(q1 + q2)`, or "
-            "shorter, "
-            "as `m2 lc2 g c12`. They are compared with the answer at random points.",
-        ),
-        Item(kind="widget", text="exercises"),
-    ),
-)
-_LONGEST_ANSWER = 140
-_OTHERS = 3
-_SMALL_TORQUE = 1e-9
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Exercise:
-    """A question: its answer as text, and as JavaScript `code`, a `number`, or one of `options`."""
-
-    prompt: str
-    answer: str
-    code: str = ""
-    number: float | None = None
-    options: tuple[tuple[str, bool], ...] = ()
-
-
-def draw_exercises(lesson: Lesson, count: int, rng: np.random.Generator) -> tuple[Exercise, ...]:
-    """Return exercises on a lesson: formulas, groups, torques at rest, parameters without effect."""
-    makers = (_ask_formula, _ask_group, _ask_torque, _ask_effect)
-    found: list[Exercise] = []
-    for k in range(50 * count):
-        one = makers[k % len(makers)](lesson, rng)
-        if one is not None and one.prompt not in {other.prompt for other in found}:
-            found.append(one)
-        if len(found) == count:
-            break
-    return tuple(found)
-
-
-def _ask_formula(lesson: Lesson, rng: np.random.Generator) -> Exercise | None:
-    items = [item for chapter in lesson.chapters for item in _list_items(chapter.items)]
-    known = [x for x in items if x.code and x.name[:1] in set("Mgh") and 4 < len(x.sympy) <= _LONGEST_ANSWER]
-    if not known:
-        return None
-    item = known[int(rng.integers(len(known)))]
-    left, _, right = item.latex.partition(" = ")
-    return Exercise(prompt=f"What is ${left}$?", answer=f"${right}$, as text {item.sympy}", code=item.code)
-
-
-def _ask_group(lesson: Lesson, rng: np.random.Generator) -> Exercise | None:
-    robot, base = lesson.model.robot, lesson.model.base
-    groups = [entry for entry in base.parameters if len(entry.terms) > 1]
-    if not groups:
-        return None
-    entry = groups[int(rng.integers(len(groups)))]
-    symbol = write_symbol(entry.name, lesson.book)
-    ring, terms = lesson.model.algebra.ring, []
-    for label, factor in entry.terms:
-        share = write_sum(ring.from_expr(factor), lesson.model.sums)
-        terms.append((write_label(robot, label), write_code(share, "v"), write_code(share)))
-    code = " + ".join(f"({share})*v.{name}" for name, share, _ in terms)
-    text = " + ".join(name if share == "1" else f"({share})*{name}" for name, _, share in terms)
-    prompt = f"Which standard parameters does ${symbol}$ stand for? Write the sum, as MX1 + a2*M2."
-    return Exercise(prompt=prompt, answer=f"{text}: {entry.reason}", code=code)
-
-
-def _ask_torque(lesson: Lesson, rng: np.random.Generator) -> Exercise | None:
-    robot = lesson.robot
-    q = [round(float(x), 1) for x in rng.uniform(-1.5, 1.5, robot.freedom)]
-    torques = _compute_gravity(lesson, q)
-    joint = int(rng.integers(robot.freedom))
-    if abs(torques[joint]) < _SMALL_TORQUE:
-        return None
-    posture = ", ".join(f"{x:g}" for x in q)
-    unit = "N" if robot.axes[joint].prismatic else "N m"
-    prompt = (
-        f"With the values of this page, which torque ({unit}) holds joint {robot.coordinates[joint] + 1} "
-        f"at rest at q = ({posture})? To one percent."
-    )
-    return Exercise(prompt=prompt, answer=f"{torques[joint]:.5g} {unit}", number=torques[joint])
-
-
-def _ask_effect(lesson: Lesson, rng: np.random.Generator) -> Exercise | None:
-    robot, base = lesson.model.robot, lesson.model.base
-    gone = [entry for entry in base.eliminated if entry.reason.startswith("no effect")]
-    kept = [entry for entry in base.parameters if entry.label[1] in INERTIAL]
-    if not gone or len(kept) < _OTHERS:
-        return None
-    lost = gone[int(rng.integers(len(gone)))]
-    others = [kept[int(k)] for k in rng.choice(len(kept), _OTHERS, replace=False)]
-    labels = [lost.label, *(entry.label for entry in others)]
-    names = [(write_label(robot, label), label == lost.label) for label in labels]
-    options = tuple((f"${write_symbol(name, lesson.book)}$", right) for name, right in sorted(names))
-    prompt = "Which of these parameters can no motion of this robot show"
-    prompt += f", and why? ({', '.join(name for name, _ in sorted(names))})"
-    return Exercise(prompt=prompt, answer=f"{lost.name}: {lost.reason}", options=options)
-
-
-@dataclass(frozen=True, slots=True)
-class _FloatAlgebra(OperatorAlgebra):
-    """Doubles; `symbols` has the values of symbolic lengths in m."""
-
-    symbols: dict[str, float]
-    zero = 0.0
-    one = 1.0
-
-    def constant(self, value: Exact) -> float:
-        return value.to_float(self.symbols)
-
-    def half(self, value: float) -> float:
-        return 0.5 * value
-
-
-def _compute_gravity(lesson: Lesson, q: Sequence[float]) -> tuple[float, ...]:
-    """Return the torques at rest, springs included, by the Newton-Euler recursion in doubles."""
-    robot = lesson.robot
-    algebra = _FloatAlgebra(dict(robot.symbols))
-    values: dict[str, float] = {}
-    for number, angle in enumerate(spread_coordinates(robot, algebra, q)[: robot.size], start=1):
-        values |= {f"s{number}": math.sin(angle), f"c{number}": math.cos(angle), f"q{number}": angle}
-    recursion = build_recursion(robot, algebra, build_state(robot, algebra, values))
-    keys = derive_base_parameters(robot).keys
-    torques = compute_inverse_dynamics(recursion, dict(zip(keys, lesson.beta, strict=True)))
-    return fold_vector(robot, algebra, torques)
-
-
-def _write_exercise(one: Exercise) -> str:
-    """Return an exercise as a JavaScript object."""
-    parts = [f'"prompt": {_write_json(one.prompt)}', f'"answer": {_write_json(one.answer)}']
-    if one.code:
-        parts.append(f'"formula": (v) => {one.code}')
-    if one.number is not None:
-        parts.append(f'"number": {one.number!r}')
-    if one.options:
-        options = [{"text": text, "right": right} for text, right in one.options]
-        parts.append(f'"options": {_write_json(options)}')
-    return f"{{ {', '.join(parts)} }}"

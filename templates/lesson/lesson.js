@@ -27,13 +27,21 @@ const short = (x) => {
 };
 const setTex = (node, latex, display = false) =>
   katex.render(latex, node, { displayMode: display, throwOnError: false, strict: "ignore", output: "htmlAndMathml" });
+const plain = (latex) => latex.replace(/\\(?:mathit|mathrm|mathsf|,)|[{}\\^]/g, "");
 const tex = (latex) => { const node = make("span", { class: "tex" }); setTex(node, latex); return node; };
 
+// The head of a column or row is read with each of its cells: as plain text.
+const name = (node, latex) => { node.setAttribute("role", "math"); node.setAttribute("aria-label", plain(latex)); return node; };
+const named = (latex) => name(tex(latex), latex);
+
 // Formulas.
+// C divides whole numbers whole, and has no powers.
+const writeC = (text) => text.replace(/\((\d+)\/(\d+)\)/g, "($1.0/$2.0)").replace(/(\w+(?:\([^()]*\))?)\*\*(\d+)/g, "pow($1, $2)");
 for (const node of document.querySelectorAll(".tex")) {
   const latex = node.textContent, formula = node.closest(".formula");
   const wide = formula !== null && formula.classList.contains("wide");
   setTex(node, formula && !wide ? `\\displaystyle ${latex}` : latex, wide);
+  if (node.closest("th")) name(node, latex);
   if (!formula) continue;
   formula.dataset.tex = latex;
   const bar = make("span", { class: "copy" });
@@ -46,9 +54,10 @@ for (const node of document.querySelectorAll(".tex")) {
     bar.append(button);
   };
   add("LaTeX", latex);
-  if (formula.dataset.sympy) add("SymPy", formula.dataset.sympy);
+  if (formula.dataset.sympy) { add("SymPy", formula.dataset.sympy); add("C", writeC(formula.dataset.sympy)); }
   formula.append(bar);
 }
+document.querySelectorAll(".scroll").forEach((node, k) => node.setAttribute("aria-label", `Table ${k + 1}`));
 const fitWide = () => {
   for (const set of document.querySelectorAll(".formula.wide .set")) {
     const inner = set.querySelector(".katex-display");
@@ -342,10 +351,10 @@ widget("gravity", (node) => {
   });
 });
 widget("jacobian", (node) => updates.push((now) => {
-  const heads = ["", ...D.coordinates.map((k) => `joint ${k + 1}`)], rows = ["v_x", "v_y", "v_z", "\\omega_x", "\\omega_y", "\\omega_z"];
+  const heads = ["part", ...D.coordinates.map((k) => `joint ${k + 1}`)], rows = ["v_x", "v_y", "v_z", "\\omega_x", "\\omega_y", "\\omega_z"];
   const table = make("table", {}, make("thead", {}, make("tr", {}, ...heads.map((text) => make("th", { scope: "col" }, text)))));
   const body = make("tbody");
-  now.J.forEach((row, k) => body.append(make("tr", {}, make("th", { scope: "row" }, tex(rows[k])), ...row.map((value) => make("td", {}, show(value))))));
+  now.J.forEach((row, k) => body.append(make("tr", {}, make("th", { scope: "row" }, named(rows[k])), ...row.map((value) => make("td", {}, show(value))))));
   table.append(body);
   node.replaceChildren(make("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "Jacobian" }, table), make("p", { class: "caption" }, `The Jacobian of the last link at this posture. Manipulability, the root of det ${N < 6 ? "J\u1d40J" : "JJ\u1d40"}: ${show(now.manipulability)}.`));
 }));
@@ -637,6 +646,8 @@ const readFormula = (text) => {
 };
 const markFormula = (text, answer) => {
   const found = readFormula(text);
+  for (const [name, formula] of LESSON_FORMULAS)
+    if (String(formula) === String(answer) && new RegExp(`\\b${name}\\b`).test(text)) throw new Error(`"${name}" is what is asked for`);
   for (let trial = 0; trial < 8; trial += 1) {
     const v = computeValues(state.q.map(() => 4 * Math.random() - 2), state.q.map(() => 4 * Math.random() - 2));
     for (const name of [...Object.keys(D.values), ...Object.keys(D.standard)]) v[name] = 0.2 + Math.random();
@@ -655,7 +666,7 @@ widget("exercises", (node) => LESSON_EXERCISES.forEach((one, place) => {
   const button = make("button", { type: "button" }, "check");
   if (one.options) {
     one.options.forEach((option) => {
-      const input = make("input", { type: "radio", name: `exercise-${place}`, value: option.text, style: "width: auto" }), label = make("label", {}, input, " ");
+      const input = make("input", { type: "radio", name: `exercise-${place}`, value: option.text, style: "width: auto", "aria-label": plain(option.text.replaceAll("$", "")) }), label = make("label", {}, input, " ");
       option.text.split("$").forEach((part, k) => label.append(k % 2 ? tex(part) : part));
       box.append(label);
     });

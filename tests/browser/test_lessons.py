@@ -1,5 +1,8 @@
 """Lessons in a headless Chromium: what a reader sees is what the library computes; nothing is asked for."""
 
+import subprocess
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -20,6 +23,15 @@ ROBOTS = (
     "ppr",
 )
 
+AXE = Path(__file__).resolve().parents[2] / ".venv" / "axe" / "node_modules" / "axe-core" / "axe.min.js"
+"""The rules for pages that everybody can read; `make test-browser` fetches them."""
+
+PLAIN = (
+    "for (const node of document.querySelectorAll('.katex')) "
+    "node.replaceWith(node.querySelector('annotation').textContent)"
+)
+"""Formulas as their LaTeX: the rules look at every box of a formula otherwise, for a minute a page."""
+
 CUT_OFF = "[...document.querySelectorAll('.formula .set')].filter((x) => x.scrollWidth > x.clientWidth + 2)"
 
 
@@ -29,7 +41,7 @@ def pages(tmp_path_factory):
 
     def get(name):
         path = folder / f"{name}.html"
-        return path if path.exists() else symid.load(name).write_lesson(path).path
+        return path if path.exists() else symid.load(name).write_lesson(path, exercises=6, seed=2).path
 
     return get
 
@@ -47,6 +59,20 @@ def test_a_page_is_quiet_and_nothing_is_cut_off(browser, pages, name):
         assert browser.run("document.querySelectorAll('.katex-mathml math').length") > 20
         if width == 1280:
             assert browser.run(f"{CUT_OFF}.length") == 0
+        if width == 400 or dark:
+            assert list_findings(browser) == []
+
+
+def list_findings(browser):
+    """Return the rules of axe-core that the page breaks, each with the first element that does."""
+    if not AXE.exists():
+        pytest.skip("axe-core is not here: make test-browser fetches it")
+    browser.run(PLAIN)
+    browser.run(f"{AXE.read_text(encoding='utf-8')};1")
+    return browser.run(
+        "axe.run(document, { resultTypes: ['violations'] }).then((found) => "
+        "found.violations.map((one) => [one.id, one.nodes[0].html.slice(0, 200)]))"
+    )
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -115,6 +141,33 @@ def test_the_loop_follows_the_mouse(browser, pages):
     assert trail[-1, 0] < 0.0
 
 
+def test_formulas_are_copied_as_c(browser, pages, tmp_path):
+    """A program of copied formulas gives the numbers that stand beside them."""
+    browser.size(1280, 900)
+    browser.open(pages("two_link_symbols"))
+    copied = browser.run(
+        "[...document.querySelectorAll('.formula')]"
+        ".filter((x) => x.querySelector('[data-name]') && x.dataset.sympy)"
+        ".map((x) => [x.querySelector('[data-name]').dataset.name, writeC(x.dataset.sympy), "
+        "x.querySelectorAll('.copy button').length])"
+    )
+    assert len(copied) > 8
+    assert all(count == 3 for *_, count in copied)
+    values = browser.run("Object.entries(window.lesson.values)")
+    taken = {name for name, *_ in copied}
+    letters = "".join(f"double {name} = {value!r};" for name, value in values if name not in taken)
+    lines = "".join(f'printf("%.17g\\n", (double)({text}));' for _, text, _ in copied)
+    source = tmp_path / "copied.c"
+    source.write_text(
+        f"#include <math.h>\n#include <stdio.h>\nint main(void) {{ {letters} {lines} return 0; }}\n"
+    )
+    subprocess.run(["cc", "-o", tmp_path / "copied", source, "-lm"], check=True, capture_output=True)
+    done = subprocess.run([tmp_path / "copied"], check=True, capture_output=True, text=True)
+    shown = dict(values)
+    for (name, *_), line in zip(copied, done.stdout.splitlines(), strict=True):
+        assert float(line) == pytest.approx(shown[name], rel=1e-12, abs=1e-15)
+
+
 def test_a_printed_page_has_everything_open(browser, pages, tmp_path):
     browser.size(1000, 900)
     browser.open(pages("two_link"))
@@ -143,6 +196,11 @@ def test_exercises_are_marked(browser, tmp_path):
             assert browser.run(answer % (place, right.replace("*", " ").replace("  ", "^"))) == "right"
             assert browser.run(answer % (place, f"{right} + 0.001")) == "not yet"
             assert browser.run(answer % (place, f"{right} + (")) == "the formula is not finished"
+            itself = browser.run(
+                f"(() => {{ const right = String(LESSON_EXERCISES[{place - 1}].formula); "
+                "return LESSON_FORMULAS.find(([, formula]) => String(formula) === right)[0]; })()"
+            )
+            assert "is what is asked for" in browser.run(answer % (place, itself))
             assert "no letter of this lesson" in browser.run(answer % (place, "xyzzy"))
             marked += 1
     assert marked

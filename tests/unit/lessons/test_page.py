@@ -202,4 +202,4 @@ def test_a_document_has_texts_in_tex():
 def test_one_file_at_a_time(capsys):
     """The notice is usage.lesson-files."""
     assert run(["derive", "two_link", "--html", "a.html", "--tex", "a.tex"]) == 2
-    assert "write one at a time" in capsys.readouterr().err
+    assert "--html and --tex: one at a time" in capsys.readouterr().err

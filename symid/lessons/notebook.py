@@ -1,0 +1,305 @@
+"""A lesson as a notebook: the chapters as text and formulas, between them cells with live SymPy objects.
+
+Robot, book -> chapters -> cells -> nbformat 4 in JSON, executed where nbclient and ipykernel are there.
+
+M, C and g are those of `robot.sympy`, so that a reader differentiates, substitutes and compares; cells
+check what the text states: C against Christoffel symbols and the potential's slope as expressions up to three
+joints, beyond that against the recursion in numbers. A cell that fails stops the notebook.
+
+Supported: all robots of the lesson. Not supported: what only moves on the page.
+"""
+
+import json
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from symid import __version__
+from symid.environment import locate_resource_folder
+from symid.errors import GenerationError, Notice
+from symid.lessons.chapters import WRITTEN_OUT, Chapter, Item, Lesson
+from symid.lessons.dynamic_chapters import build_lesson
+from symid.lessons.elastic_chapters import write_elastic
+from symid.lessons.matrices import Parameterisation
+from symid.lessons.textbook import Book
+from symid.robot import Robot
+
+_LONGEST_LINE = 90
+"""Letters of a formula in a line, without its commands."""
+_MARKED = re.compile(r"(\$[^$]+\$|`[^`]+`)")
+_SECONDS = 600
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LessonNotebook:
+    """A notebook as JSON, and whether its cells were executed."""
+
+    text: str
+    executed: bool
+
+
+def write_lesson_notebook(
+    robot: Robot, book: Book, form: Parameterisation | None, folder: Path
+) -> LessonNotebook:
+    """Return the lesson on `robot` as a notebook, executed in `folder` where that is possible.
+
+    Raises:
+        SymidError: two derivations that must agree do not.
+        GenerationError: a cell failed.
+    """
+    lesson = build_lesson(robot, book, form)
+    cells = [_write_head(lesson)]
+    code = {anchor: list(_list_code(lesson, anchor)) for anchor in ("frames", "base", "mass", "gravity")}
+    code |= {anchor: list(_list_code(lesson, anchor)) for anchor in ("coriolis", "motion")}
+    place = 1
+    for number, chapter in enumerate((*lesson.chapters, *write_elastic(robot, book)), start=1):
+        text, place = _write_chapter(chapter, number, place)
+        cells += [("markdown", text), *(("code", cell) for cell in code.get(chapter.anchor, ()))]
+    notebook: dict[str, Any] = {
+        "nbformat": 4,
+        "nbformat_minor": 5,
+        "metadata": {"kernelspec": {"name": "python3", "display_name": "Python 3", "language": "python"}},
+        "cells": [_build_cell(kind, text, k) for k, (kind, text) in enumerate(cells)],
+    }
+    done = _execute(notebook, folder)
+    text = json.dumps(done or notebook, indent=1, sort_keys=True, ensure_ascii=False)
+    return LessonNotebook(text=f"{text}\n", executed=done is not None)
+
+
+def _build_cell(kind: str, text: str, number: int) -> dict[str, Any]:
+    cell: dict[str, Any] = {"cell_type": kind, "id": f"cell-{number}", "metadata": {}, "source": text}
+    return cell | ({"execution_count": None, "outputs": []} if kind == "code" else {})
+
+
+def _execute(notebook: dict[str, Any], folder: Path) -> dict[str, Any] | None:
+    """Return the notebook with the outputs of its cells; None where no kernel is there."""
+    try:
+        import ipykernel  # noqa: F401  the kernel that nbclient starts
+        import nbclient
+        import nbformat
+    except ImportError:
+        return None
+    made = nbformat.from_dict(notebook)  # type: ignore[no-untyped-call]
+    # Times of execution would differ from run to run.
+    client = nbclient.NotebookClient(
+        made,
+        timeout=_SECONDS,
+        record_timing=False,
+        resources={"metadata": {"path": str(folder)}},
+        extra_arguments=["--IPKernelApp.log_level=50"],
+    )
+    try:
+        client.execute()
+    except nbclient.exceptions.CellExecutionError as error:
+        text = f"a cell of the notebook failed: {error.ename}: {error.evalue}; please report this robot"
+        raise GenerationError(Notice(code="lesson.cell", text=text)) from error
+    found: dict[str, Any] = json.loads(nbformat.writes(made))  # type: ignore[no-untyped-call]
+    return found
+
+
+# Text.
+
+
+def _write_head(lesson: Lesson) -> tuple[str, str]:
+    robot = lesson.robot
+    made = (
+        "\n\n**The file has no inertial values: numbers are those of stand-in links of 3 kg and less.** "
+        "The formulas do not depend on them."
+        if lesson.stand_ins
+        else ""
+    )
+    letters = f" Letters as in {lesson.book.title}." if lesson.book.title else ""
+    text = (
+        f"# {_write_text(robot.name)}: equation of motion\n\n{_write_text(robot.description)}.\n\n"
+        f"Every formula was derived exactly from the robot file and checked by a second derivation.{letters} "
+        f"The cells between the chapters compute with the same objects in SymPy: change them.{made}\n\n"
+        f"Written by symid {__version__}. SI units throughout."
+    )
+    return "markdown", text
+
+
+def _write_text(text: str) -> str:
+    """Return a text in Markdown, its $formulas$ and `code` as they are."""
+    parts = _MARKED.split(text)
+    return "".join(part if k % 2 else re.sub(r"([*_<>\[\]|])", r"\\\1", part) for k, part in enumerate(parts))
+
+
+def _write_chapter(chapter: Chapter, number: int, place: int) -> tuple[str, int]:
+    """Return a chapter in Markdown, its formulas numbered from `place`, and the next number."""
+    lines = [f"## {number} {chapter.title}"]
+    for item in chapter.items:
+        text, place = _write_item(item, place)
+        lines.append(text)
+    return "\n\n".join(filter(None, lines)), place
+
+
+def _write_item(item: Item, place: int) -> tuple[str, int]:
+    match item.kind:
+        case "text":
+            return _write_text(item.text), place
+        case "check":
+            return f"> \N{CHECK MARK} **Checked**, {_write_text(item.text)}.", place
+        case "formula" | "matrix":
+            return f"$$\n{_break_lines(item.latex)} \\tag{{{place}}}\n$$", place + 1
+        case "table":
+            rows = [row[:3] if item.text == "base" else row for row in item.rows]
+            head, *body = [f"| {' | '.join(map(_write_cell, row))} |" for row in rows]
+            return "\n".join([head, "|" + "---|" * len(rows[0]), *body]), place
+        case "details":
+            parts = []
+            for inner in item.items:
+                text, place = _write_item(inner, place)
+                parts.append(text)
+            inside = "\n\n".join(filter(None, parts))
+            return f"<details><summary>{_write_text(item.text)}</summary>\n\n{inside}\n\n</details>", place
+    return "", place
+
+
+def _write_cell(text: str) -> str:
+    parts = _MARKED.split(text)
+    return "".join(
+        part.replace("|", r"\vert ") if k % 2 else _write_text(part) for k, part in enumerate(parts)
+    )
+
+
+def _break_lines(latex: str) -> str:
+    """Return an equation whose right side is broken at the sums of its outermost level where it is long."""
+    left, equals, right = latex.partition(" = ")
+    parts, depth, start = [], 0, 0
+    for k, letter in enumerate(right):
+        depth += (letter in "{([") - (letter in "})]")
+        if depth == 0 and letter in "+-" and right[k - 1 : k + 2] == f" {letter} ":
+            parts.append(right[start:k].strip())
+            start = k
+    parts.append(right[start:].strip())
+    lines = [""]
+    for part in parts:
+        if lines[-1] and _measure(f"{lines[-1]} {part}") > _LONGEST_LINE:
+            lines.append("")
+        lines[-1] = f"{lines[-1]} {part}".strip()
+    if not equals or len(lines) == 1 or r"\begin" in latex or r"\left" in latex:
+        return latex
+    body = r" \\ &\quad {} ".join(lines)
+    return rf"\begin{{aligned}} {left} &= {body} \end{{aligned}}"
+
+
+def _measure(latex: str) -> int:
+    return len(re.sub(r"\\(?:mathit|mathrm|,|dot|overline)|[{}_^ ]|\\[a-z]+", "", latex))
+
+
+# Cells.
+
+
+def _list_code(lesson: Lesson, anchor: str) -> Iterator[str]:
+    """Yield the cells that follow a chapter."""
+    short = lesson.robot.freedom <= WRITTEN_OUT
+    match anchor:
+        case "frames":
+            yield f"{_IMPORTS}\n\nrobot = symid.load({_name(lesson.robot)!r})\nrobot"
+        case "base":
+            yield "robot.base"
+        case "mass":
+            yield from _list_mass(lesson, short=short)
+        case "coriolis":
+            yield _CORIOLIS if short else _LONG_CORIOLIS
+        case "gravity":
+            yield _GRAVITY if short else _LONG_GRAVITY
+        case "motion":
+            yield from (_MOTION,) if short else (_LONG_CORIOLIS, _LONG_MOTION)
+
+
+def _name(robot: Robot) -> str:
+    """Return the name of a robot that comes with symid, else the path of its file."""
+    path = Path(robot.path)
+    inside = path.parent.resolve() == locate_resource_folder("robots").resolve()
+    return path.stem if inside else str(path.resolve())
+
+
+def _list_mass(lesson: Lesson, *, short: bool) -> Iterator[str]:
+    yield _MASS if short else _LONG_MASS
+    if any(joint.form is not None for joint in lesson.robot.joints):
+        yield _FORMULAS
+    size = lesson.robot.freedom
+    q = [round(0.5 + 0.3 * (-1) ** k * (k + 1) / 2, 2) for k in range(size)]
+    note = "stand-ins: the file has no values" if lesson.stand_ins else "the values of the robot file"
+    yield (
+        f"q = {q}  # a posture: change it\nbeta = {_write_numbers(lesson.beta)}  # {note}\n"
+        "lengths = [float(value) for value in M.lengths.values()]\n\n\n"
+        "def evaluate(function, *arguments):\n"
+        '    """Return the output of a symbolic function at numbers."""\n'
+        "    values = function.lambdify()(*arguments, *([lengths] if lengths else []))\n"
+        "    return np.array(values[0], dtype=float)\n\n\n"
+        "inertia = evaluate(M, q, beta)\nassert np.all(np.linalg.eigvalsh(inertia) > 0)\ninertia"
+    )
+
+
+def _write_numbers(values: Sequence[float]) -> str:
+    if len(values) <= 6:
+        return repr([float(f"{value:.12g}") for value in values])
+    lines = [values[k : k + 6] for k in range(0, len(values), 6)]
+    body = "".join(f"    {', '.join(repr(float(f'{x:.12g}')) for x in line)},\n" for line in lines)
+    return f"[\n{body}]"
+
+
+_IMPORTS = """import numpy as np
+import sympy as sp
+
+import symid"""
+_MASS = """M = robot.sympy("mass_matrix")
+M"""
+_FORMULAS = """# In the symbols of the file.
+forms = {entry["name"]: entry["form"] for entry in robot.base.to_dict()["parameters"]}
+known = {symbol: sp.sympify(forms[symbol.name] or symbol) for symbol in M.inputs["beta"]}
+M["M"].subs(known).applyfunc(sp.expand)"""
+_LONG_MASS = """M = robot.sympy("mass_matrix")
+print(f"{M.operations} operations if all is written out, {len(M.share()[0])} shared values in the recursion")
+M["M"][-1, -1]"""
+_CORIOLIS = '''C = robot.sympy("coriolis_matrix")
+Q, dQ, n = C.inputs["q"], C.inputs["dq"], len(robot.joints)
+
+
+def is_zero(matrix):
+    """Return whether all elements vanish, as polynomials of complex exponentials."""
+    return all(sp.expand(sp.sympify(value).rewrite(sp.exp)) == 0 for value in sp.flatten(matrix))
+
+
+def christoffel(i, j, k):
+    """Return c_ijk from the slopes of M."""
+    m = M["M"]
+    return (m[i, j].diff(Q[k]) + m[i, k].diff(Q[j]) - m[j, k].diff(Q[i])) / 2
+
+
+mine = sp.Matrix(n, n, lambda i, j: sum(christoffel(i, j, k) * dQ[k] for k in range(n)))
+rate = sum((M["M"].diff(Q[k]) * dQ[k] for k in range(n)), sp.zeros(n, n))
+skew = rate - 2 * C["C"]
+assert is_zero(mine - C["C"])
+assert is_zero(skew + skew.T)
+C'''
+_GRAVITY = """g = robot.sympy("gravity")
+energy = robot.sympy("energy")
+slope = sp.Matrix([energy["V"].diff(angle) for angle in energy.inputs["q"]])
+assert is_zero(slope - g["g"])
+g"""
+_LONG_GRAVITY = """g = robot.sympy("gravity")
+weight = evaluate(g, q, beta).ravel()
+weight"""
+_MOTION = """tau = robot.sympy("inverse_dynamics")
+equation = M["M"] * tau.inputs["ddq"] + C["C"] * dQ + g["g"]
+assert is_zero(equation - tau["tau"])
+tau"""
+_LONG_CORIOLIS = """rng = np.random.default_rng(1)
+dq, ddq = rng.normal(size=(2, len(q)))
+C = robot.sympy("coriolis_matrix")
+coriolis = evaluate(C, q, dq, beta)
+# The rate of M along the motion, by complex steps: exact to rounding.
+step = 1e-30j
+moved = np.array(M.lambdify()(np.array(q) + step * dq, beta, *([lengths] if lengths else []))[0])
+skew = moved.imag / step.imag - 2 * coriolis
+assert np.abs(skew + skew.T).max() < 1e-12 * np.abs(inertia).max()
+coriolis"""
+_LONG_MOTION = """lib = robot.compile()
+torque = lib.inverse_dynamics(q, dq, ddq, beta)
+assert np.allclose(inertia @ ddq + coriolis @ dq + weight, torque, rtol=1e-10, atol=1e-10)
+torque"""
