@@ -11,7 +11,6 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 DEMO := demo
-AXE := $(VENV)/axe/node_modules/axe-core/axe.min.js
 WORKERS ?= 2
 # A worker a core: threads of the linear algebra would only wait for each other, and change last digits.
 # Compiled modules are kept, even where the environment says otherwise: tests start many processes.
@@ -77,25 +76,24 @@ test-embedded: $(VENV)/dev
 	fi
 	$(PYTEST) -m embedded --numprocesses $(WORKERS) tests/embedded
 
-# What test-browser still wants of Debian, a package a line; nothing if all is there.
+# What test-browser still wants of Debian; nothing if it is there.
 browser-packages:
 	@command -v chromium >/dev/null || command -v chromium-browser >/dev/null || command -v google-chrome >/dev/null || echo chromium
-	@command -v npm >/dev/null || echo npm
 
-# The rules for pages that everybody can read; only tests use them.
-$(AXE): $(VENV)/made
-	npm install --silent --no-save --no-audit --no-fund --prefix $(VENV)/axe axe-core@4.14.1
+# axe-core, the rules for pages that everybody can read, comes with this package; of the package itself nothing is used.
+$(VENV)/axe: $(VENV)/dev
+	$(INSTALL) --no-deps axe-playwright-python==0.1.8
 	@touch $@
 
 # Pages are opened, moved, dragged and printed; what they show is compared with the library.
 test-browser: $(VENV)/dev
-	@missing=$$($(MAKE) --silent --no-print-directory browser-packages | paste -sd' '); \
+	@missing=$$($(MAKE) --silent --no-print-directory browser-packages); \
 	if [ -n "$$missing" ]; then \
 		echo "test-browser wants programs that are not here; as root: apt-get install --no-install-recommends $$missing"; \
 		exit 1; \
 	fi
-	@$(MAKE) --silent --no-print-directory $(AXE)
-	$(PYTEST) -m browser tests/browser
+	@$(MAKE) --silent --no-print-directory $(VENV)/axe
+	$(PYTEST) -m browser --numprocesses $(WORKERS) --dist loadfile tests/browser
 
 docs: $(VENV)/docs
 	$(BIN)/sphinx-build -W --keep-going -b html docs docs/_build/html

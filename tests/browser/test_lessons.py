@@ -1,7 +1,6 @@
 """Lessons in a headless Chromium: what a reader sees is what the library computes; nothing is asked for."""
 
 import subprocess
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +8,7 @@ import pytest
 import symid
 from symid.joint_models import Elasticity, compute_hysteresis_torque, compute_stored_energy
 from symid.robot import load_robot
+from tests.browser.axe import list_findings
 
 pytestmark = pytest.mark.browser
 
@@ -22,15 +22,6 @@ ROBOTS = (
     "quadruped",
     "ppr",
 )
-
-AXE = Path(__file__).resolve().parents[2] / ".venv" / "axe" / "node_modules" / "axe-core" / "axe.min.js"
-"""The rules for pages that everybody can read; `make test-browser` fetches them."""
-
-PLAIN = (
-    "for (const node of document.querySelectorAll('.katex')) "
-    "node.replaceWith(node.querySelector('annotation').textContent)"
-)
-"""Formulas as their LaTeX: the rules look at every box of a formula otherwise, for a minute a page."""
 
 CUT_OFF = "[...document.querySelectorAll('.formula .set')].filter((x) => x.scrollWidth > x.clientWidth + 2)"
 
@@ -61,18 +52,6 @@ def test_a_page_is_quiet_and_nothing_is_cut_off(browser, pages, name):
             assert browser.run(f"{CUT_OFF}.length") == 0
         if width == 400 or dark:
             assert list_findings(browser) == []
-
-
-def list_findings(browser):
-    """Return the rules of axe-core that the page breaks, each with the first element that does."""
-    if not AXE.exists():
-        pytest.skip("axe-core is not here: make test-browser fetches it")
-    browser.run(PLAIN)
-    browser.run(f"{AXE.read_text(encoding='utf-8')};1")
-    return browser.run(
-        "axe.run(document, { resultTypes: ['violations'] }).then((found) => "
-        "found.violations.map((one) => [one.id, one.nodes[0].html.slice(0, 200)]))"
-    )
 
 
 @pytest.mark.parametrize("name", ROBOTS)
