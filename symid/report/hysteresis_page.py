@@ -10,6 +10,7 @@ Supported: text, JSON, HTML with figures. Not supported: reversal curves of a re
 grows or shrinks.
 """
 
+import shlex
 from collections.abc import Iterator
 from dataclasses import asdict
 from itertools import pairwise
@@ -27,7 +28,7 @@ from symid.identification.hysteresis import (
 )
 from symid.report.blocks import Block, Drawing, Table, select_fields
 from symid.report.figures import Line, build_curve_figure, build_line_figure
-from symid.report.pages import Page, write_page
+from symid.report.pages import Page, format_percent, write_page
 from symid.report.verdict import FitVerdict, rate_output
 
 _POOR = 0.5
@@ -156,11 +157,18 @@ def draw_element(record: HysteresisRecord) -> tuple[Drawing, ...]:
             )
         )
     return (
-        build_curve_figure("Output against input: measured samples, and the model.", _LABELS, loops),
-        build_line_figure("Output over time.", (time, _LABELS[1]), over_time),
+        build_curve_figure(_describe_loop(record), _LABELS, loops),
+        build_line_figure("When does it miss? Output over time.", (time, _LABELS[1]), over_time),
         *rest,
         *_draw_cycles(trace),
         *_draw_branches(trace),
+    )
+
+
+def _describe_loop(record: HysteresisRecord) -> str:
+    return (
+        f"Does {record.model} follow the loops? Measured samples and the model, which leaves "
+        f"{format_percent(record.fitted)} of the output."
     )
 
 
@@ -267,12 +275,26 @@ _PLACES = 60
 
 def write_element_page(path: Path, record: HysteresisRecord, *, source: str = "") -> Path:
     """Write the page of an element and return the path; OutputError where it cannot be written."""
-    first, second, *further = draw_element(record)
+    lead, second, *further = draw_element(record)
+    _, _, facts = blocks = show_element(record)
+    known = [entry for entry in record.parameters if 0.0 < entry.deviation <= _POOR * abs(entry.value)]
+    free = [entry for entry in record.parameters if entry.deviation > 0.0]
     page = Page(
         robot=source or "element",
         subject="element with hysteresis",
         verdict=judge_element(record),
-        blocks=(first, second, *show_element(record), "== Figures ==", *further),
+        numbers=(
+            (format_percent(record.held_out), "of the output unexplained in held-out parts of the recording"),
+            (format_percent(record.fitted), "in the fit itself"),
+            (f"{len(known)} of {len(free)}", "parameters known to half of their value"),
+        ),
+        lead=lead,
+        next_step=(
+            f"symid hysteresis {shlex.quote(source or 'FIT')} --input NAME --output NAME --validate FILE",
+            "Test it on another recording",
+        ),
+        blocks=("== Over time ==", second, "== Parameters ==", blocks[0], facts, "== Residual ==", *further),
+        more=("== Models that were tried ==", blocks[1]),
         settings=(
             ("model", record.model),
             ("samples", str(record.samples)),
