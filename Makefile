@@ -76,10 +76,13 @@ test-embedded: $(VENV)/dev
 	fi
 	$(PYTEST) -m embedded --numprocesses $(WORKERS) tests/embedded
 
-# Pages are opened, moved, dragged and printed; what they show is compared with the library.
+# Pages are opened, moved, dragged and printed; what they show is compared with the library. With npm axe-core looks
+# at them too, as screen readers and keyboards do.
 test-browser: $(VENV)/dev
 	@command -v chromium >/dev/null || command -v chromium-browser >/dev/null || command -v google-chrome >/dev/null || { \
 		echo "test-browser wants Chromium; as root: apt-get install --no-install-recommends chromium"; exit 1; }
+	@test -d $(VENV)/browser/node_modules || ! command -v npm >/dev/null || \
+		npm install --silent --no-audit --no-fund --prefix $(VENV)/browser axe-core@4
 	$(PYTEST) -m browser tests/browser
 
 docs: $(VENV)/docs

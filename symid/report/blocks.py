@@ -108,7 +108,8 @@ class Table:
         caption = f"<caption>{html.escape(self.title)}</caption>" if self.title else ""
         note = f"<p>{html.escape(self.note)}</p>" if self.note else ""
         return (
-            f'<div class="scroll">\n<table>{caption}<thead><tr>{head}</tr></thead>'
+            '<div class="scroll" tabindex="0" role="group" aria-label="Table">\n'
+            f"<table>{caption}<thead><tr>{head}</tr></thead>"
             f"<tbody>{''.join(rows)}</tbody></table>\n</div>{note}"
         )
 

@@ -325,7 +325,7 @@ def write_stiffness_page(path: Path, found: "StiffnessEstimate", notices: Sequen
         ),
         (build_mark_figure(caption, "stiffness", marks),) if marks else (),
         numbers=numbers,
-        blocks=("== Stiffness ==", *show_stiffness(found)),
+        blocks=("== Stiffness ==", *show_stiffness(found)[1:-1]),
         notices=notices,
         conventions="torsion is motor minus link position; a delay is positive where link encoders are late",
     )
