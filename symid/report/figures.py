@@ -584,9 +584,12 @@ def build_arm_figure(
     body += [_draw_drum(place, joint, toward) for joint in ordered]
     body += [_draw_frame(place, frame, 3.0 * size) for frame in frames]
     for joint in joints:
+        sides = (("start", 1.45), ("end", -1.45))
         x, y = place(joint.place + joint.radius * (1.45 * right + (0.0, 0.0, 0.7)))
-        room = _CHARACTER * len(joint.label)
-        body.append(f'<text x="{min(float(x), WIDTH - room):.1f}" y="{y:.1f}">{escape(joint.label)}</text>')
+        # On the other side where there is no room.
+        anchor, side = sides[int(x + _CHARACTER * len(joint.label) > WIDTH)]
+        x, y = place(joint.place + joint.radius * (side * right + (0.0, 0.0, 0.7)))
+        body.append(f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{escape(joint.label)}</text>')
     return _wrap_figure(caption, height, body)
 
 
