@@ -1143,7 +1143,8 @@ class RobotModel:
         **options: object,
     ) -> "Study[Any]":
         """Return a study with the noise of every seed in `numbers`, in several processes."""
-        from symid.api.studies import Study, report_count
+        from symid.api.studies import Study
+        from symid.environment import report_count
 
         # Made here, with its progress told, before processes look for it.
         _ = self.library
@@ -1170,7 +1171,8 @@ class RobotModel:
             True
         """
         from symid.api.log import take_one_log
-        from symid.api.studies import Study, report_count
+        from symid.api.studies import Study
+        from symid.environment import report_count
         from symid.identification.elastic import build_motor_recording, build_rigid_variant
         from symid.logs import read_one_log
         from symid.study import study_cutoff

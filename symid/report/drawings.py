@@ -15,6 +15,7 @@ from math import inf
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.errors import Notice, UsageError
@@ -134,15 +135,14 @@ def draw_log(log: "Recording", robot: Robot, checked: "CheckedLog | None" = None
     """
     joints = [entry.name for entry in robot.axes]
     ranges = np.array([joint.limits.position or (-inf, inf) for joint in robot.axes])
-    outside = (log.position < ranges[:, 0]) | (log.position > ranges[:, 1])
+    outside: NDArray[np.bool_] = (log.position < ranges[:, 0]) | (log.position > ranges[:, 1])
     bounds, gaps = np.full(len(joints), inf), 0
     if checked is not None:
         bounds = np.array([entry.peak if entry.saturated > _OFTEN else inf for entry in checked.joints])
         gaps = len(checked.timing.gaps)
-    full = np.abs(log.torque) >= _PEAK * bounds
+    full: NDArray[np.bool_] = np.abs(log.torque) >= _PEAK * bounds
     beyond, held = (
-        ", ".join(name for name, found in zip(joints, marks.any(axis=0), strict=True) if found)
-        for marks in (outside, full)
+        ", ".join(name for k, name in enumerate(joints) if marks[:, k].any()) for marks in (outside, full)
     )
     where = f"beyond the limits of the robot file: {beyond}" if beyond else "within all stated limits"
     went = f"Where did the joints go? {log.time[-1] - log.time[0]:.4g} s of {log.source}, {where}."
@@ -160,7 +160,7 @@ _UNITS = {"position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "torque": ("N 
 
 
 def _draw_channels(
-    caption: str, name: str, robot: Robot, course: tuple[FloatArray, FloatArray, FloatArray | None]
+    caption: str, name: str, robot: Robot, course: tuple[FloatArray, FloatArray, NDArray[np.bool_] | None]
 ) -> Iterator[Drawing]:
     """Yield the joints' values over time, joints of one unit in one figure, seven at most.
 

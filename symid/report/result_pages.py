@@ -72,21 +72,18 @@ def _build_page(
     **options: Any,  # noqa: ANN401  fields of the page
 ) -> Page:
     """Return a page whose first figure stands beside its verdict, the others before the tables."""
-    first, *rest = figures or (None,)
+    rest = figures[1:]
     options.setdefault("settings", (("robot", robot),))
     return Page(
         robot=robot,
         subject=subject,
         verdict=verdict,
         numbers=numbers,
-        lead=first,
-        blocks=(*([f"== {_FIGURES} =="] if rest else ()), *(entry for entry in rest if entry), *blocks),
+        lead=figures[0] if figures else None,
+        blocks=(*(["== Figures =="] if rest else ()), *rest, *blocks),
         notices=tuple(map(str, merge_notices(notices))),
         **options,
     )
-
-
-_FIGURES = "Figures"
 
 
 def judge_check(checked: "LogsCheck") -> FitVerdict:
