@@ -15,7 +15,20 @@ project = "symid"
 author = "the symid developers"
 release = version = __version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.viewcode",
+    "sphinx.ext.mathjax",
+]
+# Formulas are typeset by the KaTeX of the lessons: pages need no network.
+myst_enable_extensions = ["dollarmath", "deflist", "colon_fence"]
+html_static_path = ["_static", "../templates/lesson/katex"]
+html_css_files = ["katex.min.css", "pictures.css"]
+mathjax_path = "katex.min.js"
+mathjax_options = {"defer": "defer"}
+html_js_files = ["math.js"]
 autodoc_default_options = {"members": True, "member-order": "bysource", "exclude-members": "progress"}
 autodoc_preserve_defaults = True
 # Types stand in the signatures as they are written; what they need is not loaded.

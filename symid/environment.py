@@ -1,4 +1,4 @@
-"""One thread for linear algebra, the folders that come with symid, paths as people type them, files written.
+"""One thread for linear algebra, folders that come with symid, paths as people type them, files, progress.
 
 A sum that threads share gives other digits on another number of cores, so the command line sets OpenBLAS,
 MKL, BLIS, Accelerate and OpenMP to one thread. They read the environment once, when they are loaded.
@@ -9,6 +9,7 @@ Not supported: linear algebra that is loaded already; a package imported from in
 import errno
 import os
 import tempfile
+import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import IO
@@ -134,3 +135,34 @@ THREAD_VARIABLES = (
 def limit_to_one_thread() -> None:
     """Set the variables for this process and those that it starts."""
     os.environ |= dict.fromkeys(THREAD_VARIABLES, "1")
+
+
+_WORTH_SAYING = 2.0
+"""Seconds left from which on they are said."""
+
+
+def report_count(
+    progress: Callable[[str], None], what: str = "", *, clock: Callable[[], float] = time.monotonic
+) -> Callable[[int, int], None]:
+    """Return a callback for (done, count) that reports both, and how long the rest will take.
+
+    Args:
+        progress: called with a text such as "3 of 40, 25 s left".
+        what: is counted, a word before the numbers.
+        clock: in s.
+    """
+    start = clock()
+
+    def report(done: int, count: int) -> None:
+        left = (clock() - start) * (count - done) / done if done else 0.0
+        rest = f", {_describe_duration(left)} left" if left >= _WORTH_SAYING else ""
+        progress(f"{what} {done} of {count}{rest}".strip())
+
+    return report
+
+
+def _describe_duration(seconds: float) -> str:
+    """Return seconds as "40 s", "12 min" or "3.5 h"."""
+    if seconds < 90.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal, final
 
 from symid import report
 from symid.api.log import Log, Measurements
-from symid.api.result import Result
+from symid.api.result import Figures, Result
 from symid.errors import Notice
 
 if TYPE_CHECKING:
@@ -95,6 +95,22 @@ class ExcitedTrajectory(Result):
     def count_samples(self, *, rate: float = 1000.0, periods: int = 1) -> int:
         """Return the number of samples that `save` writes with this `rate` in Hz and these `periods`."""
         return round(self.trajectory.duration * rate) * periods + 1
+
+    def report(self, path: str | PathLike[str]) -> Path:
+        """Write a self-contained HTML page to `path`, and return the path.
+
+        Raises:
+            OutputError: the page cannot be written.
+        """
+        return report.write_excitation_page(Path(path), self.robot, self.product)
+
+    def figures(self) -> "tuple[Block, ...]":
+        """Return positions and velocities over time, and the used part of each limit."""
+        return self.plot().drawings
+
+    def plot(self) -> Figures:
+        """Return these figures, which show themselves in a notebook; `.save(path)` writes SVG or HTML."""
+        return Figures(drawings=report.draw_excitation(self.product, self.robot))
 
     def summarise(self) -> str:
         """Return the robot, the series and its condition number."""

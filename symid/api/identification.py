@@ -70,6 +70,14 @@ class Stiffness(Result):
         file = Path(fspath(path))
         return write_file(file, write_json({**self.to_dict(), "file": file}))
 
+    def report(self, path: str | PathLike[str]) -> Path:
+        """Write a self-contained HTML page to `path`, and return the path.
+
+        Raises:
+            OutputError: the page cannot be written.
+        """
+        return report.write_stiffness_page(Path(path), self.estimate, self.notices)
+
     def summarise(self) -> str:
         """Return the joints with a stiffness."""
         names = [name for name, entry in self.joints.items() if entry.stiffness is not None]
@@ -156,6 +164,14 @@ class PayloadResult(Result):
     def notices(self) -> tuple[Notice, ...]:
         """Return warnings: quantities that are not identifiable, other changes between both sides."""
         return tuple(dict.fromkeys((*self.product.notices, *report.warn_payload(self.payload))))
+
+    def report(self, path: str | PathLike[str]) -> Path:
+        """Write a self-contained HTML page to `path`, and return the path.
+
+        Raises:
+            OutputError: the page cannot be written.
+        """
+        return report.write_payload_page(Path(path), self.product.robot, self.payload, self.notices)
 
     def summarise(self) -> str:
         """Return the mass and the link."""

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, final, runtime_checkable
 
 from symid import report
-from symid.api.result import Result
+from symid.api.result import Figures, Result
 from symid.errors import LogError, Notice, UsageError
 
 if TYPE_CHECKING:
@@ -33,6 +33,14 @@ class Measurements(Result):
 
     recording: "Recording"
     robot: "Robot"
+
+    def figures(self) -> "tuple[Block, ...]":
+        """Return positions and torques over time."""
+        return self.plot().drawings
+
+    def plot(self) -> Figures:
+        """Return these figures, which show themselves in a notebook; `.save(path)` writes SVG or HTML."""
+        return Figures(drawings=report.draw_log(self.recording, self.robot))
 
     @property
     def time(self) -> "FloatArray":
@@ -462,6 +470,22 @@ class RobotCheck(Result):
     def errors(self) -> tuple[Notice, ...]:
         """Return why the logs do not suffice for a model of the robot."""
         return self.product.errors
+
+    def report(self, path: str | PathLike[str]) -> Path:
+        """Write a self-contained HTML page to `path`, and return the path.
+
+        Raises:
+            OutputError: the page cannot be written.
+        """
+        return report.write_check_page(Path(path), self.robot, self.product)
+
+    def figures(self) -> "tuple[Block, ...]":
+        """Return positions and torques of every log, with what was found marked; else the robot."""
+        return self.plot().drawings
+
+    def plot(self) -> Figures:
+        """Return these figures, which show themselves in a notebook; `.save(path)` writes SVG or HTML."""
+        return Figures(drawings=report.draw_check(self.robot, self.product))
 
     def summarise(self) -> str:
         """Return the robot and the number of logs."""

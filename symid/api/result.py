@@ -185,8 +185,7 @@ class Figures:
         if file.suffix.lower() == ".svg":
             return write_file(file, report.write_svg(self.drawings))
         if file.suffix.lower() == ".html":
-            head = '<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>Figures</title>'
-            return write_file(file, f"{head}<body>{report.write_html(self.drawings)}</body></html>\n")
+            return write_file(file, report.write_figures(self.drawings))
         text = f"{file}: figures are written as .svg or .html"
         raise UsageError(Notice(code="usage.suffix", text=text))
 

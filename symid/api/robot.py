@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, final
 
 from symid import report
 from symid.api.dynamics import BaseForm, BaseSet, derive_base_set
-from symid.api.result import Progress, check_choice, check_count, check_positive, ignore
+from symid.api.result import Figures, Progress, check_choice, check_count, check_positive, ignore
 from symid.api.studies import list_seeds
 from symid.codegen import BACKENDS
 from symid.errors import Notice, UsageError
@@ -518,6 +518,47 @@ class RobotModel:
                 output=None if resample is None else Path(fspath(resample)),
             )
         return RobotCheck(robot=self.description, product=found)
+
+    def plot(self, what: "LogLike | None" = None, *, pose: Sequence[float] | None = None) -> Figures:
+        """Return figures of the robot, of a log, of a trajectory or of a fit; `.save(path)` writes them.
+
+        Args:
+            what: a log or its file, the .csv of a trajectory, or the .json of a fit; None for the robot.
+            pose: coordinates of the joints that follow no other, rad or m, for the robot; 0 by default.
+
+        Raises:
+            UsageError: `pose` has the wrong length, or is given with a file.
+            LogError: the log or trajectory cannot be used.
+            EstimateError: the fit cannot be used.
+
+        Example:
+            >>> import symid
+            >>> symid.load("scara").plot(pose=[0.3, 0.6, 0.1, 0.0]).save("scara.svg").name
+            'scara.svg'
+        """
+        from symid.api.fit import load_fit
+        from symid.api.log import list_logs
+        from symid.excitation import is_trajectory, read_trajectory
+        from symid.identification.diagnostics import summarise_log
+        from symid.logs import read_recordings
+
+        robot = self.description
+        if what is None:
+            return Figures(drawings=(report.draw_robot(robot, pose),))
+        if pose is not None:
+            text = "pose is of the robot, and here a file is drawn; leave one of them out"
+            raise UsageError(Notice(code="usage.pose", text=text))
+        if isinstance(what, str | PathLike):
+            path = Path(fspath(what))
+            if path.suffix.lower() == ".json":
+                return load_fit(path, self).plot()
+            if is_trajectory(path):
+                return Figures(drawings=report.draw_motion(read_trajectory(path, robot), robot))
+        read = read_recordings(list_logs((what,)), robot, uneven=True)
+        logs = [summarise_log(recording, robot) for recording in read]
+        return Figures(
+            drawings=tuple(drawing for log in logs for drawing in report.draw_log(log.recording, robot, log))
+        )
 
     # Identification.
 
@@ -1127,7 +1168,8 @@ class RobotModel:
         **options: object,
     ) -> "Study[Any]":
         """Return a study with the noise of every seed in `numbers`, in several processes."""
-        from symid.api.studies import Study, report_count
+        from symid.api.studies import Study
+        from symid.environment import report_count
 
         # Made here, with its progress told, before processes look for it.
         _ = self.library
@@ -1154,7 +1196,8 @@ class RobotModel:
             True
         """
         from symid.api.log import take_one_log
-        from symid.api.studies import Study, report_count
+        from symid.api.studies import Study
+        from symid.environment import report_count
         from symid.identification.elastic import build_motor_recording, build_rigid_variant
         from symid.logs import read_one_log
         from symid.study import study_cutoff

@@ -3,7 +3,7 @@
 Robot, number of noise draws -> `Study`, or `FrictionTables` for those of a paper.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from os import PathLike
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar, final
 
 from symid import report
 from symid.api.result import Progress, Result, check_count, ignore
+from symid.environment import report_count
 from symid.errors import Notice
 
 if TYPE_CHECKING:
@@ -56,11 +57,6 @@ class Study(Result, Generic[T_co]):
     def to_dict(self) -> dict[str, object]:
         """Return the numbers in plain types."""
         return dict(self.described)
-
-
-def report_count(progress: Progress) -> Callable[[int, int], None]:
-    """Return a callback that reports how many of all tasks are done."""
-    return lambda done, count: progress(f"{done} of {count}")
 
 
 def list_seeds(seeds: int, seed: int) -> range:

@@ -289,6 +289,14 @@ class Comparison(Result):
 
         return tuple(notice for entry in self.found for notice in check_comparison_gate(entry, self.gate))
 
+    def report(self, path: str | PathLike[str]) -> Path:
+        """Write a self-contained HTML page to `path`, and return the path.
+
+        Raises:
+            OutputError: the page cannot be written.
+        """
+        return report.write_comparison_page(Path(path), self.ours, self.found, self.notices)
+
     def summarise(self) -> str:
         """Return the number of groups within two standard deviations."""
         others = ", ".join(entry.other.source.name for entry in self.found)

@@ -162,6 +162,7 @@ _FILES = {
         ("results", "validate compare export"),
         ("identification", "payload hysteresis"),
         ("results", "report"),
+        ("first_steps", "plot"),
         ("dynamics", "study"),
         ("first_steps", "doctor demo"),
     )

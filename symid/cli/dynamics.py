@@ -14,9 +14,11 @@ from symid.api import BaseForm
 from symid.cli.call import Answer, Console, answer_saved, make_answer
 from symid.cli.options import (
     NamedRobot,
+    add_page,
     check_output,
     friction_option,
     output_option,
+    page_option,
     robot_argument,
     robot_option,
     settings_options,
@@ -250,12 +252,14 @@ _LISTS = ("start", "stiffness", "deviations")
 @friction_option
 @_seed_option
 @output_option("Trajectory to write, .csv.")
+@page_option
 def excite_command(
     console: Console,
     *,
     robot: NamedRobot,
     friction: str | None,
     output: Path | None,
+    page: Path | None,
     force: bool,
     rate: float,
     periods: int,
@@ -270,15 +274,16 @@ def excite_command(
     model = robot.load(console, friction=friction)
     if output is not None:
         check_suffix(output, "a trajectory", (".csv",))
-    check_output(output, force=force, inputs=(model.path, *([workspace] if workspace else [])))
+    for written in (output, page):
+        check_output(written, force=force, inputs=(model.path, *([workspace] if workspace else [])))
     search |= {name: _split_numbers(name, search[name], len(model.joints)) for name in _LISTS}
     found = model.excite(workspace=workspace, **search)
     if output is None:
-        return make_answer(found, file=None, samples=0, rate=rate)
+        return add_page(make_answer(found, file=None, samples=0, rate=rate), found, page)
     found.save(output, rate=rate, periods=periods)
     samples = found.count_samples(rate=rate, periods=periods)
     line = f"{show_path(output)}: {samples} samples of t, q, dq, ddq"
-    return make_answer(found, line, file=output, samples=samples, rate=rate)
+    return add_page(make_answer(found, line, file=output, samples=samples, rate=rate), found, page)
 
 
 def _split_numbers(name: str, text: str | None, joints: int) -> Sequence[float] | None:

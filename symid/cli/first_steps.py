@@ -12,11 +12,14 @@ import symid
 from symid.cli.call import Answer, Console, make_answer
 from symid.cli.options import (
     NamedRobot,
+    add_page,
     backend_option,
     check_output,
     force_option,
     friction_option,
+    open_option,
     output_option,
+    page_option,
     robot_argument,
     settings_options,
     split_pairs,
@@ -149,6 +152,7 @@ _TOO_LITTLE = 4
 @OUTPUT.option(
     "--resample", "Write an evenly sampled copy of the log (.npz or .csv) with all its columns.", FILE, "FILE"
 )
+@page_option
 @force_option
 def check_command(
     console: Console,
@@ -158,6 +162,7 @@ def check_command(
     friction: str | None,
     settings: dict[str, str],
     resample: Path | None,
+    page: Path | None,
     force: bool,
 ) -> Answer:
     """Check a robot file and logs, and list the identifiable parameters.
@@ -170,5 +175,40 @@ def check_command(
         text = f"--resample {resample}: expected one log, got {len(logs)}"
         raise UsageError(Notice(code="usage.one-log", text=text))
     model = robot.load(console, settings=settings, friction=friction)
-    check_output(resample, force=force, inputs=(model.path, *logs))
-    return make_answer(model.check(*logs, resample=resample), exit_code=_TOO_LITTLE)
+    for written in (resample, page):
+        check_output(written, force=force, inputs=(model.path, *logs))
+    found = model.check(*logs, resample=resample)
+    return add_page(make_answer(found, exit_code=_TOO_LITTLE), found, page)
+
+
+@verb("plot")
+@robot_argument()
+@click.argument("file", required=False, metavar="[LOG|TRAJECTORY|FIT]", type=FILE)
+@INPUT.option(
+    "--pose", "Coordinates at which the robot is drawn, rad or m.  [default: 0]", metavar="Q1,Q2,..."
+)
+@output_option("Figures to write, .html or .svg.", required=True)
+@open_option
+def plot_command(
+    console: Console, *, robot: NamedRobot, file: Path | None, pose: str | None, output: Path, force: bool
+) -> Answer:
+    """Draw the robot, a log, a trajectory or a fit as one self-contained file.
+
+    The robot is a skeleton with the frames of its links; a log has its positions and torques, with what
+    `symid check` found in it; a trajectory its motion beside the limits; a fit its parameters or curves.
+    """
+    model = robot.load(console)
+    check_output(output, force=force, inputs=(model.path, *([file] if file else [])))
+    try:
+        values = None if pose is None else [float(part) for part in pose.split(",")]
+    except ValueError as error:
+        text = f"--pose {pose}: expected numbers with commas between them"
+        raise UsageError(Notice(code="usage.pose", text=text)) from error
+    figures = model.plot(file, pose=values)
+    written = figures.save(output)
+    captions = [entry.caption for entry in figures.drawings]
+    return Answer(
+        text="\n".join((*captions, f"plot: {show_path(written)}")),
+        result={"robot": model.name, "file": written, "figures": captions},
+        warnings=model.description.notices,
+    )

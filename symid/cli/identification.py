@@ -13,10 +13,12 @@ from symid.cli.call import Answer, Console, answer_saved, make_answer
 from symid.cli.options import (
     NamedRobot,
     accept_option,
+    add_page,
     check_output,
     force_option,
     friction_option,
     output_option,
+    page_option,
     robot_argument,
     settings_options,
 )
@@ -154,6 +156,7 @@ FRICTION = ("model", "smoothing", "seed")
 )
 @METHOD.option("--seed", "With --rows friction: random seed of a stochastic estimator.", WHOLE, "N")
 @output_option("Write the result as JSON, for `validate`, `report` and `export`.")
+@page_option
 @accept_option
 def identify_command(
     console: Console,
@@ -169,6 +172,7 @@ def identify_command(
     test: tuple[str, ...],
     settings: dict[str, str],
     output: Path | None,
+    page: Path | None,
     force: bool,
     **further: Any,  # noqa: ANN401  as the options say
 ) -> Answer:
@@ -185,7 +189,8 @@ def identify_command(
     shared["settings"] = settings
     # Wrong settings are refused before anything else.
     model = robot.load(console, settings=shared["settings"])
-    check_output(output, force=force, inputs=(model.path, *logs))
+    for written in (output, page):
+        check_output(written, force=force, inputs=(model.path, *logs))
     shared["train"], tests = pair_parts(train, test, logs)
     before: Path | RobotModel | None = known
     if known is not None and known.suffix.lower() in (".urdf", ".xml", ".mjcf"):
@@ -195,7 +200,7 @@ def identify_command(
         laws = model.identify_friction(
             logs, estimator=estimator, period=period, known=before, **law, **shared
         )
-        return _add_tests(answer_saved(laws, output, "result"), laws, tests)
+        return add_page(_add_tests(answer_saved(laws, output, "result"), laws, tests), laws, page)
     if method == "stiffness":
         others = {"rows": rows, "estimator": estimator, "known": known, "period": period, "test": test}
         rest = _list_given({**others, **rigid, **elastic})
@@ -207,12 +212,13 @@ def identify_command(
             value = shared.pop(key)
             if value is not None:
                 shared["settings"][f"processing.{name}"] = value
-        return answer_saved(model.identify_stiffness(logs, **shared), output, "result")
+        found = model.identify_stiffness(logs, **shared)
+        return add_page(answer_saved(found, output, "result"), found, page)
     shared |= {"known": before}
     fit = model.identify(
         logs, rows=rows, estimator=estimator, method=method, period=period, **rigid, **elastic, **shared
     )
-    return _add_tests(answer_saved(fit, output, "estimate"), fit, tests)
+    return add_page(_add_tests(answer_saved(fit, output, "estimate"), fit, tests), fit, page)
 
 
 def _add_tests(answer: Answer, fit: Fit, tests: Sequence[tuple[Path, str]]) -> Answer:
@@ -290,6 +296,7 @@ def _check_mixed(rows: str | None, others: Mapping[str, object], law: Mapping[st
     metavar="LINK",
 )
 @output_option("Write the result as JSON.")
+@page_option
 def payload_command(
     console: Console,
     *,
@@ -299,6 +306,7 @@ def payload_command(
     controller: str | None,
     frame: str | None,
     output: Path | None,
+    page: Path | None,
     force: bool,
     **options: Any,  # noqa: ANN401  typed in `RobotModel.payload`
 ) -> Answer:
@@ -310,17 +318,18 @@ def payload_command(
     if frame is not None and controller is None:
         text = "--frame is the flange of a controller; name that by --for, or leave --frame out"
         raise UsageError(Notice(code="usage.payload-frame", text=text))
-    check_output(output, force=force, inputs=(*loaded, *empty))
     model = robot.load(console)
-    check_output(output, force=force, inputs=(model.path,))
+    for written in (output, page):
+        check_output(written, force=force, inputs=(model.path, *loaded, *empty))
     found = model.payload(loaded, empty, **options)
     if controller is None:
-        return answer_saved(found, output, "payload")
+        return add_page(answer_saved(found, output, "payload"), found, page)
     command = found.for_controller(controller, frame)
     lines = [] if output is None else [f"payload: {show_path(found.save(output))}"]
-    return make_answer(
+    answer = make_answer(
         found, command.text, *lines, notices=command.notices, file=output, controller=asdict(command)
     )
+    return add_page(answer, found, page)
 
 
 @verb("hysteresis")
@@ -336,7 +345,7 @@ def payload_command(
 )
 @METHOD.option("--passive", "Only elements from which no motion gets work.", is_flag=True)
 @OUTPUT.option("-o --save", "Write the fit as JSON, which is a FILE for this verb, too.", FILE, "FILE")
-@OUTPUT.option("--page", "Write tables and figures as HTML.", FILE, "FILE")
+@page_option
 @OUTPUT.option("--code", "Write the element and its inverse as code.", FILE, "FOLDER")
 @OUTPUT.option("--target", "Of --code.", click.Choice(("c", "python", "casadi")), default="c")
 @OUTPUT.option("--precision", "Of --code in C.", click.Choice(("double", "float")), default="double")

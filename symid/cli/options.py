@@ -3,16 +3,17 @@
 import functools
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 import symid
 from symid.api import BACKENDS
 from symid.cli.call import Answer, Console
-from symid.cli.verbs import INPUT, METHOD, MODEL, OUTPUT, PROCESSING, Decorator, Finite, add_options
+from symid.cli.verbs import FILE, INPUT, METHOD, MODEL, OUTPUT, PROCESSING, Decorator, Finite, add_options
+from symid.environment import show_path
 from symid.errors import Notice, OutputError, UsageError
 
 if TYPE_CHECKING:
@@ -154,6 +155,36 @@ accept_option = add_options(
     ),
     _accept_verdict,
 )
+page_option = OUTPUT.option("--page", "Write verdict, figures and tables as one HTML page.", FILE, "PAGE")
+
+
+_open_option = OUTPUT.option("--open opened", "Open the written page in the browser.", is_flag=True)
+
+
+def open_option(function: Callable[..., Answer]) -> Callable[..., Answer]:
+    """Return the function with --open, which shows the file of its answer once it is written."""
+
+    @functools.wraps(function)
+    def call(*, opened: bool, **options: object) -> Answer:
+        answer = function(**options)
+        if opened:
+            import webbrowser
+
+            webbrowser.open(Path(str(answer.result["file"])).resolve().as_uri())
+        return answer
+
+    return _open_option(call)
+
+
+def add_page(answer: Answer, result: Any, page: Path | None) -> Answer:  # noqa: ANN401  all that can report
+    """Return the answer with the line of a page, which is written if one is asked for."""
+    if page is None:
+        return answer
+    found = result.report(page)
+    text = f"{answer.text}\n\npage: {show_path(getattr(found, 'file', found))}"
+    return replace(answer, text=text, result={**answer.result, "page": page})
+
+
 _CUTS = (
     INPUT.option("--base", "URDF, MJCF: first link of the robot.", metavar="LINK"),
     INPUT.option("--tip", "URDF, MJCF: last link of the robot; other branches are removed.", metavar="LINK"),

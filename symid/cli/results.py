@@ -12,8 +12,12 @@ from symid.cli.call import Answer, Console, make_answer
 from symid.cli.options import (
     NamedRobot,
     accept_option,
+    add_page,
     check_output,
+    force_option,
+    open_option,
     output_option,
+    page_option,
     robot_argument,
     robot_option,
     settings_options,
@@ -123,6 +127,8 @@ def validate_command(
     metavar="GROUP=SUM",
 )
 @METHOD.option("--gate", "Limit of the largest difference, in standard deviations.", POSITIVE, "SIGMA")
+@page_option
+@force_option
 def compare_command(
     console: Console,
     *,
@@ -130,6 +136,8 @@ def compare_command(
     estimate: Path,
     others: tuple[Path, ...],
     read_as: tuple[str, ...],
+    page: Path | None,
+    force: bool,
     **options: Any,  # noqa: ANN401  of tables and the gate, typed in `compare_fit`
 ) -> Answer:
     """Compare the values in ESTIMATE with those of every OTHER.
@@ -139,9 +147,9 @@ def compare_command(
     gate is missed.
     """
     model, readings = robot.load(console).description, _split_readings(read_as)
-    return make_answer(
-        compare_fit(model, estimate, others, read_as=readings, progress=console.progress, **options)
-    )
+    check_output(page, force=force, inputs=(estimate, *others))
+    found = compare_fit(model, estimate, others, read_as=readings, progress=console.progress, **options)
+    return add_page(make_answer(found), found, page)
 
 
 def _split_readings(texts: Sequence[str]) -> dict[str, str]:
@@ -178,6 +186,7 @@ def _split_readings(texts: Sequence[str]) -> dict[str, str]:
 @robot_option("Robot of the logs.  [default: the name in ESTIMATE]")
 @settings_options
 @output_option("Page to write.", required=True)
+@open_option
 @accept_option
 def report_command(
     console: Console,

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
         SampledMotion as SampledMotion,
         build_motion as build_motion,
         build_trajectory as build_trajectory,
+        is_trajectory as is_trajectory,
+        read_trajectory as read_trajectory,
         write_trajectory as write_trajectory,
     )
     from symid.excitation.trajectories import (

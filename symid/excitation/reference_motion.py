@@ -177,6 +177,14 @@ def write_trajectory(
     return len(times)
 
 
+def is_trajectory(path: Path) -> bool:
+    """Return whether a file is the .csv of a trajectory: columns t, q1 and so on, and no torque."""
+    if path.suffix.lower() != ".csv" or not path.is_file():
+        return False
+    names = [name.split(" ")[0] for name in read_csv(path).columns]
+    return names[:2] == ["t", "q1"] and not any(name.startswith("tau") for name in names)
+
+
 def read_trajectory(path: Path, robot: Robot) -> SampledMotion:
     """Return the motion of a file, its times from zero, or raise a LogError with all mistakes."""
     raw = read_csv(path)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from symid.codegen import Library
-from symid.environment import show_path
+from symid.environment import report_count, show_path
 from symid.errors import Notice, UsageError
 from symid.identification.elastic import (
     ElasticEstimate,
@@ -523,7 +523,8 @@ def identify_robot_friction(
         "known_values": None if beta is None else dict(zip(names, beta.tolist(), strict=True)),
         "friction": [joint.friction for joint in library.card.joints],
     }
-    found = identify_friction(library, measured, described.processing, task, echo=echo)
+    counted = report_count(context.progress, "joint")
+    found = identify_friction(library, measured, described.processing, task, echo=echo, progress=counted)
     notices = (
         *_list_log_notices(robot, recordings),
         *([] if described is robot else [_warn_of_springs(robot)]),

@@ -11,6 +11,12 @@ if TYPE_CHECKING:
         write_svg as write_svg,
         write_text as write_text,
     )
+    from symid.report.drawings import (
+        draw_excitation as draw_excitation,
+        draw_log as draw_log,
+        draw_motion as draw_motion,
+        draw_robot as draw_robot,
+    )
     from symid.report.elastic_page import build_elastic_page as build_elastic_page
     from symid.report.fit_page import (
         WrittenPage as WrittenPage,
@@ -53,7 +59,19 @@ if TYPE_CHECKING:
         summarise_robot as summarise_robot,
         warn_payload as warn_payload,
     )
-    from symid.report.pages import describe_origin as describe_origin, write_page as write_page
+    from symid.report.pages import (
+        describe_origin as describe_origin,
+        write_figures as write_figures,
+        write_page as write_page,
+    )
+    from symid.report.result_pages import (
+        draw_check as draw_check,
+        write_check_page as write_check_page,
+        write_comparison_page as write_comparison_page,
+        write_excitation_page as write_excitation_page,
+        write_payload_page as write_payload_page,
+        write_stiffness_page as write_stiffness_page,
+    )
     from symid.report.robot_text import (
         describe_base as describe_base,
         describe_code as describe_code,

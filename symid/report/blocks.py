@@ -44,7 +44,7 @@ _TABLES = """.symid table { border-collapse: collapse; font-variant-numeric: tab
 .symid.fail { border-left: .3em solid #c84a4a; padding-left: .6em }
 .symid figure { margin: .4em 0 } .symid figcaption { opacity: .75 }
 .symid svg { max-width: 46em; width: 100%; height: auto }
-.symid svg text { fill: currentColor; font-size: 12.5px }
+.symid svg text { fill: currentColor; font-size: 12.5px; font-family: system-ui, sans-serif }
 """
 # The names before a rule: at the beginning of a line, and behind commas before its brace.
 _SELECTOR = re.compile(r"(?:^|(?<=, ))(?=[\w.]+[^{}]*\{)", re.MULTILINE)
@@ -108,7 +108,8 @@ class Table:
         caption = f"<caption>{html.escape(self.title)}</caption>" if self.title else ""
         note = f"<p>{html.escape(self.note)}</p>" if self.note else ""
         return (
-            f'<div class="scroll">\n<table>{caption}<thead><tr>{head}</tr></thead>'
+            '<div class="scroll" tabindex="0" role="group" aria-label="Table">\n'
+            f"<table>{caption}<thead><tr>{head}</tr></thead>"
             f"<tbody>{''.join(rows)}</tbody></table>\n</div>{note}"
         )
 

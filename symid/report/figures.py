@@ -553,16 +553,25 @@ class ArmJoint:
 
 
 def build_arm_figure(
-    caption: str, links: Sequence[FloatArray], joints: Sequence[ArmJoint], *, height: float = 400.0
+    caption: str,
+    links: Sequence[FloatArray],
+    joints: Sequence[ArmJoint],
+    *,
+    frames: Sequence[FloatArray] = (),
+    height: float = 400.0,
 ) -> Drawing:
-    """Return an arm on its base: links as lines (N, 3), joints as drums about their axes, m; z is upwards."""
+    """Return an arm on its base: links as lines (N, 3), joints as drums about their axes, m; z is upwards.
+
+    `frames` (4, 4) are drawn as arrows x, y, z at their origins.
+    """
     turn, tilt = _VIEW
     right = np.array([-math.sin(turn), math.cos(turn), 0.0])
     toward = np.array([math.cos(turn) * math.cos(tilt), math.sin(turn) * math.cos(tilt), math.sin(tilt)])
     view = np.vstack([right, -np.cross(toward, right)])
     size = max(joint.radius for joint in joints)
     corners = np.vstack([*links, *(joint.place for joint in joints)]) @ view.T
-    low, high = corners.min(axis=0) - 2.0 * size, corners.max(axis=0) + 2.0 * size
+    room = 3.0 * size
+    low, high = corners.min(axis=0) - room, corners.max(axis=0) + room
     scale = float(np.min((np.array([WIDTH, height]) - 10.0) / (high - low)))
     shift = 0.5 * np.array([WIDTH, height]) - 0.5 * scale * (low + high)
 
@@ -573,10 +582,24 @@ def build_arm_figure(
     # Drums from the farthest to the nearest.
     ordered = sorted(joints, key=lambda joint: float(joint.place @ toward))
     body += [_draw_drum(place, joint, toward) for joint in ordered]
+    body += [_draw_frame(place, frame, 3.0 * size) for frame in frames]
     for joint in joints:
+        sides = (("start", 1.45), ("end", -1.45))
         x, y = place(joint.place + joint.radius * (1.45 * right + (0.0, 0.0, 0.7)))
-        body.append(f'<text x="{x:.1f}" y="{y:.1f}">{escape(joint.label)}</text>')
+        # On the other side where there is no room.
+        anchor, side = sides[int(x + _CHARACTER * len(joint.label) > WIDTH)]
+        x, y = place(joint.place + joint.radius * (side * right + (0.0, 0.0, 0.7)))
+        body.append(f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{escape(joint.label)}</text>')
     return _wrap_figure(caption, height, body)
+
+
+def _draw_frame(place: Callable[[FloatArray], FloatArray], frame: FloatArray, length: float) -> str:
+    """Return the axes of a frame, z the longest."""
+    origin, parts = frame[:3, 3], []
+    for k, (name, share) in enumerate((("x", 0.7), ("y", 0.7), ("z", 1.0))):
+        (x, y), (tip_x, tip_y) = place(np.array([origin, origin + share * length * frame[:3, k]]))
+        parts.append(f'<path class="line frame-{name}" d="M{x:.1f},{y:.1f}L{tip_x:.1f},{tip_y:.1f}"/>')
+    return "".join(parts)
 
 
 def _draw_limb(points: FloatArray) -> str:

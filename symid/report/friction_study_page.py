@@ -27,6 +27,7 @@ from symid.identification.friction import (
 )
 from symid.joint_models import FrictionLaw, compute_friction_torque, get_law
 from symid.report.blocks import Block, Drawing, tabulate
+from symid.report.drawings import place_arm
 from symid.report.figures import (
     STYLES,
     ArmJoint,
@@ -223,21 +224,12 @@ _RADII = (0.12, 0.11, 0.1, 0.07, 0.065, 0.055)
 def _draw_platform() -> Drawing:
     """Return an arm of the kind that the paper identified, joint by joint along its frames."""
     robot = read_robot(locate_resource_folder("robots") / _PLATFORM)
-    frame, links, joints = np.eye(4), list[FloatArray](), list[ArmJoint]()
-    for joint, angle, radius in zip(robot.joints, _POSE, _RADII, strict=True):
-        placed = np.eye(4)
-        placed[:3, :3] = [[entry.to_float() for entry in row] for row in joint.placement.rotation]
-        placed[:3, 3] = [entry.to_float() for entry in joint.placement.translation]
-        start, frame = frame[:3, 3], frame @ placed
-        axis, end = frame[:3, 2], frame[:3, 3]
-        # Across to the axis, then along it; a joint stands amid what lies along its axis.
-        along = ((end - start) @ axis) * axis
-        links.append(np.array([start, end - along, end]))
-        style = "second" if len(joints) < len(TABLE_3) else "first"
-        joints.append(ArmJoint(end - 0.5 * along, axis, str(len(joints) + 1), style, radius))
-        turn = np.eye(4)
-        turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-        frame = frame @ turn
+    links, frames = place_arm(robot, _POSE)
+    joints = []
+    for number, (link, frame, radius) in enumerate(zip(links, frames, _RADII, strict=True), 1):
+        style = "second" if number <= len(TABLE_3) else "first"
+        # A joint stands amid what lies along its axis.
+        joints.append(ArmJoint(0.5 * (link[1] + link[2]), frame[:3, 2], str(number), style, radius))
     caption = (
         "A serial robot with several joints is all that is public of the paper's platform: neither its maker "
         f"nor its dimensions. Drawn is an arm of this kind, with the kinematics of robots/{_PLATFORM} "
@@ -360,6 +352,16 @@ def build_friction_study_page(study: FrictionStudy) -> Page:
             headline=headline,
             details=tuple(f"{check.name}: {check.found}" for check in (*missed, *reported)),
         ),
+        numbers=(
+            (f"{judged - len(missed)} of {judged}", "claims of the paper met, of those that can be judged"),
+            (f"{study.recovery[0].draws}", "draws of the noise for each joint"),
+            (str(len(reported)), "results reported without a requirement"),
+        ),
+        lead=_draw_one_fit(draw_samples(build_sweep_scene(SWEEPS[0]), np.random.default_rng(first)), study),
+        next_step=(
+            "symid identify ROBOT LOG --rows friction",
+            "Identify friction laws from logs of your own",
+        ),
         blocks=(
             (
                 "The paper's values are next to ours, which come from synthetic data: the paper's recordings "
@@ -370,9 +372,8 @@ def build_friction_study_page(study: FrictionStudy) -> Page:
             checks,
             "== Tables ==",
             *list_tables(study),
-            "== Figures ==",
-            *draw_study(study),
         ),
+        more=("== Counterparts of the paper's figures ==", *draw_study(study)),
         settings=(
             ("seeds", f"{first} to {last}"),
             ("draws of Table 1", str(study.agreement[0].draws)),

@@ -10,6 +10,7 @@ Supported: text, JSON, HTML with figures. Not supported: reversal curves of a re
 grows or shrinks.
 """
 
+import shlex
 from collections.abc import Iterator
 from dataclasses import asdict
 from itertools import pairwise
@@ -27,7 +28,7 @@ from symid.identification.hysteresis import (
 )
 from symid.report.blocks import Block, Drawing, Table, select_fields
 from symid.report.figures import Line, build_curve_figure, build_line_figure
-from symid.report.pages import Page, write_page
+from symid.report.pages import Page, format_percent, write_page
 from symid.report.verdict import FitVerdict, rate_output
 
 _POOR = 0.5
@@ -132,15 +133,17 @@ def draw_element(record: HysteresisRecord) -> tuple[Drawing, ...]:
     ]
     error = trace.measured - trace.predicted
     time = "time (s)" if record.timed else "sample"
+    worst = int(np.argmax(np.abs(error)))
+    time_of_worst = f"{trace.time[worst]:.4g} s" if record.timed else f"sample {trace.time[worst]:.0f}"
     rest = [
         build_curve_figure(
-            "Does the model miss at some inputs? Residual against input.",
+            f"Does the model miss at some inputs? Most at {trace.position[worst]:.3g}.",
             (_LABELS[0], "residual"),
             [Line("residual", "cloud", trace.position, error, joined=False)],
             height=260.0,
         ),
         build_line_figure(
-            "Does it drift? Residual over time.",
+            _describe_drift(error),
             (time, "residual"),
             [Line("residual", "final", trace.time, error)],
         ),
@@ -149,18 +152,40 @@ def draw_element(record: HysteresisRecord) -> tuple[Drawing, ...]:
         rate = np.gradient(trace.position, trace.time)
         rest.append(
             build_curve_figure(
-                "Does it depend on the speed? Residual against the rate of the input.",
+                _describe_speed(rate, error),
                 ("rate of the input (unit of the file / s)", "residual"),
                 [Line("residual", "cloud", rate, error, joined=False)],
                 height=260.0,
             )
         )
     return (
-        build_curve_figure("Output against input: measured samples, and the model.", _LABELS, loops),
-        build_line_figure("Output over time.", (time, _LABELS[1]), over_time),
+        build_curve_figure(_describe_loop(record), _LABELS, loops),
+        build_line_figure(f"When does it miss? Most at {time_of_worst}.", (time, _LABELS[1]), over_time),
         *rest,
         *_draw_cycles(trace),
         *_draw_branches(trace),
+    )
+
+
+def _describe_speed(rate: FloatArray, error: FloatArray) -> str:
+    speed, size = np.abs(rate), np.abs(error)
+    fast = speed > np.median(speed)
+    slow = float(np.mean(size[~fast]))
+    ratio = float(np.mean(size[fast])) / slow if fast.any() and slow else 1.0
+    return f"Does it depend on the speed? Fast samples miss {ratio:.2g} times as much as slow ones."
+
+
+def _describe_drift(error: FloatArray) -> str:
+    first, last = (float(np.mean(part)) for part in np.array_split(error, 2))
+    size = float(np.sqrt(np.mean(error**2)))
+    share = 100.0 * abs(last - first) / size if size else 0.0
+    return f"Does it drift? From half to half the mean residual changes by {share:.2g} % of its rms."
+
+
+def _describe_loop(record: HysteresisRecord) -> str:
+    return (
+        f"Output against input: does {record.model} follow the loops? It leaves "
+        f"{format_percent(record.fitted)} of the output."
     )
 
 
@@ -215,7 +240,7 @@ def _draw_branches(trace: ElementTrace) -> Iterator[Drawing]:
     for part in parts:
         x, y = trace.position[part], trace.measured[part]
         side = 1.0 if x[-1] > x[0] else -1.0
-        name, style = ("upwards", "link") if side > 0.0 else ("downwards", "motor")
+        name, style = ("upwards", "link") if side > 0.0 else ("downwards", "final")
         moved.append(Line(name, style, side * (x - x[0]), side * (y - y[0])))
     spread = _compute_spread([(line.x, line.y) for line in moved])
     yield build_curve_figure(
@@ -231,7 +256,7 @@ def _draw_branches(trace: ElementTrace) -> Iterator[Drawing]:
     if len(curves) < _FEW or float(np.ptp(begins)) < _NEAR_TOP * float(np.ptp(trace.position)):
         return
     yield build_curve_figure(
-        "First-order reversal curves: upward branches from different reversals to the largest input.",
+        "First-order reversal curves: do they meet? Upward branches from reversals to the largest input.",
         _LABELS,
         [
             *(Line("measured", "cloud", trace.position[p], trace.measured[p], joined=False) for p in curves),
@@ -267,12 +292,26 @@ _PLACES = 60
 
 def write_element_page(path: Path, record: HysteresisRecord, *, source: str = "") -> Path:
     """Write the page of an element and return the path; OutputError where it cannot be written."""
-    first, second, *further = draw_element(record)
+    lead, second, *further = draw_element(record)
+    _, _, facts = blocks = show_element(record)
+    known = [entry for entry in record.parameters if 0.0 < entry.deviation <= _POOR * abs(entry.value)]
+    free = [entry for entry in record.parameters if entry.deviation > 0.0]
     page = Page(
         robot=source or "element",
         subject="element with hysteresis",
         verdict=judge_element(record),
-        blocks=(first, second, *show_element(record), "== Figures ==", *further),
+        numbers=(
+            (format_percent(record.held_out), "of the output unexplained in held-out parts of the recording"),
+            (format_percent(record.fitted), "in the fit itself"),
+            (f"{len(known)} of {len(free)}", "parameters known to half of their value"),
+        ),
+        lead=lead,
+        next_step=(
+            f"symid hysteresis {shlex.quote(source or 'FIT')} --input NAME --output NAME --validate FILE",
+            "Test it on another recording",
+        ),
+        blocks=("== Over time ==", second, "== Parameters ==", blocks[0], facts, "== Residual ==", *further),
+        more=("== Models that were tried ==", blocks[1]),
         settings=(
             ("model", record.model),
             ("samples", str(record.samples)),

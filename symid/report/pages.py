@@ -20,7 +20,7 @@ from symid.codegen import Library
 from symid.environment import locate_resource_folder, write_file
 from symid.errors import Notice, merge_notices
 from symid.identification.elastic import ElasticEstimate
-from symid.identification.estimators import Estimate, ParameterEstimate
+from symid.identification.estimators import SIGNIFICANT, Estimate, ParameterEstimate
 from symid.identification.friction import FrictionIdentification
 from symid.logs import Recording
 from symid.report.blocks import Block, Drawing, Table, split_sections, tabulate, write_elements
@@ -128,6 +128,18 @@ _OWN_ANCHORS = ("notices", "settings")
 """Of sections that every page has."""
 
 
+def write_figures(drawings: Sequence[Drawing]) -> str:
+    """Return figures as one self-contained page without anything else."""
+    style = "".join(build_environment().get_template(name).render() for name in ("page.css", "figures.css"))
+    body = "".join(write_elements([drawing]) for drawing in drawings)
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>Figures</title>\n<style>\n{style}</style>\n</head>\n"
+        f'<body>\n<main class="figures" aria-label="Figures">\n{body}\n</main>\n</body>\n</html>\n'
+    )
+
+
 @cache
 def build_environment() -> "Environment":
     """Return the environment of the template, which refuses names that a page does not have."""
@@ -180,18 +192,14 @@ def tabulate_parameters(parameters: Sequence[ParameterEstimate], *, formulas: bo
 def _describe_uncertainty(entry: ParameterEstimate) -> str:
     if not math.isfinite(entry.std):
         return "-"
-    if abs(entry.value) < _SIGNIFICANT * entry.std:
-        return f"> {100.0 / _SIGNIFICANT:.0f} %"
+    if not entry.significant:
+        return f"> {100.0 / SIGNIFICANT:.0f} %"
     return format_percent(entry.relative_std_percent)
-
-
-_SIGNIFICANT = 2.0
-"""Standard deviations beyond which a value is significant."""
 
 
 def count_significant(parameters: Sequence[ParameterEstimate]) -> tuple[str, str]:
     """Return how many parameters are larger than two standard deviations, of how many, and what that is."""
-    count = sum(abs(entry.value) >= _SIGNIFICANT * entry.std for entry in parameters)
+    count = sum(entry.significant for entry in parameters)
     return f"{count} of {len(parameters)}", "parameters significant (> 2 std)"
 
 
@@ -209,7 +217,7 @@ def draw_certainty(parameters: Sequence[ParameterEstimate]) -> tuple[Drawing, ..
     known = [entry for entry in parameters if 0.0 < entry.std < math.inf and entry.value]
     if not known:
         return ()
-    significant = [abs(entry.value) >= _SIGNIFICANT * entry.std for entry in known]
+    significant = [entry.significant for entry in known]
     marks = [
         Mark(entry.name, abs(entry.value) / entry.std, chosen=not sure)
         for entry, sure in zip(known, significant, strict=True)
@@ -218,9 +226,7 @@ def draw_certainty(parameters: Sequence[ParameterEstimate]) -> tuple[Drawing, ..
         f"Which parameters are significant? {sum(significant)} of {len(known)} are larger than two standard "
         "deviations, the dashed line."
     )
-    return (
-        build_mark_figure(caption, "size, in standard deviations", marks, dense=True, limit=_SIGNIFICANT),
-    )
+    return (build_mark_figure(caption, "size, in standard deviations", marks, dense=True, limit=SIGNIFICANT),)
 
 
 def show_refused(refused: Sequence[tuple[str, str]]) -> tuple[Table, ...]:

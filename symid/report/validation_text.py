@@ -262,7 +262,7 @@ def _show_compared(ours: "EstimateSide", found: "Compared") -> tuple[Block, ...]
     )
     return (
         f"{ours.identified.robot.name}: {show_path(ours.source)} beside {show_path(other.source)}{columns}",
-        Table(header, rows, left=(0, 6), fold=_WIDTH),
+        Table(header, rows, left=(0, 6) if read else (0,), fold=_WIDTH),
         _summarise_agreement(found),
         *(["\n".join(lines)] if len(lines) > 1 else []),
         "\n".join(f"{head}{', '.join(names)}" for head, names in left_out if names),

@@ -18,6 +18,7 @@ Not supported: tests of the residual's whiteness; comparison between rows of dif
 """
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from statistics import NormalDist
@@ -29,6 +30,7 @@ from symid.errors import Notice
 from symid.identification import AnyValidation, ElasticValidation, FrictionValidation, RigidValidation
 from symid.identification.elastic import ElasticEstimate, ElasticEvidence, ElasticTrial, JointTrial
 from symid.identification.estimators import (
+    SIGNIFICANT,
     STILL,
     Estimate,
     Evidence,
@@ -352,7 +354,7 @@ def _judge_parameters(
     may be `small`, uncertain ones limit nothing. Values that are `drawn` are none that should be met.
     """
     details, caps = [], []
-    uncertain = [entry.name for entry in parameters if not entry.relative_std_percent <= _UNCERTAIN]
+    uncertain, zero = _find_uncertain(parameters)
     if parameters:
         sharp = sum(entry.relative_std_percent <= _SHARP for entry in parameters)
         details.append(
@@ -360,6 +362,8 @@ def _judge_parameters(
         )
         if uncertain:
             details.append(f"Uncertain by more than {_UNCERTAIN:g} %: {', '.join(uncertain)}.")
+        if zero:
+            details.append(f"Near zero, within {SIGNIFICANT:g} standard deviations: {', '.join(zero)}.")
     known = [entry for entry in parameters if entry.truth is not None]
     if known:
         far = [entry.name for entry in known if not entry.near_truth]
@@ -378,6 +382,37 @@ def _judge_parameters(
         details.append(f"Not identifiable from these logs: {names}.")
         caps.append(("usable", "some parameters are not identifiable from these logs"))
     return details, caps
+
+
+def _find_uncertain(parameters: Sequence[ParameterEstimate]) -> tuple[list[str], list[str]]:
+    """Return which parameters are uncertain, and which are zero within small deviations.
+
+    A value that cannot be told from zero has no relative deviation. Its deviation is compared with the
+    largest significant value of the same unit at the same joint: MY of a link with MX, XY with XX. What is
+    small beside it is known to be small; where there is none, nothing is known.
+    """
+    largest: dict[tuple[str, str], float] = {}
+    for entry in parameters:
+        if entry.significant:
+            place = _locate(entry)
+            largest[place] = max(largest.get(place, 0.0), abs(entry.value))
+    uncertain, zero = [], []
+    for entry in parameters:
+        scale = abs(entry.value) if entry.significant else largest.get(_locate(entry), 0.0)
+        if not entry.std <= 0.01 * _UNCERTAIN * scale:
+            uncertain.append(entry.name)
+        elif not entry.significant:
+            zero.append(entry.name)
+    return uncertain, zero
+
+
+def _locate(entry: ParameterEstimate) -> tuple[str, str]:
+    """Return the unit of a parameter and the number of its joint."""
+    number = _JOINT.search(entry.name)
+    return entry.unit, number[0] if number else ""
+
+
+_JOINT = re.compile(r"\d+$")
 
 
 def _list_missed(known: Sequence[ParameterEstimate], tolerance: float) -> list[str]:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         LogExcitation as LogExcitation,
         LogsCheck as LogsCheck,
         check_robot_logs as check_robot_logs,
+        summarise_log as summarise_log,
     )
     from symid.identification.diagnostics.quick_model import (
         build_quick_logs as build_quick_logs,

@@ -193,6 +193,13 @@ class LogsCheck:
     errors: tuple[Notice, ...] = ()
 
 
+def summarise_log(recording: Recording, robot: Robot) -> CheckedLog:
+    """Return the log at even times, how it was sampled before, and what every joint does in it."""
+    even = resample_if_uneven(recording)
+    timing, joints = measure_timing(recording.time), summarise_joints(even, robot)
+    return CheckedLog(recording=even, timing=timing, joints=joints)
+
+
 def check_robot_logs(
     robot: Robot,
     logs: Sequence[Path | Recording],
@@ -215,11 +222,11 @@ def check_robot_logs(
     found: list[CheckedLog] = []
     notices: list[Notice] = []
     for recording in read_recordings(logs, robot, uneven=True):
-        even = resample_if_uneven(recording)
+        entry = summarise_log(recording, robot)
         notices += (*recording.notices, *describe_timing(recording.time, recording.source))
-        notices += (*even.notices[len(recording.notices) :], *check_recording(even, robot))
-        timing, joints = measure_timing(recording.time), summarise_joints(even, robot)
-        found.append(CheckedLog(recording=even, timing=timing, joints=joints))
+        notices += entry.recording.notices[len(recording.notices) :]
+        notices += check_recording(entry.recording, robot)
+        found.append(entry)
     copy = None
     if output is not None:
         log = logs[0]

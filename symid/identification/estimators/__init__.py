@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     )
     from symid.identification.estimators.estimate import (
         OPEN_SETTINGS as OPEN_SETTINGS,
+        SIGNIFICANT as SIGNIFICANT,
         DynamicsRecord as DynamicsRecord,
         Estimate as Estimate,
         FitRecord as FitRecord,

@@ -23,6 +23,8 @@ from symid.serialization import Finite
 
 OPEN_SETTINGS = ("filter_cutoff", "decimation.factor")
 """Entries of the processing that may be left open."""
+SIGNIFICANT = 2.0
+"""Standard deviations from which on a value differs from zero."""
 _ORIGINS = {
     "stated": "as stated",
     "fit": "as in the fit",
@@ -56,6 +58,11 @@ class ParameterEstimate:
     def relative_std_percent(self) -> float:
         """Return 100 std / |value|; infinite where the value is zero."""
         return 100.0 * self.std / abs(self.value) if self.value else float("inf")
+
+    @property
+    def significant(self) -> bool:
+        """Return whether the value differs from zero by two standard deviations or more."""
+        return abs(self.value) >= SIGNIFICANT * self.std
 
     @property
     def error_percent(self) -> float | None:

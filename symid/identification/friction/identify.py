@@ -12,7 +12,7 @@ or known. Not supported: elastic joints; friction with a state (`presliding`).
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar, final
 
@@ -229,10 +229,12 @@ def identify_friction(
     task: FrictionTask | None = None,
     *,
     echo: Mapping[str, object] | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> FrictionIdentification:
     """Return the friction of every joint that the recordings move.
 
-    `recordings` are at least one, all of the same robot; `echo` are further settings to keep with the result.
+    `recordings` are at least one, all of the same robot; `echo` are further settings to keep with the result;
+    `progress` gets the number of finished joints, and of all.
 
     Raises:
         UsageError: no such law or estimator, or no recording; a smoothing that the law has no use for.
@@ -249,7 +251,10 @@ def identify_friction(
     logs = prepare_joint_logs(library, recordings, processing, measured=measured, rotors=task.rotors)
     notices += describe_cutoffs(logs)
     joints, refused = list[JointFriction](), list[tuple[str, str]]()
-    for joint, card in enumerate(library.card.joints):
+    cards = library.card.joints
+    for joint, card in enumerate(cards):
+        if progress and joint:
+            progress(joint, len(cards))
         try:
             found, further = _identify_joint(logs, joint, task)
         except IdentifiabilityError as error:

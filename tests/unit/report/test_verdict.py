@@ -205,3 +205,20 @@ def test_long_cells_of_a_table_are_folded_and_never_cut():
     assert lines[-1].split() == ["M1", "2"]
     assert group in table.write_html()
     assert group in str(replace(table, fold=0))
+
+
+def test_a_value_near_zero_is_uncertain_only_where_its_deviation_matters(estimate):
+    first, *_ = estimate.parameters
+    entry = replace(first, truth=None, unit="kg m")
+    values = (
+        ("MX1", 2.0, 0.01),
+        ("MY1", 0.01, 0.01),
+        ("MZ1", 0.01, 1.0),
+        ("MY2", 0.01, 0.01),
+        ("MX3", 1.0, 0.4),
+    )
+    parameters = tuple(replace(entry, name=name, value=value, std=std) for name, value, std in values)
+    details = judge_identification(replace(estimate, parameters=parameters), ()).details
+    # MY1 is small beside MX1; of the second link nothing is known, and MX3 is known badly.
+    assert "Uncertain by more than 30 %: MZ1, MY2, MX3." in details
+    assert "Near zero, within 2 standard deviations: MY1." in details

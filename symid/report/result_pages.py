@@ -1,0 +1,404 @@
+"""The pages of results that are no fits: check of logs, trajectory, payload, stiffness, comparison.
+
+Result -> `FitVerdict`, `Page`: the first screen has the verdict, three numbers and a figure; tables follow.
+
+    check        good: all parameters identifiable and nothing odd; doubtful: a warning that makes values
+                 wrong; wrong: the logs are not enough
+    trajectory   good: every limit kept, condition number at most 100; usable: at most 1000
+    payload      usable: a quantity is missing; doubtful: something else changed between the logs
+    stiffness    usable: a joint is missing; doubtful: all are
+    comparison   good: differences as chance makes them, at 1 %; doubtful: larger
+
+Not supported: other results, which have pages of their own.
+"""
+
+import math
+import shlex
+from collections.abc import Iterator, Sequence
+from itertools import chain
+from pathlib import Path
+from statistics import NormalDist
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from symid.errors import SEVERE, Notice, merge_notices
+from symid.identification.estimators import ParameterEstimate
+from symid.report.blocks import Block, Drawing, tabulate
+from symid.report.drawings import draw_excitation, draw_log, draw_robot, list_shares
+from symid.report.figures import Line, Mark, build_line_figure, build_mark_figure
+from symid.report.fit_text import show_stiffness
+from symid.report.log_text import show_excitation, show_joints, show_robot_check, summarise_robot
+from symid.report.pages import (
+    Page,
+    count_significant,
+    draw_certainty,
+    format_digits,
+    format_pair,
+    format_percent,
+    show_refused,
+    tabulate_parameters,
+    write_page,
+    write_unit,
+)
+from symid.report.validation_text import show_comparison
+from symid.report.verdict import FitVerdict
+from symid.robot import Robot
+
+if TYPE_CHECKING:
+    from symid.dynamics import Payload, PayloadQuantity
+    from symid.excitation import OptimisedExcitation
+    from symid.identification import Compared, EstimateSide
+    from symid.identification.diagnostics import LogExcitation, LogsCheck
+    from symid.identification.elastic import StiffnessEstimate
+
+_WELL, _ENOUGH = 100.0, 1000.0
+"""Condition numbers of a column-scaled regressor up to which a trajectory is good, and usable."""
+_CHANCE = 0.01
+_FAR = 3.0
+"""Deviations between the nearest body and least squares beyond which something else changed."""
+_MOST_MARKS = 30
+
+
+def _build_page(
+    robot: str,
+    subject: str,
+    verdict: FitVerdict,
+    figures: Sequence[Drawing],
+    *,
+    numbers: Sequence[tuple[str, str]],
+    blocks: Sequence[Block],
+    notices: Sequence[Notice] = (),
+    **options: Any,  # noqa: ANN401  fields of the page
+) -> Page:
+    """Return a page whose first figure stands beside its verdict, the others before the tables."""
+    rest = figures[1:]
+    options.setdefault("settings", (("robot", robot),))
+    return Page(
+        robot=robot,
+        subject=subject,
+        verdict=verdict,
+        numbers=numbers,
+        lead=figures[0] if figures else None,
+        blocks=(*(["== Figures =="] if rest else ()), *rest, *blocks),
+        notices=tuple(map(str, merge_notices(notices))),
+        **options,
+    )
+
+
+def judge_check(checked: "LogsCheck") -> FitVerdict:
+    """Return what logs are worth for an identification."""
+    severe = [entry for entry in checked.notices if entry.code in SEVERE]
+    found = checked.excitation
+    poor = () if found is None else found.list_names("poorly identifiable", "not identifiable", "refused")
+    details = [str(entry) for entry in (*checked.errors, *severe)]
+    if checked.errors:
+        return FitVerdict(
+            level="wrong",
+            headline="The logs are not enough for a model of this robot.",
+            details=tuple(details),
+        )
+    if severe:
+        headline = f"{len(severe)} finding{'s'[: len(severe) > 1]} would make values wrong: {severe[0].text}."
+        return FitVerdict(level="doubtful", headline=headline, details=tuple(details))
+    if found is None:
+        headline = "Nothing odd was found in the log; what is identifiable was not analysed."
+        return FitVerdict(level="usable", headline=headline, details=("Elastic joints, or no log.",))
+    if poor:
+        headline = f"{len(poor)} of {len(found.parameters)} parameters are poorly or not identifiable."
+        return FitVerdict(level="usable", headline=headline, details=(f"They are {', '.join(poor)}.",))
+    headline = f"All {len(found.parameters)} parameters are identifiable, and nothing odd was found."
+    return FitVerdict(level="good", headline=headline, details=(f"Condition number {found.condition:.3g}.",))
+
+
+def draw_check(robot: Robot, checked: "LogsCheck") -> tuple[Drawing, ...]:
+    """Return the figures of checked logs, or of the robot where there is none."""
+    drawn = (draw_log(entry.recording, robot, entry) for entry in checked.logs)
+    return tuple(chain.from_iterable(drawn)) or (draw_robot(robot),)
+
+
+def write_check_page(path: Path, robot: Robot, checked: "LogsCheck") -> Path:
+    """Write the page of a checked robot file and logs, and return the path.
+
+    Raises:
+        OutputError: the page cannot be written.
+    """
+    numbers: list[tuple[str, str]] = []
+    found = checked.excitation
+    blocks: tuple[Block, ...] = show_robot_check(robot, checked)
+    if found is not None:
+        good = len(found.list_names("identifiable"))
+        numbers = [
+            (f"{good} of {len(found.parameters)}", "parameters identifiable"),
+            (format_digits(found.condition), "condition number (column-scaled)"),
+        ]
+        blocks = (
+            "== Identifiability ==",
+            tabulate(
+                found.parameters,
+                "parameter=name; verdict; expected std=std; why=reason",
+                (0, 1, 3),
+                "What a fit to all these logs would identify.",
+                std=lambda entry: format_percent(entry.relative_std_percent),
+            ),
+            _draw_singular(found),
+            "== Joints ==",
+            *(show_joints({"file": entry.recording.source}, entry.joints) for entry in checked.logs),
+        )
+    numbers.append(
+        (
+            f"{sum(entry.timing.duration for entry in checked.logs):.4g} s",
+            f"in {len(checked.logs)} log{'s'[: len(checked.logs) > 1]}",
+        )
+    )
+    command = [
+        "symid",
+        "identify",
+        str(robot.path or robot.name),
+        *(e.recording.source for e in checked.logs),
+    ]
+    page = _build_page(
+        robot.name,
+        "check of logs" if checked.logs else "check of a robot file",
+        judge_check(checked) if checked.logs else _JUST_READ,
+        draw_check(robot, checked),
+        numbers=numbers if checked.logs else (),
+        blocks=blocks,
+        notices=(*robot.notices, *checked.notices),
+        next_step=(shlex.join(command), "Identify the parameters") if checked.logs else None,
+        settings=(("robot", summarise_robot(robot)), ("file", str(robot.path))),
+    )
+    return write_page(path, page)
+
+
+_JUST_READ = FitVerdict(
+    level="good", headline="The robot file has no mistakes.", details=("No log was given.",)
+)
+
+
+def _draw_singular(found: "LogExcitation") -> Drawing:
+    values = np.array(found.singular)
+    number = np.arange(1.0, len(values) + 1.0)
+    rank = f"the rank is {found.rank} of {len(values)}"
+    return build_line_figure(
+        f"How well are the parameters separated? Singular values of the scaled regressor; {rank}.",
+        ("number", "singular value"),
+        [Line("singular value", "first", number, values, markers=True)],
+        logarithmic=bool(np.any(values > 0.0)),
+        whole=True,
+    )
+
+
+def write_excitation_page(path: Path, robot: Robot, found: "OptimisedExcitation") -> Path:
+    """Write the page of an optimised trajectory, and return the path.
+
+    Raises:
+        OutputError: the page cannot be written.
+    """
+    shares = list_shares(found.margins)
+    kept = all(entry.kept for entry in found.margins)
+    level = "good" if found.condition <= _WELL else "usable" if found.condition <= _ENOUGH else "doubtful"
+    said = "All limits are kept" if kept else "A limit is exceeded"
+    headline = (
+        f"{said}; the condition number is {found.condition:.4g}, {found.factor:.3g} times smaller than that "
+        "of the best random trajectory."
+    )
+    name, most = max(shares, key=lambda entry: entry[1], default=("no limit", 0.0))
+    starts = tabulate(
+        found.runs,
+        "start; condition; iterations; status",
+        (3,),
+        "The search from every start, the best first.",
+    )
+    page = _build_page(
+        robot.name,
+        "trajectory for identification",
+        FitVerdict(
+            level=level if kept else "wrong",
+            headline=headline,
+            details=(f"The limit that is used most is {name}: {100.0 * most:.3g} %.",),
+        ),
+        draw_excitation(found, robot),
+        numbers=(
+            (f"{found.condition:.4g}", "condition number (column-scaled)"),
+            (format_percent(100.0 * most), f"of a limit used at most: {name}"),
+            (f"{found.trajectory.duration:g} s", "period"),
+        ),
+        blocks=("== Limits and condition ==", *show_excitation(found)),
+        more=("== Search ==", starts),
+        notices=found.notices,
+        next_step=(
+            f"symid simulate {shlex.quote(str(robot.path or robot.name))} --trajectory FILE.csv -o log.npz",
+            "Simulate a log of it, or run it on the robot",
+        ),
+    )
+    return write_page(path, page)
+
+
+def judge_payload(found: "Payload") -> FitVerdict:
+    """Return what an identified payload is worth."""
+    lost = [entry.name for entry in found.quantities if entry.value is None]
+    known = len(found.quantities) - len(lost)
+    headline = f"{known} of {len(found.quantities)} quantities of the payload are identified."
+    changed = found.moved > _FAR or bool(found.unexplained and found.doubtful)
+    details = [f"chi-square {found.chi2:.3g} over {found.freedom} degrees of freedom."]
+    details += [f"Not identifiable: {', '.join(lost)}."] if lost else []
+    details += (
+        [f"Friction changed: {', '.join(entry.name for entry in found.friction)}."] if found.friction else []
+    )
+    if changed:
+        headline += " But something else than a payload changed between the logs."
+    return FitVerdict(
+        level="doubtful" if changed else "usable" if lost else "good",
+        headline=headline,
+        details=tuple(details),
+    )
+
+
+def write_payload_page(path: Path, robot: Robot, found: "Payload", notices: Sequence[Notice]) -> Path:
+    """Write the page of a payload, and return the path.
+
+    Raises:
+        OutputError: the page cannot be written.
+    """
+    known = [_read_quantity(entry) for entry in found.quantities if entry.value is not None]
+    lost = [(entry.name, entry.reason) for entry in found.quantities if entry.value is None]
+    mass = [entry for entry in known if entry.name == "mass"]
+    places = [entry.value for entry in known if entry.name in {"cx", "cy", "cz"}]
+    numbers = [(f"{format_pair(one.value, one.std)} kg", "mass") for one in mass]
+    if len(places) == len("xyz"):
+        text = f"{math.hypot(*places):.3g} m", "from the link frame to the centre of mass"
+        numbers.append(text)
+    numbers.append(count_significant(known))
+    page = _build_page(
+        robot.name,
+        f"payload on the link of joint {found.joint}",
+        judge_payload(found),
+        draw_certainty(known),
+        numbers=numbers,
+        blocks=("== Payload ==", tabulate_parameters(known), *show_refused(lost)),
+        notices=notices,
+        next_step=("symid payload ... --for ur", "Print it as a controller takes it (ur, franka)"),
+        conventions="in the frame that the robot file gives to the link; inertia about the centre of mass",
+    )
+    return write_page(path, page)
+
+
+def _read_quantity(entry: "PayloadQuantity") -> ParameterEstimate:
+    std = math.inf if entry.std is None else entry.std
+    return ParameterEstimate(name=entry.name, value=entry.value or 0.0, std=std, unit=entry.unit)
+
+
+def write_stiffness_page(path: Path, found: "StiffnessEstimate", notices: Sequence[Notice]) -> Path:
+    """Write the page of the stiffness of joints, and return the path.
+
+    Raises:
+        OutputError: the page cannot be written.
+    """
+    known = [(entry, entry.stiffness, entry.interval) for entry in found.joints]
+    told = [(entry, value, ends) for entry, value, ends in known if value is not None and ends is not None]
+    level = "good" if len(told) == len(known) else "usable" if told else "doubtful"
+    headline = f"The stiffness of {len(told)} of {len(known)} joints is identified."
+    alignment = found.alignment
+    marks = [
+        Mark(f"{entry.joint} ({write_unit(entry.unit)})", value, f"{value:.4g}: {low:.4g} to {high:.4g}")
+        for entry, value, (low, high) in told
+    ]
+    caption = "How stiff is each joint? Values with 95 % intervals."
+    numbers = [
+        (f"{len(told)} of {len(known)}", "joints with a stiffness"),
+        (f"{format_pair(1e3 * alignment.delay, 1e3 * alignment.delay_std)} ms", "link encoders after motors"),
+    ]
+    if told:
+        widest = max(0.5 * (high - low) / value for _, value, (low, high) in told)
+        numbers.append((f"\N{PLUS-MINUS SIGN}{format_percent(100.0 * widest)}", "widest 95 % interval"))
+    page = _build_page(
+        found.robot,
+        "stiffness of joints",
+        FitVerdict(
+            level=level,
+            headline=headline,
+            details=tuple(f"{entry.joint}: {entry.reason}." for entry in found.joints),
+        ),
+        (build_mark_figure(caption, "stiffness", marks),) if marks else (),
+        numbers=numbers,
+        blocks=("== Stiffness ==", *show_stiffness(found)[1:-1]),
+        notices=notices,
+        conventions="torsion is motor minus link position; a delay is positive where link encoders are late",
+    )
+    return write_page(path, page)
+
+
+def judge_comparison(found: "Sequence[Compared]") -> FitVerdict:
+    """Return whether values agree within their deviations."""
+    details, levels = [], set[str]()
+    for entry in found:
+        comparison, name = entry.comparison, entry.other.source.name
+        within = f"{comparison.count_within(2.0)} of {comparison.judged} groups within two deviations"
+        if not comparison.judged:
+            levels.add("usable")
+            details.append(f"{name}: no deviations are stated, so agreement cannot be judged.")
+            continue
+        bound = max(3.0, NormalDist().inv_cdf(1.0 - 0.5 * _CHANCE / comparison.judged))
+        total = comparison.chi_square
+        agrees = comparison.largest <= bound and (total is None or total.chance >= _CHANCE)
+        levels.add("good" if agrees else "doubtful")
+        chance = "" if total is None else f"; chi-square {total.value:.4g} over {total.freedom}"
+        details.append(f"{name}: {within}, the largest difference {comparison.largest:.3g}{chance}.")
+    level = next(entry for entry in ("doubtful", "usable", "good") if entry in levels)
+    headline = {
+        "good": "The values agree within their standard deviations.",
+        "usable": "The values cannot be compared in standard deviations.",
+        "doubtful": "The values differ by more than their standard deviations explain.",
+    }[level]
+    return FitVerdict(level=level, headline=headline, details=tuple(details))
+
+
+def write_comparison_page(
+    path: Path, ours: "EstimateSide", found: "Sequence[Compared]", notices: Sequence[Notice]
+) -> Path:
+    """Write the page of a comparison, and return the path.
+
+    Raises:
+        OutputError: the page cannot be written.
+    """
+    judged = sum(entry.comparison.judged for entry in found)
+    within = sum(entry.comparison.count_within(2.0) for entry in found)
+    largest = max(entry.comparison.largest for entry in found)
+    numbers = [
+        (f"{within} of {judged}", "groups within two standard deviations"),
+        (format_digits(largest), "standard deviations: the largest difference"),
+    ]
+    total = found[0].comparison.chi_square if len(found) == 1 else None
+    if total is not None:
+        numbers.append((f"{total.value:.4g} / {total.freedom}", "chi-square over its degrees of freedom"))
+    page = _build_page(
+        ours.identified.robot.name,
+        "comparison of values",
+        judge_comparison(found),
+        tuple(_draw_differences(found)),
+        numbers=numbers,
+        blocks=("== Values ==", *show_comparison(ours, found)),
+        notices=notices,
+        settings=(("ours", str(ours.source)), ("others", ", ".join(str(e.other.source) for e in found))),
+    )
+    return write_page(path, page)
+
+
+def _draw_differences(found: "Sequence[Compared]") -> Iterator[Drawing]:
+    for entry in found:
+        values = [value for value in entry.values if math.isfinite(value.deviations)]
+        values.sort(key=lambda value: -abs(value.deviations))
+        if not values:
+            continue
+        beyond = sum(abs(value.deviations) > _FAR for value in values)
+        marks = [
+            Mark(value.group, abs(value.deviations), chosen=abs(value.deviations) > _FAR)
+            for value in values[:_MOST_MARKS]
+        ]
+        rest = f" Shown are the {_MOST_MARKS} farthest." if len(values) > _MOST_MARKS else ""
+        caption = (
+            f"Which values differ? {beyond} of {len(values)} by more than three deviations from "
+            f"{entry.other.source.name}, the dashed line.{rest}"
+        )
+        yield build_mark_figure(caption, "difference, in standard deviations", marks, dense=True, limit=_FAR)
