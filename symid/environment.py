@@ -37,6 +37,18 @@ def read_file(path: Path, most: int) -> bytes:
     return content
 
 
+def is_alive(process: int) -> bool:
+    """Return whether a process of this machine runs, by its number."""
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        # It is another user's.
+        return True
+    return True
+
+
 def check_suffix(path: Path, what: str, known: Iterable[str]) -> str:
     """Return the suffix of an output file in lower case, one of `known`; messages call the file `what`.
 

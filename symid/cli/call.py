@@ -160,7 +160,7 @@ _FILES = {
         ("dynamics", "excite simulate"),
         ("identification", "identify"),
         ("results", "validate compare export"),
-        ("identification", "payload hysteresis"),
+        ("identification", "payload hysteresis fleet"),
         ("results", "report"),
         ("dynamics", "study"),
         ("first_steps", "doctor demo"),

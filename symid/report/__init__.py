@@ -7,11 +7,13 @@ if TYPE_CHECKING:
         Block as Block,
         Drawing as Drawing,
         Table as Table,
+        tabulate as tabulate,
         write_html as write_html,
         write_svg as write_svg,
         write_text as write_text,
     )
     from symid.report.elastic_page import build_elastic_page as build_elastic_page
+    from symid.report.figures import Line as Line, build_line_figure as build_line_figure
     from symid.report.fit_page import (
         WrittenPage as WrittenPage,
         draw_fit as draw_fit,
@@ -53,7 +55,11 @@ if TYPE_CHECKING:
         summarise_robot as summarise_robot,
         warn_payload as warn_payload,
     )
-    from symid.report.pages import describe_origin as describe_origin, write_page as write_page
+    from symid.report.pages import (
+        Page as Page,
+        describe_origin as describe_origin,
+        write_page as write_page,
+    )
     from symid.report.robot_text import (
         describe_base as describe_base,
         describe_code as describe_code,
