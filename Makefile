@@ -3,6 +3,7 @@
 #   make test    style, types and all tests
 #   make study   elastic joints whose hidden models are not those of symid, 10 seeds; takes an hour or two
 #   make test-browser     lessons in a headless Chromium
+#   make test-fuzz        every reader of files, ten minutes each (FUZZ_SECONDS), guided by coverage
 #   make test-embedded    generated C under other compilers, sanitizers, cppcheck, and on Cortex-M in QEMU
 # PYTHON is the interpreter that .venv is made from (3.11 or later).
 
@@ -12,6 +13,7 @@ BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 DEMO := demo
 WORKERS ?= 2
+FUZZ_SECONDS ?= 600
 # A worker a core: threads of the linear algebra would only wait for each other, and change last digits.
 # Compiled modules are kept, even where the environment says otherwise: tests start many processes.
 PYTEST := OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest
@@ -19,7 +21,7 @@ PYTEST := OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest
 EMBEDDED := gcc:gcc clang:clang cppcheck:cppcheck arm-none-eabi-gcc:gcc-arm-none-eabi qemu-system-arm:qemu-system-arm
 
 .DEFAULT_GOAL := help
-.PHONY: help demo study test test-slow test-browser test-embedded embedded-packages lint docs wheel benchmark clean
+.PHONY: help demo study test test-slow test-browser test-embedded test-fuzz embedded-packages lint docs wheel benchmark clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -75,6 +77,11 @@ test-embedded: $(VENV)/dev
 		exit 1; \
 	fi
 	$(PYTEST) -m embedded --numprocesses $(WORKERS) tests/embedded
+
+# Without atheris, which not every machine has a wheel of, inputs are changed at random.
+test-fuzz: $(VENV)/dev
+	-$(INSTALL) atheris
+	OMP_NUM_THREADS=1 $(BIN)/python tests/fuzz/readers.py --seconds $(FUZZ_SECONDS) $(FUZZ_READERS)
 
 # Pages are opened, moved, dragged and printed; what they show is compared with the library.
 test-browser: $(VENV)/dev
