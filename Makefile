@@ -21,11 +21,11 @@ PYTEST := OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest
 EMBEDDED := gcc:gcc clang:clang cppcheck:cppcheck arm-none-eabi-gcc:gcc-arm-none-eabi qemu-system-arm:qemu-system-arm
 
 .DEFAULT_GOAL := help
-.PHONY: help demo study test test-slow test-browser test-embedded test-fuzz embedded-packages lint docs wheel benchmark clean
+.PHONY: help demo study test test-slow test-browser test-embedded test-fuzz embedded-packages lint docs wheel wheel-twice materials benchmark clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
-	@echo "make lint, test-slow, docs, wheel, benchmark, embedded-packages, clean"
+	@echo "make lint, test-slow, docs, wheel, wheel-twice, materials, benchmark, embedded-packages, clean"
 
 $(VENV)/made:
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "symid needs Python 3.11 or later, set PYTHON")'
@@ -94,6 +94,19 @@ docs: $(VENV)/docs
 
 wheel: $(VENV)/made
 	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
+
+# The same bytes twice, from two copies of the source, and what they need as CycloneDX.
+wheel-twice: wheel
+	@rm -rf build/again && mkdir -p build/again && git archive HEAD | tar -x -C build/again
+	@rm -rf build/first && mkdir -p build/first && git archive HEAD | tar -x -C build/first
+	@for copy in first again; do $(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps \
+		--wheel-dir build/$$copy/dist build/$$copy; done
+	cmp build/first/dist/*.whl build/again/dist/*.whl
+	@sha256sum build/first/dist/*.whl
+
+materials: $(VENV)/core
+	@mkdir -p dist
+	$(BIN)/python .ci/materials.py > dist/symid.cdx.json
 
 benchmark: $(VENV)/core
 	$(BIN)/python benchmarks/startup.py
