@@ -323,15 +323,20 @@ class Fleet(Result):
         if not found:
             nights = {row.job.night for row in self.rows if row.status == "done"}
             return ("No robot changed.",) if len(nights) > 1 else ()
-        kind = "false alarms are at most" if self.control == "holm" else "of these, false alarms are at most"
+        kind = (
+            "Any false alarm is as rare as"
+            if self.control == "holm"
+            else "Of these, false alarms are at most"
+        )
         table = tabulate(
             found[:_MOST_SHOWN],
-            "robot=name; what=label; since; before:.5g; after:.5g; sigma:+.1f; adjusted p=adjusted:.1g; unit",
+            "robot=name; what=label; since; before=before:.5g; after=after:.5g; sigma=sigma:+.1f; "
+            "adjusted p=adjusted:.1g; unit",
             (0, 1, 2),
             f"Robots that changed: {len({entry.name for entry in found})}",
             f"{kind} {100.0 * self.level:g} % ({self.control}). A residual is the logarithm of its deviation."
             + (f" The surest {_MOST_SHOWN} of {len(found)} are shown." if len(found) > _MOST_SHOWN else ""),
-            label=lambda entry: f"residual of {entry.quantity}" if entry.residual else entry.quantity,
+            label=_name_quantity,
         )
         return (table,)
 
@@ -403,7 +408,7 @@ class Fleet(Result):
         page = Page(
             robot=self.folder.name,
             subject=f"fleet of {robots} robots",
-            verdict=FitVerdict(level=level, headline=headline, details=()),
+            verdict=FitVerdict(level=level, headline=headline, details=(_LEVELS,)),
             numbers=(
                 (str(len(self.rows)), "jobs"),
                 (str(lost), "without a fit"),
@@ -422,6 +427,7 @@ class Fleet(Result):
 
 _MOST_SHOWN = 40
 _MOST_DRAWN = 12
+_LEVELS = "Good: no robot changed and every job has a fit; wrong: no job has one; doubtful: all else."
 _ENLARGED = 1.2
 _COLUMNS = (
     *("key", "name", "night", "robot", "logs", "rows", "estimator", "friction", "seed", "status", "reason"),
@@ -429,19 +435,21 @@ _COLUMNS = (
 )
 
 
+def _name_quantity(entry: RobotChange) -> str:
+    return f"residual of {entry.quantity}" if entry.residual else entry.quantity
+
+
 def _draw_change(entry: RobotChange) -> Drawing:
     nights = np.arange(1.0, len(entry.nights) + 1.0)
     cut = entry.nights.index(entry.since)
-    means = np.where(np.arange(len(nights)) < cut, entry.before, entry.after)
-    what = (
-        f"residual of {entry.quantity}, logarithm" if entry.residual else f"{entry.quantity} ({entry.unit})"
-    )
+    sides = ((nights[:cut], entry.before), (nights[cut:], entry.after))
+    what = _name_quantity(entry)
     return build_line_figure(
-        f"{entry.name}: {entry.quantity} changed by {entry.sigma:+.1f} deviations since {entry.since}.",
-        ("night", what),
+        f"{entry.name}: {what} changed by {entry.sigma:+.1f} deviations since {entry.since}.",
+        ("night", f"{what} ({'logarithm' if entry.residual else entry.unit})"),
         [
             Line("nights", "measured", nights, np.array(entry.values), markers=True, joined=False),
-            Line("mean before and after", "predicted", nights, means),
+            *(Line("mean before and after", "predicted", x, np.full(len(x), mean)) for x, mean in sides),
         ],
         whole=True,
     )

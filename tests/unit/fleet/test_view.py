@@ -166,6 +166,9 @@ def fleet(tmp_path_factory):
 def test_the_table_says_who_what_and_since_when(fleet):
     text = fleet.to_text()
     assert "Robots that changed: 1" in text
+    assert next(line for line in text.splitlines() if line.startswith("robot ")).split() == [
+        *("robot", "what", "since", "before", "after", "sigma", "adjusted", "p", "unit")
+    ]
     assert "ended by SIGSEGV" in text
     line = next(line for line in text.splitlines() if line.startswith("r004") and "ZZ2" in line)
     assert "night 4" in line
