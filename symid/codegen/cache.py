@@ -42,7 +42,7 @@ from symid.codegen.compiler import (
 from symid.codegen.library import Library, load_library
 from symid.codegen.source_folder import compute_digest, write_sources
 from symid.codegen.source_text import BACKENDS, build_library_prefix, check_choice, read_template_bytes
-from symid.environment import is_alive
+from symid.environment import clear_scratch, mark_scratch
 from symid.errors import GenerationError, Notice, OutputError, UsageError
 from symid.robot import Limits, LogMap, Processing, Robot
 from symid.serialization import compute_signature
@@ -51,6 +51,7 @@ T = TypeVar("T")
 
 _WRITE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 _SECONDS_A_DAY = 86400.0
+_NEW = ".new-"
 
 
 def locate_user_folder() -> Path | None:
@@ -170,7 +171,7 @@ def _describe_damage(place: Path, key: str) -> str:
 
 def _store_entry(entry: CacheEntry[T], place: Path) -> None:
     """Make the entry beside its place, and move it there by one rename; a sound one there is kept."""
-    staging = place.parent / f"{_build_prefix()}{os.getpid()}-{secrets.token_hex(6)}"
+    staging = place.parent / f"{mark_scratch(_NEW)}{secrets.token_hex(6)}"
     try:
         entry.make(staging)
         seal = {"key": entry.key, "files": _read_digests(staging)}
@@ -205,19 +206,12 @@ def _load_or_make(entry: CacheEntry[T], place: Path) -> tuple[T, str]:
     return _make_alone(entry, place), damage
 
 
-def _build_prefix() -> str:
-    """Return how folders begin that this machine is making: others may share the cache."""
-    return f".new-{compute_digest(platform.node().encode())[:8]}-"
-
-
 def _clear_scraps(folder: Path) -> None:
     """Remove what processes that were killed left behind: of this machine at once, of others after a day."""
-    prefix = _build_prefix()
-    for path in (*folder.glob(".new-*"), *folder.glob(".old-*")):
-        maker = path.name.removeprefix(prefix).split("-")[0]
-        dead = path.name.startswith(prefix) and maker.isdecimal() and not is_alive(int(maker))
+    clear_scratch(folder, _NEW)
+    for path in (*folder.glob(f"{_NEW}*"), *folder.glob(".old-*")):
         with contextlib.suppress(OSError):
-            if dead or time.time() - path.lstat().st_mtime > _SECONDS_A_DAY:
+            if time.time() - path.lstat().st_mtime > _SECONDS_A_DAY:
                 shutil.rmtree(path, ignore_errors=True)
     for path in folder.glob(".*.symid-lock"):
         lock = FileLock(path)

@@ -16,13 +16,13 @@ import shutil
 import signal
 import struct
 import subprocess
-import tempfile
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 
+from symid.environment import make_scratch_folder
 from symid.errors import GenerationError, Notice
 
 _ELF_MAGIC = b"\x7fELF"
@@ -270,11 +270,11 @@ def _choose_native_flags(compiler: Compiler) -> tuple[str, ...]:
 
 def diagnose_compiler(compiler: Compiler) -> str:
     """Return why the compiler cannot make a library of the smallest file, or nothing."""
-    with tempfile.TemporaryDirectory(prefix="symid-") as scratch:
-        source = Path(scratch) / "smallest.c"
+    with make_scratch_folder() as scratch:
+        source = scratch / "smallest.c"
         source.write_text(_SMALLEST_SOURCE, encoding="utf-8")
         try:
-            compile_sources(compiler, [source], Path(scratch) / "smallest.so")
+            compile_sources(compiler, [source], scratch / "smallest.so")
         except GenerationError as error:
             return str(error)
     return ""
@@ -287,8 +287,8 @@ def compile_sources(compiler: Compiler, sources: Sequence[Path], output: Path) -
         GenerationError: the compiler fails; the message holds the command and its errors.
     """
     flags = (*compiler.flags, *_choose_native_flags(compiler))
-    with tempfile.TemporaryDirectory(prefix="symid-") as scratch:
-        objects = [Path(scratch) / f"{source.stem}.o" for source in sources]
+    with make_scratch_folder() as scratch:
+        objects = [scratch / f"{source.stem}.o" for source in sources]
         commands = [
             (compiler.path, *flags, "-c", str(source), "-o", str(target))
             for source, target in zip(sources, objects, strict=True)
@@ -303,7 +303,7 @@ def compile_sources(compiler: Compiler, sources: Sequence[Path], output: Path) -
                 for process in running:
                     _kill(process)
                 raise
-        linked = Path(scratch) / output.name
+        linked = scratch / output.name
         _run_compiler((compiler.path, "-shared", *map(str, objects), "-o", str(linked), "-lm"), sum(sizes))
         shutil.copyfile(linked, output)
     return output

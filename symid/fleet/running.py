@@ -15,11 +15,9 @@ import json
 import os
 import resource
 import select
-import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -31,7 +29,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
 from symid.api import Fit, RobotModel, load
-from symid.environment import THREAD_VARIABLES, is_alive
+from symid.environment import THREAD_VARIABLES, make_scratch_folder
 from symid.errors import InputError, Notice, SolverError, SymidError, UsageError
 from symid.fleet.jobs import FleetJob, is_remote, open_address
 from symid.serialization import Finite, read_record, write_plain
@@ -110,7 +108,6 @@ class FleetLimits:
     megabytes: int | None = None
 
 
-_SCRATCH = "symid-fleet-"
 Task = tuple[str, FleetJob]
 """A job behind its key."""
 Ended = tuple[FleetRow, Cost]
@@ -121,8 +118,8 @@ def run_job(task: Task) -> Ended:
     key, job = task
     start, used = time.monotonic(), time.process_time()
     try:
-        with tempfile.TemporaryDirectory(prefix=f"{_SCRATCH}{os.getpid()}-") as folder:
-            row = _describe_fit(key, job, _identify(job, Path(folder)))
+        with make_scratch_folder() as folder:
+            row = _describe_fit(key, job, _identify(job, folder))
     except SymidError as error:
         row = FleetRow(key=key, job=job, status="refused", reason=str(error))
     except MemoryError:
@@ -191,15 +188,6 @@ def _describe_fit(key: str, job: FleetJob, fit: Fit) -> FleetRow:
     return FleetRow(key=key, job=job, status="done", verdict=level, warnings=codes, values=tuple(values))
 
 
-def clear_scratch() -> None:
-    """Remove the copies of logs that this user's processes left on this machine when they were killed."""
-    for folder in Path(tempfile.gettempdir()).glob(f"{_SCRATCH}*"):
-        owner = folder.name.removeprefix(_SCRATCH).split("-")[0]
-        with contextlib.suppress(OSError, ValueError):
-            if folder.lstat().st_uid == os.getuid() and not is_alive(int(owner)):
-                shutil.rmtree(folder, ignore_errors=True)
-
-
 def serve() -> None:
     """Run jobs of this process's own: one a line on standard input, its row a line on standard output.
 
@@ -209,7 +197,6 @@ def serve() -> None:
     if limit:
         resource.setrlimit(resource.RLIMIT_DATA, (limit * 10**6, resource.RLIM_INFINITY))
     threading.Thread(target=_follow, args=(os.getppid(),), daemon=True).start()
-    clear_scratch()
     # What a library prints must not stand between the rows.
     channel = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
@@ -333,7 +320,6 @@ class JobProcess:
 
 def run_serial(tasks: Iterable[Task]) -> Iterator[Ended]:
     """Yield the rows of jobs that are run one after the other in this process."""
-    clear_scratch()
     yield from map(run_job, tasks)
 
 

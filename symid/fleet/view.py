@@ -606,7 +606,7 @@ class _Store:
 
     def write(self, row: FleetRow) -> None:
         """Write a row at once or not at all."""
-        write_file(self.locate(row.key), write_json(row) + "\n", what="a result")
+        write_file(self.locate(row.key), write_json(row) + "\n", what="a result", clear=False)
 
     def list_missing(self, jobs: Iterable[FleetJob], keys: list[str]) -> Iterator[Task]:
         """Yield the jobs that have no row yet, each once; add the keys of all to `keys`."""

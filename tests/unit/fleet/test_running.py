@@ -334,16 +334,6 @@ def test_a_scheduler_that_is_lost_ends_the_fleet_and_keeps_what_is_done(tmp_path
     assert symid.fleet.run(jobs, tmp_path / "out", executor="serial").counts == {"refused": 40}
 
 
-def test_copies_of_processes_that_died_are_removed(tmp_path, monkeypatch):
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    process = subprocess.Popen(["true"])
-    process.wait()
-    for owner in (process.pid, os.getpid(), "x"):
-        (tmp_path / f"{running._SCRATCH}{owner}-abc").mkdir()
-    running.clear_scratch()
-    assert sorted(path.name.split("-")[2] for path in tmp_path.iterdir()) == sorted([str(os.getpid()), "x"])
-
-
 def test_a_row_is_read_as_it_was_written(tmp_path):
     store = view._Store(tmp_path)
     value = running.FleetValue(name="q1", value=0.1, std=float("inf"), unit="N m", residual=True)
