@@ -389,6 +389,21 @@ def test_a_process_that_is_killed_leaves_no_entry(robots_folder, tmp_path, proje
     assert sorted(path.name[:10] for path in cache.iterdir()) == [".new-other", "symid_emps"]
 
 
+def test_of_many_processes_on_an_empty_cache_one_compiles(robots_folder, tmp_path, project, c_compiler):
+    cache, counted = tmp_path / "cache", tmp_path / "bin" / "cc"
+    counted.parent.mkdir()
+    counted.write_text(f'#!/bin/sh\necho "$*" >> {tmp_path}/calls\nexec {c_compiler} "$@"\n')
+    counted.chmod(0o755)
+    path = f"{counted.parent}:{os.environ['PATH']}"
+    running = [start(robots_folder, cache, project, PATH=path) for _ in range(4)]
+    for process in running:
+        out, err = process.communicate(timeout=200)
+        assert (process.returncode, out.splitlines()[:2], err) == (0, ["3.0", ""], "")
+    links = [line for line in (tmp_path / "calls").read_text().splitlines() if "libsymid_emps.so" in line]
+    assert len(links) == 1
+    assert [path.name[:10] for path in cache.iterdir()] == ["symid_emps"]
+
+
 def replace_file(path, content):
     """Put another file in the place of `path`: whoever has the old one mapped keeps it."""
     path.unlink()
