@@ -108,7 +108,8 @@ def main():
     print(fleet.summarise())
     print(f"fleet: {passed:.1f} s wall, {passed * given.workers / len(jobs):.3f} s of a worker a job")
     print(f"jobs: {costs[:, 1].mean():.3f} s processor each, median {np.median(costs[:, 1]):.3f}")
-    used = sum_processor_time() - before
+    # Processes of Dask's workers are no children of this one: theirs is the jobs' own time alone.
+    used = costs[:, 1].sum() if given.executor == "dask" else sum_processor_time() - before
     more = used / len(jobs) * count / processor - 1.0
     print(f"all processes: {used / len(jobs):.3f} s a job, {100.0 * more:+.1f} %")
     print(f"largest memory of a worker: {costs[:, 2].max():.0f} MB")
