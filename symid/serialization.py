@@ -141,7 +141,7 @@ def read_record(kind: type[Record], value: object, where: str = "", *, complete:
             unknown, or what the record itself refuses.
     """
     table = _expect(value, (dict,), where)
-    hints = _get_hints(kind)
+    hints = _get_hints(cast("Any", kind))
     known = {entry.name: entry for entry in fields(cast("Any", kind))}
     problems = [
         _place(where, f"{name} is missing")

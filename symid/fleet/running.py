@@ -196,6 +196,8 @@ def serve() -> None:
     limit = json.loads(sys.stdin.buffer.readline())
     if limit:
         resource.setrlimit(resource.RLIMIT_DATA, (limit * 10**6, resource.RLIM_INFINITY))
+    # As Ctrl-C: a job that is asked to end ends its compilers, and removes its scratch.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     threading.Thread(target=_follow, args=(os.getppid(),), daemon=True).start()
     # What a library prints must not stand between the rows.
     channel = os.fdopen(os.dup(1), "wb")
@@ -216,7 +218,7 @@ def _follow(parent: int) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-_PATIENCE = 5.0
+_PATIENCE = 3.0
 _SERVE = f"from {__name__} import serve; {serve.__name__}()"
 
 
@@ -241,7 +243,7 @@ class JobProcess:
             start = time.monotonic()
             answer = self._ask(process, json.dumps(write_plain(task)).encode() + b"\n")
         except TimeoutError:
-            self.kill()
+            self.interrupt()
             self.end()
             reason = f"not ended after {self.limits.seconds:g} s"
             return replace(row, status="time-out", reason=reason), Cost(seconds=time.monotonic() - start)
@@ -292,11 +294,11 @@ class JobProcess:
                 return b""
         return b"".join(parts)
 
-    def kill(self) -> None:
-        """Kill the process with all that it has started; the job that runs is a crash."""
-        with contextlib.suppress(ProcessLookupError, PermissionError):
+    def interrupt(self) -> None:
+        """Ask the process to end, and to end what it has started; the job that runs is a crash."""
+        with contextlib.suppress(OSError):
             if self._process is not None:
-                os.killpg(self._process.pid, signal.SIGKILL)
+                self._process.terminate()
 
     def end(self) -> str:
         """End the process with all that it has started, and return how it ended, in words."""
@@ -309,7 +311,8 @@ class JobProcess:
         with contextlib.suppress(subprocess.TimeoutExpired):
             # One that ends is given the time to say how.
             process.wait(_PATIENCE)
-        self.kill()
+        with contextlib.suppress(OSError):
+            os.killpg(process.pid, signal.SIGKILL)
         code, self._process = process.wait(), None
         if process.stdout is not None:
             process.stdout.close()
@@ -341,7 +344,7 @@ def run_processes(tasks: Iterable[Task], workers: int, limits: FleetLimits) -> I
     finally:
         executor.shutdown(wait=False, cancel_futures=True)
         for process in started:
-            process.kill()
+            process.interrupt()
         executor.shutdown()
         for process in started:
             process.end()

@@ -154,6 +154,26 @@ def find_code(caught):
     return notice.code
 
 
+def test_a_job_at_its_limit_ends_its_compiler(tmp_path, monkeypatch):
+    slow = tmp_path / "bin" / "cc"
+    slow.parent.mkdir()
+    text = f"sleep 100 & echo $! > {tmp_path}/pid; wait"
+    slow.write_text(f'#!/bin/sh\n[ "$1" = --version ] && echo cc 1 && exit 0\n{text}\n')
+    slow.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{slow.parent}:/usr/bin:/bin")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "tmp"))
+    (tmp_path / "tmp").mkdir()
+    job = FleetJob(robot="two_link", simulate={"duration": 1.0}, seed=1)
+    found = symid.fleet.run([job], tmp_path / "out", workers=1, seconds=10.0)
+    assert found.rows[0].status == "time-out"
+    stat = Path(f"/proc/{(tmp_path / 'pid').read_text().strip()}/stat")
+    # Gone, or waiting to be collected.
+    assert not stat.exists() or stat.read_text().split()[2] == "Z"
+    assert list((tmp_path / "tmp").iterdir()) == []
+    assert [path.name for path in (tmp_path / "cache" / "symid").iterdir() if path.is_dir()] == []
+
+
 def test_two_fleets_do_not_share_a_folder(tmp_path):
     with view._own_folder(tmp_path / "out"), pytest.raises(OutputError, match="another fleet") as caught:
         symid.fleet.run([], tmp_path / "out")

@@ -56,7 +56,7 @@ def test_drifting_robots_are_found_with_parameter_and_night():
 @pytest.mark.parametrize("control", ["benjamini-hochberg", "holm"])
 def test_false_alarms_come_at_most_at_the_rate_stated(control):
     """Where nothing changed, any alarm is false: both hold the share of such nights at the level."""
-    level, repeats = 0.2, 60
+    level, repeats = 0.2, 30
     alarms = sum(
         bool(view.find_changes(make_rows(np.random.default_rng(seed), 25), level=level, control=control))
         for seed in range(repeats)
