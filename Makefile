@@ -3,6 +3,7 @@
 #   make test    style, types and all tests
 #   make study   elastic joints whose hidden models are not those of symid, 10 seeds; takes an hour or two
 #   make test-browser     lessons in a headless Chromium
+#   make test-fuzz        every reader of files, ten minutes each (FUZZ_SECONDS), guided by coverage
 #   make test-embedded    generated C under other compilers, sanitizers, cppcheck, and on Cortex-M in QEMU
 # PYTHON is the interpreter that .venv is made from (3.11 or later).
 
@@ -12,6 +13,7 @@ BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 DEMO := demo
 WORKERS ?= 2
+FUZZ_SECONDS ?= 600
 # A worker a core: threads of the linear algebra would only wait for each other, and change last digits.
 # Compiled modules are kept, even where the environment says otherwise: tests start many processes.
 PYTEST := OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest
@@ -19,11 +21,11 @@ PYTEST := OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest
 EMBEDDED := gcc:gcc clang:clang cppcheck:cppcheck arm-none-eabi-gcc:gcc-arm-none-eabi qemu-system-arm:qemu-system-arm
 
 .DEFAULT_GOAL := help
-.PHONY: help demo study test test-slow test-browser browser-packages test-embedded embedded-packages lint docs wheel benchmark clean
+.PHONY: help demo study test test-slow test-browser browser-packages test-embedded test-fuzz embedded-packages lint docs wheel wheel-twice materials benchmark clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
-	@echo "make lint, test-slow, docs, wheel, benchmark, embedded-packages, browser-packages, clean"
+	@echo "make lint, test-slow, docs, wheel, wheel-twice, materials, benchmark, embedded-packages, browser-packages, clean"
 
 $(VENV)/made:
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "symid needs Python 3.11 or later, set PYTHON")'
@@ -85,6 +87,11 @@ $(VENV)/axe: $(VENV)/dev
 	$(INSTALL) --no-deps axe-playwright-python==0.1.8
 	@touch $@
 
+# Without atheris, which not every machine has a wheel of, inputs are changed at random.
+test-fuzz: $(VENV)/dev
+	-$(INSTALL) atheris
+	OMP_NUM_THREADS=1 $(BIN)/python tests/fuzz/readers.py --seconds $(FUZZ_SECONDS) $(FUZZ_READERS)
+
 # Pages are opened, moved, dragged and printed; what they show is compared with the library.
 test-browser: $(VENV)/dev
 	@missing=$$($(MAKE) --silent --no-print-directory browser-packages); \
@@ -100,6 +107,19 @@ docs: $(VENV)/docs
 
 wheel: $(VENV)/made
 	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
+
+# The same bytes twice, from two copies of the source, and what they need as CycloneDX.
+wheel-twice: wheel
+	@rm -rf build/again && mkdir -p build/again && git archive HEAD | tar -x -C build/again
+	@rm -rf build/first && mkdir -p build/first && git archive HEAD | tar -x -C build/first
+	@for copy in first again; do $(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps \
+		--wheel-dir build/$$copy/dist build/$$copy; done
+	cmp build/first/dist/*.whl build/again/dist/*.whl
+	@sha256sum build/first/dist/*.whl
+
+materials: $(VENV)/core
+	@mkdir -p dist
+	$(BIN)/python .ci/materials.py > dist/symid.cdx.json
 
 benchmark: $(VENV)/core
 	$(BIN)/python benchmarks/startup.py

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from symid import fleet as fleet
     from symid.api import (
         BaseSet as BaseSet,
         Comparison as Comparison,

@@ -1,4 +1,4 @@
-"""One thread for linear algebra, folders that come with symid, paths as people type them, files, progress.
+"""One thread for linear algebra, folders of symid, paths as people type them, files, scratch, progress.
 
 A sum that threads share gives other digits on another number of cores, so the command line sets OpenBLAS,
 MKL, BLIS, Accelerate and OpenMP to one thread. They read the environment once, when they are loaded.
@@ -6,11 +6,13 @@ MKL, BLIS, Accelerate and OpenMP to one thread. They read the environment once, 
 Not supported: linear algebra that is loaded already; a package imported from inside a zip file.
 """
 
+import contextlib
 import errno
 import os
+import shutil
 import tempfile
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import IO
 
@@ -38,6 +40,63 @@ def read_file(path: Path, most: int) -> bytes:
     return content
 
 
+def is_alive(process: int) -> bool:
+    """Return whether a process of this machine runs, by its number."""
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        # It is another user's.
+        return True
+    return True
+
+
+def _mark_machine() -> str:
+    import hashlib
+
+    name = os.uname().nodename if hasattr(os, "uname") else ""
+    return hashlib.sha256(name.encode()).hexdigest()[:8]
+
+
+def mark_scratch(before: str) -> str:
+    """Return how names of scratch files begin: `before`, this machine, this process."""
+    return f"{before}{_mark_machine()}-{os.getpid()}-"
+
+
+def clear_scratch(folder: Path, before: str) -> None:
+    """Remove what processes of this machine and user left in `folder` when they were killed.
+
+    Names are those of `mark_scratch`; what others, or living processes, are working with stays.
+    """
+    begin = f"{before}{_mark_machine()}-"
+    with contextlib.suppress(OSError):
+        for path in folder.iterdir():
+            process = path.name.removeprefix(begin).split("-")[0]
+            if not path.name.startswith(begin) or not process.isdecimal() or is_alive(int(process)):
+                continue
+            with contextlib.suppress(OSError):
+                if hasattr(os, "getuid") and path.lstat().st_uid != os.getuid():
+                    continue
+                if path.is_dir() and not path.is_symlink():
+                    shutil.rmtree(path, ignore_errors=True)
+                else:
+                    path.unlink()
+
+
+@contextlib.contextmanager
+def make_scratch_folder() -> Iterator[Path]:
+    """Make a folder among the temporary ones, removed at the end; what is left of killed processes too.
+
+    Raises:
+        OSError: there is no place for temporary files.
+    """
+    before = "symid-"
+    clear_scratch(Path(tempfile.gettempdir()), before)
+    with tempfile.TemporaryDirectory(prefix=mark_scratch(before)) as folder:
+        yield Path(folder)
+
+
 def check_suffix(path: Path, what: str, known: Iterable[str]) -> str:
     """Return the suffix of an output file in lower case, one of `known`; messages call the file `what`.
 
@@ -52,7 +111,12 @@ def check_suffix(path: Path, what: str, known: Iterable[str]) -> str:
 
 
 def write_file(
-    path: Path, content: str | Callable[[IO[bytes]], None], *, what: str = "", with_folder: bool = False
+    path: Path,
+    content: str | Callable[[IO[bytes]], None],
+    *,
+    what: str = "",
+    with_folder: bool = False,
+    clear: bool = True,
 ) -> Path:
     """Write a file whole or not at all, in place of an older one; return its path.
 
@@ -61,6 +125,7 @@ def write_file(
         content: its text, written in UTF-8, or what writes its bytes.
         what: the message's name of the content, such as "the log".
         with_folder: whether folders that do not exist are created.
+        clear: whether what killed processes left of this file is removed, which looks at the whole folder.
 
     Raises:
         OutputError: the folder does not exist or must not be written.
@@ -74,7 +139,10 @@ def write_file(
         exists = target.exists()
         if exists and not os.access(target, os.W_OK):
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
-        handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+        before = f".{target.name}."
+        if clear:
+            clear_scratch(target.parent, before)
+        handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=mark_scratch(before))
         with os.fdopen(handle, "wb") as stream:
             if callable(content):
                 content(stream)

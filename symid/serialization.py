@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from enum import Enum
 from fractions import Fraction
+from functools import cache
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
@@ -140,7 +141,7 @@ def read_record(kind: type[Record], value: object, where: str = "", *, complete:
             unknown, or what the record itself refuses.
     """
     table = _expect(value, (dict,), where)
-    hints = get_type_hints(kind, include_extras=True)
+    hints = _get_hints(cast("Any", kind))
     known = {entry.name: entry for entry in fields(cast("Any", kind))}
     problems = [
         _place(where, f"{name} is missing")
@@ -162,6 +163,11 @@ def read_record(kind: type[Record], value: object, where: str = "", *, complete:
         return kind(**found)
     except SymidError as error:
         raise _refuse(*(_place(where, notice.text) for notice in error.notices)) from error
+
+
+@cache
+def _get_hints(kind: type) -> dict[str, Any]:
+    return get_type_hints(kind, include_extras=True)
 
 
 def list_unusable(value: object, where: str = "", depth: int = 0) -> Iterator[str]:

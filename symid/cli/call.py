@@ -160,7 +160,7 @@ _FILES = {
         ("dynamics", "excite simulate"),
         ("identification", "identify"),
         ("results", "validate compare export"),
-        ("identification", "payload hysteresis"),
+        ("identification", "payload hysteresis fleet"),
         ("results", "report"),
         ("first_steps", "plot"),
         ("dynamics", "study"),

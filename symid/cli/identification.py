@@ -1,4 +1,4 @@
-"""The verbs that identify: `symid identify`, `symid payload`, `symid hysteresis`."""
+"""The verbs that identify: `symid identify`, `symid payload`, `symid hysteresis`, `symid fleet`."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
@@ -418,3 +418,68 @@ def _check_columns(
 def _read_columns(file: Path, names: Mapping[str, str | None]) -> "symid.hysteresis.Columns":
     x, y = names["input"] or "", names["output"] or ""
     return symid.hysteresis.read_columns(file, x=x, y=y, t=names["time"])
+
+
+@verb("fleet")
+@click.argument("study", metavar="STUDY.toml", type=FILE)
+@METHOD.option(
+    "--executor",
+    "Where jobs run: in this process, in processes, or on Dask's workers.  [default: processes, or dask with "
+    "--cluster]",
+    click.Choice(("serial", "processes", "dask")),
+)
+@METHOD.option("--workers", "Number of processes.  [default: one for each core]", COUNT, "N")
+@METHOD.option("--cluster", "Address of Dask's scheduler; local starts one.", metavar="ADDRESS")
+@METHOD.option("--time-limit", "Seconds that a job may take.", POSITIVE, "S")
+@METHOD.option("--memory-limit", "Memory for the data of one job.", COUNT, "MB")
+@METHOD.option("--again", "Run jobs again that crashed, or came to a limit.", is_flag=True)
+@METHOD.option("--level", "Share of false alarms among the alarms.", Finite(0.0, 1.0), "X", default=0.05)
+@METHOD.option(
+    "--control",
+    "How many comparisons are accounted for; holm: any false alarm is as rare as --level.",
+    click.Choice(("benjamini-hochberg", "holm")),
+    default="benjamini-hochberg",
+)
+@output_option(
+    "Folder for results; what is there is not computed again.  [default: the name of STUDY]",
+    OUTPUT.option("--table", "Write all values, .parquet or .csv.", FILE, "FILE"),
+    OUTPUT.option("--page", "Write one HTML page.", FILE, "PAGE"),
+    folder=True,
+)
+def fleet_command(
+    console: Console,
+    *,
+    study: Path,
+    executor: Literal["serial", "processes", "dask"] | None,
+    cluster: str | None,
+    time_limit: float | None,
+    memory_limit: int | None,
+    output: Path | None,
+    table: Path | None,
+    page: Path | None,
+    force: bool,
+    **options: Any,  # noqa: ANN401  typed in `symid.fleet.run`
+) -> Answer:
+    """Identify many robots or nights, and find the robots that changed.
+
+    STUDY.toml names robot and logs. A fleet that was stopped goes on with the same call. Exit code 1 if a job
+    crashed or came to a limit.
+    """
+    if cluster is not None and executor not in {None, "dask"}:
+        text = f"--cluster needs the executor dask, got {executor}; leave one of both out"
+        raise UsageError(Notice(code="usage.cluster", text=text))
+    for written in (table, page):
+        check_output(written, force=force, inputs=(study,))
+    found = symid.fleet.run(
+        study,
+        output or study.with_suffix(""),
+        executor=executor or ("processes" if cluster is None else "dask"),
+        cluster=cluster or "local",
+        seconds=time_limit,
+        megabytes=memory_limit,
+        progress=console.progress,
+        **options,
+    )
+    lines = [] if table is None else [f"table: {show_path(found.save(table))}"]
+    lines += [] if page is None else [f"page: {show_path(found.report(page))}"]
+    return make_answer(found, *lines, file=table, page=page)

@@ -4,6 +4,7 @@ Arguments -> exit code; `symid.cli.call` has the codes and their meaning.
 """
 
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from typing import NoReturn
@@ -16,6 +17,8 @@ _INTERRUPTED = 130
 def main() -> NoReturn:
     """Run the command line and exit; linear algebra gets one thread, so that cores do not change results."""
     limit_to_one_thread()
+    # Whoever ends this process gets what Ctrl-C gets: scratch files removed, workers ended, one line.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         code = run(sys.argv[1:])
     except KeyboardInterrupt:

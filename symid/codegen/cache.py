@@ -27,6 +27,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Generic, TypeVar
 
+from filelock import FileLock, Timeout
+
 from symid import __version__
 from symid.codegen.calls import choose_call_path
 from symid.codegen.compiler import (
@@ -40,6 +42,7 @@ from symid.codegen.compiler import (
 from symid.codegen.library import Library, load_library
 from symid.codegen.source_folder import compute_digest, write_sources
 from symid.codegen.source_text import BACKENDS, build_library_prefix, check_choice, read_template_bytes
+from symid.environment import clear_scratch, mark_scratch
 from symid.errors import GenerationError, Notice, OutputError, UsageError
 from symid.robot import Limits, LogMap, Processing, Robot
 from symid.serialization import compute_signature
@@ -48,6 +51,7 @@ T = TypeVar("T")
 
 _WRITE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 _SECONDS_A_DAY = 86400.0
+_NEW = ".new-"
 
 
 def locate_user_folder() -> Path | None:
@@ -167,7 +171,7 @@ def _describe_damage(place: Path, key: str) -> str:
 
 def _store_entry(entry: CacheEntry[T], place: Path) -> None:
     """Make the entry beside its place, and move it there by one rename; a sound one there is kept."""
-    staging = place.parent / f".new-{secrets.token_hex(6)}"
+    staging = place.parent / f"{mark_scratch(_NEW)}{secrets.token_hex(6)}"
     try:
         entry.make(staging)
         seal = {"key": entry.key, "files": _read_digests(staging)}
@@ -198,21 +202,48 @@ def _load_or_make(entry: CacheEntry[T], place: Path) -> tuple[T, str]:
     # Only a damaged one: another process may have stored a sound entry since.
     if damage:
         _remove_entry(place)
-    # What processes that were killed left behind.
-    for path in (*place.parent.glob(".new-*"), *place.parent.glob(".old-*")):
+    _clear_scraps(place.parent)
+    return _make_alone(entry, place), damage
+
+
+def _clear_scraps(folder: Path) -> None:
+    """Remove what processes that were killed left behind: of this machine at once, of others after a day."""
+    clear_scratch(folder, _NEW)
+    for path in (*folder.glob(f"{_NEW}*"), *folder.glob(".old-*")):
         with contextlib.suppress(OSError):
             if time.time() - path.lstat().st_mtime > _SECONDS_A_DAY:
                 shutil.rmtree(path, ignore_errors=True)
-    tries = 3
-    while True:
-        _store_entry(entry, place)
-        try:
-            return entry.load(place), damage
-        except (GenerationError, UsageError):
-            # Another process that had found the damage too may just have cleared this entry away.
-            tries -= 1
-            if not tries or place.is_dir():
-                raise
+    for path in folder.glob(".*.symid-lock"):
+        lock = FileLock(path)
+        with contextlib.suppress(OSError, Timeout, NotImplementedError):
+            lock.acquire(timeout=0)
+            # Who waits for it sees that the file is gone, and makes another.
+            path.unlink(missing_ok=True)
+            lock.release()
+
+
+def _make_alone(entry: CacheEntry[T], place: Path) -> T:
+    """Return what one process has made, while others that need the same wait for it."""
+    # That room's file is built on this one.
+    from symid.codegen.generation import lock_folder
+
+    with contextlib.ExitStack() as stack:
+        # Where a file system has no locks, several make it, and the first one's stays.
+        with contextlib.suppress(OutputError, NotImplementedError):
+            stack.enter_context(lock_folder(place, lambda: None))
+        if os.path.lexists(place) and not _describe_damage(place, entry.key):
+            with contextlib.suppress(GenerationError, UsageError):
+                return entry.load(place)
+        tries = 3
+        while True:
+            _store_entry(entry, place)
+            try:
+                return entry.load(place)
+            except (GenerationError, UsageError):
+                # Another process that had found the damage too may just have cleared this entry away.
+                tries -= 1
+                if not tries or place.is_dir():
+                    raise
 
 
 def _obtain_from(entry: CacheEntry[T], folder: Path) -> tuple[T, tuple[Notice, ...]]:

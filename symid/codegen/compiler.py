@@ -10,17 +10,19 @@ ELF files of 32 and 64 bits, both byte orders.
 Not supported: sizes from Mach-O, COFF or linked files; the stack of the mathematics library.
 """
 
+import contextlib
 import os
 import shutil
+import signal
 import struct
 import subprocess
-import tempfile
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
+from symid.environment import make_scratch_folder
 from symid.errors import GenerationError, Notice
 
 _ELF_MAGIC = b"\x7fELF"
@@ -140,7 +142,9 @@ _EXACT_FLAG, _FUSING_FLAG = "-ffp-contract=off", "-ffp-contract=fast"
 CANDIDATES = ("cc", "gcc", "clang")
 _WORKERS = 2
 _SMALLEST_SOURCE = "#include <math.h>\ndouble smallest(double x) { return sin(x); }\n"
-_COMPILER_TIMEOUT = 600.0
+# Seconds that a compiler gets: for an answer, for each kB of source besides, and at most. One that hangs is
+# found by the smallest source.
+_LEAST_TIME, _TIME_A_KILOBYTE, _MOST_TIME = 30.0, 1.0, 600.0
 _PROCESSORS = Path("/proc/cpuinfo")
 # Fields of /proc/cpuinfo on different machines: what a processor can do, and which one it is; not what
 # changes, such as its clock.
@@ -176,26 +180,47 @@ def allow_fusing(compiler: Compiler) -> Compiler:
     )
 
 
-def _run_compiler(command: Sequence[str]) -> str:
+Processes = list["subprocess.Popen[str]"]
+
+
+def _kill(process: "subprocess.Popen[str]") -> None:
+    """End a compiler with all that it has started."""
+    with contextlib.suppress(OSError):
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+
+
+def _run_compiler(command: Sequence[str], size: int = 0, running: Processes | None = None) -> str:
+    """Return what a compiler says; `size` is that of its sources in bytes, `running` gets its process."""
+    limit = min(_LEAST_TIME + _TIME_A_KILOBYTE * size / 1e3, _MOST_TIME)
     try:
-        done = subprocess.run(
+        # A group of its own: a compiler starts others, which must end with it.
+        process = subprocess.Popen(
             command,
-            capture_output=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
             # Compilers of other languages write what is no UTF-8.
             encoding="utf-8",
             errors="replace",
-            check=False,
-            timeout=_COMPILER_TIMEOUT,
+            process_group=0,
             # A store of objects that machines share may not know which of them "native" meant.
             env={**os.environ, "CCACHE_DISABLE": "1"},
         )
+        if running is not None:
+            running.append(process)
+        with process:
+            try:
+                stdout, stderr = process.communicate(timeout=limit)
+            except BaseException:
+                _kill(process)
+                raise
     except (OSError, subprocess.TimeoutExpired) as error:
         text = f"cannot run the compiler: {' '.join(command)}\n{error}"
         raise GenerationError(Notice(code="codegen.compiler-failed", text=text)) from error
-    if done.returncode:
-        text = f"the compiler failed ({done.returncode}): {' '.join(command)}\n{done.stderr.strip()}"
+    if process.returncode:
+        text = f"the compiler failed ({process.returncode}): {' '.join(command)}\n{stderr.strip()}"
         raise GenerationError(Notice(code="codegen.compiler-failed", text=text))
-    return done.stdout
+    return stdout
 
 
 def read_processor() -> str:
@@ -245,11 +270,11 @@ def _choose_native_flags(compiler: Compiler) -> tuple[str, ...]:
 
 def diagnose_compiler(compiler: Compiler) -> str:
     """Return why the compiler cannot make a library of the smallest file, or nothing."""
-    with tempfile.TemporaryDirectory(prefix="symid-") as scratch:
-        source = Path(scratch) / "smallest.c"
+    with make_scratch_folder() as scratch:
+        source = scratch / "smallest.c"
         source.write_text(_SMALLEST_SOURCE, encoding="utf-8")
         try:
-            compile_sources(compiler, [source], Path(scratch) / "smallest.so")
+            compile_sources(compiler, [source], scratch / "smallest.so")
         except GenerationError as error:
             return str(error)
     return ""
@@ -262,15 +287,23 @@ def compile_sources(compiler: Compiler, sources: Sequence[Path], output: Path) -
         GenerationError: the compiler fails; the message holds the command and its errors.
     """
     flags = (*compiler.flags, *_choose_native_flags(compiler))
-    with tempfile.TemporaryDirectory(prefix="symid-") as scratch:
-        objects = [Path(scratch) / f"{source.stem}.o" for source in sources]
+    with make_scratch_folder() as scratch:
+        objects = [scratch / f"{source.stem}.o" for source in sources]
         commands = [
             (compiler.path, *flags, "-c", str(source), "-o", str(target))
             for source, target in zip(sources, objects, strict=True)
         ]
+        sizes, running = [source.stat().st_size for source in sources], Processes()
         with ThreadPoolExecutor(max_workers=_WORKERS) as pool:
-            list(pool.map(_run_compiler, commands))
-        linked = Path(scratch) / output.name
-        _run_compiler((compiler.path, "-shared", *map(str, objects), "-o", str(linked), "-lm"))
+            try:
+                list(pool.map(partial(_run_compiler, running=running), commands, sizes))
+            except BaseException:
+                # An interruption, or an error of one of them: nobody waits for the others.
+                pool.shutdown(wait=False, cancel_futures=True)
+                for process in running:
+                    _kill(process)
+                raise
+        linked = scratch / output.name
+        _run_compiler((compiler.path, "-shared", *map(str, objects), "-o", str(linked), "-lm"), sum(sizes))
         shutil.copyfile(linked, output)
     return output

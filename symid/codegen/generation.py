@@ -21,7 +21,6 @@ import shutil
 import stat
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
@@ -43,6 +42,7 @@ from symid.codegen.source_folder import (
     write_sources,
 )
 from symid.codegen.source_text import GenerateOptions, check_choice
+from symid.environment import make_scratch_folder
 from symid.errors import GenerationError, Notice, OutputError, UsageError
 from symid.robot import Robot
 from symid.serialization import compute_signature
@@ -248,8 +248,8 @@ def run_selftest(
     progress("running the self-test")
     manifest = json.loads(sources.manifest)
     prefix, names = str(manifest.get("prefix")), tuple(read_operations(manifest))
-    with tempfile.TemporaryDirectory(prefix="symid-") as scratch:
-        copy = Path(scratch) / "code"
+    with make_scratch_folder() as scratch:
+        copy = scratch / "code"
         write_sources(sources, copy)
         run = functools.partial(_run_command, folder, copy)
         done = None

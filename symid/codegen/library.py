@@ -13,7 +13,6 @@ that a newer CasADi wrote.
 import contextlib
 import ctypes
 import shutil
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -42,6 +41,7 @@ from symid.codegen.source_folder import (
     list_interrupted_updates,
     read_manifest,
 )
+from symid.environment import make_scratch_folder
 from symid.errors import GenerationError, InputError, Notice, UsageError
 from symid.serialization import compute_signature, read_record
 
@@ -85,7 +85,7 @@ def _build_stale_error(binary: Path) -> UsageError:
 @contextlib.contextmanager
 def _open_copy(binary: Path, prefix: str, digest: str) -> Iterator[tuple[ctypes.CDLL, Path]]:
     """Open a copy of a library: of a name that it knows, the loader gives back the file as it was."""
-    with tempfile.TemporaryDirectory(prefix="symid-") as scratch:
+    with make_scratch_folder() as scratch:
         copy = Path(shutil.copy(binary, scratch))
         shared = open_shared(copy)
         if _read_digest(shared, prefix) != digest:

@@ -21,6 +21,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+from symid.environment import clear_scratch, mark_scratch
 from symid.errors import Notice, OutputError
 
 MANIFEST = "manifest.json"
@@ -224,7 +225,9 @@ def write_sources(sources: SourceSet, folder: Path, *, force: bool = False) -> t
     check_folder(folder, sources, force=force)
     listed, _ = _read_listed(folder)
     target = folder.resolve()
-    staging = target.parent / f".{target.name}-{secrets.token_hex(6)}"
+    before = f".{target.name}-"
+    staging = target.parent / f"{mark_scratch(before)}{secrets.token_hex(6)}"
+    clear_scratch(target.parent, before)
     try:
         if target.is_dir():
             _update_folder(sources, target, listed)

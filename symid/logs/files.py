@@ -431,12 +431,75 @@ def read_mat(path: Path) -> RawLog:
     from scipy.io.matlab import MatReadError
 
     try:
+        # Version 4 begins with a number of which some bytes are zero.
+        if 0 not in head[:4] and not _has_matlab_elements(path.read_bytes()):
+            raise build_file_error(
+                path, "this is not a MATLAB file that can be read: its elements are damaged"
+            )
         content = loadmat(str(path), struct_as_record=True)
     # SciPy raises any of these on a damaged file, according to where the damage lies.
     except (MatReadError, zlib.error, *_DAMAGED) as error:
         reason = "an array is larger than memory" if isinstance(error, MemoryError) else error
         raise build_file_error(path, f"this is not a MATLAB file that can be read: {reason}") from error
     return _build_raw_log(path, _flatten_structures(content), {})
+
+
+_MATLAB_MATRIX, _MATLAB_COMPRESSED = 14, 15
+_MATLAB_DATA = frozenset((1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18))
+"""Types of elements that hold numbers or letters."""
+_MATLAB_CONTAINERS = frozenset((1, 2, 3, 16, 17))
+"""Classes of matrices with matrices inside: cells, structures, objects, functions."""
+_MATLAB_HEADER, _DEEPEST = 128, 100
+
+
+def _has_matlab_elements(content: bytes) -> bool:
+    """Return whether a file of version 5 to 7.2 consists of elements of known types and sizes.
+
+    SciPy takes the type of an element from the file as an index, and crashes with those that do not exist.
+    """
+    order = "<" if content[126:128] == b"IM" else ">"
+    return all(
+        kind == _MATLAB_MATRIX and _is_matlab_matrix(data, order, 1)
+        for kind, data in _list_matlab_elements(content[_MATLAB_HEADER:], order, inflate=True)
+    )
+
+
+def _list_matlab_elements(
+    content: bytes, order: str, *, inflate: bool = False
+) -> Iterator[tuple[int, bytes]]:
+    """Yield type and data of each element; type 0, which none has, where one is larger than what is left."""
+    place = 0
+    while place + 8 <= len(content):
+        kind, size = struct.unpack_from(f"{order}II", content, place)
+        start, most = place + 8, len(content) - place - 8
+        if kind >> 16:
+            # Up to four bytes stand within the tag.
+            kind, size, start, most = kind & 0xFFFF, kind >> 16, place + 4, 4
+            place += 8
+        else:
+            place = start + (size if kind == _MATLAB_COMPRESSED else -(-size // 8) * 8)
+        data = content[start : start + size]
+        if size > most:
+            yield 0, b""
+        elif kind == _MATLAB_COMPRESSED and inflate:
+            yield from _list_matlab_elements(zlib.decompressobj().decompress(data, LARGEST_ARRAY), order)
+        else:
+            yield kind, data
+
+
+def _is_matlab_matrix(content: bytes, order: str, depth: int) -> bool:
+    """Return whether a matrix has elements that its class may have; an empty one has none."""
+    inside = -1
+    for kind, data in _list_matlab_elements(content, order):
+        if inside < 0:
+            # The flags, whose first byte is the class.
+            inside = data[0 if order == "<" else 3] if len(data) == 8 and kind in _MATLAB_DATA else 0
+        if kind == _MATLAB_MATRIX and inside in _MATLAB_CONTAINERS and depth < _DEEPEST:
+            if not _is_matlab_matrix(data, order, depth + 1):
+                return False
+        elif kind not in _MATLAB_DATA:
+            return False
+    return inside != 0
 
 
 def _flatten_structures(content: dict[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:

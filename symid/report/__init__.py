@@ -7,6 +7,7 @@ if TYPE_CHECKING:
         Block as Block,
         Drawing as Drawing,
         Table as Table,
+        tabulate as tabulate,
         write_html as write_html,
         write_svg as write_svg,
         write_text as write_text,
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
         draw_robot as draw_robot,
     )
     from symid.report.elastic_page import build_elastic_page as build_elastic_page
+    from symid.report.figures import Line as Line, build_line_figure as build_line_figure
     from symid.report.fit_page import (
         WrittenPage as WrittenPage,
         draw_fit as draw_fit,
@@ -60,6 +62,7 @@ if TYPE_CHECKING:
         warn_payload as warn_payload,
     )
     from symid.report.pages import (
+        Page as Page,
         describe_origin as describe_origin,
         write_figures as write_figures,
         write_page as write_page,

@@ -29,6 +29,7 @@ ROOMS = (
     "study",
     "report",
     "api",
+    "fleet",
     "cli",
 )
 """Each imports only from those before it."""

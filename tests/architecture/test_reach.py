@@ -93,6 +93,9 @@ def find_unreached() -> list[str]:
     ]
     waiting += [locate("symid", name) for _, name, _ in BY_NAME["symid"].imports]
     waiting += [locate("symid.api", name) for _, name, _ in BY_NAME["symid.api"].imports]
+    # A room that is offered as a whole.
+    rooms = [name for name, _ in waiting if name in BY_NAME and BY_NAME[name].is_package and name != "symid"]
+    waiting += [locate(room, name) for room in rooms for _, name, _ in BY_NAME[room].imports]
     waiting += list_shown_calls()
     # All that an offered module defines can be called.
     offered = {module for module, name in waiting if not name}

@@ -16,9 +16,13 @@ def list_names():
     """Return all public names; those of a module that is offered stand behind its own."""
     for name in symid.__all__:
         if inspect.ismodule(getattr(symid, name)):
-            inside = vars(getattr(symid, name)).items()
-            own = f"symid.api.{name}"
-            yield from (f"{name}.{key}" for key, value in inside if getattr(value, "__module__", "") == own)
+            module = getattr(symid, name)
+            inside = ((key, getattr(module, key)) for key in dir(module))
+            # A file of the API, or a room of its own.
+            own = (f"symid.api.{name}", f"symid.{name}.")
+            yield from (
+                f"{name}.{k}" for k, value in inside if getattr(value, "__module__", "").startswith(own)
+            )
         elif name != "__version__":
             yield name
 

@@ -1,6 +1,9 @@
 """What a public repository says of itself agrees with the package."""
 
+import importlib.metadata
+import json
 import re
+import runpy
 import tomllib
 from pathlib import Path
 
@@ -14,10 +17,37 @@ def read(name):
     return (PROJECT / name).read_text(encoding="utf-8")
 
 
-def test_every_dependency_has_its_licence_in_the_notice():
-    optional = SETTINGS["project"]["optional-dependencies"]["hdf5"]
-    names = [re.match(r"[\w-]+", text).group() for text in (*SETTINGS["project"]["dependencies"], *optional)]
-    assert [name for name in names if name.lower() not in read("NOTICE").lower()] == []
+MATERIALS = runpy.run_path(str(PROJECT / ".ci" / "materials.py"))
+IMPORTED = ("hdf5", "parquet", "ros", "cluster", "questions", "xacro")
+"""Extras that users install; the others are of tests and documentation, or of other programs."""
+PERMISSIVE = {"BSD-3-Clause", "BSD-2-Clause", "MIT", "Apache-2.0", "PSF-2.0", "any-OSI"}
+
+
+def test_every_package_that_symid_runs_on_has_its_licence_in_the_notice():
+    listed = dict(re.findall(r"^    ([\w.]+) +([\w. -]+?)(?: *\(.*)?$", read("NOTICE"), re.MULTILINE))
+    listed = {MATERIALS["normalise"](name): licence.strip() for name, licence in listed.items()}
+    found = MATERIALS["list_packages"](IMPORTED)
+    assert [entry.name for entry in found if MATERIALS["normalise"](entry.name) not in listed] == []
+    wrong = {}
+    for entry in found:
+        here = listed[MATERIALS["normalise"](entry.name)]
+        if here not in PERMISSIVE and here != "Apache-2.0 OR BSD-2-Clause" and entry.name.lower() != "casadi":
+            wrong[entry.name] = here
+        # NumPy's expression has those of the code that it carries.
+        stated = entry.metadata.get("License-Expression")
+        if stated and here not in {stated, stated.split(" AND ")[0], "MIT"}:
+            wrong[entry.name] = (here, stated)
+    assert wrong == {}
+
+
+def test_the_bill_of_materials_names_versions_and_licences():
+    bill = MATERIALS["build_bill"](IMPORTED)
+    assert (bill["bomFormat"], bill["specVersion"]) == ("CycloneDX", "1.6")
+    assert bill["metadata"]["component"]["version"] == symid.__version__
+    named = {entry["name"]: entry for entry in bill["components"]}
+    assert named["numpy"]["purl"] == f"pkg:pypi/numpy@{importlib.metadata.version('numpy')}"
+    assert [name for name, entry in named.items() if not entry["licenses"]] == []
+    assert json.dumps(bill) == json.dumps(MATERIALS["build_bill"](IMPORTED))
 
 
 def test_the_citation_is_of_this_version():

@@ -1,5 +1,6 @@
 """Files that no honest program writes: each ends in a SymidError that says what, and where."""
 
+import contextlib
 import io
 import json
 import shutil
@@ -9,11 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.sparse
 
 import symid
 from symid.environment import read_file
 from symid.errors import EstimateError, LogError, RobotError, SymidError
 from symid.identification.stored import read_fit
+from symid.logs import files
 from symid.logs.files import LARGEST_ARRAY
 from symid.logs.reader import read_raw
 from symid.robot import read_robot
@@ -164,6 +167,45 @@ def test_a_matlab_file_may_ask_for_more_than_there_is(tmp_path):
     path.write_bytes(bytes(whole))
     with pytest.raises(LogError, match="not a MATLAB file that can be read"):
         read_raw(path)
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_matlab_files_of_all_classes_have_sound_elements(tmp_path, compressed):
+    from scipy.io import savemat
+
+    path = tmp_path / "log.mat"
+    content = {
+        "t": np.arange(5.0),
+        "short": np.array([1], dtype=np.int8),
+        "text": "a word",
+        "empty": np.zeros((0, 0)),
+        "log": {"q": np.eye(3), "cell": np.array([1.0, "a", np.arange(3)], dtype=object)},
+        "complex": np.array([1j]),
+        "sparse": scipy.sparse.eye(3).tocsc(),
+        "flag": np.array([True]),
+    }
+    savemat(path, content, do_compression=compressed)
+    assert files._has_matlab_elements(path.read_bytes())
+    assert {"t", "short", "log.q"} <= set(read_raw(path).columns)
+
+
+def test_types_of_matlab_elements_that_do_not_exist_are_damage(tmp_path):
+    """SciPy ends the process with them."""
+    from scipy.io import savemat
+
+    path = tmp_path / "log.mat"
+    savemat(path, {"t": np.arange(4.0)})
+    whole = path.read_bytes()
+    place = whole.index(struct.pack("<II", 9, 32))
+    for kind in (0, 8, 14, 19, 255):
+        path.write_bytes(whole[:place] + struct.pack("<I", kind) + whole[place + 4 :])
+        with pytest.raises(LogError, match="its elements are damaged"):
+            read_raw(path)
+    # Cut off anywhere, there is a column, or a reason.
+    for size in range(128, len(whole)):
+        path.write_bytes(whole[:size])
+        with contextlib.suppress(LogError):
+            assert set(read_raw(path).columns) <= {"t"}
 
 
 def test_trials_of_methods_have_a_value_a_parameter(tmp_path, elastic_fit):

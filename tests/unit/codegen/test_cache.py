@@ -378,15 +378,30 @@ def test_a_process_that_is_killed_leaves_no_entry(robots_folder, tmp_path, proje
         time.sleep(0.05)
     process.send_signal(signal.SIGKILL)
     process.communicate(timeout=100)
-    (remains,) = cache.iterdir()
-    assert remains.name.startswith(".new-")
+    # What it had begun, and the file of its lock, which holds no longer.
+    assert sorted(path.name[:5] for path in cache.iterdir()) == [".new-", ".symi"]
+    # Makers of another entry could still be at work, until they are too old.
+    (cache / ".new-other").mkdir()
+    (cache / ".new-old").mkdir()
+    os.utime(cache / ".new-old", (0, 0))
     out, err = start(robots_folder, cache, project).communicate(timeout=100)
     assert (out.splitlines()[:2], err) == (["3.0", ""], "")
-    # Its makers could still be at work, until they are too old.
-    assert remains.exists()
-    os.utime(remains, (0, 0))
-    prepare(read_robot(robots_folder / "emps.toml"), cache)
-    assert not remains.exists()
+    assert sorted(path.name[:10] for path in cache.iterdir()) == [".new-other", "symid_emps"]
+
+
+def test_of_many_processes_on_an_empty_cache_one_compiles(robots_folder, tmp_path, project, c_compiler):
+    cache, counted = tmp_path / "cache", tmp_path / "bin" / "cc"
+    counted.parent.mkdir()
+    counted.write_text(f'#!/bin/sh\necho "$*" >> {tmp_path}/calls\nexec {c_compiler} "$@"\n')
+    counted.chmod(0o755)
+    path = f"{counted.parent}:{os.environ['PATH']}"
+    running = [start(robots_folder, cache, project, PATH=path) for _ in range(4)]
+    for process in running:
+        out, err = process.communicate(timeout=200)
+        assert (process.returncode, out.splitlines()[:2], err) == (0, ["3.0", ""], "")
+    links = [line for line in (tmp_path / "calls").read_text().splitlines() if "libsymid_emps.so" in line]
+    assert len(links) == 1
+    assert [path.name[:10] for path in cache.iterdir()] == ["symid_emps"]
 
 
 def replace_file(path, content):

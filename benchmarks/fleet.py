@@ -1,0 +1,127 @@
+"""What a fleet costs beyond its identifications: synthetic nights in Parquet, a bare loop, and the fleet.
+
+    .venv/bin/python benchmarks/fleet.py FOLDER --jobs 10000 --workers 2 --executor dask
+
+Each night is the same simulated motion (10 s, 250 Hz) with torque noise of its own. The bare loop calls
+`robot.identify` in this process for the first --bare nights; the fleet must give the same values. Overhead is
+all processor time of the fleet, workers and their start included, against that of the loop. Logs stay in
+FOLDER, so that a fleet that was stopped goes on.
+"""
+
+import argparse
+import csv
+import importlib.metadata
+import os
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+from pyarrow.parquet import write_table
+
+import symid
+from symid.environment import limit_to_one_thread
+
+NIGHTS = 7
+ESTIMATOR = "wls"
+
+
+def find_ur5():
+    """Return the URDF of the UR5 in example-robot-data."""
+    for file in importlib.metadata.files("example-robot-data") or []:
+        if file.name == "ur5_robot.urdf":
+            return Path(file.locate()).resolve()
+    sys.exit("example-robot-data is not installed: pip install example-robot-data")
+
+
+def write_logs(robot, folder, jobs):
+    """Write the nights that are not there yet: FOLDER/ROBOT/NIGHT.parquet."""
+    run = robot.simulate(duration=10.0, period=0.004, clean=True, seed=1)
+    base = symid.read_log(run.save(folder / "clean.npz"), robot)
+    scale = 0.02 * np.sqrt(np.mean(base.tau**2, axis=0)) + 0.01
+    for k in range(jobs):
+        path = folder / f"r{k // NIGHTS:05}" / f"night{k % NIGHTS + 1}.parquet"
+        if path.exists():
+            continue
+        path.parent.mkdir(exist_ok=True)
+        noise = np.random.default_rng(k).standard_normal(base.tau.shape)
+        columns = {"t": base.time}
+        for j, (q, tau) in enumerate(zip(base.q.T, (base.tau + scale * noise).T, strict=True), start=1):
+            columns |= {f"q{j}": q, f"tau{j}": tau}
+        write_table(pa.table(columns), path)
+
+
+def time_bare_loop(robot, jobs):
+    """Return values of each night, wall and processor time of a plain loop; the first fit is not counted."""
+    robot.identify(jobs[0].logs[0], estimator=ESTIMATOR, settings=jobs[0].settings)
+    start, used, values = time.monotonic(), time.process_time(), {}
+    for job in jobs:
+        fit = robot.identify(job.logs[0], estimator=ESTIMATOR, settings=job.settings)
+        values[job.name, job.night] = dict(fit.values)
+    return values, time.monotonic() - start, time.process_time() - used
+
+
+def sum_processor_time():
+    """Return the processor time of this process and of all children that have ended."""
+    spent = os.times()
+    return spent.user + spent.system + spent.children_user + spent.children_system
+
+
+def main():
+    """Make the nights, run loop and fleet, and print what they took."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument(
+        "--robot", default="ur5", help="ur5 of example-robot-data, or a robot with all values"
+    )
+    parser.add_argument("--jobs", type=int, default=10_000)
+    parser.add_argument("--bare", type=int, default=100)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--executor", default="dask", choices=("serial", "processes", "dask"))
+    parser.add_argument("--cluster", default="local")
+    given = parser.parse_args()
+    robot = symid.load(find_ur5() if given.robot == "ur5" else given.robot)
+    given.folder.mkdir(parents=True, exist_ok=True)
+    write_logs(robot, given.folder, given.jobs)
+    study = given.folder / "study.toml"
+    study.write_text(
+        f'robot = "{robot.path.resolve()}"\nlogs = "r*/*.parquet"\nestimator = "{ESTIMATOR}"\n'
+        '[settings]\n"processing.filter_cutoff" = 25\n"processing.decimation.factor" = 10\n'
+    )
+    jobs = symid.fleet.read_study(study)[: given.jobs]
+    values, wall, processor = time_bare_loop(robot, jobs[: given.bare])
+    count = min(given.bare, len(jobs))
+    print(f"bare loop: {count} fits, {wall / count:.3f} s wall, {processor / count:.3f} s processor each")
+    start, before = time.monotonic(), sum_processor_time()
+    fleet = symid.fleet.run(
+        jobs,
+        given.folder / "results",
+        executor=given.executor,
+        workers=given.workers,
+        cluster=given.cluster,
+        progress=print,
+    )
+    passed = time.monotonic() - start
+    with (given.folder / "results" / "costs.csv").open(encoding="utf-8") as stream:
+        costs = np.array([[float(cell) for cell in row[2:]] for row in csv.reader(stream)])
+    print(fleet.summarise())
+    print(f"fleet: {passed:.1f} s wall, {passed * given.workers / len(jobs):.3f} s of a worker a job")
+    print(f"jobs: {costs[:, 1].mean():.3f} s processor each, median {np.median(costs[:, 1]):.3f}")
+    # Processes of Dask's workers are no children of this one: theirs is the jobs' own time alone.
+    used = costs[:, 1].sum() if given.executor == "dask" else sum_processor_time() - before
+    more = used / len(jobs) * count / processor - 1.0
+    print(f"all processes: {used / len(jobs):.3f} s a job, {100.0 * more:+.1f} %")
+    print(f"largest memory of a worker: {costs[:, 2].max():.0f} MB")
+    rows = {(row.job.name, row.job.night): row for row in fleet.rows}
+    same = sum(
+        values[key] == {entry.name: entry.value for entry in rows[key].values if not entry.residual}
+        for key in values
+    )
+    print(f"equal to the bare loop in every digit: {same} of {len(values)}")
+
+
+if __name__ == "__main__":
+    # A worker of Dask's imports this script.
+    limit_to_one_thread()
+    main()

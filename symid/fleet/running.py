@@ -1,0 +1,429 @@
+"""Jobs to results: in this process, in worker processes, or on a Dask cluster.
+
+`FleetJob` -> `FleetRow`. Whatever a job does, it ends as a row with its reason: a refusal of symid, a crash,
+a limit of time or memory. One job at a time is in a worker process, which is replaced when it fails; Dask's
+workers have such a process for each of their threads.
+
+Rows have no times: the same inputs give the same bytes. What a job took is its `Cost`.
+
+Supported: Linux and other POSIX systems; addresses (s3://...) where fsspec is installed.
+Not supported: limits of time and memory for jobs in this process itself.
+"""
+
+import contextlib
+import json
+import os
+import resource
+import select
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from importlib import import_module
+from pathlib import Path, PurePosixPath
+from typing import Any, Literal
+
+from symid.api import Fit, RobotModel, load
+from symid.environment import THREAD_VARIABLES, make_scratch_folder
+from symid.errors import InputError, Notice, SolverError, SymidError, UsageError
+from symid.fleet.jobs import FleetJob, is_remote, open_address
+from symid.serialization import Finite, read_record, write_plain
+
+Status = Literal["done", "refused", "failed", "crashed", "time-out", "memory"]
+"""How a job ended: with a fit, an error of symid, a bug, a killed worker, or at a limit."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FleetValue:
+    """One number of a fit with its standard deviation: a parameter, or the residual of a joint.
+
+    Attributes:
+        name: of the parameter, or of the joint.
+        value: SI units; of a residual its standard deviation.
+        std: its standard deviation; infinite for residuals, which state none.
+        unit: of both.
+        residual: whether it is the residual of a joint.
+
+    Example:
+        >>> import symid
+        >>> symid.fleet.FleetValue(name="ZZ1", value=1.2, std=0.1, unit="kg m^2").residual
+        False
+    """
+
+    name: str
+    value: Finite
+    std: float
+    unit: str
+    residual: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FleetRow:
+    """What became of a job.
+
+    Attributes:
+        key: the hash of the job's inputs.
+        job: the job.
+        status: "done", "refused", "failed", "crashed", "time-out" or "memory".
+        reason: why there is no fit; empty if there is one.
+        verdict: level of the fit's verdict.
+        warnings: codes of the fit's warnings.
+        values: parameters and residuals.
+
+    Example:
+        >>> import symid
+        >>> job = symid.fleet.FleetJob(robot="two_link")
+        >>> symid.fleet.FleetRow(key="0", job=job, status="time-out", reason="longer than 60 s").values
+        ()
+    """
+
+    key: str
+    job: FleetJob
+    status: Status
+    reason: str = ""
+    verdict: str = ""
+    warnings: tuple[str, ...] = ()
+    values: tuple[FleetValue, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cost:
+    """What a job took: wall and processor time in s, the largest memory of its process in MB."""
+
+    seconds: float = 0.0
+    processor: float = 0.0
+    memory: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FleetLimits:
+    """Of one job: `seconds`, and `megabytes` of data in its worker process; None for no limit."""
+
+    seconds: float | None = None
+    megabytes: int | None = None
+
+
+Task = tuple[str, FleetJob]
+"""A job behind its key."""
+Ended = tuple[FleetRow, Cost]
+
+
+def run_job(task: Task) -> Ended:
+    """Return the row of a job, run in this process; whatever goes wrong is the row's reason."""
+    key, job = task
+    start, used = time.monotonic(), time.process_time()
+    try:
+        with make_scratch_folder() as folder:
+            row = _describe_fit(key, job, _identify(job, folder))
+    except SymidError as error:
+        row = FleetRow(key=key, job=job, status="refused", reason=str(error))
+    except MemoryError:
+        row = FleetRow(key=key, job=job, status="memory", reason="the memory that a job may use ran out")
+    except Exception as error:  # noqa: BLE001  one job must not end the others
+        reason = f"a bug in symid, not in your files: {type(error).__name__}: {error}"
+        row = FleetRow(key=key, job=job, status="failed", reason=reason)
+    # Linux counts in kB, macOS in bytes.
+    unit = 1e-6 if sys.platform == "darwin" else 1e-3
+    peak = unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    spent = Cost(seconds=time.monotonic() - start, processor=time.process_time() - used, memory=peak)
+    return row, spent
+
+
+def _identify(job: FleetJob, folder: Path) -> Fit:
+    robot = _fetch(job.robot, folder)
+    model = _load_model(robot, _stamp(robot))
+    logs: Any = [_fetch(log, folder) for log in job.logs]
+    if not logs:
+        logs = model.simulate(seed=job.seed or 0, **job.simulate).log  # type: ignore[arg-type]  # read_study checks names
+    settings = job.settings or None
+    if job.rows == "friction":
+        return model.identify_friction(
+            logs, estimator=job.estimator, model=job.friction, seed=job.seed, settings=settings
+        )
+    return model.identify(
+        logs, rows=job.rows, estimator=job.estimator, friction=job.friction, settings=settings
+    )
+
+
+@lru_cache(maxsize=16)
+def _load_model(robot: str, stamp: object) -> RobotModel:  # noqa: ARG001  a file that changed is another key
+    return load(robot)
+
+
+def _stamp(name: str) -> object:
+    with contextlib.suppress(OSError):
+        found = Path(name).stat()
+        return found.st_mtime_ns, found.st_size
+    return None
+
+
+def _fetch(name: str, folder: Path) -> str:
+    """Return a local path of a file: that of a copy in `folder`, if the name is an address."""
+    if not is_remote(name):
+        return name
+    system, path = open_address(name)
+    # Two nights may have the same file name.
+    copy = folder / str(len(list(folder.iterdir()))) / PurePosixPath(path).name
+    copy.parent.mkdir()
+    try:
+        system.get(path, str(copy), recursive=system.isdir(path))
+    except Exception as error:
+        raise InputError(Notice(code="fleet.address", text=f"cannot be read: {error}", file=name)) from error
+    return str(copy)
+
+
+def _describe_fit(key: str, job: FleetJob, fit: Fit) -> FleetRow:
+    values = [FleetValue(name=v.name, value=v.value, std=v.std, unit=v.unit) for v in fit.parameters]
+    values += [
+        FleetValue(name=entry.joint, value=entry.std, std=float("inf"), unit=entry.unit, residual=True)
+        for entry in fit.residual
+    ]
+    codes = tuple(sorted({notice.code for notice in fit.notices if not notice.is_note}))
+    level = fit.verdict.level
+    return FleetRow(key=key, job=job, status="done", verdict=level, warnings=codes, values=tuple(values))
+
+
+def serve() -> None:
+    """Run jobs of this process's own: one a line on standard input, its row a line on standard output.
+
+    The process ends with its input, or when the one that started it has died.
+    """
+    limit = json.loads(sys.stdin.buffer.readline())
+    if limit:
+        resource.setrlimit(resource.RLIMIT_DATA, (limit * 10**6, resource.RLIM_INFINITY))
+    # As Ctrl-C: a job that is asked to end ends its compilers, and removes its scratch.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    threading.Thread(target=_follow, args=(os.getppid(),), daemon=True).start()
+    # What a library prints must not stand between the rows.
+    channel = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    channel.write(b"ready\n")
+    channel.flush()
+    for line in sys.stdin.buffer:
+        key, job = json.loads(line)
+        ended = run_job((key, read_record(FleetJob, job)))
+        channel.write(json.dumps(write_plain(ended)).encode() + b"\n")
+        channel.flush()
+
+
+def _follow(parent: int) -> None:
+    """End this process when its parent has died: a job that hangs would outlive it."""
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+_PATIENCE = 3.0
+_SERVE = f"from {__name__} import serve; {serve.__name__}()"
+
+
+class JobProcess:
+    """A worker process that runs one job at a time, and is replaced when it dies or has to be ended."""
+
+    def __init__(self, limits: FleetLimits) -> None:
+        self.limits = limits
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def run(self, task: Task) -> Ended:
+        """Return the row of a job.
+
+        Raises:
+            SolverError: no process can be started.
+        """
+        key, job = task
+        row = FleetRow(key=key, job=job, status="crashed")
+        start = time.monotonic()
+        try:
+            process = self._process or self._start()
+            start = time.monotonic()
+            answer = self._ask(process, json.dumps(write_plain(task)).encode() + b"\n")
+        except TimeoutError:
+            self.interrupt()
+            self.end()
+            reason = f"not ended after {self.limits.seconds:g} s"
+            return replace(row, status="time-out", reason=reason), Cost(seconds=time.monotonic() - start)
+        if answer:
+            found, cost = json.loads(answer)
+            if found["status"] == "memory":
+                # What is left of the memory may not do for the next job.
+                self.end()
+            return read_record(FleetRow, found), read_record(Cost, cost)
+        reason = f"the worker process {self.end()}"
+        return replace(row, reason=reason), Cost(seconds=time.monotonic() - start)
+
+    def _start(self) -> "subprocess.Popen[bytes]":
+        # A session of its own: Ctrl-C in the terminal is answered by the process that keeps the rows.
+        self._process = process = subprocess.Popen(
+            [sys.executable, "-c", _SERVE],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=os.environ | dict.fromkeys(THREAD_VARIABLES, "1"),
+            start_new_session=True,
+        )
+        if self._ask(process, b"%d\n" % (self.limits.megabytes or 0), limited=False) != b"ready\n":
+            text = f"a worker process could not be started: it {self.end()}"
+            raise SolverError(Notice(code="fleet.no-worker", text=text))
+        return process
+
+    def _ask(self, process: "subprocess.Popen[bytes]", line: bytes, *, limited: bool = True) -> bytes:
+        """Return the line that answers a line; nothing if the process has died.
+
+        Raises:
+            TimeoutError: the job takes longer than it may.
+        """
+        stdin, stdout = process.stdin, process.stdout
+        if stdin is None or stdout is None:
+            return b""
+        with contextlib.suppress(BrokenPipeError):
+            stdin.write(line)
+            stdin.flush()
+        left, parts = self.limits.seconds if limited else None, [b""]
+        end = None if left is None else time.monotonic() + left
+        while not parts[-1].endswith(b"\n"):
+            left = None if end is None else max(end - time.monotonic(), 0.0)
+            if not select.select([stdout], [], [], left)[0]:
+                raise TimeoutError
+            parts.append(os.read(stdout.fileno(), 1 << 20))
+            if not parts[-1]:
+                return b""
+        return b"".join(parts)
+
+    def interrupt(self) -> None:
+        """Ask the process to end, and to end what it has started; the job that runs is a crash."""
+        with contextlib.suppress(OSError):
+            if self._process is not None:
+                self._process.terminate()
+
+    def end(self) -> str:
+        """End the process with all that it has started, and return how it ended, in words."""
+        process = self._process
+        if process is None:
+            return "has not been started"
+        with contextlib.suppress(OSError):
+            if process.stdin is not None:
+                process.stdin.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            # One that ends is given the time to say how.
+            process.wait(_PATIENCE)
+        with contextlib.suppress(OSError):
+            os.killpg(process.pid, signal.SIGKILL)
+        code, self._process = process.wait(), None
+        if process.stdout is not None:
+            process.stdout.close()
+        if code == -signal.SIGKILL:
+            return "was killed; memory may have run out"
+        return f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
+
+
+def run_serial(tasks: Iterable[Task]) -> Iterator[Ended]:
+    """Yield the rows of jobs that are run one after the other in this process."""
+    yield from map(run_job, tasks)
+
+
+def run_processes(tasks: Iterable[Task], workers: int, limits: FleetLimits) -> Iterator[Ended]:
+    """Yield the rows of jobs as they end in `workers` worker processes; a job is taken when one is free."""
+    here, started = threading.local(), list[JobProcess]()
+
+    def run(task: Task) -> Ended:
+        if not hasattr(here, "process"):
+            here.process = JobProcess(limits)
+            started.append(here.process)
+        found: Ended = here.process.run(task)
+        return found
+
+    executor = ThreadPoolExecutor(workers)
+    try:
+        for _, future in _run_window(executor, run, tasks, lambda: workers + 1):
+            yield future.result()
+    finally:
+        executor.shutdown(wait=False, cancel_futures=True)
+        for process in started:
+            process.interrupt()
+        executor.shutdown()
+        for process in started:
+            process.end()
+
+
+def _run_window(
+    executor: Executor, function: Callable[..., Ended], tasks: Iterable[Task], width: Callable[[], int]
+) -> "Iterator[tuple[Task, Future[Ended]]]":
+    """Yield futures as they end; no more than `width` jobs wait or run, however long the list is."""
+    waiting: dict[Future[Ended], Task] = {}
+    for task in tasks:
+        waiting[executor.submit(function, task)] = task
+        while len(waiting) >= width():
+            yield from ((waiting.pop(future), future) for future in wait(waiting, None, FIRST_COMPLETED).done)
+    while waiting:
+        yield from ((waiting.pop(future), future) for future in wait(waiting, None, FIRST_COMPLETED).done)
+
+
+def run_dask(
+    tasks: Iterable[Task], address: str, workers: int, limits: FleetLimits, progress: Callable[[str], None]
+) -> Iterator[Ended]:
+    """Yield the rows of jobs as they end on a Dask cluster; "local" starts one with `workers` workers.
+
+    A job whose worker is lost is given to another; one that loses three is a row.
+
+    Raises:
+        UsageError: Dask is not installed, or nothing answers at the address.
+        SolverError: the scheduler is lost.
+    """
+    try:
+        distributed: Any = import_module("distributed")
+        from distributed.scheduler import KilledWorker
+    except ImportError as error:
+        text = "Dask is not installed: pip install 'symid[cluster]'"
+        raise UsageError(Notice(code="usage.no-dask", text=text)) from error
+    local = address == "local"
+    with contextlib.ExitStack() as stack:
+        try:
+            chosen = (
+                stack.enter_context(distributed.LocalCluster(n_workers=workers, threads_per_worker=1))
+                if local
+                else address
+            )
+            client = stack.enter_context(distributed.Client(chosen, set_as_default=False))
+        except (OSError, ValueError) as error:
+            text = f"no Dask scheduler answers at {address}: {error}"
+            raise UsageError(Notice(code="usage.cluster", text=text)) from error
+        progress(f"Dask's dashboard: {client.dashboard_link}")
+        executor = client.get_executor(pure=False)
+        run = _RunOnDask(limits)
+        try:
+            for task, future in _run_window(
+                executor, run, tasks, lambda: 2 * sum(client.nthreads().values()) + 1
+            ):
+                try:
+                    yield future.result()
+                except KilledWorker as error:
+                    reason = f"its Dask workers were lost: {error.last_worker.address}"
+                    yield FleetRow(key=task[0], job=task[1], status="crashed", reason=reason), Cost()
+        except (CancelledError, OSError) as error:
+            text = "the Dask scheduler is lost; start it and the fleet again, what is done is kept"
+            raise SolverError(Notice(code="solver.scheduler-lost", text=text)) from error
+        finally:
+            executor.shutdown(wait=False)
+
+
+@dataclass(frozen=True, slots=True)
+class _RunOnDask:
+    """Runs a job in the worker process of a thread of a Dask worker."""
+
+    limits: FleetLimits
+
+    def __call__(self, task: Task) -> Ended:
+        from distributed import get_worker
+
+        here = vars(get_worker()).setdefault("symid_processes", threading.local())
+        if getattr(here, "limits", None) != self.limits:
+            if hasattr(here, "process"):
+                here.process.end()
+            here.limits, here.process = self.limits, JobProcess(self.limits)
+        found: Ended = here.process.run(task)
+        return found
