@@ -43,10 +43,10 @@ def test_every_name_is_there():
     assert set(namespace) - {"__builtins__"} == set(symid.__all__)
 
 
-def test_names_come_from_the_api_and_the_errors():
+def test_names_come_from_the_api_the_errors_and_the_fleets():
     offered = [getattr(symid, name) for name in symid.__all__]
     homes = {getattr(entry, "__module__", entry.__name__) for entry in offered}
-    assert {home for home in homes if not home.startswith("symid.api.")} == {"symid.errors"}
+    assert {home for home in homes if not home.startswith("symid.api.")} == {"symid.errors", "symid.fleet"}
 
 
 def test_editors_see_the_names():
