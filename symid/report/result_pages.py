@@ -43,7 +43,7 @@ from symid.report.pages import (
 )
 from symid.report.validation_text import show_comparison
 from symid.report.verdict import FitVerdict
-from symid.robot import Robot
+from symid.robot import Robot, name_for_commands
 
 if TYPE_CHECKING:
     from symid.dynamics import Payload, PayloadQuantity
@@ -154,7 +154,7 @@ def write_check_page(path: Path, robot: Robot, checked: "LogsCheck") -> Path:
     command = [
         "symid",
         "identify",
-        str(robot.path or robot.name),
+        name_for_commands(robot),
         *(e.recording.source for e in checked.logs),
     ]
     page = _build_page(
@@ -228,7 +228,7 @@ def write_excitation_page(path: Path, robot: Robot, found: "OptimisedExcitation"
         more=("== Search ==", starts),
         notices=found.notices,
         next_step=(
-            f"symid simulate {shlex.quote(str(robot.path or robot.name))} --trajectory FILE.csv -o log.npz",
+            f"symid simulate {shlex.quote(name_for_commands(robot))} --trajectory TRAJECTORY -o log.npz",
             "Simulate a log of it, or run it on the robot",
         ),
     )

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
         list_robots as list_robots,
         load_robot as load_robot,
         locate_robot_file as locate_robot_file,
+        name_for_commands as name_for_commands,
         override_robot as override_robot,
         override_settings as override_settings,
     )

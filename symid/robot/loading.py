@@ -91,6 +91,17 @@ def locate_robot_file(name_or_path: str) -> Path:
     raise UsageError(Notice(code="usage.unknown-robot", text=_explain_missing_file(path)))
 
 
+def name_for_commands(robot: Robot) -> str:
+    """Return what a command line calls a robot: its name where that finds its file, else the file."""
+    if not robot.path:
+        return robot.name
+    path = Path(robot.path)
+    stem = path.name.removesuffix(_SUFFIX)
+    candidates = (folder / f"{stem}{_SUFFIX}" for folder in _list_robot_folders())
+    first = next(filter(_is_file, candidates), None)
+    return stem if first is not None and first.resolve() == path.resolve() else robot.path
+
+
 def _is_file(path: Path) -> bool:
     # Path.is_file fails on names that are longer than a file system takes.
     return os.path.isfile(path)  # noqa: PTH113

@@ -13,7 +13,7 @@ import symid
 from symid.errors import Notice
 from symid.report.drawings import draw_log, draw_robot, place_arm
 from symid.report.result_pages import judge_check, judge_comparison, judge_payload
-from symid.robot import load_robot
+from symid.robot import load_robot, name_for_commands
 
 
 @pytest.fixture(scope="module")
@@ -37,6 +37,13 @@ def read_page(path):
     return {unescape(what): unescape(value) for what, value in numbers}, text
 
 
+def test_commands_name_the_file_of_a_robot_of_ones_own(tmp_path, robot):
+    own = tmp_path / "two_link.toml"
+    own.write_bytes(robot.path.read_bytes())
+    assert name_for_commands(load_robot(str(own))) == str(own)
+    assert name_for_commands(load_robot("two_link")) == "two_link"
+
+
 def test_a_checked_log_has_a_page(robot, log, tmp_path):
     found = robot.check(log)
     numbers, text = read_page(found.report(tmp_path / "check.html"))
@@ -45,6 +52,9 @@ def test_a_checked_log_has_a_page(robot, log, tmp_path):
     assert numbers["parameters identifiable"] == f"{good} of {len(plain['parameters'])}"
     assert float(numbers["condition number (column-scaled)"]) == pytest.approx(plain["condition"], rel=0.05)
     assert '<section class="verdict good"' in text
+    assert "symid identify two_link " in unescape(text), (
+        "a robot that comes with symid is named, not its file"
+    )
     # Without a log the page has the robot alone.
     numbers, text = read_page(robot.check().report(tmp_path / "robot.html"))
     assert numbers == {}
