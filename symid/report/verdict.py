@@ -387,9 +387,9 @@ def _judge_parameters(
 def _find_uncertain(parameters: Sequence[ParameterEstimate]) -> tuple[list[str], list[str]]:
     """Return which parameters are uncertain, and which are zero within small deviations.
 
-    A value that does not differ significantly from zero has no relative deviation. Its deviation is compared with the
-    largest significant value of the same unit at the same joint: MY of a link with MX, XY with XX. What is
-    small beside it is known to be small; where there is none, nothing is known.
+    A value that does not differ significantly from zero has no relative deviation. Its deviation is compared
+    with the largest significant value of the same unit at the same joint: MY of a link with MX, XY with XX.
+    What is small beside it is known to be small; where there is none, nothing is known.
     """
     largest: dict[tuple[str, str], float] = {}
     for entry in parameters:
