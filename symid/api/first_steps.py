@@ -3,6 +3,7 @@
 Nothing -> `Doctor`; folder -> `DemoResult`, with code, logs, estimate, robot file and report in the folder.
 """
 
+import contextlib
 import os
 import platform
 import shutil
@@ -75,17 +76,28 @@ def check_installation() -> Iterator[InstallationFinding]:
     remedy = "" if make else "install make, to build generated folders and run their self-test"
     yield InstallationFinding("make", make or "none", remedy, needed=False)
     folder = locate_cache_folder()
-    entries = [path for path in folder.iterdir() if path.is_dir()] if folder.is_dir() else []
-    size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) if entries else 0
+    entries, size = _measure_cache(folder)
     existing = next((path for path in (folder, *folder.parents) if path.exists()), folder)
     remedy = "" if os.access(existing, os.W_OK) else "make it writable, or set XDG_CACHE_HOME"
-    yield InstallationFinding("cache", f"{folder}: {len(entries)} libraries, {size / 1e6:.1f} MB", remedy)
+    yield InstallationFinding("cache", f"{folder}: {entries} libraries, {size / 1e6:.1f} MB", remedy)
     for name in ("robots", "templates"):
         try:
             found, remedy = str(locate_resource_folder(name)), ""
         except SymidError:
             found, remedy = "missing", "install symid again"
         yield InstallationFinding(name, found, remedy)
+
+
+def _measure_cache(folder: Path) -> tuple[int, int]:
+    """Return the number of libraries in a cache, and the bytes of its files."""
+    size = 0
+    # Other processes may take entries away at any time: what has gone counts nothing.
+    for place, _, names in os.walk(folder):
+        for name in names:
+            with contextlib.suppress(FileNotFoundError):
+                size += Path(place, name).lstat().st_size
+    _, entries, _ = next(os.walk(folder), ("", [], []))
+    return sum(not name.startswith(".") for name in entries), size
 
 
 @final

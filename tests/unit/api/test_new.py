@@ -1,5 +1,8 @@
 """A new robot file from Python: numbers and names in any form, refusals, and what is written."""
 
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -74,3 +77,20 @@ def test_doctor_tells_what_is_missing(monkeypatch):
     assert "pip install no-such-package-here" in found.errors[0].text
     assert any(notice.text.startswith("make: none") for notice in found.notices)
     assert not found.accepted
+
+
+def test_entries_that_go_while_doctor_counts_them_are_left_out(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    for name in ("going", "staying", ".new-half"):
+        (tmp_path / "symid" / name).mkdir(parents=True)
+        (tmp_path / "symid" / name / "library.so").write_bytes(bytes(10**6))
+    original = Path.lstat
+
+    def lstat(path):
+        if path.parent.name == "going":
+            shutil.rmtree(path.parent, ignore_errors=True)
+        return original(path)
+
+    monkeypatch.setattr(Path, "lstat", lstat)
+    (found,) = (entry.found for entry in symid.doctor().findings if entry.name == "cache")
+    assert found.endswith("1 libraries, 2.0 MB")
