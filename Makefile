@@ -10,7 +10,12 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
+PIP := $(BIN)/python -m pip --disable-pip-version-check
+# Every file that is installed has the hash that its lock names; `make locks` writes the locks.
+LOCKS := .ci/locks
+INSTALL := $(PIP) install --quiet --no-deps --require-hashes --requirement
+# symid itself is built by what is installed: nothing is downloaded that no lock names.
+ITSELF := $(PIP) install --quiet --no-deps --no-build-isolation --editable .
 DEMO := demo
 WORKERS ?= 2
 FUZZ_SECONDS ?= 600
@@ -21,28 +26,36 @@ PYTEST := OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest
 EMBEDDED := gcc:gcc clang:clang cppcheck:cppcheck arm-none-eabi-gcc:gcc-arm-none-eabi qemu-system-arm:qemu-system-arm
 
 .DEFAULT_GOAL := help
-.PHONY: help demo study test test-slow test-browser browser-packages test-embedded test-fuzz embedded-packages lint docs wheel wheel-twice materials benchmark clean
+.PHONY: help demo study test test-slow test-browser browser-packages test-embedded test-fuzz embedded-packages lint docs wheel wheel-twice materials locks audit benchmark clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
-	@echo "make lint, test-slow, docs, wheel, wheel-twice, materials, benchmark, embedded-packages, browser-packages, clean"
+	@echo "make lint, test-slow, docs, wheel, wheel-twice, materials, locks, audit, benchmark, embedded-packages, browser-packages, clean"
 
 $(VENV)/made:
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "symid needs Python 3.11 or later, set PYTHON")'
 	$(PYTHON) -m venv $(VENV)
 	@touch $@
 
-$(VENV)/core: $(VENV)/made pyproject.toml constraints.txt
-	$(INSTALL) --editable .
+$(VENV)/core: $(VENV)/made pyproject.toml $(LOCKS)/core.txt
+	$(INSTALL) $(LOCKS)/core.txt
+	$(ITSELF)
 	@touch $@
 
-$(VENV)/dev: $(VENV)/made pyproject.toml constraints.txt
-	$(INSTALL) --editable '.[dev]'
+$(VENV)/dev: $(VENV)/made pyproject.toml $(LOCKS)/dev.txt
+	$(INSTALL) $(LOCKS)/dev.txt
+	$(ITSELF)
 	@touch $@ $(VENV)/core
 
-$(VENV)/docs: $(VENV)/made pyproject.toml constraints.txt
-	$(INSTALL) --editable '.[docs]'
+$(VENV)/docs: $(VENV)/made pyproject.toml $(LOCKS)/docs.txt
+	$(INSTALL) $(LOCKS)/docs.txt
+	$(ITSELF)
 	@touch $@ $(VENV)/core
+
+# For `make locks` and `make audit`.
+$(VENV)/tools: $(VENV)/made $(LOCKS)/tools.txt
+	$(INSTALL) $(LOCKS)/tools.txt
+	@touch $@
 
 demo: $(VENV)/core
 	$(BIN)/symid demo --output $(DEMO) --force
@@ -76,20 +89,20 @@ test-embedded: $(VENV)/dev
 		echo "test-embedded wants programs that are not here; as root: apt-get install --no-install-recommends $$missing"; \
 		exit 1; \
 	fi
-	$(PYTEST) -m embedded --numprocesses $(WORKERS) tests/embedded
+	$(PYTEST) -m embedded --numprocesses $(WORKERS) --dist loadgroup tests/embedded
 
 # What test-browser still wants of Debian; nothing if it is there.
 browser-packages:
 	@command -v chromium >/dev/null || command -v chromium-browser >/dev/null || command -v google-chrome >/dev/null || echo chromium
 
 # axe-core, the rules for pages that everybody can read, comes with this package; of the package itself nothing is used.
-$(VENV)/axe: $(VENV)/dev
-	$(INSTALL) --no-deps axe-playwright-python==0.1.8
+$(VENV)/axe: $(VENV)/dev $(LOCKS)/axe.txt
+	$(INSTALL) $(LOCKS)/axe.txt
 	@touch $@
 
 # Without atheris, which not every machine has a wheel of, inputs are changed at random.
 test-fuzz: $(VENV)/dev
-	-$(INSTALL) atheris
+	-$(PIP) install --quiet atheris
 	OMP_NUM_THREADS=1 $(BIN)/python tests/fuzz/readers.py --seconds $(FUZZ_SECONDS) $(FUZZ_READERS)
 
 # Pages are opened, moved, dragged and printed; what they show is compared with the library.
@@ -105,17 +118,27 @@ test-browser: $(VENV)/dev
 docs: $(VENV)/docs
 	$(BIN)/sphinx-build -W --keep-going -b html docs docs/_build/html
 
-wheel: $(VENV)/made
-	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
+wheel: $(VENV)/core
+	$(PIP) wheel --quiet --no-deps --no-build-isolation --wheel-dir dist .
 
 # The same bytes twice, from two copies of the source, and what they need as CycloneDX.
 wheel-twice: wheel
 	@rm -rf build/again && mkdir -p build/again && git archive HEAD | tar -x -C build/again
 	@rm -rf build/first && mkdir -p build/first && git archive HEAD | tar -x -C build/first
-	@for copy in first again; do $(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps \
+	@for copy in first again; do $(PIP) wheel --quiet --no-deps --no-build-isolation \
 		--wheel-dir build/$$copy/dist build/$$copy; done
 	cmp build/first/dist/*.whl build/again/dist/*.whl
 	@sha256sum build/first/dist/*.whl
+
+# Versions and hashes of all that the environments are made from, for every Python that symid supports.
+locks: $(VENV)/tools
+	$(BIN)/python .ci/locks.py
+
+# Asks PyPI for advisories on all that is locked; what cannot be asked is an error, too.
+audit: $(VENV)/tools
+	@for lock in $(LOCKS)/*.txt; do \
+		echo "$$lock"; $(BIN)/pip-audit --strict --disable-pip --require-hashes --requirement $$lock || exit 1; \
+	done
 
 materials: $(VENV)/core
 	@mkdir -p dist

@@ -17,6 +17,7 @@ def read(name):
     return (PROJECT / name).read_text(encoding="utf-8")
 
 
+LOCKS = sorted((PROJECT / ".ci" / "locks").glob("*.txt"))
 MATERIALS = runpy.run_path(str(PROJECT / ".ci" / "materials.py"))
 IMPORTED = ("hdf5", "parquet", "ros", "cluster", "questions", "xacro")
 """Extras that users install; the others are of tests and documentation, or of other programs."""
@@ -60,9 +61,36 @@ def test_files_that_the_guide_names_are_there():
     assert [name for name in named if not (PROJECT / name).exists()] == []
 
 
-def test_what_builds_the_package_is_pinned():
-    pinned = dict(line.split("==") for line in read("constraints.txt").splitlines() if "==" in line)
-    assert SETTINGS["build-system"]["requires"] == [f"hatchling=={pinned['hatchling']}"]
+def read_lock(name):
+    """Return version and hashes of each package of a lock; a line says no more than that."""
+    found = {}
+    text = read(f".ci/locks/{name}.txt").replace("\\\n", "")
+    for line in filter(None, (line for line in text.splitlines() if not line.startswith("#"))):
+        package, version, rest = re.fullmatch(
+            r"([\w.-]+)==(\S+)(?: ; [^#]*?)?((?: +--hash=\S+)+)", line
+        ).groups()
+        found[MATERIALS["normalise"](package)] = (version, tuple(rest.split()))
+    return found
+
+
+def test_locks_name_all_that_environments_need_in_one_version_with_hashes():
+    project, locks = SETTINGS["project"], {path.stem: read_lock(path.stem) for path in LOCKS}
+    assert {"core", "dev", "docs"} < set(locks)
+    for name, lock in locks.items():
+        assert all(
+            re.fullmatch(r"--hash=sha256:[0-9a-f]{64}", entry) for _, kept in lock.values() for entry in kept
+        )
+        assert {
+            package: lock[package]
+            for package in lock
+            if locks["dev"].get(package, lock[package]) != lock[package]
+        } == {}, name
+    for name, extras in {"core": (), "dev": ("dev", "docs"), "docs": ("docs",)}.items():
+        wanted = [*project["dependencies"], *SETTINGS["build-system"]["requires"]]
+        wanted += [line for extra in extras for line in project["optional-dependencies"][extra]]
+        direct = {MATERIALS["normalise"](re.match(r"[\w.-]+", line).group()) for line in wanted}
+        assert direct - set(locks[name]) == set(), "run `make locks`"
+    assert SETTINGS["build-system"]["requires"] == [f"hatchling=={locks['core']['hatchling'][0]}"]
 
 
 def test_the_workflow_runs_what_runs_here():

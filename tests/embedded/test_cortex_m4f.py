@@ -12,6 +12,7 @@ from tests.embedded.tools import (
     build_image,
     compile_object,
     find_tool,
+    keep_object,
     read_sizes,
     read_undefined,
     run_command,
@@ -30,9 +31,9 @@ each_source = with_folders(("panda",), ("float",))
 
 
 @with_folders(("panda", "two_link_elastic", "two_arms"), ("float",))
-def test_no_object_holds_a_double(folder, tmp_path):
+def test_no_object_holds_a_double(folder):
     for source in folder.library:
-        target = compile_object(CORTEX_M4F, source, tmp_path / f"{source.stem}.o")
+        target = keep_object(CORTEX_M4F, source)
         own = {name for name in read_undefined(target) if name.startswith(folder.prefix)}
         assert read_undefined(target) - own <= FLOAT_MATH, source.name
         text = run_command(find_tool("arm-none-eabi-objdump"), "-d", target)
@@ -112,7 +113,7 @@ def test_instructions_and_stack_of_a_call(folder, tmp_path, figure, name):
     image = build_image(CORTEX_M4F, [source, tmp_path / "main.c"], folder.path, tmp_path / "image.elf")
     depths = [int(line) for line in run_image(CORTEX_M4F, image, tmp_path).split()]
     symbols = read_sizes(image)
-    ours = read_sizes(compile_object(CORTEX_M4F, source, tmp_path / "x.o"))
+    ours = read_sizes(keep_object(CORTEX_M4F, source))
     trace = trace_image(CORTEX_M4F, image, tmp_path)
     assert count_calls(trace, symbols, "meter_block") == [{"meter_block": 101}]
     calls = count_calls(trace, symbols, f"{folder.prefix}_{name}")

@@ -17,6 +17,7 @@ __all__ = [
     "build_image",
     "compile_object",
     "find_tool",
+    "keep_object",
     "read_sizes",
     "read_undefined",
     "run_command",
@@ -87,12 +88,21 @@ def compile_object(board: Board, source: Path, target: Path, *options: str) -> P
     return target
 
 
+def keep_object(board: Board, source: Path) -> Path:
+    """Return the object of a source of a generated folder, compiled once for all programs around it."""
+    place = source.parent.with_name(f"{source.parent.name}_{board.name}")
+    place.mkdir(exist_ok=True)
+    target = place / f"{source.stem}.o"
+    return target if target.exists() else compile_object(board, source, target)
+
+
 def build_image(board: Board, sources: Sequence[Path], include: Path, target: Path, *options: str) -> Path:
     """Return a program that the board can start: generated sources and a `main`."""
     compiler = find_tool("arm-none-eabi-gcc")
     common = ("-std=c99", "-O2", *board.flags, *options, f"-I{include}")
     ends = (BOARD / "startup.c", "-T", BOARD / "mps2.ld", "--specs=rdimon.specs", "-lm")
-    run_command(compiler, *common, *sources, *ends, "-o", target)
+    parts = [keep_object(board, path) if path.parent == include else path for path in sources]
+    run_command(compiler, *common, *parts, *ends, "-o", target)
     return target
 
 
