@@ -89,7 +89,7 @@ test-embedded: $(VENV)/dev
 		echo "test-embedded wants programs that are not here; as root: apt-get install --no-install-recommends $$missing"; \
 		exit 1; \
 	fi
-	$(PYTEST) -m embedded --numprocesses $(WORKERS) --dist loadgroup tests/embedded
+	$(PYTEST) -m embedded --numprocesses $(WORKERS) tests/embedded
 
 # What test-browser still wants of Debian; nothing if it is there.
 browser-packages:

@@ -344,11 +344,7 @@ def demo(
     code = robot.write("c", place / "code", force=True)
     runs, logs = _simulate_logs(robot, place, seed)
     training = [logs[name] for name in _TRAINING]
-    fits = {
-        method: fit
-        for method in _METHODS
-        if isinstance(fit := robot.identify(training, method=method), ElasticFit)
-    }
+    fits = _identify_by_methods(robot, training)
     deviations = {method: _compute_errors(robot, fit, runs[_HELD_OUT]) for method, fit in fits.items()}
     estimate = fits[_AUTOMATIC].save(place / "estimate.json")
     export_fit(robot.description, estimate, place / "identified.toml", accept=True, progress=progress)
@@ -415,6 +411,26 @@ def _simulate_logs(
         (recording,) = observe_runs(runs, (name,), SensorCondition.NOISY, seed)
         logs[name] = read_log(write_recording(recording, folder / file, robot.description), robot)
     return runs, logs
+
+
+def _identify_by_methods(robot: RobotModel, logs: "Sequence[Log]") -> dict[str, ElasticFit]:
+    """Return what `robot.identify` gives by each method; the equations are built once."""
+    from symid.identification import IdentifyTask, prepare_elastic_methods
+
+    recordings = [log.recording for log in logs]
+    identify = prepare_elastic_methods(robot.description, recordings, IdentifyTask(), robot.context)
+    fits = {}
+    for method in _METHODS:
+        found = identify(method)
+        extra = {"backend": found.backend}
+        fits[method] = ElasticFit(
+            estimate=found.estimate,
+            model=robot,
+            remarks=found.notices,
+            extra=extra,
+            alignment=found.alignment,
+        )
+    return fits
 
 
 def _compute_errors(robot: RobotModel, fit: ElasticFit, held_out: "ElasticRun") -> DemoErrors:

@@ -326,13 +326,24 @@ def _identify_elastic(
     robot: Robot, recordings: Sequence[Recording], method: str, task: IdentifyTask, context: TaskContext
 ) -> Identification[ElasticEstimate]:
     """Return dynamics, friction and springs; delay and offsets of the link encoders are taken out first."""
-    from symid.identification.elastic import identify_elastic
+    if task.method is None and task.options is not None:
+        method = task.options.method
+    return prepare_elastic_methods(robot, recordings, task, context)(method)
+
+
+def prepare_elastic_methods(
+    robot: Robot, recordings: Sequence[Recording], task: IdentifyTask, context: TaskContext
+) -> Callable[[str], Identification[ElasticEstimate]]:
+    """Return what identifies by a method of a name; logs are aligned and equations built once for all.
+
+    The robot has elastic joints and its logs have both positions; the method of the task does not count.
+    Errors are those of `identify_robot`.
+    """
+    from symid.identification.elastic import prepare_methods
 
     given = {name: value for name, value in task.elastic.items() if value is not None}
     if "thresholds" in given:
         given["stops"] = given.pop("thresholds")
-    if task.method is not None or task.options is None:
-        given["method"] = method
     options = replace(task.options or ElasticOptions(), **given)  # type: ignore[arg-type]  # checked by the record
     ready = _prepare_elastic(robot, recordings, options, task.pairs, context)
     options = ready.options
@@ -342,29 +353,21 @@ def _identify_elastic(
 
         options = replace(options, known=name_known_dynamics(task.known, robot, ready.library))
     echo = {**describe_settings(robot), **describe_digests(ready.cut), **describe_runs(ready.cut)}
-    found = identify_elastic(ready.library, ready.moved, options, echo=echo)
-    estimate = replace(found, notices=(*found.notices, *warn_of_rotors(found.parameters)))
-    estimate = replace(estimate, drawn=robot.made_from is not None)
-    return Identification(
-        estimate=estimate,
-        notices=(*ready.notices, *estimate.notices),
-        backend=ready.library.backend,
-        alignment=ready.alignment,
-    )
+    by_method = prepare_methods(ready.library, ready.moved, options, echo=echo)
 
+    def identify(method: str) -> Identification[ElasticEstimate]:
+        _tell_method(robot, ready, method, context)
+        found = by_method(method)
+        estimate = replace(found, notices=(*found.notices, *warn_of_rotors(found.parameters)))
+        estimate = replace(estimate, drawn=robot.made_from is not None)
+        return Identification(
+            estimate=estimate,
+            notices=(*ready.notices, *estimate.notices),
+            backend=ready.library.backend,
+            alignment=ready.alignment,
+        )
 
-def prepare_elastic_methods(
-    robot: Robot, recordings: Sequence[Recording], context: TaskContext
-) -> Callable[[str], ElasticEstimate]:
-    """Return what identifies by a method of a name, with the options of a user who gives none.
-
-    Equations are built once for all methods. The robot has elastic joints and its logs have both
-    positions; else, errors are those of `identify_robot`.
-    """
-    from symid.identification.elastic import prepare_methods
-
-    ready = _prepare_elastic(robot, recordings, ElasticOptions(), (), context)
-    return prepare_methods(ready.library, ready.moved, ready.options)
+    return identify
 
 
 class _ElasticInput(NamedTuple):
@@ -399,10 +402,13 @@ def _prepare_elastic(
         *describe_states(robot, None),
     )
     moved, alignment, aligned = prepare_aligned(library, cut)
-    context.progress(f"identifying {robot.name} from {_count_logs(moved)} by the method {options.method!r}")
     unused = list_unused_settings(robot, "elastic")
     notices = (*unused, *warnings, *library.notices, *aligned)
     return _ElasticInput(library, options, cut, moved, alignment, notices)
+
+
+def _tell_method(robot: Robot, ready: _ElasticInput, method: str, context: TaskContext) -> None:
+    context.progress(f"identifying {robot.name} from {_count_logs(ready.moved)} by the method {method!r}")
 
 
 def build_elastic_graph(
@@ -422,6 +428,7 @@ def build_elastic_graph(
     refuse_known_payloads(recordings, "a robot with elastic joints")
     choose_route(robot, recordings, method="nlp", elastic={}, rigid=())
     ready = _prepare_elastic(robot, recordings, replace(options, method="nlp"), pairs, context)
+    _tell_method(robot, ready, "nlp", context)
     return build_one_shot(ready.library, ready.moved, ready.options), ready.notices
 
 

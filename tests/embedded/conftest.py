@@ -3,17 +3,24 @@
 What a test measured is printed at the end of the run: see `figure`.
 """
 
+import os
+import shutil
+import tempfile
 from collections.abc import Callable
 
 import pytest
 
 from tests.embedded.sources import Folder, Sources
+from tests.embedded.tools import OBJECTS
 
 
 def pytest_configure(config):
     config.addinivalue_line(
         "markers", "embedded: other compilers and boards; `make test-embedded` runs these"
     )
+    if not hasattr(config, "workerinput"):
+        os.environ[OBJECTS] = folder = tempfile.mkdtemp(prefix="symid-test-objects-")
+        config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
 
 
 def pytest_ignore_collect(config):

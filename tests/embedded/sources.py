@@ -59,11 +59,7 @@ def with_folders(
     """
     cases = list(product(robots, precisions, ("own",)))
     cases += product(robots if library is None else library, precisions, ("library",))
-    # What one folder's tests compile is kept, if they run in one process.
-    marked = [
-        pytest.param(case, id="-".join(case), marks=pytest.mark.xdist_group("-".join(case))) for case in cases
-    ]
-    return pytest.mark.parametrize("folder", marked, indirect=True)
+    return pytest.mark.parametrize("folder", cases, indirect=True, ids=map("-".join, cases))
 
 
 @dataclass

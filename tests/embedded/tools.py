@@ -1,5 +1,7 @@
 """Compilers and boards: run a program, build for a Cortex-M, run the result in QEMU, look into an object."""
 
+import hashlib
+import os
 import re
 import shutil
 import subprocess
@@ -12,6 +14,7 @@ import pytest
 __all__ = [
     "CORTEX_M4F",
     "CORTEX_M7",
+    "OBJECTS",
     "STRICT",
     "Board",
     "build_image",
@@ -38,6 +41,8 @@ PACKAGES = {
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion")
 STRICT += ("-Wmissing-prototypes", "-Wshadow", "-Werror")
 LONGEST = 1200
+OBJECTS = "SYMID_TEST_OBJECTS"
+"""Variable of the environment with the folder of objects that all processes of a run share."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,11 +94,15 @@ def compile_object(board: Board, source: Path, target: Path, *options: str) -> P
 
 
 def keep_object(board: Board, source: Path) -> Path:
-    """Return the object of a source of a generated folder, compiled once for all programs around it."""
-    place = source.parent.with_name(f"{source.parent.name}_{board.name}")
-    place.mkdir(exist_ok=True)
-    target = place / f"{source.stem}.o"
-    return target if target.exists() else compile_object(board, source, target)
+    """Return the object of a source of a generated folder, compiled once for all tests of a run."""
+    read = (source, *sorted(source.parent.glob("*.h")))
+    key = hashlib.sha256(b"".join(path.read_bytes() for path in read)).hexdigest()
+    target = Path(os.environ[OBJECTS]) / f"{board.name}-{key}.o"
+    if not target.exists():
+        # Another process may be at it, too.
+        compile_object(board, source, made := target.with_suffix(f".{os.getpid()}"))
+        made.rename(target)
+    return target
 
 
 def build_image(board: Board, sources: Sequence[Path], include: Path, target: Path, *options: str) -> Path:
