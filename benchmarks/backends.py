@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from symid.codegen.cache import prepare_library
-from symid.identification.elastic.identify import identify_elastic
+from symid.identification.elastic.identify import prepare_methods
+from symid.identification.elastic.options import ElasticOptions
 from symid.identification.rigid.fit import identify_parameters
 from symid.logs.reader import read_recording
 from symid.robot.loading import locate_robot_file
@@ -114,7 +115,12 @@ def show_elastic():
     libraries = load(robot)
     runs = simulate_runs(robot, libraries["c"], SensorCondition.NOISY, LOGS)
     recordings = observe_runs(runs, LOGS, SensorCondition.NOISY, 0)
-    show_fits("elastic arm, all methods, s", libraries, lambda library: identify_elastic(library, recordings))
+    options = ElasticOptions()
+    show_fits(
+        "elastic arm, all methods, s",
+        libraries,
+        lambda library: prepare_methods(library, recordings, options)(options.method),
+    )
 
 
 def main() -> None:

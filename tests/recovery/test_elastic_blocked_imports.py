@@ -23,7 +23,7 @@ sys.meta_path.insert(0, Block())
 import numpy as np
 from symid.codegen.cache import prepare_library
 from symid.logs.recording import Recording
-from symid.identification.elastic.identify import identify_elastic
+from symid.identification.elastic.identify import prepare_methods
 from symid.identification.elastic.options import ElasticOptions
 from symid.robot.toml_reader import read_robot
 from symid.identification.stored import read_fit, write_fit
@@ -31,7 +31,7 @@ from symid.identification.stored import read_fit, write_fit
 library = prepare_library(read_robot(Path(sys.argv[1])))
 data = np.load(sys.argv[2])
 log = Recording(**{name: data[name] for name in ("time", "position", "motor_position", "torque")})
-estimate = identify_elastic(library, [log], ElasticOptions(method="weighted"))
+estimate = prepare_methods(library, [log], ElasticOptions())("weighted")
 path = write_fit(estimate, Path(sys.argv[3]))
 assert read_fit(path, library.card) == estimate
 errors = [abs(p.value / p.truth - 1.0) for p in estimate.parameters if abs(p.truth) > 1e-9]

@@ -17,7 +17,7 @@ from symid.excitation.trajectories import (
     scale_trajectory,
 )
 from symid.identification.elastic.elimination import get_wide_cutoff
-from symid.identification.elastic.identify import identify_elastic, warn_of_fit
+from symid.identification.elastic.identify import warn_of_fit
 from symid.identification.elastic.methods import (
     AUTOMATIC_METHODS,
     FOLDS,
@@ -41,6 +41,7 @@ from symid.simulation.elastic_experiment import (
     observe,
     simulate_elastic,
 )
+from tests.elastic_fits import identify_elastic
 from tests.recovery.elastic_runs import find_error, find_truth, prepare_arm, run_arm
 
 

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 import symid
-from symid.identification.elastic import ElasticOptions, identify_elastic
+from symid.identification.elastic import ElasticOptions
 from symid.identification.elastic.effects import _build_rows, _measure_values, measure_effects
 from symid.identification.elastic.regression import DriveEffect, correct_torque, prepare_elastic_signals
 from symid.joint_models import run_element
+from tests.elastic_fits import identify_elastic
 from tests.recovery.elastic_runs import prepare_arm, run_arm
 
 BENCH = """

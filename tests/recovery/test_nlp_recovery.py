@@ -10,7 +10,6 @@ from symid.codegen.cache import prepare_library
 from symid.errors import UsageError
 from symid.excitation.trajectories import build_tc
 from symid.identification.elastic.elimination import fit_elimination
-from symid.identification.elastic.identify import identify_elastic
 from symid.identification.elastic.nlp import (
     NlpPlace,
     compute_certificate,
@@ -30,6 +29,7 @@ from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque, com
 from symid.robot.toml_reader import read_robot
 from symid.simulation.elastic_experiment import build_clean_options, build_noisy_options, simulate_elastic
 from symid.study.elastic_methods import get_true_parameters
+from tests.elastic_fits import identify_elastic
 from tests.recovery.random_starts import draw_start, is_same, optimise_from_many
 
 TRUE_PLACES = {

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     )
     from symid.identification.elastic.identify import (
         build_one_shot as build_one_shot,
-        identify_elastic as identify_elastic,
         prepare_methods as prepare_methods,
     )
     from symid.identification.elastic.methods import (

@@ -186,7 +186,7 @@ _FELT = 0.01
 
 
 def _check_recordings(library: Library, recordings: Sequence[Recording]) -> Mapping[int, Notice]:
-    """Return, by joint, why its torsion cannot be used; for raised errors see `identify_elastic`."""
+    """Return, by joint, why its torsion cannot be used; for raised errors see `prepare_methods`."""
     card = library.card
     if not any(card.yielding):
         text = (
@@ -360,28 +360,6 @@ def _warn_of_springs(work: ElasticEquations, fit: MethodFit, refused: Collection
                 yield Notice(code="elastic.unsettled", text=text)
 
 
-def identify_elastic(
-    library: Library,
-    recordings: Sequence[Recording],
-    options: ElasticOptions | None = None,
-    *,
-    echo: Mapping[str, object] | None = None,
-) -> ElasticEstimate:
-    """Return dynamics, friction and springs that explain the recordings best.
-
-    `recordings` are one or more, each with the positions of motors and links; `echo` are further settings to
-    keep with the result.
-
-    Raises:
-        UsageError: the robot is not elastic, no recording is given, or windows or thresholds do not fit.
-        LogError: a recording lacks an encoder, has another number of joints, is too short or uneven.
-        IdentifiabilityError: nothing moves, no torque is measured, a motor's encoder never changes, all
-            torsions are below the noise of the encoders, or no spring explains any joint's torque.
-    """
-    options = options or ElasticOptions()
-    return prepare_methods(library, recordings, options, echo=echo)(options.method)
-
-
 def prepare_methods(
     library: Library,
     recordings: Sequence[Recording],
@@ -391,7 +369,14 @@ def prepare_methods(
 ) -> Callable[[str], ElasticEstimate]:
     """Return what identifies by a method of a name: equations are built, and every method fitted, once.
 
-    Arguments and errors are those of `identify_elastic`; the method of the options does not count.
+    `recordings` are one or more, each with the positions of motors and links; `echo` are further settings to
+    keep with the result. The method of the options does not count.
+
+    Raises:
+        UsageError: the robot is not elastic, no recording is given, or windows or thresholds do not fit.
+        LogError: a recording lacks an encoder, has another number of joints, is too short or uneven.
+        IdentifiabilityError: nothing moves, no torque is measured, a motor's encoder never changes, all
+            torsions are below the noise of the encoders, or no spring explains any joint's torque.
     """
     hidden = _check_recordings(library, recordings)
     work = build_elastic_equations(library, _fill_loads(library, recordings, options), options)
@@ -534,7 +519,7 @@ def build_one_shot(library: Library, recordings: Sequence[Recording], options: E
     """Return the one-shot problem of the recordings as expressions, starting at its own optimum.
 
     Raises:
-        UsageError, LogError, IdentifiabilityError: as `identify_elastic`, apart from springs without effect.
+        UsageError, LogError, IdentifiabilityError: as `prepare_methods`, apart from springs without effect.
     """
     from symid.identification.elastic.nlp import build_nlp_graph
 

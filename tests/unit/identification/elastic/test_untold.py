@@ -9,7 +9,6 @@ import pytest
 from symid.cli.main import run
 from symid.errors import EstimateError
 from symid.identification.elastic.estimate import name_friction
-from symid.identification.elastic.identify import identify_elastic
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.regression import solve_with_signs
 from symid.identification.elastic.uncertainty import (
@@ -21,6 +20,7 @@ from symid.identification.stored import read_fit, write_fit
 from symid.joint_models import FrictionValues, list_value_names
 from symid.robot.toml_reader import read_robot
 from symid.robot.toml_settings import describe_settings
+from tests.elastic_fits import identify_elastic
 from tests.friction_forms import OLD_NAMES
 from tests.recovery.elastic_runs import prepare_arm, run_arm
 
