@@ -61,6 +61,7 @@ from symid.report.pages import (
     show_refused,
     tabulate_groupings,
     tabulate_parameters,
+    write_unit,
 )
 from symid.report.verdict import QUANTITIES, judge_friction, judge_identification
 
@@ -166,16 +167,17 @@ def _find_worst(validations: Sequence[Validation]) -> Validation | None:
 def _list_tried(worst: Validation) -> list[tuple[str, str]]:
     joint = max(worst.residual, key=lambda entry: entry.relative_percent)
     what = f"of the {QUANTITIES[worst.rows]} unexplained in the held-out log"
-    return [
-        (format_percent(worst.mean_relative_percent), what),
-        (format_percent(joint.relative_percent), f"of it at most, at {joint.joint}"),
-    ]
+    found = [(format_percent(worst.mean_relative_percent), what)]
+    if len(worst.residual) == 1:
+        return [*found, (f"{format_digits(joint.std)} {write_unit(joint.unit)}", "RMS of it")]
+    return [*found, (format_percent(joint.relative_percent), f"of it at most, at {joint.joint}")]
 
 
 def _draw_worst(worst: Validation) -> Drawing:
     joint = max(worst.residual, key=lambda entry: entry.relative_percent).joint
     series = next((entry for entry in worst.series if entry.joint == joint), worst.series[0])
-    question = f"Does it predict motions that it was not fitted to? {joint}, the joint with most left."
+    most = f" {joint}, the joint with most left." if len(worst.series) > 1 else ""
+    question = f"Does it predict motions that it was not fitted to?{most}"
     return draw_prediction(series, worst.rows, question)
 
 
@@ -386,14 +388,17 @@ def _draw_profiles(entry: JointProfiles) -> Iterator[Drawing]:
 def _show_log(validation: Validation) -> Iterator[Block]:
     caption = "A log of the fit: this is no test." if validation.fitted else "Held out: not used in the fit."
     mean = f"Mean over joints of the relative residual: {validation.mean_relative_percent:.4f} %"
-    yield f"== {'Log of the fit' if validation.fitted else 'Held-out log'} {validation.source} =="
-    yield show_residual(validation.residual, f"{caption} {mean}")
-    yield from (draw_prediction(series, validation.rows) for series in validation.series)
+    name = Path(validation.source).name
+    yield f"== {'Log of the fit' if validation.fitted else 'Held-out log'} {name} =="
+    yield show_residual(validation.residual, f"{validation.source}. {caption} {mean}")
+    # The figure of one joint leads the page.
+    shown = validation.series if len(validation.series) > 1 or validation.fitted else ()
+    yield from (draw_prediction(series, validation.rows) for series in shown)
 
 
 def _show_errors(validation: Validation) -> Iterator[Block]:
     """Yield the residual of a log: by phases of motion, over time, and its distribution."""
-    yield f"== Residual of {validation.source} =="
+    yield f"== Residual of {Path(validation.source).name} =="
     yield from show_motion(validation.motion)
     if validation.scoring:
         yield f"{_capitalise(show_all_rows(validation))}."
@@ -557,10 +562,10 @@ def _list_left(entry: JointFriction) -> list[tuple[str, str]]:
     if trial is None:
         text = f"of the torque unexplained in the logs of the fit, {where}"
         found = [(format_percent(entry.residual.relative_percent), text)]
-        return [*found, (f"{format_digits(entry.residual.std)} {entry.unit}", "RMS of it")]
+        return [*found, (f"{format_digits(entry.residual.std)} {write_unit(entry.unit)}", "RMS of it")]
     found = [(format_percent(_find_left(entry)), f"of the torque unexplained in held-out blocks, {where}")]
     rms = trial.held_rms
-    return found if rms is None else [*found, (f"{format_digits(rms)} {entry.unit}", "RMS of it")]
+    return found if rms is None else [*found, (f"{format_digits(rms)} {write_unit(entry.unit)}", "RMS of it")]
 
 
 def _show_joint(entry: JointFriction, *, led: bool) -> Iterator[Block]:

@@ -597,7 +597,7 @@ def judge_friction(found: FrictionIdentification, validations: Sequence[Validati
         level = "usable"
         headline += f" The held-out residual is {max(ratios):.2g} times that of the fit."
     if held_out:
-        text = f"{percent:.3g} % of the torque is left unexplained in a held-out log, on the mean of the joints"
+        text = f"{percent:.3g} % of the torque is left unexplained in a held-out log (mean of joints)"
         headline = f"{headline} {text}."
     caps: Caps = _find_lost([entry.residual for entry in found.joints], _OWN)
     worst = max(entry.residual.relative_percent for entry in found.joints)
@@ -605,6 +605,10 @@ def judge_friction(found: FrictionIdentification, validations: Sequence[Validati
         where = " in the logs of the fit" if held_out else ""
         caps.append((_rate(worst), f"{worst:.3g} % of a torque is left unexplained{where}"))
     caps += _list_validation_caps(held_out)
+    below = [entry.joint for entry in found.joints if _falls_to_rest(entry)]
+    if below:
+        text = "friction falls towards rest, where a Stribeck law has it rise"
+        caps.append(("usable", f"the static excess of {', '.join(below)} is negative: {text}"))
     lost = [f"{name} of {entry.joint}" for entry in found.joints for name, _ in entry.estimate.refused]
     if lost:
         caps.append(("usable", f"not identifiable from these logs: {', '.join(lost)}"))
@@ -613,6 +617,12 @@ def judge_friction(found: FrictionIdentification, validations: Sequence[Validati
     details += [f"{name}: {reason}." for name, reason in found.refused]
     details += [_FITTED] if len(held_out) < len(validations) else []
     return _limit(level, headline, details, caps)
+
+
+def _falls_to_rest(entry: JointFriction) -> bool:
+    """Return whether a law has less friction at rest than Coulomb's, beyond its deviation."""
+    parameters = entry.estimate.parameters
+    return any(one.name == "fE" and one.value < -SIGNIFICANT * one.std for one in parameters)
 
 
 def _judge_law(entry: JointFriction) -> tuple[str, float | None]:
