@@ -18,6 +18,7 @@ from symid.api.result import Result
 from symid.errors import Notice
 
 if TYPE_CHECKING:
+    from symid.api.hysteresis import ElementFit
     from symid.api.robot import RobotModel
     from symid.arrays import FloatArray
     from symid.dynamics import Payload, PayloadQuantity
@@ -108,6 +109,21 @@ def load_stiffness(path: str | PathLike[str]) -> Stiffness:
 
     found = read_stiffness(Path(fspath(path)))
     return Stiffness(estimate=found, notices=found.notices)
+
+
+def load_other(path: str | PathLike[str]) -> "Stiffness | ElementFit | None":
+    """Return the stiffness of joints, or the element with hysteresis, that a file holds; None of others.
+
+    Raises:
+        EstimateError: it is one of them with mistakes; all are named.
+    """
+    from symid.api import hysteresis
+    from symid.identification import is_stiffness
+
+    file = Path(fspath(path))
+    if is_stiffness(file):
+        return load_stiffness(file)
+    return hysteresis.load(file) if hysteresis.is_saved(file) else None
 
 
 PayloadRows = Literal["torque", "momentum"]

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 import symid
-from symid.api import ElasticFit, Precision, RigidFit, compare_fit, export_fit
+from symid.api import ElasticFit, Precision, RigidFit, compare_fit, export_fit, load_other
 from symid.cli.call import Answer, Console, make_answer
 from symid.cli.options import (
     NamedRobot,
@@ -219,7 +219,7 @@ def report_command(
         )
         raise UsageError(Notice(code="usage.no-validation", text=text))
     check_output(output, force=force, inputs=(estimate, *logs))
-    other = _load_other(estimate)
+    other = load_other(estimate)
     if other is not None:
         asked = {"--validation": logs, "--diagnose": diagnose}
         given = [name for name, value in asked.items() if value]
@@ -236,15 +236,6 @@ def report_command(
     return make_answer(
         fit.report(output, validation=logs, test=test or None, settings=settings, diagnose=diagnose)
     )
-
-
-def _load_other(file: Path) -> Any:  # noqa: ANN401  all that can report
-    """Return the stiffness of joints, or the element, that a file holds; None of other files."""
-    from symid.identification import is_stiffness
-
-    if is_stiffness(file):
-        return symid.load_stiffness(file)
-    return symid.hysteresis.load(file) if symid.hysteresis.is_saved(file) else None
 
 
 @verb("export")

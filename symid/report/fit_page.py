@@ -52,7 +52,7 @@ from symid.report.verdict import (
     judge_friction,
     judge_identification,
 )
-from symid.robot import Robot
+from symid.robot import Robot, list_robots, name_for_commands
 
 _MOST_PARAMETERS = 12
 """Parameters in the figure of the least certain ones."""
@@ -165,7 +165,8 @@ def _suggest_step(
     file: str,
 ) -> tuple[str, str]:
     """Return the command that an expert would type after this verdict, and what for."""
-    robot = str(known[0].path) if known is not None and known[0].path else estimate.robot
+    named = estimate.robot if estimate.robot in list_robots() else "ROBOT"
+    robot = named if known is None else name_for_commands(known[0])
     if verdict.level in {"wrong", "doubtful"}:
         return shlex.join(["symid", "check", robot, *estimate.sources]), "Look for the cause"
     if all(entry.fitted for entry in tried):

@@ -269,7 +269,9 @@ def format_pair(value: float, std: float) -> str:
     size = math.floor(math.log10(max(abs(value), std)))
     power = size if decimals > _MOST_DECIMALS or size > _MOST_DECIMALS else 0
     scale, decimals = 10.0**power, max(decimals + power, 0)
-    text = f"{value / scale:.{decimals}f} \N{PLUS-MINUS SIGN} {std / scale:.{decimals}f}"
+    shown = f"{value / scale:.{decimals}f}"
+    shown = shown if float(shown) else shown.removeprefix("-")
+    text = f"{shown} \N{PLUS-MINUS SIGN} {std / scale:.{decimals}f}"
     text = f"({text})\N{MULTIPLICATION SIGN}10{str(power).translate(SUPERSCRIPT)}" if power else text
     return write_minus(text)
 

@@ -366,6 +366,8 @@ def _judge_parameters(
         if zero:
             details.append(f"Near zero, within {SIGNIFICANT:g} standard deviations: {', '.join(zero)}.")
     known = [entry for entry in parameters if entry.truth is not None]
+    # What makes a simulation states all values: a file with masses alone has those of a drawing.
+    drawn = drawn or len(known) < len(parameters)
     if known:
         far = [entry.name for entry in known if not entry.near_truth]
         kind = "values of the robot file" if drawn else "true values"

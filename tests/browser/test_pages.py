@@ -62,15 +62,45 @@ def folder(tmp_path_factory, held_out):
     return folder
 
 
+@pytest.fixture(scope="session")
+def recorded(tmp_path_factory, shared_data):
+    """Write the pages of recordings of real robots, with parts or logs that were held out."""
+    folder, data = tmp_path_factory.mktemp("recorded"), shared_data
+    emps, published = symid.load("emps", settings="published"), {"settings": "published"}
+    log, pulses = data / "emps" / "DATA_EMPS.mat", data / "emps" / "DATA_EMPS_PULSES.mat"
+    emps.identify(log).report(folder / "emps.html", validation=pulses, **published)
+    law = emps.identify_friction(log, model="asymmetric-stribeck")
+    law.report(folder / "emps_friction.html", validation=pulses, **published)
+    runs = [data / "kr300" / f"run_{name}.npz" for name in "abc"]
+    fit = symid.load("kr300").identify(runs[:2], estimator="wls")
+    fit.report(folder / "kr300.html", validation=runs[2])
+    log = data / "tx40" / "tx40.npz"
+    fit = symid.load("tx40").identify(log, estimator="wls", train="0:60%")
+    fit.report(folder / "tx40.html", validation=log, test="60%:")
+    return folder
+
+
+@pytest.fixture
+def get_page(request):
+    """Return the path of a page; those of recordings are made when one of them is asked for."""
+
+    def get(name):
+        return request.getfixturevalue("recorded" if name in RECORDED else "folder") / f"{name}.html"
+
+    return get
+
+
+RECORDED = ("emps", "emps_friction", "kr300", "tx40")
 PAGES = (
+    *RECORDED,
     *("held_out", "comparison", "check", "robot", "excitation", "payload", "stiffness", "elastic"),
     *("hysteresis", "rigid_1", "elastic_1", "friction_1"),
 )
 
 
 @pytest.mark.parametrize("name", PAGES)
-def test_a_page_fits_a_desk_and_a_telephone(browser, folder, name):
-    path = folder / f"{name}.html"
+def test_a_page_fits_a_desk_and_a_telephone(browser, get_page, name):
+    path = get_page(name)
     assert path.stat().st_size < 1.5e6
     for width, dark in ((1280, False), (400, True), (400, False), (1280, True)):
         browser.size(width, 900, dark=dark)
@@ -170,9 +200,9 @@ def test_figures_are_complete_without_the_script(browser, folder):
 
 
 @pytest.mark.parametrize("name", PAGES)
-def test_nothing_is_cut_off_on_paper(browser, folder, name):
+def test_nothing_is_cut_off_on_paper(browser, get_page, name):
     browser.size(A4[0] - 98, A4[1])
-    browser.open(folder / f"{name}.html")
+    browser.open(get_page(name))
     browser.call("Emulation.setEmulatedMedia", media="print")
     try:
         assert browser.run(WIDE) == []
@@ -186,9 +216,9 @@ def test_nothing_is_cut_off_on_paper(browser, folder, name):
 
 
 @pytest.mark.parametrize("name", PAGES)
-def test_screen_readers_and_keyboards_reach_everything(browser, folder, name):
+def test_screen_readers_and_keyboards_reach_everything(browser, get_page, name):
     for width, dark in ((1280, False), (400, True)):
         browser.size(width, 900, dark=dark)
-        browser.open(folder / f"{name}.html")
+        browser.open(get_page(name))
         browser.run("document.querySelectorAll('details').forEach((x) => { x.open = true })")
         assert list_findings(browser) == []
