@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 R = TypeVar("R")
 _AUTO = BACKENDS[0]
+_Item = shell_completion.CompletionItem
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -234,13 +235,10 @@ def robot_option(meaning: str, default: str | None = None) -> Decorator:
     return add_options(named, backend_option, *_CUTS, _name_robot)
 
 
-def _complete_robot(
-    _: click.Context, __: click.Parameter, incomplete: str
-) -> list[shell_completion.CompletionItem]:
+def _complete_robot(_: click.Context, __: click.Parameter, incomplete: str) -> list[_Item]:
     """Return the robots whose names begin so, and that files fit too."""
     names = [name for name in symid.list_robots() if name.startswith(incomplete)]
-    item = shell_completion.CompletionItem
-    return [item(incomplete, type="file"), *map(item, names)]
+    return [_Item(incomplete, type="file"), *map(_Item, names)]
 
 
 def _name_robot(function: Callable[..., R]) -> Callable[..., R]:

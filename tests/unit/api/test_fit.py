@@ -158,8 +158,9 @@ def test_figures_are_drawn_into_axes_of_ones_own(fit, logs):
     (values,) = (args for name, args, _ in one.calls if name == "plot")
     assert sorted(values[0]) == sorted(entry.relative_std_percent for entry in fit.parameters)
     for other in (1, [], "ax", [one, 1]):
-        with pytest.raises(symid.UsageError, match=r"expected axes of matplotlib"):
+        with pytest.raises(symid.UsageError, match=r"expected axes of matplotlib") as caught:
             fit.plot(ax=other)
+        assert caught.value.notices[0].code == "usage.axes"
 
 
 def test_matplotlib_draws_them(fit, logs):
