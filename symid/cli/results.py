@@ -221,8 +221,7 @@ def report_command(
     check_output(output, force=force, inputs=(estimate, *logs))
     other = load_other(estimate)
     if other is not None:
-        asked = {"--validation": logs, "--diagnose": diagnose}
-        given = [name for name, value in asked.items() if value]
+        given = ["--validation"] * bool(logs) + ["--diagnose"] * diagnose
         if given:
             text = f"{', '.join(given)} needs an estimate of dynamics or friction; leave it out"
             raise UsageError(Notice(code="usage.no-validation", text=text, file=str(estimate)))

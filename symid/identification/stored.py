@@ -162,7 +162,9 @@ def read_stiffness(path: Path) -> StiffnessEstimate:
     found = _read_one(StiffnessEstimate, path, _read_format(path, _STIFFNESS, "stiffness").get("record"))
     alignment, runs, joints = found.alignment, len(found.alignment.sources), len(found.joints)
     vectors = ("delays", "delay_stds", "explained", "residual", "present")
-    shapes = [(name, getattr(alignment, name).shape, (joints,)) for name in vectors]
+    shapes: list[tuple[str, object, object]] = [
+        (name, getattr(alignment, name).shape, (joints,)) for name in vectors
+    ]
     shapes += [(name, getattr(alignment, name).shape, (runs, joints)) for name in ("offsets", "offset_stds")]
     shapes += [
         (entry.joint, part.shape, (runs,)) for entry in found.joints for part in (entry.runs, entry.run_stds)

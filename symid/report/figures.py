@@ -351,8 +351,8 @@ def _build_figure(
     # A script reads time and values from the points: hundredths of the unit of the drawing, and the axes.
     live = labels[0] == TIME and not frame.y.logarithmic
     if live:
-        ends = (frame.left, frame.top, frame.right, frame.bottom)
-        ends += (frame.x.low, frame.x.high, frame.y.low, frame.y.high)
+        sides = (frame.left, frame.top, frame.right, frame.bottom)
+        ends = (*sides, frame.x.low, frame.x.high, frame.y.low, frame.y.high)
         unit = labels[1].partition("(")[2].removesuffix(")")
         more = f' data-frame="{" ".join(f"{end:.10g}" for end in ends)}" data-unit="{escape(unit)}"'
     for line in lines:
