@@ -69,6 +69,8 @@ _CANDIDATES = 15
 """Settings that are listed."""
 UNTESTED = "No held-out log was given: the model is untested. Validate it on another motion (`--validation`)."
 _POINTS = 400
+_FLAT = 1.01
+"""Ratio of objectives up to which a search has nothing to show."""
 _STILL = 1e-3
 """Speed of the slowest row over the fastest up to which rows reach standstill."""
 _TRIALS = (
@@ -600,11 +602,11 @@ def _show_search(entry: JointFriction) -> Iterator[Block]:
         yield from ("=== Poses of the other joints ===", f"{_capitalise(entry.poses.verdict)}.")
         yield from show_poses(entry.poses)
     history = [value for value in estimate.history if value > 0.0]
-    if len(history) >= 3:
+    if len(history) >= 3 and max(history) > _FLAT * min(history):
         number, markers = np.arange(float(len(history))), len(history) < 40
         line = Line("objective", "final", number, np.array(history), markers)
         yield build_line_figure(
-            "The search: least objective after each iteration or generation.",
+            "Did the search settle? Least objective after each iteration or generation.",
             ("iteration or generation", f"objective (({entry.unit})²)"),
             (line,),
             logarithmic=True,
