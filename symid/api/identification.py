@@ -95,6 +95,9 @@ class Stiffness(Result):
 def load_stiffness(path: str | PathLike[str]) -> Stiffness:
     """Return the stiffness of joints that `Stiffness.save` or `symid identify --method stiffness -o` wrote.
 
+    Args:
+        path: of the file.
+
     Raises:
         EstimateError: there is no such file, or it holds something else; it names all mistakes.
 
