@@ -200,7 +200,7 @@ class ElementFit(JudgedResult):
         return write_element(self.record, Path(fspath(path)), verdict=report.describe_verdict(self.verdict))
 
     def plot(self, ax: object = None) -> Figures:
-        """Return figures: loops, time, residuals, energy of cycles, branches; `ax`: axes of matplotlib to use."""
+        """Return figures: loops, time, residuals, energy of cycles, branches; in axes `ax` of matplotlib."""
         return Figures(drawings=report.draw_element(self.record)).draw(ax)
 
     def report(self, path: str | PathLike[str]) -> Path:
