@@ -2,12 +2,14 @@
 
 from dataclasses import fields
 from functools import cache
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+FloatMatrix = Annotated[FloatArray, "matrix"]
+"""The same of rows and columns: of a field that is read from a file."""
 
 
 def freeze(values: object) -> FloatArray:
@@ -45,4 +47,6 @@ def freeze_fields(record: object) -> None:
 
 @cache
 def _list_array_fields(kind: Any) -> tuple[str, ...]:  # noqa: ANN401  (a dataclass)
-    return tuple(field.name for field in fields(kind) if field.type in (FloatArray, FloatArray | None))
+    return tuple(
+        field.name for field in fields(kind) if field.type in (FloatArray, FloatMatrix, FloatArray | None)
+    )

@@ -128,7 +128,8 @@ def read_record(kind: type[Record], value: object, where: str = "", *, complete:
 
     Fields may be text, one of given words, numbers (null is read as infinite, and refused for `Finite`; a
     number that floats do not hold is refused), booleans, enumerations, dataclasses or one of several, tuples,
-    float64 vectors, mappings (as they are), and each of these or None; those with a default may be missing.
+    float64 or boolean vectors, `FloatMatrix`, mappings (as they are), and each of these or None; those with a
+    default may be missing.
 
     Args:
         kind: its annotations are read where it was defined.
@@ -208,7 +209,7 @@ def _is_unicode(text: str) -> bool:
 def _read(kind: Any, value: object, where: str, *, complete: bool = False) -> object:  # noqa: ANN401
     """Return `value`, as JSON has it, as the type `kind`."""
     arguments, origin = get_args(kind), get_origin(kind) or kind
-    if origin is Annotated:
+    if origin is Annotated and arguments[0] is float:
         return float(_expect(value, (float, int), where))
     if origin in {Union, UnionType}:
         return _read_choice(arguments, value, where, complete=complete)
@@ -220,11 +221,8 @@ def _read(kind: Any, value: object, where: str, *, complete: bool = False) -> ob
         return read_record(kind, value, where, complete=complete)
     if origin is tuple:
         return _read_tuple(arguments, value, where, complete=complete)
-    if origin.__name__ == "ndarray":
-        import numpy as np
-
-        numbers = [_read(float, entry, where) for entry in _expect(value, (list,), where)]
-        return np.array(numbers, dtype=np.float64)
+    if origin is Annotated or origin.__name__ == "ndarray":
+        return _read_array(arguments, value, where)
     if issubclass(origin, Mapping):
         return _expect(value, (dict,), where)
     if issubclass(origin, Enum):
@@ -235,6 +233,19 @@ def _read(kind: Any, value: object, where: str, *, complete: bool = False) -> ob
     if origin is float:
         return math.inf if value is None else float(_expect(value, (float, int), where))
     return _expect(value, (origin,), where)
+
+
+def _read_array(arguments: tuple[Any, ...], value: object, where: str) -> object:
+    import numpy as np
+
+    rows = _expect(value, (list,), where)
+    if len(arguments) > 1 and arguments[1] == "matrix":
+        numbers = [[_read(float, entry, where) for entry in _expect(row, (list,), where)] for row in rows]
+        if len(set(map(len, numbers))) > 1:
+            raise _refuse(_place(where, "rows of different lengths"))
+        return np.array(numbers, dtype=np.float64)
+    kind = bool if get_args(arguments[1])[0] is np.bool_ else float
+    return np.array([_read(kind, entry, where) for entry in rows], dtype=kind)
 
 
 def _read_tuple(

@@ -38,6 +38,8 @@ if TYPE_CHECKING:
         PayloadResult as PayloadResult,
         PayloadRows as PayloadRows,
         Stiffness as Stiffness,
+        load_other as load_other,
+        load_stiffness as load_stiffness,
     )
     from symid.api.log import (
         Log as Log,

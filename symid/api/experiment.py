@@ -108,9 +108,9 @@ class ExcitedTrajectory(Result):
         """Return positions and velocities over time, and the used part of each limit."""
         return self.plot().drawings
 
-    def plot(self) -> Figures:
-        """Return these figures, which show themselves in a notebook; `.save(path)` writes SVG or HTML."""
-        return Figures(drawings=report.draw_excitation(self.product, self.robot))
+    def plot(self, ax: object = None) -> Figures:
+        """Return these figures; `.save(path)` writes SVG or HTML, `ax` are axes of matplotlib to use."""
+        return Figures(drawings=report.draw_excitation(self.product, self.robot)).draw(ax)
 
     def summarise(self) -> str:
         """Return the robot, the series and its condition number."""

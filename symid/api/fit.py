@@ -150,9 +150,9 @@ class Fit(JudgedResult):
         """Return the least certain parameters; of elastic joints the springs, of friction its curves."""
         return self.plot().drawings
 
-    def plot(self) -> Figures:
-        """Return these figures, which show themselves in a notebook; `.save(path)` writes them as SVG."""
-        return Figures(drawings=report.draw_fit(self.product))
+    def plot(self, ax: object = None) -> Figures:
+        """Return these figures; `.save(path)` writes SVG or HTML, `ax` are axes of matplotlib to use."""
+        return Figures(drawings=report.draw_fit(self.product)).draw(ax)
 
     def __len__(self) -> int:
         """Return the number of identified parameters."""

@@ -199,9 +199,9 @@ class ElementFit(JudgedResult):
         """
         return write_element(self.record, Path(fspath(path)), verdict=report.describe_verdict(self.verdict))
 
-    def plot(self) -> Figures:
-        """Return figures: loops, time, residuals, energy of cycles, branches after reversals."""
-        return Figures(drawings=report.draw_element(self.record))
+    def plot(self, ax: object = None) -> Figures:
+        """Return figures: loops, time, residuals, energy of cycles, branches; in axes `ax` of matplotlib."""
+        return Figures(drawings=report.draw_element(self.record)).draw(ax)
 
     def report(self, path: str | PathLike[str]) -> Path:
         """Write a self-contained HTML page with tables and figures to `path`, and return the path.

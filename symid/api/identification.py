@@ -18,6 +18,7 @@ from symid.api.result import Result
 from symid.errors import Notice
 
 if TYPE_CHECKING:
+    from symid.api.hysteresis import ElementFit
     from symid.api.robot import RobotModel
     from symid.arrays import FloatArray
     from symid.dynamics import Payload, PayloadQuantity
@@ -59,16 +60,15 @@ class Stiffness(Result):
         return {entry.joint: entry for entry in self.estimate.joints}
 
     def save(self, path: str | PathLike[str]) -> Path:
-        """Write the result to `path` as JSON and return the path.
+        """Write the result to `path` as JSON and return the path; `symid.load_stiffness` reads it back.
 
         Raises:
             OutputError: the file cannot be written.
         """
-        from symid.environment import write_file
-        from symid.serialization import write_json
+        from symid.identification import write_stiffness
 
         file = Path(fspath(path))
-        return write_file(file, write_json({**self.to_dict(), "file": file}))
+        return write_stiffness(self.estimate, file, {**self.to_dict(), "file": file})
 
     def report(self, path: str | PathLike[str]) -> Path:
         """Write a self-contained HTML page to `path`, and return the path.
@@ -90,6 +90,43 @@ class Stiffness(Result):
     def to_dict(self) -> dict[str, object]:
         """Return delay, offsets and stiffness in plain types."""
         return report.describe_stiffness(self.estimate)
+
+
+def load_stiffness(path: str | PathLike[str]) -> Stiffness:
+    """Return the stiffness of joints that `Stiffness.save` or `symid identify --method stiffness -o` wrote.
+
+    Args:
+        path: of the file.
+
+    Raises:
+        EstimateError: there is no such file, or it holds something else; it names all mistakes.
+
+    Example:
+        >>> import symid
+        >>> robot = symid.load("two_link_elastic")
+        >>> found = robot.identify_stiffness(robot.simulate(duration=6.0, seed=1).log)
+        >>> symid.load_stiffness(found.save("stiffness.json")).to_dict() == found.to_dict()
+        True
+    """
+    from symid.identification import read_stiffness
+
+    found = read_stiffness(Path(fspath(path)))
+    return Stiffness(estimate=found, notices=found.notices)
+
+
+def load_other(path: str | PathLike[str]) -> "Stiffness | ElementFit | None":
+    """Return the stiffness of joints, or the element with hysteresis, that a file holds; None of others.
+
+    Raises:
+        EstimateError: it is one of them with mistakes; all are named.
+    """
+    from symid.api import hysteresis
+    from symid.identification import is_stiffness
+
+    file = Path(fspath(path))
+    if is_stiffness(file):
+        return load_stiffness(file)
+    return hysteresis.load(file) if hysteresis.is_saved(file) else None
 
 
 PayloadRows = Literal["torque", "momentum"]

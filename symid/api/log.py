@@ -38,9 +38,9 @@ class Measurements(Result):
         """Return positions and torques over time."""
         return self.plot().drawings
 
-    def plot(self) -> Figures:
-        """Return these figures, which show themselves in a notebook; `.save(path)` writes SVG or HTML."""
-        return Figures(drawings=report.draw_log(self.recording, self.robot))
+    def plot(self, ax: object = None) -> Figures:
+        """Return these figures; `.save(path)` writes SVG or HTML, `ax` are axes of matplotlib to use."""
+        return Figures(drawings=report.draw_log(self.recording, self.robot)).draw(ax)
 
     @property
     def time(self) -> "FloatArray":
@@ -483,9 +483,9 @@ class RobotCheck(Result):
         """Return positions and torques of every log, with what was found marked; else the robot."""
         return self.plot().drawings
 
-    def plot(self) -> Figures:
-        """Return these figures, which show themselves in a notebook; `.save(path)` writes SVG or HTML."""
-        return Figures(drawings=report.draw_check(self.robot, self.product))
+    def plot(self, ax: object = None) -> Figures:
+        """Return these figures; `.save(path)` writes SVG or HTML, `ax` are axes of matplotlib to use."""
+        return Figures(drawings=report.draw_check(self.robot, self.product)).draw(ax)
 
     def summarise(self) -> str:
         """Return the robot and the number of logs."""

@@ -172,6 +172,19 @@ class Figures:
         """Return the figures for a notebook."""
         return report.write_html(self.drawings)
 
+    def draw(self, ax: object) -> "Figures":
+        """Draw the figures into axes of matplotlib, one into each, and return them; None for no axes.
+
+        Args:
+            ax: axes, or several, as `matplotlib.pyplot.subplots` returns them; further figures are left out.
+
+        Raises:
+            UsageError: other axes; the message says what to install.
+        """
+        if ax is not None:
+            report.draw_into(ax, self.drawings)
+        return self
+
     def save(self, path: str | PathLike[str]) -> Path:
         """Write the figures below one another to `path`, .svg or .html, and return the path.
 

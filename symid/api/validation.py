@@ -103,9 +103,9 @@ class LogValidation(JudgedResult):
         """Return measured and predicted torques; for elastic joints hysteresis loops."""
         return self.plot().drawings
 
-    def plot(self) -> Figures:
-        """Return the figures, which show themselves in a notebook; `.save(path)` writes them as SVG."""
-        return Figures(drawings=report.draw_trial(self.product))
+    def plot(self, ax: object = None) -> Figures:
+        """Return the figures; `.save(path)` writes SVG or HTML, `ax` are axes of matplotlib to use."""
+        return Figures(drawings=report.draw_trial(self.product)).draw(ax)
 
 
 @final

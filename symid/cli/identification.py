@@ -200,7 +200,7 @@ def identify_command(
         laws = model.identify_friction(
             logs, estimator=estimator, period=period, known=before, **law, **shared
         )
-        return add_page(_add_tests(answer_saved(laws, output, "result"), laws, tests), laws, page)
+        return _add_tests(answer_saved(laws, output, "result"), laws, tests, page)
     if method == "stiffness":
         others = {"rows": rows, "estimator": estimator, "known": known, "period": period, "test": test}
         rest = _list_given({**others, **rigid, **elastic})
@@ -218,19 +218,19 @@ def identify_command(
     fit = model.identify(
         logs, rows=rows, estimator=estimator, method=method, period=period, **rigid, **elastic, **shared
     )
-    return add_page(_add_tests(answer_saved(fit, output, "estimate"), fit, tests), fit, page)
+    return _add_tests(answer_saved(fit, output, "estimate"), fit, tests, page)
 
 
-def _add_tests(answer: Answer, fit: Fit, tests: Sequence[tuple[Path, str]]) -> Answer:
-    """Return the answer with what the fit predicts of parts of the logs, and new notices."""
+def _add_tests(answer: Answer, fit: Fit, tests: Sequence[tuple[Path, str]], page: Path | None) -> Answer:
+    """Return the answer with what the fit predicts of parts of the logs, new notices, and the page."""
     if not tests:
-        return answer
+        return add_page(answer, fit, page)
     found = [fit.validate(log, test=part) for log, part in tests]
     texts, errors = [entry.to_text() for entry in found], [error for entry in found for error in entry.errors]
     known = {(notice.code, notice.text) for notice in answer.warnings}
     notices = [notice for entry in found for notice in entry.notices]
     new = [notice for notice in notices if (notice.code, notice.text) not in known]
-    return replace(
+    answer = replace(
         answer,
         text="\n\n".join((answer.text, *texts)),
         result={**answer.result, "validations": [entry.to_dict() for entry in found]},
@@ -238,6 +238,8 @@ def _add_tests(answer: Answer, fit: Fit, tests: Sequence[tuple[Path, str]]) -> A
         errors=(*answer.errors, *errors),
         exit_code=answer.exit_code or (1 if errors else 0),
     )
+    logs, parts = zip(*tests, strict=True)
+    return add_page(answer, fit, page, validation=logs, test=parts)
 
 
 def _list_given(options: Mapping[str, object]) -> list[str]:

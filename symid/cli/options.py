@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
+from click import shell_completion
 
 import symid
 from symid.api import BACKENDS
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 R = TypeVar("R")
 _AUTO = BACKENDS[0]
+_Item = shell_completion.CompletionItem
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -176,11 +178,16 @@ def open_option(function: Callable[..., Answer]) -> Callable[..., Answer]:
     return _open_option(call)
 
 
-def add_page(answer: Answer, result: Any, page: Path | None) -> Answer:  # noqa: ANN401  all that can report
-    """Return the answer with the line of a page, which is written if one is asked for."""
+def add_page(
+    answer: Answer,
+    result: Any,  # noqa: ANN401  all that can report
+    page: Path | None,
+    **options: object,
+) -> Answer:
+    """Return the answer with the line of a page, which is written, with `options`, if one is asked for."""
     if page is None:
         return answer
-    found = result.report(page)
+    found = result.report(page, **options)
     text = f"{answer.text}\n\npage: {show_path(getattr(found, 'file', found))}"
     return replace(answer, text=text, result={**answer.result, "page": page})
 
@@ -211,7 +218,8 @@ def robot_argument(*, computes: bool = False) -> Decorator:
         computes: the verb runs the robot's functions, and has --backend.
     """
     taken = add_options(*((backend_option,) if computes else ()), *_CUTS)
-    return lambda function: click.argument("robot")(taken(_name_robot(function)))
+    argument = click.argument("robot", shell_complete=_complete_robot)
+    return lambda function: argument(taken(_name_robot(function)))
 
 
 def robot_option(meaning: str, default: str | None = None) -> Decorator:
@@ -222,8 +230,15 @@ def robot_option(meaning: str, default: str | None = None) -> Decorator:
         default: the default robot; None for none.
     """
     shown = default is not None
-    named = INPUT.option("--robot", meaning, metavar="ROBOT", default=default, show_default=shown)
+    settings = {"show_default": shown, "shell_complete": _complete_robot}
+    named = INPUT.option("--robot", meaning, metavar="ROBOT", default=default, **settings)
     return add_options(named, backend_option, *_CUTS, _name_robot)
+
+
+def _complete_robot(_: click.Context, __: click.Parameter, incomplete: str) -> list[_Item]:
+    """Return the robots whose names begin so, and that files fit too."""
+    names = [name for name in symid.list_robots() if name.startswith(incomplete)]
+    return [_Item(incomplete, type="file"), *map(_Item, names)]
 
 
 def _name_robot(function: Callable[..., R]) -> Callable[..., R]:

@@ -1,13 +1,14 @@
 """The verbs on an estimate: `symid validate`, `symid compare`, `symid report`, `symid export`."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
 import symid
-from symid.api import ElasticFit, Precision, RigidFit, compare_fit, export_fit
+from symid.api import ElasticFit, Precision, RigidFit, compare_fit, export_fit, load_other
 from symid.cli.call import Answer, Console, make_answer
 from symid.cli.options import (
     NamedRobot,
@@ -23,6 +24,7 @@ from symid.cli.options import (
     settings_options,
 )
 from symid.cli.verbs import FILE, INPUT, METHOD, OUTPUT, POSITIVE, PROCESSING, WHOLE, verb
+from symid.environment import show_path
 from symid.errors import Notice, UsageError
 
 
@@ -203,7 +205,8 @@ def report_command(
     """Write one self-contained HTML page: verdict, parameters, measured and predicted torques.
 
     For elastic joints also springs, hysteresis loops and the compared methods; for friction the curves
-    and the compared laws. Exit code 1 if the verdict is wrong; the page is written all the same.
+    and the compared laws. ESTIMATE may also be of `identify --method stiffness` or of `hysteresis`.
+    Exit code 1 if the verdict is wrong; the page is written all the same.
     """
     # A diagnosis reads the logs of the fit as the fit did.
     named, single = "settings" in settings, settings.keys() - {"settings"}
@@ -216,6 +219,16 @@ def report_command(
         )
         raise UsageError(Notice(code="usage.no-validation", text=text))
     check_output(output, force=force, inputs=(estimate, *logs))
+    other = load_other(estimate)
+    if other is not None:
+        given = ["--validation"] * bool(logs) + ["--diagnose"] * diagnose
+        if given:
+            text = f"{', '.join(given)} needs an estimate of dynamics or friction; leave it out"
+            raise UsageError(Notice(code="usage.no-validation", text=text, file=str(estimate)))
+        written = add_page(make_answer(other), other, output)
+        return replace(
+            written, text=f"report: {show_path(output)}", result={**written.result, "file": output}
+        )
     fit = symid.load_fit(estimate, None if robot is None else robot.load(console), progress=console.progress)
     if logs or diagnose:
         check_output(output, force=True, inputs=(fit.robot.path,))

@@ -49,12 +49,15 @@ if TYPE_CHECKING:
     from symid.identification.stored import (
         GivenResult as GivenResult,
         is_element as is_element,
+        is_stiffness as is_stiffness,
         read_dynamics as read_dynamics,
         read_element as read_element,
         read_fit as read_fit,
         read_result as read_result,
+        read_stiffness as read_stiffness,
         write_element as write_element,
         write_fit as write_fit,
+        write_stiffness as write_stiffness,
     )
     from symid.identification.validate import (
         AnyValidation as AnyValidation,

@@ -11,17 +11,18 @@ from collections.abc import Mapping
 from itertools import islice
 from os import PathLike
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from symid.codegen import ModelCard
 from symid.environment import read_file, write_file
 from symid.errors import EstimateError, Notice, SymidError
-from symid.identification.elastic import ElasticEstimate, name_friction
+from symid.identification.elastic import ElasticEstimate, StiffnessEstimate, name_friction
 from symid.identification.estimators import Estimate, FitRecord, check_model
 from symid.identification.friction import FrictionIdentification
 from symid.identification.hysteresis import HysteresisRecord
-from symid.serialization import list_unusable, read_record, write_plain
+from symid.serialization import list_unusable, read_record, write_json, write_plain
 
+Record = TypeVar("Record")
 StoredResult = Estimate | ElasticEstimate | FrictionIdentification
 _FORMAT = "symid fit"
 _VERSION, _READ = 5, (2, 3, 4, 5)
@@ -100,7 +101,7 @@ def read_fit(path: Path, card: ModelCard | None = None) -> StoredResult:
     return record
 
 
-_ELEMENT = "symid element"
+_ELEMENT, _STIFFNESS = "symid element", "symid stiffness"
 
 
 def write_element(
@@ -119,17 +120,60 @@ def read_element(path: Path) -> HysteresisRecord:
     Raises:
         EstimateError: there is no such file, or it holds something else; it names all mistakes.
     """
+    return _read_one(HysteresisRecord, path, _read_format(path, _ELEMENT, "element"))
+
+
+def _read_format(path: Path, name: str, what: str) -> dict[str, Any]:
+    """Return the entries of a file of a format of one kind."""
     data = _read_json(path)
-    if not isinstance(data, dict) or data.get("format") != _ELEMENT or data.get("version") != 1:
-        raise _refuse(path, "this is JSON, but no element written by this symid")
-    body = {key: value for key, value in data.items() if key not in _ABOUT}
+    if not isinstance(data, dict) or data.get("format") != name or data.get("version") != 1:
+        raise _refuse(path, f"this is JSON, but no {what} written by this symid")
+    return {key: value for key, value in data.items() if key not in _ABOUT}
+
+
+def _read_one(kind: type[Record], path: Path, body: object) -> Record:
     mistakes = list(islice(list_unusable(body), _MOST))
     if not mistakes:
         try:
-            return read_record(HysteresisRecord, body, complete=True)
+            return read_record(kind, body, complete=True)
         except SymidError as error:
             mistakes = [notice.text for notice in error.notices]
     raise EstimateError(*(Notice(code="estimate.format", text=text, file=str(path)) for text in mistakes))
+
+
+def write_stiffness(found: StiffnessEstimate, path: Path, described: Mapping[str, object]) -> Path:
+    """Write the stiffness of joints to `path` as JSON and return the path.
+
+    `described` is written for readers of the file, beside the record that `read_stiffness` reads.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    data = {"format": _STIFFNESS, "version": 1, **described, "record": found}
+    return write_file(path, write_json(data) + "\n")
+
+
+def read_stiffness(path: Path) -> StiffnessEstimate:
+    """Return the stiffness of joints stored at `path`.
+
+    Raises:
+        EstimateError: there is no such file, or it holds something else; it names all mistakes.
+    """
+    found = _read_one(StiffnessEstimate, path, _read_format(path, _STIFFNESS, "stiffness").get("record"))
+    alignment, runs, joints = found.alignment, len(found.alignment.sources), len(found.joints)
+    vectors = ("delays", "delay_stds", "explained", "residual", "present")
+    shapes: list[tuple[str, object, object]] = [
+        (name, getattr(alignment, name).shape, (joints,)) for name in vectors
+    ]
+    shapes += [(name, getattr(alignment, name).shape, (runs, joints)) for name in ("offsets", "offset_stds")]
+    shapes += [
+        (entry.joint, part.shape, (runs,)) for entry in found.joints for part in (entry.runs, entry.run_stds)
+    ]
+    wrong = [f"{name}: expected {wanted} numbers, got {got}" for name, got, wanted in shapes if got != wanted]
+    wrong += [f"{entry.joint}: a stiffness of zero" for entry in found.joints if entry.stiffness == 0.0]
+    if wrong:
+        raise EstimateError(*(Notice(code="estimate.format", text=text, file=str(path)) for text in wrong))
+    return found
 
 
 _LARGEST_FILE = 500 * 10**6
@@ -148,6 +192,11 @@ def _name_format(path: Path) -> object:
     except (OSError, ValueError, RecursionError):
         return None
     return data.get("format") if isinstance(data, dict) else None
+
+
+def is_stiffness(path: Path) -> bool:
+    """Return whether `path` holds the stiffness of joints that symid wrote, with mistakes or without."""
+    return _name_format(path) == _STIFFNESS
 
 
 def is_fit(path: Path) -> bool:

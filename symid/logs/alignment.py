@@ -20,7 +20,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, FrozenArrays
+from symid.arrays import FloatArray, FloatMatrix, FrozenArrays
 from symid.errors import LogError, Notice
 from symid.logs.recording import Recording, add_notice, cut_recording
 from symid.logs.signals import describe_uneven, differentiate, low_pass
@@ -108,8 +108,8 @@ class Alignment(FrozenArrays):
     delay_std: float
     delays: FloatArray
     delay_stds: FloatArray
-    offsets: FloatArray
-    offset_stds: FloatArray
+    offsets: FloatMatrix
+    offset_stds: FloatMatrix
     explained: FloatArray
     residual: FloatArray
     present: NDArray[np.bool_]

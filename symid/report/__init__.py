@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from symid.report.axes import draw_into as draw_into
     from symid.report.blocks import (
         Block as Block,
         Drawing as Drawing,

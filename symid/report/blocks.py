@@ -11,7 +11,7 @@ import math
 import re
 import textwrap
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from functools import cache
 from itertools import count, groupby, zip_longest
@@ -162,10 +162,16 @@ def _write_cell(cell: object, kind: str, tag: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """A figure as an `<svg>` element, and what it shows."""
+    """A figure as an `<svg>` element, what it shows, and the values in it where others can draw them."""
 
     svg: str
     caption: str
+    data: object = field(default=None, compare=False, repr=False)
+
+    @property
+    def live(self) -> bool:
+        """Return whether a page's script gives it a cursor and a zoom."""
+        return " data-frame=" in self.svg
 
 
 Block = str | Table | Drawing

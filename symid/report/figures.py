@@ -26,6 +26,8 @@ WIDTH = 560
 """Of a figure: half a page on a desk, the whole of a telephone, where its letters stay legible."""
 _SMALLEST, _LARGEST = 1e-300, 1e300
 """Ends of axes: the least of a logarithmic one, and the greatest. What lies beyond is not in the drawing."""
+TIME = "time (s)"
+"""Label of the axis of figures that have a cursor and a zoom in pages."""
 _RIGHT, _BOTTOM = 14, 46
 _CHARACTER = 7.2
 """Width of a character of the legend on average, in the unit of the drawing."""
@@ -147,6 +149,7 @@ def _draw_axes(frame: PlotArea, labels: tuple[str, str], *, names: bool = False)
         text = format_tick(tick, logarithmic=frame.y.logarithmic)
         parts.append(f'<line class="grid" x1="{left:g}" y1="{y:.1f}" x2="{right:g}" y2="{y:.1f}"/>')
         parts.append(f'<text x="{left - 7:g}" y="{y + 4:.1f}" text-anchor="end">{text}</text>')
+    parts = ['<g class="ticks">', *parts, "</g>"]
     parts.append(f'<path class="axis" d="M{left:g},{top:g}V{bottom:g}H{right:g}"/>')
     places = (
         f'x="{(left + right) / 2:.0f}" y="{frame.height - 8:g}"',
@@ -192,12 +195,14 @@ def format_tick(value: float, *, logarithmic: bool = False) -> str:
     return f"{value:.6g}".replace("-", "\N{MINUS SIGN}") if abs(value) > 1e-300 else "0"
 
 
-def _format_points(x: FloatArray, y: FloatArray) -> str:
-    return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
+def _format_points(x: FloatArray, y: FloatArray, digits: int = 1) -> str:
+    return " ".join(f"{a:.{digits}f},{b:.{digits}f}" for a, b in zip(x, y, strict=True))
 
 
-def _wrap_figure(caption: str, height: float, body: Sequence[str], width: float = WIDTH) -> Drawing:
-    head = f'<svg viewBox="0 0 {width:g} {height:g}" role="img" xmlns="http://www.w3.org/2000/svg">'
+def _wrap_figure(
+    caption: str, height: float, body: Sequence[str], width: float = WIDTH, more: str = ""
+) -> Drawing:
+    head = f'<svg viewBox="0 0 {width:g} {height:g}" role="img" xmlns="http://www.w3.org/2000/svg"{more}>'
     return Drawing(f"{head}<title>{escape(caption)}</title>{''.join(body)}</svg>", caption)
 
 
@@ -342,12 +347,21 @@ def _build_figure(
     """Return a figure with axes and legend; `thin` leaves out points of lines that nobody sees."""
     legend, above = _draw_legend({line.label: line.style for line in lines})
     frame = replace(frame, height=frame.height + above, top=frame.top + above)
-    body = _draw_axes(frame, labels)
+    body, more = _draw_axes(frame, labels), ""
+    # A script reads time and values from the points: hundredths of the unit of the drawing, and the axes.
+    live = labels[0] == TIME and not frame.y.logarithmic
+    if live:
+        sides = (frame.left, frame.top, frame.right, frame.bottom)
+        ends = (*sides, frame.x.low, frame.x.high, frame.y.low, frame.y.high)
+        unit = labels[1].partition("(")[2].removesuffix(")")
+        more = f' data-frame="{" ".join(f"{end:.10g}" for end in ends)}" data-unit="{escape(unit)}"'
     for line in lines:
         x, y = frame.place_x(line.x), frame.place_y(line.y)
         if line.joined:
             x, y = thin(x, y)
-            body.append(f'<polyline class="line {line.style}" points="{_format_points(x, y)}"/>')
+            name = f' data-label="{escape(line.label)}"' if live else ""
+            points = _format_points(x, y, 2 if live else 1)
+            body.append(f'<polyline class="line {line.style}" points="{points}"{name}/>')
         elif not line.markers:
             # One path of lines without length, which round caps make dots.
             path = "".join(f"M{a:.1f},{b:.1f}h0" for a, b in zip(x, y, strict=True))
@@ -357,7 +371,9 @@ def _build_figure(
                 f'<circle class="mark {line.style}" cx="{a:.1f}" cy="{b:.1f}" r="3.2"/>'
                 for a, b in zip(x, y, strict=True)
             ]
-    return _wrap_figure(caption, frame.height, [*body, *legend])
+    found = _wrap_figure(caption, frame.height, [*body, *legend], more=more)
+    data = FigureData(labels=labels, lines=tuple(lines), logarithmic=frame.y.logarithmic)
+    return replace(found, data=data)
 
 
 _LOGARITHMIC_RATIO = 8.0
@@ -372,6 +388,20 @@ class Mark:
     value: float
     text: str = ""
     chosen: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FigureData:
+    """What a figure shows: lines, or marks in rows with a limit; the labels of both axes, with units.
+
+    `logarithmic` is the axis of the values: the vertical one of lines, the horizontal one of marks.
+    """
+
+    labels: tuple[str, str]
+    lines: tuple[Line, ...] = ()
+    marks: tuple[Mark, ...] = ()
+    limit: float | None = None
+    logarithmic: bool = False
 
 
 def build_histogram(caption: str, labels: tuple[str, str], values: FloatArray) -> Drawing:
@@ -440,7 +470,8 @@ def build_mark_figure(
         ]
         if entry.text:
             body.append(f'<text class="{style}" x="{x + 12:.1f}" y="{y + 4:.1f}">{escape(entry.text)}</text>')
-    return _wrap_figure(caption, frame.height, body)
+    data = FigureData(labels=(label, ""), marks=tuple(marks), limit=limit, logarithmic=logarithmic)
+    return replace(_wrap_figure(caption, frame.height, body), data=data)
 
 
 Point = tuple[float, float]

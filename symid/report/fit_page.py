@@ -14,7 +14,7 @@ from typing import Any
 
 from symid.codegen import Library
 from symid.errors import Notice, UsageError
-from symid.identification import TaskContext, diagnose_fit
+from symid.identification import FrictionValidation, TaskContext, diagnose_fit, validate_fit
 from symid.identification.elastic import (
     ElasticEstimate,
     ElasticTrial,
@@ -52,7 +52,7 @@ from symid.report.verdict import (
     judge_friction,
     judge_identification,
 )
-from symid.robot import Robot
+from symid.robot import Robot, list_robots, name_for_commands
 
 _MOST_PARAMETERS = 12
 """Parameters in the figure of the least certain ones."""
@@ -150,13 +150,7 @@ def write_fit_page(
         return _write_rigid_page(path, estimate, known, logs, pairs, test=test, diagnose=diagnose, file=file)
     if isinstance(estimate, ElasticEstimate):
         return _write_elastic_page(path, estimate, known, logs, pairs, test=test, file=file)
-    if logs:
-        text = (
-            "--validation cannot be used with friction: laws are tested on held-out blocks when they are "
-            "chosen (`symid identify --rows friction --model auto`); leave it out"
-        )
-        raise UsageError(Notice(code="usage.friction-validation", text=text))
-    return _write(path, build_friction_page(estimate))
+    return _write_friction_page(path, estimate, known, logs, pairs, test=test, file=file)
 
 
 def _write(path: Path, page: Page, **found: Any) -> WrittenPage:  # noqa: ANN401  fields of the record
@@ -164,14 +158,15 @@ def _write(path: Path, page: Page, **found: Any) -> WrittenPage:  # noqa: ANN401
 
 
 def _suggest_step(
-    estimate: Estimate | ElasticEstimate,
+    estimate: AnyEstimate,
     verdict: FitVerdict,
     tried: Sequence[Validation | ElasticTrial],
     known: tuple[Robot, TaskContext] | None,
     file: str,
 ) -> tuple[str, str]:
     """Return the command that an expert would type after this verdict, and what for."""
-    robot = str(known[0].path) if known is not None and known[0].path else estimate.robot
+    named = estimate.robot if estimate.robot in list_robots() else "ROBOT"
+    robot = named if known is None else name_for_commands(known[0])
     if verdict.level in {"wrong", "doubtful"}:
         return shlex.join(["symid", "check", robot, *estimate.sources]), "Look for the cause"
     if all(entry.fitted for entry in tried):
@@ -283,5 +278,34 @@ def _write_elastic_page(
         path,
         build_elastic_page(estimate, trials, notices, origin, next_step=step),
         sources=tuple(entry.source for entry in trials),
+        notices=notices,
+    )
+
+
+def _write_friction_page(
+    path: Path,
+    found: FrictionIdentification,
+    known: tuple[Robot, TaskContext] | None,
+    logs: Sequence[Path | Recording],
+    pairs: tuple[tuple[str, str], ...],
+    *,
+    test: Sequence[LogPart],
+    file: str,
+) -> WrittenPage:
+    if known is None or not logs:
+        step = _suggest_step(found, judge_friction(found), (), known, file)
+        return _write(path, build_friction_page(found, next_step=step))
+    robot, context = known
+    recordings = take_parts(read_recordings(logs, restore_robot(robot, found, pairs)), test, "--test")
+    tried = [
+        validate_fit(robot, found, recording, context, pairs=pairs, file=file) for recording in recordings
+    ]
+    validations = [entry.validation for entry in tried if isinstance(entry, FrictionValidation)]
+    notices = tuple(dict.fromkeys(notice for entry in tried for notice in entry.notices))
+    step = _suggest_step(found, judge_friction(found, validations), validations, known, file)
+    return _write(
+        path,
+        build_friction_page(found, validations, notices, next_step=step),
+        sources=tuple(entry.source for entry in validations),
         notices=notices,
     )

@@ -10,7 +10,7 @@ identifiability, drift, structure of the residual, measured and predicted torque
 The curve ends at the slowest row, in each direction: an extrapolated band would be too narrow.
 
 Supported: friction laws of the velocity alone; of others the curve at no load, at angle zero.
-Not supported of friction: held-out logs besides the blocks of a choice; the scatter of single rows as a band.
+Not supported of friction: the scatter of single rows as a band.
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,7 +24,7 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.errors import Notice
 from symid.identification.diagnostics import JointProfiles
-from symid.identification.estimators import Estimate, Series, Validation
+from symid.identification.estimators import Estimate, LawTrial, Series, Validation
 from symid.identification.friction import (
     CONFIDENCE,
     FrictionIdentification,
@@ -61,6 +61,7 @@ from symid.report.pages import (
     show_refused,
     tabulate_groupings,
     tabulate_parameters,
+    write_unit,
 )
 from symid.report.verdict import QUANTITIES, judge_friction, judge_identification
 
@@ -68,6 +69,8 @@ _CANDIDATES = 15
 """Settings that are listed."""
 UNTESTED = "No held-out log was given: the model is untested. Validate it on another motion (`--validation`)."
 _POINTS = 400
+_FLAT = 1.01
+"""Ratio of objectives up to which a search has nothing to show."""
 _STILL = 1e-3
 """Speed of the slowest row over the fastest up to which rows reach standstill."""
 _TRIALS = (
@@ -139,16 +142,9 @@ def build_identification_page(
 
 def _list_numbers(estimate: Estimate, validations: Sequence[Validation]) -> list[tuple[str, str]]:
     """Return the numbers that matter: what is left of held-out motions, where most, what is significant."""
-    held_out = [entry for entry in validations if not entry.fitted]
-    evidence, numbers = estimate.evidence, []
-    if held_out:
-        worst = max(held_out, key=lambda entry: entry.mean_relative_percent)
-        joint = max(worst.residual, key=lambda entry: entry.relative_percent)
-        name = QUANTITIES[estimate.rows]
-        numbers += [
-            (format_percent(worst.mean_relative_percent), f"of the {name} unexplained in the held-out log"),
-            (format_percent(joint.relative_percent), f"of it at most, at {joint.joint}"),
-        ]
+    worst, evidence, numbers = _find_worst(validations), estimate.evidence, []
+    if worst is not None:
+        numbers += _list_tried(worst)
     elif evidence is not None:
         part = max(evidence.joints, key=lambda entry: entry.held_out)
         numbers += [
@@ -164,18 +160,34 @@ def _list_numbers(estimate: Estimate, validations: Sequence[Validation]) -> list
     return numbers
 
 
+def _find_worst(validations: Sequence[Validation]) -> Validation | None:
+    """Return the held-out log with most left; None where there is none."""
+    held_out = (entry for entry in validations if not entry.fitted)
+    return max(held_out, key=lambda entry: entry.mean_relative_percent, default=None)
+
+
+def _list_tried(worst: Validation) -> list[tuple[str, str]]:
+    joint = max(worst.residual, key=lambda entry: entry.relative_percent)
+    what = f"of the {QUANTITIES[worst.rows]} unexplained in the held-out log"
+    found = [(format_percent(worst.mean_relative_percent), what)]
+    if len(worst.residual) == 1:
+        return [*found, (f"{format_digits(joint.std)} {write_unit(joint.unit)}", "RMS of it")]
+    return [*found, (format_percent(joint.relative_percent), f"of it at most, at {joint.joint}")]
+
+
+def _draw_worst(worst: Validation) -> Drawing:
+    joint = max(worst.residual, key=lambda entry: entry.relative_percent).joint
+    series = next((entry for entry in worst.series if entry.joint == joint), worst.series[0])
+    most = f" {joint}, the joint with most left." if len(worst.series) > 1 else ""
+    question = f"Does it predict motions that it was not fitted to?{most}"
+    return draw_prediction(series, worst.rows, question)
+
+
 def _draw_lead(estimate: Estimate, validations: Sequence[Validation]) -> Drawing:
     """Return the worst joint of a held-out log, measured and predicted; else what is left joint by joint."""
-    held_out = [entry for entry in validations if not entry.fitted and entry.series]
-    if held_out:
-        worst = max(held_out, key=lambda entry: entry.mean_relative_percent)
-        joint = max(worst.residual, key=lambda entry: entry.relative_percent)
-        series = next((entry for entry in worst.series if entry.joint == joint.joint), worst.series[0])
-        return draw_prediction(
-            series,
-            worst.rows,
-            f"Does it predict motions that it was not fitted to? {series.joint}, the joint with most left.",
-        )
+    worst = _find_worst(validations)
+    if worst is not None and worst.series:
+        return _draw_worst(worst)
     evidence = estimate.evidence
     if evidence is not None:
         pairs = [(entry.joint, entry.held_out) for entry in evidence.joints]
@@ -378,14 +390,17 @@ def _draw_profiles(entry: JointProfiles) -> Iterator[Drawing]:
 def _show_log(validation: Validation) -> Iterator[Block]:
     caption = "A log of the fit: this is no test." if validation.fitted else "Held out: not used in the fit."
     mean = f"Mean over joints of the relative residual: {validation.mean_relative_percent:.4f} %"
-    yield f"== {'Log of the fit' if validation.fitted else 'Held-out log'} {validation.source} =="
-    yield show_residual(validation.residual, f"{caption} {mean}")
-    yield from (draw_prediction(series, validation.rows) for series in validation.series)
+    name = Path(validation.source).name
+    yield f"== {'Log of the fit' if validation.fitted else 'Held-out log'} {name} =="
+    yield show_residual(validation.residual, f"{validation.source}. {caption} {mean}")
+    # The figure of one joint leads the page.
+    shown = validation.series if len(validation.series) > 1 or validation.fitted else ()
+    yield from (draw_prediction(series, validation.rows) for series in shown)
 
 
 def _show_errors(validation: Validation) -> Iterator[Block]:
     """Yield the residual of a log: by phases of motion, over time, and its distribution."""
-    yield f"== Residual of {validation.source} =="
+    yield f"== Residual of {Path(validation.source).name} =="
     yield from show_motion(validation.motion)
     if validation.scoring:
         yield f"{_capitalise(show_all_rows(validation))}."
@@ -415,7 +430,7 @@ def draw_prediction(series: Series, rows: str, caption: str = "") -> Drawing:
 
 
 def _name_quantity(series: Series, rows: str) -> str:
-    return "force" if rows == "torque" and series.unit == "N" else QUANTITIES[rows]
+    return "force" if QUANTITIES[rows] == "torque" and series.unit == "N" else QUANTITIES[rows]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -473,38 +488,94 @@ def build_friction_figure(joint: JointFriction) -> Drawing:
         Line("mean of them", "link", measured.velocity, measured.torque, markers=True, joined=False),
     ]
     return build_curve_figure(
-        f"Friction of {joint.joint} against velocity: measured rows, their means over intervals of velocity, "
-        f"and the law {joint.estimate.law} with its 95 % confidence band.",
+        f"Does the law follow the friction of {joint.joint}? Rows that were measured, their means over "
+        f"intervals of velocity, and the law {joint.estimate.law} with its 95 % confidence band.",
         (f"velocity ({joint.velocity_unit})", f"friction ({joint.unit})"),
         lines,
         height=380.0,
     )
 
 
-def build_friction_page(found: FrictionIdentification) -> Page:
-    """Return all that the page shows."""
+def build_friction_page(
+    found: FrictionIdentification,
+    validations: Sequence[Validation] = (),
+    notices: Sequence[Notice] = (),
+    origin: Sequence[str] = (),
+    **options: Any,  # noqa: ANN401  fields of the page
+) -> Page:
+    """Return all that the page shows.
+
+    Args:
+        found: the laws.
+        validations: what laws and rigid part predict of logs.
+        notices: what else a reader should know.
+        origin: what the page was made from, in short texts.
+        options: further fields of the page.
+    """
     left_out = "\n".join(f"{name}: {reason}" for name, reason in found.refused)
+    tried, first = _find_worst(validations), max(found.joints, key=_find_left)
+    lead = build_friction_figure(first) if tried is None else _draw_worst(tried)
     blocks = (
-        *(block for entry in found.joints for block in _show_joint(entry)),
+        *chain.from_iterable(map(_show_log, validations)),
+        *(
+            block
+            for entry in found.joints
+            for block in _show_joint(entry, led=entry is first and tried is None)
+        ),
         *(("== Joints without a law ==", left_out) if left_out else ()),
     )
-    more = tuple(block for entry in found.joints for block in _show_search(entry))
+    more = (
+        *(block for entry in found.joints for block in _show_search(entry)),
+        *chain.from_iterable(map(_show_errors, validations)),
+    )
+    numbers = _list_left(first) if tried is None else _list_tried(tried)
+    numbers.append(count_significant([one for entry in found.joints for one in entry.estimate.parameters]))
     settings = {"requested law": found.model, "estimator": found.estimator}
     return build_fit_page(
         found,
         subject="identified friction",
-        verdict=judge_friction(found),
+        verdict=judge_friction(found, validations),
+        numbers=numbers,
+        lead=lead,
         blocks=blocks,
         more=more,
         settings=settings,
+        notices=notices,
+        origin=origin,
+        **options,
     )
 
 
-def _show_joint(entry: JointFriction) -> Iterator[Block]:
+def _get_held_out(entry: JointFriction) -> LawTrial | None:
+    """Return what the law of a joint left of held-out blocks, None where there were none."""
+    trials = () if entry.selection is None else entry.selection.trials
+    found = (trial for trial in trials if entry.selection and trial.law == entry.selection.chosen)
+    return next((trial for trial in found if trial.held_percent is not None), None)
+
+
+def _find_left(entry: JointFriction) -> float:
+    trial = _get_held_out(entry)
+    return entry.residual.relative_percent if trial is None else trial.held_percent or 0.0
+
+
+def _list_left(entry: JointFriction) -> list[tuple[str, str]]:
+    """Return what the law of a joint leaves: of held-out blocks where they were compared, else of the fit."""
+    trial, where = _get_held_out(entry), f"at {entry.joint}, the joint with most left"
+    if trial is None:
+        text = f"of the torque unexplained in the logs of the fit, {where}"
+        found = [(format_percent(entry.residual.relative_percent), text)]
+        return [*found, (f"{format_digits(entry.residual.std)} {write_unit(entry.unit)}", "RMS of it")]
+    found = [(format_percent(_find_left(entry)), f"of the torque unexplained in held-out blocks, {where}")]
+    rms = trial.held_rms
+    return found if rms is None else [*found, (f"{format_digits(rms)} {write_unit(entry.unit)}", "RMS of it")]
+
+
+def _show_joint(entry: JointFriction, *, led: bool) -> Iterator[Block]:
+    """Yield the law of a joint; `led` where its figure leads the page."""
     estimate = entry.estimate
     yield f"== {entry.joint}: {estimate.law} =="
     yield f"    {entry.formula}"
-    yield build_friction_figure(entry)
+    yield from () if led else (build_friction_figure(entry),)
     yield tabulate_parameters(estimate.parameters, formulas=False)
     yield from show_refused(estimate.refused)
     yield show_residual((entry.residual,), "Residual of law and rigid part in the logs of the fit.")
@@ -531,11 +602,11 @@ def _show_search(entry: JointFriction) -> Iterator[Block]:
         yield from ("=== Poses of the other joints ===", f"{_capitalise(entry.poses.verdict)}.")
         yield from show_poses(entry.poses)
     history = [value for value in estimate.history if value > 0.0]
-    if len(history) >= 3:
+    if len(history) >= 3 and max(history) > _FLAT * min(history):
         number, markers = np.arange(float(len(history))), len(history) < 40
         line = Line("objective", "final", number, np.array(history), markers)
         yield build_line_figure(
-            "The search: least objective after each iteration or generation.",
+            "Did the search settle? Least objective after each iteration or generation.",
             ("iteration or generation", f"objective (({entry.unit})²)"),
             (line,),
             logarithmic=True,

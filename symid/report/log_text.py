@@ -168,6 +168,11 @@ def describe_excitation(robot: "Robot", found: "OptimisedExcitation", seed: int)
     }
 
 
+def describe_gain(factor: float) -> str:
+    """Return how much smaller a condition number is than that of the best random trajectory."""
+    return f"{factor:.2f} times smaller" if factor >= 1.0 else "no smaller"
+
+
 def show_excitation(found: "OptimisedExcitation") -> tuple[Block, ...]:
     """Return the figures of a trajectory, the part of each limit that it uses, and clearances."""
     shares = {
@@ -181,7 +186,7 @@ def show_excitation(found: "OptimisedExcitation") -> tuple[Block, ...]:
         f"{found.trajectory.source}, {found.trajectory.duration:g} s\n"
         f"condition number of the regressor (column-scaled): {found.condition:.4g}\n"
         f"  best of the random feasible trajectories {found.random_condition:.4g}, their median "
-        f"{found.random_median:.4g}; {found.factor:.2f} times smaller than the best\n"
+        f"{found.random_median:.4g}; {describe_gain(found.factor)} than the best\n"
         f"information per parameter (mean logarithm): {found.information:.4g}, most of the random ones "
         f"{found.random_information:.4g}"
     )

@@ -1,10 +1,10 @@
 """A result as one self-contained HTML file: what the pages of all results share.
 
 Robot, verdict, blocks, settings -> `Page` -> HTML, with every text escaped. Pages print well, follow the
-reader's light or dark setting, suit screen readers, run no scripts and load nothing. The same input gives
-the same bytes.
+reader's light or dark setting, suit screen readers and load nothing; the one script gives figures over time a
+cursor and a zoom, and pages are complete without it. The same input gives the same bytes.
 
-Not supported: more than one robot on a page; interaction.
+Not supported: more than one robot on a page.
 """
 
 import math
@@ -121,7 +121,9 @@ def render_page(page: Page) -> str:
     shown = split_sections(page.blocks, _OWN_ANCHORS)
     taken = (*_OWN_ANCHORS, *(section.anchor for section in shown))
     folded = split_sections(page.more, taken)
-    return build_environment().get_template(TEMPLATE).render(values, shown=shown, folded=folded)
+    blocks = (page.lead, *page.blocks, *page.more)
+    live = any(isinstance(block, Drawing) and block.live for block in blocks)
+    return build_environment().get_template(TEMPLATE).render(values, shown=shown, folded=folded, live=live)
 
 
 _OWN_ANCHORS = ("notices", "settings")
@@ -132,11 +134,14 @@ def write_figures(drawings: Sequence[Drawing]) -> str:
     """Return figures as one self-contained page without anything else."""
     style = "".join(build_environment().get_template(name).render() for name in ("page.css", "figures.css"))
     body = "".join(write_elements([drawing]) for drawing in drawings)
+    live = any(drawing.live for drawing in drawings)
+    script = build_environment().get_template("figures.js").render() if live else ""
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>Figures</title>\n<style>\n{style}</style>\n</head>\n"
-        f'<body>\n<main class="figures" aria-label="Figures">\n{body}\n</main>\n</body>\n</html>\n'
+        f'<body>\n<main class="figures" aria-label="Figures">\n{body}\n</main>\n'
+        f"{f'<script>{chr(10)}{script}</script>{chr(10)}' if live else ''}</body>\n</html>\n"
     )
 
 
@@ -264,7 +269,9 @@ def format_pair(value: float, std: float) -> str:
     size = math.floor(math.log10(max(abs(value), std)))
     power = size if decimals > _MOST_DECIMALS or size > _MOST_DECIMALS else 0
     scale, decimals = 10.0**power, max(decimals + power, 0)
-    text = f"{value / scale:.{decimals}f} \N{PLUS-MINUS SIGN} {std / scale:.{decimals}f}"
+    shown = f"{value / scale:.{decimals}f}"
+    shown = shown if float(shown) else shown.removeprefix("-")
+    text = f"{shown} \N{PLUS-MINUS SIGN} {std / scale:.{decimals}f}"
     text = f"({text})\N{MULTIPLICATION SIGN}10{str(power).translate(SUPERSCRIPT)}" if power else text
     return write_minus(text)
 

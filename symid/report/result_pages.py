@@ -28,7 +28,13 @@ from symid.report.blocks import Block, Drawing, tabulate
 from symid.report.drawings import draw_excitation, draw_log, draw_robot, list_shares
 from symid.report.figures import Line, Mark, build_line_figure, build_mark_figure
 from symid.report.fit_text import show_stiffness
-from symid.report.log_text import show_excitation, show_joints, show_robot_check, summarise_robot
+from symid.report.log_text import (
+    describe_gain,
+    show_excitation,
+    show_joints,
+    show_robot_check,
+    summarise_robot,
+)
 from symid.report.pages import (
     Page,
     count_significant,
@@ -200,7 +206,7 @@ def write_excitation_page(path: Path, robot: Robot, found: "OptimisedExcitation"
     level = "good" if found.condition <= _WELL else "usable" if found.condition <= _ENOUGH else "doubtful"
     said = "All limits are kept" if kept else "A limit is exceeded"
     headline = (
-        f"{said}; the condition number is {found.condition:.4g}, {found.factor:.3g} times smaller than that "
+        f"{said}; the condition number is {found.condition:.4g}, {describe_gain(found.factor)} than that "
         "of the best random trajectory."
     )
     name, most = max(shares, key=lambda entry: entry[1], default=("no limit", 0.0))

@@ -217,7 +217,9 @@ def show_code(made: "GeneratedFolder") -> tuple[Block, ...]:
     ]
     units = ("code and stack in bytes; batches in manifest.json",) if sizes else ()
     springs = tuple(f"spring: {summarise_code(spring)}" for spring in made.springs)
-    return (summarise_code(made), Table(("function", *counted, *measured), rows), *units, *springs)
+    text = "next: README.md says how to use it; symid export ROBOT -o FILE.h writes its parameters"
+    after = (text,) if made.manifest["target"] == "c" else ()
+    return (summarise_code(made), Table(("function", *counted, *measured), rows), *units, *springs, *after)
 
 
 def describe_code(robot: str, made: "GeneratedFolder") -> dict[str, object]:

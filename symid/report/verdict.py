@@ -64,6 +64,7 @@ QUANTITIES = {
     "momentum": "impulse",
     "energy": "work",
     "power": "filtered power",
+    "friction": "torque",
 }
 """What is measured and predicted, by the rows of a fit."""
 _FITTED = "A log given for validation is one of the fit; it does not count as a test."
@@ -365,6 +366,8 @@ def _judge_parameters(
         if zero:
             details.append(f"Near zero, within {SIGNIFICANT:g} standard deviations: {', '.join(zero)}.")
     known = [entry for entry in parameters if entry.truth is not None]
+    # What makes a simulation states all values: a file with masses alone has those of a drawing.
+    drawn = drawn or len(known) < len(parameters)
     if known:
         far = [entry.name for entry in known if not entry.near_truth]
         kind = "values of the robot file" if drawn else "true values"
@@ -577,29 +580,51 @@ def judge_trial(found: AnyValidation, estimate: AnyEstimate | None = None) -> Fi
     return _limit(level, headline, details, caps)
 
 
-def judge_friction(found: FrictionIdentification) -> FitVerdict:
-    """Return the verdict on friction laws: their held-out residuals, and what is not identifiable."""
+def judge_friction(found: FrictionIdentification, validations: Sequence[Validation] = ()) -> FitVerdict:
+    """Return the verdict on friction laws: their held-out residuals, and what is not identifiable.
+
+    `validations` are what laws and rigid part predict of logs; the worst of those held out limits the level.
+    """
+    held_out = [entry for entry in validations if not entry.fitted]
     laws = [_judge_law(entry) for entry in found.joints]
     headline = f"{'; '.join(text for text, _ in laws)}."
     ratios = [ratio for _, ratio in laws if ratio is not None]
+    percent = max((entry.mean_relative_percent for entry in held_out), default=0.0)
     if len(ratios) < len(laws) or not laws:
-        level, headline = "usable", f"{headline} No held-out data have tested them."
+        level = _rate(percent) if held_out else "usable"
+        headline += "" if held_out else " No held-out data have tested them."
     elif max(ratios) <= _SAME:
         level = "good"
     else:
         level = "usable"
         headline += f" The held-out residual is {max(ratios):.2g} times that of the fit."
+    if held_out:
+        text = f"{percent:.3g} % of the torque is left unexplained in a held-out log (mean of joints)"
+        headline = f"{headline} {text}."
     caps: Caps = _find_lost([entry.residual for entry in found.joints], _OWN)
     worst = max(entry.residual.relative_percent for entry in found.joints)
     if worst > _LARGE:
-        caps.append((_rate(worst), f"{worst:.3g} % of a torque is left unexplained"))
+        where = " in the logs of the fit" if held_out else ""
+        caps.append((_rate(worst), f"{worst:.3g} % of a torque is left unexplained{where}"))
+    caps += _list_validation_caps(held_out)
+    below = [entry.joint for entry in found.joints if _falls_to_rest(entry)]
+    if below:
+        text = "friction falls towards rest, where a Stribeck law has it rise"
+        caps.append(("usable", f"the static excess of {', '.join(below)} is negative: {text}"))
     lost = [f"{name} of {entry.joint}" for entry in found.joints for name, _ in entry.estimate.refused]
     if lost:
         caps.append(("usable", f"not identifiable from these logs: {', '.join(lost)}"))
     details = [entry.selection.verdict for entry in found.joints if entry.selection is not None]
     details += [f"{entry.poses.verdict}." for entry in found.joints if entry.poses is not None]
     details += [f"{name}: {reason}." for name, reason in found.refused]
+    details += [_FITTED] if len(held_out) < len(validations) else []
     return _limit(level, headline, details, caps)
+
+
+def _falls_to_rest(entry: JointFriction) -> bool:
+    """Return whether a law has less friction at rest than Coulomb's, beyond its deviation."""
+    parameters = entry.estimate.parameters
+    return any(one.name == "fE" and one.value < -SIGNIFICANT * one.std for one in parameters)
 
 
 def _judge_law(entry: JointFriction) -> tuple[str, float | None]:

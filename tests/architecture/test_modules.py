@@ -8,7 +8,7 @@ import symid
 from tests.architecture.source import BY_NAME, MODULES, PACKAGE, ROOMS, list_imports, room_of
 
 LONGEST_FUNCTION = 55
-MOST_FILES = 255
+MOST_FILES = 256
 # Identification runs on a machine without SymPy; these rooms must not need it to be imported.
 WITHOUT_SYMBOLS = ("robot", "logs", "excitation", "simulation", "study", "report")
 LIGHT_MODULES = frozenset({"symid.codegen.functions", "symid.codegen.library", "symid.codegen.cache"})

@@ -1,5 +1,6 @@
 """Pages of results in a headless Chromium: desk, telephone, paper; readable, quiet and complete."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -31,11 +32,18 @@ def write_fits(folder, data):
 
 
 @pytest.fixture(scope="session")
-def folder(tmp_path_factory):
+def held_out():
+    """Return a fit, and a log that it was not fitted to."""
+    robot = symid.load("two_link")
+    log, other = (robot.simulate(duration=4.0, seed=seed).log for seed in (1, 2))
+    return robot.identify(log), log, other
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory, held_out):
     folder = tmp_path_factory.mktemp("pages")
     robot, elastic = symid.load("two_link"), symid.load("two_link_elastic")
-    log, other = (robot.simulate(duration=4.0, seed=seed).log for seed in (1, 2))
-    fit = robot.identify(log)
+    fit, log, other = held_out
     fit.report(folder / "held_out.html", validation=other)
     fit.compare(robot.identify(other)).report(folder / "comparison.html")
     robot.check(log).report(folder / "check.html")
@@ -54,15 +62,45 @@ def folder(tmp_path_factory):
     return folder
 
 
+@pytest.fixture(scope="session")
+def recorded(tmp_path_factory, shared_data):
+    """Write the pages of recordings of real robots, with parts or logs that were held out."""
+    folder, data = tmp_path_factory.mktemp("recorded"), shared_data
+    emps, published = symid.load("emps", settings="published"), {"settings": "published"}
+    log, pulses = data / "emps" / "DATA_EMPS.mat", data / "emps" / "DATA_EMPS_PULSES.mat"
+    emps.identify(log).report(folder / "emps.html", validation=pulses, **published)
+    law = emps.identify_friction(log, model="asymmetric-stribeck")
+    law.report(folder / "emps_friction.html", validation=pulses, **published)
+    runs = [data / "kr300" / f"run_{name}.npz" for name in "abc"]
+    fit = symid.load("kr300").identify(runs[:2], estimator="wls")
+    fit.report(folder / "kr300.html", validation=runs[2])
+    log = data / "tx40" / "tx40.npz"
+    fit = symid.load("tx40").identify(log, estimator="wls", train="0:60%")
+    fit.report(folder / "tx40.html", validation=log, test="60%:")
+    return folder
+
+
+@pytest.fixture
+def get_page(request):
+    """Return the path of a page; those of recordings are made when one of them is asked for."""
+
+    def get(name):
+        return request.getfixturevalue("recorded" if name in RECORDED else "folder") / f"{name}.html"
+
+    return get
+
+
+RECORDED = ("emps", "emps_friction", "kr300", "tx40")
 PAGES = (
+    *RECORDED,
     *("held_out", "comparison", "check", "robot", "excitation", "payload", "stiffness", "elastic"),
     *("hysteresis", "rigid_1", "elastic_1", "friction_1"),
 )
 
 
 @pytest.mark.parametrize("name", PAGES)
-def test_a_page_fits_a_desk_and_a_telephone(browser, folder, name):
-    path = folder / f"{name}.html"
+def test_a_page_fits_a_desk_and_a_telephone(browser, get_page, name):
+    path = get_page(name)
     assert path.stat().st_size < 1.5e6
     for width, dark in ((1280, False), (400, True), (400, False), (1280, True)):
         browser.size(width, 900, dark=dark)
@@ -77,10 +115,94 @@ def test_a_page_fits_a_desk_and_a_telephone(browser, folder, name):
     assert figure is None or figure < 600.0
 
 
+BOX = """(() => { const b = document.querySelector('.top svg .plot').getBoundingClientRect();
+    return [b.x, b.y, b.width, b.height] })()"""
+READ = "document.querySelector('.top .tools span').textContent"
+VIEW = "document.querySelector('.top .plot').getAttribute('viewBox').split(' ').map(Number)"
+TICKS = "[...document.querySelectorAll('.top .ticks text')].map((x) => x.textContent.replace('\u2212', '-'))"
+
+
+def press(browser, key):
+    for kind in ("keyDown", "keyUp"):
+        text = key if len(key) == 1 and kind == "keyDown" else ""
+        code = {"ArrowRight": 39, "Escape": 27}.get(key, ord(key[0]))
+        browser.call("Input.dispatchKeyEvent", type=kind, key=key, windowsVirtualKeyCode=code, text=text)
+
+
+def read_cursor(browser):
+    """Return time, measured and predicted torque that the cursor reads."""
+    text = browser.run(READ).replace("\u2212", "-")
+    return [float(number) for number in re.findall(r"-?\d+(?:\.\d+)?(?:e-?\d+)?", text)]
+
+
+def test_the_cursor_reads_the_data(browser, folder, held_out):
+    fit, _, other = held_out
+    validation = fit.validate(other).product.validation
+    browser.size(1280, 900)
+    browser.open(folder / "held_out.html")
+    caption = browser.run("document.querySelector('.top figcaption').textContent")
+    series = next(entry for entry in validation.series if f"torque of {entry.joint}" in caption)
+    size = max(np.ptp(series.measured), np.ptp(series.predicted))
+    x, y, width, height = browser.run(BOX)
+    for share in (0.1, 0.37, 0.5, 0.83):
+        place = {"x": x + share * width, "y": y + 0.5 * height}
+        browser.call("Input.dispatchMouseEvent", type="mouseMoved", **place)
+        time, *values = read_cursor(browser)
+        row = int(np.argmin(np.abs(series.time - time)))
+        assert time == pytest.approx(series.time[row], abs=1e-3)
+        assert time == pytest.approx(series.time[0] + share * np.ptp(series.time), abs=0.02)
+        expected = series.measured[row], series.predicted[row]
+        assert values == pytest.approx(expected, rel=1e-3, abs=2e-4 * size)
+
+
+def test_a_drag_zooms_and_keys_go_back(browser, folder):
+    browser.size(1280, 900)
+    browser.open(folder / "held_out.html")
+    whole, ticks = browser.run(VIEW), browser.run(TICKS)
+    x, y, width, height = browser.run(BOX)
+    browser.drag([(x + share * width, y + 0.5 * height) for share in (0.25, 0.3, 0.5, 0.5)])
+    left, _, across, down = browser.run(VIEW)
+    assert across == pytest.approx(0.25 * whole[2], rel=0.01)
+    assert left == pytest.approx(whole[0] + 0.25 * whole[2], rel=0.01)
+    assert down <= whole[3]
+    assert browser.run(TICKS) != ticks
+    assert browser.run("document.querySelector('.top .tools button').checkVisibility()")
+    for count in (1, 2):
+        for kind in ("mousePressed", "mouseReleased"):
+            place = {"x": x + 9, "y": y + 9, "button": "left", "clickCount": count}
+            browser.call("Input.dispatchMouseEvent", type=kind, **place)
+    assert browser.run(VIEW) == whole
+    assert browser.run(TICKS) == ticks
+    # Everything by keys, too: the slider is a stop of the tabulator.
+    browser.run("document.querySelector('.top .tools input').focus()")
+    first = read_cursor(browser)
+    press(browser, "ArrowRight")
+    assert read_cursor(browser)[0] > first[0]
+    press(browser, "+")
+    assert browser.run(VIEW)[2] == pytest.approx(0.5 * whole[2], rel=0.01)
+    press(browser, "0")
+    assert browser.run(VIEW) == whole
+    press(browser, "+")
+    browser.run("document.querySelector('.top .tools button').click()")
+    assert browser.run(VIEW) == whole
+    assert browser.messages == []
+
+
+def test_figures_are_complete_without_the_script(browser, folder):
+    browser.size(1280, 900)
+    browser.call("Emulation.setScriptExecutionDisabled", value=True)
+    try:
+        browser.open(folder / "held_out.html")
+        assert browser.run("document.querySelectorAll('.tools').length") == 0
+        assert browser.run("document.querySelectorAll('.top svg > polyline').length") == 2
+    finally:
+        browser.call("Emulation.setScriptExecutionDisabled", value=False)
+
+
 @pytest.mark.parametrize("name", PAGES)
-def test_nothing_is_cut_off_on_paper(browser, folder, name):
+def test_nothing_is_cut_off_on_paper(browser, get_page, name):
     browser.size(A4[0] - 98, A4[1])
-    browser.open(folder / f"{name}.html")
+    browser.open(get_page(name))
     browser.call("Emulation.setEmulatedMedia", media="print")
     try:
         assert browser.run(WIDE) == []
@@ -94,9 +216,9 @@ def test_nothing_is_cut_off_on_paper(browser, folder, name):
 
 
 @pytest.mark.parametrize("name", PAGES)
-def test_screen_readers_and_keyboards_reach_everything(browser, folder, name):
+def test_screen_readers_and_keyboards_reach_everything(browser, get_page, name):
     for width, dark in ((1280, False), (400, True)):
         browser.size(width, 900, dark=dark)
-        browser.open(folder / f"{name}.html")
+        browser.open(get_page(name))
         browser.run("document.querySelectorAll('details').forEach((x) => { x.open = true })")
         assert list_findings(browser) == []

@@ -208,9 +208,21 @@ def test_one_method_as_tables(capsys, experiment):
     assert re.search(r"moved by [0-9.]+ ms", " ".join(captured.err.split()))
 
 
-def test_stiffness_of_an_elastic_arm(capsys, experiment):
-    code, answer = call_json(capsys, "identify", "two_link_elastic", experiment, "--method", "stiffness")
+def test_stiffness_of_an_elastic_arm(capsys, experiment, tmp_path):
+    file, first, second = (tmp_path / name for name in ("stiff.json", "first.html", "second.html"))
+    call = ("identify", "two_link_elastic", experiment, "--method", "stiffness", "-o", file, "--page", first)
+    code, answer = call_json(capsys, *call)
     assert code == 0
+    again, reported = call_json(capsys, "report", file, "-o", second)
+    assert (again, reported["result"]["joints"]) == (0, answer["result"]["joints"])
+    assert reported["result"]["offsets"] == answer["result"]["offsets"]
+    head = second.read_text().split('<nav aria-label="Contents">')[0]
+    assert head == first.read_text().split('<nav aria-label="Contents">')[0]
+    refused, reported = call_json(capsys, "report", file, "-o", second, "--force", "--diagnose")
+    assert (refused, reported["errors"][0]["code"]) == (2, "usage.no-validation")
+    file.write_text(file.read_text().replace('"delays": [', '"delays": [1.0, '))
+    refused, reported = call_json(capsys, "report", file, "-o", second, "--force")
+    assert (refused, "delays" in reported["errors"][0]["text"]) == (3, True)
     assert answer["result"]["delay_ms"] == pytest.approx(2.3, abs=0.15)
     for entry, (low, high) in zip(answer["result"]["joints"], ((380, 600), (90, 150)), strict=True):
         assert entry["verdict"] == "identified"

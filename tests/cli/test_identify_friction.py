@@ -82,8 +82,22 @@ def test_a_law_is_chosen_and_its_parameters_told(capsys, axis_log, tmp_path):
     assert "velocity (m/s)" in text
     assert "friction (N)" in text
     assert all(trial["law"] in text for trial in data["joints"][0]["selection"]["trials"])
+    time = np.arange(2500) * 4e-3
+    v = 0.06 * np.sin(2.0 * np.pi * 0.4 * time)
+    friction = (20.0 + 8.0 * np.exp(-((v / 0.008) ** 2))) * np.sign(v) + 200.0 * v - 3.0
+    other = save_axis(tmp_path / "other.npz", v, friction)
+    code, answer = call_json(capsys, "validate", "emps", output, other, "--test", "20%:")
+    left = answer["result"]["mean_relative_percent"]
+    held_out = ("--force", "--validation", other, "--test", "20%:")
+    code, answer = call_json(capsys, "report", output, "-o", page, *held_out)
+    assert code == 0, answer
+    assert answer["result"]["validations"] == [str(other)]
+    text = page.read_text()
+    assert f"<dt>of the torque unexplained in the held-out log</dt><dd>{left:.2g} %</dd>" in text
+    assert f"{left:.3g} % of the torque is left unexplained in a held-out log" in text
+    assert "Measured and predicted force of" in text
     code, answer = call_json(capsys, "report", output, "-o", page, "--force", "--validation", axis_log)
-    assert (code, find_codes(answer)) == (2, {"usage.friction-validation"})
+    assert "A log given for validation is one of the fit" in str(answer["result"]["verdict"]["details"])
 
 
 def test_a_named_law_gives_what_the_motion_had(capsys, axis_log):

@@ -133,8 +133,15 @@ def test_one_call_fits_and_predicts(capsys, folder, estimate):
         (found,) = answer["result"]["validations"]
         assert found["mean_relative_percent"] == alone["result"]["mean_relative_percent"]
         assert "validate.fitted-log" not in find_codes(answer)
-    assert run([*map(str, call), "--train", "0:60%", "--test", "60%:"]) == 0
-    assert f"{alone['result']['mean_relative_percent']:.4f} %" in capsys.readouterr().out
+    page = folder / "held_out.html"
+    assert run([*map(str, call), "--train", "0:60%", "--test", "60%:", "--page", str(page)]) == 0
+    left = alone["result"]["mean_relative_percent"]
+    out, text = capsys.readouterr().out, page.read_text()
+    assert f"{left:.4f} %" in out
+    assert "page: " in out
+    # The page shows what the held-out part was predicted by.
+    assert f"<dt>of the torque unexplained in the held-out log</dt><dd>{left:.2g} %</dd>" in text
+    assert text.count("Measured and predicted torque") >= 2
 
 
 @pytest.mark.parametrize(

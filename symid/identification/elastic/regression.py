@@ -1,6 +1,6 @@
 """From recordings of both encoders to equations: filtered states, filtered rows, energy rows, kept signs.
 
-With F(s) = lambda / (s + lambda), x~ = x - x(0), p = Yp beta and dL/dq = YL beta (Slotine and Li 1987):
+With F(s) = lambda / (s + lambda), x~ = x - x(0), p = Yp beta and dL/dq = YL beta (Slotine and Li 1989):
 
     link         {lambda (Yp~ - F[Yp~]) - F[YL]} beta = F[tau_J]
     motor        IA lambda (dtheta~ - F[dtheta~]) + F[Yf] f + F[tau_J] = F[tau]

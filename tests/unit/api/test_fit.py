@@ -130,6 +130,54 @@ def test_figures_show_themselves_and_are_written(fit, logs, tmp_path):
         figures.save(tmp_path / "torques.png")
 
 
+class Axes:
+    """What is asked of axes of matplotlib."""
+
+    def __init__(self):
+        self.calls = []
+
+    def __getattr__(self, name):
+        if name.startswith("_") or name == "flat":
+            raise AttributeError(name)
+        return lambda *args, **options: self.calls.append((name, args, options))
+
+
+def test_figures_are_drawn_into_axes_of_ones_own(fit, logs):
+    axes = [Axes(), Axes(), Axes()]
+    found = fit.validate(logs[1])
+    assert len(found.plot(ax=axes)) == 2
+    for ax, series in zip(axes, found.product.validation.series, strict=False):
+        (x, measured), (same, predicted) = (args for name, args, _ in ax.calls if name == "plot")
+        np.testing.assert_array_equal([x, same], [series.time, series.time])
+        np.testing.assert_array_equal([measured, predicted], [series.measured, series.predicted])
+        assert ("set_xlabel", ("time (s)",), {}) in ax.calls
+        assert ("set_ylabel", (f"torque ({series.unit})",), {}) in ax.calls
+    assert axes[2].calls == []
+    one = Axes()
+    fit.plot(ax=one)
+    (values,) = (args for name, args, _ in one.calls if name == "plot")
+    assert sorted(values[0]) == sorted(entry.relative_std_percent for entry in fit.parameters)
+    for other in (1, [], "ax", [one, 1]):
+        with pytest.raises(symid.UsageError, match=r"expected axes of matplotlib") as caught:
+            fit.plot(ax=other)
+        assert caught.value.notices[0].code == "usage.axes"
+
+
+def test_matplotlib_draws_them(fit, logs):
+    pyplot = pytest.importorskip("matplotlib.figure", reason="the extra plot is not installed")
+    figure = pyplot.Figure()
+    axes = figure.subplots(2, 1)
+    fit.validate(logs[1]).plot(ax=axes)
+    assert [len(ax.lines) for ax in axes] == [2, 2]
+    assert [text.get_text() for text in axes[0].get_legend().get_texts()] == ["measured", "predicted"]
+
+
+def test_what_to_install_is_said(fit, monkeypatch):
+    monkeypatch.setattr("symid.report.axes.find_spec", lambda _: None)
+    with pytest.raises(symid.UsageError, match=r"pip install 'symid\[plot\]'"):
+        fit.plot(ax=1)
+
+
 def test_a_notebook_sees_tables_and_notices(fit):
     page = fit._repr_html_()
     assert page.count("<table>") == 3

@@ -42,6 +42,24 @@ def find_distances(points, x, y):
     return np.linalg.norm(offset - share[..., None] * along, axis=2).min(axis=1)
 
 
+def test_a_script_reads_time_and_values_from_the_points():
+    time = np.linspace(0.0, 25.0, 1001)
+    values = 30.0 * np.sin(2.0 * time) + 1e3
+    line = Line("measured <1>", "measured", time, values)
+    figure = build_line_figure("How much?", ("time (s)", "torque (N m)"), [line])
+    root = parse(figure)
+    assert figure.live
+    assert root.get("data-unit") == "N m"
+    assert root.find(f"{SVG}polyline").get("data-label") == "measured <1>"
+    left, top, right, bottom, x0, x1, y0, y1 = map(float, root.get("data-frame").split())
+    x, y = read_points(root.find(f"{SVG}polyline")).T
+    # A hundredth of the unit of the drawing, rounded.
+    assert np.abs(x0 + (x - left) / (right - left) * (x1 - x0) - time).max() < 0.0051 * 25.0 / 470.0
+    assert np.abs(y0 + (bottom - y) / (bottom - top) * (y1 - y0) - values).max() < 0.0051 * 66.0 / 165.0
+    assert not build_line_figure("How much?", ("velocity (rad/s)", "torque (N m)"), [line]).live
+    assert not build_mark_figure("How much?", "N m", [Mark("one", 1.0)]).live
+
+
 def test_a_thinned_loop_keeps_its_shape():
     angle = np.linspace(0, 6 * np.pi, 20_001)
     x, y = 400 + 300 * np.cos(angle), 200 + 90 * np.sin(angle) * np.exp(-0.05 * angle)

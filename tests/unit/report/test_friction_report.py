@@ -7,6 +7,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+from symid.identification.estimators import ParameterEstimate
 from symid.identification.friction.identify import FrictionTask, identify_friction
 from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import compute_friction_torque
@@ -16,6 +17,7 @@ from symid.report.identification_page import (
     compute_friction_curve,
 )
 from symid.report.pages import render_page, write_page
+from symid.report.verdict import judge_friction
 from tests.recovery.closed_form import build_two_link
 from tests.unit.identification.friction.cosine_rigs import RAW, STRIBECK, record
 
@@ -46,12 +48,28 @@ def test_the_page_tells_all_and_loads_nothing(found, tmp_path):
     checker.feed(text)
     assert checker.loaded == []
     assert "script" not in checker.count
-    assert checker.count["svg"] >= 2
     (joint,) = found.joints
+    # A search that was at its end from the first step has no curve to show.
+    history = joint.estimate.history
+    moved = len(history) > 2 and max(history) > 1.01 * min(history)
+    assert checker.count["svg"] == 1 + moved
+    settled = replace(joint, estimate=replace(joint.estimate, history=(4.0, 2.0, 1.0)))
+    assert "Did the search settle?" in render_page(build_friction_page(replace(found, joints=(settled,))))
     for expected in ("joint1: stribeck+offset", "chosen", *(name for name, _ in found.refused)):
         assert expected in text
     assert escape(joint.poses.verdict[1:]) in text
     assert write_page(tmp_path / "again.html", build_friction_page(found)).read_text() == text
+
+
+def test_a_law_that_falls_towards_rest_is_not_good(found):
+    (joint,) = found.joints
+    excess = ParameterEstimate(name="fE", value=-3.5, std=0.2, unit="N")
+    for value, said in ((-3.5, True), (-0.3, False), (3.5, False)):
+        parameters = (*joint.estimate.parameters, replace(excess, value=value))
+        other = replace(joint, estimate=replace(joint.estimate, parameters=parameters))
+        verdict = judge_friction(replace(found, joints=(other,)))
+        assert ("falls towards rest" in verdict.headline) is said
+        assert verdict.level != "good" or not said
 
 
 def test_the_band_holds_the_true_curve(found):
