@@ -3,6 +3,7 @@
 #   make test    style, types and all tests
 #   make study   elastic joints whose hidden models are not those of symid, 10 seeds; takes an hour or two
 #   make test-browser     lessons in a headless Chromium
+#   make test-tex         documents of lessons under pdflatex
 #   make test-fuzz        every reader of files, ten minutes each (FUZZ_SECONDS), guided by coverage
 #   make test-embedded    generated C under other compilers, sanitizers, cppcheck, and on Cortex-M in QEMU
 # PYTHON is the interpreter that .venv is made from (3.11 or later).
@@ -21,11 +22,11 @@ PYTEST := OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest
 EMBEDDED := gcc:gcc clang:clang cppcheck:cppcheck arm-none-eabi-gcc:gcc-arm-none-eabi qemu-system-arm:qemu-system-arm
 
 .DEFAULT_GOAL := help
-.PHONY: help demo study test test-slow test-browser browser-packages test-embedded test-fuzz embedded-packages lint docs wheel wheel-twice materials benchmark clean
+.PHONY: help demo study test test-slow test-browser browser-packages test-tex tex-packages test-embedded test-fuzz embedded-packages lint docs wheel wheel-twice materials benchmark clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
-	@echo "make lint, test-slow, docs, wheel, wheel-twice, materials, benchmark, embedded-packages, browser-packages, clean"
+	@echo "make lint, test-slow, docs, wheel, wheel-twice, materials, benchmark, embedded-packages, browser-packages, tex-packages, clean"
 
 $(VENV)/made:
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "symid needs Python 3.11 or later, set PYTHON")'
@@ -101,6 +102,18 @@ test-browser: $(VENV)/dev
 	fi
 	@$(MAKE) --silent --no-print-directory $(VENV)/axe
 	$(PYTEST) -m browser --numprocesses $(WORKERS) --dist loadfile tests/browser
+
+# What test-tex still wants of Debian; nothing if it is there. 100 MB, so that .ci/run leaves it out.
+tex-packages:
+	@command -v pdflatex >/dev/null || echo texlive-latex-base
+
+test-tex: $(VENV)/dev
+	@missing=$$($(MAKE) --silent --no-print-directory tex-packages); \
+	if [ -n "$$missing" ]; then \
+		echo "test-tex wants programs that are not here; as root: apt-get install --no-install-recommends $$missing"; \
+		exit 1; \
+	fi
+	$(PYTEST) -m tex tests/tex
 
 docs: $(VENV)/docs
 	$(BIN)/sphinx-build -W --keep-going -b html docs docs/_build/html
