@@ -299,7 +299,7 @@ moved = np.array(M.lambdify()(np.array(q) + step * dq, beta, *([lengths] if leng
 skew = moved.imag / step.imag - 2 * coriolis
 assert np.abs(skew + skew.T).max() < 1e-12 * np.abs(inertia).max()
 coriolis"""
-_LONG_MOTION = """lib = robot.compile()
-torque = lib.inverse_dynamics(q, dq, ddq, beta)
+_LONG_MOTION = """tau = robot.sympy("inverse_dynamics")
+torque = evaluate(tau, q, dq, ddq, beta).ravel()
 assert np.allclose(inertia @ ddq + coriolis @ dq + weight, torque, rtol=1e-10, atol=1e-10)
 torque"""
