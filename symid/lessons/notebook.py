@@ -26,7 +26,7 @@ from symid.lessons.matrices import Parameterisation
 from symid.lessons.textbook import Book
 from symid.robot import Robot
 
-_LONGEST_LINE = 90
+_LONGEST_LINE = 66
 """Letters of a formula in a line, without its commands."""
 _MARKED = re.compile(r"(\$[^$]+\$|`[^`]+`)")
 _SECONDS = 600
@@ -197,7 +197,7 @@ def _list_code(lesson: Lesson, anchor: str) -> Iterator[str]:
     short = lesson.robot.freedom <= WRITTEN_OUT
     match anchor:
         case "frames":
-            yield f"{_IMPORTS}\n\nrobot = symid.load({_name(lesson.robot)!r})\nrobot"
+            yield f"{_IMPORTS}\n\nrobot = symid.load({_name(lesson.robot)!r})\n{_JOINTS}"
         case "base":
             yield "robot.base"
         case "mass":
@@ -247,6 +247,7 @@ _IMPORTS = """import numpy as np
 import sympy as sp
 
 import symid"""
+_JOINTS = "[joint.name for joint in robot.joints]"
 _MASS = """M = robot.sympy("mass_matrix")
 M"""
 _FORMULAS = """# In the symbols of the file.

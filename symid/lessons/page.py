@@ -166,7 +166,7 @@ def _write_section(chapter: Chapter, place: int, numbers: Iterator[int]) -> str:
 
 def _write_item(item: Item, numbers: Iterator[int]) -> str:
     match item.kind:
-        case "text":
+        case "text" | "hint":
             return f"<p>{_write_inline(item.text)}</p>"
         case "check":
             return f'<p class="check">{_TICK} <strong>Checked</strong>, {_write_inline(item.text)}.</p>'
