@@ -38,8 +38,15 @@ from symid.lessons.textbook import Book, write_symbol
 from symid.robot import Robot
 
 _SCRIPTS = ("lesson", "identification")
-_FUNCTIONS = ("mass_matrix", "coriolis_matrix", "gravity", "inverse_dynamics", "energy", "jacobian")
-_FUNCTIONS += ("torque_regressor",)
+_FUNCTIONS = (
+    "mass_matrix",
+    "coriolis_matrix",
+    "gravity",
+    "inverse_dynamics",
+    "energy",
+    "jacobian",
+    "torque_regressor",
+)
 _SPRING_FUNCTIONS = ("hysteresis_step", "hysteresis_inverse_step")
 _TICK = '<span class="tick" aria-hidden="true">\N{CHECK MARK}</span>'
 _LONG_CELL = 40
