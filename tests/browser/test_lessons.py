@@ -24,7 +24,10 @@ ROBOTS = (
     "ppr",
 )
 
-CUT_OFF = "[...document.querySelectorAll('.formula .set')].filter((x) => x.scrollWidth > x.clientWidth + 2)"
+CUT_OFF = (
+    "[...document.querySelectorAll('.formula .set, .bar output')]"
+    ".filter((x) => x.scrollWidth > x.clientWidth + 2)"
+)
 
 
 @pytest.fixture(scope="session")
@@ -51,6 +54,7 @@ def test_a_page_is_quiet_and_nothing_is_cut_off(browser, pages, name):
         assert browser.run("document.querySelectorAll('.katex-mathml math').length") > 20
         if width == 1280:
             assert browser.run(f"{CUT_OFF}.length") == 0
+        assert browser.run(f"{CUT_OFF}.filter((x) => x.matches('output')).length") == 0
         if width == 400 or dark:
             assert list_findings(browser) == []
 
