@@ -3,6 +3,7 @@
 #   make test    style, types and all tests
 #   make study   elastic joints whose hidden models are not those of symid, 10 seeds; takes an hour or two
 #   make test-browser     lessons in a headless Chromium
+#   make test-tex         documents of lessons under pdflatex
 #   make test-fuzz        every reader of files, ten minutes each (FUZZ_SECONDS), guided by coverage
 #   make test-embedded    generated C under other compilers, sanitizers, cppcheck, and on Cortex-M in QEMU
 # PYTHON is the interpreter that .venv is made from (3.11 or later).
@@ -13,24 +14,27 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 # Every file that is installed has the hash that its lock names; `make locks` writes the locks.
 LOCKS := .ci/locks
-INSTALL := $(PIP) install --quiet --no-deps --require-hashes --requirement
+# Modules are compiled when first imported: most of them never are.
+INSTALL := $(PIP) install --quiet --no-compile --no-deps --require-hashes --requirement
 # symid itself is built by what is installed: nothing is downloaded that no lock names.
 ITSELF := $(PIP) install --quiet --no-deps --no-build-isolation --editable .
 DEMO := demo
 WORKERS ?= 2
 FUZZ_SECONDS ?= 600
 # A worker a core: threads of the linear algebra would only wait for each other, and change last digits.
-# Compiled modules are kept, even where the environment says otherwise: tests start many processes.
-PYTEST := OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest
 # Program and the Debian package that has it.
 EMBEDDED := gcc:gcc clang:clang cppcheck:cppcheck arm-none-eabi-gcc:gcc-arm-none-eabi qemu-system-arm:qemu-system-arm
 
+# Compiled modules are kept, even where the environment says otherwise: tests start many processes.
+export PYTHONDONTWRITEBYTECODE :=
+
 .DEFAULT_GOAL := help
-.PHONY: help demo study test test-slow test-browser browser-packages test-embedded test-fuzz embedded-packages lint docs wheel wheel-twice materials locks audit benchmark clean
+.PHONY: help demo study test test-slow test-browser browser-packages test-tex tex-packages test-embedded test-fuzz embedded-packages lint docs wheel wheel-twice materials locks audit benchmark clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
-	@echo "make lint, test-slow, docs, wheel, wheel-twice, materials, locks, audit, benchmark, embedded-packages, browser-packages, clean"
+	@echo "make lint, test-slow, docs, wheel, wheel-twice, materials, locks, audit, benchmark, embedded-packages, browser-packages, tex-packages, clean"
 
 $(VENV)/made:
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "symid needs Python 3.11 or later, set PYTHON")'
@@ -114,6 +118,18 @@ test-browser: $(VENV)/dev
 	fi
 	@$(MAKE) --silent --no-print-directory $(VENV)/axe
 	$(PYTEST) -m browser --numprocesses $(WORKERS) --dist loadfile tests/browser
+
+# What test-tex still wants of Debian; nothing if it is there. 100 MB, so that .ci/run leaves it out.
+tex-packages:
+	@command -v pdflatex >/dev/null || echo texlive-latex-base
+
+test-tex: $(VENV)/dev
+	@missing=$$($(MAKE) --silent --no-print-directory tex-packages); \
+	if [ -n "$$missing" ]; then \
+		echo "test-tex wants programs that are not here; as root: apt-get install --no-install-recommends $$missing"; \
+		exit 1; \
+	fi
+	$(PYTEST) -m tex tests/tex
 
 docs: $(VENV)/docs
 	$(BIN)/sphinx-build -W --keep-going -b html docs docs/_build/html

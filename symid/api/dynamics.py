@@ -340,7 +340,8 @@ class MarkedSheet(Result):
         """Return that not all answers are right, where that is so."""
         if self.count == len(self.answers):
             return ()
-        text = f"{len(self.answers) - self.count} of {len(self.answers)} answers are not right"
+        wrong = len(self.answers) - self.count
+        text = f"{wrong} of {len(self.answers)} answers {'is' if wrong == 1 else 'are'} not right"
         return (Notice(code="lesson.not-right", text=text, file=str(self.path)),)
 
     def summarise(self) -> str:

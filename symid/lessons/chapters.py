@@ -49,7 +49,7 @@ class Item:
     """A piece of a chapter.
 
     Args:
-        kind: "text", "formula", "matrix", "table", "check", "widget".
+        kind: "text", "formula", "matrix", "table", "check"; "widget" and "hint" of the page alone.
         text: of a text or check; the summary where there are `items`, which a reader opens.
         latex: of a formula. name: of its value, for later formulas. code: its value in JavaScript.
         sympy: the right side for SymPy. unit: of the value.
@@ -466,9 +466,11 @@ def write_base(writer: ChapterWriter) -> Chapter:
             f"springs. Only "
             f"{base.count} combinations of them change any torque: the base parameters, found exactly "
             f"from the "
-            "energies (Gautier and Khalil 1990). Each has a reason; show it to see the motions that "
-            "cannot tell "
-            "the members of a group apart.",
+            "energies (Gautier and Khalil 1990). Each has a reason.",
+        ),
+        Item(
+            kind="hint",
+            text='A button "show" plays the motion that cannot tell the members of a group apart.',
         ),
         Item(kind="base"),
     ]

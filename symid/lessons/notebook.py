@@ -26,7 +26,7 @@ from symid.lessons.matrices import Parameterisation
 from symid.lessons.textbook import Book
 from symid.robot import Robot
 
-_LONGEST_LINE = 90
+_LONGEST_LINE = 66
 """Letters of a formula in a line, without its commands."""
 _MARKED = re.compile(r"(\$[^$]+\$|`[^`]+`)")
 _SECONDS = 600
@@ -197,7 +197,7 @@ def _list_code(lesson: Lesson, anchor: str) -> Iterator[str]:
     short = lesson.robot.freedom <= WRITTEN_OUT
     match anchor:
         case "frames":
-            yield f"{_IMPORTS}\n\nrobot = symid.load({_name(lesson.robot)!r})\nrobot"
+            yield f"{_IMPORTS}\n\nrobot = symid.load({_name(lesson.robot)!r})\n{_JOINTS}"
         case "base":
             yield "robot.base"
         case "mass":
@@ -247,6 +247,7 @@ _IMPORTS = """import numpy as np
 import sympy as sp
 
 import symid"""
+_JOINTS = "[joint.name for joint in robot.joints]"
 _MASS = """M = robot.sympy("mass_matrix")
 M"""
 _FORMULAS = """# In the symbols of the file.
@@ -299,7 +300,7 @@ moved = np.array(M.lambdify()(np.array(q) + step * dq, beta, *([lengths] if leng
 skew = moved.imag / step.imag - 2 * coriolis
 assert np.abs(skew + skew.T).max() < 1e-12 * np.abs(inertia).max()
 coriolis"""
-_LONG_MOTION = """lib = robot.compile()
-torque = lib.inverse_dynamics(q, dq, ddq, beta)
+_LONG_MOTION = """tau = robot.sympy("inverse_dynamics")
+torque = evaluate(tau, q, dq, ddq, beta).ravel()
 assert np.allclose(inertia @ ddq + coriolis @ dq + weight, torque, rtol=1e-10, atol=1e-10)
 torque"""

@@ -27,7 +27,7 @@ from symid.codegen import (
     list_spring_parameters,
     write_javascript_function,
 )
-from symid.dynamics import derive_base_parameters, write_label
+from symid.dynamics import derive_base_parameters, get_label_unit, write_label
 from symid.environment import locate_resource_folder
 from symid.lessons.chapters import Chapter, Item, Lesson, list_items, list_slides
 from symid.lessons.dynamic_chapters import build_lesson
@@ -37,7 +37,16 @@ from symid.lessons.matrices import Parameterisation
 from symid.lessons.textbook import Book, write_symbol
 from symid.robot import Robot
 
-_FUNCTIONS = ("mass_matrix", "coriolis_matrix", "gravity", "inverse_dynamics", "energy", "jacobian")
+_SCRIPTS = ("lesson", "identification")
+_FUNCTIONS = (
+    "mass_matrix",
+    "coriolis_matrix",
+    "gravity",
+    "inverse_dynamics",
+    "energy",
+    "jacobian",
+    "torque_regressor",
+)
 _SPRING_FUNCTIONS = ("hysteresis_step", "hysteresis_inverse_step")
 _TICK = '<span class="tick" aria-hidden="true">\N{CHECK MARK}</span>'
 _LONG_CELL = 40
@@ -66,6 +75,8 @@ def write_lesson_page(
     lesson = build_lesson(robot, book, form)
     chapters = (*lesson.chapters, *write_elastic(robot, book))
     drawn = draw_exercises(lesson, exercises, np.random.default_rng(seed))
+    if lesson.beta:
+        chapters = (*chapters, _write_identification(lesson))
     if drawn:
         chapters = (*chapters, _EXERCISES)
     folder = locate_resource_folder("templates") / "lesson"
@@ -89,7 +100,7 @@ def write_lesson_page(
         "FORMULAS": _write_formulas(chapters),
         "EXERCISES": ",\n".join(map(_write_exercise, drawn)),
         "DATA": _write_json(_describe(lesson)),
-        "SCRIPT": (folder / "lesson.js").read_text(encoding="utf-8"),
+        "SCRIPT": "".join((folder / f"{name}.js").read_text(encoding="utf-8") for name in _SCRIPTS),
     }
     template = (folder / "lesson.html").read_text(encoding="utf-8")
     # One pass: what is put in may hold such marks itself.
@@ -162,7 +173,7 @@ def _write_section(chapter: Chapter, place: int, numbers: Iterator[int]) -> str:
 
 def _write_item(item: Item, numbers: Iterator[int]) -> str:
     match item.kind:
-        case "text":
+        case "text" | "hint":
             return f"<p>{_write_inline(item.text)}</p>"
         case "check":
             return f'<p class="check">{_TICK} <strong>Checked</strong>, {_write_inline(item.text)}.</p>'
@@ -267,6 +278,15 @@ def _describe(lesson: Lesson) -> dict[str, object]:
         "gravity": [value.to_float(symbols) for value in robot.gravity],
         "values": dict(lesson.values),
         "beta": list(lesson.beta),
+        "parameters": [
+            {
+                "latex": write_symbol(entry.name, book, slides),
+                "unit": get_label_unit(robot, entry.label).replace("^2", "\N{SUPERSCRIPT TWO}"),
+                # That of a drive of several joints is no link.
+                "link": entry.label[0] if entry.label[0] < robot.size else -1,
+            }
+            for entry in lesson.model.base.parameters
+        ],
         "springs": springs,
         "letters": {
             "mass": book.mass,
@@ -280,6 +300,33 @@ def _describe(lesson: Lesson) -> dict[str, object]:
         "cubic": [bool(joint.elasticity and joint.elasticity.cubic) for joint in robot.axes],
         "rotors": [joint.drive.rotor_inertia or 0.0 for joint in robot.axes],
     }
+
+
+def _write_identification(lesson: Lesson) -> Chapter:
+    """Return the chapter in which a reader moves the robot and sees what the torques tell."""
+    tau, q = lesson.book.torque, lesson.book.coordinates
+    items = (
+        Item(
+            kind="text",
+            text=rf"Torques are linear in the base parameters: ${tau} = Y({q}, \dot {q}, \ddot {q})\,\beta$. "
+            r"With independent noise of standard deviation $\sigma_j$ in each sample of the torque of joint "
+            r"$j$, the estimate of least squares has the covariance",
+        ),
+        Item(
+            kind="formula",
+            latex=r"\operatorname{cov}\hat\beta = \Bigl(\sum_k Y_k^{\mathsf T}\, W\, Y_k\Bigr)^{-1}, \qquad "
+            r"W = \operatorname{diag}(\sigma_1^{-2}, \ldots, \sigma_n^{-2}).",
+        ),
+        Item(
+            kind="text",
+            text="The sum grows with every sample: the longer and the richer the motion, the smaller the "
+            "deviations. What a motion does not move, or moves in one way only, it cannot tell apart, and "
+            "the sum has no inverse. Design a motion and play it; $Y$ is that of generated code, at 50 "
+            "samples a second; friction is known.",
+        ),
+        Item(kind="widget", text="identification"),
+    )
+    return Chapter(title="What a motion identifies", anchor="identification", items=items)
 
 
 _EXERCISES = Chapter(

@@ -200,7 +200,9 @@ def write_html(blocks: Sequence[Block], *, failed: bool = False) -> str:
         failed: whether the result is not acceptable, which a bar at the left then shows.
     """
     kind = "symid fail" if failed else "symid"
-    return f'{_load_style()}<div class="{kind}">{write_elements(blocks)}</div>'
+    # JupyterLab drops styles of a notebook that it does not trust, but not those of elements.
+    body = write_elements(blocks).replace('class="text', 'style="text-align: left" class="text')
+    return f'{_load_style()}<div class="{kind}">{body}</div>'
 
 
 def write_elements(blocks: Iterable[Block]) -> str:

@@ -156,7 +156,8 @@ def _read_row(
             joint[key] = value
         else:
             comma = "; decimals have a point, not a comma" if "," in cell.text else ""
-            words = f'{key}: expected a number, got "{_unquote(cell)}"{comma}; symbols need a robot file'
+            words = f'{key}: expected a number, got "{_unquote(cell)}"{comma}; symbols need a robot file, as '
+            words += "symid new FILE --from two_link_symbols copies one"
             root.errors.append(cell.notice("robot.bad-length", words))
     _check_variable(root, joint, variables, cells[0])
     return joint

@@ -180,7 +180,7 @@ const drawArm = (svg, { triads, labels, width, height }) => {
       write(end(0, 0, 1.15), `z${k + 1}`, "var(--z)");
     }
   });
-  if (playing) {
+  if (playing && playing.kind) {
     const pose = poses[playing.joint], ball = along(pose, [0, 0, arm * 0.9]);
     const [x, y] = place(ball);
     draw(svg, "circle", { cx: x.toFixed(1), cy: y.toFixed(1), r: 8, fill: "var(--warm)" });
@@ -300,7 +300,7 @@ const plot = (svg, series, { width = 640, height = 260, x: xTitle = "", y: yTitl
   y0 -= pad; y1 += pad;
   const X = (a) => 54 + (a - x0) / (x1 - x0) * (width - 68), Y = (b) => height - 34 - (b - y0) / (y1 - y0) * (height - 48);
   const ticks = (low, high) => { const raw = (high - low) / 5, ten = 10 ** Math.floor(Math.log10(raw)), step = [1, 2, 5, 10].find((k) => k * ten >= raw) * ten; const list = []; for (let t = Math.ceil(low / step) * step; t <= high + 1e-9 * step; t += step) list.push(Math.abs(t) < 1e-9 * step ? 0 : t); return list; };
-  for (const t of ticks(y0, y1)) { draw(svg, "line", { x1: 54, x2: width - 14, y1: Y(t), y2: Y(t), stroke: "var(--rule)" }); draw(svg, "text", { x: 48, y: Y(t) + 4, "text-anchor": "end", class: "soft" }, show(Number(t.toPrecision(3)))); }
+  for (const t of ticks(y0, y1)) { draw(svg, "line", { x1: 54, x2: width - 14, y1: Y(t), y2: Y(t), stroke: "var(--rule)" }); if (!yTitle || Y(t) > 24) draw(svg, "text", { x: 48, y: Y(t) + 4, "text-anchor": "end", class: "soft" }, show(Number(t.toPrecision(3)))); }
   for (const t of ticks(x0, x1)) draw(svg, "text", { x: X(t), y: height - 18, "text-anchor": "middle", class: "soft" }, show(Number(t.toPrecision(3))));
   draw(svg, "text", { x: width - 14, y: height - 4, "text-anchor": "end", class: "soft" }, xTitle);
   draw(svg, "text", { x: 4, y: 12, class: "soft" }, yTitle);
@@ -444,7 +444,7 @@ const update = () => {
   numbers.agreement.textContent = worst === 0 ? "0" : worst.toExponential(1);
   for (const one of updates) one(now);
   for (const picture of pictures) picture();
-  window.lesson = { state, values: v, mass: now.M, gravity: Array.from(now.g), worst, move, springs };
+  window.lesson = { ...window.lesson, state, values: v, mass: now.M, gravity: Array.from(now.g), worst, move, springs };
 };
 
 // Springs with hysteresis.

@@ -4,6 +4,7 @@ import subprocess
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 import symid
 from symid.joint_models import Elasticity, compute_hysteresis_torque, compute_stored_energy
@@ -23,7 +24,10 @@ ROBOTS = (
     "ppr",
 )
 
-CUT_OFF = "[...document.querySelectorAll('.formula .set')].filter((x) => x.scrollWidth > x.clientWidth + 2)"
+CUT_OFF = (
+    "[...document.querySelectorAll('.formula .set, .bar output')]"
+    ".filter((x) => x.scrollWidth > x.clientWidth + 2)"
+)
 
 
 @pytest.fixture(scope="session")
@@ -50,6 +54,7 @@ def test_a_page_is_quiet_and_nothing_is_cut_off(browser, pages, name):
         assert browser.run("document.querySelectorAll('.katex-mathml math').length") > 20
         if width == 1280:
             assert browser.run(f"{CUT_OFF}.length") == 0
+        assert browser.run(f"{CUT_OFF}.filter((x) => x.matches('output')).length") == 0
         if width == 400 or dark:
             assert list_findings(browser) == []
 
@@ -188,3 +193,95 @@ def test_exercises_are_marked(browser, tmp_path):
     number = browser.run(f"LESSON_EXERCISES[{place}].number")
     assert browser.run(answer % (place + 1, f"{number:.4g}")) == "right"
     assert browser.run(answer % (place + 1, f"{number * 1.05:.4g}")) == "not yet"
+
+
+PRESS = (
+    "[...document.querySelectorAll('[data-widget=identification] button')].find((x) => x.textContent === %r)"
+)
+
+
+def press(browser, *labels):
+    """Press buttons of the section on identification, and wait for what follows."""
+    for label in labels:
+        browser.run(f"{PRESS % label}.click()")
+        browser.run("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+
+def build_rows(browser, library, count):
+    """Return the weighted rows of so many samples of the page's motion, by SciPy and the library."""
+    plan = browser.run("window.lesson.identification.plan")
+    points = np.array(plan["points"])
+    motion = CubicSpline(
+        np.linspace(0.0, plan["seconds"], points.shape[1] + 1),
+        np.hstack([points, points[:, :1]]).T,
+        bc_type="periodic",
+    )
+    times = np.arange(count) / 50.0
+    rows = library.torque_regressor(motion(times), motion(times, 1), motion(times, 2))
+    rows = rows / np.array(plan["noise"])[:, None]
+    return rows.reshape(-1, rows.shape[-1])
+
+
+def find_seen(rows):
+    """Return which columns the rank needs: without them it falls."""
+    lengths = np.linalg.norm(rows, axis=0)
+    scaled = np.linalg.qr(rows / np.where(lengths > 1e-12 * lengths.max(), lengths, np.inf), mode="r")
+    rank = np.linalg.matrix_rank(scaled, tol=1e-8)
+    others = [np.delete(scaled, k, axis=1) for k in range(rows.shape[1])]
+    return rank, [np.linalg.matrix_rank(other, tol=1e-8) < rank for other in others]
+
+
+@pytest.mark.parametrize("name", ["two_link", "scara", "panda", "ppr"])
+def test_a_motion_identifies_what_the_regressor_of_the_library_says(browser, pages, name):
+    browser.size(1280, 900)
+    browser.open(pages(name))
+    library = symid.load(name).compile()
+    lesson = "window.lesson.identification"
+    for labels in ((), ("joint 2", "only this joint moves"), ("joint 1", "only this joint moves")):
+        press(browser, *labels)
+        browser.run(f"{lesson}.plan.noise[0] = 0.03; {lesson}.start()")
+        for share in (1.0, 0.4):
+            count = browser.run(f"{lesson}.goTo(Math.round({share} * countSamples())); {lesson}.sums.count")
+            rows = build_rows(browser, library, count)
+            rank, seen = find_seen(rows)
+            assert browser.run(f"{lesson}.sums.now.rank") == rank
+            assert browser.run(f"{lesson}.sums.now.seen") == seen
+            lengths = np.linalg.norm(rows, axis=0)
+            lengths[lengths == 0.0] = 1.0
+            expected = np.linalg.norm(np.linalg.pinv(rows / lengths, rcond=1e-9), axis=1) / lengths
+            found = np.array(
+                browser.run(f"{lesson}.sums.now.deviations.map((x) => (x === Infinity ? 0 : x))")
+            )
+            assert found[seen] == pytest.approx(expected[seen], rel=1e-9)
+    assert (rank < rows.shape[1]) == (name != "two_link")
+    told = browser.run(
+        "document.querySelector('.unseen').hidden ? '' : document.querySelector('.unseen').textContent"
+    )
+    assert (f"({seen.count(False)})" in told) == (rank < rows.shape[1])
+    assert ("stands still, so link" in told) == (rank < rows.shape[1])
+
+
+def test_deviations_fall_as_a_motion_is_played_and_points_are_dragged(browser, pages):
+    browser.size(1280, 900)
+    browser.open(pages("two_link"))
+    lesson = "window.lesson.identification"
+    shown = [
+        browser.run(f"{lesson}.goTo({count}); {lesson}.sums.now.deviations") for count in (100, 300, 500)
+    ]
+    assert np.all(np.diff(shown, axis=0) < 0.0)
+    press(browser, "play the motion")
+    assert browser.run(f"{lesson}.sums.count") < 200
+    browser.run(
+        "document.querySelector('[data-widget=identification] circle').scrollIntoView({ block: 'center' })"
+    )
+    x, y = browser.run(
+        "(() => { const b = document.querySelector('[data-widget=identification] circle')"
+        ".getBoundingClientRect(); return [b.x + b.width / 2, b.y + b.height / 2]; })()"
+    )
+    before = browser.run(f"{lesson}.plan.points[0]")
+    browser.drag([(x, y), (x, y - 20), (x, y - 40), (x, y - 40)])
+    browser.run("new Promise((done) => setTimeout(done, 200))")
+    after = browser.run(f"{lesson}.plan.points[0]")
+    assert after[0] > before[0] + 0.3
+    assert after[1:] == before[1:]
+    assert browser.run(f"{lesson}.sums.count") == 500

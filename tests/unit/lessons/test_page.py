@@ -2,8 +2,6 @@
 
 import html
 import re
-import shutil
-import subprocess
 
 import pytest
 
@@ -54,11 +52,12 @@ def test_formulas_are_in_balance(page):
 
 def test_an_elastic_robot_has_both_sides_springs_and_two_steps(page):
     titles = re.findall(r'<span class="count">\d+</span>(.*?)</h2>', page)
-    assert titles[-4:] == [
+    assert titles[-5:] == [
         "Motor and link",
         "Springs that remember",
         "Energy of the springs, and their inverse",
         "The two-step method",
+        "What a motion identifies",
     ]
     assert "function hysteresis_step(" in page
     assert "function mass_matrix(" in page
@@ -167,24 +166,6 @@ def test_answers_stand_beside_the_page(tmp_path):
     lesson = symid.load("scara").write_lesson(tmp_path / "scara.html", exercises=4, seed=2)
     assert lesson.answers == tmp_path / "scara.answers.txt"
     assert len(lesson.answers.read_text(encoding="utf-8").splitlines()) == 8
-
-
-PDFLATEX = shutil.which("pdflatex")
-
-
-@pytest.mark.skipif(
-    PDFLATEX is None, reason="pdflatex is not here: apt-get install texlive-latex-recommended"
-)
-@pytest.mark.parametrize("name", ["two_link", "puma560", "two_link_elastic"])
-def test_pdflatex_runs_without_an_error(name, tmp_path):
-    symid.load(name).write_lesson(tmp_path / "lesson.tex", notation="siciliano")
-    command = [PDFLATEX, "-interaction=nonstopmode", "-halt-on-error", "lesson.tex"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300)
-    assert done.returncode == 0, done.stdout[-2000:]
-    assert (tmp_path / "lesson.pdf").stat().st_size > 20_000
-    # Nothing runs out of the page by more than a letter.
-    widths = [float(width) for width in re.findall(r"Overfull \\hbox \(([\d.]+)pt", done.stdout)]
-    assert max(widths, default=0.0) < 12.0
 
 
 def test_a_document_has_texts_in_tex():
