@@ -15,9 +15,10 @@ from symid.api.result import Result
 from symid.errors import InputError, Notice, OutputError, UsageError
 
 if TYPE_CHECKING:
+    from symid.api.log import LogLike
     from symid.codegen import RouteCount
     from symid.dynamics import BaseParameter, BaseParameters
-    from symid.lessons import AnswerSheet, MarkedAnswer, Step
+    from symid.lessons import AnswerSheet, LoggedMotion, MarkedAnswer, Step
     from symid.report import Block
     from symid.robot import Robot
 
@@ -244,6 +245,7 @@ def write_lesson(
     long_sines: bool = False,
     exercises: int = 0,
     seed: int = 0,
+    log: "LogLike | None" = None,
 ) -> WrittenLesson:
     """Write the lesson on `robot`; see `RobotModel.write_lesson`."""
     from symid.environment import check_suffix, write_file
@@ -252,8 +254,9 @@ def write_lesson(
     file = Path(fspath(path))
     suffix = check_suffix(file, "a lesson", (".html", ".htm", ".tex", ".ipynb"))
     book = get_book(notation, angle=angle, long=long_sines)
-    if exercises and suffix in (".tex", ".ipynb"):
-        what = f"exercises={exercises}: they are part of a page; write a .html for them"
+    if suffix in (".tex", ".ipynb") and (exercises or log is not None):
+        given = f"exercises={exercises}: they are" if exercises else "log: its motion is"
+        what = f"{given} part of a page; write a .html for that"
         raise UsageError(Notice(code="usage.lesson-option", text=what))
     if suffix == ".tex":
         text = write_lesson_tex(robot, book, parameters)
@@ -272,7 +275,8 @@ def write_lesson(
     if exercises and sheet_file.exists() and any(_read_sheet(sheet_file).answers.values()):
         text = "has answers that were typed; move it, or name the page otherwise"
         raise OutputError(Notice(code="output.answers", text=text, file=str(sheet_file)))
-    page = write_lesson_page(robot, book, parameters, exercises=exercises, seed=seed)
+    logged = None if log is None else _sample_log(robot, log)
+    page = write_lesson_page(robot, book, parameters, exercises=exercises, seed=seed, logged=logged)
     answers = write_file(file.with_suffix(".answers.txt"), page.answers) if page.answers else None
     sheet = write_file(sheet_file, page.sheet) if page.sheet else None
     return WrittenLesson(
@@ -283,6 +287,39 @@ def write_lesson(
         answers=answers,
         sheet=sheet,
     )
+
+
+_LONGEST_MOTION = 30.0
+"""s of a log that a page has."""
+_STILL = 1e-3
+"""rad or m: what moves by less stands still."""
+
+
+def _sample_log(robot: "Robot", log: "LogLike") -> "LoggedMotion":
+    """Return the motion of a log, filtered as for an identification.
+
+    Raises:
+        LogError: the log cannot be read or used; the message lists all mistakes.
+    """
+    import numpy as np
+
+    from symid.api.log import adopt_log_map, take_one_log
+    from symid.identification.regression import choose_filters
+    from symid.lessons import MOTION_RATE, LoggedMotion
+    from symid.logs import prepare_signals, read_recordings
+
+    described = adopt_log_map(robot, log)
+    (recording,) = read_recordings((take_one_log(log),), described)
+    processing = choose_filters(described.processing, [recording]).processing
+    signals = prepare_signals(recording, processing)
+    length = min(float(signals.time[-1] - signals.time[0]), _LONGEST_MOTION)
+    times = signals.time[0] + np.arange(int(length * MOTION_RATE) + 1) / MOTION_RATE
+    tables = (signals.q, signals.dq, signals.ddq)
+    states = np.stack([[np.interp(times, signals.time, part) for part in table.T] for table in tables])
+    still = np.ptp(states[0], axis=1) < _STILL
+    states[0, still] = states[0, still].mean(axis=1, keepdims=True)
+    states[1:, still] = 0.0
+    return LoggedMotion(name=Path(recording.source).name, states=states.transpose(0, 2, 1))
 
 
 def _read_sheet(path: Path) -> "AnswerSheet":

@@ -264,6 +264,7 @@ class RobotModel:
         long_sines: bool = False,
         exercises: int = 0,
         seed: int = 0,
+        log: "LogLike | None" = None,
     ) -> "WrittenLesson":
         """Write the derivation as one self-contained page: formulas, their numbers, checks, the arm to move.
 
@@ -278,9 +279,11 @@ class RobotModel:
             exercises: how many stand at the end; a sheet to fill in (`check_answers` marks it) and the
                 answers go to text files beside the page.
             seed: of the exercises.
+            log: a log or its file, whose motion (at most 30 s) the page offers beside drawn ones.
 
         Raises:
             RobotError: a symbolic length has no value.
+            LogError: the log cannot be read or used; the message lists all mistakes.
             OutputError: the page cannot be written.
 
         Example:
@@ -291,7 +294,7 @@ class RobotModel:
         from symid.api.dynamics import write_lesson
 
         self.progress(f"deriving the lesson on {self.name}")
-        options: dict[str, Any] = {"long_sines": long_sines, "exercises": exercises, "seed": seed}
+        options: dict[str, Any] = {"long_sines": long_sines, "exercises": exercises, "seed": seed, "log": log}
         return write_lesson(self.description, path, notation, parameters, angle, **options)
 
     def check_answers(self, path: str | PathLike[str]) -> "MarkedSheet":

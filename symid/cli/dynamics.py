@@ -69,6 +69,7 @@ from symid.errors import Notice, UsageError
     default=0,
 )
 @OUTPUT.option("--seed", "Of the exercises.", click.IntRange(0), default=0)
+@INPUT.option("--log", "Log whose motion the page offers beside drawn ones.", FILE, "FILE")
 @INPUT.option("--check", "Mark the answers in a sheet of exercises.", FILE, "FILE")
 def derive_command(
     console: Console,

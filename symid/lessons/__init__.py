@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     )
     from symid.lessons.notebook import write_lesson_notebook as write_lesson_notebook
     from symid.lessons.page import (
+        MOTION_RATE as MOTION_RATE,
+        LoggedMotion as LoggedMotion,
         write_lesson_page as write_lesson_page,
         write_lesson_tex as write_lesson_tex,
     )

@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from symid import __version__
+from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import (
     choose_route,
     list_robot_specs,
@@ -54,6 +55,18 @@ _REGION = 'class="scroll" tabindex="0" role="region" aria-label="Table"'
 _MARKED = re.compile(r"\$([^$]+)\$|`([^`]+)`")
 
 
+MOTION_RATE = 50.0
+"""Hz, of the samples that the page's script takes of a motion."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LoggedMotion(FrozenArrays):
+    """The motion of a log: `states` (3, N, n), q, dq, ddq of all coordinates at `MOTION_RATE`, SI units."""
+
+    name: str
+    states: FloatArray
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LessonPage:
     """A lesson as HTML; as text its exercises to fill in, `sheet`, and their answers, empty without any."""
@@ -64,9 +77,17 @@ class LessonPage:
 
 
 def write_lesson_page(
-    robot: Robot, book: Book, form: Parameterisation | None = None, *, exercises: int = 0, seed: int = 0
+    robot: Robot,
+    book: Book,
+    form: Parameterisation | None = None,
+    *,
+    exercises: int = 0,
+    seed: int = 0,
+    logged: LoggedMotion | None = None,
 ) -> LessonPage:
     """Return the page of the lesson on `robot`, with so many exercises, drawn with `seed`.
+
+    `logged` is offered among the motions whose information the page shows.
 
     Raises:
         SymidError: two derivations that must agree do not.
@@ -76,7 +97,7 @@ def write_lesson_page(
     chapters = (*lesson.chapters, *write_elastic(robot, book))
     drawn = draw_exercises(lesson, exercises, np.random.default_rng(seed))
     if lesson.beta:
-        chapters = (*chapters, _write_identification(lesson))
+        chapters = (*chapters, _write_identification(lesson, logged))
     if drawn:
         chapters = (*chapters, _EXERCISES)
     folder = locate_resource_folder("templates") / "lesson"
@@ -99,7 +120,7 @@ def write_lesson_page(
         "FUNCTIONS": _write_functions(robot),
         "FORMULAS": _write_formulas(chapters),
         "EXERCISES": ",\n".join(map(_write_exercise, drawn)),
-        "DATA": _write_json(_describe(lesson)),
+        "DATA": _write_json({**_describe(lesson), "log": _describe_log(logged)}),
         "SCRIPT": "".join((folder / f"{name}.js").read_text(encoding="utf-8") for name in _SCRIPTS),
     }
     template = (folder / "lesson.html").read_text(encoding="utf-8")
@@ -302,9 +323,18 @@ def _describe(lesson: Lesson) -> dict[str, object]:
     }
 
 
-def _write_identification(lesson: Lesson) -> Chapter:
+def _describe_log(logged: LoggedMotion | None) -> dict[str, object] | None:
+    """Return the samples for the page: q, dq, ddq of each, to 1e-6 of the SI unit."""
+    if logged is None:
+        return None
+    samples = np.round(logged.states, 6).transpose(1, 0, 2) + 0.0
+    return {"name": logged.name, "samples": samples.tolist()}
+
+
+def _write_identification(lesson: Lesson, logged: LoggedMotion | None) -> Chapter:
     """Return the chapter in which a reader moves the robot and sees what the torques tell."""
     tau, q = lesson.book.torque, lesson.book.coordinates
+    taken = "" if logged is None else f", or take the one of `{logged.name}`"
     items = (
         Item(
             kind="text",
@@ -321,8 +351,8 @@ def _write_identification(lesson: Lesson) -> Chapter:
             kind="text",
             text="The sum grows with every sample: the longer and the richer the motion, the smaller the "
             "deviations. What a motion does not move, or moves in one way only, it cannot tell apart, and "
-            "the sum has no inverse. Design a motion and play it; $Y$ is that of generated code, at 50 "
-            "samples a second; friction is known.",
+            f"the sum has no inverse. Design a motion{taken}, and play it; $Y$ is that of generated code, at "
+            "50 samples a second; friction is known.",
         ),
         Item(kind="widget", text="identification"),
     )

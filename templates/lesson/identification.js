@@ -64,7 +64,7 @@ const analyse = (U) => {
 };
 
 const nameOf = (k) => plain(D.parameters[k].latex).replace(/[_ ]/g, "");
-const plan = { points: [], seconds: 10, noise: D.coordinates.map(() => 0.1), joint: 0 };
+const plan = { points: [], log: false, seconds: 10, noise: D.coordinates.map(() => 0.1), joint: 0 };
 const sums = { U: new Float64Array(B * B), count: 0, results: [], now: null, splines: [] };
 const rangeOf = (k) => { const joint = D.joints[D.coordinates[k]]; return joint.limits || (joint.prismatic ? [-0.5, 0.5] : [-Math.PI, Math.PI]); };
 const centreOf = (k) => middle(D.joints[D.coordinates[k]], k);
@@ -83,14 +83,22 @@ const goTo = (count) => {
   }
   sums.now = analyse(sums.U);
 };
+// Of a log, its samples are the motion, and the points lie on it: who moves one goes on from there.
+const takeLog = () => {
+  const { samples } = D.log;
+  plan.log = true;
+  plan.seconds = samples.length / RATE;
+  plan.points = D.coordinates.map((_, k) => Array.from({ length: POINTS }, (__, i) => samples[Math.floor(i * samples.length / POINTS)][0][k]));
+};
 const startPlan = () => {
-  sums.splines = plan.points.map((points) => buildSpline(points, plan.seconds));
+  const last = plan.log ? D.log.samples.length - 1 : 0;
+  sums.splines = plan.points.map((points, k) => (plan.log ? (t) => D.log.samples[Math.min(Math.round(t * RATE), last)].map((state) => state[k]) : buildSpline(points, plan.seconds)));
   sums.results = []; sums.count = 0; sums.U.fill(0);
   goTo(countSamples());
 };
 
 // Why a motion does not show a parameter, in the words of the groupings.
-const stands = (k) => { const points = plan.points[D.coordinates.indexOf(D.joints[k].master)]; return Math.max(...points) - Math.min(...points) < 1e-9; };
+const stands = (k) => { const place = D.coordinates.indexOf(D.joints[k].master), points = plan.log ? D.log.samples.map((states) => states[0][place]) : plan.points[place]; return Math.max(...points) - Math.min(...points) < 1e-9; };
 const explain = (i) => {
   const { link } = D.parameters[i];
   if (link < 0) return "its drive";
@@ -227,7 +235,8 @@ widget("identification", (node) => {
   plan.points = moveAll();
   const shown = [], redraw = () => { for (const each of shown) each(); };
   let waiting = false, playingTime = null;
-  const change = () => {
+  const change = (keepsLog = false) => {
+    if (!keepsLog) plan.log = false;
     if (waiting) return;
     waiting = true;
     requestAnimationFrame(() => { waiting = false; stopPlaying(); startPlan(); redraw(); });
@@ -260,6 +269,7 @@ widget("identification", (node) => {
   addAction("only this joint moves", () => { const all = moveAll(); plan.points = all.map((points, k) => (k === plan.joint ? points : rest(k))); change(); });
   addAction("all joints move", () => { plan.points = moveAll(); change(); });
   addAction("a random motion", () => { plan.points = D.coordinates.map((_, k) => wave(k, () => 0.8 * Math.min(widestOf(k), 2) * (2 * Math.random() - 1))); change(); });
+  if (D.log) addAction(`the motion of ${D.log.name}`, () => { takeLog(); change(true); });
   bar.append(row);
   const numbers = make("dl", { class: "readout" }), cells = ["rank", "condition number", "samples"].map((title) => { const cell = make("dd"); numbers.append(make("dt", {}, title), cell); return cell; });
   const two = make("div", { class: "two" }), left = make("div"), right = make("div");
@@ -277,7 +287,7 @@ widget("identification", (node) => {
   playingTime = addSlider(right, "t", "Time up to which the motion has been played", 0, 1, 1, (x) => `${show(Number((x * plan.seconds).toFixed(2)))} s`, (x) => { stopPlaying(); goTo(Math.round(x * countSamples())); redraw(); });
   right.append(numbers);
   const noise = make("details", {}, make("summary", {}, "Noise of the torques")), sliders = make("div", { class: "two" });
-  D.coordinates.forEach((index, k) => addSlider(sliders, `\\sigma_{${index + 1}}`, `Noise of joint ${index + 1}`, -2, 1, Math.log10(plan.noise[k]), (x) => `${show(Number((10 ** x).toPrecision(2)))} ${D.joints[index].prismatic ? "N" : "N m"}`, (x) => { plan.noise[k] = 10 ** x; change(); }));
+  D.coordinates.forEach((index, k) => addSlider(sliders, `\\sigma_{${index + 1}}`, `Noise of joint ${index + 1}`, -2, 1, Math.log10(plan.noise[k]), (x) => `${show(Number((10 ** x).toPrecision(2)))} ${D.joints[index].prismatic ? "N" : "N m"}`, (x) => { plan.noise[k] = 10 ** x; change(true); }));
   noise.append(sliders); bar.append(noise);
   shown.push(() => {
     playingTime.set(sums.count / countSamples());

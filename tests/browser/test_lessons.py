@@ -285,3 +285,25 @@ def test_deviations_fall_as_a_motion_is_played_and_points_are_dragged(browser, p
     assert after[0] > before[0] + 0.3
     assert after[1:] == before[1:]
     assert browser.run(f"{lesson}.sums.count") == 500
+
+
+def test_the_motion_of_a_log_is_one_to_play(browser, tmp_path):
+    robot = symid.load("two_link")
+    path = robot.simulate(duration=6.0, seed=1).log.save(tmp_path / "run.npz")
+    browser.size(1280, 900)
+    browser.open(robot.write_lesson(tmp_path / "lesson.html", log=path).path)
+    lesson = "window.lesson.identification"
+    press(browser, "the motion of run.npz")
+    count = browser.run(f"{lesson}.sums.count")
+    assert count == 291
+    samples = np.array(browser.run("D.log.samples"))
+    rows = robot.compile().torque_regressor(*samples.transpose(1, 0, 2)) / 0.1
+    rows = rows.reshape(-1, rows.shape[-1])
+    assert browser.run(f"{lesson}.sums.now.rank") == rows.shape[1]
+    expected = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
+    assert browser.run(f"{lesson}.sums.now.deviations") == pytest.approx(expected, rel=1e-9)
+    assert browser.run("document.documentElement.scrollWidth") <= 1280
+    assert list_findings(browser) == []
+    press(browser, "only this joint moves")
+    assert browser.run(f"{lesson}.plan.log") is False
+    assert browser.messages == []

@@ -1,8 +1,10 @@
 """Lessons as pages: one file, no request, the same bytes, braces in balance, parts of every kind of robot."""
 
 import html
+import json
 import re
 
+import numpy as np
 import pytest
 
 import symid
@@ -184,3 +186,31 @@ def test_one_file_at_a_time(capsys):
     """The notice is usage.lesson-files."""
     assert run(["derive", "two_link", "--html", "a.html", "--tex", "a.tex"]) == 2
     assert "--html and --tex: one at a time" in capsys.readouterr().err
+
+
+def test_the_motion_of_a_log_stands_in_the_page(tmp_path):
+    """Against the motion in closed form; the second joint rests, up to the noise of its encoder."""
+    robot, time = symid.load("two_link"), np.arange(8001) / 1e3
+    wave = 0.5 * np.sin(2.0 * np.pi * 0.4 * time)
+    rest = 0.3 + 1e-5 * np.random.default_rng(1).normal(size=time.size)
+    q = np.column_stack([wave, rest])
+    log = symid.build_log(robot, time=time, q=q, tau=np.cos(q) + 0.1 * q)
+    page = robot.write_lesson(tmp_path / "lesson.html", log=log).path.read_text(encoding="utf-8")
+    found = json.loads(re.search(r'"log":(\{.*?\]\]\]\})', page)[1])
+    samples = np.array(found["samples"])
+    # A tenth of a second is cut off at both ends, as for an identification.
+    assert samples.shape == (391, 3, 2)
+    at, rate = 0.1 + np.arange(391) / 50.0, 2.0 * np.pi * 0.4
+    turn = np.column_stack([np.sin(rate * at), rate * np.cos(rate * at), -(rate**2) * np.sin(rate * at)])
+    assert samples[:, :, 0] == pytest.approx(0.5 * turn, abs=2e-3)
+    assert samples[:, 0, 1] == pytest.approx(0.3, abs=1e-5)
+    assert not samples[:, 1:, 1].any()
+    assert '"log":null' in write_lesson_page(robot.description, get_book("symid"))
+
+
+def test_a_log_is_for_a_page(capsys, tmp_path):
+    assert run(["derive", "two_link", "--tex", str(tmp_path / "a.tex"), "--log", "log.npz", "--json"]) == 2
+    assert json.loads(capsys.readouterr().out)["errors"][0]["code"] == "usage.lesson-option"
+    assert run(["derive", "two_link", "--html", str(tmp_path / "a.html"), "--log", "no.npz", "--json"]) == 3
+    assert json.loads(capsys.readouterr().out)["errors"][0]["file"] == "no.npz"
+    assert list(tmp_path.iterdir()) == []
