@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import symid
 from symid.cli.main import run
 from symid.robot.loading import locate_robot_file
+from symid.serialization import write_json
 
 KR300 = Path(__file__).parents[3] / "shared" / "data" / "kr300"
 MISSING = pytest.mark.skipif(not KR300.exists(), reason=f"the KR300's recordings are not at {KR300}")
@@ -71,7 +73,10 @@ def test_kr300_delay_offsets_and_the_one_spring_that_can_be_told(capsys, tmp_pat
     assert result["hysteresis"] is None
     codes = {warning["code"] for warning in answer["warnings"]}
     assert {"log.no-second-encoder", "log.aligned"} <= codes
-    assert json.loads(output.read_text()) == result
+    written = json.loads(output.read_text())
+    assert {name: written[name] for name in result} == result
+    read = json.loads(write_json(symid.load_stiffness(output).to_dict()))
+    assert {name: written[name] for name in read} == read
 
 
 @MISSING
