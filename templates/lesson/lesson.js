@@ -326,7 +326,7 @@ widget("frames", (node) => {
   node.append(note);
 });
 const heat = (node, rows, title, unit) => {
-  const most = Math.max(1e-12, ...rows.flat().map(Math.abs)), box = make("div", { class: `heat${rows.length > 5 ? " many" : ""}`, role: "img", "aria-label": title, style: `grid-template-columns: repeat(${rows[0].length}, minmax(0, 1fr))` });
+  const most = Math.max(1e-12, ...rows.flat().map(Math.abs)), box = make("div", { class: `heat${rows.length > 5 ? " many" : ""}`, role: "img", "aria-label": title, tabindex: rows.length > 8 ? 0 : -1, style: `grid-template-columns: repeat(${rows[0].length}, minmax(${rows.length > 8 ? "2.7rem" : "0"}, 1fr))` });
   for (const row of rows) for (const value of row) {
     const share = Math.abs(value) / most;
     box.append(make("span", { style: `background: rgba(var(--heat), ${(0.06 + 0.42 * Math.sqrt(share)).toFixed(3)})` }, rows.length > 5 ? short(value) : show(value)));
