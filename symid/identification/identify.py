@@ -356,7 +356,7 @@ def prepare_elastic_methods(
     by_method = prepare_methods(ready.library, ready.moved, options, echo=echo)
 
     def identify(method: str) -> Identification[ElasticEstimate]:
-        _tell_method(robot, ready, method, context)
+        _report_method(robot, ready, method, context)
         found = by_method(method)
         estimate = replace(found, notices=(*found.notices, *warn_of_rotors(found.parameters)))
         estimate = replace(estimate, drawn=robot.made_from is not None)
@@ -407,7 +407,7 @@ def _prepare_elastic(
     return _ElasticInput(library, options, cut, moved, alignment, notices)
 
 
-def _tell_method(robot: Robot, ready: _ElasticInput, method: str, context: TaskContext) -> None:
+def _report_method(robot: Robot, ready: _ElasticInput, method: str, context: TaskContext) -> None:
     context.progress(f"identifying {robot.name} from {_count_logs(ready.moved)} by the method {method!r}")
 
 
@@ -428,7 +428,7 @@ def build_elastic_graph(
     refuse_known_payloads(recordings, "a robot with elastic joints")
     choose_route(robot, recordings, method="nlp", elastic={}, rigid=())
     ready = _prepare_elastic(robot, recordings, replace(options, method="nlp"), pairs, context)
-    _tell_method(robot, ready, "nlp", context)
+    _report_method(robot, ready, "nlp", context)
     return build_one_shot(ready.library, ready.moved, ready.options), ready.notices
 
 

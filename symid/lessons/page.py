@@ -332,7 +332,7 @@ def _describe_log(logged: LoggedMotion | None) -> dict[str, object] | None:
 
 
 def _write_identification(lesson: Lesson, logged: LoggedMotion | None) -> Chapter:
-    """Return the chapter in which a reader moves the robot and sees what the torques tell."""
+    """Return the chapter in which a reader moves the robot and sees what the torques identify."""
     tau, q = lesson.book.torque, lesson.book.coordinates
     taken = "" if logged is None else f", or take the one of `{logged.name}`"
     items = (

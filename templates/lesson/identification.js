@@ -106,7 +106,7 @@ const explain = (i) => {
   if (still.length === path.length) return `no joint that carries link ${link + 1} moves`;
   // A link that moves has what does not move behind it for a part of it.
   if (still.length || next.length) return (still.length ? still : next).map((k) => `joint ${k + 1} stands still, so link ${k + 1} moves with ${after(k)}`).join("; ");
-  return `link ${link + 1} moves, but this motion does not tell its parameters from others`;
+  return `link ${link + 1} moves, but this motion does not separate its parameters from others`;
 };
 
 const buildEditor = (node, change) => {
