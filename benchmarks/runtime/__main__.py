@@ -36,7 +36,7 @@ from gates import judge
 from tables import format_figures, format_ratios, format_verdicts
 from tools import Compiler, NotInstalledError, find_compilers, find_count_machine
 
-from robots import ROBOTS, Case, build_case
+from robots import LARGE, ROBOTS, Case, build_case
 from symid.errors import SymidError
 
 TOLERANCE = 1e-9
@@ -66,7 +66,10 @@ def read_arguments() -> argparse.Namespace:
         prog="python benchmarks/runtime", description=__doc__.split("\n", maxsplit=1)[0]
     )
     parser.add_argument(
-        "--robot", action="append", metavar="NAME", help=f"of {', '.join(ROBOTS)}; may be repeated"
+        "--robot",
+        action="append",
+        metavar="NAME",
+        help=f"of {', '.join(ROBOTS)}; or chain12, tree50 and the like; may be repeated",
     )
     parser.add_argument(
         "--compiler", action="append", metavar="NAME", help="clang, gcc, clang-19, ...; may be repeated"
@@ -123,13 +126,18 @@ def build_contenders(plan: Plan, case: Case, compiler: Compiler, machine: str) -
         add(["Pinocchio"], shop.build_pinocchio(compiler, machine), "states_pinocchio.bin")
     except NotInstalledError as error:
         say(str(error))
+    large = case.robot.size >= LARGE
     try:
-        traced = shop.write_traced(plan.compilers[0], case)
-        add(["SX", "SX-constant"], shop.build_traced(compiler, machine, traced), "states_pinocchio.bin")
+        if not large:
+            traced = shop.write_traced(plan.compilers[0], case)
+            add(["SX", "SX-constant"], shop.build_traced(compiler, machine, traced), "states_pinocchio.bin")
     except NotInstalledError as error:
         say(str(error))
-    own, library = (shop.write_ours(case, trigonometry) for trigonometry in ("own", "library"))
+    own = shop.write_ours(case, "own")
     add(["ours", "batch", "batch-1000"], shop.build_ours(compiler, machine, own), "states_ours.bin")
+    if large:
+        return result
+    library = shop.write_ours(case, "library")
     add(["scalar"], shop.build_ours(compiler, machine, own, scalar=True), "states_ours.bin")
     add(["libm"], shop.build_ours(compiler, machine, library, scalar=True), "states_ours.bin")
     return result

@@ -7,6 +7,8 @@ Pinocchio made of it goes as text to the C++ programs. Rotors, springs and frict
 functions measured here has them in Pinocchio.
 """
 
+import re
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,7 +26,23 @@ from symid.robot.toml_reader import read_robot
 from symid.robot.urdf_reader import read_urdf
 from symid.robot.xml_writers import write_urdf
 
-__all__ = ["ROBOTS", "Case", "build_case", "find_prefix", "import_pinocchio", "write_model", "write_states"]
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+from scaling import build_robot  # a script of the folder above
+
+__all__ = [
+    "LARGE",
+    "ROBOTS",
+    "Case",
+    "build_case",
+    "find_prefix",
+    "import_pinocchio",
+    "write_model",
+    "write_states",
+]
+
+LARGE = 20
+"""Joints from which on only Pinocchio and code as it comes take part: the rest compiles for hours."""
+_DRAWN = re.compile(r"(chain|tree)([1-9]\d*)")
 
 # Of example-robot-data: file, base and tip. The last one was drawn at random from its 69 files.
 _EXAMPLES = {
@@ -83,6 +101,8 @@ def find_prefix() -> Path:
 
 
 def _read(name: str) -> Robot:
+    if drawn := _DRAWN.fullmatch(name):
+        return build_robot(drawn[1], int(drawn[2]))
     if name not in _EXAMPLES:
         return read_robot(locate_robot_file(name))
     file, base, tip = _EXAMPLES[name]

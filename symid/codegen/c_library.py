@@ -85,11 +85,13 @@ def _write_polynomial(texts: list[str]) -> str:
     return whole
 
 
-def _write_transposition(width: int, first: int) -> list[str]:
-    """Return statements that turn `width` lanes, from x[first] on, and store them as `width` rows.
+def _write_transposition(lanes: int, first: int) -> list[str]:
+    """Return statements that turn `lanes` lanes, from x[first] on, and store them as as many rows.
 
-    Elements are exchanged between lanes 1, 2, 4 apart, one bit of their numbers at a time.
+    Elements are exchanged between lanes 1, 2, 4 apart, one bit of their numbers at a time. Sixteen lanes are
+    two squares of eight side by side.
     """
+    width = min(lanes, 8)
     names = [f"x[{first + k}]" for k in range(width)]
     lines, step = [], 1
     while step < width:
@@ -97,8 +99,8 @@ def _write_transposition(width: int, first: int) -> list[str]:
         for k in range(width):
             if k & step:
                 continue
-            low = [width + (i ^ step) if i & step else i for i in range(width)]
-            high = [width + i if i & step else i | step for i in range(width)]
+            low = [lanes + (i ^ step) if i & step else i for i in range(lanes)]
+            high = [lanes + i if i & step else i | step for i in range(lanes)]
             for place, order in ((k, low), (k | step, high)):
                 turned[place] = f"y{first + place}_{step}"
                 numbers = ", ".join(map(str, order))
@@ -107,7 +109,9 @@ def _write_transposition(width: int, first: int) -> list[str]:
                 )
         names, step = turned, 2 * step
     for k, name in enumerate(names):
-        lines.append(f"store_lanes(out + stride * {k} + {first}, {name});")
+        out = f"out + stride * {k} + {first}"
+        halves = f"store_halves({out}, {out} + stride * {width}, {name});"
+        lines.append(halves if lanes > width else f"store_lanes({out}, {name});")
     return lines
 
 
@@ -126,7 +130,7 @@ def write_simd_header(macro: str, precision: str) -> str:
     one, half = write_all(1.0, 0.5)
     blocks = {
         f"{name}_lines": [line for first in range(0, 8, width) for line in _write_transposition(width, first)]
-        for name, width in (("eight", 8), ("four", 4), ("two", 2))
+        for name, width in (("sixteen", 16), ("eight", 8), ("four", 4), ("two", 2))
     }
     return write_template(
         "c/lanes.h.jinja",
@@ -137,6 +141,7 @@ def write_simd_header(macro: str, precision: str) -> str:
         suffix="" if double else "f",
         limit=f"{limit:g}",
         limit_literal=write_literal(limit, precision),
+        avx512_lanes=512 // bits,
         avx_lanes=256 // bits,
         sse_lanes=128 // bits,
         two_over_pi=write_literal(2.0 / math.pi, precision),

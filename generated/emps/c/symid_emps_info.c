@@ -13,5 +13,5 @@ const char *symid_emps_signature(void)
 
 const char *symid_emps_digest(void)
 {
-    return "674d8f98509a2bb2ddbb79f9dcb6a5361b21410dacb231ce77a275e4afefcd63";
+    return "0909c1428d33356a13575f2a30b36d0edeb89b6592f16f13b9758c154913bc55";
 }

@@ -13,5 +13,5 @@ const char *symid_two_link_signature(void)
 
 const char *symid_two_link_digest(void)
 {
-    return "0f719b3a2ea245bc2d4ce200f2d9f3f62fea8f267e1d5779fdbe650f574d33d7";
+    return "b8ff08cceef080152aaae97c5efea8f0aa9fa15703bce5fc5ca0f25e5388c499";
 }

@@ -3,7 +3,7 @@
  * Private to the sources of this library: numbers side by side, and sine and cosine of several angles at once.
  *
  * Where the compiler has vector types and the processor wide registers, `lanes` holds SYMID_TWO_LINK_LANES numbers;
- * elsewhere it is one number, and the same lines are plain C99. SYMID_TWO_LINK_LANES may be set to 1, 2, 4 or 8.
+ * elsewhere it is one number, and the same lines are plain C99. SYMID_TWO_LINK_LANES may be set to 1, 2, 4, 8 or 16.
  *
  * An angle x becomes r = x - n pi/2 with |r| <= pi/4, pi/2 in parts (Cody and Waite 1980), and r goes through
  * minimax polynomials. Error: below 2 units in the last place up to |x| = 100, below 4 up to |x| = 1e+06, less
@@ -43,8 +43,8 @@
 #endif
 #endif
 
-#if SYMID_TWO_LINK_LANES != 1 && SYMID_TWO_LINK_LANES != 2 && SYMID_TWO_LINK_LANES != 4 && SYMID_TWO_LINK_LANES != 8
-#error "SYMID_TWO_LINK_LANES must be 1, 2, 4 or 8"
+#if SYMID_TWO_LINK_LANES != 1 && SYMID_TWO_LINK_LANES != 2 && SYMID_TWO_LINK_LANES != 4 && SYMID_TWO_LINK_LANES != 8 && SYMID_TWO_LINK_LANES != 16
+#error "SYMID_TWO_LINK_LANES must be 1, 2, 4, 8 or 16"
 #endif
 
 #if SYMID_TWO_LINK_LANES > 1
@@ -78,8 +78,14 @@ static inline double from_bits(uint64_t x)
 #define IS_GREATER(a, b) ((uint64_t)0 - (uint64_t)((a) > (b)))
 #endif
 
-/* One number in all lanes; n numbers as lanes; numbers that lie s apart; the k-th of the numbers in an array of lanes. */
-#if SYMID_TWO_LINK_LANES == 8
+/* One number in all lanes; eight numbers as lanes (half of sixteen); numbers that lie s apart; the k-th of the numbers in an array of lanes. */
+#if SYMID_TWO_LINK_LANES == 16
+#define ALL(x) ((lanes){x, x, x, x, x, x, x, x, x, x, x, x, x, x, x, x})
+#define ALL_BITS(x) ((lane_bits){x, x, x, x, x, x, x, x, x, x, x, x, x, x, x, x})
+#define EIGHT(a, b, c, d, e, f, g, h) {a, b, c, d, e, f, g, h}
+#define EVERY(p, s) (p)[0], (p)[s], (p)[2 * (s)], (p)[3 * (s)], (p)[4 * (s)], (p)[5 * (s)], (p)[6 * (s)], (p)[7 * (s)]
+#define GATHER(p, s) {EVERY(p, s), EVERY((p) + 8 * (s), s)}
+#elif SYMID_TWO_LINK_LANES == 8
 #define ALL(x) ((lanes){x, x, x, x, x, x, x, x})
 #define ALL_BITS(x) ((lane_bits){x, x, x, x, x, x, x, x})
 #define EIGHT(a, b, c, d, e, f, g, h) {a, b, c, d, e, f, g, h}
@@ -99,10 +105,15 @@ static inline double from_bits(uint64_t x)
 #define ALL_BITS(x) (x)
 #define EIGHT(a, b, c, d, e, f, g, h) a, b, c, d, e, f, g, h
 #endif
-#define AT(x, k) LANE((x)[(k) / SYMID_TWO_LINK_LANES], (k) % SYMID_TWO_LINK_LANES)
+#if SYMID_TWO_LINK_LANES > 8
+#define FILLED 8
+#else
+#define FILLED SYMID_TWO_LINK_LANES
+#endif
+#define AT(x, k) LANE((x)[(k) / FILLED], (k) % FILLED)
 /* How many `lanes` hold n numbers, and how many hold as many groups of eight. */
-#define COUNT(n) (((n) + SYMID_TWO_LINK_LANES - 1) / SYMID_TWO_LINK_LANES)
-#define ROOM(n) (((n) + 7) / 8 * (8 / SYMID_TWO_LINK_LANES))
+#define COUNT(n) (((n) + FILLED - 1) / FILLED)
+#define ROOM(n) (((n) + 7) / 8 * (8 / FILLED))
 
 #if defined(__GNUC__)
 #define RARE __attribute__((cold, noinline, unused)) static
@@ -223,10 +234,49 @@ static inline void store_lanes(double *out, lanes x)
     memcpy(out, &x, sizeof x);
 }
 
+static inline void store_halves(double *low, double *high, lanes x)
+{
+    memcpy(low, &x, sizeof x / 2);
+    memcpy(high, (const unsigned char *)&x + sizeof x / 2, sizeof x / 2);
+}
+
 /* Eight elements of an output that follow each other. */
 static inline void store_eight(double *out, size_t stride, const lanes x[8])
 {
-#if SYMID_TWO_LINK_LANES == 8
+#if SYMID_TWO_LINK_LANES == 16
+    const lanes y0_1 = SHUFFLE(x[0], x[1], 0, 16, 2, 18, 4, 20, 6, 22, 8, 24, 10, 26, 12, 28, 14, 30);
+    const lanes y1_1 = SHUFFLE(x[0], x[1], 1, 17, 3, 19, 5, 21, 7, 23, 9, 25, 11, 27, 13, 29, 15, 31);
+    const lanes y2_1 = SHUFFLE(x[2], x[3], 0, 16, 2, 18, 4, 20, 6, 22, 8, 24, 10, 26, 12, 28, 14, 30);
+    const lanes y3_1 = SHUFFLE(x[2], x[3], 1, 17, 3, 19, 5, 21, 7, 23, 9, 25, 11, 27, 13, 29, 15, 31);
+    const lanes y4_1 = SHUFFLE(x[4], x[5], 0, 16, 2, 18, 4, 20, 6, 22, 8, 24, 10, 26, 12, 28, 14, 30);
+    const lanes y5_1 = SHUFFLE(x[4], x[5], 1, 17, 3, 19, 5, 21, 7, 23, 9, 25, 11, 27, 13, 29, 15, 31);
+    const lanes y6_1 = SHUFFLE(x[6], x[7], 0, 16, 2, 18, 4, 20, 6, 22, 8, 24, 10, 26, 12, 28, 14, 30);
+    const lanes y7_1 = SHUFFLE(x[6], x[7], 1, 17, 3, 19, 5, 21, 7, 23, 9, 25, 11, 27, 13, 29, 15, 31);
+    const lanes y0_2 = SHUFFLE(y0_1, y2_1, 0, 1, 16, 17, 4, 5, 20, 21, 8, 9, 24, 25, 12, 13, 28, 29);
+    const lanes y2_2 = SHUFFLE(y0_1, y2_1, 2, 3, 18, 19, 6, 7, 22, 23, 10, 11, 26, 27, 14, 15, 30, 31);
+    const lanes y1_2 = SHUFFLE(y1_1, y3_1, 0, 1, 16, 17, 4, 5, 20, 21, 8, 9, 24, 25, 12, 13, 28, 29);
+    const lanes y3_2 = SHUFFLE(y1_1, y3_1, 2, 3, 18, 19, 6, 7, 22, 23, 10, 11, 26, 27, 14, 15, 30, 31);
+    const lanes y4_2 = SHUFFLE(y4_1, y6_1, 0, 1, 16, 17, 4, 5, 20, 21, 8, 9, 24, 25, 12, 13, 28, 29);
+    const lanes y6_2 = SHUFFLE(y4_1, y6_1, 2, 3, 18, 19, 6, 7, 22, 23, 10, 11, 26, 27, 14, 15, 30, 31);
+    const lanes y5_2 = SHUFFLE(y5_1, y7_1, 0, 1, 16, 17, 4, 5, 20, 21, 8, 9, 24, 25, 12, 13, 28, 29);
+    const lanes y7_2 = SHUFFLE(y5_1, y7_1, 2, 3, 18, 19, 6, 7, 22, 23, 10, 11, 26, 27, 14, 15, 30, 31);
+    const lanes y0_4 = SHUFFLE(y0_2, y4_2, 0, 1, 2, 3, 16, 17, 18, 19, 8, 9, 10, 11, 24, 25, 26, 27);
+    const lanes y4_4 = SHUFFLE(y0_2, y4_2, 4, 5, 6, 7, 20, 21, 22, 23, 12, 13, 14, 15, 28, 29, 30, 31);
+    const lanes y1_4 = SHUFFLE(y1_2, y5_2, 0, 1, 2, 3, 16, 17, 18, 19, 8, 9, 10, 11, 24, 25, 26, 27);
+    const lanes y5_4 = SHUFFLE(y1_2, y5_2, 4, 5, 6, 7, 20, 21, 22, 23, 12, 13, 14, 15, 28, 29, 30, 31);
+    const lanes y2_4 = SHUFFLE(y2_2, y6_2, 0, 1, 2, 3, 16, 17, 18, 19, 8, 9, 10, 11, 24, 25, 26, 27);
+    const lanes y6_4 = SHUFFLE(y2_2, y6_2, 4, 5, 6, 7, 20, 21, 22, 23, 12, 13, 14, 15, 28, 29, 30, 31);
+    const lanes y3_4 = SHUFFLE(y3_2, y7_2, 0, 1, 2, 3, 16, 17, 18, 19, 8, 9, 10, 11, 24, 25, 26, 27);
+    const lanes y7_4 = SHUFFLE(y3_2, y7_2, 4, 5, 6, 7, 20, 21, 22, 23, 12, 13, 14, 15, 28, 29, 30, 31);
+    store_halves(out + stride * 0 + 0, out + stride * 0 + 0 + stride * 8, y0_4);
+    store_halves(out + stride * 1 + 0, out + stride * 1 + 0 + stride * 8, y1_4);
+    store_halves(out + stride * 2 + 0, out + stride * 2 + 0 + stride * 8, y2_4);
+    store_halves(out + stride * 3 + 0, out + stride * 3 + 0 + stride * 8, y3_4);
+    store_halves(out + stride * 4 + 0, out + stride * 4 + 0 + stride * 8, y4_4);
+    store_halves(out + stride * 5 + 0, out + stride * 5 + 0 + stride * 8, y5_4);
+    store_halves(out + stride * 6 + 0, out + stride * 6 + 0 + stride * 8, y6_4);
+    store_halves(out + stride * 7 + 0, out + stride * 7 + 0 + stride * 8, y7_4);
+#elif SYMID_TWO_LINK_LANES == 8
     const lanes y0_1 = SHUFFLE(x[0], x[1], 0, 8, 2, 10, 4, 12, 6, 14);
     const lanes y1_1 = SHUFFLE(x[0], x[1], 1, 9, 3, 11, 5, 13, 7, 15);
     const lanes y2_1 = SHUFFLE(x[2], x[3], 0, 8, 2, 10, 4, 12, 6, 14);

@@ -18,9 +18,10 @@ from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
-from symid.identification.diagnostics.quick_model import QuickLogs, QuickResult, fit_quick
+from symid.identification.diagnostics.quick_model import QuickLogs, QuickResult, fit_quick, mask_impossible
 
 _CLEARLY, _MOST = 0.7, 40.0
 """Times the held-out residual before, and percent: a mistake undone leaves less."""
@@ -99,22 +100,26 @@ def find_cause(
     leaves `held_out` (n,) in percent, where there is one; or, if `cures`, nothing impossible.
     """
     names = [joint.name for joint in logs.library.card.joints]
+    wrong = mask_impossible(logs, before)
     best: tuple[int, float, LikelyCause] | None = None
     for trial in list_hypotheses(logs):
         try:
             found = fit_quick(trial.logs)
         except np.linalg.LinAlgError:
             continue
-        rest, percent = int(found.impossible.sum()), found.percent
+        percent = found.percent
         better = percent <= min(_CLEARLY * before.percent, most, _MOST) and _is_certain(before, found)
         better = better and float(np.mean(found.fitted)) <= _FITTED * float(np.mean(before.fitted))
         helped = None
         if not better and held_out is not None:
             helped = _find_helped_joint(before, found, held_out)
-        better = (better or helped is not None) and rest <= int(before.impossible.sum())
-        cured = cures and before.impossible.any() and not rest and trial.code in _TURNED
-        cured = cured and percent <= _SAME * before.percent
-        if (better or cured) and (best is None or (rest, percent) < best[:2]):
+        better = better or helped is not None
+        may_cure = cures and wrong.any() and trial.code in _TURNED and percent <= _SAME * before.percent
+        if not (better or may_cure):
+            continue
+        rest = int(mask_impossible(trial.logs, found).sum())
+        sound = (better and rest <= int(wrong.sum())) or (may_cure and not rest)
+        if sound and (best is None or (rest, percent) < best[:2]):
             leaves = before.percent, percent
             if helped is not None:
                 leaves = float(before.held_out[helped]), float(found.held_out[helped])
@@ -127,8 +132,11 @@ def find_cause(
                 leaves=leaves,
             )
             best = rest, percent, cause
-    if best is not None:
-        return best[2]
+    return best[2] if best is not None else _describe_unexplained(names, before, wrong)
+
+
+def _describe_unexplained(names: list[str], before: QuickResult, wrong: NDArray[np.bool_]) -> LikelyCause:
+    """Return what to say where no single mistake helps; `wrong` (n,): joints with impossible values."""
     if before.percent >= _UNRELATED:
         return LikelyCause(
             code="log.foreign-torque",
@@ -136,7 +144,7 @@ def find_cause(
             remedy="check that torque and position columns are of the same run and of this robot",
             percent=float("inf"),
         )
-    odd = [name for name, bad in zip(names, before.impossible, strict=True) if bad]
+    odd = [name for name, bad in zip(names, wrong, strict=True) if bad]
     if odd:
         return LikelyCause(
             code="log.impossible",

@@ -29,7 +29,7 @@ from symid.codegen import Library
 from symid.errors import IdentifiabilityError, Notice
 from symid.identification.diagnostics.causes import LikelyCause, find_cause
 from symid.identification.diagnostics.fit_warnings import evaluate_inertia_columns
-from symid.identification.diagnostics.quick_model import build_quick_logs, fit_quick
+from symid.identification.diagnostics.quick_model import build_quick_logs, fit_quick, mask_impossible
 from symid.identification.diagnostics.stretches import measure_scoring_band
 from symid.identification.regression import (
     choose_filters,
@@ -438,7 +438,7 @@ def find_mistake(library: Library, recording: Recording, processing: Processing)
     usual = choose_filters(replace(processing, automatic=True), [recording]).processing
     logs = build_quick_logs(library, [recording], usual, measure_scoring_band([recording]))
     before = fit_quick(logs)
-    if before.percent <= _SUSPICIOUS and not before.impossible.any():
+    if before.percent <= _SUSPICIOUS and not mask_impossible(logs, before).any():
         return None
     # A log that fits badly has negative values by chance, too.
     found = find_cause(logs, before, cures=before.percent <= _SUSPICIOUS)

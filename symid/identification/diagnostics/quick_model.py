@@ -75,8 +75,7 @@ class QuickResult:
 
     `moving` (k,) are the joints that have rows with a torque; `held_out`, `fitted` (k,) their residuals in
     percent of held-out and of all samples, `losses` (w, k) the squares of the parts of held-out stretches
-    relative to the whole torque; `impossible` (n,) says which joints are driven by their friction or have a
-    negative inertia.
+    relative to the whole torque.
     """
 
     moving: tuple[int, ...]
@@ -85,7 +84,6 @@ class QuickResult:
     values: FloatArray
     folds: FloatArray
     losses: FloatArray
-    impossible: NDArray[np.bool_]
 
     @property
     def percent(self) -> float:
@@ -136,6 +134,33 @@ def build_quick_logs(
 
 def fit_quick(logs: QuickLogs) -> QuickResult:
     """Return the fit of all samples, and what fits without each stretch predict of it."""
+    sums = _sum_parts(logs, _evaluate(logs))
+    count, _, joints, _, _ = sums.shape
+    stretches = sums.sum(axis=1)
+    whole = stretches.sum(axis=0)
+    size = np.where(whole[:, -1, -1] > 0.0, whole[:, -1, -1], 1.0)
+    weights = 1.0 / size
+    for _ in range(2):
+        values = solve_sums(whole, weights)
+        weights = 1.0 / np.maximum(_compute_left(values, whole), 1e-6 * size)
+    values = solve_sums(whole, weights)
+    folds = solve_sums(whole - stretches, weights)
+    pairs = np.column_stack([folds, -np.ones(count)])[:, None, None]
+    left = ((sums @ pairs[..., None])[..., 0] * pairs).sum(axis=-1)
+    squares = np.maximum(left, 0.0).reshape(-1, joints)
+    moving = whole[:, -1, -1] > 0.0
+    return QuickResult(
+        moving=tuple(np.flatnonzero(moving).tolist()),
+        held_out=100.0 * np.sqrt(squares.sum(axis=0) / size)[moving],
+        fitted=100.0 * np.sqrt(np.maximum(_compute_left(values, whole), 0.0) / size)[moving],
+        values=values,
+        folds=folds,
+        losses=(squares / size)[:, moving],
+    )
+
+
+def _evaluate(logs: QuickLogs) -> FloatArray:
+    """Return the columns (T, n, p), of added friction too."""
     q, dq, ddq = (np.ascontiguousarray(part) for part in (logs.q, logs.dq, logs.ddq))
     columns = evaluate_columns(
         logs.library, q, dq, ddq, np.zeros_like(q), np.full_like(q, REFERENCE_TEMPERATURE)
@@ -145,37 +170,28 @@ def fit_quick(logs: QuickLogs) -> QuickResult:
         added = np.zeros((*dq.shape, 2 * dq.shape[1]))
         added[:, each, each], added[:, each, each + len(each)] = dq, np.sign(dq)
         columns = np.concatenate([columns, added], axis=2)
-    joints, width = columns.shape[1:]
+    return columns
+
+
+def _sum_parts(logs: QuickLogs, columns: FloatArray) -> FloatArray:
+    """Return the sums (s, parts, n, p + 1, p + 1) of products of columns and torque."""
+    samples, joints, width = columns.shape
+    # Parts of a stretch differ by a sample: the shorter ones take the row of zeros at the end.
+    table = np.zeros((samples + 1, joints, width + 1))
+    table[:-1] = np.concatenate([columns, logs.tau[:, :, None]], axis=2) * logs.kept[:, :, None]
     count = int(logs.stretch.max()) + 1
-    sums = np.zeros((count, PARTS, joints, width + 1, width + 1))
-    for place in range(count):
-        samples = np.flatnonzero(logs.stretch == place)
-        for part, own in enumerate(np.array_split(samples, PARTS)):
-            for joint in range(joints):
-                table = np.column_stack([columns[own, joint], logs.tau[own, joint]])
-                table = table[logs.kept[own, joint]]
-                sums[place, part, joint] = table.T @ table
-    stretches = sums.sum(axis=1)
-    whole = stretches.sum(axis=0)
-    size = np.where(whole[:, -1, -1] > 0.0, whole[:, -1, -1], 1.0)
-    weights = 1.0 / size
-    for _ in range(2):
-        values = solve_sums(whole, weights)
-        weights = 1.0 / np.maximum(_compute_left(values, whole), 1e-6 * size)
-    values = solve_sums(whole, weights)
-    folds = np.stack([solve_sums(whole - own, weights) for own in stretches])
-    pairs = np.column_stack([folds, -np.ones(count)])
-    squares = np.maximum(np.einsum("sk,swjkl,sl->swj", pairs, sums, pairs), 0.0).reshape(-1, joints)
-    moving = whole[:, -1, -1] > 0.0
-    return QuickResult(
-        moving=tuple(np.flatnonzero(moving).tolist()),
-        held_out=100.0 * np.sqrt(squares.sum(axis=0) / size)[moving],
-        fitted=100.0 * np.sqrt(np.maximum(_compute_left(values, whole), 0.0) / size)[moving],
-        values=values,
-        folds=folds,
-        losses=(squares / size)[:, moving],
-        impossible=_mask_impossible(logs, columns, values, folds),
-    )
+    parts = [
+        part
+        for place in range(count)
+        for part in np.array_split(np.flatnonzero(logs.stretch == place), PARTS)
+    ]
+    rows = np.full((len(parts), max(map(len, parts))), samples)
+    for row, part in zip(rows, parts, strict=True):
+        row[: len(part)] = part
+    # (parts, n, rows, p + 1)
+    chosen = np.ascontiguousarray(np.swapaxes(table[rows], 1, 2))
+    sums: FloatArray = np.swapaxes(chosen, -1, -2) @ chosen
+    return sums.reshape(count, PARTS, joints, width + 1, width + 1)
 
 
 def _compute_left(values: FloatArray, sums: FloatArray) -> FloatArray:
@@ -184,10 +200,9 @@ def _compute_left(values: FloatArray, sums: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("k,jkl,l->j", errors, sums, errors))
 
 
-def _mask_impossible(
-    logs: QuickLogs, columns: FloatArray, values: FloatArray, folds: FloatArray
-) -> NDArray[np.bool_]:
-    """Return the joints (n,) that are driven by their friction, or whose inertia is negative."""
+def mask_impossible(logs: QuickLogs, fit: QuickResult) -> NDArray[np.bool_]:
+    """Return the joints (n,) that a fit of `logs` has driven by friction, or with a negative inertia."""
+    columns, values, folds = _evaluate(logs), fit.values, fit.folds
     inertial, joints = len(logs.library.card.beta), columns.shape[1]
     still = np.zeros_like(logs.q)
     (weight,) = logs.library.evaluate("torque_regressor", np.ascontiguousarray(logs.q), still, still)

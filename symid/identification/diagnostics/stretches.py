@@ -94,19 +94,20 @@ def mask_inner(rows: Rows) -> NDArray[np.bool_]:
 
 
 def solve_sums(sums: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return x (p,) of sum_j w_j Z_j'A_j x = sum_j w_j Z_j'y_j; sums (n, p + 1, p + 1) have y last."""
-    whole = np.tensordot(weights, sums, axes=1)
-    matrix, target = whole[:-1, :-1], whole[:-1, -1]
-    scaled, scales = _scale(matrix)
-    return np.asarray(np.linalg.solve(scaled, target * scales) * scales)
+    """Return x (..., p) of sum_j w_j Z_j'A_j x = sum_j w_j Z_j'y_j; sums (..., n, p + 1, p + 1), y last."""
+    width = sums.shape[-1]
+    whole = (weights @ sums.reshape(*sums.shape[:-2], width**2)).reshape(*sums.shape[:-3], width, width)
+    scaled, scales = _scale(whole[..., :-1, :-1])
+    return np.asarray(np.linalg.solve(scaled, (whole[..., :-1, -1] * scales)[..., None])[..., 0] * scales)
 
 
 def _scale(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return D M D with ones on its diagonal and a tiny ridge, and the diagonal (p,) of D."""
-    lengths = np.sqrt(np.abs(np.diag(matrix)))
-    alive = lengths > 1e-9 * lengths.max(initial=np.finfo(float).tiny)
+    """Return D M D with ones on its diagonal and a tiny ridge, and the diagonal (..., p) of D."""
+    lengths = np.sqrt(np.abs(np.diagonal(matrix, axis1=-2, axis2=-1)))
+    alive = lengths > 1e-9 * lengths.max(axis=-1, keepdims=True, initial=np.finfo(float).tiny)
     scales = np.where(alive, 1.0 / np.where(alive, lengths, 1.0), 0.0)
-    return matrix * scales[:, None] * scales + _RIDGE * np.eye(len(scales)), scales
+    ridge = _RIDGE * np.eye(scales.shape[-1])
+    return matrix * scales[..., :, None] * scales[..., None, :] + ridge, scales
 
 
 _UNKNOWN = 1e5
@@ -206,22 +207,18 @@ def fit_stretches(
                 )
                 sums[place, group] = first.T @ right
     whole = sums.sum(axis=0)
-    folds = np.stack([solve_sums(whole - own, weights) for own in sums])
+    folds = solve_sums(whole - sums, weights)
     parts = np.stack([sums[logs == log].sum(axis=0) for log in range(int(logs.max()) + 1)])
     held = parts if determine_each_other(parts, weights) else parts[:0]
-    logwise = [solve_sums(whole - own, weights) for own in held]
-    inverses = []
-    for own in sums:
-        scaled, scales = _scale(np.tensordot(weights, whole - own, axes=1)[:-1, :-1])
-        inverses.append(np.linalg.inv(scaled) * scales[:, None] * scales)
+    scaled, scales = _scale(np.tensordot(whole - sums, weights, axes=([1], [0]))[:, :-1, :-1])
     return Stretches(
         stretch=stretch,
         logs=logs,
         folds=folds,
-        logwise=np.array(logwise).reshape(-1, width),
+        logwise=solve_sums(whole - held, weights),
         kept=kept,
         weights=weights,
-        inverses=np.stack(inverses),
+        inverses=np.linalg.inv(scaled) * scales[:, :, None] * scales[:, None, :],
     )
 
 

@@ -85,10 +85,9 @@ _PIECE = 20.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Level:
-    """Rows of one log: matrix and `smooth`, along smooth states, (T, n, p); torque and velocity (T, n)."""
+    """Rows of one log: matrix, `smooth` along smooth states (T, n, p + 1), torque last; velocity (T, n)."""
 
     matrix: FloatArray
-    torque: FloatArray
     smooth: FloatArray
     velocity: FloatArray
 
@@ -107,10 +106,10 @@ def _build_level(
     matrix = _filter_rows(flat, band * recording.period * thin, places // thin)
     slow = _prepare(library, recording, processing, min(band, 0.4 * rate))
     smooth = evaluate_columns(library, *slow.pick_states(places))
+    torque = _filter_rows(signals.tau, band * recording.period, places)[:, :, None]
     return _Level(
-        matrix=matrix.reshape(-1, joints, width),
-        torque=_filter_rows(signals.tau, band * recording.period, places),
-        smooth=smooth,
+        matrix=np.concatenate([matrix.reshape(-1, joints, width), torque], axis=2),
+        smooth=np.concatenate([smooth, torque], axis=2),
         velocity=slow.dq[places],
     )
 
@@ -221,20 +220,14 @@ class _Study:
         found = []
         for low, high in pairwise(edges.tolist()):
             own: dict[tuple[int, int], FloatArray] = {
-                pair: np.zeros((len(SHARES), joints, width + 1, width + 1)) for pair in self.pairs
+                pair: np.zeros((len(SHARES), joints, width, width)) for pair in self.pairs
             }
             for share, joint in product(range(len(SHARES)), range(joints)):
                 chosen = low + np.flatnonzero(kind[low:high, joint] == share)
                 if not len(chosen):
                     continue
-                tables = [
-                    np.column_stack([level.matrix[chosen, joint], level.torque[chosen, joint]])
-                    for level in levels
-                ]
-                smooth = [
-                    np.column_stack([level.smooth[chosen, joint], level.torque[chosen, joint]])
-                    for level in levels
-                ]
+                tables = [level.matrix[chosen, joint] for level in levels]
+                smooth = [level.smooth[chosen, joint] for level in levels]
                 for k, z in self.pairs:
                     left = tables[k] if k == z else smooth[z]
                     own[k, z][share, joint] = left.T @ tables[k]
@@ -255,10 +248,11 @@ class _Study:
             left = np.einsum("k,jkl,l->j", np.append(values, -1.0), counted, np.append(values, -1.0))
             weights = 1.0 / np.maximum(left, 1e-12 * size)
             values = solve_sums(whole, weights)
-        folds = [whole - own for own in sums]
+        folds = whole - sums
         if self.logwise:
-            folds += [sums[self.runs != run].sum(axis=0) for run in range(self.runs[-1] + 1)]
-        return values, np.stack([solve_sums(fold, weights) for fold in folds])
+            logs = [sums[self.runs != run].sum(axis=0) for run in range(self.runs[-1] + 1)]
+            folds = np.concatenate([folds, np.stack(logs)])
+        return values, solve_sums(folds, weights)
 
     def measure(self, folds: FloatArray) -> FloatArray:
         """Return the loss (folds, bands, n) of every fold on what it leaves out, relative to the torque."""

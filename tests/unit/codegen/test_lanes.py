@@ -26,7 +26,7 @@ from symid.robot.toml_reader import parse_robot, read_robot
 
 COMPILER = locate_compiler()
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="wants a C compiler: install gcc")
-WIDTHS = (1, 2, 4, 8)
+WIDTHS = (1, 2, 4, 8, 16)
 ONE_BY_ONE = ("-O2", "-DTEST_LANES=1", "-DTEST_ONE_BY_ONE")
 """What processors without registers for vectors get."""
 TYPES = {"double": (ctypes.c_double, np.float64, 1e6), "float": (ctypes.c_float, np.float32, 1e4)}
@@ -174,16 +174,20 @@ def blocks():
     base = derive_base_parameters(robot)
     names = [spec.name for spec in list_robot_specs(robot, base)]
     names = [name for name in names if not name.endswith("derivatives")]
-    return generate_c_library(build_functions(robot, names=tuple(names)))
+    functions = build_functions(robot, names=tuple(names))
+    return {kind: generate_c_library(functions, GenerateOptions(precision=kind)) for kind in TYPES}
 
 
 @needs_compiler
-@pytest.mark.parametrize("width", WIDTHS)
-def test_batches_of_every_width_agree_with_single_samples(tmp_path, width, blocks):
+@pytest.mark.parametrize(
+    ("width", "precision"), [(1, "double"), (2, "double"), (4, "double"), (8, "double"), (16, "float")]
+)
+def test_batches_of_every_width_agree_with_single_samples(tmp_path, width, precision, blocks):
+    blocks = blocks[precision]
     write_sources(blocks, tmp_path / "code")
     macro = json.loads(blocks.manifest)["prefix"].upper()
-    # Blocks of two and of eight go past the caches, however few bytes they are.
-    streamed = f" -D{macro}_STREAMED=0" * (width in {2, 8})
+    # Blocks of two, eight and sixteen go past the caches, however few bytes they are.
+    streamed = f" -D{macro}_STREAMED=0" * (width in {2, 8, 16})
     assert f"#ifndef {macro}_STREAMED" in dict(blocks.files)[f"{macro.lower()}_lanes.h"]
     flags = f"-O1 -Wno-psabi -D{macro}_LANES={width}{streamed}"
     done = subprocess.run(
