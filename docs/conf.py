@@ -13,6 +13,7 @@ sys.path.insert(0, str(FOLDER.parent))
 
 project = "symid"
 author = "the symid developers"
+project_copyright = author
 release = version = __version__
 
 extensions = [

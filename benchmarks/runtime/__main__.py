@@ -106,7 +106,7 @@ def build_contenders(plan: Plan, case: Case, compiler: Compiler, machine: str) -
     """Return what one compiler makes of all that takes part; what it cannot make is said and left out."""
     shop = plan.workshop
     result: list[Contender] = []
-    folder = shop.write_case(case)
+    folder, large = shop.write_case(case), case.robot.size >= LARGE
 
     def add(families: Sequence[str], program: Path, states: str) -> None:
         environment = {"MODEL": str(folder / "model.txt")}
@@ -116,7 +116,11 @@ def build_contenders(plan: Plan, case: Case, compiler: Compiler, machine: str) -
                 compiler=compiler.name,
                 program=program,
                 states=folder / states,
-                names=_list_names(family),
+                names={
+                    name: entries
+                    for name, entries in _list_names(family).items()
+                    if not large or name != FUNCTIONS[-1]
+                },
                 environment=environment,
             )
             for family in families
@@ -126,7 +130,6 @@ def build_contenders(plan: Plan, case: Case, compiler: Compiler, machine: str) -
         add(["Pinocchio"], shop.build_pinocchio(compiler, machine), "states_pinocchio.bin")
     except NotInstalledError as error:
         say(str(error))
-    large = case.robot.size >= LARGE
     try:
         if not large:
             traced = shop.write_traced(plan.compilers[0], case)

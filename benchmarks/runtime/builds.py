@@ -18,7 +18,7 @@ from pathlib import Path
 
 from tools import Compiler, NotInstalledError
 
-from robots import Case, find_prefix, write_model, write_states
+from robots import LARGE, Case, find_prefix, write_model, write_states
 from symid.codegen.c_library import generate_c_library
 from symid.codegen.casadi_functions import build_functions
 from symid.codegen.source_folder import write_sources
@@ -200,10 +200,10 @@ class Workshop:
     def write_ours(self, case: Case, trigonometry: str) -> Path:
         """Return the folder with the C that symid generates for the robot."""
         folder = self.write_case(case) / f"c_{trigonometry}"
-        options = GenerateOptions(trigonometry=trigonometry)
-        write_sources(
-            generate_c_library(build_functions(case.robot, names=_OURS), options), folder, force=True
-        )
+        names = _OURS[:-1] if case.robot.size >= LARGE else _OURS
+        functions = build_functions(case.robot, names=names)
+        sources = generate_c_library(functions, GenerateOptions(trigonometry=trigonometry))
+        write_sources(sources, folder, force=True)
         return folder
 
     def build_ours(self, compiler: Compiler, machine: str, code: Path, *, scalar: bool = False) -> Path:
@@ -218,7 +218,8 @@ class Workshop:
             command = [compiler.c, "-std=c99", *flags, *lanes, "-c", str(source), "-o", str(target)]
             parts.append(self._make(target, command, [source, *headers]))
         header = code / f"{prefix}.h"
-        options = [*flags, f"-DPREFIX={prefix}", "-include", str(header)]
+        large = [] if (code / f"{prefix}_{_OURS[-1]}.c").exists() else ["-DLARGE"]
+        options = [*flags, f"-DPREFIX={prefix}", *large, "-include", str(header)]
         part = self._compile_cxx(code.parent / f"{stem}.o", compiler, "ours.cpp", options, [header])
         return self._link(code.parent / stem, compiler, [part, *parts, self._build_main(compiler, machine)])
 

@@ -1,4 +1,5 @@
-// The functions that symid generates. Compiled with -DPREFIX=symid_NAME and the header by -include.
+// The functions that symid generates. Compiled with -DPREFIX=symid_NAME, the header by -include, and -DLARGE where
+// the robot has too many joints for derivatives of forward dynamics.
 #include "contender.hpp"
 
 #include <algorithm>
@@ -103,10 +104,12 @@ std::vector<bench::Entry> bench::list_entries()
               F(inverse_dynamics_derivatives)(w.q(k), w.dq(k), w.ddq(k), w.beta(), w.out.data(), w.also.data(),
                                               w.more.data()),
               join({cut(w.out, w.n * w.n), cut(w.also, w.n * w.n), w.more})),
+#ifndef LARGE
         ENTRY("forward_dynamics_derivatives",
               F(forward_dynamics_derivatives)(w.q(k), w.dq(k), w.tau(k), w.beta(), w.out.data(), w.also.data(),
                                               w.more.data(), w.rest.data()),
               join({cut(w.out, w.n), cut(w.also, w.n * w.n), w.more, w.rest})),
+#endif
         BATCH_ENTRY("inverse_dynamics",
                     BATCH(inverse_dynamics)(count, w.q(k), w.dq(k), w.ddq(k), w.beta(), w.all.data()), w.all, w.n),
         BATCH_ENTRY("gravity", BATCH(gravity)(count, w.q(k), w.beta(), w.all.data()), w.all, w.n),
@@ -127,12 +130,14 @@ std::vector<bench::Entry> bench::list_entries()
                                                            w.all_also.data(), w.all_more.data()),
                        join({cut(w.all, w.n * w.n, place), cut(w.all_also, w.n * w.n, place),
                              cut(w.all_more, w.n * w.n, place)})),
+#ifndef LARGE
         BATCH_ENTRY_OF("forward_dynamics_derivatives",
                        BATCH(forward_dynamics_derivatives)(count, w.q(k), w.dq(k), w.tau(k), w.beta(), w.all.data(),
                                                            w.all_also.data(), w.all_more.data(),
                                                            w.all_rest.data()),
                        join({cut(w.all, w.n, place), cut(w.all_also, w.n * w.n, place),
                              cut(w.all_more, w.n * w.n, place), cut(w.all_rest, w.n * w.n, place)})),
+#endif
     };
 }
 

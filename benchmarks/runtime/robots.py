@@ -18,6 +18,7 @@ import numpy as np
 from tools import NotInstalledError
 
 from symid.arrays import FloatArray
+from symid.codegen.catalogue import MOST_FULL
 from symid.dynamics.base_parameters import BaseParameters, derive_base_parameters
 from symid.notation import INERTIAL
 from symid.robot.description import Drive, FrictionValues, Joint, JointKind, Limits, Robot
@@ -40,7 +41,7 @@ __all__ = [
     "write_states",
 ]
 
-LARGE = 20
+LARGE = MOST_FULL + 1
 """Joints from which on only Pinocchio and code as it comes take part: the rest compiles for hours."""
 _DRAWN = re.compile(r"(chain|tree)([1-9]\d*)")
 

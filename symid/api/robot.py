@@ -411,7 +411,9 @@ class RobotModel:
         """
         from symid.api.code import CompiledModel
 
-        return CompiledModel(self._prepare(self.description, fused=True) if fused else self.library)
+        if fused:
+            return CompiledModel(self._prepare(self.description, fused=True, whole=True))
+        return CompiledModel(self._whole_library)
 
     def write(
         self,
@@ -481,6 +483,10 @@ class RobotModel:
     def library(self) -> "Library":
         """Return the functions that identification and simulation run on, from the cache or made now."""
         return self._prepare(self.description)
+
+    @cached_property
+    def _whole_library(self) -> "Library":
+        return self._prepare(self.description, whole=True)
 
     # Logs.
 
@@ -572,10 +578,12 @@ class RobotModel:
 
         return TaskContext(prepare=self._prepare, progress=self.progress)
 
-    def _prepare(self, description: "Robot", *, fused: bool = False) -> "Library":
+    def _prepare(self, description: "Robot", *, fused: bool = False, whole: bool = False) -> "Library":
         from symid.codegen import prepare_library
 
-        return prepare_library(description, progress=self.progress, backend=self.backend, fused=fused)
+        return prepare_library(
+            description, progress=self.progress, backend=self.backend, fused=fused, whole=whole
+        )
 
     def identify(
         self,

@@ -314,11 +314,13 @@ def compute_library_key(
     *,
     calls: str = "",
     casadi: bool = False,
+    whole: bool = True,
 ) -> str:
     """Return the signature of all that a library is made from.
 
     What the functions do not depend on, such as limits, controller and logs, takes no part. `names` are those
-    of functions, None for all; `calls` says how Python calls them, `casadi` whether CasADi computes them.
+    of functions, as in `prepare_library`, `calls` says how Python calls them, `casadi` whether CasADi
+    computes them.
     """
     plain = [
         replace(joint, limits=Limits(), drive=replace(joint.drive, torque_constant=None))
@@ -327,7 +329,7 @@ def compute_library_key(
     model = replace(robot, joints=tuple(plain), log=LogMap(), processing=Processing(), controller=None)
     model = replace(model, convention="", description="", source="", path="", notices=())
     tools = (__version__, *map(version, ("casadi", "sympy", "mpmath")))
-    built_by = (compiler or f"python {sys.version_info.major}.{sys.version_info.minor}", calls, casadi)
+    built_by = (compiler or f"python {sys.version_info.major}.{sys.version_info.minor}", calls, casadi, whole)
     # A library that was linked with a newer C library may not load with an older one.
     named = "CS_GNU_LIBC_VERSION" in getattr(os, "confstr_names", ())
     machine = (platform.system(), platform.machine(), os.confstr("CS_GNU_LIBC_VERSION") if named else "")
@@ -343,10 +345,12 @@ def _make_library(
     progress: Callable[[str], None],
     *,
     casadi: bool,
+    whole: bool,
 ) -> None:
     # Imported here: a library that is found needs neither CasADi nor SymPy.
     from symid.codegen.c_library import generate_c_library, write_python_call
     from symid.codegen.casadi_functions import build_functions
+    from symid.codegen.catalogue import FOR_CONTROLLERS
     from symid.codegen.python_targets import (
         generate_casadi_target,
         generate_python_module,
@@ -354,7 +358,8 @@ def _make_library(
     )
 
     progress(f"deriving the dynamics of {robot.name}")
-    functions = build_functions(robot, names=names)
+    own = names is None and not whole
+    functions = build_functions(robot, names=names, without=FOR_CONTROLLERS if own else ())
     prefix = build_library_prefix(robot.name)
     flags: tuple[str, ...] = ()
     if casadi:
@@ -387,19 +392,21 @@ def prepare_library(
     compiler: str | None = None,
     backend: str = "auto",
     fused: bool = False,
+    whole: bool = False,
 ) -> Library:
     """Return the robot's library; derive, generate and compile it if it is not in the cache.
 
     Args:
         robot: its log mapping and processing take no part.
         progress: called with what is being done, if something has to be done.
-        names: functions to include; None for all.
+        names: functions to include; None for those that symid's own methods call.
         cache: folder of the cache; None for `locate_cache_folder()`, and if that cannot be written, a
             temporary folder, with a notice.
         compiler: command of the C compiler; None for the first of cc, gcc, clang.
         backend: what computes the functions: "c"; "python" for NumPy; "casadi" for the C of CasADi, or its
             virtual machine where there is no compiler; "auto" for C, or NumPy where there is no compiler.
             A notice names the fallback.
+        whole: where `names` are not stated, include all functions, those for controllers too.
         fused: let the C compiler round a product and a sum once, see `allow_fusing`; a library of its own.
 
     Raises:
@@ -413,10 +420,10 @@ def prepare_library(
 
     def obtain(compiler: Compiler | None, *notices: Notice) -> Library:
         calls = "" if casadi else choose_call_path().name
-        key = compute_library_key(robot, names, compiler, calls=calls, casadi=casadi)
+        key = compute_library_key(robot, names, compiler, calls=calls, casadi=casadi, whole=whole)
 
         def make(folder: Path) -> None:
-            _make_library(folder, robot, names, compiler, report, casadi=casadi)
+            _make_library(folder, robot, names, compiler, report, casadi=casadi, whole=whole)
 
         entry = CacheEntry(name=build_library_prefix(robot.name), key=key, make=make, load=load_library)
         library, more = obtain_entry(entry, cache)

@@ -11,7 +11,7 @@ Not supported: symbolic lengths without a value (RobotError).
 
 import itertools
 import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -123,12 +123,17 @@ class Functions:
 
 
 def build_functions(
-    robot: Robot, *, names: tuple[str, ...] | None = None, standard: bool = False, constant: bool = False
+    robot: Robot,
+    *,
+    names: tuple[str, ...] | None = None,
+    without: Collection[str] = (),
+    standard: bool = False,
+    constant: bool = False,
 ) -> Functions:
     """Return the functions of the catalogue, or those called `names`, in the catalogue's order.
 
-    `standard`: they take the standard parameters pi in place of beta. `constant`: the parameter values of the
-    robot file are constants of the functions.
+    `without` names those to leave out. `standard`: they take the standard parameters pi in place of beta.
+    `constant`: the parameter values of the robot file are constants of the functions.
 
     Raises:
         RobotError: a symbolic length has no value.
@@ -136,7 +141,7 @@ def build_functions(
     """
     check_symbols(robot)
     base = build_standard_parameters(robot) if standard else derive_base_parameters(robot)
-    specs = list_robot_specs(robot, base, names)
+    specs = tuple(spec for spec in list_robot_specs(robot, base, names) if spec.name not in without)
     card = build_model_card(robot, base, specs)
     constants = get_constants(card) if constant else {}
     specs = tuple(

@@ -260,6 +260,16 @@ MOST_FULL = 16
 """Most coordinates for functions of full matrices or tensors: n^3 entries, or 2 n^3 products."""
 ON_REQUEST = frozenset({"inverse_dynamics_second_derivatives", "torque_regressor_derivatives"})
 """Functions that are as long as all others together: they are written where they are named."""
+FOR_CONTROLLERS = frozenset(
+    {
+        "coriolis_matrix",
+        "slotine_li_regressor",
+        "mass_matrix_derivatives",
+        "inverse_dynamics_derivatives",
+        "forward_dynamics_derivatives",
+    }
+)
+"""Functions that symid's own methods do not call, more than half of what a C compiler has to do."""
 _FULL = {
     "forward_dynamics_derivatives": "solve M x = r with the blocks of inverse_dynamics_derivatives",
     "inverse_dynamics_second_derivatives": "differentiate inverse_dynamics_derivatives in CasADi",

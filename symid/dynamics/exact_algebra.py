@@ -313,18 +313,18 @@ def build_power_function(basis: TrigonometricBasis, coordinate: int = -1, expone
 
 def build_wave_functions(
     basis: TrigonometricBasis, shares: Sequence[tuple[int, Fraction]], *, sine: bool
-) -> dict[BasisFunction, Fraction]:
+) -> dict[BasisFunction, int]:
     """Return cos u, or sin u, of a sum u of multiples of coordinates, as {function: amplitude}.
 
     `shares`: (coordinate, multiple); the multiples are frequencies in the units of the basis.
     """
     still = [(0, 0, 0)] * len(basis.shared)
-    result: dict[BasisFunction, Fraction] = {}
+    result: dict[BasisFunction, int] = {}
     # A product has sin u where the number of its sines is odd, with a minus for every two of them.
     for sines in product((False, True), repeat=len(shares)):
         if sum(sines) % 2 != sine:
             continue
-        total = [(list(still), Fraction(-1) ** (sum(sines) // 2))]
+        total = [(list(still), (-1) ** (sum(sines) // 2))]
         for (position, multiple), odd in zip(shares, sines, strict=True):
             wave = _expand_wave(basis, position, multiple, odd=odd)
             total = [
@@ -334,26 +334,29 @@ def build_wave_functions(
             ]
         for parts, value in total:
             function = (tuple(parts), (0,) * len(still))
-            result[function] = result.get(function, Fraction(0)) + value
+            result[function] = result.get(function, 0) + value
     return result
 
 
 def _expand_wave(
     basis: TrigonometricBasis, position: int, multiple: Fraction, *, odd: bool
-) -> dict[CoordinateFunction, Fraction]:
+) -> dict[CoordinateFunction, int]:
     """Return cos(w q), sin(w q) where `odd`, of a coordinate q; |w| a whole number in its unit."""
     frequency, sign = int(abs(multiple) * basis.units[position]), -1 if odd and multiple < 0 else 1
     if basis.shared[position]:
-        return {(frequency, int(odd), 0): Fraction(sign)}
-    # cos q, sin q to the powers of (c + i s)^w; s^2 = 1 - c^2.
-    result: dict[CoordinateFunction, Fraction] = {}
-    for power in range(int(odd), frequency + 1, 2):
-        half = power // 2
-        for k in range(half + 1):
-            key = (int(odd), frequency - power + 2 * k, 0)
-            share = math.comb(frequency, power) * math.comb(half, k) * (-1) ** (half + k)
-            result[key] = result.get(key, Fraction(0)) + sign * share
-    return {key: value for key, value in result.items() if value}
+        return {(frequency, int(odd), 0): sign}
+    # Chebyshev: cos(n q) = T_n(cos q), sin(n q) = sin q U_(n - 1)(cos q).
+    degree = frequency - odd
+    return {
+        (int(odd), degree - 2 * k, 0): sign * (-1) ** k * _count_chebyshev(degree, k, second=odd)
+        for k in range(degree // 2 + 1)
+    }
+
+
+def _count_chebyshev(degree: int, k: int, *, second: bool) -> int:
+    """Return the size of the coefficient of x^(n - 2 k) in T_n, or U_n where `second`, with n = `degree`."""
+    size = math.comb(degree - k, k) << (degree - 2 * k)
+    return size if second or not degree else size * degree // (2 * (degree - k))
 
 
 def _multiply_wave(wave: _Wave, frequency: int, *, sine: bool) -> _Wave:

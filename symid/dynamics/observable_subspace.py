@@ -274,7 +274,7 @@ def number_columns(block: Block, robot: Robot, friction: Sequence[Label]) -> dic
 def _add_row(target: Family, function: BasisFunction, row: Mapping[int, Number]) -> None:
     total = target.setdefault(function, {})
     for column, value in row.items():
-        total[column] = total.get(column, 0) + value
+        total[column] = total[column] + value if column in total else value
 
 
 def _list_momenta(transport: Transport, velocities: Sequence[Row]) -> list[Family]:
@@ -325,23 +325,25 @@ def _build_drive_rows(
         for label, torque in torques.items():
             if label[0] == index:
                 for function, value in _build_potential(robot, block, transport, index, torque).items():
-                    _add_row(
-                        weight, function, {columns[label]: convert(QQ(value.numerator, value.denominator))}
-                    )
+                    _add_row(weight, function, {columns[label]: value})
     return weight, momenta
 
 
 def _build_potential(
     robot: Robot, block: Block, transport: Transport, index: int, torque: PositionTorque
-) -> dict[BasisFunction, Fraction]:
+) -> dict[BasisFunction, Number]:
     """Return the potential of a drive's torque that depends on its position alone, in the block's basis."""
     basis, w = transport.basis, torque.frequency
+
+    def convert(value: Fraction) -> Number:
+        return basis.field.convert(QQ(value.numerator, value.denominator))
+
     shares = [(block.coordinates.index(position), factor) for position, factor in robot.transmission[index]]
     if not w:
-        return {build_power_function(basis, c, 1): factor * torque.factor for c, factor in shares}
+        return {build_power_function(basis, c, 1): convert(factor * torque.factor) for c, factor in shares}
     # The integral of cos w u is sin(w u) / w, that of sin w u is -cos(w u) / w.
     waves = build_wave_functions(basis, [(c, w * factor) for c, factor in shares], sine=not torque.sine)
-    scale = torque.factor / (-w if torque.sine else w)
+    scale = convert(torque.factor / (-w if torque.sine else w))
     return {function: scale * amplitude for function, amplitude in waves.items()}
 
 

@@ -184,7 +184,6 @@ class _Study:
         self.pairs = [(k, z) for k in range(len(bands)) for z in range(k + 1)]
         friction = np.array([joint.friction != "none" for joint in library.card.joints])
         self.dry = bool(friction.any())
-        parts: list[dict[tuple[int, int], FloatArray]] = []
         runs, tops, levels = [], [], []
         count = count_stretches(len(pieces))
         for run, recording in pieces:
@@ -197,47 +196,49 @@ class _Study:
             tops.append(np.quantile(np.abs(levels[-1][self.scoring].velocity), _TOP, axis=0))
             runs += [run] * count
         self.top: FloatArray = np.max(tops, axis=0)
-        for (_, recording), own in zip(pieces, levels, strict=True):
+        self.runs = np.array(runs)
+        self.count = len(runs)
+        joints, width = levels[0][0].matrix.shape[1:]
+        shape = (self.count, len(SHARES), joints, width, width)
+        self.sums = {pair: np.zeros(shape) for pair in self.pairs}
+        for place, ((_, recording), own) in enumerate(zip(pieces, levels, strict=True)):
             out = np.isin(np.arange(library.card.size), list_resting_joints(recording)) & friction
             speed = np.abs(own[self.scoring].velocity) / np.where(self.top > 0.0, self.top, 1.0)
             kind = np.searchsorted(SHARES, speed, side="right") - 1
             kind[:, out] = -1
-            parts += self._sum_stretches(own, kind, count)
-        self.runs = np.array(runs)
-        self.count = len(runs)
-        self.sums = {pair: np.stack([part[pair] for part in parts]) for pair in self.pairs}
-        squares = self.sums[self.scoring, self.scoring].sum(axis=1)
+            self._sum_stretches(own, kind, range(place * count, (place + 1) * count))
+        # From a speed upwards.
+        for sums in self.sums.values():
+            for share in range(len(SHARES) - 1, 0, -1):
+                sums[:, share - 1] += sums[:, share]
+        squares = self.sums[self.scoring, self.scoring][:, 0]
         logs = np.stack([squares[self.runs == run].sum(axis=0) for run in range(runs[-1] + 1)])
         torque = logs[:, :, -1, -1].sum(axis=0)
         self.logwise = determine_each_other(logs, 1.0 / np.where(torque > 0.0, torque, 1.0))
 
-    def _sum_stretches(
-        self, levels: Sequence[_Level], kind: NDArray[np.intp], count: int
-    ) -> list[dict[tuple[int, int], FloatArray]]:
-        """Return the sums of each stretch of a log; `kind` (T, n) is the class of speed, -1 to leave out."""
-        samples, joints, width = levels[0].matrix.shape
-        edges = np.linspace(0, samples, count + 1).astype(int)
-        found = []
-        for low, high in pairwise(edges.tolist()):
-            own: dict[tuple[int, int], FloatArray] = {
-                pair: np.zeros((len(SHARES), joints, width, width)) for pair in self.pairs
-            }
-            for share, joint in product(range(len(SHARES)), range(joints)):
+    def _sum_stretches(self, levels: Sequence[_Level], kind: NDArray[np.intp], places: range) -> None:
+        """Write the sums of a log to `places`, its stretches; `kind` (T, n): class of speed, -1 for none."""
+        samples, joints, _ = levels[0].matrix.shape
+        edges = pairwise(np.linspace(0, samples, len(places) + 1).astype(int).tolist())
+        stretches = list(zip(places, edges, strict=True))
+        for joint in range(joints):
+            # A joint's torque depends on what it carries alone: most of its columns are zeros.
+            tables = [part[:, joint] for level in levels for part in (level.matrix, level.smooth)]
+            live = np.flatnonzero(np.any([table.any(axis=0) for table in tables], axis=0))
+            block, tables = np.ix_(live, live), [table[:, live] for table in tables]
+            for (place, (low, high)), share in product(stretches, range(len(SHARES))):
                 chosen = low + np.flatnonzero(kind[low:high, joint] == share)
                 if not len(chosen):
                     continue
-                tables = [level.matrix[chosen, joint] for level in levels]
-                smooth = [level.smooth[chosen, joint] for level in levels]
+                rows = [table[chosen] for table in tables]
                 for k, z in self.pairs:
-                    left = tables[k] if k == z else smooth[z]
-                    own[k, z][share, joint] = left.T @ tables[k]
-            found.append(own)
-        return found
+                    left = rows[2 * k] if k == z else rows[2 * z + 1]
+                    self.sums[k, z][place, share, joint][block] = left.T @ rows[2 * k]
 
     def fit(self, pair: tuple[int, int], share: int) -> tuple[FloatArray, FloatArray]:
         """Return the parameters of all stretches (p,), and those without each stretch and each log (h, p)."""
-        sums = self.sums[pair][:, share:].sum(axis=1)
-        squares = self.sums[pair[0], pair[0]][:, share:].sum(axis=1)
+        sums = self.sums[pair][:, share]
+        squares = self.sums[pair[0], pair[0]][:, share]
         whole, counted = sums.sum(axis=0), squares.sum(axis=0)
         torque = counted[:, -1, -1]
         # A joint without torque, or at rest in all logs, has no rows that count.
@@ -259,7 +260,7 @@ class _Study:
         stretches = len(self.runs)
         found = []
         for level in (self.scoring - 1, self.scoring):
-            squares = self.sums[level, level].sum(axis=1)
+            squares = self.sums[level, level][:, 0]
             whole = squares[:, :, -1, -1].sum(axis=0)
             rows = []
             for fold, values in enumerate(folds):

@@ -44,6 +44,19 @@ def test_a_batch_is_its_samples_and_lists_will_do(lib):
     np.testing.assert_array_equal(out, batch)
 
 
+def test_what_symid_itself_runs_on_is_without_functions_for_controllers(robot, lib):
+    own, whole = ([spec.name for spec in card.functions] for card in (robot.library.card, lib.card))
+    assert set(whole) - set(own) == {
+        "coriolis_matrix",
+        "slotine_li_regressor",
+        "mass_matrix_derivatives",
+        "inverse_dynamics_derivatives",
+        "forward_dynamics_derivatives",
+    }
+    assert [name for name in whole if name in own] == own
+    assert robot.library.card.signature == lib.card.signature
+
+
 def test_several_outputs_have_names(lib):
     found = lib.energy([0.1, 0.2], [1.0, 2.0], lib.beta)
     assert isinstance(found, tuple)

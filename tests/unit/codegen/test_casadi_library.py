@@ -37,7 +37,7 @@ def test_all_backends_compute_the_same(robots_folder, c_compiler, name):
     robot = read(robots_folder, name)
     names = ROBOTS[name]
     material = prepare_material(build_functions(robot, names=names), GenerateOptions())
-    libraries = [prepare_library(robot, names=names, backend=backend) for backend in BACKENDS]
+    libraries = [prepare_library(robot, names=names, backend=backend, whole=True) for backend in BACKENDS]
     assert [library.backend for library in libraries] == list(BACKENDS)
     assert not any(library.notices for library in libraries)
     for program, reference in zip(material.programs, material.references, strict=True):
