@@ -29,8 +29,14 @@ _SMALLEST, _LARGEST = 1e-300, 1e300
 TIME = "time (s)"
 """Label of the axis of figures that have a cursor and a zoom in pages."""
 _RIGHT, _BOTTOM = 14, 46
+_LONGEST_LABEL = 24
+"""Letters beside a row of a figure."""
+_LEAST_ROOM = 40.0
+"""Of the marks of such a figure."""
 _CHARACTER = 7.2
 """Width of a character of the legend on average, in the unit of the drawing."""
+_DIGIT = 8.1
+"""Width of a digit."""
 _LEGEND_ROW = 19.0
 SUPERSCRIPT = str.maketrans(
     "-0123456789",
@@ -143,7 +149,9 @@ def _draw_axes(frame: PlotArea, labels: tuple[str, str], *, names: bool = False)
         x = frame.place_x(tick)
         text = format_tick(tick, logarithmic=frame.x.logarithmic)
         parts.append(f'<line class="grid" x1="{x:.1f}" y1="{top:g}" x2="{x:.1f}" y2="{bottom:g}"/>')
-        parts.append(f'<text x="{x:.1f}" y="{bottom + 17:g}" text-anchor="middle">{text}</text>')
+        # A long number at the end would be cut off.
+        middle = min(float(x), WIDTH - 4.0 - 0.5 * _DIGIT * len(text))
+        parts.append(f'<text x="{middle:.1f}" y="{bottom + 17:g}" text-anchor="middle">{text}</text>')
     for tick in () if names else frame.y.choose_ticks(max(5, int((bottom - top) / 42))):
         y = frame.place_y(tick)
         text = format_tick(tick, logarithmic=frame.y.logarithmic)
@@ -440,10 +448,11 @@ def build_mark_figure(
     ends = np.array([entry.value for entry in marks] + ([] if limit is None else [limit]))
     logarithmic = bool(ends.min() > 0.0 and float(ends.max()) / float(ends.min()) > _LOGARITHMIC_RATIO)
     axis = build_axis([ends] if logarithmic else [np.append(ends, 0.0)], 0.04, logarithmic=logarithmic)
-    left = 24.0 + 7.6 * max(len(entry.label) for entry in marks)
+    labels = [_shorten(entry.label) for entry in marks]
+    left = 24.0 + 7.6 * max(map(len, labels))
     # The digits stand right of the marks and need room even there.
-    room = 18.0 + _CHARACTER * max(len(entry.text) for entry in marks)
-    share = room / max(WIDTH - left - room, room)
+    room = 18.0 + _DIGIT * max(len(entry.text) for entry in marks)
+    share = room / max(WIDTH - left - room, _LEAST_ROOM)
     if logarithmic:
         decades = math.log10(axis.high) - math.log10(axis.low)
         is_beyond = math.log10(axis.high) + share * decades > math.log10(_LARGEST)
@@ -459,19 +468,27 @@ def build_mark_figure(
         body.append(
             f'<line class="line virgin" x1="{x:.1f}" y1="{frame.top:g}" x2="{x:.1f}" y2="{frame.bottom:g}"/>'
         )
-    for row, entry in enumerate(marks):
+    for row, (entry, name) in enumerate(zip(marks, labels, strict=True)):
         style = "chosen" if entry.chosen else "other"
         x, y = float(frame.place_x(entry.value)), float(frame.place_y(row + 0.5))
         place = f'x="{left - 9:g}" y="{y + 4:.1f}" text-anchor="end"'
         body += [
             f'<line class="grid" x1="{left:g}" y1="{y:.1f}" x2="{frame.right:g}" y2="{y:.1f}"/>',
-            f'<text class="{style}" {place}>{escape(entry.label)}</text>',
+            f'<text class="{style}" {place}>{escape(name)}</text>',
             f'<circle class="mark {style}" cx="{x:.1f}" cy="{y:.1f}" r="{radius:g}"/>',
         ]
         if entry.text:
             body.append(f'<text class="{style}" x="{x + 12:.1f}" y="{y + 4:.1f}">{escape(entry.text)}</text>')
     data = FigureData(labels=(label, ""), marks=tuple(marks), limit=limit, logarithmic=logarithmic)
     return replace(_wrap_figure(caption, frame.height, body), data=data)
+
+
+def _shorten(label: str) -> str:
+    """Return a label that leaves room for the marks: of a long sum the first terms."""
+    if len(label) <= _LONGEST_LABEL:
+        return label
+    start = label[: _LONGEST_LABEL - 1].rpartition(" ")[0] or label[: _LONGEST_LABEL - 2]
+    return f"{start} \N{HORIZONTAL ELLIPSIS}"
 
 
 Point = tuple[float, float]

@@ -67,7 +67,7 @@ from symid.report.verdict import QUANTITIES, judge_friction, judge_identificatio
 
 _CANDIDATES = 15
 """Settings that are listed."""
-UNTESTED = "No held-out log was given: the model is untested. Validate it on another motion (`--validation`)."
+UNTESTED = "No held-out log was given: the model is untested. Validate it on another motion (--validation)."
 _POINTS = 400
 _FLAT = 1.01
 """Ratio of objectives up to which a search has nothing to show."""

@@ -19,6 +19,10 @@ SMALL = """[...document.querySelectorAll('body *')].filter((x) => x.checkVisibil
     const k = s ? s.getBoundingClientRect().width / s.viewBox.baseVal.width : 1;
     return [parseFloat(getComputedStyle(x).fontSize) * k, x.textContent.slice(0, 40)] }).filter(
     (x) => x[0] < 9)"""
+OUTSIDE = """[...document.querySelectorAll('svg text')].filter((x) => {
+    const r = x.getBoundingClientRect(), s = x.ownerSVGElement.getBoundingClientRect();
+    return r.width && (r.left < s.left - 1 || r.right > s.right + 1 || r.bottom > s.bottom + 1) })
+    .map((x) => x.textContent)"""
 FIRST = """['.verdict', '.top figure'].map((x) => document.querySelector(x)).map(
     (x) => x && x.getBoundingClientRect().top)"""
 A4 = (794, 1123)
@@ -77,6 +81,10 @@ def recorded(tmp_path_factory, shared_data):
     log = data / "tx40" / "tx40.npz"
     fit = symid.load("tx40").identify(log, estimator="wls", train="0:60%")
     fit.report(folder / "tx40.html", validation=log, test="60%:")
+    published = fit.compare(data / "tx40" / "published.csv", value="wls")
+    published.report(folder / "tx40_comparison.html")
+    stiffness = symid.load("kr300").identify_stiffness(runs[:2])
+    stiffness.report(folder / "kr300_stiffness.html")
     return folder
 
 
@@ -90,7 +98,7 @@ def get_page(request):
     return get
 
 
-RECORDED = ("emps", "emps_friction", "kr300", "tx40")
+RECORDED = ("emps", "emps_friction", "kr300", "kr300_stiffness", "tx40", "tx40_comparison")
 PAGES = (
     *RECORDED,
     *("held_out", "comparison", "check", "robot", "excitation", "payload", "stiffness", "elastic"),
@@ -108,6 +116,7 @@ def test_a_page_fits_a_desk_and_a_telephone(browser, get_page, name):
         assert browser.run("document.documentElement.scrollWidth") <= width
         assert browser.run(WIDE) == []
         assert browser.run(SMALL) == []
+        assert browser.run(OUTSIDE) == []
         assert browser.messages == []
         assert [url for url in browser.requests if not url.startswith("file:")] == []
     verdict, figure = browser.run(FIRST)
