@@ -302,8 +302,7 @@ def build_payload_command(
     centre = rotation.T @ (np.array(com) - origin)
     notices = [Notice(code="payload.controller-scope", text=f"{controller}: {_SCOPE[controller]}")]
     if frame is None:
-        links = [] if robot is None else robot.links
-        hint = [link.name for link in links if robot and robot.joints[link.joint].name == found.joint]
+        hint = [] if robot is None else _list_flanges(robot, found.joint)
         text = (
             f"the flange of the controller is taken as {words}; else name it by --frame (frame=): "
             f"{'one of the links ' + ', '.join(hint) + ', or ' if hint else ''}x,y,z,roll,pitch,yaw"
@@ -329,6 +328,11 @@ def build_payload_command(
         texts=dict(_write_commands(controller, float(mass), centre.tolist(), inertia)),
         notices=tuple(notices),
     )
+
+
+def _list_flanges(robot: Robot, joint: str) -> list[str]:
+    """Return the links that a joint moves and that are fixed to each other."""
+    return [link.name for link in robot.links if robot.joints[link.joint].name == joint]
 
 
 def _check_limits(controller: str, inertia: Sequence[float]) -> None:
@@ -368,7 +372,7 @@ def _locate_flange(robot: Robot | None, joint: str, frame: FlangeFrame) -> tuple
     links = {link.name: link for link in robot.links}
     link = links.get(str(frame))
     if link is None or robot.joints[link.joint].name != joint:
-        fixed = [name for name, entry in links.items() if robot.joints[entry.joint].name == joint]
+        fixed = _list_flanges(robot, joint)
         text = f"the link {frame!r} is moved by joint {robot.joints[link.joint].name!r}" if link else ""
         hint = suggest_names(str(frame), links, before=", ").rstrip("?")
         text = text or f"there is no link {frame!r}{hint}"
