@@ -54,6 +54,7 @@ if TYPE_CHECKING:
         list_robots as list_robots,
         load as load,
         load_fit as load_fit,
+        load_payload as load_payload,
         load_stiffness as load_stiffness,
         new_robot as new_robot,
         read_log as read_log,

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
         PayloadRows as PayloadRows,
         Stiffness as Stiffness,
         load_other as load_other,
+        load_payload as load_payload,
         load_stiffness as load_stiffness,
     )
     from symid.api.log import (

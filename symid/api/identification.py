@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     )
     from symid.joint_models import Elasticity
     from symid.report import Block
+    from symid.robot import Robot
 
 
 @final
@@ -114,18 +115,20 @@ def load_stiffness(path: str | PathLike[str]) -> Stiffness:
     return Stiffness(estimate=found, notices=found.notices)
 
 
-def load_other(path: str | PathLike[str]) -> "Stiffness | ElementFit | None":
-    """Return the stiffness of joints, or the element with hysteresis, that a file holds; None of others.
+def load_other(path: str | PathLike[str]) -> "Stiffness | PayloadResult | ElementFit | None":
+    """Return the stiffness of joints, payload or element with hysteresis that a file holds; None of others.
 
     Raises:
         EstimateError: it is one of them with mistakes; all are named.
     """
     from symid.api import hysteresis
-    from symid.identification import is_stiffness
+    from symid.identification import is_payload, is_stiffness
 
     file = Path(fspath(path))
     if is_stiffness(file):
         return load_stiffness(file)
+    if is_payload(file):
+        return load_payload(file)
     return hysteresis.load(file) if hysteresis.is_saved(file) else None
 
 
@@ -142,6 +145,7 @@ class PayloadResult(Result):
 
     Attributes:
         product: the payload with standard deviations, and the quantities that are not identifiable.
+        carrier: the robot, whose links name flanges; None where it is not known.
 
     Example:
         >>> import symid
@@ -157,6 +161,7 @@ class PayloadResult(Result):
     """
 
     product: "PayloadFinding"
+    carrier: "Robot | None" = None
 
     @property
     def payload(self) -> "Payload":
@@ -212,7 +217,7 @@ class PayloadResult(Result):
 
     def summarise(self) -> str:
         """Return the mass and the link."""
-        return f"{self.product.robot.name}: {self.mass:.4g} kg on the link of joint {self.joint!r}"
+        return f"{self.product.robot}: {self.mass:.4g} kg on the link of joint {self.joint!r}"
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return the tables of identified and of refused quantities, with the reasons."""
@@ -237,18 +242,45 @@ class PayloadResult(Result):
         """
         from symid.identification import build_payload_command
 
-        return build_payload_command(self.product.robot, self.payload, controller, frame)
+        return build_payload_command(self.carrier, self.payload, controller, frame)
 
     def save(self, path: str | PathLike[str]) -> Path:
-        """Write the result to `path` as JSON, and return the path.
+        """Write the result to `path` as JSON, and return the path; `symid.load_payload` reads it back.
 
         Raises:
             OutputError: the file cannot be written.
         """
-        from symid.environment import write_file
-        from symid.serialization import write_json
+        from symid.identification import write_payload
 
-        return write_file(Path(path), write_json(self.to_dict()) + "\n")
+        return write_payload(self.product, Path(path), self.to_dict())
+
+
+def load_payload(path: str | PathLike[str], robot: "RobotModel | None" = None) -> PayloadResult:
+    """Return the payload that `PayloadResult.save` or `symid payload -o` wrote.
+
+    Args:
+        path: of the file.
+        robot: that carries it; only `for_controller` with a link as flange needs it.
+
+    Raises:
+        EstimateError: there is no such file, or it holds something else; it names all mistakes.
+
+    Example:
+        >>> import symid
+        >>> from pathlib import Path
+        >>> robot = symid.load("two_link")
+        >>> heavy = robot.path.read_text().replace("mass = 1.9", "mass = 2.9")
+        >>> Path("carrying.toml").write_text(heavy) == len(heavy)
+        True
+        >>> loaded = symid.load("carrying.toml").simulate(duration=4.0, seed=2).log
+        >>> found = robot.payload(loaded, robot.simulate(duration=4.0, seed=1).log)
+        >>> symid.load_payload(found.save("payload.json")).to_dict() == found.to_dict()
+        True
+    """
+    from symid.identification import read_payload
+
+    carrier = None if robot is None else robot.description
+    return PayloadResult(product=read_payload(Path(fspath(path))), carrier=carrier)
 
 
 def list_payload_side(side: PayloadSide) -> "GivenSide":

@@ -1118,7 +1118,8 @@ class RobotModel:
             progress=self.progress,
         )
         sides = (list_payload_side(loaded), list_payload_side(empty))
-        return PayloadResult(product=identify_payload(self.description, *sides, task))
+        found = identify_payload(self.description, *sides, task)
+        return PayloadResult(product=found, carrier=self.description)
 
     def export(self, path: str | PathLike[str], *, precision: "Precision" = "double") -> "ExportedFile":
         """Write the robot with the values of its robot file; the suffix of `path` selects the format.

@@ -205,7 +205,7 @@ def report_command(
     """Write one self-contained HTML page: verdict, parameters, measured and predicted torques.
 
     For elastic joints also springs, hysteresis loops and the compared methods; for friction the curves
-    and the compared laws. ESTIMATE may also be of `identify --method stiffness` or of `hysteresis`.
+    and the compared laws. ESTIMATE may also be of `identify --method stiffness`, `payload` or `hysteresis`.
     Exit code 1 if the verdict is wrong; the page is written all the same.
     """
     # A diagnosis reads the logs of the fit as the fit did.

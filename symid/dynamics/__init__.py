@@ -77,6 +77,7 @@ if TYPE_CHECKING:
     )
     from symid.dynamics.observable_subspace import build_field as build_field
     from symid.dynamics.payload import (
+        PAYLOAD_QUANTITIES as PAYLOAD_QUANTITIES,
         BaseValues as BaseValues,
         ParameterChange as ParameterChange,
         Payload as Payload,

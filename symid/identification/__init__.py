@@ -45,6 +45,9 @@ if TYPE_CHECKING:
         PayloadTask as PayloadTask,
         build_payload_command as build_payload_command,
         identify_payload as identify_payload,
+        is_payload as is_payload,
+        read_payload as read_payload,
+        write_payload as write_payload,
     )
     from symid.identification.stored import (
         GivenResult as GivenResult,

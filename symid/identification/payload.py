@@ -1,6 +1,6 @@
 """The payload of a robot, from estimates or logs with the payload and without it, and what controllers take.
 
-Robot, for both sides an estimate or logs -> `PayloadFinding`. Payload and flange -> `PayloadCommand`:
+Robot, for both sides an estimate or logs -> `PayloadFinding` <-> file; payload, flange -> `PayloadCommand`:
 
     c_flange = R' (c - p),  J_flange = R' J R              R, p: the flange in the file's frame of the link
 
@@ -26,6 +26,7 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.dynamics import (
+    PAYLOAD_QUANTITIES,
     BaseParameters,
     BaseValues,
     Payload,
@@ -33,14 +34,23 @@ from symid.dynamics import (
     derive_base_parameters,
     estimate_payload,
 )
+from symid.environment import write_file
 from symid.errors import EstimateError, IdentifiabilityError, Notice, UsageError
 from symid.identification.estimators import Estimate, ParameterEstimate
 from symid.identification.friction_search import identify_loaded
 from symid.identification.identified import build_identified
 from symid.identification.rigid import identify_parameters
-from symid.identification.stored import GivenResult, is_fit, read_dynamics
+from symid.identification.stored import (
+    GivenResult,
+    is_fit,
+    name_format,
+    read_dynamics,
+    read_format,
+    read_one,
+)
 from symid.logs import Recording, check_distinct, check_distinct_samples, read_recordings
 from symid.robot import Placement, Robot, describe_settings, suggest_names
+from symid.serialization import write_json
 
 GivenSide = Sequence[GivenResult | Recording]
 """One estimate, or logs: each itself, or its file."""
@@ -67,9 +77,9 @@ class PayloadTask:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PayloadFinding:
-    """The payload, the robot that carries it, and the notices of both sides."""
+    """The payload, the name of the robot that carries it, and the notices of both sides."""
 
-    robot: Robot
+    robot: str
     payload: Payload
     notices: tuple[Notice, ...]
 
@@ -100,7 +110,48 @@ def identify_payload(robot: Robot, loaded: GivenSide, empty: GivenSide, task: Pa
     found = estimate_payload(
         first.robot, first.base, first.values, second.values, joint=task.joint, mass=task.mass
     )
-    return PayloadFinding(robot=first.robot, payload=found, notices=(*first.notices, *second.notices))
+    return PayloadFinding(robot=first.robot.name, payload=found, notices=(*first.notices, *second.notices))
+
+
+_FORMAT = "symid payload"
+
+
+def write_payload(found: PayloadFinding, path: Path, described: Mapping[str, object]) -> Path:
+    """Write a payload to `path` as JSON and return the path.
+
+    `described` is written for readers of the file, beside the record that `read_payload` reads.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    data = {"format": _FORMAT, "version": 1, **described, "record": found}
+    return write_file(path, write_json(data) + "\n")
+
+
+def is_payload(path: Path) -> bool:
+    """Return whether `path` holds a payload that symid wrote, with mistakes or without."""
+    return name_format(path) == _FORMAT
+
+
+def read_payload(path: Path) -> PayloadFinding:
+    """Return the payload stored at `path`.
+
+    Raises:
+        EstimateError: there is no such file, or it holds something else; it names all mistakes.
+    """
+    found = read_one(PayloadFinding, path, read_format(path, _FORMAT, "payload").get("record"))
+    names, shape = tuple(entry.name for entry in found.payload.quantities), found.payload.standard.shape
+    wrong = [] if shape == (10,) else [f"standard: expected (10,) numbers, got {shape}"]
+    if names != PAYLOAD_QUANTITIES:
+        wrong.append(f"quantities: expected {', '.join(PAYLOAD_QUANTITIES)}, got {', '.join(names):.80}")
+    wrong += [
+        f"{entry.name:.20}: a value needs a deviation that is not negative"
+        for entry in found.payload.quantities
+        if entry.value is not None and (entry.std is None or entry.std < 0.0)
+    ]
+    if wrong:
+        raise EstimateError(*(Notice(code="estimate.format", text=text, file=str(path)) for text in wrong))
+    return found
 
 
 def _read_side(name: str, robot: Robot, given: GivenSide, task: PayloadTask) -> _Side:
@@ -225,9 +276,9 @@ class PayloadCommand:
 
 
 def build_payload_command(
-    robot: Robot, found: Payload, controller: str, frame: FlangeFrame = None
+    robot: Robot | None, found: Payload, controller: str, frame: FlangeFrame = None
 ) -> PayloadCommand:
-    """Return a payload as a controller takes it; `frame` is its flange.
+    """Return a payload as a controller takes it; `frame` is its flange, a link only where `robot` is known.
 
     Raises:
         UsageError: there is no such controller or link, or the link hangs on another joint.
@@ -251,7 +302,7 @@ def build_payload_command(
     centre = rotation.T @ (np.array(com) - origin)
     notices = [Notice(code="payload.controller-scope", text=f"{controller}: {_SCOPE[controller]}")]
     if frame is None:
-        hint = [link.name for link in robot.links if robot.joints[link.joint].name == found.joint]
+        hint = [] if robot is None else _list_flanges(robot, found.joint)
         text = (
             f"the flange of the controller is taken as {words}; else name it by --frame (frame=): "
             f"{'one of the links ' + ', '.join(hint) + ', or ' if hint else ''}x,y,z,roll,pitch,yaw"
@@ -279,6 +330,11 @@ def build_payload_command(
     )
 
 
+def _list_flanges(robot: Robot, joint: str) -> list[str]:
+    """Return the links that a joint moves and that are fixed to each other."""
+    return [link.name for link in robot.links if robot.joints[link.joint].name == joint]
+
+
 def _check_limits(controller: str, inertia: Sequence[float]) -> None:
     """Refuse what the manual says that the controller refuses; masses and moments here are positive."""
     if controller == "ur" and max(map(abs, inertia)) > _LARGEST:
@@ -289,7 +345,7 @@ def _check_limits(controller: str, inertia: Sequence[float]) -> None:
         raise EstimateError(Notice(code="payload.controller-limit", text=text))
 
 
-def _locate_flange(robot: Robot, joint: str, frame: FlangeFrame) -> tuple[FloatArray, FloatArray, str]:
+def _locate_flange(robot: Robot | None, joint: str, frame: FlangeFrame) -> tuple[FloatArray, FloatArray, str]:
     """Return rotation (3, 3) and origin (3,) of the flange in the file's frame of the link, and words."""
     numbers = _read_numbers(frame)
     if numbers is not None:
@@ -307,10 +363,16 @@ def _locate_flange(robot: Robot, joint: str, frame: FlangeFrame) -> tuple[FloatA
         return rotation, np.array(numbers[:3]), words
     if frame is None:
         return np.eye(3), np.zeros(3), f"the link frame of joint {joint!r}"
+    if robot is None:
+        text = (
+            f"the link {frame!r} is of a robot that is not known here: give it as well "
+            "(symid.load_payload(path, robot)), or x,y,z,roll,pitch,yaw in the link frame (m, rad)"
+        )
+        raise UsageError(Notice(code="usage.payload-frame", text=text))
     links = {link.name: link for link in robot.links}
     link = links.get(str(frame))
     if link is None or robot.joints[link.joint].name != joint:
-        fixed = [name for name, entry in links.items() if robot.joints[entry.joint].name == joint]
+        fixed = _list_flanges(robot, joint)
         text = f"the link {frame!r} is moved by joint {robot.joints[link.joint].name!r}" if link else ""
         hint = suggest_names(str(frame), links, before=", ").rstrip("?")
         text = text or f"there is no link {frame!r}{hint}"

@@ -120,18 +120,27 @@ def read_element(path: Path) -> HysteresisRecord:
     Raises:
         EstimateError: there is no such file, or it holds something else; it names all mistakes.
     """
-    return _read_one(HysteresisRecord, path, _read_format(path, _ELEMENT, "element"))
+    return read_one(HysteresisRecord, path, read_format(path, _ELEMENT, "element"))
 
 
-def _read_format(path: Path, name: str, what: str) -> dict[str, Any]:
-    """Return the entries of a file of a format of one kind."""
+def read_format(path: Path, name: str, what: str) -> dict[str, Any]:
+    """Return the entries of a file of a format of one kind.
+
+    Raises:
+        EstimateError: there is no such file, or it is of another format.
+    """
     data = _read_json(path)
     if not isinstance(data, dict) or data.get("format") != name or data.get("version") != 1:
         raise _refuse(path, f"this is JSON, but no {what} written by this symid")
     return {key: value for key, value in data.items() if key not in _ABOUT}
 
 
-def _read_one(kind: type[Record], path: Path, body: object) -> Record:
+def read_one(kind: type[Record], path: Path, body: object) -> Record:
+    """Return a record of a kind from its entries.
+
+    Raises:
+        EstimateError: entries are missing or unusable; it names all mistakes.
+    """
     mistakes = list(islice(list_unusable(body), _MOST))
     if not mistakes:
         try:
@@ -159,7 +168,7 @@ def read_stiffness(path: Path) -> StiffnessEstimate:
     Raises:
         EstimateError: there is no such file, or it holds something else; it names all mistakes.
     """
-    found = _read_one(StiffnessEstimate, path, _read_format(path, _STIFFNESS, "stiffness").get("record"))
+    found = read_one(StiffnessEstimate, path, read_format(path, _STIFFNESS, "stiffness").get("record"))
     alignment, runs, joints = found.alignment, len(found.alignment.sources), len(found.joints)
     vectors = ("delays", "delay_stds", "explained", "residual", "present")
     shapes: list[tuple[str, object, object]] = [
@@ -182,10 +191,10 @@ _LARGEST_FILE = 500 * 10**6
 
 def is_element(path: Path) -> bool:
     """Return whether `path` holds an element that symid wrote, with mistakes or without."""
-    return _name_format(path) == _ELEMENT
+    return name_format(path) == _ELEMENT
 
 
-def _name_format(path: Path) -> object:
+def name_format(path: Path) -> object:
     """Return what a file says of its format, None where it says nothing."""
     try:
         data = json.loads(read_file(path, _LARGEST_FILE).decode())
@@ -196,12 +205,12 @@ def _name_format(path: Path) -> object:
 
 def is_stiffness(path: Path) -> bool:
     """Return whether `path` holds the stiffness of joints that symid wrote, with mistakes or without."""
-    return _name_format(path) == _STIFFNESS
+    return name_format(path) == _STIFFNESS
 
 
 def is_fit(path: Path) -> bool:
     """Return whether `path` holds a fit that symid wrote, with mistakes or without."""
-    return _is_format(_name_format(path))
+    return _is_format(name_format(path))
 
 
 def read_result(given: GivenResult) -> tuple[StoredResult, Path]:

@@ -201,11 +201,11 @@ def show_excitation(found: "OptimisedExcitation") -> tuple[Block, ...]:
 _FAR = 3.0
 
 
-def describe_payload(robot: Robot, found: "Payload") -> dict[str, object]:
+def describe_payload(robot: str, found: "Payload") -> dict[str, object]:
     """Return the payload as `symid payload --json` gives it."""
     by_name = {entry.name: entry for entry in found.quantities}
     return {
-        "robot": robot.name,
+        "robot": robot,
         "joint": found.joint,
         "mass": by_name["mass"].value,
         "com": [by_name[name].value for name in ("cx", "cy", "cz")],
@@ -218,10 +218,10 @@ def describe_payload(robot: Robot, found: "Payload") -> dict[str, object]:
     }
 
 
-def show_payload(robot: Robot, found: "Payload") -> tuple[Block, ...]:
+def show_payload(robot: str, found: "Payload") -> tuple[Block, ...]:
     """Return the table of identifiable quantities, and the others with the reasons."""
     head = (
-        f"{robot.name}: payload on the link of joint {found.joint!r}\n"
+        f"{robot}: payload on the link of joint {found.joint!r}\n"
         "in the link frame of the robot file; inertia about the centre of mass"
     )
     known = [entry for entry in found.quantities if entry.value is not None]

@@ -261,7 +261,7 @@ def judge_payload(found: "Payload") -> FitVerdict:
     )
 
 
-def write_payload_page(path: Path, robot: Robot, found: "Payload", notices: Sequence[Notice]) -> Path:
+def write_payload_page(path: Path, robot: str, found: "Payload", notices: Sequence[Notice]) -> Path:
     """Write the page of a payload, and return the path.
 
     Raises:
@@ -277,7 +277,7 @@ def write_payload_page(path: Path, robot: Robot, found: "Payload", notices: Sequ
         numbers.append(text)
     numbers.append(count_significant(known))
     page = _build_page(
-        robot.name,
+        robot,
         f"payload on the link of joint {found.joint}",
         judge_payload(found),
         draw_certainty(known),

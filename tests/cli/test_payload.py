@@ -6,9 +6,11 @@ import json
 import numpy as np
 import pytest
 
+import symid
 from symid.cli.main import run
 from symid.codegen.catalogue import build_model_card
 from symid.dynamics.base_parameters import derive_base_parameters
+from symid.errors import UsageError
 from symid.identification.elastic.estimate import ElasticEstimate
 from symid.identification.elastic.routing import build_rigid_variant
 from symid.identification.estimators.estimate import ParameterEstimate, Residual
@@ -301,3 +303,47 @@ def test_a_controller_gets_what_it_takes(capsys, arm, tmp_path):
     assert "libfranka: robot.setLoad(1." in capsys.readouterr().out
     code, answer = call(capsys, *call_it, "--frame", "flange")
     assert (code, answer["errors"][0]["code"]) == (2, "usage.payload-frame")
+
+
+def test_a_stored_payload_is_reported_as_it_was_found(capsys, arm, tmp_path):
+    folder, _ = arm
+    order = ("payload", folder / "arm.toml", folder / "loaded.json", "--empty", folder / "empty.json")
+    stored, first, second = (tmp_path / name for name in ("payload.json", "first.html", "second.html"))
+    code, answer = call(capsys, *order, "-o", stored, "--page", first)
+    assert code == 0
+    code, again = call(capsys, "report", stored, "-o", second)
+    assert code == 0, again
+    assert second.read_bytes() == first.read_bytes()
+    assert find_codes(again) == find_codes(answer)
+    here = {"file": None, "page": None}
+    assert again["result"] | here == answer["result"] | here
+    found = symid.load_payload(stored, symid.load(folder / "arm.toml"))
+    assert found.to_text() == symid.load_payload(stored).to_text()
+    assert found.for_controller("franka").texts["libfranka"].startswith("robot.setLoad(1.")
+    with pytest.raises(UsageError, match="not known here"):
+        symid.load_payload(stored).for_controller("ur", "flange")
+    code, answer = call(capsys, "report", stored, "--diagnose", "-o", tmp_path / "third.html")
+    assert (code, answer["errors"][0]["code"]) == (2, "usage.no-validation")
+
+
+def test_a_stored_payload_with_mistakes_is_refused(capsys, arm, tmp_path):
+    folder, _ = arm
+    order = ("payload", folder / "arm.toml", folder / "loaded.json", "--empty", folder / "empty.json")
+    stored = tmp_path / "payload.json"
+    assert call(capsys, *order, "-o", stored)[0] == 0
+    text = stored.read_text(encoding="utf-8")
+    for place, value, said in (
+        (("standard",), [1.0], "(10,) numbers"),
+        (("quantities", 0, "std"), None, "mass: a value needs a deviation"),
+        (("quantities", 0, "name"), "weight", "expected mass"),
+        (("joint",), 3, "joint"),
+    ):
+        data = json.loads(text)
+        entry = data["record"]["payload"]
+        for key in place[:-1]:
+            entry = entry[key]
+        entry[place[-1]] = value
+        stored.write_text(json.dumps(data), encoding="utf-8")
+        code, answer = call(capsys, "report", stored, "-o", tmp_path / "page.html")
+        assert code == 3
+        assert said in answer["errors"][0]["text"]
