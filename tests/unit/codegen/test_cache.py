@@ -373,7 +373,7 @@ def test_a_process_that_is_killed_leaves_no_entry(robots_folder, tmp_path, proje
     slow.chmod(0o755)
     path = f"{slow.parent}:{os.environ['PATH']}"
     process = start(robots_folder, cache, project, PATH=path)
-    for _ in range(1000):
+    for _ in range(6000):
         if mark.exists():
             break
         time.sleep(0.05)
