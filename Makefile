@@ -4,6 +4,7 @@
 #   make study   elastic joints whose hidden models are not those of symid, 10 seeds; takes an hour or two
 #   make test-browser     lessons in a headless Chromium
 #   make test-tex         documents of lessons under pdflatex
+#   make test-slurm       a fleet of 200 jobs on one node of SLURM, started for it
 #   make test-fuzz        every reader of files, ten minutes each (FUZZ_SECONDS), guided by coverage
 #   make test-embedded    generated C under other compilers, sanitizers, cppcheck, and on Cortex-M in QEMU
 # PYTHON is the interpreter that .venv is made from (3.11 or later).
@@ -30,11 +31,11 @@ EMBEDDED := gcc:gcc clang:clang cppcheck:cppcheck arm-none-eabi-gcc:gcc-arm-none
 export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo study test test-slow test-browser browser-packages test-tex tex-packages test-embedded test-fuzz embedded-packages lint docs wheel wheel-twice materials locks audit benchmark clean
+.PHONY: help demo study test test-slow test-browser browser-packages test-tex tex-packages test-slurm slurm-packages test-embedded test-fuzz embedded-packages lint docs wheel wheel-twice materials locks audit benchmark clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
-	@echo "make lint, test-slow, docs, wheel, wheel-twice, materials, locks, audit, benchmark, embedded-packages, browser-packages, tex-packages, clean"
+	@echo "make lint, test-slow, docs, wheel, wheel-twice, materials, locks, audit, benchmark, embedded-packages, browser-packages, tex-packages, slurm-packages, clean"
 
 $(VENV)/made:
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "symid needs Python 3.11 or later, set PYTHON")'
@@ -76,9 +77,9 @@ lint: $(VENV)/dev
 test: lint
 	$(PYTEST) --numprocesses $(WORKERS) --dist loadfile
 
-# Every URDF of a package of seventy; prints a table.
+# Every URDF of a package of seventy, with a table; small drifts in twenty plants of 500 robots, with a line.
 test-slow: $(VENV)/dev
-	$(PYTEST) -m slow --capture=no --quiet tests/oracle/test_urdf_robots.py
+	$(PYTEST) -m slow --capture=no --quiet tests/oracle/test_urdf_robots.py tests/unit/fleet/test_view.py
 
 # What test-embedded still wants of Debian, a package a line; nothing if all is there.
 embedded-packages:
@@ -130,6 +131,24 @@ test-tex: $(VENV)/dev
 		exit 1; \
 	fi
 	$(PYTEST) -m tex tests/tex
+
+# What test-slurm still wants of Debian; nothing if it is there. Its daemons run as this user, and end with it.
+slurm-packages:
+	@PATH="$$PATH:/usr/sbin"; command -v munged >/dev/null || echo munge
+	@PATH="$$PATH:/usr/sbin"; command -v slurmctld >/dev/null && command -v slurmd >/dev/null || echo slurm-wlm
+
+$(VENV)/slurm: $(VENV)/dev $(LOCKS)/slurm.txt
+	$(INSTALL) $(LOCKS)/slurm.txt
+	@touch $@
+
+test-slurm: $(VENV)/dev
+	@missing=$$($(MAKE) --silent --no-print-directory slurm-packages | paste -sd' '); \
+	if [ -n "$$missing" ]; then \
+		echo "test-slurm wants programs that are not here; as root: apt-get install --no-install-recommends $$missing"; \
+		exit 1; \
+	fi
+	@$(MAKE) --silent --no-print-directory $(VENV)/slurm
+	$(PYTEST) -m slurm tests/slurm
 
 docs: $(VENV)/docs
 	$(BIN)/sphinx-build -W --keep-going -b html docs docs/_build/html

@@ -15,7 +15,12 @@ SETTINGS = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"
 ENVIRONMENTS = {"dev": ("dev", "docs"), "core": (), "docs": ("docs",)}
 """Extras of each environment. The first one holds all, so that the others have the same versions."""
 # axe-core, the rules for pages that everybody can read, comes with a package of which nothing else is used.
-APART = {"axe": ("axe-playwright-python==0.1.8", "--no-deps"), "tools": ("pip-audit\nuv",)}
+# What dask-jobqueue needs is in dev already.
+APART = {
+    "axe": ("axe-playwright-python==0.1.8", "--no-deps"),
+    "slurm": ("dask-jobqueue", "--no-deps"),
+    "tools": ("pip-audit\nuv",),
+}
 """Requirements and options of what is installed into an environment besides, or for one target only."""
 OLDEST = SETTINGS["project"]["requires-python"].removeprefix(">=")
 

@@ -209,9 +209,11 @@ def _load_or_make(entry: CacheEntry[T], place: Path) -> tuple[T, str]:
 def _clear_scraps(folder: Path) -> None:
     """Remove what processes that were killed left behind: of this machine at once, of others after a day."""
     clear_scratch(folder, _NEW)
+    # A clock that was set must not take their work from living processes.
+    here = mark_scratch(_NEW).removesuffix(f"{os.getpid()}-")
     for path in (*folder.glob(f"{_NEW}*"), *folder.glob(".old-*")):
         with contextlib.suppress(OSError):
-            if time.time() - path.lstat().st_mtime > _SECONDS_A_DAY:
+            if not path.name.startswith(here) and time.time() - path.lstat().st_mtime > _SECONDS_A_DAY:
                 shutil.rmtree(path, ignore_errors=True)
     for path in folder.glob(".*.symid-lock"):
         lock = FileLock(path)

@@ -25,6 +25,7 @@ from symid.codegen.cache import (
     prepare_library,
 )
 from symid.codegen.compiler import Compiler, compile_sources, locate_compiler, read_processor
+from symid.environment import mark_scratch
 from symid.errors import GenerationError, OutputError
 from symid.joint_models.hysteresis import Elasticity
 from symid.robot.description import Controller, Limits, Processing
@@ -372,7 +373,7 @@ def test_a_process_that_is_killed_leaves_no_entry(robots_folder, tmp_path, proje
     slow.chmod(0o755)
     path = f"{slow.parent}:{os.environ['PATH']}"
     process = start(robots_folder, cache, project, PATH=path)
-    for _ in range(1000):
+    for _ in range(6000):
         if mark.exists():
             break
         time.sleep(0.05)
@@ -387,6 +388,26 @@ def test_a_process_that_is_killed_leaves_no_entry(robots_folder, tmp_path, proje
     out, err = start(robots_folder, cache, project).communicate(timeout=100)
     assert (out.splitlines()[:2], err) == (["3.0", ""], "")
     assert sorted(path.name[:10] for path in cache.iterdir()) == [".new-other", "symid_emps"]
+
+
+@pytest.mark.parametrize("days", [-400, 400])
+def test_a_clock_that_is_set_takes_nothing_from_a_living_process(robot, entry, tmp_path, monkeypatch, days):
+    at_work = tmp_path / (mark_scratch(".new-") + "abc")
+    at_work.mkdir()
+    now = time.time()
+    monkeypatch.setattr(time, "time", lambda: now + 86400.0 * days)
+    cache_module._clear_scraps(tmp_path)
+    assert at_work.is_dir()
+    assert prepare(robot, tmp_path)[1] == []
+
+
+def test_another_version_of_symid_has_an_entry_of_its_own(robot, entry, tmp_path, monkeypatch):
+    code = cache_module._read_code_bytes()
+    monkeypatch.setattr(cache_module, "_read_code_bytes", lambda: (*code, ("later.py", b"")))
+    assert prepare(robot, tmp_path)[1] != []
+    assert len(list(tmp_path.iterdir())) == 2
+    monkeypatch.setattr(cache_module, "_read_code_bytes", lambda: code)
+    assert prepare(robot, tmp_path)[1] == []
 
 
 def test_of_many_processes_on_an_empty_cache_one_compiles(robots_folder, tmp_path, project, c_compiler):

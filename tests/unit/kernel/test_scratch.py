@@ -1,6 +1,8 @@
 """Scratch files of processes that were killed go with the next run; those of others stay."""
 
 import os
+import resource
+import shutil
 import subprocess
 import sys
 import time
@@ -9,6 +11,7 @@ import pytest
 
 from symid import environment
 from symid.environment import clear_scratch, make_scratch_folder, mark_scratch, write_file
+from symid.errors import OutputError
 
 
 @pytest.fixture
@@ -76,3 +79,28 @@ write_file(Path({str(tmp_path / "out" / "fit.json")!r}), write)
     assert len(list((tmp_path / "out").iterdir())) == 1
     write_file(tmp_path / "out" / "fit.json", "whole")
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["fit.json"]
+
+
+@pytest.fixture(params=["full disk", "limit"])
+def small_place(request, tmp_path):
+    """Return a folder in which no file can be longer than 64 kB."""
+    if request.param == "limit":
+        before = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (65536, before[1]))
+        yield tmp_path
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        return
+    command = ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(tmp_path)]
+    if shutil.which("mount") is None or subprocess.run(command, check=False, capture_output=True).returncode:
+        pytest.skip("a disk that is full wants a file system of its own, and that a superuser")
+    yield tmp_path
+    subprocess.run(["umount", str(tmp_path)], check=True)
+
+
+def test_a_file_that_has_no_room_leaves_the_old_one_and_no_scratch(small_place):
+    path = write_file(small_place / "fit.json", "old")
+    with pytest.raises(OutputError, match=r"No space left|File too large") as caught:
+        write_file(path, "x" * 10**6)
+    assert caught.value.notices[0].code == "output.write"
+    assert [entry.name for entry in small_place.iterdir()] == ["fit.json"]
+    assert path.read_text() == "old"
