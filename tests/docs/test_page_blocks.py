@@ -38,13 +38,6 @@ HERE = {
 }
 """Blocks that are tried here, or beside the commands of their page."""
 
-UNTRIED = {
-    ("diagnosis.md", "(ROBOT|double_pendulum|emps|--diagnose)"),
-    ("friction.md", "^symid "),
-    ("robot_file.md", "cutoff=60"),
-}
-"""Commands that no test runs yet: only their verbs and options are compared."""
-
 
 def find_block(page, part):
     """Return the body of the block of a page in which a text stands."""
@@ -168,8 +161,7 @@ def runs_somewhere(block, text):
     """Return whether a command or the text of a block is run by a test."""
     if text in FROZEN or find_elsewhere(block.page, text) or (block.commands and block.page in SCENES):
         return True
-    untried = any(block.page == page and re.search(part, text) for page, part in UNTRIED)
-    return untried or any(block.page == page and part in text for page, part in HERE)
+    return any(block.page == page and part in text for page, part in HERE)
 
 
 def test_no_command_and_no_program_of_the_documentation_is_forgotten():

@@ -53,6 +53,7 @@ class Scene:
 PLACES = {"ROBOT": "two_link", "ESTIMATE": "estimate.json", "LOG": "held.npz", "OTHER...": "other.json"}
 SMALL = {"panda": "two_link", "arm": "arm.toml"}
 PULSES = {"DATA_EMPS.mat": "emps/DATA_EMPS.mat", "DATA_EMPS_PULSES.mat": "emps/DATA_EMPS_PULSES.mat"}
+PENDULUM = {f"run_{number}.csv": f"double_pendulum/run_{number}.csv" for number in (1, 2, 3, 4)}
 SHEET = "symid derive two_link_symbols --check "
 SCENES = {
     "c_library.md": Scene(words=SMALL),
@@ -62,12 +63,21 @@ SCENES = {
         words={"panda": "scara"},
         codes={f"{SHEET}two_links.exercises.txt": 1},
     ),
+    "diagnosis.md": Scene(files=PULSES | PENDULUM, words=PLACES),
     "embedded.md": Scene(words=SMALL),
     "export.md": Scene(words=SMALL),
+    "friction.md": Scene(
+        files=PULSES
+        | dict.fromkeys(("moves.npz", "slow.npz", "elbow_up.npz"), "log.npz")
+        | dict.fromkeys(("fast.npz", "elbow_down.npz"), "held.npz")
+        | {"elbow_out.npz": "third.npz", "training.csv": "log.npz", "arm_cad.toml": "arm.toml"},
+        words=SMALL | {"training.csv": "slow.npz"},
+    ),
     "identify.md": Scene(words=SMALL),
     "lessons.md": Scene(words={"puma560": "scara"}, codes={f"{SHEET}lesson.exercises.txt": 1}),
     "logs.md": Scene(words=PLACES),
     "quickstart.md": Scene(),
+    "robot_file.md": Scene(files=PULSES),
     "urdf.md": Scene(files={"arm.urdf": "two.urdf", "arm.xml": "two.xml"}),
 }
 
@@ -232,6 +242,24 @@ def test_friction_of_the_emps(folder, shared_data):
     (row,) = re.findall(r"^\| `asymmetric` \| (\S+) % \| (\S+) % \|$", page, re.MULTILINE)
     for said, text in zip(map(float, row), (fitted, unseen), strict=True):
         assert min(abs(said - number) for number in list_printed(text)) < 0.006
+
+
+def test_results_on_real_robots(folder, shared_data):
+    printed = walk("diagnosis.md", folder, shared_data)
+    page = (DOCS / "diagnosis.md").read_text("utf-8")
+    for run in (1, 4):
+        (said,) = re.findall(rf"\| run {run} \|.* vector (\S+) % \|", page)
+        (text,) = (text for command, text in printed.items() if f"run_{run}.csv --band" in command)
+        (vector,) = re.findall(r"as one vector: (\S+) %", text)
+        assert f"{float(vector):.3g}" == said
+    (text,) = (text for command, text in printed.items() if command.startswith("symid identify emps"))
+    value, deviation = map(float, re.search(r"M1 +(\S+) +(\S+)", text).groups())
+    assert f"mass of {value:.2f} +- {deviation:.2f} kg" in page
+
+
+def test_friction_and_named_settings(folder, shared_data):
+    assert len(walk("friction.md", folder, shared_data)) == 7
+    assert len(walk("robot_file.md", folder, shared_data)) == 1
 
 
 def simplify(words):
