@@ -119,6 +119,7 @@ def check_killed(fleet, cluster, calls, jobs, folder):
     print(
         f"Dask's own processes: {cluster.processor:.1f} s, largest memory of a worker {cluster.memory:.0f} MB"
     )
+    once = once and lines.keys() == {row.key for row in fleet.rows}
     return once and twice == 0 and same == len(files) and len(cluster.killed) == len(cluster.moments)
 
 

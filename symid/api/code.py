@@ -221,7 +221,7 @@ class CompiledModel:
     """Compiled functions of a robot as attributes; returned by `RobotModel.compile`.
 
     Attributes:
-        library: the library behind them, as identification and simulation use it.
+        library: the library behind them; `RobotModel.library` is one without the functions for controllers.
 
     Example:
         >>> import symid

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, final
 from symid import report
 from symid.api.log import Log, Logged, LogLike
 from symid.api.result import Result
-from symid.errors import Notice
+from symid.errors import EstimateError, Notice
 
 if TYPE_CHECKING:
     from symid.api.hysteresis import ElementFit
@@ -263,7 +263,8 @@ def load_payload(path: str | PathLike[str], robot: "RobotModel | None" = None) -
         robot: that carries it; only `for_controller` with a link as flange needs it.
 
     Raises:
-        EstimateError: there is no such file, or it holds something else; it names all mistakes.
+        EstimateError: there is no such file, or it holds something else, or a payload of another robot; it
+            names all mistakes.
 
     Example:
         >>> import symid
@@ -279,8 +280,11 @@ def load_payload(path: str | PathLike[str], robot: "RobotModel | None" = None) -
     """
     from symid.identification import read_payload
 
-    carrier = None if robot is None else robot.description
-    return PayloadResult(product=read_payload(Path(fspath(path))), carrier=carrier)
+    found = read_payload(Path(fspath(path)))
+    if robot is not None and robot.name != found.robot:
+        text = f"the payload is of the robot {found.robot!r}, not of {robot.name!r}"
+        raise EstimateError(Notice(code="estimate.signature", text=text, file=str(path)))
+    return PayloadResult(product=found, carrier=None if robot is None else robot.description)
 
 
 def list_payload_side(side: PayloadSide) -> "GivenSide":

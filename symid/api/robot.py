@@ -481,7 +481,10 @@ class RobotModel:
 
     @cached_property
     def library(self) -> "Library":
-        """Return the functions that identification and simulation run on, from the cache or made now."""
+        """Return the functions that identification and simulation run on, from the cache or made now.
+
+        `compile` has the derivatives, the Coriolis matrix and the regressor of Slotine and Li as well.
+        """
         return self._prepare(self.description)
 
     @cached_property

@@ -86,7 +86,7 @@ def _write_polynomial(texts: list[str]) -> str:
 
 
 def _write_transposition(lanes: int, first: int) -> list[str]:
-    """Return statements that turn `lanes` lanes, from x[first] on, and store them as as many rows.
+    """Return statements that turn `lanes` lanes, from x[first] on, and store them as that many rows.
 
     Elements are exchanged between lanes 1, 2, 4 apart, one bit of their numbers at a time. Sixteen lanes are
     two squares of eight side by side.

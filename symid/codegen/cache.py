@@ -169,9 +169,13 @@ def _describe_damage(place: Path, key: str) -> str:
     return f"changed since it was made: {', '.join(changed)}" if changed else ""
 
 
+_PROCESS = f"{secrets.token_hex(4)}-"
+"""In the names of this process's folders: without it they are of one before it that had its number."""
+
+
 def _store_entry(entry: CacheEntry[T], place: Path) -> None:
     """Make the entry beside its place, and move it there by one rename; a sound one there is kept."""
-    staging = place.parent / f"{mark_scratch(_NEW)}{secrets.token_hex(6)}"
+    staging = place.parent / f"{mark_scratch(_NEW)}{_PROCESS}{secrets.token_hex(6)}"
     try:
         entry.make(staging)
         seal = {"key": entry.key, "files": _read_digests(staging)}
@@ -209,11 +213,14 @@ def _load_or_make(entry: CacheEntry[T], place: Path) -> tuple[T, str]:
 def _clear_scraps(folder: Path) -> None:
     """Remove what processes that were killed left behind: of this machine at once, of others after a day."""
     clear_scratch(folder, _NEW)
-    # A clock that was set must not take their work from living processes.
-    here = mark_scratch(_NEW).removesuffix(f"{os.getpid()}-")
+    own = mark_scratch(_NEW)
+    here = own.removesuffix(f"{os.getpid()}-")
     for path in (*folder.glob(f"{_NEW}*"), *folder.glob(".old-*")):
+        left = path.name.startswith(own) and not path.name.startswith(own + _PROCESS)
+        # A clock that was set must not take their work from living processes.
+        alive = path.name.startswith(here) and not left
         with contextlib.suppress(OSError):
-            if not path.name.startswith(here) and time.time() - path.lstat().st_mtime > _SECONDS_A_DAY:
+            if left or (not alive and time.time() - path.lstat().st_mtime > _SECONDS_A_DAY):
                 shutil.rmtree(path, ignore_errors=True)
     for path in folder.glob(".*.symid-lock"):
         lock = FileLock(path)
@@ -360,8 +367,7 @@ def _make_library(
     )
 
     progress(f"deriving the dynamics of {robot.name}")
-    own = names is None and not whole
-    functions = build_functions(robot, names=names, without=FOR_CONTROLLERS if own else ())
+    functions = build_functions(robot, names=names, without=() if whole else FOR_CONTROLLERS)
     prefix = build_library_prefix(robot.name)
     flags: tuple[str, ...] = ()
     if casadi:
@@ -419,6 +425,7 @@ def prepare_library(
     """
     check_choice("backend", backend, BACKENDS)
     casadi, report = backend == "casadi", progress or (lambda _: None)
+    whole = whole or names is not None
 
     def obtain(compiler: Compiler | None, *notices: Notice) -> Library:
         calls = "" if casadi else choose_call_path().name

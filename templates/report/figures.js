@@ -95,7 +95,10 @@ function enliven(figure, svg) {
     for (const value of listTicks(toTime(view.left), toTime(view.right), 5)) {
       const x = toShare(left + ((value - x0) / (x1 - x0)) * size.width);
       build("line", { class: "grid", x1: x, y1: top, x2: x, y2: bottom }, ticks);
-      build("text", { x, y: bottom + 17, "text-anchor": "middle" }, ticks).textContent = write(value);
+      const text = write(value);
+      // A long number at the end would be cut off.
+      const middle = Math.min(x, 556 - 4.05 * text.length);
+      build("text", { x: middle, y: bottom + 17, "text-anchor": "middle" }, ticks).textContent = text;
     }
     for (const value of listTicks(toValue(view.bottom), toValue(view.top), 5)) {
       const y = bottom - ((value - toValue(view.bottom)) / (toValue(view.top) - toValue(view.bottom))) * size.height;

@@ -10,7 +10,7 @@ import symid
 from symid.cli.main import run
 from symid.codegen.catalogue import build_model_card
 from symid.dynamics.base_parameters import derive_base_parameters
-from symid.errors import UsageError
+from symid.errors import EstimateError, UsageError
 from symid.identification.elastic.estimate import ElasticEstimate
 from symid.identification.elastic.routing import build_rigid_variant
 from symid.identification.estimators.estimate import ParameterEstimate, Residual
@@ -325,6 +325,8 @@ def test_a_stored_payload_is_reported_as_it_was_found(capsys, arm, tmp_path):
     assert found.for_controller("franka").texts["libfranka"].startswith("robot.setLoad(1.")
     with pytest.raises(UsageError, match="not known here"):
         symid.load_payload(stored).for_controller("ur", "flange")
+    with pytest.raises(EstimateError, match="not of 'two_link'"):
+        symid.load_payload(stored, symid.load("two_link"))
     code, answer = call(capsys, "report", stored, "--diagnose", "-o", tmp_path / "third.html")
     assert (code, answer["errors"][0]["code"]) == (2, "usage.no-validation")
 

@@ -175,23 +175,15 @@ def _evaluate(logs: QuickLogs) -> FloatArray:
 
 def _sum_parts(logs: QuickLogs, columns: FloatArray) -> FloatArray:
     """Return the sums (s, parts, n, p + 1, p + 1) of products of columns and torque."""
-    samples, joints, width = columns.shape
-    # Parts of a stretch differ by a sample: the shorter ones take the row of zeros at the end.
-    table = np.zeros((samples + 1, joints, width + 1))
-    table[:-1] = np.concatenate([columns, logs.tau[:, :, None]], axis=2) * logs.kept[:, :, None]
+    table = np.concatenate([columns, logs.tau[:, :, None]], axis=2) * logs.kept[:, :, None]
     count = int(logs.stretch.max()) + 1
-    parts = [
-        part
-        for place in range(count)
-        for part in np.array_split(np.flatnonzero(logs.stretch == place), PARTS)
-    ]
-    rows = np.full((len(parts), max(map(len, parts))), samples)
-    for row, part in zip(rows, parts, strict=True):
-        row[: len(part)] = part
-    # (parts, n, rows, p + 1)
-    chosen = np.ascontiguousarray(np.swapaxes(table[rows], 1, 2))
-    sums: FloatArray = np.swapaxes(chosen, -1, -2) @ chosen
-    return sums.reshape(count, PARTS, joints, width + 1, width + 1)
+    sums = []
+    for place in range(count):
+        for part in np.array_split(np.flatnonzero(logs.stretch == place), PARTS):
+            # (n, rows, p + 1)
+            block = np.ascontiguousarray(np.swapaxes(table[part], 0, 1))
+            sums.append(np.swapaxes(block, 1, 2) @ block)
+    return np.stack(sums).reshape(count, PARTS, *sums[0].shape)
 
 
 def _compute_left(values: FloatArray, sums: FloatArray) -> FloatArray:

@@ -390,14 +390,17 @@ def test_a_process_that_is_killed_leaves_no_entry(robots_folder, tmp_path, proje
     assert sorted(path.name[:10] for path in cache.iterdir()) == [".new-other", "symid_emps"]
 
 
-@pytest.mark.parametrize("days", [-400, 400])
-def test_a_clock_that_is_set_takes_nothing_from_a_living_process(robot, entry, tmp_path, monkeypatch, days):
-    at_work = tmp_path / (mark_scratch(".new-") + "abc")
-    at_work.mkdir()
+def test_a_clock_that_is_set_takes_nothing_from_a_living_process(robot, entry, tmp_path, monkeypatch):
+    own = mark_scratch(".new-")
+    at_work, left = tmp_path / f"{own}{cache_module._PROCESS}abc", tmp_path / f"{own}def"
+    other = tmp_path / f"{own.removesuffix(f'{os.getpid()}-')}{os.getppid()}-abc"
+    for path in (at_work, left, other):
+        path.mkdir()
     now = time.time()
-    monkeypatch.setattr(time, "time", lambda: now + 86400.0 * days)
+    monkeypatch.setattr(time, "time", lambda: now + 86400.0 * 400)
     cache_module._clear_scraps(tmp_path)
-    assert at_work.is_dir()
+    # What has this process's number and is not its own is of one before it.
+    assert [path.is_dir() for path in (at_work, left, other)] == [True, False, True]
     assert prepare(robot, tmp_path)[1] == []
 
 
