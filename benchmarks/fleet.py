@@ -17,7 +17,6 @@ import argparse
 import collections
 import csv
 import importlib.metadata
-import itertools
 import os
 import signal
 import sys
@@ -35,6 +34,8 @@ from symid.errors import SolverError
 
 NIGHTS = 7
 ESTIMATOR = "wls"
+_MOST_CALLS = 10
+"""Of a fleet whose scheduler is killed once."""
 
 
 def find_ur5():
@@ -86,7 +87,7 @@ def run_killed(jobs, folder, *, workers, seed):
     # Processes of the cluster end with this one.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with cluster:
-        for calls in itertools.count(1):
+        for calls in range(1, _MOST_CALLS + 1):
             cluster.wait()
             try:
                 fleet = symid.fleet.run(
@@ -96,7 +97,7 @@ def run_killed(jobs, folder, *, workers, seed):
                 print(f"ended with exit code {error.exit_code}: {error}", flush=True)
                 continue
             return fleet, cluster, calls
-    return None
+    return sys.exit(f"the fleet did not end in {_MOST_CALLS} calls")
 
 
 def check_killed(fleet, cluster, calls, jobs, folder):

@@ -78,7 +78,7 @@ ELSEWHERE = {
     ("fleet.md", "^(SELECT|WITH)"): "tests/unit/fleet/test_view.py",
     ("friction.md", "^import numpy"): "tests/docs/test_friction_page.py",
     ("friction_dynamic.md", "symid.joint_models|symid.simulation|symid.codegen"): SPRINGS,
-    ("friction_tables.md", ""): "tests/cli/test_friction_study.py",
+    ("friction_tables.md", "^symid study friction-tables -o"): "tests/cli/test_friction_study.py",
     ("gallery.md", ""): "tests/docs/test_gallery.py",
     ("hysteresis.md", ""): "tests/docs/test_hysteresis_page.py",
     ("lessons.md", "--ipynb"): "tests/unit/lessons/test_notebook.py",

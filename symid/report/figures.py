@@ -474,13 +474,18 @@ def build_mark_figure(
         place = f'x="{left - 9:g}" y="{y + 4:.1f}" text-anchor="end"'
         body += [
             f'<line class="grid" x1="{left:g}" y1="{y:.1f}" x2="{frame.right:g}" y2="{y:.1f}"/>',
-            f'<text class="{style}" {place}>{escape(name)}</text>',
+            f'<text class="{style}" {place}>{escape(name)}{_write_title(entry.label, name)}</text>',
             f'<circle class="mark {style}" cx="{x:.1f}" cy="{y:.1f}" r="{radius:g}"/>',
         ]
         if entry.text:
             body.append(f'<text class="{style}" x="{x + 12:.1f}" y="{y + 4:.1f}">{escape(entry.text)}</text>')
     data = FigureData(labels=(label, ""), marks=tuple(marks), limit=limit, logarithmic=logarithmic)
     return replace(_wrap_figure(caption, frame.height, body), data=data)
+
+
+def _write_title(label: str, name: str) -> str:
+    """Return the whole of a shortened label, which a pointer shows: two sums may begin alike."""
+    return "" if name == label else f"<title>{escape(label)}</title>"
 
 
 def _shorten(label: str) -> str:

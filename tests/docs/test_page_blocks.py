@@ -179,6 +179,10 @@ def test_no_command_and_no_program_of_the_documentation_is_forgotten():
 
 def test_the_table_of_other_tests_names_what_is_there():
     assert all((DOCS.parent / test).is_file() for test in ELSEWHERE.values())
+    # Who is said to run a whole page takes its blocks from it.
+    for page, test in ((page, test) for (page, pattern), test in ELSEWHERE.items() if not pattern):
+        name = page.rpartition("/")[2].removesuffix(".md")
+        assert name in (DOCS.parent / test).read_text("utf-8"), (page, test)
     for page, pattern in ELSEWHERE:
         blocks = (block for block in list_blocks(page) if block.runs)
         texts = [text for block in blocks for text in block.commands or (block.body,)]

@@ -92,8 +92,11 @@ class SlurmNode:
             self.wait_until_idle()
         for process in reversed(self.processes):
             process.terminate()
-            process.wait(60)
-        shutil.rmtree(self.folder)
+            try:
+                process.wait(60)
+            except subprocess.TimeoutExpired:
+                process.kill()
+        shutil.rmtree(self.folder, ignore_errors=True)
 
     def run(self, *command):
         """Return what a program of SLURM prints."""
