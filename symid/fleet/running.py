@@ -29,7 +29,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
 from symid.api import Fit, RobotModel, load
-from symid.environment import THREAD_VARIABLES, make_scratch_folder
+from symid.environment import KEEP_MEMORY, THREAD_VARIABLES, make_scratch_folder
 from symid.errors import InputError, Notice, SolverError, SymidError, UsageError
 from symid.fleet.jobs import FleetJob, is_remote, open_address
 from symid.serialization import Finite, read_record, write_plain
@@ -263,7 +263,7 @@ class JobProcess:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            env=os.environ | dict.fromkeys(THREAD_VARIABLES, "1"),
+            env=os.environ | dict.fromkeys(THREAD_VARIABLES, "1") | KEEP_MEMORY,
             start_new_session=True,
         )
         if self._ask(process, b"%d\n" % (self.limits.megabytes or 0), limited=False) != b"ready\n":
