@@ -120,7 +120,8 @@ class KilledCluster:
     def count_results(self):
         """Return how many jobs have a result."""
         with contextlib.suppress(FileNotFoundError):
-            return sum(path.suffix == ".json" and path.name[0] != "." for path in self.results.iterdir())
+            # Ten times a second, of 10 000: paths would take a third of a core.
+            return sum(name.endswith(".json") and name[0] != "." for name in os.listdir(self.results))
         return 0
 
     def _measure(self, name):
