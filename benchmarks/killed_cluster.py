@@ -119,9 +119,9 @@ class KilledCluster:
 
     def count_results(self):
         """Return how many jobs have a result."""
-        with contextlib.suppress(FileNotFoundError):
-            # Ten times a second, of 10 000: paths would take a third of a core.
-            return sum(name.endswith(".json") and name[0] != "." for name in os.listdir(self.results))
+        # Ten times a second, of 10 000: paths would take a third of a core.
+        with contextlib.suppress(FileNotFoundError), os.scandir(self.results) as found:
+            return sum(entry.name.endswith(".json") and entry.name[0] != "." for entry in found)
         return 0
 
     def _measure(self, name):
