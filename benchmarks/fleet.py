@@ -60,7 +60,9 @@ def write_logs(robot, folder, jobs):
         columns = {"t": base.time}
         for j, (q, tau) in enumerate(zip(base.q.T, (base.tau + scale * noise).T, strict=True), start=1):
             columns |= {f"q{j}": q, f"tau{j}": tau}
-        write_table(pa.table(columns), path)
+        # Whole or not at all: what is there is not written again.
+        write_table(pa.table(columns), path.with_suffix(".new"))
+        path.with_suffix(".new").replace(path)
 
 
 def time_bare_loop(robot, jobs):

@@ -201,9 +201,9 @@ THREAD_VARIABLES = (
 
 
 KEEP_MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(32 << 20), "MALLOC_TRIM_THRESHOLD_": str(256 << 20)}
-"""For processes that fit log after log: bytes from which the C library (glibc; others ignore it) maps an array
-alone, and that it keeps when they are free. Dask's workers start theirs with 64 kB: pages that are given back
-after each array and asked for again are half of the time of a fit."""
+"""For processes that fit log after log: bytes from which the C library maps an array alone, and that it keeps
+when they are free (glibc; others ignore it). Dask's workers have 64 kB: pages that are given back after each
+array and asked for again are half of the time of a fit."""
 
 
 def limit_to_one_thread() -> None:

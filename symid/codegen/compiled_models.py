@@ -424,7 +424,7 @@ def write_springs(springs: tuple[Elasticity, ...]) -> str:
 
 
 def run_compiled_branch(branch: SteppedBranch, path: BranchPath, states: FloatArray) -> FloatArray:
-    """Return the states (N, n) of a branch after every sample of a path, from those before it (n,)."""
+    """Return states (n), force and energy of a branch after every sample of a path, (N, n + 2)."""
     call = _load_branch(strip_branch(branch))
     if call is None:
         return run_branch(branch, path, states)
@@ -434,7 +434,7 @@ def run_compiled_branch(branch: SteppedBranch, path: BranchPath, states: FloatAr
     # The code writes as many states as the branch has, whatever it is given.
     size = len(branch.start(build_float_carrier(), 0.0, 0.0))
     before = np.array(np.broadcast_to(states, size), dtype=np.float64)
-    after = np.empty((motions.shape[1], len(before)))
+    after = np.empty((motions.shape[1], size + 2))
     pointers = (ctypes.c_void_p(array.ctypes.data) for array in (motions, numbers, before, after))
     call(ctypes.c_size_t(len(after)), *pointers)
     return after

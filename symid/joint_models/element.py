@@ -20,6 +20,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import zip_longest
 from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
@@ -30,6 +31,7 @@ from symid.joint_models.branches import (
     AttractedSlip,
     BoucWen,
     Branch,
+    BranchStep,
     BristleBranch,
     ElementMotion,
     Relaxation,
@@ -147,6 +149,7 @@ def advance_element(
     states: Sequence[V],
     *,
     velocity: V | None = None,
+    taken: Sequence[BranchStep[V] | None] = (),
 ) -> ElementStep[V]:
     """Return what an element does when its input has gone to a position, without turning back on the way.
 
@@ -157,6 +160,7 @@ def advance_element(
         held: position, rad or m, and length of the step, s; the length counts where `needs_time`, > 0.
         states: before, as `start_states` orders them.
         velocity: rad/s or m/s, where it is known better than as way over length of the step.
+        taken: steps of the branches that are known already, None for others; none where no branch is known.
     """
     (position, period), at = held, 1
     before, after = states[0], [position]
@@ -179,10 +183,10 @@ def advance_element(
     forces = [force]
     if elasticity.damping:
         forces.append(algebra.mul(values["D"], velocity))
-    for head, branch in _name_branches(elasticity):
+    for (head, branch), known in zip_longest(_name_branches(elasticity), taken):
         size = count_states(branch)
         own = {name: values[head + name] for name in branch.list_values()}
-        step = branch.advance(algebra, own, motion, states[at : at + size])
+        step = known or branch.advance(algebra, own, motion, states[at : at + size])
         forces.append(step.force)
         after += step.states
         stored = None if stored is None else algebra.add(stored, step.stored)
@@ -366,7 +370,19 @@ SteppedBranch = BoucWen | BristleBranch | AttractedSlip | Relaxation
 BranchPath = tuple[FloatArray, ...]
 """Input, way to each sample, rad or m, velocity, rad/s or m/s, and length of the step, s, (N,) each."""
 BranchRunner = Callable[[SteppedBranch, BranchPath, FloatArray], FloatArray]
-"""Returns the states (N, n) of a branch after every sample of a path, from those before it (n,)."""
+"""Returns states (n), force and stored energy of a branch after every sample of a path, (N, n + 2), from the
+states before it (n,)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BranchTrace:
+    """A branch along a path: states (N + 1, n) before it and after every sample; what each step led to.
+
+    `steps` is None where the states are found without.
+    """
+
+    states: FloatArray
+    steps: BranchStep[FloatArray] | None = None
 
 
 def run_element(
@@ -396,7 +412,7 @@ def run_element(
     periods = _read_periods(elasticity, len(position), time)
     if velocity is None:
         velocity = np.diff(position, prepend=states[0]) / periods
-    traces = _trace_states(elasticity, (position, velocity, periods), states, runner)
+    traces, taken = _trace_states(elasticity, (position, velocity, periods), states, runner)
     step = advance_element(
         build_numpy_carrier(),
         elasticity,
@@ -404,6 +420,7 @@ def run_element(
         (position, periods),
         [trace[:-1] for trace in traces],
         velocity=np.asarray(velocity, dtype=np.float64),
+        taken=taken,
     )
     stored = np.full(len(position), np.nan) if step.stored is None else step.stored
     return ElementRun(
@@ -418,8 +435,8 @@ def _trace_states(
     recording: tuple[FloatArray, FloatArray, FloatArray],
     states: tuple[float, ...],
     runner: BranchRunner | None,
-) -> list[FloatArray]:
-    """Return every state (N + 1,) along position, velocity and periods: before, and after every sample."""
+) -> tuple[list[FloatArray], list[BranchStep[FloatArray] | None]]:
+    """Return every state (N + 1,) along position, velocity and periods, and the steps of branches."""
     position, velocity, periods = recording
     traces, at = [np.concatenate([states[:1], position])], 1
     if elasticity.backlash:
@@ -431,12 +448,14 @@ def _trace_states(
     memory = np.array(states[at : at + len(radii)])
     traces += list(np.vstack([memory, compute_plays(middle[1:], radii, memory)]).T)
     at += len(radii)
-    path = (middle[1:], np.diff(middle), velocity, periods)
+    path, taken = (middle[1:], np.diff(middle), velocity, periods), []
     for branch in elasticity.branches:
         size = count_states(branch)
-        traces += list(trace_branch(branch, path, states[at : at + size], runner).T)
+        trace = trace_branch(branch, path, states[at : at + size], runner)
+        traces += list(trace.states.T)
+        taken.append(trace.steps)
         at += size
-    return traces
+    return traces, taken
 
 
 def _read_start(elasticity: Elasticity, first: float, start: Start | Sequence[float]) -> tuple[float, ...]:
@@ -459,8 +478,8 @@ def _read_periods(elasticity: Elasticity, count: int, time: FloatArray | None) -
 
 def trace_branch(
     branch: Branch, path: BranchPath, states: Sequence[float], runner: BranchRunner | None = None
-) -> FloatArray:
-    """Return the states (N + 1, n) of a branch along a path: before it, and after every sample."""
+) -> BranchTrace:
+    """Return what a branch does along a path, from the states before it (n,)."""
     (position, _, velocity, _), memory = path, np.array(states, dtype=np.float64)
     if isinstance(branch, SlipSpring):
         speed = np.abs(velocity)
@@ -471,22 +490,26 @@ def trace_branch(
         ramps = [np.clip((position[:, None] - edge) / branch.step, 0.0, 1.0) for edge in places]
         after = compute_clamps(ramps[0], ramps[1], memory)
     else:
-        after = (runner or run_branch)(branch, path, memory)
-    return np.vstack([memory, after])
+        found = (runner or run_branch)(branch, path, memory)
+        after, (force, stored) = found[:, :-2], found[:, -2:].T
+        steps = BranchStep(force=force, states=tuple(after.T), stored=stored)
+        return BranchTrace(states=np.vstack([memory, after]), steps=steps)
+    return BranchTrace(states=np.vstack([memory, after]))
 
 
 def run_branch(branch: SteppedBranch, path: BranchPath, states: FloatArray) -> FloatArray:
-    """Return the states (N, n) of a branch after every sample, step by step in CasADi's virtual machine."""
+    """Return what a `BranchRunner` returns, step by step in CasADi's virtual machine."""
     count, values = len(path[0]), list(branch.list_values().values())
     if not count:
-        return np.empty((0, len(states)))
+        return np.empty((0, len(states) + 2))
     table = np.tile(np.array(values)[:, None], (1, count))
-    return np.asarray(_accumulate(strip_branch(branch), count)(states, np.vstack(path), table).full().T)
+    found = _accumulate(strip_branch(branch), count)(states, np.vstack(path), table)
+    return np.hstack([part.full().T for part in found])
 
 
 @lru_cache(maxsize=32)
 def _accumulate(plain: SteppedBranch, count: int) -> Any:  # noqa: ANN401  casadi
-    return build_branch_step(plain).mapaccum(count)
+    return build_branch_step(plain).mapaccum("branch", count, 1)
 
 
 def strip_branch(branch: SteppedBranch) -> SteppedBranch:
@@ -504,7 +527,7 @@ def strip_branch(branch: SteppedBranch) -> SteppedBranch:
 
 
 def build_branch_step(plain: SteppedBranch) -> Any:  # noqa: ANN401  casadi
-    """Return CasADi's function (states, a sample of the path, numbers) -> states after it.
+    """Return CasADi's function (states, a sample of the path, numbers) -> states after it, (force, energy).
 
     The numbers, in the order of `list_values`, are inputs: one function serves all branches of a structure.
     """
@@ -517,7 +540,8 @@ def build_branch_step(plain: SteppedBranch) -> Any:  # noqa: ANN401  casadi
     motion = ElementMotion(position=position, way=way, velocity=velocity, period=period)
     values = dict(zip(names, casadi.vertsplit(numbers), strict=True))
     step = plain.advance(build_casadi_carrier(), values, motion, casadi.vertsplit(states))
-    return casadi.Function("step", [states, given, numbers], [casadi.vertcat(*step.states)])
+    found = casadi.vertcat(*step.states), casadi.vertcat(step.force, step.stored)
+    return casadi.Function("step", [states, given, numbers], found)
 
 
 _Step = ElementStep[float]

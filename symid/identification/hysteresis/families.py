@@ -90,9 +90,8 @@ class ElementPath(FrozenArrays):
         side = {"below": 1.0, "above": -1.0}.get(self.start, 0.0)
         states = branch.start(build_float_carrier(), begin, side)
         ways = np.diff(self.position, prepend=begin)
-        return trace_branch(
-            branch, (self.position, ways, self.velocity, self.period), states, run_compiled_branch
-        )[1:]
+        path = (self.position, ways, self.velocity, self.period)
+        return trace_branch(branch, path, states, run_compiled_branch).states[1:]
 
 
 Limits = tuple[FloatArray, FloatArray]

@@ -139,6 +139,7 @@ def test_a_compiled_branch_has_the_bytes_of_the_virtual_machine(name, c_compiler
     assert all(compiled_models._load_branch(strip_branch(b)) for b in element.branches if is_stepped(b))
     plain, compiled = (run_element(element, x, t, runner=runner) for runner in (None, run_compiled_branch))
     np.testing.assert_array_equal(compiled.output, plain.output)
+    np.testing.assert_array_equal(compiled.stored, plain.stored)
     assert compiled.states == plain.states
     assert np.ptp(plain.output) > 0.0
 
