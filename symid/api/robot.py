@@ -577,9 +577,15 @@ class RobotModel:
     @property
     def context(self) -> "TaskContext":
         """Return compiled functions on demand, and the callback for progress, for long computations."""
+        from symid.codegen import keep_dynamics
         from symid.identification import TaskContext
 
-        return TaskContext(prepare=self._prepare, progress=self.progress)
+        def prepare(description: "Robot") -> "Library":
+            """Return this robot's library, loaded once, where the dynamics are its own."""
+            own = keep_dynamics(description) == keep_dynamics(self.description)
+            return self.library if own else self._prepare(description)
+
+        return TaskContext(prepare=prepare, progress=self.progress)
 
     def _prepare(self, description: "Robot", *, fused: bool = False, whole: bool = False) -> "Library":
         from symid.codegen import prepare_library

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from symid.codegen.c_friction import generate_friction_state as generate_friction_state
     from symid.codegen.cache import (
+        keep_dynamics as keep_dynamics,
         locate_cache_folder as locate_cache_folder,
         prepare_library as prepare_library,
     )

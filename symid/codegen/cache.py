@@ -316,6 +316,16 @@ def _read_code_bytes() -> tuple[tuple[str, bytes], ...]:
     return tuple((path.relative_to(_PACKAGE).as_posix(), path.read_bytes()) for path in paths)
 
 
+def keep_dynamics(robot: Robot) -> Robot:
+    """Return what the functions of a robot depend on: it without limits, controller, logs, names of files."""
+    plain = [
+        replace(joint, limits=Limits(), drive=replace(joint.drive, torque_constant=None))
+        for joint in robot.joints
+    ]
+    model = replace(robot, joints=tuple(plain), log=LogMap(), processing=Processing(), controller=None)
+    return replace(model, convention="", description="", source="", path="", notices=())
+
+
 def compute_library_key(
     robot: Robot,
     names: tuple[str, ...] | None,
@@ -327,16 +337,10 @@ def compute_library_key(
 ) -> str:
     """Return the signature of all that a library is made from.
 
-    What the functions do not depend on, such as limits, controller and logs, takes no part. `names` are those
-    of functions, as in `prepare_library`, `calls` says how Python calls them, `casadi` whether CasADi
-    computes them.
+    What the functions do not depend on takes no part, see `keep_dynamics`. `names` are those of functions, as
+    in `prepare_library`, `calls` says how Python calls them, `casadi` whether CasADi computes them.
     """
-    plain = [
-        replace(joint, limits=Limits(), drive=replace(joint.drive, torque_constant=None))
-        for joint in robot.joints
-    ]
-    model = replace(robot, joints=tuple(plain), log=LogMap(), processing=Processing(), controller=None)
-    model = replace(model, convention="", description="", source="", path="", notices=())
+    model = keep_dynamics(robot)
     tools = (__version__, *map(version, ("casadi", "sympy", "mpmath")))
     built_by = (compiler or f"python {sys.version_info.major}.{sys.version_info.minor}", calls, casadi, whole)
     # A library that was linked with a newer C library may not load with an older one.

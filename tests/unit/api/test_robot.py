@@ -142,3 +142,12 @@ def test_the_library_computes_on_the_backend_that_was_asked_for():
         (found[backend],) = library.evaluate("inverse_dynamics", *state, beta)
     assert found["python"] == pytest.approx(found["c"], rel=1e-12)
     assert found["casadi"] == pytest.approx(found["c"], rel=1e-12)
+
+
+def test_fits_share_the_library_while_the_dynamics_are_the_robots_own():
+    robot = symid.load("two_link")
+    prepare, own = robot.context.prepare, robot.library
+    assert prepare(robot.override(settings={"processing.filter_cutoff": 5.0}).description) is own
+    other = prepare(robot.override(friction="coulomb").description)
+    assert other is not own
+    assert {law.friction for law in other.card.joints} == {"coulomb"}
