@@ -6,7 +6,7 @@ other derivatives of tau(q, dq, ddq) at the acceleration that the torque gives,
     dddq/dtau = M^-1,   dddq/dq = -M^-1 dtau/dq,   dddq/ddq = -M^-1 dtau/ddq.
 
 The derivative by velocities is twice the Coriolis matrix C, so that the bias torque costs no recursion of its
-own: C dq + rest. M^-1 = L^-T D^-1 L^-1 shares the factors of M = L D L' with the acceleration.
+own: C dq + rest. M^-1 = L^-1 D^-1 L^-T shares the factors of M = L' D L with the acceleration.
 """
 
 from collections.abc import Callable, Sequence
@@ -31,9 +31,11 @@ Matrix = Sequence[Sequence[int]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Factors:
-    """M = L D L' of a table's values: the rows of L below its diagonal of ones, and 1/D.
+    """M = L' D L of a table's values: the rows of L below its diagonal of ones, and 1/D.
 
-    Each pivot is inverted once: n more products, but a quotient takes as long as ten of them.
+    Joints are eliminated from the last one to the first: what is zero in M, for joints of which neither
+    carries the other, stays zero in L (Featherstone, Int. J. Robot. Res. 24 (2005) 487-500). Each pivot is
+    inverted once: n more products, but a quotient takes as long as ten of them.
     """
 
     table: ExpressionTable
@@ -42,17 +44,17 @@ class _Factors:
 
     def solve(self, right: Sequence[int]) -> list[int]:
         """Return x of M x = r."""
-        lower, n, solution = self.lower, len(right), list[int]()
-        for i in range(n):
-            solution.append(_remove(self.table, right[i], [(lower[i][k], solution[k]) for k in range(i)]))
-        for i in reversed(range(n)):
-            solution[i] = self.table.mul(solution[i], self.inverses[i])
-            behind = [(lower[k][i], solution[k]) for k in range(i + 1, n)]
-            solution[i] = _remove(self.table, solution[i], behind)
+        lower, solution, joints = self.lower, list(right), range(len(right))
+        for i in reversed(joints):
+            carried = [(lower[k][i], solution[k]) for k in joints[i + 1 :]]
+            solution[i] = _remove(self.table, solution[i], carried)
+        for i in joints:
+            scaled = self.table.mul(solution[i], self.inverses[i])
+            solution[i] = _remove(self.table, scaled, [(lower[i][k], solution[k]) for k in range(i)])
         return solution
 
     def invert(self) -> list[list[int]]:
-        """Return M^-1 = X' D^-1 X, X the inverse of L: both triangles are the same values."""
+        """Return M^-1 = X D^-1 X', X the inverse of L: both triangles are the same values."""
         table, n, one = self.table, len(self.inverses), self.table.constant(1.0)
         unit: list[list[int]] = [[] for _ in range(n)]
         for i in range(n):
@@ -60,14 +62,12 @@ class _Factors:
                 products = [(self.lower[i][k], unit[k][j]) for k in range(j + 1, i)]
                 unit[i].append(_remove(table, -self.lower[i][j], products))
             unit[i].append(one)
-        scaled = [
-            [table.mul(factor, x) for x in row] for factor, row in zip(self.inverses, unit, strict=True)
-        ]
         result = [[0] * n for _ in range(n)]
         for i in range(n):
+            scaled = [table.mul(x, factor) for x, factor in zip(unit[i], self.inverses, strict=False)]
             for j in range(i + 1):
-                products = [(-unit[k][i], scaled[k][j]) for k in range(i + 1, n)]
-                result[i][j] = result[j][i] = _remove(table, scaled[i][j], products)
+                products = [(-unit[j][k], scaled[k]) for k in range(j)]
+                result[i][j] = result[j][i] = _remove(table, scaled[j], products)
         return result
 
 
@@ -83,13 +83,14 @@ def _factorise(table: ExpressionTable, matrix: Matrix) -> _Factors:
     n, one = len(matrix), table.constant(1.0)
     lower = [[0] * n for _ in range(n)]
     scaled = [[0] * n for _ in range(n)]
-    inverses: list[int] = []
-    for i in range(n):
+    inverses = [0] * n
+    for i in reversed(range(n)):
+        behind = range(i + 1, n)
+        pivot = _remove(table, matrix[i][i], [(lower[k][i], scaled[k][i]) for k in behind])
+        inverses[i] = table.div(one, pivot)
         for j in range(i):
-            scaled[i][j] = _remove(table, matrix[i][j], [(lower[j][k], scaled[i][k]) for k in range(j)])
-            lower[i][j] = table.mul(scaled[i][j], inverses[j])
-        pivot = _remove(table, matrix[i][i], [(lower[i][k], scaled[i][k]) for k in range(i)])
-        inverses.append(table.div(one, pivot))
+            scaled[i][j] = _remove(table, matrix[i][j], [(lower[k][i], scaled[k][j]) for k in behind])
+            lower[i][j] = table.mul(scaled[i][j], inverses[i])
     return _Factors(table=table, lower=lower, inverses=inverses)
 
 

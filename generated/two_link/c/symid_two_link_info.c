@@ -13,5 +13,5 @@ const char *symid_two_link_signature(void)
 
 const char *symid_two_link_digest(void)
 {
-    return "b8ff08cceef080152aaae97c5efea8f0aa9fa15703bce5fc5ca0f25e5388c499";
+    return "d14fbeac3733bf3add7bdc70ff54c693ba528acbaf81a9ed51c52e4d3c949d18";
 }

@@ -1,0 +1,67 @@
+"""Factors of mass matrices: their products and sums in trees, and what they solve."""
+
+from itertools import chain
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from symid.codegen.equation_routes import _factorise
+from symid.codegen.programs import ExpressionTable
+
+PARENTS = st.integers(1, 12).flatmap(
+    lambda n: st.tuples(*(st.integers(-1, k - 1) for k in range(n))).map(list)
+)
+"""Of every joint the one that carries it, -1 for the base."""
+
+
+def list_carriers(parents, joint):
+    """Return the joints that carry a joint."""
+    parent = parents[joint]
+    return [] if parent < 0 else [parent, *list_carriers(parents, parent)]
+
+
+def build_matrix(table, parents):
+    """Return a matrix of inputs, zero where neither joint carries the other."""
+    matrix = [[table.constant(0.0)] * len(parents) for _ in parents]
+    for i in range(len(parents)):
+        for j in (i, *list_carriers(parents, i)):
+            matrix[i][j] = matrix[j][i] = table.input(0, len(parents) * i + j)
+    return matrix
+
+
+@given(parents=PARENTS)
+def test_branches_of_a_tree_cost_nothing_to_each_other(parents):
+    table = ExpressionTable()
+    factors = _factorise(table, build_matrix(table, parents))
+    lower = [row[:joint] for joint, row in enumerate(factors.lower)]
+    depths = [len(list_carriers(parents, joint)) for joint in range(len(parents))]
+    count = table.count(chain(factors.inverses, *lower))
+    # Of each joint: n of L, then the triangle of what its column takes from those that carry it.
+    assert count.add == sum(d * (d + 1) // 2 for d in depths)
+    assert count.mul == len(parents) + sum(d + d * (d + 1) // 2 for d in depths)
+    zero = table.constant(0.0)
+    for joint, row in enumerate(lower):
+        assert {k for k, value in enumerate(row) if value != zero} == set(list_carriers(parents, joint))
+
+
+class Numbers:
+    """Numbers in place of a table's values."""
+
+    constant = staticmethod(float)
+    add = staticmethod(lambda a, b: a + b)
+    mul = staticmethod(lambda a, b: a * b)
+    div = staticmethod(lambda a, b: a / b)
+
+
+@given(parents=PARENTS, seed=st.integers(0, 2**32 - 1))
+def test_they_solve_and_invert_a_matrix(parents, seed):
+    rng, n = np.random.default_rng(seed), len(parents)
+    related = np.eye(n, dtype=bool)
+    for joint in range(n):
+        related[joint, list_carriers(parents, joint)] = True
+    root = related * rng.normal(size=(n, n)) + 3.0 * np.eye(n)
+    matrix, right = root.T @ root, rng.normal(size=n)
+    factors = _factorise(Numbers(), matrix.tolist())
+    assert factors.solve(right.tolist()) == pytest.approx(np.linalg.solve(matrix, right), rel=1e-9, abs=1e-12)
+    assert np.array(factors.invert()) == pytest.approx(np.linalg.inv(matrix), rel=1e-9, abs=1e-12)
