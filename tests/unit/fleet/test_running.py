@@ -35,6 +35,11 @@ def identify(job, folder):
             time.sleep(0.2)
         case "memory":
             return bytearray(4 * 10**9)
+        case "heap":
+            sizes = [line.split() for line in open("/proc/self/status")]
+            with open(os.environ["SYMID_TEST_JOBS"] + ".size", "a") as stream:
+                stream.write(next(size[1] for size in sizes if size[0] == "VmData:") + "\\n")
+            blocks = [bytearray(10**6) for _ in range(200)]
         case "exit":
             sys.exit(3)
         case "bug":
@@ -88,6 +93,14 @@ def test_all_that_can_happen_to_a_job_is_a_row(odd, tmp_path):
     assert sorted(odd.read_text().splitlines()) == sorted(job.name for job in jobs)
     symid.fleet.run(jobs, tmp_path / "out", workers=1, seconds=2.0, megabytes=1500, again=True)
     assert sorted(odd.read_text().splitlines()[len(jobs) :]) == ["bug", "crash", "exit", "hang", "memory"]
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="wants the sizes that Linux states")
+def test_memory_that_a_job_leaves_free_counts_against_no_other_ones_limit(odd, tmp_path):
+    jobs = make_jobs("heap 1", "heap 2", "heap 3")
+    assert symid.fleet.run(jobs, tmp_path / "out", workers=1, megabytes=1500).counts == {"done": 3}
+    first, *others = map(int, odd.with_name("ran.size").read_text().split())
+    assert max(others) < first + 50_000
 
 
 def test_a_fleet_that_is_killed_goes_on_and_repeats_nothing(odd, tmp_path, project):
