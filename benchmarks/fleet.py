@@ -2,9 +2,9 @@
 
     .venv/bin/python benchmarks/fleet.py FOLDER --jobs 10000 --workers 2 --executor dask
 
-Each night is the same simulated motion (10 s, 250 Hz) with torque noise of its own. The bare loop calls
-`robot.identify` in this process for the first --bare nights; the fleet must give the same values. Overhead
-is all processor time of the fleet, workers and their start included, against that of the loop. Logs stay in
+Each night is the same simulated motion (10 s, 250 Hz) with torque noise of its own. Bare loops, one for each
+worker, call `robot.identify` for the first --bare nights; the fleet must give the same values. Overhead is
+all processor time of the fleet, workers and their start included, against that of the loops. Logs stay in
 FOLDER, so that a fleet that was stopped goes on.
 
 With --kill SEED five workers of Dask and its scheduler are killed on the way and started again, and the
@@ -17,10 +17,12 @@ import argparse
 import collections
 import csv
 import importlib.metadata
+import multiprocessing
 import os
 import signal
 import sys
 import time
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -65,14 +67,27 @@ def write_logs(robot, folder, jobs):
         path.with_suffix(".new").replace(path)
 
 
-def time_bare_loop(robot, jobs):
+def run_bare_loop(path, jobs):
     """Return values of each night, wall and processor time of a plain loop; the first fit is not counted."""
+    robot = symid.load(path)
     robot.identify(jobs[0].logs[0], estimator=ESTIMATOR, settings=jobs[0].settings)
     start, used, values = time.monotonic(), time.process_time(), {}
     for job in jobs:
         fit = robot.identify(job.logs[0], estimator=ESTIMATOR, settings=job.settings)
         values[job.name, job.night] = dict(fit.values)
     return values, time.monotonic() - start, time.process_time() - used
+
+
+def time_bare_loops(robot, jobs, workers):
+    """Return what as many loops find as there are workers, side by side as those are, and all their times.
+
+    Two processes that share caches and memory are slower than one alone.
+    """
+    shares = [jobs[k::workers] for k in range(workers)]
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as executor:
+        found = list(executor.map(run_bare_loop, [robot.path] * workers, shares))
+    values = {key: value for part, _, _ in found for key, value in part.items()}
+    return values, *(sum(entry[k] for entry in found) for k in (1, 2))
 
 
 def sum_processor_time():
@@ -158,9 +173,10 @@ def main():
         '[settings]\n"processing.filter_cutoff" = 25\n"processing.decimation.factor" = 10\n'
     )
     jobs = symid.fleet.read_study(study)[: given.jobs]
-    values, wall, processor = time_bare_loop(robot, jobs[: given.bare])
+    values, wall, processor = time_bare_loops(robot, jobs[: given.bare], given.workers)
     count = min(given.bare, len(jobs))
-    print(f"bare loop: {count} fits, {wall / count:.3f} s wall, {processor / count:.3f} s processor each")
+    each = f"{wall / count:.3f} s wall, {processor / count:.3f} s processor each"
+    print(f"bare loops, {given.workers} side by side: {count} fits, {each}")
     start, before, dask = time.monotonic(), sum_processor_time(), 0.0
     if given.kill is None:
         fleet = symid.fleet.run(
