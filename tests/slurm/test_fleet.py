@@ -11,7 +11,7 @@ import symid
 pytestmark = pytest.mark.slurm
 
 JOBS = 200
-STUDY = f'robot = "two_link"\nestimator = "wls"\nrepeats = {JOBS}\n[simulate]\nduration = 1.5\n'
+STUDY = f'robot = "two_link"\nestimator = "wls"\nrepeats = {JOBS}\n[simulate]\nduration = 3.0\n'
 
 
 def read_example(project):
