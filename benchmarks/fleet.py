@@ -128,17 +128,18 @@ def check_killed(fleet, cluster, calls, jobs, folder):
     same = sum(
         (kept / file).read_bytes() == (folder / "serial" / "results" / file).read_bytes() for file in files
     )
-    once = names == sorted(f"{row.key}.json" for row in fleet.rows) and fleet.counts == {"done": len(names)}
+    once, done = names == sorted(f"{row.key}.json" for row in fleet.rows), fleet.counts.get("done", 0)
     twice = sum(count != 1 for count in lines.values())
     print(f"killed: {', '.join(cluster.killed)}; the fleet was called {calls} times")
-    print(f"each job has one result, and no other file is there: {once}")
+    print(f"each job has one result, and no other file is there: {once}; with a fit: {done} of {len(names)}")
     print(f"jobs whose result was written twice: {twice}; without costs: {len(names) - len(lines)}")
     print(f"equal to the serial run in every byte: {same} of {len(files)}")
     print(
         f"Dask's own processes: {cluster.processor:.1f} s, largest memory of a worker {cluster.memory:.0f} MB"
     )
     once = once and lines.keys() == {row.key for row in fleet.rows}
-    return once and twice == 0 and same == len(files) and len(cluster.killed) == len(cluster.moments)
+    whole = once and twice == 0 and done == len(names)
+    return whole and same == len(files) and len(cluster.killed) == len(cluster.moments)
 
 
 def parse_arguments():

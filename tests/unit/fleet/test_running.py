@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import platform
 import signal
 import subprocess
 import sys
@@ -101,6 +102,15 @@ def test_memory_that_a_job_leaves_free_counts_against_no_other_ones_limit(odd, t
     assert symid.fleet.run(jobs, tmp_path / "out", workers=1, megabytes=1500).counts == {"done": 3}
     first, *others = map(int, odd.with_name("ran.size").read_text().split())
     assert max(others) < first + 50_000
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="wants the C library of GNU")
+def test_without_a_limit_a_job_finds_the_memory_of_the_one_before(odd, tmp_path, monkeypatch):
+    # As Dask's workers are started.
+    monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "65536")
+    symid.fleet.run(make_jobs("heap 1", "heap 2"), tmp_path / "out", workers=1)
+    first, second = map(int, odd.with_name("ran.size").read_text().split())
+    assert second > first + 150_000
 
 
 def test_a_fleet_that_is_killed_goes_on_and_repeats_nothing(odd, tmp_path, project):
