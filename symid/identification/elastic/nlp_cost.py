@@ -330,14 +330,16 @@ class ElasticNlpCost:
 
     def weigh(self, residuals: Sequence[FloatArray], chi: FloatArray) -> "ElasticNlpCost":
         """Return the cost with the rms of these residuals (M_b,) of every block as its scale."""
-        sigmas = []
-        for block, residual in zip(self.blocks, residuals, strict=True):
-            counted = len(residual) if block.counted is None else block.counted
-            parts = (residual, block.matrix @ chi)
-            size, loads = (float(np.linalg.norm(part)) / np.sqrt(max(1, counted)) for part in parts)
-            # Rows that are all empty weigh nothing, whatever their scale.
-            sigmas.append(max(size, _LEAST_SIGMA * loads) or 1.0)
-        return replace(self, sigmas=tuple(sigmas))
+        pairs = zip(self.blocks, residuals, strict=True)
+        counts = [len(residual) if block.counted is None else block.counted for block, residual in pairs]
+        roots = np.sqrt(np.maximum(counts, 1))
+        sizes = np.array([np.linalg.norm(part) for part in residuals]) / roots
+        loads = np.array([np.linalg.norm(block.matrix @ chi) for block in self.blocks]) / roots
+        # Rows of a joint at rest hold what filters leave of a constant, down to 1e-160: beside the largest
+        # load they are rounding, and must not be weighed up to information.
+        sigmas = np.maximum(np.maximum(sizes, _LEAST_SIGMA * loads), np.finfo(float).eps * np.max(loads))
+        # Without any load all rows are empty and weigh nothing, whatever their scale.
+        return replace(self, sigmas=tuple(np.where(sigmas > 0.0, sigmas, 1.0).tolist()))
 
     def compute_covariance(self, x: FloatArray, places: Sequence[Sequence[FloatArray]] = ()) -> FloatArray:
         """Return the covariance (p + n + pf, p + n + pf) of the dynamic parameters at the optimum `x`.

@@ -1,11 +1,13 @@
-"""Unknowns of the hysteresis-plus-friction problem: names, bounds, springs that they stand for."""
+"""Unknowns of the hysteresis-plus-friction problem, and the scales of its rows."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from symid.identification.elastic.nlp_cost import NlpLayout, SpringGrid, list_weights
+from symid.identification.elastic.nlp_cost import ElasticNlpCost, NlpLayout, SpringGrid, list_weights
+from symid.identification.elastic.nlp_rows import NlpRecording, RowBlock
 from symid.identification.elastic.options import NlpOptions
 from symid.joint_models.hysteresis import Elasticity, Knee, Stop
 
@@ -97,3 +99,30 @@ def test_a_start_is_the_spring_itself_or_shares_of_a_linear_one():
     linear = list_weights(Elasticity(stiffness=100.0), GRID.thresholds)
     assert linear.sum() == pytest.approx(100.0)
     assert np.all(linear > 0.0)
+
+
+@pytest.mark.parametrize("trace", [1e-163, 1e-150, 1e-30])
+def test_what_filters_leave_of_a_constant_is_no_information(trace):
+    rng = np.random.default_rng(0)
+    moving, still = (scale * rng.normal(size=(200, 5)) for scale in (1.0, trace))
+    chi = np.arange(1.0, 6.0)
+    blocks = tuple(
+        RowBlock(matrix=rows, values=rows @ chi + 0.01 * scale * rng.normal(size=200), sign=-1.0, springs=())
+        for rows, scale in ((moving, 1.0), (still, trace))
+    )
+    layout = NlpLayout.build(CARD, [GRID], NlpOptions())
+    torsion = np.zeros((200, 1))
+    one = NlpRecording(blocks=blocks[:1], bases=(np.zeros((200, 4)),), phi=torsion, speed=torsion)
+    alone, both = (
+        ElasticNlpCost(recordings=(part,), layout=layout) for part in (one, replace(one, blocks=blocks))
+    )
+    x = layout.build_start(chi, [Elasticity(stiffness=100.0)])
+    found, expected = (
+        cost.weigh([block.values - block.matrix @ chi for block in cost.blocks], chi)
+        for cost in (both, alone)
+    )
+    assert found.sigmas[0] == expected.sigmas[0]
+    for part, reference in zip(
+        found.invert_normal_equations(x), expected.invert_normal_equations(x), strict=True
+    ):
+        np.testing.assert_allclose(part, reference, rtol=1e-12, atol=0.0)
