@@ -444,7 +444,9 @@ def _read_gains(
     table: Section, key: str, joints: Sequence[Joint], allowed: Range, word: str = ""
 ) -> tuple[float, ...]:
     """Return a number for each joint, zeros where they are wrong."""
-    units = [adapt_unit(_GAIN_UNITS[key], prismatic=joint.prismatic) for joint in joints]
+    # Where no joint could be read, numbers are checked all the same.
+    kinds = [joint.prismatic for joint in joints] or [False]
+    units = [adapt_unit(_GAIN_UNITS[key], prismatic=prismatic) for prismatic in kinds]
 
     def read(*inner: int) -> float | None:
         return table.read_float(key, units[inner[0] if inner else 0], allowed, *inner, word=word)

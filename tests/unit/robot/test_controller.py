@@ -82,6 +82,14 @@ def test_mistakes_are_told_in_words(text, code, said):
     assert said in list_refused(text)[code]
 
 
+def test_gains_of_a_file_whose_joints_are_lost_are_read():
+    lost = HEAD.replace("[[joint]]", "[[joints]]")
+    with pytest.raises(RobotError) as caught:
+        parse_robot(f"{lost}\n[controller]\nstiffness = -1\ndamping = 25")
+    codes = [notice.code for notice in caught.value.notices]
+    assert {"robot.unknown-key", "robot.out-of-range"} <= set(codes)
+
+
 def test_the_command_line_states_gains_too():
     robot = parse_robot(HEAD)
     pairs = [("controller.stiffness", "400,6000"), ("controller.damping", "[25, 300]")]
