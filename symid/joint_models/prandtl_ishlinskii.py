@@ -159,10 +159,20 @@ def compute_plays(values: FloatArray, thresholds: FloatArray, memory: FloatArray
     `thresholds` (m,) are not negative, in the unit of the input; `memory` (m,) has the plays before the first
     sample, None for zeros.
     """
-    column = np.asarray(values, dtype=np.float64)[:, None]
-    radii = np.asarray(thresholds, dtype=np.float64)
+    x, radii = np.asarray(values, dtype=np.float64), np.asarray(thresholds, dtype=np.float64)
     state = np.zeros(radii.size) if memory is None else np.asarray(memory, dtype=np.float64)
-    return compute_clamps(column - radii, column + radii, state)
+    # On the way from one turn of the input to the next, a play is a clamp of what it was at the former.
+    rising, ends = np.diff(x) > 0.0, np.arange(len(x))
+    if len(x) > 1 and not np.isnan(x).any():
+        ends = np.concatenate([[0], np.flatnonzero(rising[1:] != rising[:-1]) + 1, [len(x) - 1]])
+    column = x[ends, None]
+    turns = compute_clamps(column - radii, column + radii, state)
+    if len(ends) == len(x):
+        return turns
+    plays = np.repeat(turns[:-1], np.diff(ends), axis=0)
+    column = x[1:, None]
+    np.maximum(column - radii, np.minimum(column + radii, plays, out=plays), out=plays)
+    return np.concatenate([turns[:1], plays])
 
 
 def compute_clamps(lower: FloatArray, upper: FloatArray, state: FloatArray) -> FloatArray:
@@ -201,7 +211,10 @@ def compute_stop_basis(
 ) -> FloatArray:
     """Return [phi, E_1 .. E_m] (N, m + 1); times k0, k_1 .. k_m they are the torque without knees."""
     phi = np.asarray(phi, dtype=np.float64)
-    return np.column_stack([phi, phi[:, None] - compute_plays(phi, thresholds, memory)])
+    basis = np.empty((len(phi), len(thresholds) + 1))
+    basis[:, 0] = phi
+    np.subtract(phi[:, None], compute_plays(phi, thresholds, memory), out=basis[:, 1:])
+    return basis
 
 
 def compute_play_output(model: PlayModel, values: FloatArray, memory: FloatArray | None = None) -> FloatArray:

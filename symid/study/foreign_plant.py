@@ -242,27 +242,37 @@ _LOADING, _UNLOADING = 0.75, 0.25
 """beta and gamma of Bouc-Wen: dz = dx (1 - z^2 (beta sign(z dx) + gamma + bias sign z)) / width."""
 
 
-def _advance_spring(p: HiddenJoints, before: _Spring, phi: FloatArray, step: float) -> _Spring:
+def _advance_spring(plant: "_Plant", before: _Spring, phi: FloatArray) -> _Spring:
     """Return springs at the torsion `phi` (R, n), a step later; work = change of `stored` + `loss`.
 
     What stops hold when the torsion leaves the springs is friction across the gap.
     """
-    x = phi - np.minimum(np.maximum(phi, -p.gap), p.gap)
+    p, has, step = plant.hidden, plant.has, plant.step
+    x = phi - np.minimum(np.maximum(phi, -p.gap), p.gap) if has.gap else phi
     dx = x - before.x
-    limit = p.thresholds * (1.0 + p.rise * np.exp(-np.abs(dx) / (step * p.slip_speed)))[..., None]
+    limit = p.thresholds
+    if has.rise:
+        limit = limit * (1.0 + p.rise * np.exp(-np.abs(dx) / (step * p.slip_speed)))[..., None]
     trial = before.stops + dx[..., None]
     level = np.minimum(np.maximum(trial, -limit), limit)
-    stops = level + (trial - level) * np.exp(-p.attraction * step)[..., None]
-    pulls = p.stops * stops
-    main = p.linear * x + p.cubic * x**3 + pulls.sum(axis=-1)
-    knee = p.slope * (main - np.minimum(np.maximum(main, -p.knee), p.knee))
-    # int knee dx = knee^2 / (2 slope K) + int (knee / K) d(slip), K the stiffness of springs and stops.
-    slip, whole = p.stops * (trial - stops), p.linear + p.stops.sum(axis=-1)
-    stored = 0.5 * x * x * (p.linear + 0.5 * p.cubic * x * x) + 0.5 * (pulls * stops).sum(axis=-1)
-    stored += 0.5 * knee * knee / (whole * np.maximum(p.slope, 1e-9))
-    loss = (slip * stops).sum(axis=-1) + knee / whole * slip.sum(axis=-1)
-    torque, inner, stretch = main + knee, before.inner, before.stretch
-    if p.hysteretic.any():
+    over = trial - level
+    stops = level + over * plant.kept
+    pulls, square = p.stops * stops, x * x
+    torque, bent = p.linear * x, p.linear
+    if has.cubic:
+        torque, bent = torque + p.cubic * x**3, bent + 0.5 * p.cubic * square
+    torque = torque + pulls.sum(axis=-1)
+    slip = p.stops * (trial - stops)
+    stored = 0.5 * square * bent + 0.5 * (pulls * stops).sum(axis=-1)
+    loss = (slip * stops).sum(axis=-1)
+    if has.slope:
+        # int knee dx = knee^2 / (2 slope K) + int (knee / K) d(slip), K the stiffness of springs and stops.
+        knee = p.slope * (torque - np.minimum(np.maximum(torque, -p.knee), p.knee))
+        stored += 0.5 * knee * knee / (plant.whole * np.maximum(p.slope, 1e-9))
+        loss += knee / plant.whole * slip.sum(axis=-1)
+        torque = torque + knee
+    inner, stretch = before.inner, before.stretch
+    if has.hysteretic:
         part, turning = dx / p.width, _LOADING * np.sign(dx)
         middle = inner + 0.5 * part * (1.0 - _bend(p, inner, turning))
         bent = _bend(p, middle, turning)
@@ -270,7 +280,7 @@ def _advance_spring(p: HiddenJoints, before: _Spring, phi: FloatArray, step: flo
         torque = torque + p.hysteretic * p.width * inner
         stored += 0.5 * p.hysteretic * (p.width * inner) ** 2
         loss += p.hysteretic * p.width * middle * dx * bent
-    if p.branch.any():
+    if has.branch:
         # It relaxes for half a step before dx, and for half a step after.
         decay = np.exp(-0.5 * step / p.delay)
         middle = stretch * decay + 0.5 * dx
@@ -278,7 +288,8 @@ def _advance_spring(p: HiddenJoints, before: _Spring, phi: FloatArray, step: flo
         torque = torque + p.branch * stretch
         stored += 0.5 * p.branch * stretch**2
         loss += p.branch * middle**2 * step / p.delay
-    loss += torque * (phi - before.phi - dx)
+    if has.gap:
+        loss += torque * (phi - before.phi - dx)
     return _Spring(phi, x, stops, inner, stretch, torque, stored, loss)
 
 
@@ -299,14 +310,17 @@ class _Motor(NamedTuple):
     loss: FloatArray
 
 
-def _kick_motor(p: HiddenJoints, rotor: FloatArray, before: _Motor, net: FloatArray, step: float) -> _Motor:
+def _kick_motor(plant: "_Plant", before: _Motor, net: FloatArray) -> _Motor:
     """Return the motors after a step under the torque `net` (R, n) without friction."""
+    p, has, step = plant.hidden, plant.has, plant.step
     speed = before.speed
     guess = speed + 0.5 * step * before.acceleration
-    level = p.coulomb + p.static * np.exp(-((guess / p.stribeck) ** 2))
+    level = p.coulomb
+    if has.static:
+        level = level + p.static * np.exp(-((guess / p.stribeck) ** 2))
     bristle, dry, rest = before.bristle, level, np.zeros_like(level)
     stored, lost = rest, rest
-    if p.bristle.any():
+    if has.bristle:
         stiffness = np.maximum(p.bristle, 1.0)
         rate, steady = stiffness * np.abs(guess) / level, np.sign(speed) * level / stiffness
         # From the middle of the last step to that of this one: the speed at its start is the mean one.
@@ -315,13 +329,12 @@ def _kick_motor(p: HiddenJoints, rotor: FloatArray, before: _Motor, net: FloatAr
         net = net - force - p.damping * flow
         stored, dry = 0.5 * force * bristle, np.where(p.bristle > 0.0, 0.0, level)
         lost = force * rate * bristle + p.damping * flow * guess
-    share = 0.5 * step / rotor
-    slope, start = 1.0 + share * p.viscous, speed + share * net
+    start, drag = speed + plant.share * net, plant.share * dry
     mean = speed
     for _ in range(_NEWTON):
         bend = np.tanh(mean / p.smoothing)
-        error = slope * mean - start + share * dry * bend
-        mean = mean - error / (slope + share * dry * (1.0 - bend * bend) / p.smoothing)
+        error = plant.brake * mean - start + drag * bend
+        mean = mean - error / (plant.brake + drag * (1.0 - bend * bend) / p.smoothing)
     after = 2.0 * mean - speed
     lost = lost + (p.viscous * mean + dry * np.tanh(mean / p.smoothing)) * mean
     return _Motor(after, (after - speed) / step, bristle, mean, stored, lost * step)
@@ -363,27 +376,77 @@ def _start_plant(p: HiddenJoints) -> _PlantState:
     return _PlantState(zero, zero, zero, zero, zero, spring, motor, np.zeros((2, len(zero))), held)
 
 
-class _Plant(NamedTuple):
-    """What does not change; `late` (R, n) is what a lag leaves of a torque in half a `step` (s)."""
+class _Parts(NamedTuple):
+    """Which parts any joint of any run has; `teeth`: ripple or kinematic errors."""
 
-    rotor: FloatArray
+    gap: bool
+    cubic: bool
+    rise: bool
+    slope: bool
+    hysteretic: bool
+    branch: bool
+    static: bool
+    bristle: bool
+    teeth: bool
+
+
+class _Plant(NamedTuple):
+    """What does not change, of runs side by side.
+
+    Args:
+        links: see `_build_links`. step: s.
+        late: (R, n), what a lag leaves of a torque in half a step; kept: (R, n, 3), what slipping stops keep
+            of their excess in a step. whole: (R, n) N m/rad, springs and stops.
+        share, brake: (R, n), h / (2 J) and 1 + Fv h / (2 J) of the motors.
+    """
+
     links: FloatArray
     hidden: HiddenJoints
-    late: FloatArray
+    has: _Parts
     step: float
+    rotor: FloatArray
+    late: FloatArray
+    kept: FloatArray
+    whole: FloatArray
+    share: FloatArray
+    brake: FloatArray
+
+
+def _build_plant(arm: Arm, hidden: Sequence[HiddenJoints], step: float) -> _Plant:
+    names = [entry.name for entry in fields(HiddenJoints)]
+    p = HiddenJoints(**{name: np.stack([getattr(part, name) for part in hidden]) for name in names})
+    share, has = 0.5 * step / arm.rotor, {name: bool(getattr(p, name).any()) for name in names}
+    parts = {name: has[name] for name in _Parts._fields if name in has}
+    return _Plant(
+        links=_build_links(arm),
+        hidden=p,
+        has=_Parts(**parts, teeth=has["ripple"] or has["kinematic"]),
+        step=step,
+        rotor=arm.rotor,
+        late=np.where(p.lag > 0.0, np.exp(-0.5 * step / np.where(p.lag > 0.0, p.lag, 1.0)), 0.0),
+        kept=np.exp(-p.attraction * step)[..., None],
+        whole=p.linear + p.stops.sum(axis=-1),
+        share=share,
+        brake=1.0 + share * p.viscous,
+    )
 
 
 def _advance_plant(plant: _Plant, s: _PlantState, command: FloatArray) -> _PlantState:
     """Return the plant a step later."""
-    rotor, links, p, late, step = plant
+    p, step = plant.hidden, plant.step
     theta = s.theta + 0.5 * step * s.motor.speed
     q: FloatArray = s.q + 0.5 * step * s.dq
-    wave, swing = np.sin(_TEETH * theta), np.cos(_TEETH * theta)
-    spring = _advance_spring(p, s.spring, theta + p.kinematic * wave - q, step)
-    torque = command + (s.applied - command) * late
-    net = torque - (1.0 + _TEETH * p.kinematic * swing) * spring.torque - p.ripple * wave
-    motor = _kick_motor(p, rotor, s.motor, net, step)
-    mass, bias, _ = _compute_links(links, q, s.dq + 0.5 * step * s.pull)
+    torque = command + (s.applied - command) * plant.late
+    if plant.has.teeth:
+        wave, swing = np.sin(_TEETH * theta), np.cos(_TEETH * theta)
+        spring = _advance_spring(plant, s.spring, theta + p.kinematic * wave - q)
+        net = torque - (1.0 + _TEETH * p.kinematic * swing) * spring.torque - p.ripple * wave
+        held = spring.stored - p.ripple / _TEETH * swing
+    else:
+        spring = _advance_spring(plant, s.spring, theta - q)
+        net, held = torque - spring.torque, spring.stored
+    motor = _kick_motor(plant, s.motor, net)
+    mass, bias, _ = _compute_links(plant.links, q, s.dq + 0.5 * step * s.pull)
     pull = np.asarray(np.linalg.solve(mass, (spring.torque - bias)[:, :, None])[:, :, 0], np.float64)
     dq = s.dq + step * pull
     return _PlantState(
@@ -391,11 +454,11 @@ def _advance_plant(plant: _Plant, s: _PlantState, command: FloatArray) -> _Plant
         dq=dq,
         pull=pull,
         theta=theta + 0.5 * step * motor.speed,
-        applied=command + (torque - command) * late,
+        applied=command + (torque - command) * plant.late,
         spring=spring,
         motor=motor,
         sums=s.sums + np.stack([step * torque * motor.mean, spring.loss + motor.loss]).sum(axis=2),
-        held=(spring.stored + motor.stored - p.ripple / _TEETH * swing).sum(axis=1),
+        held=(held + motor.stored).sum(axis=1),
     )
 
 
@@ -408,15 +471,11 @@ def simulate_plant_runs(
     Kp = w^2 J with w = 2 pi 12 Hz, from an encoder of 20 bits, every millisecond of `substeps` steps.
     """
     ticks, step = max(len(motion.time) for motion in motions), PERIOD / substeps
-    links = _build_links(arm)
-    names = [entry.name for entry in fields(HiddenJoints)]
-    p = HiddenJoints(**{name: np.stack([getattr(part, name) for part in hidden]) for name in names})
-    rest = np.zeros((1, arm.size))
-    effective = arm.rotor + np.diag(_compute_links(links, rest, rest)[0][0])
-    angle, rate, feed = _build_commands(arm, links, motions, ticks)
-    late = np.where(p.lag > 0.0, np.exp(-0.5 * step / np.where(p.lag > 0.0, p.lag, 1.0)), 0.0)
-    plant, state = _Plant(arm.rotor, links, p, late, step), _start_plant(p)
-    log, energy = np.zeros((6, ticks, *p.linear.shape)), np.zeros((3, ticks, len(motions)))
+    plant, rest = _build_plant(arm, hidden, step), np.zeros((1, arm.size))
+    effective = arm.rotor + np.diag(_compute_links(plant.links, rest, rest)[0][0])
+    angle, rate, feed = _build_commands(arm, plant.links, motions, ticks)
+    state, shape = _start_plant(plant.hidden), plant.hidden.linear.shape
+    log, energy = np.zeros((6, ticks, *shape)), np.zeros((3, ticks, len(motions)))
     for tick in range(ticks):
         motor, lag = state.motor, angle[tick] - np.round(state.theta / ENCODER_STEP) * ENCODER_STEP
         command = _BANDWIDTH * effective * (_BANDWIDTH * lag + 2.0 * (rate[tick] - motor.speed)) + feed[tick]

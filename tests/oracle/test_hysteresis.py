@@ -318,11 +318,22 @@ def test_work_columns_add_up_to_the_work():
     assert not columns[0].any()
 
 
-@settings(max_examples=40)
-@given(st.integers(1, 400), st.integers(0, 5), st.integers(0, 1000))
-def test_plays_of_blocks_are_those_of_single_steps(count, size, seed):
+@settings(max_examples=100)
+@given(
+    st.integers(1, 400),
+    st.integers(0, 5),
+    st.integers(0, 1000),
+    st.sampled_from(["noise", "wave", "steps", "gap"]),
+)
+def test_plays_of_blocks_are_those_of_single_steps(count, size, seed, kind):
     generator = np.random.default_rng(seed)
     values, radii = generator.normal(size=count), np.sort(generator.uniform(0, 2, size))
+    if kind != "noise":
+        values = 3.0 * np.sin(generator.uniform(0.01, 1.0) * np.arange(count))
+    if kind == "steps":
+        values = np.round(values)
+    if kind == "gap":
+        values[generator.integers(count)] = np.nan
     state = memory = generator.normal(size=size)
     plays = compute_plays(values, radii, memory)
     for value, found in zip(values, plays, strict=True):
