@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from symid.arrays import FloatArray
+from symid.arrays import FloatArray, compute_triangle
 from symid.robot import Robot, build_pseudo_inertias
 
 _REACH = 0.1
@@ -268,7 +268,7 @@ def _compute_step(problem: BodyProblem, state: NearestBodies, errors: FloatArray
     whole = np.vstack([slopes, held])
     lengths = np.linalg.norm(whole, axis=0)
     whole = whole / lengths
-    factor: FloatArray = np.asarray(np.linalg.qr(np.column_stack([whole, right]), mode="r"))
+    factor = compute_triangle(np.column_stack([whole, right]))
     size = len(lengths)
     step = np.linalg.solve(factor[:size, :size], factor[:size, size]) / lengths
     promise = float(factor[:size, size] @ factor[:size, size])

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, FrozenArrays, freeze
+from symid.arrays import FloatArray, FrozenArrays, compute_triangle, freeze
 from symid.dynamics.base_parameters import BaseParameters, build_grouping
 from symid.dynamics.nearest_bodies import (
     PSEUDO_INERTIA_FORMS,
@@ -349,7 +349,7 @@ def _choose_body(system: PayloadSystem, found: FloatArray, scale: float) -> tupl
         if solution is None:
             # Ten rows are equivalent to all.
             whole = np.column_stack([system.rows, system.target])
-            triangle = np.asarray(np.linalg.qr(whole)[1], dtype=np.float64)[:10]
+            triangle = compute_triangle(whole)[:10]
             rows, target = triangle[:, :10] / (system.sizes * scale), triangle[:, 10] / scale
             solution = optimise_bodies(_build_body_problem(root, rows, target))
     if not np.isfinite(solution.gap):

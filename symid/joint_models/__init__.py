@@ -125,6 +125,7 @@ if TYPE_CHECKING:
         compute_stop_basis as compute_stop_basis,
         compute_stored_energy as compute_stored_energy,
         compute_work_columns as compute_work_columns,
+        find_turns as find_turns,
         invert_hysteresis as invert_hysteresis,
         invert_play_model as invert_play_model,
     )

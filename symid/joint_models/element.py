@@ -61,6 +61,7 @@ from symid.joint_models.prandtl_ishlinskii import (
     compute_outer_integral,
     compute_outer_torque,
     compute_plays,
+    find_turns,
     invert_hysteresis,
     read_spring_terms,
 )
@@ -484,11 +485,12 @@ def trace_branch(
     if isinstance(branch, SlipSpring):
         speed = np.abs(velocity)
         low, high = (-branch.threshold / (1.0 + fall * speed) for fall in branch.falls)
-        after = compute_clamps((position + high)[:, None], (position - low)[:, None], memory)
+        turns = None if any(branch.falls) else find_turns(position)
+        after = compute_clamps((position + high)[:, None], (position - low)[:, None], memory, turns)
     elif isinstance(branch, Relays):
         places = branch.low + branch.step * np.array(branch.pairs, dtype=np.float64).reshape(-1, 2).T
         ramps = [np.clip((position[:, None] - edge) / branch.step, 0.0, 1.0) for edge in places]
-        after = compute_clamps(ramps[0], ramps[1], memory)
+        after = compute_clamps(ramps[0], ramps[1], memory, find_turns(position))
     else:
         found = (runner or run_branch)(branch, path, memory)
         after, (force, stored) = found[:, :-2], found[:, -2:].T

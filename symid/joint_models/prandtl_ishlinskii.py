@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.errors import Notice, RobotError
@@ -159,31 +160,37 @@ def compute_plays(values: FloatArray, thresholds: FloatArray, memory: FloatArray
     `thresholds` (m,) are not negative, in the unit of the input; `memory` (m,) has the plays before the first
     sample, None for zeros.
     """
-    x, radii = np.asarray(values, dtype=np.float64), np.asarray(thresholds, dtype=np.float64)
+    column = np.asarray(values, dtype=np.float64)[:, None]
+    radii = np.asarray(thresholds, dtype=np.float64)
     state = np.zeros(radii.size) if memory is None else np.asarray(memory, dtype=np.float64)
-    # On the way from one turn of the input to the next, a play is a clamp of what it was at the former.
-    rising, ends = np.diff(x) > 0.0, np.arange(len(x))
-    if len(x) > 1 and not np.isnan(x).any():
-        ends = np.concatenate([[0], np.flatnonzero(rising[1:] != rising[:-1]) + 1, [len(x) - 1]])
-    column = x[ends, None]
-    turns = compute_clamps(column - radii, column + radii, state)
-    if len(ends) == len(x):
-        return turns
-    plays = np.repeat(turns[:-1], np.diff(ends), axis=0)
-    column = x[1:, None]
-    np.maximum(column - radii, np.minimum(column + radii, plays, out=plays), out=plays)
-    return np.concatenate([turns[:1], plays])
+    return compute_clamps(column - radii, column + radii, state, find_turns(column[:, 0]))
 
 
-def compute_clamps(lower: FloatArray, upper: FloatArray, state: FloatArray) -> FloatArray:
+def find_turns(values: FloatArray) -> NDArray[np.intp]:
+    """Return the first sample, the last, and all where an input (N,) turns; all samples if one is NaN."""
+    if len(values) < 2 or np.isnan(values).any():
+        return np.arange(len(values))
+    rising = np.diff(values) > 0.0
+    return np.concatenate([[0], np.flatnonzero(rising[1:] != rising[:-1]) + 1, [len(values) - 1]])
+
+
+def compute_clamps(
+    lower: FloatArray, upper: FloatArray, state: FloatArray, turns: NDArray[np.intp] | None = None
+) -> FloatArray:
     """Return s_k = max(lower_k, min(upper_k, s_k-1)) (N, m) from s_-1 = `state` (m,), lower <= upper (N, m).
 
     Clamps in a row are a clamp: blocks of samples become one each, the blocks are run through in order, then
-    all blocks are filled at once.
+    all blocks are filled at once. Where both bounds follow one input up and down, on the way from one of its
+    `turns` to the next a state is a clamp of what it was at the former.
     """
     count = len(lower)
     if count == 0 or state.size == 0:
         return np.empty((count, state.size))
+    if turns is not None and len(turns) < count:
+        begun = compute_clamps(lower[turns], upper[turns], state)
+        states = np.concatenate([begun[:1], np.repeat(begun[:-1], np.diff(turns), axis=0)])
+        np.maximum(lower, np.minimum(upper, states, out=states), out=states)
+        return states
     length = max(1, math.isqrt(count))
     blocks = -(-count // length)
     # Samples of one place in their blocks are contiguous: each pass of the loops works on one slab.

@@ -376,7 +376,7 @@ def _start_plant(p: HiddenJoints) -> _PlantState:
     return _PlantState(zero, zero, zero, zero, zero, spring, motor, np.zeros((2, len(zero))), held)
 
 
-class _Parts(NamedTuple):
+class _HiddenParts(NamedTuple):
     """Which parts any joint of any run has; `teeth`: ripple or kinematic errors."""
 
     gap: bool
@@ -402,7 +402,7 @@ class _Plant(NamedTuple):
 
     links: FloatArray
     hidden: HiddenJoints
-    has: _Parts
+    has: _HiddenParts
     step: float
     rotor: FloatArray
     late: FloatArray
@@ -416,11 +416,11 @@ def _build_plant(arm: Arm, hidden: Sequence[HiddenJoints], step: float) -> _Plan
     names = [entry.name for entry in fields(HiddenJoints)]
     p = HiddenJoints(**{name: np.stack([getattr(part, name) for part in hidden]) for name in names})
     share, has = 0.5 * step / arm.rotor, {name: bool(getattr(p, name).any()) for name in names}
-    parts = {name: has[name] for name in _Parts._fields if name in has}
+    parts = {name: has[name] for name in _HiddenParts._fields if name in has}
     return _Plant(
         links=_build_links(arm),
         hidden=p,
-        has=_Parts(**parts, teeth=has["ripple"] or has["kinematic"]),
+        has=_HiddenParts(**parts, teeth=has["ripple"] or has["kinematic"]),
         step=step,
         rotor=arm.rotor,
         late=np.where(p.lag > 0.0, np.exp(-0.5 * step / np.where(p.lag > 0.0, p.lag, 1.0)), 0.0),

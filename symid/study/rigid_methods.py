@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, compute_triangle, freeze
 from symid.codegen import Library
 from symid.errors import IdentifiabilityError
 from symid.excitation import FourierOptions, build_random_fourier
@@ -99,7 +99,7 @@ def _load_scene(robot: Robot, backend: str) -> PrecisionScene:
     deviations = np.array([NOISE * np.sqrt(np.mean(torque[members] ** 2)) for members in groups])
     # The roots of the diagonal of (A' S^-1 A)^-1.
     of_rows = deviations[rows["torque"].group]
-    triangle = np.linalg.qr(rows["torque"].matrix / of_rows[:, None], mode="r")
+    triangle = compute_triangle(rows["torque"].matrix / of_rows[:, None])
     return PrecisionScene(
         rows=rows,
         truth=truth,
@@ -274,7 +274,7 @@ def _condense_with_noise(scene: PrecisionScene, kind: str, noise: FloatArray) ->
         members = rows.group == group
         part, matrix = noise[members], rows.matrix[members]
         live = np.flatnonzero(factor[:, :-1].any(axis=0))
-        triangle = np.asarray(np.linalg.qr(factor[:, live], mode="r"), dtype=np.float64)
+        triangle = compute_triangle(factor[:, live])
         inner = np.linalg.lstsq(triangle.T, matrix[:, live].T @ part, rcond=None)[0]
         size = len(inner)
         factors[group, :size, live] = triangle.T

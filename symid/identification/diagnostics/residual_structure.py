@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray
+from symid.arrays import FloatArray, compute_triangle
 from symid.codegen import JointCard, Library
 from symid.errors import Notice
 from symid.identification.diagnostics.fit_warnings import build_warning
@@ -360,7 +360,7 @@ def _measure_gain(functions: FloatArray, error: FloatArray, blocks: NDArray[np.i
         return 0.0
     table = np.column_stack([functions, error])
     # A triangle has the squares of its block, at a fraction of the size.
-    triangles = [np.asarray(np.linalg.qr(table[blocks == block], mode="r")) for block in range(_BLOCKS)]
+    triangles = [compute_triangle(table[blocks == block]) for block in range(_BLOCKS)]
     left = 0.0
     for held in range(_BLOCKS):
         others = np.vstack([triangles[block] for block in range(_BLOCKS) if block != held])

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, FrozenArrays
+from symid.arrays import FloatArray, FrozenArrays, compute_triangle
 from symid.errors import IdentifiabilityError
 from symid.identification.diagnostics.fit_warnings import compute_block_deviations
 from symid.identification.estimators import RegressionFit, fit_weighted
@@ -146,12 +146,12 @@ def compute_bootstrap(
     basis, identifiable = identifiability.basis, identifiability.identifiable
     number, count = cut_blocks(rows, blocks)
     stacked = np.column_stack([rows.matrix @ basis, rows.values]) * fit.weights[:, None]
-    factors = [np.linalg.qr(stacked[number == block], mode="r") for block in range(count)]
+    factors = [compute_triangle(stacked[number == block]) for block in range(count)]
     drawn = np.empty((replicates, len(rows.names)))
     for index in range(replicates):
         times = np.bincount(generator.integers(count, size=count), minlength=count)
         parts = [np.sqrt(times[block]) * factors[block] for block in np.flatnonzero(times)]
-        triangle: FloatArray = np.asarray(np.linalg.qr(np.vstack(parts), mode="r"))
+        triangle = compute_triangle(np.vstack(parts))
         drawn[index] = basis @ np.linalg.lstsq(triangle[:, :-1], triangle[:, -1], rcond=_RANK)[0]
     kept = drawn[:, identifiable]
     low, high = np.percentile(kept, [2.5, 97.5], axis=0)
@@ -212,7 +212,7 @@ def select_essential(
     mixing[np.ix_(~identifiable, np.arange(len(candidates), mixing.shape[1]))] = rest
     weighted = (rows.matrix * fit.weights[:, None]) @ mixing
     table = np.column_stack([weighted, rows.values * fit.weights])
-    factor: FloatArray = np.asarray(np.linalg.qr(table, mode="r"))
+    factor = compute_triangle(table)
     stated = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     blocks = compute_block_deviations(rows, fit, identifiability)
     ratio: FloatArray = np.where(stated > 0.0, blocks / np.where(stated > 0.0, stated, 1.0), 1.0)

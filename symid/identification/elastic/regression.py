@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, FrozenArrays, freeze
+from symid.arrays import FloatArray, FrozenArrays, compute_triangle, freeze
 from symid.codegen import Library, ModelCard, ParameterCard, run_compiled_branch
 from symid.errors import LogError, Notice, UsageError
 from symid.identification.elastic.options import ElasticOptions, check_grids
@@ -679,7 +679,7 @@ def solve_with_signs(
     alive: NDArray[np.bool_] = lengths > rule.zero * max(float(lengths.max(initial=0.0)), 1e-300)
     scales = np.where(alive, lengths, 1.0)
     columns = np.where(alive, matrix, 0.0) / scales
-    triangle: FloatArray = np.asarray(np.linalg.qr(np.column_stack([columns, right]), mode="r"))
+    triangle = compute_triangle(np.column_stack([columns, right]))
     left, values = triangle[:, :count], triangle[:, count]
     answer = np.linalg.lstsq(left, values, rcond=rule.singular)
     # What has no effect is zero, not what rounding makes of it: its sign would let bounds act.

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray
+from symid.arrays import FloatArray, compute_triangle
 from symid.codegen import Library
 from symid.errors import RobotError
 from symid.identification.diagnostics import sum_block_scores
@@ -253,7 +253,7 @@ def compute_spring_bound(
     # Directions of the null space, with columns scaled to one length.
     lengths = np.linalg.norm(links, axis=0)
     lengths = np.where(lengths > 1e-12 * float(lengths.max()), lengths, np.inf)
-    _, singular, directions = np.linalg.svd(np.asarray(np.linalg.qr(links / lengths, mode="r")))
+    _, singular, directions = np.linalg.svd(compute_triangle(links / lengths))
     hidden = directions[singular <= _EXACT * singular[0]].T
     null_space = hidden / np.where(np.isfinite(lengths), lengths, 1.0)[:, None]
     # Columns: beta and springs as the link equations leave them, then rotors and friction.

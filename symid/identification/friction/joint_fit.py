@@ -31,7 +31,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, FrozenArrays, freeze, freeze_fields
+from symid.arrays import FloatArray, FrozenArrays, compute_triangle, freeze, freeze_fields
 from symid.errors import LogError, Notice
 from symid.identification.estimators import ParameterEstimate
 from symid.ipopt import Ending
@@ -431,7 +431,7 @@ def compute_uncertainty(
     gone = lengths <= 1e-30 * max(float(np.max(lengths)), 1e-300)
     lengths[gone] = 1.0
     scaled = (np.where(gone, 0.0, design) / lengths)[:, free]
-    _, singular, right = np.linalg.svd(np.linalg.qr(scaled, mode="r"))
+    _, singular, right = np.linalg.svd(compute_triangle(scaled))
     rank = int(np.sum(singular > 1e-9 * max(float(singular[0]), 1e-300)))
     directions = np.zeros((design.shape[1], int(free.sum())))
     directions[free] = right.T

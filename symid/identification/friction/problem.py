@@ -22,7 +22,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, FrozenArrays, freeze
+from symid.arrays import FloatArray, FrozenArrays, compute_triangle, freeze
 from symid.errors import IdentifiabilityError, Notice, UsageError
 from symid.identification.friction.joint_fit import (
     FrictionSamples,
@@ -229,7 +229,7 @@ class FrictionProblem(FrozenArrays):
         beside = decompose_beside(self.samples)
         own = compute_sensitivities(self.samples, self.law, linear, shape)[:, : len(linear) + len(shape)]
         inside = beside.basis.T @ own
-        rest = np.linalg.qr(own - beside.basis @ inside, mode="r")
+        rest = compute_triangle(own - beside.basis @ inside)
         below = np.zeros((len(rest), beside.parts.shape[1]))
         return np.vstack([np.hstack([inside, beside.parts]), np.hstack([rest, below])])
 

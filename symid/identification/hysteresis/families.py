@@ -33,6 +33,7 @@ from symid.joint_models import (
     build_float_carrier,
     compute_clamps,
     compute_plays,
+    find_turns,
     trace_branch,
 )
 
@@ -253,7 +254,9 @@ class NonlinearStops(ElementFamily):
         low, high = (radius / (1.0 + fall * np.abs(path.velocity[:, None])) for fall in falls)
         begin = 0.0 if path.start == "zero" else float(path.position[0])
         memory = begin - radius * {"below": 1.0, "above": -1.0}.get(path.start, 0.0)
-        return (x - compute_clamps(x - high, x + low, np.array([memory])))[:, 0]
+        # Bounds that move with the speed do not follow the position up and down.
+        turns = None if any(falls) else find_turns(path.position)
+        return (x - compute_clamps(x - high, x + low, np.array([memory]), turns))[:, 0]
 
     def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
         """Return bounds of k0 and of the forces: those at the ends brake, with falls all do."""
@@ -311,7 +314,8 @@ class RelayGrid(ElementFamily):
         side = {"below": 1.0, "above": -1.0}.get(path.start, 0.0)
         pairs = np.array(relays.pairs)
         rising, falling = (np.clip(z - pairs[:, k], 0.0, 1.0) for k in (0, 1))
-        states = compute_clamps(rising, falling, np.array(relays.start(build_float_carrier(), begin, side)))
+        state = np.array(relays.start(build_float_carrier(), begin, side))
+        states = compute_clamps(rising, falling, state, find_turns(path.position))
         middles = np.clip(z - 0.5 * pairs.sum(axis=1), 0.0, 1.0)
         return np.hstack([np.clip(z - np.arange(self.count), 0.0, 1.0), middles - states])
 
@@ -462,7 +466,8 @@ class BristleFamily(ElementFamily):
         x = path.position[:, None]
         # Bounds that move with the speed: elements are held within them, as generated code does.
         memory = begin - np.array(self.grid) * {"below": 1.0, "above": -1.0}.get(path.start, 0.0)
-        return np.hstack([x, x - compute_clamps(x - radii, x + radii, memory)])
+        turns = None if self.stribeck else find_turns(path.position)
+        return np.hstack([x, x - compute_clamps(x - radii, x + radii, memory, turns)])
 
     def _compute_level(self, path: ElementPath, shape: FloatArray) -> FloatArray:
         """Return the level (N,) of unit dry friction."""

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, FrozenArrays
+from symid.arrays import FloatArray, FrozenArrays, compute_triangle
 from symid.codegen import run_compiled_branch
 from symid.errors import Notice, UsageError
 from symid.identification.hysteresis.families import (
@@ -393,7 +393,7 @@ def _solve(
             np.column_stack([np.vstack([ridge, held]), np.zeros(len(ridge) + len(held))]),
         ]
     )
-    triangle = np.asarray(np.linalg.qr(stacked, mode="r"))
+    triangle = compute_triangle(stacked)
     square, right = triangle[: len(lengths), :-1], triangle[: len(lengths), -1]
     if np.all(np.isinf(low)) and np.all(np.isinf(high)):
         return np.asarray(np.linalg.lstsq(square, right, rcond=None)[0] / lengths)
@@ -535,7 +535,7 @@ def _refine_places(family: NonlinearStops, data: ElementData, *, passive: bool) 
     fine = np.linspace(-1.0, 1.0, _FINE)
     matrix = _build_matrix(replace(family, places=tuple(fine.tolist())), data, shape, ())
     whole = np.column_stack([matrix, data.counted])
-    triangle = np.asarray(np.linalg.qr(whole, mode="r"))
+    triangle = compute_triangle(whole)
 
     def measure(kept: FloatArray) -> float:
         hats = np.stack([np.interp(fine, kept, unit) for unit in np.eye(len(kept))], axis=1)

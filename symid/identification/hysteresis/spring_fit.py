@@ -19,7 +19,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray
+from symid.arrays import FloatArray, compute_triangle
 from symid.joint_models import Elasticity, Knee, Stop, compute_stop_basis
 
 LEAST_KNEE = 0.03
@@ -288,7 +288,7 @@ def solve_non_negative(matrix: FloatArray, right: FloatArray) -> FloatArray:
     from scipy.optimize import nnls
 
     count = matrix.shape[1]
-    triangle: FloatArray = np.asarray(np.linalg.qr(np.column_stack([matrix, right]), mode="r"))
+    triangle = compute_triangle(np.column_stack([matrix, right]))
     lengths = np.linalg.norm(matrix, axis=0)
     scales = np.where(lengths > 1e-12 * max(float(lengths.max(initial=0.0)), 1e-300), lengths, np.inf)
     solution: FloatArray = nnls(triangle[:, :count] / scales, triangle[:, count])[0] / scales
@@ -352,7 +352,7 @@ def optimise_spring(
         idle = lengths <= 1e-9 * np.linalg.norm(value)
         low, high, lengths = np.where(idle, 0.0, low), np.where(idle, 0.0, high), np.where(idle, 1.0, lengths)
         columns = np.column_stack([jacobian / lengths, target - value])
-        scaled: FloatArray = np.asarray(np.linalg.qr(columns, mode="r"))
+        scaled = compute_triangle(columns)
         fall = 0.0
         for _ in range(_TRIES):
             move = _solve_damped(scaled, low * lengths, high * lengths, damping) / lengths

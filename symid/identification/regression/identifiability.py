@@ -20,7 +20,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, compute_triangle, freeze
 from symid.errors import IdentifiabilityError, Notice
 from symid.identification.regression.equations import Rows
 from symid.logs import Recording, Signals
@@ -68,7 +68,7 @@ def extend_triangle(triangle: FloatArray, blocks: Iterable[FloatArray]) -> Float
     for block in blocks:
         live = block.any(axis=0) | upper.any(axis=0)
         stacked = np.vstack([upper[:, live], block[:, live]])
-        reduced = np.linalg.qr(stacked, mode="r")
+        reduced = compute_triangle(stacked)
         upper = np.zeros((len(reduced), size))
         upper[:, live] = reduced
     full = np.zeros((size, size))
@@ -135,7 +135,7 @@ def solve_condensed(condensed: Condensed, basis: FloatArray, weights: FloatArray
     triangle = stack_condensed(condensed, weights)
     count = int(basis.shape[1])
     matrix, target = triangle[:, :-1], triangle[:, -1]
-    factor: FloatArray = np.asarray(np.linalg.qr(np.column_stack([matrix @ basis, target]), mode="r"))
+    factor = compute_triangle(np.column_stack([matrix @ basis, target]))
     left, singular, right = np.linalg.svd(factor[:count, :count])
     values: FloatArray = basis @ (right.T @ ((left.T @ factor[:count, count]) / singular))
     scaled = compute_spectrum(matrix[:, basis.any(axis=1)]).singular
@@ -155,7 +155,7 @@ JOINT_AT_REST = "identify.joint-at-rest"
 
 def compute_inverse_root(design: FloatArray) -> FloatArray:
     """Return V S^-1 of the singular value decomposition of F (m, r), so that its square is (F'F)^-1."""
-    _, singular, directions = np.linalg.svd(np.linalg.qr(design, mode="r"), full_matrices=False)
+    _, singular, directions = np.linalg.svd(compute_triangle(design), full_matrices=False)
     root: FloatArray = directions.T / singular
     return root
 
@@ -237,7 +237,7 @@ def compute_spectrum(matrix: FloatArray, zero: float = 0.0) -> ScaledSpectrum:
     lengths = np.linalg.norm(matrix, axis=0)
     alive = lengths > zero * max(lengths.max(initial=0.0), np.finfo(float).tiny)
     scales = np.where(alive, 1.0 / np.where(alive, lengths, 1.0), 1.0)
-    triangle = np.linalg.qr(matrix, mode="r") * (scales * alive)
+    triangle = compute_triangle(matrix) * (scales * alive)
     _, singular, directions = np.linalg.svd(triangle)
     padded = np.zeros(matrix.shape[1])
     padded[: len(singular)] = singular
@@ -274,7 +274,7 @@ def solve_scaled(
         return np.asarray(np.linalg.lstsq(scaled, right, rcond=rcond)[0] / lengths)
     from scipy.optimize import lsq_linear
 
-    triangle: FloatArray = np.asarray(np.linalg.qr(np.column_stack([scaled, right]), mode="r"))
+    triangle = compute_triangle(np.column_stack([scaled, right]))
     bounds = (low * lengths, high * lengths)
     answer = lsq_linear(triangle[:, :-1], triangle[:, -1], bounds=bounds, method="bvls", tol=1e-14)
     return np.asarray(np.clip(answer.x / lengths, low, high))
