@@ -25,7 +25,7 @@ import struct
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
@@ -447,8 +447,11 @@ def read_mat(path: Path) -> RawLog:
 _MATLAB_MATRIX, _MATLAB_COMPRESSED = 14, 15
 _MATLAB_DATA = frozenset((1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18))
 """Types of elements that hold numbers or letters."""
-_MATLAB_CONTAINERS = frozenset((1, 2, 3, 16, 17))
-"""Classes of matrices with matrices inside: cells, structures, objects, functions."""
+_MATLAB_CELL, _MATLAB_STRUCTURE, _MATLAB_OBJECT, _MATLAB_TEXT, _MATLAB_SPARSE = range(1, 6)
+_MATLAB_NUMERIC = range(6, 16)
+_MATLAB_FUNCTION, _MATLAB_OPAQUE = 16, 17
+"""Classes of matrices."""
+_MATLAB_IS_COMPLEX = 8
 _MATLAB_HEADER, _DEEPEST = 128, 100
 
 
@@ -488,18 +491,41 @@ def _list_matlab_elements(
 
 
 def _is_matlab_matrix(content: bytes, order: str, depth: int) -> bool:
-    """Return whether a matrix has elements that its class may have; an empty one has none."""
-    inside = -1
-    for kind, data in _list_matlab_elements(content, order):
-        if inside < 0:
-            # The flags, whose first byte is the class.
-            inside = data[0 if order == "<" else 3] if len(data) == 8 and kind in _MATLAB_DATA else 0
-        if kind == _MATLAB_MATRIX and inside in _MATLAB_CONTAINERS and depth < _DEEPEST:
-            if not _is_matlab_matrix(data, order, depth + 1):
-                return False
-        elif kind not in _MATLAB_DATA:
-            return False
-    return inside != 0
+    """Return whether a matrix has the elements that its class must have; an empty one has none."""
+    elements = list(_list_matlab_elements(content, order))
+    if not elements:
+        return True
+    data, inner = _count_matlab_elements([entry for _, entry in elements], order)
+    if len(elements) != data + inner or any(kind not in _MATLAB_DATA for kind, _ in elements[:data]):
+        return False
+    return depth < _DEEPEST and all(
+        kind == _MATLAB_MATRIX and _is_matlab_matrix(part, order, depth + 1) for kind, part in elements[data:]
+    )
+
+
+def _count_matlab_elements(elements: Sequence[bytes], order: str) -> tuple[int, int]:
+    """Return how many elements of data a matrix must have, and how many matrices then; (0, 0): no matrix.
+
+    First come flags, sizes and the name; in an opaque object flags and three names.
+    """
+    if len(elements) < 3 or len(elements[0]) != 8:
+        return 0, 0
+    kind, flags = elements[0][:2] if order == "<" else elements[0][3:1:-1]
+    if kind == _MATLAB_OPAQUE:
+        return 4, 1
+    sizes = np.frombuffer(elements[1][: len(elements[1]) // 4 * 4], f"{order}i4").tolist()
+    count = math.prod(sizes) if min(sizes, default=-1) >= 0 else -1
+    if kind in (_MATLAB_STRUCTURE, _MATLAB_OBJECT):
+        # An object has the name of its class before the length of its fields' names.
+        data = 5 + (kind == _MATLAB_OBJECT)
+        lengths, names = elements[data - 2 : data] if len(elements) >= data else (b"", b"")
+        length = int.from_bytes(lengths, "little" if order == "<" else "big", signed=True)
+        return (data, count * (len(names) // length)) if length > 0 <= count else (0, 0)
+    if kind == _MATLAB_CELL:
+        return (3, count) if count >= 0 else (0, 0)
+    if kind in _MATLAB_NUMERIC or kind == _MATLAB_SPARSE:
+        return 4 + (flags & _MATLAB_IS_COMPLEX > 0) + 2 * (kind == _MATLAB_SPARSE), 0
+    return {_MATLAB_TEXT: (4, 0), _MATLAB_FUNCTION: (3, 1)}.get(kind, (0, 0))
 
 
 def _flatten_structures(content: dict[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:

@@ -208,6 +208,31 @@ def test_types_of_matlab_elements_that_do_not_exist_are_damage(tmp_path):
             assert set(read_raw(path).columns) <= {"t"}
 
 
+@pytest.mark.parametrize(
+    ("value", "place", "byte"),
+    [
+        (np.arange(4.0), 145, 8),
+        ({"a": 1.0, "b": 2.0}, 160, 3),
+        (np.array([1.0, "a"], dtype=object), 160, 40),
+    ],
+    ids=["complex", "structure", "cell"],
+)
+def test_elements_that_a_matlab_matrix_lacks_are_damage(tmp_path, value, place, byte):
+    """SciPy reads what comes behind as such, and may end the process with it."""
+    from scipy.io import savemat
+
+    path = tmp_path / "log.mat"
+    savemat(path, {"t": value, "other": np.arange(3.0)})
+    whole = bytearray(path.read_bytes())
+    assert files._has_matlab_elements(bytes(whole))
+    # A flag of an imaginary part; more structures, or cells, than there are.
+    assert whole[place] < byte
+    whole[place] = byte
+    path.write_bytes(bytes(whole))
+    with pytest.raises(LogError, match="its elements are damaged"):
+        read_raw(path)
+
+
 def test_trials_of_methods_have_a_value_a_parameter(tmp_path, elastic_fit):
     data = json.loads(elastic_fit.read_text(encoding="utf-8"))
     first = data["trials"][0]
