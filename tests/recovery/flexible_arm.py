@@ -63,31 +63,33 @@ def _find_acceleration(q, dq, ddq, *spring):
 
 
 def _integrate(time, q, dq, ddq):
-    """Return the deflection s of the spring, its rate and its second derivative (N,)."""
-    step = time[1] - time[0]
+    """Return the deflection s of the spring, its rate and its second derivative (N,).
+
+    Across the last link d^2s/dt^2 = push + (w^2 - k / m) s - (d / m) ds/dt; the Coriolis force is along it.
+    """
+    step, zero = float(time[1] - time[0]), np.zeros(len(time))
+    still = _find_acceleration(q, dq, ddq, zero, zero, zero)[2]
+    side = 1j * np.exp(1j * q.sum(axis=1))
+    push = (-((still + 1j * GRAVITY) * np.conj(side)).real).tolist()
+    pull = (dq.sum(axis=1) ** 2 - SPRING / PAYLOAD).tolist()
 
     def find_second(k, s, ds):
-        at = (values[k : k + 1] for values in (q, dq, ddq))
-        acceleration = _find_acceleration(*at, np.array([s]), np.array([ds]), np.zeros(1))[2][0]
-        side = 1j * np.exp(1j * (q[k, 0] + q[k, 1]))
-        along = ((acceleration + 1j * GRAVITY) * np.conj(side)).real
-        return -along - (SPRING * s + DAMPING * ds) / PAYLOAD
+        return push[k] + pull[k] * s - DAMPING / PAYLOAD * ds
 
     # Two samples of the motion are one step, so that its middle is known.
-    s = -GRAVITY * np.cos(q[0].sum()) * PAYLOAD / SPRING
-    state, found = np.array([s, 0.0]), []
+    s, ds = float(-GRAVITY * np.cos(q[0].sum()) * PAYLOAD / SPRING), 0.0
+    found = [(s, ds)]
     for k in range(0, len(time) - 2, 2):
-        found.append(state)
-
-        def rate(at, x):
-            return np.array([x[1], find_second(at, *x)])
-
-        one = rate(k, state)
-        two = rate(k + 1, state + step * one)
-        three = rate(k + 1, state + step * two)
-        four = rate(k + 2, state + 2 * step * three)
-        state = state + step / 3 * (one + 2 * two + 2 * three + four)
-    found.append(state)
+        places = [(ds, find_second(k, s, ds))]
+        for after, share in ((1, step), (1, step), (2, 2 * step)):
+            speed, second = places[-1]
+            one, two = s + share * speed, ds + share * second
+            places.append((two, find_second(k + after, one, two)))
+        s, ds = (
+            x + step / 3 * (one + 2 * two + 2 * three + four)
+            for x, one, two, three, four in zip((s, ds), *places, strict=True)
+        )
+        found.append((s, ds))
     s, ds = np.array(found).T
     return s, ds, np.array([find_second(2 * k, *pair) for k, pair in enumerate(found)])
 
