@@ -214,7 +214,8 @@ def _place_spring(grid: SpringGrid, first: int, *, odd: bool) -> tuple[SpringLay
 
 
 _LEAST_SIGMA = 1e-6
-"""Of the size of a block's terms: no rows are trusted more."""
+_LEAST_SHARE = 1e-9
+"""Of the size of a block's terms, and of the largest of all blocks: no rows are trusted more."""
 _STRETCHES = 100
 _NEAR = 1e-6
 Places = NDArray[np.intp]
@@ -337,7 +338,7 @@ class ElasticNlpCost:
         loads = np.array([np.linalg.norm(block.matrix @ chi) for block in self.blocks]) / roots
         # Rows of a joint at rest hold what filters leave of a constant, down to 1e-160: beside the largest
         # load they are rounding, and must not be weighed up to information.
-        sigmas = np.maximum(np.maximum(sizes, _LEAST_SIGMA * loads), np.finfo(float).eps * np.max(loads))
+        sigmas = np.maximum(np.maximum(sizes, _LEAST_SIGMA * loads), _LEAST_SHARE * np.max(loads))
         # Without any load all rows are empty and weigh nothing, whatever their scale.
         return replace(self, sigmas=tuple(np.where(sigmas > 0.0, sigmas, 1.0).tolist()))
 
