@@ -12,6 +12,7 @@ write to the folders above the cache, against the user, or against root.
 
 import contextlib
 import functools
+import itertools
 import json
 import os
 import platform
@@ -212,13 +213,16 @@ def _load_or_make(entry: CacheEntry[T], place: Path) -> tuple[T, str]:
 
 def _clear_scraps(folder: Path) -> None:
     """Remove what processes that were killed left behind: of this machine at once, of others after a day."""
-    clear_scratch(folder, _NEW)
+    # Sources that are written into a new folder have scratch beside it, under its name with a dot.
+    for before in (_NEW, f".{_NEW}"):
+        clear_scratch(folder, before)
     own = mark_scratch(_NEW)
     here = own.removesuffix(f"{os.getpid()}-")
-    for path in (*folder.glob(f"{_NEW}*"), *folder.glob(".old-*")):
-        left = path.name.startswith(own) and not path.name.startswith(own + _PROCESS)
+    for path in itertools.chain(*(folder.glob(name) for name in (f"{_NEW}*", f".{_NEW}*", ".old-*"))):
+        name = path.name.removeprefix(".") if path.name.startswith("..") else path.name
+        left = name.startswith(own) and not name.startswith(own + _PROCESS)
         # A clock that was set must not take their work from living processes.
-        alive = path.name.startswith(here) and not left
+        alive = name.startswith(here) and not left
         with contextlib.suppress(OSError):
             if left or (not alive and time.time() - path.lstat().st_mtime > _SECONDS_A_DAY):
                 shutil.rmtree(path, ignore_errors=True)

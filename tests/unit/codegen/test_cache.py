@@ -385,13 +385,17 @@ def test_a_process_that_is_killed_leaves_no_entry(robots_folder, tmp_path, proje
     (cache / ".new-other").mkdir()
     (cache / ".new-old").mkdir()
     os.utime(cache / ".new-old", (0, 0))
+    # Of a process that was killed while it wrote the sources.
+    dead = mark_scratch("..new-").replace(f"-{os.getpid()}-", f"-{process.pid}-")
+    (cache / f"{dead}abc").mkdir()
     out, err = start(robots_folder, cache, project).communicate(timeout=100)
     assert (out.splitlines()[:2], err) == (["3.0", ""], "")
     assert sorted(path.name[:10] for path in cache.iterdir()) == [".new-other", "symid_emps"]
 
 
-def test_a_clock_that_is_set_takes_nothing_from_a_living_process(robot, entry, tmp_path, monkeypatch):
-    own = mark_scratch(".new-")
+@pytest.mark.parametrize("begin", [".new-", "..new-"])
+def test_a_clock_that_is_set_takes_nothing_from_a_living_process(robot, entry, tmp_path, monkeypatch, begin):
+    own = mark_scratch(begin)
     at_work, left = tmp_path / f"{own}{cache_module._PROCESS}abc", tmp_path / f"{own}def"
     other = tmp_path / f"{own.removesuffix(f'{os.getpid()}-')}{os.getppid()}-abc"
     for path in (at_work, left, other):
