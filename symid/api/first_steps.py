@@ -175,6 +175,7 @@ _AUTOMATIC = "automatic"
 _METHODS = ("linear-spring", "two-step", "independent", _AUTOMATIC)
 _LOGS = {"TA": "ta.npz", "TA10": "ta10.npz", "TB1": "tb1.npz", "TB2": "tb2.npz", "TC": "tc.npz"}
 _OURS = frozenset({"code", *_LOGS.values(), "estimate.json", "identified.toml", "report.html"})
+_SCRATCH = tuple(f".{name}{mark}" for name in sorted(_OURS) for mark in ".-")
 
 _FOREIGN, _SHARE = "lugre", 0.2
 """Hidden model of the second arm, and the part of the study's logs that it gets."""
@@ -384,6 +385,8 @@ def _prepare_folder(folder: Path, *, force: bool) -> None:
         text = "is a file, not a folder; give the name of a folder"
         raise OutputError(Notice(code="output.not-a-folder", text=text, file=str(folder)))
     found = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+    # What a demo that was killed left of a file, or of the lock of its code, goes with the next one.
+    found = {name for name in found if not name.startswith(_SCRATCH)}
     if found and (found - _OURS or not force):
         text = "is not empty; give another folder with -o"
         if not found - _OURS:

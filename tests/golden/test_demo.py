@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 import symid
-from symid.api.first_steps import judge_demo
+from symid.api.first_steps import _prepare_folder, judge_demo
 from symid.cli.main import run
+from symid.environment import mark_scratch
+from symid.errors import OutputError
 from symid.identification.elastic.validation import TrackingRun
 from tests.golden.freeze import Scratch, compare, find_answer, read_answer
 
@@ -69,6 +71,22 @@ def test_its_folder_goes_on_and_is_not_written_over(made, capsys):
     with chdir(made[0]):
         assert run(["demo", "-o", "demo", "--json"]) == 3
     assert json.loads(capsys.readouterr().out)["errors"][0]["code"] == "output.foreign-folder"
+
+
+@pytest.mark.parametrize(
+    "left", [".code.symid-lock", f"{mark_scratch('.report.html.')}abc", f"{mark_scratch('.code-')}abc"]
+)
+def test_what_a_killed_one_left_is_in_nobodys_way(tmp_path, left):
+    """A demo may be made in its folder, without force where nothing else is there."""
+    (tmp_path / left).touch()
+    _prepare_folder(tmp_path, force=False)
+    (tmp_path / "tc.npz").touch()
+    with pytest.raises(OutputError, match="--force to overwrite the last demo"):
+        _prepare_folder(tmp_path, force=False)
+    _prepare_folder(tmp_path, force=True)
+    (tmp_path / ".bashrc").touch()
+    with pytest.raises(OutputError, match="give another folder with -o$"):
+        _prepare_folder(tmp_path, force=True)
 
 
 def test_it_does_not_hide_a_bad_end(made, capsys, monkeypatch, tmp_path):
