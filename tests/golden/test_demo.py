@@ -85,7 +85,7 @@ def test_what_a_killed_one_left_is_in_nobodys_way(tmp_path, left):
         _prepare_folder(tmp_path, force=False)
     _prepare_folder(tmp_path, force=True)
     (tmp_path / ".bashrc").touch()
-    with pytest.raises(OutputError, match="give another folder with -o$"):
+    with pytest.raises(OutputError, match=r"give another folder with -o$"):
         _prepare_folder(tmp_path, force=True)
 
 
