@@ -31,7 +31,7 @@ _PIECE = 4000
 
 
 def compute_triangle(matrix: FloatArray) -> FloatArray:
-    """Return R (min(N, m), m) of `matrix` = Q R (N, m), with the rows of Q' Q = E in any sign.
+    """Return R (min(N, m), m) of `matrix` = Q R (N, m), Q' Q = E; each row of R may have either sign.
 
     Householder 1958; pieces of a long matrix first (Demmel, Grigori, Hoemmen and Langou 2012).
     """

@@ -255,15 +255,14 @@ def _advance_spring(plant: "_Plant", before: _Spring, phi: FloatArray) -> _Sprin
         limit = limit * (1.0 + p.rise * np.exp(-np.abs(dx) / (step * p.slip_speed)))[..., None]
     trial = before.stops + dx[..., None]
     level = np.minimum(np.maximum(trial, -limit), limit)
-    over = trial - level
-    stops = level + over * plant.kept
+    stops = level + (trial - level) * plant.kept
     pulls, square = p.stops * stops, x * x
-    torque, bent = p.linear * x, p.linear
+    torque, stiffness = p.linear * x, p.linear
     if has.cubic:
-        torque, bent = torque + p.cubic * x**3, bent + 0.5 * p.cubic * square
+        torque, stiffness = torque + p.cubic * x**3, stiffness + 0.5 * p.cubic * square
     torque = torque + pulls.sum(axis=-1)
     slip = p.stops * (trial - stops)
-    stored = 0.5 * square * bent + 0.5 * (pulls * stops).sum(axis=-1)
+    stored = 0.5 * square * stiffness + 0.5 * (pulls * stops).sum(axis=-1)
     loss = (slip * stops).sum(axis=-1)
     if has.slope:
         # int knee dx = knee^2 / (2 slope K) + int (knee / K) d(slip), K the stiffness of springs and stops.
