@@ -73,12 +73,10 @@ def test_its_folder_goes_on_and_is_not_written_over(made, capsys):
     assert json.loads(capsys.readouterr().out)["errors"][0]["code"] == "output.foreign-folder"
 
 
-@pytest.mark.parametrize(
-    "left", [".code.symid-lock", f"{mark_scratch('.report.html.')}abc", f"{mark_scratch('.code-')}abc"]
-)
+@pytest.mark.parametrize("left", [".report.html.", ".code-", None], ids=["report", "code", "lock"])
 def test_what_a_killed_one_left_is_in_nobodys_way(tmp_path, left):
     """A demo may be made in its folder, without force where nothing else is there."""
-    (tmp_path / left).touch()
+    (tmp_path / (f"{mark_scratch(left)}abc" if left else ".code.symid-lock")).touch()
     _prepare_folder(tmp_path, force=False)
     (tmp_path / "tc.npz").touch()
     with pytest.raises(OutputError, match="--force to overwrite the last demo"):
