@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from sympy import QQ
 
 from symid.codegen.programs import Op
-from symid.codegen.routes import ROUTES
+from symid.codegen.routes import list_routes
 from symid.codegen.workspace import build_workspace
 from symid.joint_models import FrictionValues
 from symid.notation import INERTIAL
@@ -428,6 +428,6 @@ def build_route_programs(robot, base, spec):
     """Return the program of every route to one function of the catalogue, by the route's name."""
     workspace = build_workspace(robot, base, spec)
     programs = {}
-    for name, build in ROUTES[spec.name].items():
+    for name, build in list_routes(robot, spec.name).items():
         programs[name] = workspace.table.build_program(spec, workspace.recall(build))
     return programs

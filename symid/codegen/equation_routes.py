@@ -1,7 +1,8 @@
 """Routes to forward dynamics, to the Coriolis matrix, and to derivatives of the equations of motion.
 
-A route is a builder: workspace -> elements of all output ports, see `routes`. With M = dtau/dddq, and the
-other derivatives of tau(q, dq, ddq) at the acceleration that the torque gives,
+A route is a builder: workspace -> elements of all output ports, see `routes`. M ddq = tau - c takes
+operations that grow with the third power of the joints, by articulated bodies with their number. With
+M = dtau/dddq, and the other derivatives of tau(q, dq, ddq) at the acceleration that the torque gives,
 
     dddq/dtau = M^-1,   dddq/dq = -M^-1 dtau/dq,   dddq/ddq = -M^-1 dtau/ddq.
 
@@ -19,6 +20,7 @@ from symid.dynamics import (
     ProjectionFrame,
     compute_coriolis_matrix,
     compute_equation_terms,
+    compute_forward_dynamics,
     compute_mass_derivatives,
     compute_torque_derivatives,
     fold_matrix,
@@ -105,6 +107,17 @@ def build_forward_dynamics_route(mass: RouteBuilder, torques: RouteBuilder) -> R
         return (tuple(factors.solve(rest)),)
 
     return build
+
+
+def build_articulated_route(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+    """Build the accelerations by articulated bodies: without a matrix, the route of robots of many joints."""
+    table, tau = workspace.table, workspace.spread(workspace.inputs["tau"])
+    one = table.constant(1.0)
+    return (
+        compute_forward_dynamics(
+            workspace.recursion, workspace.parameters, tau, lambda value: table.div(one, value)
+        ),
+    )
 
 
 def build_differentiated_route(torques: RouteBuilder, mass: RouteBuilder) -> RouteBuilder:

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 
 from symid.codegen.catalogue import FRICTION_INPUTS, Constants, list_bristles, list_robot_specs
 from symid.codegen.equation_routes import (
+    build_articulated_route,
     build_coriolis_route,
     build_derivatives_route,
     build_differentiated_mass_route,
@@ -497,6 +498,7 @@ def _list_composite_routes(
     return routes
 
 
+_ARTICULATED = "articulated bodies"
 _DIFFERENTIATED = ("tensor recursion", "tensor recursion, last links held")
 _TORQUE_REGRESSOR_ROUTES = _list_regressor_routes(compute_torque_columns, _derive_torque)
 ROUTES: Mapping[str, Routes] = {
@@ -510,7 +512,10 @@ ROUTES: Mapping[str, Routes] = {
     "gravity": _TORQUE_ROUTES,
     "bias": _TORQUE_ROUTES,
     "inverse_dynamics": _TORQUE_ROUTES,
-    "forward_dynamics": _combine_routes(build_forward_dynamics_route, _RECURSION_ROUTES),
+    "forward_dynamics": {
+        **_combine_routes(build_forward_dynamics_route, _RECURSION_ROUTES),
+        **_list_variants(_ARTICULATED, build_articulated_route),
+    },
     "inverse_dynamics_derivatives": {
         **_list_composite_routes(build_derivatives_route),
         **{
@@ -587,6 +592,15 @@ _COSTLY = (
 )
 
 
+def list_routes(robot: Robot, function: str) -> Routes:
+    """Return the routes to a function for this robot, by their names."""
+    routes = ROUTES[function]
+    if robot.freedom == robot.size and not robot.couplings:
+        return routes
+    # Joints that share a coordinate or a drive are not free one by one.
+    return {name: build for name, build in routes.items() if not name.startswith(_ARTICULATED)}
+
+
 def _list_promising(robot: Robot, routes: Routes) -> Routes:
     """Return the routes that are tried: for many joints only those with a chance, for each takes seconds."""
     if robot.freedom <= _MOST_TRIED:
@@ -607,7 +621,7 @@ def choose_route(
     for turned in (None, turns) if turns else (None,):
         workspace = build_workspace(robot, base, spec, turned, constants)
         table = workspace.table
-        routes = _list_promising(robot, ROUTES[spec.name])
+        routes = _list_promising(robot, list_routes(robot, spec.name))
         built = {name: workspace.recall(build) for name, build in routes.items()}
         counts = {name: table.count(itertools.chain(*ports)) for name, ports in built.items()}
         costs = {name: count.mul + count.add for name, count in counts.items()}

@@ -16,7 +16,7 @@ from sympy import Expr, ImmutableDenseMatrix, Rational, Symbol
 from symid.codegen.catalogue import list_bristles, list_robot_specs, list_spring_parameters
 from symid.codegen.expressions import ExactProgram, count_expanded_operations, share_values, write_values
 from symid.codegen.functions import FunctionSpec, Port
-from symid.codegen.routes import ROUTES
+from symid.codegen.routes import list_routes
 from symid.codegen.workspace import build_workspace
 from symid.dynamics import (
     BaseParameters,
@@ -266,7 +266,7 @@ def derive_symbolic(
     workspace = build_workspace(robot, base, spec, exact=True)
     programs = {
         route: workspace.table.build_program(spec, workspace.recall(build))
-        for route, build in ROUTES[name].items()
+        for route, build in list_routes(robot, name).items()
     }
     sizes = {route: count_expanded_operations(program) for route, program in programs.items()}
     route = min(sizes, key=sizes.__getitem__)

@@ -72,6 +72,7 @@ if TYPE_CHECKING:
         optimise_bodies as optimise_bodies,
     )
     from symid.dynamics.newton_euler import (
+        compute_forward_dynamics as compute_forward_dynamics,
         compute_inverse_dynamics as compute_inverse_dynamics,
         compute_tensor_torques as compute_tensor_torques,
     )

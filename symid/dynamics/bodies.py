@@ -1,28 +1,43 @@
 """Bodies and drives: link parameters gathered into bodies, rotors and springs, and the mass matrix.
 
 Recursion, parameters {(index, name): value} -> inertia tensor, first moments and mass of a link as its
-parent sees them; energy and torque columns of rotors and springs; the joint-space mass matrix. A parameter
-that is not listed is zero and costs nothing.
+parent sees them; energy and torque columns of rotors and springs; the joint-space mass matrix, of composite
+bodies, and the accelerations that torques give, of articulated bodies. A parameter that is not listed is zero
+and costs nothing.
 
     T = IA w^2 / 2,  w the speed of the joint, or of the coupling, sum of factor * dq over its joints;
     V = KS q^2 / 2 + KR q,  the spring KS (q - rest) with KR = -KS rest.
 
+An articulated body is a link with all links beyond it, whose joints are free. With S the axis of its joint, p
+the wrench that it takes while no joint accelerates, and a the acceleration that the joints before it add,
+
+    D = S' I S + IA,  g = I S / D,  u = tau - S' p:  ddq = u / D - g' a,
+
+and the parent's body gains I - g (I S)' and p + g u (Featherstone 1983).
+
 Supported: rotor inertias of joints and couplings, springs of joints.
+Not supported: articulated bodies of joints that share a coordinate or a drive.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import product
+from typing import Generic
 
-from symid.dynamics.algebra import Algebra, Label, Matrix, T, Vector
+from symid.dynamics.algebra import Algebra, Label, Matrix, T, Vector, transpose
 from symid.dynamics.recursion import (
     LinkFrame,
     ProjectionFrame,
     Recursion,
+    Screw,
     Wrench,
+    add_wrenches,
     build_axis_screws,
     project_wrench,
     rotate_to_parent,
+    transform_screw,
     transform_screws,
+    transform_wrench,
 )
 from symid.robot import Exact, Robot
 
@@ -149,8 +164,52 @@ def rotate_tensor_about_z(algebra: Algebra[T], turn: tuple[T, T], tensor: Matrix
     return (minus(xx, e), xy, xz), (xy, plus(yy, e), yz), (xz, yz, zz)
 
 
+def turn_matrix(algebra: Algebra[T], turn: tuple[T, T], matrix: Matrix[T]) -> Matrix[T]:
+    """Return the matrix R A R' of a turn R about z by an angle given as (cos, sin).
+
+    With d = xx - yy, t = xy + yx, e = s^2 d + c s t and g = c s d - s^2 t the plane entries become xx - e,
+    yy + e, xy + g, yx + g: matrices that turn together share s^2 and c s.
+    """
+    c, s = turn
+    plus, minus, mul = algebra.add, algebra.sub, algebra.mul
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = matrix
+    square, product = mul(s, s), mul(c, s)
+    d, t = minus(xx, yy), plus(xy, yx)
+    e = plus(mul(square, d), mul(product, t))
+    g = minus(mul(product, d), mul(square, t))
+    xz, yz = minus(mul(c, xz), mul(s, yz)), plus(mul(s, xz), mul(c, yz))
+    zx, zy = minus(mul(c, zx), mul(s, zy)), plus(mul(s, zx), mul(c, zy))
+    return (minus(xx, e), plus(xy, g), xz), (plus(yx, g), plus(yy, e), yz), (zx, zy, zz)
+
+
 TensorTurn = Callable[[Algebra[T], tuple[T, T], Matrix[T]], Matrix[T]]
 """How a symmetric tensor turns about z by an angle given as (cos, sin)."""
+
+
+_Entries = Mapping[tuple[int, int], T]
+"""The entries of a symmetric tensor on its diagonal and above it."""
+
+
+def _fill_tensor(entries: _Entries[T]) -> Matrix[T]:
+    xy, xz, yz = entries[0, 1], entries[0, 2], entries[1, 2]
+    return (entries[0, 0], xy, xz), (xy, entries[1, 1], yz), (xz, yz, entries[2, 2])
+
+
+def _rotate_tensor(
+    algebra: Algebra[T], frame: LinkFrame[T], tensor: Matrix[T], rotate: TensorTurn[T]
+) -> dict[tuple[int, int], T]:
+    """Return the entries of a symmetric tensor in the parent's axes."""
+    if frame.turn is not None:
+        tensor = rotate(algebra, frame.turn, tensor)
+    half = algebra.multiply_matrices(frame.fixed, tensor)
+    return {(i, j): algebra.dot(half[i], frame.fixed[j]) for i in range(3) for j in range(i, 3)}
+
+
+def rotate_matrix(algebra: Algebra[T], frame: LinkFrame[T], matrix: Matrix[T]) -> Matrix[T]:
+    """Return a matrix given in the link's axes in the parent's axes."""
+    turned = turn_matrix(algebra, frame.turn, matrix) if frame.turn else matrix
+    half = algebra.multiply_matrices(frame.fixed, turned)
+    return algebra.multiply_matrices(half, transpose(frame.fixed))
 
 
 def transform_body(
@@ -167,10 +226,7 @@ def transform_body(
     plus, mul = algebra.add, algebra.mul
     m = rotate_to_parent(algebra, frame, moments)
     t = frame.origin
-    if frame.turn is not None:
-        tensor = rotate(algebra, frame.turn, tensor)
-    half = algebra.multiply_matrices(frame.fixed, tensor)
-    turned = {(i, j): algebra.dot(half[i], frame.fixed[j]) for i in range(3) for j in range(i, 3)}
+    turned = _rotate_tensor(algebra, frame, tensor, rotate)
     # With u = m + M t / 2 the shift is 2 (t.u) E - t u' - u t'; doubled constants cost nothing.
     u = algebra.add_vectors(m, algebra.scale_vector(algebra.half(mass), t))
     doubled = [mul(plus(part, part), other) for part, other in zip(t, u, strict=True)]
@@ -180,9 +236,7 @@ def transform_body(
         for j in range(i + 1, 3):
             shift = plus(mul(t[i], u[j]), mul(u[i], t[j]))
             entries[i, j] = algebra.sub(turned[i, j], shift)
-    xy, xz, yz = entries[0, 1], entries[0, 2], entries[1, 2]
-    moved = ((entries[0, 0], xy, xz), (xy, entries[1, 1], yz), (xz, yz, entries[2, 2]))
-    return moved, algebra.add_vectors(m, algebra.scale_vector(mass, t)), mass
+    return _fill_tensor(entries), algebra.add_vectors(m, algebra.scale_vector(mass, t)), mass
 
 
 def compute_mass_matrix(
@@ -215,3 +269,149 @@ def compute_mass_matrix(
             bodies[parent] = ((x, y, z), moments, algebra.add(left[2], right[2]))
     add_drive_inertias(recursion, matrix, parameters)
     return tuple(tuple(row) for row in matrix)
+
+
+_Inertia = tuple[tuple[T, ...], ...]
+"""The symmetric matrix (6, 6) that makes moment and force of angular and linear acceleration."""
+
+
+def _mirror(upper: Sequence[Sequence[T]]) -> _Inertia[T]:
+    """Return the symmetric matrix whose rows begin on the diagonal."""
+    size = range(len(upper))
+    return tuple(tuple(upper[min(i, j)][abs(i - j)] for j in size) for i in size)
+
+
+def _build_inertia(algebra: Algebra[T], body: Body[T]) -> _Inertia[T]:
+    (a, b, c), (x, y, z), mass = body
+    zero, neg = algebra.zero, algebra.neg
+    turned = ((zero, neg(z), y), (z, zero, neg(x)), (neg(y), x, zero))
+    rows = [(*own, *other)[k:] for k, (own, other) in enumerate(zip((a, b, c), turned, strict=True))]
+    return _mirror([*rows, (mass, zero, zero), (mass, zero), (mass,)])
+
+
+def _carry_inertia(algebra: Algebra[T], frame: LinkFrame[T], inertia: _Inertia[T]) -> _Inertia[T]:
+    """Return an inertia about the parent's origin, in its axes.
+
+    With blocks A of w and moment, B of v and moment, C of v and force, turned, and t the link's origin:
+    C stays,  B + [t x] C,  A + [t x] (B + [t x] C)' + ([t x] B')'.
+    """
+
+    def take(row: int, column: int) -> Matrix[T]:
+        x, y, z = ((r[column], r[column + 1], r[column + 2]) for r in inertia[row : row + 3])
+        return x, y, z
+
+    t, mul, minus = frame.origin, algebra.mul, algebra.sub
+    a, c = (_rotate_tensor(algebra, frame, take(k, k), turn_matrix) for k in (0, 3))
+    b, pushing = rotate_matrix(algebra, frame, take(0, 3)), _fill_tensor(c)
+    x, y, z = (algebra.cross(t, column) for column in pushing)
+    moved = [algebra.add_vectors(*pair) for pair in zip(b, transpose((x, y, z)), strict=True)]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        # On the diagonal (t x (b + moved))_i, beside it (t x moved_j)_i + (t x b_i)_j: each part of t once.
+        twice = algebra.add_vectors(b[i], moved[i])
+        a[i, i] = algebra.add(a[i, i], minus(mul(t[j], twice[k]), mul(t[k], twice[j])))
+        shift = mul(t[k], minus(b[i][i], moved[j][j]))
+        shift = algebra.add(shift, minus(mul(t[j], moved[j][k]), mul(t[i], b[i][k])))
+        pair = (min(i, j), max(i, j))
+        a[pair] = algebra.add(a[pair], shift)
+    upper = [([a[i, j] for j in range(i, 3)] + list(moved[i])) for i in range(3)]
+    return _mirror([*upper, *(pushing[k][k:] for k in range(3))])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _FreeJoint(Generic[T]):
+    """What a free joint does, u / D and g (see above), and leaves to its parent."""
+
+    own: T
+    answer: tuple[T, ...]
+    inertia: _Inertia[T]
+    wrench: Wrench[T]
+
+
+def _free_joint(
+    algebra: Algebra[T],
+    body: tuple[_Inertia[T], Wrench[T]],
+    axis: int,
+    drive: tuple[T, T],
+    invert: Callable[[T], T],
+) -> _FreeJoint[T]:
+    """Return what a joint does that moves along row `axis`, under a torque, with a rotor: its `drive`."""
+    (inertia, wrench), (torque, rotor) = body, drive
+    push, loads = inertia[axis], (*wrench.moment, *wrench.force)
+    inverse = invert(algebra.add(push[axis], rotor))
+    # Along the axis g is 1 - IA / D: without a rotor no difference of equal numbers is left to round.
+    rest, excess = algebra.mul(rotor, inverse), algebra.sub(torque, loads[axis])
+    answer = [algebra.mul(entry, inverse) for entry in push]
+    answer[axis] = algebra.sub(algebra.one, rest)
+
+    def leave(i: int, j: int) -> T:
+        if axis in {i, j}:
+            return algebra.mul(rest, inertia[i][j])
+        return algebra.sub(inertia[i][j], algebra.mul(push[i], answer[j]))
+
+    left = [algebra.add(load, algebra.mul(g, excess)) for load, g in zip(loads, answer, strict=True)]
+    left[axis] = algebra.sub(torque, algebra.mul(rest, excess))
+    return _FreeJoint(
+        own=algebra.mul(excess, inverse),
+        answer=tuple(answer),
+        inertia=_mirror([[leave(i, j) for j in range(i, 6)] for i in range(6)]),
+        wrench=Wrench(moment=(left[0], left[1], left[2]), force=(left[3], left[4], left[5])),
+    )
+
+
+def _free_joints(
+    recursion: Recursion[T],
+    parameters: Parameters[T],
+    torques: Sequence[T],
+    wrenches: Sequence[Wrench[T]],
+    invert: Callable[[T], T],
+) -> list[_FreeJoint[T]]:
+    """Return what the joints do, from the last one to the first."""
+    robot, algebra, frames = recursion.robot, recursion.algebra, recursion.frames
+    drives = list_drive_parameters(robot)
+    inertias = [_build_inertia(algebra, gather_body(algebra, parameters, link)) for link in range(robot.size)]
+    bodies = list(zip(inertias, wrenches, strict=True))
+    joints = []
+    for joint in reversed(range(robot.size)):
+        rotor = parameters.get((joint, "IA"), algebra.zero) if (joint, "IA") in drives else algebra.zero
+        axis = 2 if frames[joint].revolute else 5
+        free = _free_joint(algebra, bodies[joint], axis, (torques[joint], rotor), invert)
+        joints.append(free)
+        parent = robot.joints[joint].parent
+        if parent >= 0:
+            inertia, wrench = bodies[parent]
+            moved = _carry_inertia(algebra, frames[joint], free.inertia)
+            pairs = (zip(*rows, strict=True) for rows in zip(inertia, moved, strict=True))
+            total = tuple(tuple(algebra.add(*pair) for pair in row) for row in pairs)
+            load = transform_wrench(algebra, frames[joint], free.wrench)
+            bodies[parent] = total, add_wrenches(algebra, wrench, load)
+    return joints
+
+
+def solve_articulated_bodies(
+    recursion: Recursion[T],
+    parameters: Parameters[T],
+    torques: Sequence[T],
+    wrenches: Sequence[Wrench[T]],
+    invert: Callable[[T], T],
+) -> tuple[T, ...]:
+    """Return the accelerations that torques give (see above); `wrenches` of the links, without accelerations.
+
+    `invert` returns the inverse of a value.
+    """
+    robot, algebra, none = recursion.robot, recursion.algebra, (recursion.algebra.zero,) * 3
+    motions: list[Screw[T]] = []
+    found = []
+    joints = reversed(_free_joints(recursion, parameters, torques, wrenches, invert))
+    for joint, free, frame in zip(robot.joints, joints, recursion.frames, strict=True):
+        before = motions[joint.parent] if joint.parent >= 0 else Screw(angular=none, linear=none)
+        moved = transform_screw(algebra, frame, before)
+        shares = map(algebra.mul, free.answer, (*moved.angular, *moved.linear))
+        found.append(algebra.sub(free.own, algebra.sum_values(shares)))
+        own = (algebra.zero, algebra.zero, found[-1])
+        if frame.revolute:
+            moved = replace(moved, angular=algebra.add_vectors(moved.angular, own))
+        else:
+            moved = replace(moved, linear=algebra.add_vectors(moved.linear, own))
+        motions.append(moved)
+    return tuple(found)

@@ -1,5 +1,7 @@
 """Joint torques by recursion, with vectors or acceleration tensors: the forms that code is printed from.
 
+And back: joint accelerations from torques, by the recursion over articulated bodies (`bodies`).
+
 Recursion, parameters {(link, name): value}, for control also reference rates -> joint torques without
 friction. A parameter that is not listed is zero and costs nothing. With
 
@@ -11,17 +13,18 @@ rates give M ddqr + C dqr with the Christoffel factor C (Echeandia and Wensing 2
 Supported: trees of revolute and prismatic joints, rotor inertias reflected to the joint side, springs.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Generic
 
 from symid.dynamics.algebra import Algebra, Matrix, T, Vector
-from symid.dynamics.bodies import Parameters, add_drive_torques, gather_body
+from symid.dynamics.bodies import Parameters, add_drive_torques, gather_body, solve_articulated_bodies
 from symid.dynamics.recursion import (
     LinkMotion,
     Recursion,
     Screw,
     Wrench,
+    add_wrenches,
     build_unit_vector,
     compute_motions,
     rotate_to_link,
@@ -65,11 +68,8 @@ def accumulate_wrenches(recursion: Recursion[T], wrenches: Sequence[Wrench[T]]) 
     for joint in reversed(range(robot.size)):
         parent = robot.joints[joint].parent
         if parent >= 0:
-            lifted, other = transform_wrench(algebra, frames[joint], carried[joint]), carried[parent]
-            carried[parent] = Wrench(
-                force=algebra.add_vectors(other.force, lifted.force),
-                moment=algebra.add_vectors(other.moment, lifted.moment),
-            )
+            lifted = transform_wrench(algebra, frames[joint], carried[joint])
+            carried[parent] = add_wrenches(algebra, carried[parent], lifted)
     return carried
 
 
@@ -286,3 +286,18 @@ def compute_tensor_torques(
     wrenches = compute_link_wrenches(recursion, parameters, spins)
     accelerations = reference[1] if reference else recursion.state.acceleration
     return add_drive_torques(recursion, accumulate_torques(recursion, wrenches), parameters, accelerations)
+
+
+def compute_forward_dynamics(
+    recursion: Recursion[T], parameters: Parameters[T], torques: Sequence[T], invert: Callable[[T], T]
+) -> tuple[T, ...]:
+    """Return the accelerations that the torques give to the joints, with no regard to friction.
+
+    The operations grow with the number of joints. `invert` returns the inverse of a value.
+    """
+    algebra, still = recursion.algebra, (recursion.algebra.zero,) * recursion.robot.size
+    resting = replace(recursion, state=replace(recursion.state, acceleration=still))
+    wrenches = compute_link_wrenches(resting, parameters, compute_acceleration_tensors(resting))
+    springs = add_drive_torques(resting, still, parameters, still)
+    rest = [algebra.sub(torque, spring) for torque, spring in zip(torques, springs, strict=True)]
+    return solve_articulated_bodies(resting, parameters, rest, wrenches, invert)

@@ -260,6 +260,14 @@ def compute_screw_rates(recursion: Recursion[T]) -> tuple[Screw[T], ...]:
     return tuple(result)
 
 
+def transform_screw(algebra: Algebra[T], frame: LinkFrame[T], screw: Screw[T]) -> Screw[T]:
+    """Return a screw about the parent's origin in the link's axes, about the link's origin."""
+    moved = algebra.add_vectors(screw.linear, algebra.cross(screw.angular, frame.origin))
+    return Screw(
+        angular=rotate_to_link(algebra, frame, screw.angular), linear=rotate_to_link(algebra, frame, moved)
+    )
+
+
 def transform_screws(recursion: Recursion[T], own: tuple[Screw[T], ...]) -> Screws[T]:
     """Return the screws `own`, one a joint, in the frames of the links beyond.
 
@@ -270,12 +278,8 @@ def transform_screws(recursion: Recursion[T], own: tuple[Screw[T], ...]) -> Scre
 
     def find(joint: int, link: int) -> Screw[T]:
         if (joint, link) not in found:
-            frame, before = recursion.frames[link], find(joint, robot.joints[link].parent)
-            moved = algebra.add_vectors(before.linear, algebra.cross(before.angular, frame.origin))
-            found[joint, link] = Screw(
-                angular=rotate_to_link(algebra, frame, before.angular),
-                linear=rotate_to_link(algebra, frame, moved),
-            )
+            before = find(joint, robot.joints[link].parent)
+            found[joint, link] = transform_screw(algebra, recursion.frames[link], before)
         return found[joint, link]
 
     return find
@@ -291,6 +295,12 @@ class Wrench(Generic[T]):
 
     force: Vector[T]
     moment: Vector[T]
+
+
+def add_wrenches(algebra: Algebra[T], first: Wrench[T], *others: Wrench[T]) -> Wrench[T]:
+    """Return the sum, from left to right."""
+    force = algebra.add_vectors(first.force, *(wrench.force for wrench in others))
+    return Wrench(force=force, moment=algebra.add_vectors(first.moment, *(one.moment for one in others)))
 
 
 def build_unit_vector(algebra: Algebra[T], axis: int) -> Vector[T]:

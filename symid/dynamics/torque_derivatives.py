@@ -34,7 +34,9 @@ from symid.dynamics.bodies import (
     add_drive_inertias,
     add_drive_torques,
     gather_body,
+    rotate_matrix,
     transform_body,
+    turn_matrix,
 )
 from symid.dynamics.newton_euler import (
     AccelerationTensor,
@@ -50,6 +52,7 @@ from symid.dynamics.recursion import (
     Screw,
     Screws,
     Wrench,
+    add_wrenches,
     build_axis_screws,
     compute_screw_rates,
     project_wrench,
@@ -86,24 +89,6 @@ class _Composite(Generic[T]):
     body: Body[T]
     turning: Matrix[T]
     momentum: Vector[T]
-
-
-def turn_matrix(algebra: Algebra[T], turn: tuple[T, T], matrix: Matrix[T]) -> Matrix[T]:
-    """Return the matrix R A R' of a turn R about z by an angle given as (cos, sin).
-
-    With d = xx - yy, t = xy + yx, e = s^2 d + c s t and g = c s d - s^2 t the plane entries become xx - e,
-    yy + e, xy + g, yx + g: matrices that turn together share s^2 and c s.
-    """
-    c, s = turn
-    plus, minus, mul = algebra.add, algebra.sub, algebra.mul
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = matrix
-    square, product = mul(s, s), mul(c, s)
-    d, t = minus(xx, yy), plus(xy, yx)
-    e = plus(mul(square, d), mul(product, t))
-    g = minus(mul(product, d), mul(square, t))
-    xz, yz = minus(mul(c, xz), mul(s, yz)), plus(mul(s, xz), mul(c, yz))
-    zx, zy = minus(mul(c, zx), mul(s, zy)), plus(mul(s, zx), mul(c, zy))
-    return (minus(xx, e), plus(xy, g), xz), (plus(yx, g), plus(yy, e), yz), (zx, zy, zz)
 
 
 def _shift_turning(algebra: Algebra[T], turning: Matrix[T], momentum: Vector[T], arm: Vector[T]) -> Matrix[T]:
@@ -149,9 +134,7 @@ def _build_composite(
 
 def _carry_composite(algebra: Algebra[T], frame: LinkFrame[T], part: _Composite[T]) -> _Composite[T]:
     """Return a composite body about the parent's origin, in its axes."""
-    turning = turn_matrix(algebra, frame.turn, part.turning) if frame.turn else part.turning
-    half = algebra.multiply_matrices(frame.fixed, turning)
-    turning = algebra.multiply_matrices(half, transpose(frame.fixed))
+    turning = rotate_matrix(algebra, frame, part.turning)
     momentum = rotate_to_parent(algebra, frame, part.momentum)
     return _Composite(
         body=transform_body(algebra, frame, part.body, turn_matrix),
@@ -193,11 +176,6 @@ def _compute_composites(
             moved = _carry_composite(algebra, recursion.frames[link], found[link])
             found[parent] = _join(algebra, found[parent], moved)
     return found
-
-
-def _add_wrenches(algebra: Algebra[T], first: Wrench[T], *others: Wrench[T]) -> Wrench[T]:
-    force = algebra.add_vectors(first.force, *(wrench.force for wrench in others))
-    return Wrench(force=force, moment=algebra.add_vectors(first.moment, *(one.moment for one in others)))
 
 
 def _double(algebra: Algebra[T], screw: Screw[T]) -> Screw[T]:
@@ -299,7 +277,7 @@ class _Sweep(Generic[T]):
         turns = [_turn_momentum(algebra, *pair) for pair in pairs]
         rows = self.fill(
             lambda i: [(couples[i], axes), (momenta[i], rates)],
-            lambda i: _add_wrenches(algebra, turns[i], pushes[i]),
+            lambda i: add_wrenches(algebra, turns[i], pushes[i]),
         )
         return tuple(map(tuple, rows))
 
@@ -444,7 +422,7 @@ def compute_torque_derivatives(
         part, axis, load = sweep.composites[joint], sweep.axes[joint], wrenches[joint]
         turned = _turn_wrench(algebra, axis, load)
         pushed = _push(algebra, part.body, second[joint])
-        return _add_wrenches(algebra, _turn_momentum(algebra, part, single[joint]), pushed, turned)
+        return add_wrenches(algebra, _turn_momentum(algebra, part, single[joint]), pushed, turned)
 
     rows = sweep.fill(compute_lower, compute_upper)
     for key, value in parameters.items():

@@ -41,7 +41,7 @@ REACHED = {
         "gravity": (10, 5),
         "bias": (15, 8),
         "inverse_dynamics": (19, 13),
-        "forward_dynamics": (24, 16),
+        "forward_dynamics": (25, 14),
         "inverse_dynamics_derivatives": (23, 17),
         "forward_dynamics_derivatives": (56, 35),
         "mass_matrix_derivatives": (3, 1),

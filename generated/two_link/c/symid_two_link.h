@@ -225,7 +225,7 @@ int symid_two_link_inverse_dynamics_batch(size_t n, const double *q, const doubl
  * @param[out] ddq joint accelerations: 2, rad/s^2
  * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
  *
- * Operations: 24 products, 16 sums, 4 elementary functions.
+ * Operations: 25 products, 14 sums, 4 elementary functions.
  */
 int symid_two_link_forward_dynamics(const double q[2], const double dq[2], const double tau[2], const double beta[6], double ddq[2]);
 

@@ -13,5 +13,5 @@ const char *symid_two_link_signature(void)
 
 const char *symid_two_link_digest(void)
 {
-    return "d14fbeac3733bf3add7bdc70ff54c693ba528acbaf81a9ed51c52e4d3c949d18";
+    return "64cc1f875c81b5ea0446b0d6bcf13a492d75e58e4b8662c2858be53f07c80b81";
 }

@@ -50,6 +50,15 @@ def test_a_compiler_that_never_answers_is_not_taken(tmp_path, monkeypatch):
     assert locate_compiler(str(path)) is None
 
 
+@pytest.fixture
+def interruptible():
+    """Have processes hear SIGINT, which those that a shell has put into the background do not."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_call_that_is_ended_ends_its_compiler_and_leaves_no_scratch(tmp_path, project, number):
     path = write_compiler(tmp_path, f"sleep 100 & echo $! > {tmp_path}/pid; wait")

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 
 from symid.codegen.catalogue import list_robot_specs
 from symid.codegen.programs import count_operations
-from symid.codegen.routes import ROUTES, choose_route
+from symid.codegen.routes import choose_route, list_routes
 from symid.codegen.workspace import build_workspace
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.dynamics.frame_choice import list_constant_rotations, remove_constant_rotations
@@ -70,7 +70,7 @@ def test_both_ways_give_the_same_numbers_and_the_cheaper_is_taken(robot):
         inputs = {port.name: rng.uniform(-2, 2, port.shape) for port in spec.inputs}
         workspace = build_workspace(robot, base, spec, turns)
         plain = build_route_programs(robot, base, spec)
-        for name, build in ROUTES[spec.name].items():
+        for name, build in list_routes(robot, spec.name).items():
             program = workspace.table.build_program(spec, workspace.recall(build))
             for mine, theirs in zip(
                 run_program(program, inputs), run_program(plain[name], inputs), strict=True
