@@ -395,8 +395,9 @@ def solve_articulated_bodies(
     wrenches: Sequence[Wrench[T]],
     invert: Callable[[T], T],
 ) -> tuple[T, ...]:
-    """Return the accelerations that torques give (see above); `wrenches` of the links, without accelerations.
+    """Return the accelerations of the joints, in rad/s^2 (m/s^2), that torques in N m (N) give (see above).
 
+    `wrenches` are those that the links take in their own frames while no joint accelerates, in N and N m;
     `invert` returns the inverse of a value.
     """
     robot, algebra, none = recursion.robot, recursion.algebra, (recursion.algebra.zero,) * 3

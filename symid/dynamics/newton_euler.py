@@ -291,9 +291,10 @@ def compute_tensor_torques(
 def compute_forward_dynamics(
     recursion: Recursion[T], parameters: Parameters[T], torques: Sequence[T], invert: Callable[[T], T]
 ) -> tuple[T, ...]:
-    """Return the accelerations that the torques give to the joints, with no regard to friction.
+    """Return the accelerations that the torques give to the joints without friction (Featherstone 1983).
 
-    The operations grow with the number of joints. `invert` returns the inverse of a value.
+    A torque a joint in N m (N), an acceleration a joint in rad/s^2 (m/s^2); operations grow with the
+    number of joints. `invert` returns the inverse of a value.
     """
     algebra, still = recursion.algebra, (recursion.algebra.zero,) * recursion.robot.size
     resting = replace(recursion, state=replace(recursion.state, acceleration=still))

@@ -129,10 +129,8 @@ def compute_motions(
     motions: list[LinkMotion[T]] = []
     for joint, frame, dq in zip(robot.joints, frames, velocity, strict=True):
         parent = motions[joint.parent] if joint.parent >= 0 else root
-        carried = algebra.add_vectors(parent.linear, algebra.cross(parent.angular, frame.origin))
-        angular = rotate_to_link(algebra, frame, parent.angular)
-        linear = rotate_to_link(algebra, frame, carried)
-        own = (zero, zero, dq)
+        moved = transform_screw(algebra, frame, Screw(angular=parent.angular, linear=parent.linear))
+        angular, linear, own = moved.angular, moved.linear, (zero, zero, dq)
         angular = algebra.add_vectors(angular, own) if frame.revolute else angular
         linear = linear if frame.revolute else algebra.add_vectors(linear, own)
         gravity = rotate_to_link(algebra, frame, parent.gravity)
