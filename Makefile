@@ -1,6 +1,8 @@
 # Each target makes the environment it needs in .venv; nothing has to be installed or active before.
 #   make demo    simulate, generate, identify, validate, report, on a two-link arm
-#   make test    style, types and all tests
+#   make check   before every commit: style, types, the rules of the house, all that is quick
+#   make test    style, types, and tests of every feature
+#   make test-all         style, types, and all tests
 #   make study   elastic joints whose hidden models are not those of symid, 10 seeds; takes an hour or two
 #   make test-browser     lessons in a headless Chromium
 #   make test-tex         documents of lessons under pdflatex
@@ -31,7 +33,7 @@ EMBEDDED := gcc:gcc clang:clang cppcheck:cppcheck arm-none-eabi-gcc:gcc-arm-none
 export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo study test test-slow test-browser browser-packages test-tex tex-packages test-slurm slurm-packages test-embedded test-fuzz embedded-packages lint docs wheel wheel-twice materials locks audit benchmark clean
+.PHONY: help demo study check test test-all test-slow test-browser browser-packages test-tex tex-packages test-slurm slurm-packages test-embedded test-fuzz embedded-packages lint docs wheel wheel-twice materials locks audit benchmark clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -74,7 +76,13 @@ lint: $(VENV)/dev
 	$(BIN)/mypy
 
 # The tests come last, so that pytest's closing line is the last one.
+check: lint
+	$(PYTEST) --numprocesses $(WORKERS) --dist loadfile -m quick
+
 test: lint
+	$(PYTEST) --numprocesses $(WORKERS) --dist loadfile -m "quick or usual"
+
+test-all: lint
 	$(PYTEST) --numprocesses $(WORKERS) --dist loadfile
 
 # Every URDF of a package of seventy, with a table; small drifts in twenty plants of 500 robots, with a line.

@@ -10,7 +10,7 @@ from symid.robot.toml_reader import read_robot
 
 __all__ = ["ROBOTS", "generate_samples"]
 
-ROBOTS = ("two_link", "emps")
+ROBOTS = ("two_link",)
 FOLDER = Path(__file__).resolve().parent
 
 

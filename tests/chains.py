@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from fractions import Fraction
 
 import numpy as np
-import pinocchio as pin
+import pytest
 from hypothesis import strategies as st
 from sympy import QQ
 
@@ -18,6 +18,12 @@ from symid.joint_models import FrictionValues
 from symid.notation import INERTIAL
 from symid.robot.description import Coupling, Drive, Joint, JointKind, Mimic, Robot, Spring
 from symid.robot.geometry import Angle, Exact, Placement, build_exact_angle, place_modified_dh
+
+
+def import_pinocchio():
+    """Return the library, or skip the test that wants it."""
+    return pytest.importorskip("pinocchio", reason="wants the package pin")
+
 
 # Pinocchio orders m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz; ours is XX XY XZ YY YZ ZZ MX MY MZ M.
 FROM_PINOCCHIO = [4, 5, 7, 6, 8, 9, 1, 2, 3, 0]
@@ -62,13 +68,16 @@ def cut(robot: Robot, size: int) -> Robot:
     return dataclasses.replace(robot, joints=robot.joints[:size])
 
 
-def to_se3(placement: Placement, symbols: dict[str, float]) -> pin.SE3:
+def to_se3(placement: Placement, symbols: dict[str, float]):
     rotation = np.array([[value.to_float(symbols) for value in row] for row in placement.rotation])
-    return pin.SE3(rotation, np.array([value.to_float(symbols) for value in placement.translation]))
+    return import_pinocchio().SE3(
+        rotation, np.array([value.to_float(symbols) for value in placement.translation])
+    )
 
 
-def build_pinocchio(robot: Robot, parameters: np.ndarray | None = None) -> pin.Model:
+def build_pinocchio(robot: Robot, parameters: np.ndarray | None = None):
     """Return Pinocchio's model of `robot`; `parameters` (n, 10) in our order, zero masses if None."""
+    pin = import_pinocchio()
     model = pin.Model()
     symbols = dict(robot.symbols)
     for index, joint in enumerate(robot.joints):
@@ -290,6 +299,7 @@ def regress(robot: Robot, q, dq, ddq, *, friction: bool = True) -> dict[tuple[in
     matrix = build_transmission(robot)
     model = build_pinocchio(robot, draw_parameters(np.random.default_rng(0), robot.size))
     state = (spread(robot, np.asarray(values)) for values in (q, dq, ddq))
+    pin = import_pinocchio()
     raw = pin.computeJointTorqueRegressor(model, model.createData(), *state).reshape(robot.size, -1)
     links = fold(robot, order_regressor(raw))
     columns = {(k // 10, INERTIAL[k % 10]): links[:, k] for k in range(10 * robot.size)}

@@ -1,11 +1,13 @@
 """MuJoCo as an oracle: torques of a model that it read, in the order of a robot's joints; texts of models."""
 
-import mujoco
 import numpy as np
+import pytest
 
 from symid.robot.mjcf_reader import build_mjcf_robot
 from symid.robot.urdf_reader import DEFAULT_SNAP
 from symid.robot.urdf_xml import parse_document
+
+mujoco = pytest.importorskip("mujoco", reason="wants the package mujoco")
 
 RIGID = mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
 

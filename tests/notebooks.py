@@ -3,7 +3,9 @@
 import re
 from pathlib import Path
 
-import nbformat
+import pytest
+
+nbformat = pytest.importorskip("nbformat", reason="wants the package nbformat")
 
 _CELL = re.compile(r"^# %%(?P<text> \[markdown\])?\n(?P<body>.*?)(?=^# %%|\Z)", re.DOTALL | re.MULTILINE)
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from fractions import Fraction
 
 import numpy as np
-import pinocchio as pin
+import pytest
 
 from symid.robot.description import JointKind, Robot
 from symid.robot.geometry import (
@@ -21,6 +21,8 @@ from symid.robot.geometry import (
     translate,
 )
 from tests.chains import to_se3
+
+pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 AXES = {
     "0 0 1": (),

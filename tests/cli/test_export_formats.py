@@ -8,9 +8,7 @@ import json
 import subprocess
 from pathlib import Path
 
-import mujoco
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from symid.cli.main import run
@@ -23,6 +21,9 @@ from tests.chains import build_pinocchio, build_transmission, regress
 from tests.estimates import STD, fill_robot, store_estimate
 from tests.mujocos import find_mujoco_torques
 from tests.urdfs import find_torques
+
+mujoco = pytest.importorskip("mujoco", reason="wants the package mujoco")
+pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 pytestmark = pytest.mark.usefixtures("shared_work")
 

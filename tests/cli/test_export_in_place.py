@@ -6,7 +6,6 @@ import re
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from symid.cli.main import run
@@ -17,6 +16,8 @@ from symid.report import judge_fit
 from symid.robot.toml_reader import read_robot
 from symid.robot.urdf_reader import read_urdf
 from tests.estimates import fill_robot, store_estimate
+
+pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 pytestmark = pytest.mark.usefixtures("shared_work")
 

@@ -2,12 +2,15 @@
 
 import re
 
-import nbformat
 import pytest
-from nbclient import NotebookClient
-from nbconvert import HTMLExporter
 
 from tests.notebooks import read_notebook
+
+nbformat = pytest.importorskip("nbformat", reason="wants the package nbformat")
+nbclient = pytest.importorskip("nbclient", reason="wants the package nbclient")
+NotebookClient = nbclient.NotebookClient
+nbconvert = pytest.importorskip("nbconvert", reason="wants the package nbconvert")
+HTMLExporter = nbconvert.HTMLExporter
 
 
 @pytest.fixture(scope="module")

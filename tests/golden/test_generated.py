@@ -15,7 +15,7 @@ from symid.codegen.python_targets import generate_python_module
 from symid.codegen.source_folder import MANIFEST
 from symid.robot.toml_reader import read_robot
 
-ROBOTS = ("two_link", "emps")
+ROBOTS = ("two_link",)
 GENERATORS = {"c": generate_c_library, "python": generate_python_module}
 # What building inside the folder leaves behind is not compared.
 BUILT = (".o", ".a", ".so", ".pyc")

@@ -4,7 +4,7 @@ from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
-import pinocchio as pin
+import pytest
 from hypothesis import given, settings, strategies as st
 
 from symid.codegen.catalogue import list_robot_specs
@@ -17,6 +17,8 @@ from symid.notation import INERTIAL
 from symid.robot.description import Mimic
 from tests.chains import build_chain, build_pinocchio, draw_parameters, run_program, trees
 from tests.float_algebra import FloatAlgebra, build_float_state
+
+pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 ROTOR = 0.3
 ROWS = [(0.3, 0.1, 0.25, "q"), (1.2, 0.05, 0.1, "q"), (np.pi / 2, 0.2, 0.0, "q")]

@@ -3,7 +3,6 @@
 import dataclasses
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from hypothesis import given, settings, strategies as st
 from sympy import QQ, Matrix
@@ -32,6 +31,8 @@ from tests.chains import (
 )
 from tests.float_algebra import FloatAlgebra, build_float_state
 from tests.friction_forms import EVERY_LAW, give_shape
+
+pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 # Any angle is right for drives and friction; right angles keep the field small.
 RIGHT_ANGLES = st.sampled_from([0.0, PI / 2, -PI / 2, PI])

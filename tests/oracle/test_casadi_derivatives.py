@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import casadi as ca
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from symid.codegen.casadi_functions import build_casadi_function, build_functions
@@ -15,6 +14,8 @@ from symid.notation import INERTIAL
 from symid.robot.toml_reader import read_robot
 from tests.chains import PANDA, PUMA560, STANFORD, build_chain, build_pinocchio, draw_parameters
 from tests.friction_forms import EVERY_LAW, give_shape
+
+pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 
 def find_jacobian(function, place, inputs, output=0):

@@ -1,13 +1,14 @@
 """Momentum and Lagrangian regressors give the torque: d/dt (Yp beta) - YL beta against Pinocchio's rnea."""
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from symid.codegen.casadi_functions import build_functions
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.notation import INERTIAL
 from tests.chains import PANDA, PUMA560, STANFORD, TWO_LINK, build_pinocchio, draw_parameters, run_program
+
+pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 _STEP = 1e-5
 

@@ -1,7 +1,6 @@
 """The exact forms and the generated functions against Pinocchio."""
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 
@@ -27,6 +26,8 @@ from tests.chains import (
     trees,
 )
 from tests.float_algebra import FloatAlgebra, build_float_state
+
+pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 ROBOTS = [TWO_LINK, PUMA560, PANDA, STANFORD]
 

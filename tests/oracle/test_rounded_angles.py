@@ -4,11 +4,12 @@ import importlib.metadata
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import symid
 from tests.chains import FROM_PINOCCHIO
+
+pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 NAMES = ("shoulder", "upper", "lower", "hand")
 

@@ -9,13 +9,14 @@ import json
 import re
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from symid.cli.main import run
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.robot.toml_reader import read_robot
 from tests.chains import build_pinocchio, draw_parameters, order_regressor
+
+pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 # Base parameters of links and rotors, and of friction.
 COUNTS = {

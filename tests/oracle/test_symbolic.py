@@ -10,7 +10,6 @@ from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
-import pinocchio as pin
 import pytest
 import sympy
 from sympy.physics.mechanics import dynamicsymbols
@@ -25,6 +24,8 @@ from symid.notation import INERTIAL
 from symid.robot.description import Coupling, Drive, Mimic, Spring
 from symid.robot.toml_reader import read_robot
 from tests.chains import PANDA, TWO_LINK, build_chain, build_pinocchio, draw_parameters, run_program
+
+pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 PI = np.pi
 ROWS = [(0.0, 0, 0, "q"), (PI / 6, 0.2, 0.1, "q"), (PI / 3, 0.1, "q", 0.3), (PI / 2, 0, "L1", "q")]

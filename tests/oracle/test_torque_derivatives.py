@@ -2,7 +2,6 @@
 
 import casadi as ca
 import numpy as np
-import pinocchio as pin
 import pytest
 from sympy import QQ
 
@@ -33,6 +32,8 @@ from tests.chains import (
     draw_parameters,
 )
 from tests.float_algebra import FloatAlgebra, build_float_state
+
+pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 STATES = 1000
 # Revolute and prismatic joints, axes that are neither parallel nor at right angles, gravity along no axis.

@@ -11,7 +11,6 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from symid.dynamics.base_parameters import derive_base_parameters
@@ -26,6 +25,8 @@ from tests.urdfs import (
     list_rows,
     to_configuration,
 )
+
+pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 pytestmark = pytest.mark.slow
 

@@ -8,7 +8,7 @@ import dataclasses
 from fractions import Fraction
 
 import numpy as np
-import pinocchio as pin
+import pytest
 from hypothesis import given, settings, strategies as st
 
 from symid.codegen.casadi_functions import build_functions
@@ -39,6 +39,8 @@ from tests.chains import (
     trees,
 )
 from tests.float_algebra import FloatAlgebra, build_float_state
+
+pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 STEP = 1e-30
 TREES = trees(

@@ -5,8 +5,8 @@ What symid reads in them has the same torques; frames of bodies, however they ar
 
 import dataclasses
 
-import mujoco
 import numpy as np
+import pytest
 from hypothesis import assume, given, settings, strategies as st
 
 from symid.notation import INERTIAL
@@ -15,6 +15,8 @@ from symid.robot.xml_writers import write_mjcf
 from tests.chains import RATIONAL_ANGLES, draw_parameters, fold, regress, spread, trees
 from tests.mujocos import find_mujoco_torques, parse_mjcf
 from tests.urdfs import find_link_poses
+
+mujoco = pytest.importorskip("mujoco", reason="wants the package mujoco")
 
 
 def fill(robot, rng):

@@ -5,7 +5,6 @@ import json
 from fractions import Fraction
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 
@@ -30,6 +29,8 @@ from tests.chains import (
     trees,
 )
 from tests.sx_programs import read_sx_program
+
+pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 RANGES = {"q": 3.0, "dq": 2.0, "ddq": 5.0, "dqr": 2.0, "ddqr": 5.0, "tau": 20.0}
 SEVERAL = tuple(name for name, routes in ROUTES.items() if len(routes) > 1)

@@ -3,7 +3,7 @@
 import dataclasses
 
 import numpy as np
-import pinocchio as pin
+import pytest
 from hypothesis import given, settings, strategies as st
 
 from symid.errors import RobotError
@@ -13,6 +13,8 @@ from symid.robot.xml_writers import write_urdf
 from tests.chains import build_pinocchio, draw_parameters, set_inertia, trees
 from tests.unit.robot.test_urdf import ARM
 from tests.urdfs import draw_urdf, find_factors, find_largest_gap, find_positions, find_torques
+
+pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 PIECES = (
     "base",

@@ -4,7 +4,6 @@ import json
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import symid
@@ -14,6 +13,8 @@ from symid.robot.geometry import Exact, compose_placements, translate
 from symid.robot.toml_writer import write_robot
 from tests.chains import build_pinocchio
 from tests.unit.identification.pinocchio_arm import ARM, BODIES, FRICTION, draw_motion
+
+pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 ROTORS = (0.3, 0.5, 0.2)
 LAW = ("fV", "fC", "offset")

@@ -1,6 +1,5 @@
 """Exports of robots and of fits in memory, read back by symid and by Pinocchio."""
 
-import pinocchio as pin
 import pytest
 
 import symid
@@ -9,6 +8,8 @@ from symid.dynamics.base_parameters import compute_parameter_values, derive_base
 from symid.errors import UsageError
 from symid.identification.stored import write_fit
 from tests.estimates import build_estimate, fill_robot
+
+pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 
 def list_values(robot):

@@ -4,7 +4,6 @@ import dataclasses
 from fractions import Fraction
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from hypothesis import given, settings, strategies as st
 from scipy.optimize import minimize
@@ -36,6 +35,8 @@ from tests.chains import (
     draw_parameters,
     trees,
 )
+
+pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 ROBOTS = [TWO_LINK, PUMA560, PANDA, STANFORD]
 RIGHT_ANGLES = st.sampled_from([0.0, np.pi / 2, -np.pi / 2, np.pi])

@@ -3,10 +3,12 @@
 from collections.abc import Callable
 
 import numpy as np
-import pinocchio as pin
+import pytest
 
 from symid.logs.recording import Recording
 from tests.chains import build_chain, build_pinocchio
+
+pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 ROWS = [(0.0, 0.0, 0.0, "q"), (-np.pi / 2, 0.0, 0.0, "q"), (0.0, 0.43, 0.15, "q")]
 """Modified DH: an upright axis, a shoulder, an elbow."""

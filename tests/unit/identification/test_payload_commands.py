@@ -4,7 +4,6 @@ import json
 import re
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from symid.dynamics.payload import PAYLOAD_QUANTITIES, Payload, PayloadQuantity
@@ -13,6 +12,8 @@ from symid.identification.payload import build_payload_command
 from symid.robot.inertia import compute_standard_parameters
 from symid.robot.toml_reader import read_robot
 from symid.robot.urdf_reader import parse_urdf
+
+pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 MASS, CENTRE, INERTIA = 1.5, (0.03, -0.02, 0.09), (0.004, 0.0003, -0.0002, 0.005, 0.0001, 0.003)
 WRIST = """<robot name="wrist">

@@ -2,7 +2,6 @@
 
 import json
 
-import nbformat
 import pytest
 
 import symid
@@ -10,6 +9,8 @@ from symid.cli.main import run
 from symid.lessons import get_book, notebook
 from symid.lessons.notebook import write_lesson_notebook
 from symid.robot import load_robot
+
+nbformat = pytest.importorskip("nbformat", reason="wants the package nbformat")
 
 
 def write(name, folder, **letters):

@@ -4,12 +4,14 @@ import dataclasses
 from fractions import Fraction
 
 import numpy as np
-import pinocchio as pin
+import pytest
 
 from symid.robot.description import Mimic, Robot, SymbolicInertia
 from symid.robot.geometry import ONE, ZERO, Exact, compose_placements, translate
 from symid.robot.inertia import lump_fixed_joints
 from tests.chains import build_joint, build_pinocchio, draw_parameters
+
+pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 ROWS = [(0.3, 0.1, 0.2, "q"), (np.pi / 2, 0.3, -0.1, "q"), (0.5, 0, 0.25, "q"), (-1.0, 0.2, 0.1, "q")]
 

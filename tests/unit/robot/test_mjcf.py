@@ -8,7 +8,6 @@ import dataclasses
 import importlib.util
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -19,6 +18,8 @@ from symid.robot.mjcf_reader import read_xml_robot
 from symid.robot.xml_writers import write_mjcf
 from tests.chains import build_transmission, fold, spread
 from tests.mujocos import find_mujoco_torques, parse_mjcf
+
+mujoco = pytest.importorskip("mujoco", reason="wants the package mujoco")
 
 OWN = Path(__file__).parents[2] / "data" / "robots" / "gripper_arm.xml"
 FOREIGN = ("reacher", "pusher_v5", "inverted_pendulum", "inverted_double_pendulum", "point")

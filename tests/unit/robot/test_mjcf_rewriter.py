@@ -5,7 +5,6 @@ import re
 from fractions import Fraction
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -17,6 +16,8 @@ from symid.robot.mjcf_rewriter import list_rewritten_mjcf_omissions, rewrite_mjc
 from symid.robot.xml_writers import write_mjcf
 from tests.chains import draw_parameters
 from tests.mujocos import find_mujoco_torques, parse_mjcf
+
+mujoco = pytest.importorskip("mujoco", reason="wants the package mujoco")
 
 FILE = """<?xml version="1.0"?>
 <!-- our arm -->

@@ -4,9 +4,7 @@ import dataclasses
 import xml.etree.ElementTree as ET
 from fractions import Fraction
 
-import mujoco
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from symid.joint_models import FrictionValues
@@ -29,6 +27,9 @@ from tests.chains import (
     spread,
 )
 from tests.mujocos import find_mujoco_torques
+
+mujoco = pytest.importorskip("mujoco", reason="wants the package mujoco")
+pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 SHIPPED = ["panda", "kr30", "stanford", "tx40", "two_arms", "quadruped", "wam7", "rrp_twisted", "scara"]
 CLOSE = 1e-11

@@ -4,7 +4,6 @@ import dataclasses
 import re
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from symid.codegen.casadi_functions import build_functions
@@ -26,6 +25,8 @@ from symid.robot.xml_writers import write_urdf
 from tests.chains import build_chain, build_joint, build_pinocchio, draw_parameters
 from tests.sx_programs import read_sx_program
 from tests.urdfs import AXES, is_orthogonal, shift_z, write_odd_urdf
+
+pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 # Modified rows in degrees and m, as in the robot files; d of a last link is 0, where its frame is free.
 ROWS = {

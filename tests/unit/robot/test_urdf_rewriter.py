@@ -4,7 +4,6 @@ import dataclasses
 import re
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from symid.errors import RobotError
@@ -16,6 +15,8 @@ from symid.robot.urdf_reader import parse_urdf
 from symid.robot.urdf_rewriter import rewrite_urdf
 from tests.chains import PANDA, build_pinocchio, draw_parameters
 from tests.urdfs import draw_urdf, find_torques, write_odd_urdf
+
+pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 FILE = """<?xml version="1.0"?>
 <!-- our arm -->

@@ -5,7 +5,6 @@ import xml.etree.ElementTree as ET
 from fractions import Fraction
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from symid.dynamics.recursion import build_recursion
@@ -22,6 +21,8 @@ from symid.robot.xml_writers import write_urdf
 from tests.chains import PANDA, PUMA560, STANFORD, build_joint, build_pinocchio, draw_parameters, set_inertia
 from tests.float_algebra import FloatAlgebra, build_float_state
 from tests.urdfs import find_torques
+
+pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 SHIPPED = [
     "panda",

@@ -4,9 +4,7 @@ import dataclasses
 from fractions import Fraction
 
 import numpy as np
-import pinocchio as pin
 import pytest
-from pxr import Usd, UsdGeom, UsdPhysics
 
 from symid.joint_models import FrictionValues
 from symid.joint_models.hysteresis import Elasticity
@@ -16,6 +14,11 @@ from symid.robot.inertia import compute_standard_parameters
 from symid.robot.toml_reader import read_robot
 from symid.robot.usd_writer import list_usd_omissions, write_usd
 from tests.chains import build_chain, build_joint, build_pinocchio, draw_parameters, set_inertia
+
+pin = pytest.importorskip("pinocchio", reason="wants the package pin")
+Usd = pytest.importorskip("pxr.Usd", reason="wants the package usd-core")
+UsdGeom = pytest.importorskip("pxr.UsdGeom", reason="wants the package usd-core")
+UsdPhysics = pytest.importorskip("pxr.UsdPhysics", reason="wants the package usd-core")
 
 SHIPPED = ["panda", "kr30", "stanford", "two_arms", "quadruped", "rrp_twisted"]
 # USD keeps single precision.

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from scipy.integrate import solve_ivp
 
@@ -16,6 +15,8 @@ from symid.robot.urdf_reader import read_urdf
 from symid.simulation import rigid_plant
 from symid.simulation.experiment import ExperimentOptions, SensorOptions, get_limits, simulate_experiment
 from symid.simulation.rigid_plant import RigidPlant, simulate_rigid_plant
+
+pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 CALLED = ("friction", "friction_regressor", "forward_dynamics", "mass_matrix", "bias", "energy")
 LINK = """
