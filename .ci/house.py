@@ -184,6 +184,7 @@ def measure(tree: Path) -> dict[str, object]:
         "keywords of the ten widest calls": ", ".join(str(count) for count, _ in widest),
         "lines of tests": sum(text.count("\n") for text, _ in tests.values()),
         "kB of DESIGN.md": round((tree / "DESIGN.md").stat().st_size / 1000),
+        "kB of README.md": round((tree / "README.md").stat().st_size / 1000),
         "kB of CHANGELOG.md": round((tree / "CHANGELOG.md").stat().st_size / 1000),
         "kB of generated/": round(
             sum(path.stat().st_size for path in (tree / "generated").rglob("*") if path.is_file()) / 1000

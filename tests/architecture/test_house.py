@@ -1,0 +1,59 @@
+"""The size of the house stays below limits, no files import each other in a circle, papers name what exists."""
+
+import importlib.util
+import re
+
+import pytest
+
+from tests.architecture.source import PACKAGE, PROJECT
+
+MOST = {
+    "files of symid/": 240,
+    "lines": 90_000,
+    "imports inside functions": 200,
+    "strings read as a language": 0,
+    "lines of tests": 71_500,
+    "kB of DESIGN.md": 10,
+    "kB of README.md": 5,
+}
+"""A change lowers them, or says why not."""
+
+
+@pytest.fixture(scope="module")
+def house():
+    spec = importlib.util.spec_from_file_location("house", PROJECT / ".ci" / "house.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def figures(house):
+    return house.measure(PROJECT)
+
+
+@pytest.mark.parametrize("name", MOST)
+def test_the_house_does_not_grow(name, figures):
+    assert figures[name] <= MOST[name]
+
+
+def test_no_files_import_each_other_in_a_circle(house):
+    assert house.find_circles(house.read_modules(PROJECT)) == []
+
+
+@pytest.mark.parametrize("page", ["DESIGN.md", "CONTRIBUTING.md"])
+def test_papers_name_files_that_exist(page):
+    rooms = "|".join(sorted(path.name for path in PACKAGE.iterdir() if path.is_dir()))
+    text = (PROJECT / page).read_text(encoding="utf-8")
+    named = set(
+        re.findall(
+            rf"`(?:symid/)?((?:{rooms}|rigid|regression|estimators|diagnostics)/[a-z_/]+)(?:\.py)?[`.]", text
+        )
+    )
+    inner = PACKAGE / "identification"
+    missing = [
+        name
+        for name in sorted(named)
+        if not any(path.exists() for root in (PACKAGE, inner) for path in (root / name, root / f"{name}.py"))
+    ]
+    assert not missing
