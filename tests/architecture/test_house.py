@@ -1,4 +1,4 @@
-"""The size of the house stays below limits, no files import each other in a circle, papers name what exists."""
+"""The house stays below its limits, no files import each other in a circle, papers name what exists."""
 
 import importlib.util
 import re
