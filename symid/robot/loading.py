@@ -26,12 +26,7 @@ from symid.errors import Notice, RobotError, UsageError
 from symid.joint_models import NO_FRICTION, FrictionValues, get_law, list_value_names, name_values
 from symid.notation import get_unit_factor
 from symid.robot.description import Drive, Joint, Robot
-from symid.robot.toml_settings import (
-    SETTING_TABLES,
-    describe_settings,
-    list_controller,
-    read_settings,
-)
+from symid.robot.toml_settings import SETTING_TABLES, describe_settings, list_controller, read_settings
 from symid.robot.toml_values import LARGEST_FILE, KeyPath, Place, Places, Section, suggest_names
 
 _SUFFIX = ".toml"

@@ -39,8 +39,10 @@ from symid.robot.geometry import (
 from symid.robot.inertia import explain_impossible_inertia, move_parameters
 from symid.robot.toml_values import show, suggest_names
 from symid.robot.urdf_parts import (
+    NULL,
     TreeJoint,
     TreeReading,
+    Triple,
     XmlPart,
     build_axis,
     build_body,
@@ -59,9 +61,7 @@ ACTUATORS = (
 """The kinds of actuators; they share their defaults."""
 
 _TORQUE = "actuatorfrcrange"
-_NULL = (Decimal(0), Decimal(0), Decimal(0))
 _UPRIGHT = (Decimal(0), Decimal(0), Decimal(1))
-_Triple = tuple[Decimal, Decimal, Decimal]
 _Body = tuple[float, ...] | None
 _COUNTS = {"quat": 4, "axisangle": 4, "euler": 3, "xyaxes": 6, "zaxis": 3}
 _SEQUENCE = "xyz"
@@ -132,6 +132,10 @@ class MjcfPart:
         """Return an attribute's text."""
         return self.at(attribute).element.attributes.get(attribute, default).strip()
 
+    def refuse(self, code: str, text: str, attribute: str) -> None:
+        """Add an error at an attribute."""
+        self.at(attribute).refuse(code, text, attribute)
+
     def read_number(self, attribute: str, default: float | None = None) -> float | None:
         """Return an attribute's number."""
         value = self.at(attribute).read_decimal(attribute)
@@ -141,8 +145,7 @@ class MjcfPart:
         """Return a number that is not negative, zero where there is none."""
         value = self.read_number(attribute) or 0.0
         if value < 0:
-            text = f"{attribute}: must be at least 0, got {value:g}"
-            self.at(attribute).refuse("robot.out-of-range", text, attribute)
+            self.refuse("robot.out-of-range", f"{attribute}: must be at least 0, got {value:g}", attribute)
             return 0.0
         return value
 
@@ -151,7 +154,7 @@ class MjcfPart:
         match self.at(attribute).read_numbers(attribute, 1, 3):
             case (_, *curved) if any(curved):
                 text = f"{attribute}: a polynomial is not supported; write one number"
-                self.at(attribute).refuse("robot.mjcf-unsupported", text, attribute)
+                self.refuse("robot.mjcf-unsupported", text, attribute)
             case (value, *_):
                 return float(value)
         return 0.0
@@ -162,7 +165,7 @@ class MjcfPart:
         if value not in allowed:
             hint = suggest_names(value, allowed, before="; ")
             text = f'{attribute}: expected one of {", ".join(allowed)}, got "{show(value)}"{hint}'
-            self.at(attribute).refuse("robot.unknown-name", text, attribute)
+            self.refuse("robot.unknown-name", text, attribute)
             return default
         return value
 
@@ -178,7 +181,7 @@ class MjcfPart:
                 return float(low), float(high)
             case (low, high) if low > high:
                 text = f"{attribute}: the first number, {low}, must not exceed the second, {high}"
-                self.at(attribute).refuse("robot.bad-limits", text, attribute)
+                self.refuse("robot.bad-limits", text, attribute)
         return None
 
 
@@ -254,14 +257,29 @@ def read_rotation(own: MjcfPart) -> Placement:
             if not any(numbers):
                 part.refuse("robot.zero-axis", "quat: must not be zero; no turn is 1 0 0 0", name)
                 return IDENTITY
-            return _turn_by_quaternion(part, w, vector)
+            axes = [k for k, value in enumerate(vector) if value]
+            if len(axes) <= 1:
+                k = axes[0] if axes else 0
+                return _TURNS[_SEQUENCE[k]](_build_angle(part, 2 * math.atan2(vector[k], w), name))
+            rotation = compute_rotation([Exact.surd(Fraction(value)) for value in numbers])
+            return _settle(part, replace(IDENTITY, rotation=rotation), name)
         case "axisangle", (x, y, z, angle):
             frame = build_axis(part, (x, y, z), name, name)
             return _turn_about(part, frame, settings.to_radians(angle), name)
         case "zaxis", (x, y, z):
             return _turn_to(part, (x, y, z), name)
         case "xyaxes", _:
-            return _turn_to_axes(part, numbers)
+            # x goes there, and y into the half plane of the second three numbers.
+            a, b, c, d, e, f = map(Fraction, numbers)
+            normal = (b * f - c * e, c * d - a * f, a * e - b * d)
+            if not any(normal):
+                text = "xyaxes: the two axes must have different directions"
+                part.refuse("robot.zero-axis", text, name)
+                return IDENTITY
+            frame = build_axis(part, normal, name, name)
+            across, along, _ = np.array(to_floats(frame)).T @ np.array([float(a), float(b), float(c)])
+            turn = rotate_z(_build_angle(part, math.atan2(along, across), name))
+            return _settle(part, compose_placements(frame, turn), name)
     turn = IDENTITY
     for letter, value in zip(settings.sequence, numbers, strict=True):
         step = _TURNS[letter.lower()](_build_angle(part, settings.to_radians(value), name))
@@ -272,14 +290,14 @@ def read_rotation(own: MjcfPart) -> Placement:
 
 def _build_angle(part: XmlPart, radians: float, attribute: str) -> Angle:
     angle = build_exact_angle(radians, snap=part.reading.snap)
-    if angle.snapped_by:
-        _tell_snap(part, angle.snapped_by, attribute)
+    _tell_snap(part, angle.snapped_by, attribute)
     return angle
 
 
 def _tell_snap(part: XmlPart, moved: float, attribute: str) -> None:
-    text = f"{attribute} was moved to the nearest multiple of pi/2, of bodies (by rad) {{}}"
-    part.group("robot.angle-snapped", text, f"{abs(moved):.1e}", attribute)
+    if moved:
+        text = f"{attribute} was moved to the nearest multiple of pi/2, of bodies (by rad) {{}}"
+        part.group("robot.angle-snapped", text, f"{abs(moved):.1e}", attribute)
 
 
 def _turn_about(part: XmlPart, frame: Placement, radians: float, attribute: str) -> Placement:
@@ -288,7 +306,7 @@ def _turn_about(part: XmlPart, frame: Placement, radians: float, attribute: str)
     return compose_placements(frame, turn, invert_placement(frame))
 
 
-def _turn_to(part: XmlPart, axis: _Triple, attribute: str) -> Placement:
+def _turn_to(part: XmlPart, axis: Triple, attribute: str) -> Placement:
     """Return the least turn that takes z to an axis; about x where any would do."""
     x, y, z = axis
     if not any(axis):
@@ -299,16 +317,6 @@ def _turn_to(part: XmlPart, axis: _Triple, attribute: str) -> Placement:
     return _turn_about(part, frame, math.atan2(math.hypot(x, y), z), attribute)
 
 
-def _turn_by_quaternion(part: XmlPart, w: Decimal, vector: Sequence[Decimal]) -> Placement:
-    places = [k for k, value in enumerate(vector) if value]
-    if len(places) <= 1:
-        k = places[0] if places else 0
-        angle = _build_angle(part, 2 * math.atan2(vector[k], w), "quat")
-        return (rotate_x, rotate_y, rotate_z)[k](angle)
-    rotation = compute_rotation([Exact.surd(Fraction(value)) for value in (w, *vector)])
-    return _settle(part, Placement(rotation=rotation, translation=IDENTITY.translation), "quat")
-
-
 def _settle(part: XmlPart, turn: Placement, attribute: str) -> Placement:
     """Return a turn by right angles where it is near one."""
     snap = part.reading.snap
@@ -316,22 +324,8 @@ def _settle(part: XmlPart, turn: Placement, attribute: str) -> Placement:
     if settled is None:
         return turn
     moved = float(np.abs(np.array(to_floats(settled)) - to_floats(turn)).max())
-    if moved > _ROUNDED:
-        _tell_snap(part, moved, attribute)
+    _tell_snap(part, moved if moved > _ROUNDED else 0.0, attribute)
     return settled
-
-
-def _turn_to_axes(part: XmlPart, numbers: Sequence[Decimal]) -> Placement:
-    """Return the turn that takes x there, and y into the half plane of the second three numbers."""
-    a, b, c, d, e, f = map(Fraction, numbers)
-    z = (b * f - c * e, c * d - a * f, a * e - b * d)
-    if not any(z):
-        part.refuse("robot.zero-axis", "xyaxes: the two axes must have different directions", "xyaxes")
-        return IDENTITY
-    frame = build_axis(part, z, "xyaxes", "xyaxes")
-    x, y, _ = np.array(to_floats(frame)).T @ np.array([float(a), float(b), float(c)])
-    turn = rotate_z(_build_angle(part, math.atan2(y, x), "xyaxes"))
-    return _settle(part, compose_placements(frame, turn), "xyaxes")
 
 
 def read_placement(own: MjcfPart) -> Placement:
@@ -340,9 +334,8 @@ def read_placement(own: MjcfPart) -> Placement:
 
 
 def _read_position(own: MjcfPart) -> ExactVector:
-    part = own.at("pos")
-    text = "lengths below 1e-9 m in pos were taken as zero, of {}"
-    return build_lengths(part, part.read_vector("pos") or _NULL, "pos", text)
+    part, text = own.at("pos"), "lengths below 1e-9 m in pos were taken as zero, of {}"
+    return build_lengths(part, part.read_vector("pos") or NULL, "pos", text)
 
 
 _HINGE, _SLIDE = "hinge", "slide"
@@ -366,43 +359,35 @@ def read_joint(
     if damping < 0:
         text = f"damping: {damping:g} drives the joint instead of braking it"
         own.at("damping").warn("robot.negative-friction", text, "damping")
+    turn = compose_placements(frame, translate(*_read_position(own)), axis)
+    friction = build_friction(damping, own.read_positive("frictionloss"))
+    # What the actuators may have together.
+    torque = None
+    if own.is_limited("actuatorfrclimited", _TORQUE) and (bounds := own.read_range(_TORQUE)):
+        low, high = bounds
+        if low != -high:
+            text = f"{_TORQUE} differs by direction, the smaller torque is the limit, of joints {{}}"
+            own.at(_TORQUE).group("robot.uneven-limits", text, attribute=_TORQUE)
+        torque = min(-low, high) if low < 0 < high else None
+    if any(own.at("springdamper").read_numbers("springdamper", 2)):
+        text = "springdamper: is not supported; write the stiffness and damping that it gives"
+        own.refuse("robot.mjcf-unsupported", text, "springdamper")
+    spring = None
+    if stiffness := own.read_linear("stiffness"):
+        if own.read_positive("springyield"):
+            text = "springyield: a spring that yields is not supported; leave it out"
+            own.refuse("robot.mjcf-unsupported", text, "springyield")
+        spring = Spring(stiffness=stiffness, rest=(own.read_number("springref") or 0.0) * unit)
     return replace(
         joint,
         type={_HINGE: "revolute" if position else "continuous", _SLIDE: "prismatic"}[kind],
-        turn=compose_placements(frame, translate(*_read_position(own)), axis),
-        friction=build_friction(damping, own.read_positive("frictionloss")),
-        limits=Limits(
-            position=(position[0] * unit, position[1] * unit) if position else None, torque=_read_torque(own)
-        ),
+        turn=turn,
+        friction=friction,
+        limits=Limits(position=(position[0] * unit, position[1] * unit) if position else None, torque=torque),
         drive=Drive(has_rotor=armature > 0, rotor_inertia=armature or None),
         zero=Exact.surd(Fraction(zero)) if unit == 1.0 else Exact.of(float(zero) * unit),
-        spring=_read_spring(own, unit),
+        spring=spring,
     )
-
-
-def _read_torque(own: MjcfPart) -> float | None:
-    """Return the torque that the actuators may have together; the smaller one where directions differ."""
-    bounds = own.read_range("actuatorfrcrange") if own.is_limited("actuatorfrclimited", _TORQUE) else None
-    if bounds is None:
-        return None
-    low, high = bounds
-    if low != -high:
-        text = "actuatorfrcrange differs by direction, the smaller torque is the limit, of joints {}"
-        own.at(_TORQUE).group("robot.uneven-limits", text, attribute=_TORQUE)
-    return min(-low, high) if low < 0 < high else None
-
-
-def _read_spring(own: MjcfPart, unit: float) -> Spring | None:
-    if any(own.at("springdamper").read_numbers("springdamper", 2)):
-        text = "springdamper: is not supported; write the stiffness and damping that it gives"
-        own.at("springdamper").refuse("robot.mjcf-unsupported", text, "springdamper")
-    stiffness = own.read_linear("stiffness")
-    if not stiffness:
-        return None
-    if own.read_positive("springyield"):
-        text = "springyield: a spring that yields is not supported; leave it out"
-        own.at("springyield").refuse("robot.mjcf-unsupported", text, "springyield")
-    return Spring(stiffness=stiffness, rest=(own.read_number("springref") or 0.0) * unit)
 
 
 # xx xy xz yy yz zz, from the order of the format: xx yy zz xy xz yz.
@@ -418,38 +403,30 @@ def read_body(body: MjcfPart, geoms: Sequence[tuple[MjcfPart, Placement]], *, mo
     inference, groups = body.model.settings.inference, body.model.settings.groups
     found: _Body = None
     if moves and (inference == "true" or (inference == "auto" and inertial is None)):
-        inside = [
-            (geom, frame)
-            for geom, frame in geoms
-            if groups[0] <= (geom.read_number("group") or 0) <= groups[1]
-        ]
+        inside = [pair for pair in geoms if groups[0] <= (pair[0].read_number("group") or 0) <= groups[1]]
         entries = [entry for entry in (_compute_geom(geom, frame) for geom, frame in inside) if entry]
         found = tuple(float(value) for value in np.sum(entries, axis=0)) if entries else None
         if inside and inference == "true":
             return found
     if inertial is not None:
-        found = _read_inertial(replace(body, part=inertial, defaults={}))
+        own = replace(body, part=inertial, defaults={})
+        missing = [name for name in ("pos", "mass") if name not in inertial.element.attributes]
+        if missing:
+            inertial.refuse("robot.missing-key", f"<inertial> needs {' and '.join(missing)}")
+        full, principal = inertial.read_numbers("fullinertia", 6), inertial.read_numbers("diaginertia", 3)
+        if full and (principal or any(own.has(name) for name in ORIENTATIONS)):
+            text = "fullinertia stands in the axes of the body; leave out diaginertia and orientations"
+            inertial.refuse("robot.two-forms", text, "fullinertia")
+        com = [float(value) for value in inertial.read_vector("pos") or NULL]
+        rotation = np.array(to_floats(read_rotation(own)))
+        central = [float(full[k]) for k in _ORDER] if full else [0.0] * 6
+        if principal:
+            central[0], central[3], central[5] = map(float, principal)
+        found = build_body(inertial, own.read_positive("mass"), com, central, rotation)
     if found and body.model.settings.balance and explain_impossible_inertia(found):
         text = "balanceinertia changes the inertia of this body; write the values that it gives into the body"
         body.part.refuse("robot.mjcf-unsupported", text)
     return found
-
-
-def _read_inertial(own: MjcfPart) -> _Body:
-    part = own.part
-    missing = [name for name in ("pos", "mass") if name not in part.element.attributes]
-    if missing:
-        part.refuse("robot.missing-key", f"<inertial> needs {' and '.join(missing)}")
-    full, principal = part.read_numbers("fullinertia", 6), part.read_numbers("diaginertia", 3)
-    if full and (principal or any(own.has(name) for name in ORIENTATIONS)):
-        text = "fullinertia stands in the axes of the body; leave out diaginertia and orientations"
-        part.refuse("robot.two-forms", text, "fullinertia")
-    com = [float(value) for value in part.read_vector("pos") or _NULL]
-    rotation = np.array(to_floats(read_rotation(own)))
-    central = [float(full[k]) for k in _ORDER] if full else [0.0] * 6
-    if principal:
-        central[0], central[3], central[5] = map(float, principal)
-    return build_body(part, own.read_positive("mass"), com, central, rotation)
 
 
 _SOLIDS = ("sphere", "capsule", "cylinder", "ellipsoid", "box")

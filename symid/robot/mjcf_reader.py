@@ -22,7 +22,7 @@ from pathlib import Path
 
 from symid.errors import RobotError
 from symid.robot.description import MimicStep, Robot
-from symid.robot.geometry import IDENTITY, ZERO, Exact, ExactVector, Placement, compose_placements
+from symid.robot.geometry import IDENTITY, ZERO, Exact, Placement, compose_placements
 from symid.robot.mjcf_parts import (
     ORIENTATIONS,
     MjcfPart,
@@ -86,7 +86,7 @@ def read_xml_robot(
     """
     document = parse_document(read_text_file(path), str(path))
     if document.root.tag in _ROOTS:
-        return build_mjcf_robot(document, base, tip, snap)
+        return assemble_model(read_model(document, snap), base, tip)
     return read_urdf(path, base=base, tip=tip, snap=snap)
 
 
@@ -98,17 +98,8 @@ def parse_xml_robot(text: str, file: str, *, base: str | None, tip: str | None, 
     """
     document = parse_document(text, file)
     if document.root.tag in _ROOTS:
-        return build_mjcf_robot(document, base, tip, snap)
+        return assemble_model(read_model(document, snap), base, tip)
     return parse_urdf(text, file, base=base, tip=tip, snap=snap)
-
-
-def build_mjcf_robot(document: XmlDocument, base: str | None, tip: str | None, snap: float) -> Robot:
-    """Return the robot of an MJCF model. See `read_xml_robot`.
-
-    Raises:
-        RobotError: with a notice for each mistake in the text.
-    """
-    return assemble_model(read_model(document, snap), base, tip)
 
 
 def assemble_model(model: Model, base: str | None, tip: str | None) -> Robot:
@@ -117,9 +108,27 @@ def assemble_model(model: Model, base: str | None, tip: str | None) -> Robot:
     Raises:
         RobotError: with a notice for each mistake in the text.
     """
+    reading, gravity, weightless = model.reading, (ZERO, ZERO, Exact.of("-9.81")), False
+    # A later <option> replaces an earlier one.
+    for element in reading.document.root.find_all("option"):
+        part = XmlPart(reading=reading, owner="option", element=element)
+        if vector := part.read_vector("gravity"):
+            x, y, z = (Exact.surd(Fraction(value)) for value in vector)
+            gravity = (x, y, z)
+        for name in ("density", "viscosity"):
+            if part.read_decimal(name):
+                _lose(reading, f"option {name}", element, name)
+        for flag in element.find_all("flag"):
+            off = [name for name, value in flag.attributes.items() if value == "disable"]
+            weightless = weightless or "gravity" in off
+            for name in off:
+                if name in ("passive", "spring", "damper", "frictionloss", "equality", "constraint"):
+                    text = "flags disable forces, which the model has where joints state them: {}"
+                    reading.group("robot.mjcf-flag", text, name, flag, name)
     # A joint whose name is taken was left out, and its bodies are not connected.
-    complete = not any(error.code == "robot.duplicate-joint" for error in model.reading.errors)
-    return assemble_robot(model.reading, base, tip, complete=complete, gravity=_read_option(model))
+    complete = not any(error.code == "robot.duplicate-joint" for error in reading.errors)
+    gravity = (ZERO, ZERO, ZERO) if weightless else gravity
+    return assemble_robot(reading, base, tip, complete=complete, gravity=gravity)
 
 
 def read_model(document: XmlDocument, snap: float = DEFAULT_SNAP) -> Model:
@@ -189,33 +198,6 @@ def _lose(reading: TreeReading, kind: str, element: XmlElement, attribute: str =
     reading.group("robot.mjcf-forces", _LOST, kind, element, attribute)
 
 
-def _refuse(model: Model, element: XmlElement, owner: str, text: str, attribute: str = "") -> None:
-    part = XmlPart(reading=model.reading, owner=owner, element=element)
-    part.refuse("robot.mjcf-unsupported", text, attribute)
-
-
-def _read_option(model: Model) -> ExactVector:
-    """Return gravity in m/s^2; a later <option> replaces an earlier one."""
-    reading, gravity = model.reading, (ZERO, ZERO, Exact.of("-9.81"))
-    weightless = False
-    for element in reading.document.root.find_all("option"):
-        part = XmlPart(reading=reading, owner="option", element=element)
-        if vector := part.read_vector("gravity"):
-            x, y, z = (Exact.surd(Fraction(value)) for value in vector)
-            gravity = (x, y, z)
-        for name in ("density", "viscosity"):
-            if part.read_decimal(name):
-                _lose(reading, f"option {name}", element, name)
-        for flag in element.find_all("flag"):
-            off = [name for name, value in flag.attributes.items() if value == "disable"]
-            weightless = weightless or "gravity" in off
-            for name in off:
-                if name in ("passive", "spring", "damper", "frictionloss", "equality", "constraint"):
-                    text = "flags disable forces, which the model has where joints state them: {}"
-                    reading.group("robot.mjcf-flag", text, name, flag, name)
-    return (ZERO, ZERO, ZERO) if weightless else gravity
-
-
 def _list_contents(
     element: XmlElement, childclass: str, frame: Placement, model: Model
 ) -> Iterator[tuple[XmlElement, str, Placement]]:
@@ -252,10 +234,7 @@ def _read_bodies(model: Model) -> None:
         name = element.attributes.get("name") or f"body{number}"
         part = XmlPart(reading=reading, owner=f"body '{name}'", element=element)
         if name in reading.links:
-            text = (
-                f"the name is taken by the body of line {reading.links[name].part.line}; each needs its own"
-            )
-            part.refuse("robot.duplicate-link", text, "name")
+            part.refuse_taken("body", "link", reading.links[name].part)
             name = f"{name} of line {part.line}"
         if part.read_decimal("gravcomp"):
             _lose(reading, "gravcomp", element, "gravcomp")
@@ -267,14 +246,11 @@ def _read_bodies(model: Model) -> None:
         joints = [entry for entry in contents if entry[0].tag in ("joint", "freejoint")]
         _chain_joints(own, name, parent, origin, joints)
         moves = moves or bool(joints)
-        geoms = [
-            (
-                model.enter(geom, f"{part.owner}: geom '{geom.attributes.get('name', '')}'", "geom", around),
-                place,
-            )
-            for geom, around, place in contents
-            if geom.tag == "geom"
-        ]
+        geoms = []
+        for geom, around, place in contents:
+            if geom.tag == "geom":
+                owner = f"{part.owner}: geom '{geom.attributes.get('name', '')}'"
+                geoms.append((model.enter(geom, owner, "geom", around), place))
         reading.links[name] = TreeLink(name=name, part=part, inertial=read_body(own, geoms, moves=moves))
         waiting += [(entry, name, moves) for entry in reversed(contents) if entry[0].tag == "body"]
 
@@ -283,7 +259,8 @@ def _check_contents(model: Model, contents: Sequence[tuple[XmlElement, str, Plac
     for element, _, _ in contents:
         if element.tag in _REFUSED:
             text = f"<{element.tag}> is not supported; save the model from MuJoCo, which writes what it makes"
-            _refuse(model, element, owner, text)
+            part = XmlPart(reading=model.reading, owner=owner, element=element)
+            part.refuse("robot.mjcf-unsupported", text)
         elif element.tag not in _READ or element.tag == "geom":
             _skip(model.reading, element)
 
@@ -303,8 +280,7 @@ def _chain_joints(
         if element.tag == "joint":
             _skip_attributes(reading, element)
         if joint in reading.joints:
-            text = f"the name is taken by the joint of line {reading.joints[joint].part.line}; "
-            own.part.refuse("robot.duplicate-joint", f"{text}each needs its own", "name")
+            own.part.refuse_taken("joint", "joint", reading.joints[joint].part)
             continue
         last = count == len(joints)
         child = name if last else f"{name}:{joint}"
@@ -405,7 +381,7 @@ def _read_actuators(model: Model) -> None:
         for attribute in ("armature", "damping"):
             if own.read_linear(attribute):
                 text = f"{attribute} of an actuator is not supported; write it at its joint, times gear^2"
-                own.at(attribute).refuse("robot.mjcf-unsupported", text, attribute)
+                own.refuse("robot.mjcf-unsupported", text, attribute)
         if key not in element.attributes:
             _skip(reading, element, "actuator that is not at a joint")
             continue
@@ -415,7 +391,7 @@ def _read_actuators(model: Model) -> None:
         if joint is None or not reading.joints[joint].moves:
             continue
         if not gear:
-            own.at("gear").refuse("robot.out-of-range", "gear: must not be 0", "gear")
+            own.refuse("robot.out-of-range", "gear: must not be 0", "gear")
             continue
         found.setdefault(joint, []).append((own, gear))
     for joint, entries in found.items():
@@ -427,15 +403,13 @@ def _read_actuators(model: Model) -> None:
         entry = reading.joints[joint]
         limits = entry.limits
         if limits.torque is None and len(entries) == 1:
-            limits = replace(limits, torque=_read_force(own, gear))
+            # The control of a motor is its force.
+            controls = [("ctrllimited", "ctrlrange")] if own.part.element.tag == "motor" else []
+            forces = [
+                own.read_range(bounds)
+                for limited, bounds in (("forcelimited", "forcerange"), *controls)
+                if own.is_limited(limited, bounds)
+            ]
+            sizes = [min(-pair[0], pair[1]) * abs(gear) for pair in forces if pair and pair[0] < 0 < pair[1]]
+            limits = replace(limits, torque=min(sizes, default=None))
         reading.joints[joint] = replace(entry, drive=replace(entry.drive, gear=gear), limits=limits)
-
-
-def _read_force(own: MjcfPart, gear: float) -> float | None:
-    """Return the largest torque of an actuator at its joint; None where its force has no limit."""
-    pairs = [("forcelimited", "forcerange")]
-    # The control of a motor is its force.
-    pairs += [("ctrllimited", "ctrlrange")] if own.part.element.tag == "motor" else []
-    found = [own.read_range(bounds) for limited, bounds in pairs if own.is_limited(limited, bounds)]
-    sizes = [min(-low, high) * abs(gear) for low, high in (pair for pair in found if pair) if low < 0 < high]
-    return min(sizes, default=None)

@@ -33,24 +33,10 @@ from symid.joint_models import (
     name_values,
 )
 from symid.notation import adapt_unit
-from symid.robot.description import (
-    Coupling,
-    Drive,
-    Joint,
-    JointKind,
-    Limits,
-    Spring,
-)
+from symid.robot.description import Coupling, Drive, Joint, JointKind, Limits, Spring
 from symid.robot.exact_values import read_fraction
 from symid.robot.toml_elasticity import UNKNOWN, read_elasticity
-from symid.robot.toml_values import (
-    NOT_NEGATIVE,
-    POSITIVE,
-    Range,
-    Section,
-    explain_wide_limits,
-    suggest_names,
-)
+from symid.robot.toml_values import NOT_NEGATIVE, POSITIVE, Range, Section, explain_wide_limits, suggest_names
 
 _EXPONENT = Range(low=0, high=10, open_low=True)
 FRICTION_PARTS = tuple(dict.fromkeys(entry.name for law in FRICTION_LAWS.values() for entry in law.linear))

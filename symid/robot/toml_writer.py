@@ -29,16 +29,7 @@ from symid.joint_models import (
     name_values,
 )
 from symid.notation import INERTIAL, adapt_unit, get_unit_factor
-from symid.robot.description import (
-    Controller,
-    Drive,
-    Joint,
-    Limits,
-    LogMap,
-    Processing,
-    Robot,
-    SourceFile,
-)
+from symid.robot.description import Controller, Drive, Joint, Limits, LogMap, Processing, Robot, SourceFile
 from symid.robot.exact_values import (
     add_comment,
     write_exact,

@@ -24,6 +24,9 @@ from xml.parsers import expat
 from symid.errors import Notice, RobotError
 from symid.robot.toml_values import Place, read_text_file
 
+TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+"""Attributes of <inertia>, in the order of the entries of a tensor."""
+
 _ATTRIBUTE = re.compile(rb"([^\s=/>\"']+)\s*=\s*(\"[^\"]*\"|'[^']*')")
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 _QUOTED = re.compile(rb"[^>\"']|\"[^\"]*\"|'[^']*'")
