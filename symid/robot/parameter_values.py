@@ -33,7 +33,7 @@ from symid.errors import EstimateError, Notice, RobotError, UsageError
 from symid.joint_models import get_friction_law, list_value_names, name_bristles, name_shape, name_values
 from symid.notation import INERTIAL
 from symid.robot.description import Coupling, Joint, Robot
-from symid.robot.inertia import split_body
+from symid.robot.inertia import TENSOR, split_body
 from symid.robot.toml_values import read_text_file, sort_notices
 
 
@@ -66,9 +66,6 @@ class RobotValues:
     prefix: str
     signature: str
     vectors: tuple[ValueVector, ...]
-
-
-_TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
 
 
 def build_json_values(
@@ -108,7 +105,7 @@ def _describe_link(robot: Robot, joint: Joint) -> dict[str, object]:
     if joint.inertial is None:
         return found | dict.fromkeys(("mass", "com", "inertia", "standard"))
     mass, com, central = split_body(joint.inertial)
-    inertia = dict(zip(_TENSOR, central, strict=True))
+    inertia = dict(zip(TENSOR, central, strict=True))
     standard = dict(zip(INERTIAL, joint.inertial, strict=True))
     return found | {"mass": mass, "com": com, "inertia": inertia, "standard": standard}
 

@@ -22,7 +22,6 @@ from symid.joint_models import (
     STATE_LAWS,
     FrictionLaw,
     FrictionValues,
-    LawParameter,
     compute_friction_torque,
     fix_exponent,
     free_exponent,
@@ -61,20 +60,40 @@ def _read_friction(section: Section, fastest: float = math.inf, *, shared: bool 
         return FrictionValues()
     table.require("model", 'write model = "coulomb-viscous"')
     model = table.read_text("model")
-    law = _find_law(table, model) if model is not None and model != NO_FRICTION else None
+    law = None
+    if model is not None and model != NO_FRICTION:
+        try:
+            law = get_law(model)
+        except UsageError as error:
+            table.refuse("robot.friction-model", "model", error.notices[0].text)
+    # An exponent may be stated beside the model, and then is part of the law's name.
+    free = None if law is None else free_exponent(law)
+    gamma = None if free is None else table.read_float("gamma", "", _EXPONENT)
+    if free is not None and gamma is not None and gamma != _DEFAULT_GAMMA:
+        law = get_law(fix_exponent(free, gamma))
     smoothing = table.read_float("smoothing", "rad/s", POSITIVE)
-    names = FRICTION_PARTS if law is None else tuple(entry.name for entry in law.linear)
-    given = {name: table.read_float(name, _get_file_unit(law, name)) for name in names}
+    entries = [entry for one in FRICTION_LAWS.values() for entry in one.linear] if law is None else law.linear
+    units = {entry.name: entry.unit.replace(" ", "*") for entry in reversed(entries)}
+    names = tuple(dict.fromkeys(entry.name for entry in entries))
+    given = {name: table.read_float(name, units[name]) for name in names}
     if law is None:
         if model == NO_FRICTION:
             _check_keys(table, NO_FRICTION, (), (), has_step=False)
         else:
             table.refuse_unknown_keys(("model", *FRICTION_PARTS, *_SHAPES, *_MEMORIES, "smoothing"))
         return FrictionValues()
-    # An exponent may be stated beside the model, and then is part of the law's name.
     keys = tuple(entry.name for entry in law.shape)
-    stated = keys if model is None or free_exponent(get_law(model)) is None else (*keys, "gamma")
-    shape = [_read_shape(table, entry) for entry in law.shape]
+    stated = keys if free is None else (*keys, "gamma")
+    shape: list[float] = []
+    value: float | None
+    for entry in law.shape:
+        allowed = _EXPONENT if entry.unit == "1" else NOT_NEGATIVE if entry.lower_is_allowed else POSITIVE
+        unit, value = "" if entry.unit == "1" else entry.unit, _DEFAULT_GAMMA
+        if entry.name != "gamma" or entry.name in table.values:
+            value = table.read_float(entry.name, unit, allowed)
+            in_unit = f" in {adapt_unit(unit, prismatic=table.prismatic)}" if unit else ""
+            table.require(entry.name, f"the model needs it as a number{in_unit}")
+        shape += [] if value is None else [value]
     bristles = _read_bristles(table, law)
     known = tuple(dict.fromkeys((*stated, *(entry.name for entry in law.memory))))
     _check_keys(table, law.name, names, known, has_step=has_sign(law) and not law.memory)
@@ -88,53 +107,19 @@ def _read_friction(section: Section, fastest: float = math.inf, *, shared: bool 
     for entry in law.linear:
         value = given[entry.name]
         if entry.lower == 0.0 and value is not None and value < 0:
-            text = (
-                f"{table.show(entry.name)} drives the joint instead of braking it; write a positive "
-                "coefficient"
-            )
-            table.warn("robot.negative-friction", entry.name, text)
+            text = f"{table.show(entry.name)} drives the joint instead of braking it; write a positive"
+            table.warn("robot.negative-friction", entry.name, f"{text} coefficient")
     values = tuple(value for value in given.values() if value is not None)
-    filled = tuple(value for value in shape if value is not None)
     found = FrictionValues(
         law=law.name,
         values=values if values and len(values) == len(names) else None,
         smoothing=smoothing or 0.0,
-        shape=filled if len(filled) == len(keys) else (),
+        shape=tuple(shape) if len(shape) == len(keys) else (),
         bristles=bristles,
     )
-    if len(filled) == len(keys):
+    if len(shape) == len(keys):
         _warn_of_driving_friction(table, found, fastest)
     return found
-
-
-def _find_law(table: Section, model: str) -> FrictionLaw | None:
-    """Return the law of a model's name, with a searched exponent where the table gives one; refuse others."""
-    try:
-        law = get_law(model)
-    except UsageError as error:
-        table.refuse("robot.friction-model", "model", error.notices[0].text)
-        return None
-    free = free_exponent(law)
-    gamma = None if free is None else table.read_float("gamma", "", _EXPONENT)
-    if free is None or gamma is None or gamma == _DEFAULT_GAMMA:
-        return law
-    return get_law(fix_exponent(free, gamma))
-
-
-def _get_file_unit(law: FrictionLaw | None, name: str) -> str:
-    entries = law.linear if law else (entry for one in FRICTION_LAWS.values() for entry in one.linear)
-    return next(entry.unit for entry in entries if entry.name == name).replace(" ", "*")
-
-
-def _read_shape(table: Section, entry: LawParameter) -> float | None:
-    allowed = _EXPONENT if entry.unit == "1" else NOT_NEGATIVE if entry.lower_is_allowed else POSITIVE
-    unit = "" if entry.unit == "1" else entry.unit
-    if entry.name == "gamma" and entry.name not in table.values:
-        return _DEFAULT_GAMMA
-    value = table.read_float(entry.name, unit, allowed)
-    in_unit = f" in {adapt_unit(unit, prismatic=table.prismatic)}" if unit else ""
-    table.require(entry.name, f"the model needs it as a number{in_unit}")
-    return value
 
 
 def _read_bristles(table: Section, law: FrictionLaw) -> tuple[float, ...]:
@@ -160,18 +145,14 @@ def _read_bristles(table: Section, law: FrictionLaw) -> tuple[float, ...]:
                 table.refuse("robot.wrong-type", entry.name, text)
             lists.append([])
     if law.elements and all(lists):
-        _check_elements(table, *lists)
+        stiffness, share = lists
+        if len(stiffness) != len(share):
+            text = f"{len(share)} numbers for the {len(stiffness)} of stiffness; write one of each an element"
+            table.refuse("robot.friction-elements", "share", text)
+        elif abs(math.fsum(share) - 1.0) > _LARGEST_GAP:
+            text = f"the shares of all elements must have the sum 1, got {math.fsum(share):.7g}"
+            table.refuse("robot.friction-elements", "share", text)
     return tuple(value for values in lists for value in values) if all(lists) else ()
-
-
-def _check_elements(table: Section, stiffness: Sequence[float], share: Sequence[float]) -> None:
-    """Refuse lists of unlike lengths, and shares whose sum is not one."""
-    if len(stiffness) != len(share):
-        text = f"{len(share)} numbers for the {len(stiffness)} of stiffness; write one of each an element"
-        table.refuse("robot.friction-elements", "share", text)
-    elif abs(math.fsum(share) - 1.0) > _LARGEST_GAP:
-        text = f"the shares of all elements must have the sum 1, got {math.fsum(share):.7g}"
-        table.refuse("robot.friction-elements", "share", text)
 
 
 def _check_keys(
@@ -238,86 +219,66 @@ MOVING_KEYS = ("drive", "friction", "spring", "elasticity", "limits")
 
 def complete_joint(section: Section, joint: Joint, *, fixed: bool) -> Joint:
     """Return the joint with what its table says of its motion, which a `fixed` joint does not have."""
-    if not fixed:
-        limits = _read_limits(section)
-        return replace(
-            joint,
-            drive=_read_drive(section),
-            friction=_read_friction(section, limits.velocity or math.inf, shared="mimic" in section.values),
-            limits=limits,
-            spring=_read_spring(section),
-            elasticity=read_elasticity(section),
-        )
-    for key in MOVING_KEYS:
-        if key in section.values:
-            text = "a fixed joint has none; leave it out, or choose a kind that moves"
-            section.refuse_key("robot.fixed-joint", key, text)
-    return joint
-
-
-def _read_limits(section: Section) -> Limits:
+    if fixed:
+        for key in MOVING_KEYS:
+            if key in section.values:
+                text = "a fixed joint has none; leave it out, or choose a kind that moves"
+                section.refuse_key("robot.fixed-joint", key, text)
+        return joint
+    limits, drive, spring = Limits(), Drive(), None
     rates = {"velocity": "rad/s", "acceleration": "rad/s^2", "jerk": "rad/s^3", "torque": "N*m"}
-    table = section.read_table("limits", ("position", *rates))
-    if table is None:
-        return Limits()
-    found = table.read_numbers("position", "rad", 2)
-    position = None if found is None else (float(found[0]), float(found[1]))
-    if found and found[0] >= found[1]:
-        text = f"the lower limit {found[0]} must be less than the upper limit {found[1]}"
-        table.refuse("robot.out-of-range", "position", text)
-    elif position and not table.prismatic and (doubt := explain_wide_limits(*position)):
-        table.warn("robot.large-angle", "position", doubt)
-    if section.get("kind") == "continuous" and "position" in table.values:
-        text = 'a continuous joint has none; leave them out, or write kind = "revolute"'
-        table.refuse_key("robot.continuous-limits", "position", text)
-    others = {key: table.read_float(key, unit, POSITIVE) for key, unit in rates.items()}
-    return Limits(position=position, **others)
-
-
-def _read_drive(section: Section) -> Drive:
-    """Return the `drive` table of a joint; motors turn, whatever the joint does."""
-    drive = section.read_table("drive", ("gear", "rotor_inertia", "rotor_inertia_side", "torque_constant"))
-    if drive is None:
-        return Drive()
-    # The joint's own label is enough: the keys of a drive stand nowhere else.
-    drive = replace(drive, label=section.label, prismatic=False)
-    gear = drive.read_float("gear", "")
-    if gear == 0:
-        text = "must not be 0; it is the number of motor turns per joint turn"
-        drive.refuse("robot.out-of-range", "gear", text)
-    side = drive.read_choice("rotor_inertia_side", ("motor", "joint"))
-    has_rotor = "rotor_inertia" in drive.values
-    inertia = drive.read_float("rotor_inertia", "kg*m^2", NOT_NEGATIVE, word=UNKNOWN)
-    if side and not has_rotor:
-        text = f'no rotor_inertia; write rotor_inertia = 1e-5 (kg*m^2) or "{UNKNOWN}", or leave this out'
-        drive.refuse_key("robot.rotor-side", "rotor_inertia_side", text)
-    known = has_rotor and drive.values["rotor_inertia"] != UNKNOWN
-    if known and "rotor_inertia_side" not in drive.values:
-        text = 'needs its side: write rotor_inertia_side = "motor" or rotor_inertia_side = "joint"'
-        drive.refuse_key("robot.rotor-side", "rotor_inertia", text)
-    ratio = gear or 1.0
-    return Drive(
-        gear=ratio,
-        has_rotor=has_rotor,
-        rotor_inertia=None if inertia is None else inertia * (ratio**2 if side == "motor" else 1.0),
-        torque_constant=drive.read_float("torque_constant", "N*m/A"),
-    )
-
-
-def _read_spring(section: Section) -> Spring | None:
-    """Return the `spring` table of a joint: tau = stiffness (q - rest)."""
-    table = section.read_table("spring", ("stiffness", "rest"))
-    if table is None:
-        return None
-    for key, example, unit in (("stiffness", "120", _STIFFNESS), ("rest", "0", "rad")):
-        shown = adapt_unit(unit, prismatic=table.prismatic)
-        table.require(key, f'write {key} = {example} ({shown}) or {key} = "{UNKNOWN}"')
-    stiffness = table.read_float("stiffness", _STIFFNESS, word=UNKNOWN)
-    rest = table.read_float("rest", "rad", word=UNKNOWN)
-    if stiffness is not None and stiffness < 0:
-        text = f"{stiffness:g} pushes the joint away from rest; a spring's stiffness is positive"
-        table.warn("robot.negative-stiffness", "stiffness", text)
-    return Spring(stiffness=stiffness, rest=rest)
+    if table := section.read_table("limits", ("position", *rates)):
+        found = table.read_numbers("position", "rad", 2)
+        position = None if found is None else (float(found[0]), float(found[1]))
+        if found and found[0] >= found[1]:
+            text = f"the lower limit {found[0]} must be less than the upper limit {found[1]}"
+            table.refuse("robot.out-of-range", "position", text)
+        elif position and not table.prismatic and (doubt := explain_wide_limits(*position)):
+            table.warn("robot.large-angle", "position", doubt)
+        if section.get("kind") == "continuous" and "position" in table.values:
+            text = 'a continuous joint has none; leave them out, or write kind = "revolute"'
+            table.refuse_key("robot.continuous-limits", "position", text)
+        others = {key: table.read_float(key, unit, POSITIVE) for key, unit in rates.items()}
+        limits = Limits(position=position, **others)
+    keys = ("gear", "rotor_inertia", "rotor_inertia_side", "torque_constant")
+    if table := section.read_table("drive", keys):
+        # Motors turn, whatever the joint does. Its label is enough: these keys stand nowhere else.
+        table = replace(table, label=section.label, prismatic=False)
+        gear = table.read_float("gear", "")
+        if gear == 0:
+            text = "must not be 0; it is the number of motor turns per joint turn"
+            table.refuse("robot.out-of-range", "gear", text)
+        side = table.read_choice("rotor_inertia_side", ("motor", "joint"))
+        has_rotor = "rotor_inertia" in table.values
+        inertia = table.read_float("rotor_inertia", "kg*m^2", NOT_NEGATIVE, word=UNKNOWN)
+        if side and not has_rotor:
+            text = f'no rotor_inertia; write rotor_inertia = 1e-5 (kg*m^2) or "{UNKNOWN}", or leave this out'
+            table.refuse_key("robot.rotor-side", "rotor_inertia_side", text)
+        known = has_rotor and table.values["rotor_inertia"] != UNKNOWN
+        if known and "rotor_inertia_side" not in table.values:
+            text = 'needs its side: write rotor_inertia_side = "motor" or rotor_inertia_side = "joint"'
+            table.refuse_key("robot.rotor-side", "rotor_inertia", text)
+        ratio = gear or 1.0
+        drive = Drive(
+            gear=ratio,
+            has_rotor=has_rotor,
+            rotor_inertia=None if inertia is None else inertia * (ratio**2 if side == "motor" else 1.0),
+            torque_constant=table.read_float("torque_constant", "N*m/A"),
+        )
+    fastest, shared = limits.velocity or math.inf, "mimic" in section.values
+    friction = _read_friction(section, fastest, shared=shared)
+    # tau = stiffness (q - rest)
+    if table := section.read_table("spring", ("stiffness", "rest")):
+        for key, example, unit in (("stiffness", "120", _STIFFNESS), ("rest", "0", "rad")):
+            shown = adapt_unit(unit, prismatic=table.prismatic)
+            table.require(key, f'write {key} = {example} ({shown}) or {key} = "{UNKNOWN}"')
+        stiffness = table.read_float("stiffness", _STIFFNESS, word=UNKNOWN)
+        spring = Spring(stiffness=stiffness, rest=table.read_float("rest", "rad", word=UNKNOWN))
+        if stiffness is not None and stiffness < 0:
+            text = f"{stiffness:g} pushes the joint away from rest; a spring's stiffness is positive"
+            table.warn("robot.negative-stiffness", "stiffness", text)
+    elasticity = read_elasticity(section)
+    return replace(joint, drive=drive, friction=friction, limits=limits, spring=spring, elasticity=elasticity)
 
 
 def read_couplings(
@@ -325,6 +286,7 @@ def read_couplings(
 ) -> tuple[Coupling, ...]:
     """Return the drives that turn with several of the joints `names`; the kind of a fixed one is None."""
     couplings: list[Coupling] = []
+    example = "write terms = { joint5 = 1, joint6 = 1 }"
     for section in root.read_table_array("coupling"):
         section.refuse_unknown_keys(("name", "terms", "rotor_inertia", "friction"))
         section.require("name", 'write name = "m6": it ends the names of the parameters, as in IAm6')
@@ -335,40 +297,30 @@ def read_couplings(
         elif name in taken:
             text = f"the name is taken by coupling {taken.index(name) + 1}; each coupling needs its own"
             section.refuse("robot.duplicate-coupling", "name", text)
-        terms = _read_terms(section, names, kinds)
+        section.require("terms", f"{example}: speed = sum of factor * dq")
+        terms: list[tuple[int, Fraction]] = []
+        if table := section.read_table("terms"):
+            if not table.values:
+                section.refuse("robot.missing-key", "terms", f"empty; {example}, joints and factors")
+            for joint in table.values:
+                factor = read_fraction(table, joint, "leave the joint out: the drive does not turn with it")
+                if joint not in names:
+                    hint = suggest_names(joint, names, otherwise="allowed are")
+                    table.refuse_key("robot.unknown-joint", joint, f"there is no such joint; {hint}")
+                elif kinds[names.index(joint)] is None:
+                    text = "the joint is fixed and drives nothing; name one that moves"
+                    table.refuse_key("robot.follows-fixed", joint, text)
+                elif factor is not None:
+                    terms.append((names.index(joint), factor))
         prismatic = bool(terms) and all(kinds[index] is JointKind.PRISMATIC for index, _ in terms)
         unit = "kg" if prismatic else "kg*m^2"
         couplings.append(
             Coupling(
                 name=name or "",
-                terms=terms,
+                terms=tuple(sorted(terms)),
                 has_rotor="rotor_inertia" in section.values,
                 rotor_inertia=section.read_float("rotor_inertia", unit, NOT_NEGATIVE, word=UNKNOWN),
                 friction=_read_friction(replace(section, prismatic=prismatic), shared=True),
             )
         )
     return tuple(couplings)
-
-
-def _read_terms(
-    section: Section, names: Sequence[str], kinds: Sequence[JointKind | None]
-) -> tuple[tuple[int, Fraction], ...]:
-    example = "write terms = { joint5 = 1, joint6 = 1 }"
-    section.require("terms", f"{example}: speed = sum of factor * dq")
-    table = section.read_table("terms")
-    if table is None:
-        return ()
-    if not table.values:
-        section.refuse("robot.missing-key", "terms", f"empty; {example}, joints and factors")
-    terms = []
-    for name in table.values:
-        factor = read_fraction(table, name, "leave the joint out: the drive does not turn with it")
-        if name not in names:
-            hint = suggest_names(name, names, otherwise="allowed are")
-            table.refuse_key("robot.unknown-joint", name, f"there is no such joint; {hint}")
-        elif kinds[names.index(name)] is None:
-            text = "the joint is fixed and drives nothing; name one that moves"
-            table.refuse_key("robot.follows-fixed", name, text)
-        elif factor is not None:
-            terms.append((names.index(name), factor))
-    return tuple(sorted(terms))

@@ -9,7 +9,7 @@ to be identified.
 Not supported: unknown thresholds, knees and numbers of branches; a cubic part together with knees.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,12 +30,11 @@ from symid.joint_models import (
     convert_maxwell_elements,
 )
 from symid.notation import adapt_unit
-from symid.robot.toml_values import NOT_NEGATIVE, POSITIVE, Range, Section
+from symid.robot.toml_values import ANY, NOT_NEGATIVE, POSITIVE, Range, Section
 
 UNKNOWN = "unknown"
 """Stands in place of a number that is to be identified."""
 _STIFFNESS = "N*m/rad"
-_ANY = Range()
 
 Values = Mapping[str, Any]
 
@@ -46,17 +45,9 @@ class _Key:
 
     name: str
     unit: str = ""
-    allowed: Range = _ANY
+    allowed: Range = ANY
     default: float | tuple[float, ...] | None = None
     many: bool = False
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Model:
-    """A kind of branch: its keys, and how their values make it."""
-
-    keys: tuple[_Key, ...]
-    build: Callable[[Values], Branch | tuple[Stop, ...]]
 
 
 _LEVEL = _Key(name="Fc", unit="N*m", allowed=POSITIVE)
@@ -99,9 +90,11 @@ def _build_slip_springs(values: Values) -> tuple[Stop, ...]:
     return convert_maxwell_elements([MaxwellElement(stiffness=k, force=force) for k, force in pairs])
 
 
-_MODELS: Mapping[str, _Model] = {
-    "bouc-wen": _Model(
-        keys=(
+_Build = Callable[[Values], Branch | tuple[Stop, ...]]
+# The keys of each kind of branch, and how their values make it.
+_MODELS: Mapping[str, tuple[tuple[_Key, ...], _Build]] = {
+    "bouc-wen": (
+        (
             _Key(name="level", unit="N*m"),
             _Key(name="length", unit="rad", allowed=POSITIVE),
             _Key(name="sharpness", allowed=Range(low=1), default=1.0),
@@ -109,66 +102,66 @@ _MODELS: Mapping[str, _Model] = {
             _Key(name="skew", allowed=Range(low=-1, high=1), default=0.0),
             _Key(name="lean", default=0.0),
         ),
-        build=lambda values: BoucWen(**values),
+        lambda values: BoucWen(**values),
     ),
-    "dahl": _Model(keys=(_LEVEL, _BENDING, _VISCOUS), build=_build_bristles),
-    "lugre": _Model(
-        keys=(
+    "dahl": ((_LEVEL, _BENDING, _VISCOUS), _build_bristles),
+    "lugre": (
+        (
             _LEVEL,
             *_FALL,
             _BENDING,
             _Key(name="sigma1", unit="N*m*s/rad", allowed=NOT_NEGATIVE, default=0.0),
             _VISCOUS,
         ),
-        build=_build_bristles,
+        _build_bristles,
     ),
-    "maxwell-slip": _Model(
-        keys=(_STIFFNESSES, _Key(name="forces", unit="N*m", allowed=POSITIVE, many=True)),
-        build=_build_slip_springs,
+    "maxwell-slip": (
+        (_STIFFNESSES, _Key(name="forces", unit="N*m", allowed=POSITIVE, many=True)),
+        _build_slip_springs,
     ),
-    "generalised-maxwell-slip": _Model(
-        keys=(
+    "generalised-maxwell-slip": (
+        (
             _LEVEL,
             *_FALL,
             _STIFFNESSES,
             _Key(name="shares", allowed=POSITIVE, many=True),
             _VISCOUS,
         ),
-        build=_build_bristles,
+        _build_bristles,
     ),
-    "attracted-maxwell-slip": _Model(
-        keys=(
+    "attracted-maxwell-slip": (
+        (
             _Key(name="thresholds", unit="rad", allowed=POSITIVE, many=True),
             _STIFFNESSES,
             _Key(name="excess", default=0.0),
             replace(_SPEED, name="speed"),
             _Key(name="attraction", unit="1/s", allowed=POSITIVE),
         ),
-        build=lambda values: AttractedSlip(**values),
+        lambda values: AttractedSlip(**values),
     ),
-    "nonlinear-stops": _Model(
-        keys=(
+    "nonlinear-stops": (
+        (
             _Key(name="deflections", unit="rad", many=True),
             _Key(name="forces", unit="N*m", many=True),
             _Key(name="falls", unit="s/rad", allowed=NOT_NEGATIVE, default=(0.0, 0.0), many=True),
         ),
-        build=lambda values: SlipSpring(**values),
+        lambda values: SlipSpring(**values),
     ),
-    "krasnoselskii-pokrovskii": _Model(
-        keys=(
+    "krasnoselskii-pokrovskii": (
+        (
             _Key(name="low", unit="rad"),
             _Key(name="step", unit="rad", allowed=POSITIVE),
             _Key(name="ramps", unit="N*m", many=True),
             _Key(name="weights", unit="N*m", many=True),
         ),
-        build=lambda values: Relays(**values),
+        lambda values: Relays(**values),
     ),
-    "relaxation": _Model(
-        keys=(
+    "relaxation": (
+        (
             _Key(name="relaxing", unit=_STIFFNESS, allowed=POSITIVE),
             _Key(name="time", unit="s", allowed=POSITIVE),
         ),
-        build=lambda values: Relaxation(stiffness=values["relaxing"], time=values["time"]),
+        lambda values: Relaxation(stiffness=values["relaxing"], time=values["time"]),
     ),
 }
 _PLAIN = ("prandtl-ishlinskii", "modified-prandtl-ishlinskii")
@@ -189,10 +182,10 @@ def list_branch_entries(branch: Branch) -> tuple[str, dict[str, tuple[float | tu
             model, given = "relaxation", {"relaxing": branch.stiffness, "time": branch.time}
         case _:
             model = _NAMES[branch.kind]
-            given = {key.name: getattr(branch, key.name) for key in _MODELS[model].keys}
+            given = {key.name: getattr(branch, key.name) for key in _MODELS[model][0]}
     return model, {
         key.name: (given[key.name], key.unit.replace("*", " "))
-        for key in _MODELS[model].keys
+        for key in _MODELS[model][0]
         if key.name in given and given[key.name] != key.default
     }
 
@@ -224,7 +217,7 @@ def _read_branch(table: Section, model: str) -> Branch | tuple[Stop, ...] | None
     """Return what the keys of a model state; mistakes are reported."""
     before = len(table.errors)
     values: dict[str, Any] = {}
-    for key in _MODELS[model].keys:
+    for key in _MODELS[model][0]:
         unit = adapt_unit(key.unit, prismatic=table.prismatic)
         kind = "a list of " if key.many else ""
         what = ("numbers" if key.many else "a number") + (f" in {unit}" if unit else "")
@@ -246,37 +239,11 @@ def _read_branch(table: Section, model: str) -> Branch | tuple[Stop, ...] | None
     if len(table.errors) > before:
         return None
     try:
-        return _MODELS[model].build(values)
+        return _MODELS[model][1](values)
     except RobotError as error:
         for notice in error.notices:
             table.refuse(notice.code, "model", notice.text)
         return None
-
-
-def _read_branches(table: Section) -> tuple[list[Branch], list[Stop]]:
-    """Return the branches of the model beside the spring and of `branch` tables, and the stops among them."""
-    found = []
-    model = _read_model(table, needed=False)
-    known = [key.name for key in _MODELS[model].keys] if model is not None and model in _MODELS else []
-    if model is not None or "model" not in table.values:
-        table.refuse_unknown_keys((*_OWN, *known))
-    if model is not None and model in _MODELS:
-        found.append(_read_branch(table, model))
-    for inner in table.read_table_array("branch"):
-        if own := _read_model(inner, needed=True):
-            inner.refuse_unknown_keys(("model", *(key.name for key in _MODELS[own].keys)))
-            found.append(_read_branch(inner, own))
-    branches = [entry for entry in found if entry is not None and not isinstance(entry, tuple)]
-    return branches, [stop for entry in found if isinstance(entry, tuple) for stop in entry]
-
-
-def _add_stops(table: Section, stops: Sequence[Stop], more: Sequence[Stop]) -> tuple[Stop, ...]:
-    """Return all stops in order; two of one threshold would be one, and are refused."""
-    for stop in more:
-        if any(stop.threshold == other.threshold for other in stops):
-            text = f"an element slips at {stop.threshold:g}, as one of the stops does; write them as one"
-            table.refuse_key("robot.elasticity-mixed", "stops", text)
-    return tuple(sorted((*stops, *more), key=lambda stop: stop.threshold))
 
 
 _CATALOGUE = ("K1", "K2", "K3", "T1", "T2")
@@ -294,20 +261,44 @@ def read_elasticity(section: Section) -> Elasticity | None:
     cubic = table.read_float("cubic", "N*m/rad^3", NOT_NEGATIVE)
     backlash = table.read_float("backlash", "rad", NOT_NEGATIVE)
     offset = table.read_float("offset", "N*m")
-    numbers = (
-        ("threshold", "0.002", "rad", POSITIVE, ""),
-        ("stiffness", "120", _STIFFNESS, NOT_NEGATIVE, UNKNOWN),
-    )
-    stops = tuple(Stop(threshold=at, stiffness=k) for at, k in _read_entries(table, "stops", *numbers))
-    branches, more = _read_branches(table)
-    stops = _add_stops(table, stops, more)
+    threshold = ("threshold", "0.002", "rad", POSITIVE, "")
+    other = ("stiffness", "120", _STIFFNESS, NOT_NEGATIVE, UNKNOWN)
+    entries = _read_entries(table, "stops", threshold, other)
+    stops = [Stop(threshold=at, stiffness=k) for at, k in entries]
+    # The branches of the model beside the spring and of `branch` tables; stops are among them.
+    model = _read_model(table, needed=False)
+    found: list[Branch | tuple[Stop, ...] | None] = []
+    known = [key.name for key in _MODELS[model][0]] if model is not None and model in _MODELS else []
+    if model is not None or "model" not in table.values:
+        table.refuse_unknown_keys((*_OWN, *known))
+    if model is not None and model in _MODELS:
+        found.append(_read_branch(table, model))
+    for inner in table.read_table_array("branch"):
+        if own := _read_model(inner, needed=True):
+            inner.refuse_unknown_keys(("model", *(key.name for key in _MODELS[own][0])))
+            found.append(_read_branch(inner, own))
+    branches = tuple(entry for entry in found if entry is not None and not isinstance(entry, tuple))
+    more = [stop for entry in found if isinstance(entry, tuple) for stop in entry]
+    for stop in more:
+        # Two of one threshold would be one.
+        if any(stop.threshold == other.threshold for other in stops):
+            text = f"an element slips at {stop.threshold:g}, as one of the stops does; write them as one"
+            table.refuse_key("robot.elasticity-mixed", "stops", text)
     if "catalogue" in table.values:
         stiffness, knees = _read_catalogue(table)
     else:
         unit = adapt_unit(_STIFFNESS, prismatic=table.prismatic)
         table.require("stiffness", f'write stiffness = 1e4 ({unit}) or stiffness = "{UNKNOWN}"')
         stiffness = table.read_float("stiffness", _STIFFNESS, POSITIVE, word=UNKNOWN)
-        knees = _read_knees(table)
+        symmetric = table.read_flag("symmetric") or False
+        threshold = ("threshold", "3.0", "N*m", POSITIVE if symmetric else ANY, "")
+        entries = _read_entries(table, "knees", threshold, ("slope", "0.5", "", ANY, ""))
+        knees = tuple(Knee(threshold=at, slope=slope or 0.0) for at, slope in entries)
+        if symmetric and "knees" not in table.values:
+            text = "it mirrors knees, and there are none; write knees or leave it out"
+            table.refuse_key("robot.elasticity-mixed", "symmetric", text)
+        if symmetric:
+            knees = (*(Knee(threshold=-knee.threshold, slope=knee.slope) for knee in reversed(knees)), *knees)
     if cubic and "knees" in table.values:
         text = "cannot be combined with knees: both harden the spring; use one of them"
         table.refuse_key("robot.elasticity-mixed", "cubic", text)
@@ -318,9 +309,9 @@ def read_elasticity(section: Section) -> Elasticity | None:
             stiffness=stiffness,
             damping=damping or 0.0,
             cubic=cubic or 0.0,
-            stops=stops,
+            stops=tuple(sorted((*stops, *more), key=lambda stop: stop.threshold)),
             knees=knees,
-            branches=tuple(branches),
+            branches=branches,
             backlash=backlash or 0.0,
             offset=offset or 0.0,
         )
@@ -387,15 +378,3 @@ def _read_entries(table: Section, key: str, *numbers: _Number) -> list[tuple[flo
                 entry.refuse("robot.out-of-range", "threshold", text)
             found.append((threshold, value))
     return found
-
-
-def _read_knees(table: Section) -> tuple[Knee, ...]:
-    symmetric = table.read_flag("symmetric") or False
-    allowed = POSITIVE if symmetric else Range()
-    numbers = (("threshold", "3.0", "N*m", allowed, ""), ("slope", "0.5", "", Range(), ""))
-    found = [Knee(threshold=at, slope=slope or 0.0) for at, slope in _read_entries(table, "knees", *numbers)]
-    if symmetric and "knees" not in table.values:
-        text = "it mirrors knees, and there are none; write knees or leave it out"
-        table.refuse_key("robot.elasticity-mixed", "symmetric", text)
-    mirrored = [Knee(threshold=-knee.threshold, slope=knee.slope) for knee in reversed(found)]
-    return (*mirrored, *found) if symmetric else tuple(found)

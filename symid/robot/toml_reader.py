@@ -32,6 +32,7 @@ from symid.robot.description import (
 from symid.robot.exact_values import DH_KEYS, read_fraction, read_frames, read_linear_form, read_position
 from symid.robot.geometry import IDENTITY, ZERO, Placement, compose_placements, place_joint
 from symid.robot.inertia import (
+    TENSOR,
     compute_standard_parameters,
     explain_impossible_inertia,
     lump_fixed_joints,
@@ -88,7 +89,14 @@ def build_robot(root: Section, file: str) -> Robot:
         )
         root.refuse_key("robot.missing-key", "convention", text)
     convention = root.read_choice("convention", ("modified", "standard", "origin")) or "modified"
-    root = _read_symbols(root)
+    if (table := root.read_table("symbols")) is not None:
+        values: dict[str, float] = {}
+        for symbol in table.values:
+            if not _NAME.fullmatch(symbol) or _RESERVED.fullmatch(symbol):
+                text = "cannot name a symbol; use letters, digits and _, and no name of a coordinate or"
+                table.refuse_key("robot.bad-name", symbol, f"{text} parameter")
+            values[symbol] = table.read_float(symbol, "") or 0.0
+        root = replace(root, symbols=values)
     joints, couplings = read_joints(root, convention)
     remedy = "write gravity = [0, 0, -9.81], the vector in the base frame in m/s^2"
     x, y, z = ZERO, ZERO, ZERO
@@ -96,7 +104,15 @@ def build_robot(root: Section, file: str) -> Robot:
         x, y, z = (read_linear_form(root, "gravity", "m/s^2", index) or ZERO for index in range(3))
     log, processing, controller = read_settings(root, joints)
     settings = read_named_settings(root, joints)
-    made_from = _read_source(root, file)
+    made_from = None
+    if (table := root.read_table("made_from", ("file", "sha256", "base", "tip", "snap"))) is not None:
+        given = [table.require(key, f'write {key} = "..."') for key in ("file", "sha256")]
+        origin, digest, base, tip = (table.read_text(key) for key in ("file", "sha256", "base", "tip"))
+        snap = table.read_float("snap", "rad", NOT_NEGATIVE) or 0.0
+        if all(given) and origin is not None and digest is not None:
+            # Named as seen from the folder of the robot file.
+            path = str(Path(file).parent / origin)
+            made_from = SourceFile(file=path, sha256=digest, base=base, tip=tip, snap=snap)
     name = root.read_text("name")
     if name is not None and not _NAME.fullmatch(name):
         text = f"{root.show('name')} cannot name functions; use letters, digits and _, a letter first"
@@ -130,34 +146,6 @@ def build_robot(root: Section, file: str) -> Robot:
     )
 
 
-def _read_source(root: Section, file: str) -> SourceFile | None:
-    """Return the file that the robot was made from, which is named as seen from the folder of `file`."""
-    table = root.read_table("made_from", ("file", "sha256", "base", "tip", "snap"))
-    if table is None:
-        return None
-    given = [table.require(key, f'write {key} = "..."') for key in ("file", "sha256")]
-    name, digest, base, tip = (table.read_text(key) for key in ("file", "sha256", "base", "tip"))
-    snap = table.read_float("snap", "rad", NOT_NEGATIVE)
-    if not all(given) or name is None or digest is None:
-        return None
-    return SourceFile(file=str(Path(file).parent / name), sha256=digest, base=base, tip=tip, snap=snap or 0.0)
-
-
-def _read_symbols(root: Section) -> Section:
-    """Return the file with the values of its symbols."""
-    table = root.read_table("symbols")
-    if table is None:
-        return root
-    values: dict[str, float] = {}
-    for name in table.values:
-        if not _NAME.fullmatch(name) or _RESERVED.fullmatch(name):
-            text = "cannot name a symbol; use letters, digits and _, and no name of a coordinate or parameter"
-            table.refuse_key("robot.bad-name", name, text)
-        values[name] = table.read_float(name, "") or 0.0
-    return replace(root, symbols=values)
-
-
-_TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
 _STANDARD_UNITS = ("kg*m^2",) * 6 + ("kg*m",) * 3 + ("kg",)
 
 
@@ -176,12 +164,39 @@ def read_body(
     if link is None:
         return None, None
     errors, symbols = len(link.errors), link.symbols
-    key = "standard" if "standard" in link.values else "inertia"
-    form = _read_symbolic_inertia(link) if key == "inertia" else None
-    found = _read_standard(link) if key == "standard" else None
-    if form is not None:
-        com, inertia = ([entry.to_float(symbols) for entry in part] for part in (form.com, form.inertia))
-        found = compute_standard_parameters(form.mass.to_float(symbols), com, inertia)
+    key: str = "inertia"
+    found: tuple[float, ...] | None = None
+    form: SymbolicInertia | None = None
+    if "standard" in link.values:
+        key = "standard"
+        for other in ("mass", "com", "inertia"):
+            if other in link.values:
+                text = "cannot be combined with standard, which means the same; keep one of the two"
+                link.refuse_key("robot.two-forms", other, text)
+        table = link.read_table("standard", INERTIAL)
+        if table is not None and table.require("M", "write M = 1.5 (the mass in kg)"):
+            found = tuple(
+                table.read_float(entry, unit, NOT_NEGATIVE if entry == "M" else ANY) or 0.0
+                for entry, unit in zip(INERTIAL, _STANDARD_UNITS, strict=True)
+            )
+    else:
+        mass = read_linear_form(link, "mass", "kg", allowed=POSITIVE)
+        x, y, z = ZERO, ZERO, ZERO
+        if link.has_list("com", 3, "numbers in m"):
+            x, y, z = (read_linear_form(link, "com", "m", index) or ZERO for index in range(3))
+        inertia = dict.fromkeys(TENSOR, ZERO)
+        if tensor := link.read_table("inertia", TENSOR):
+            for entry in TENSOR:
+                allowed = NOT_NEGATIVE if entry[0] == entry[1] else ANY
+                inertia[entry] = read_linear_form(tensor, entry, "kg*m^2", allowed=allowed) or ZERO
+        if link.values:
+            remedy = "com and inertia mean nothing without it: write mass = 1.5 (kg), or leave them out"
+            link.require("mass", remedy)
+        if mass is not None:
+            xx, xy, xz, yy, yz, zz = inertia.values()
+            form = SymbolicInertia(mass=mass, com=(x, y, z), inertia=(xx, xy, xz, yy, yz, zz))
+            com, central = ([part.to_float(symbols) for part in parts] for parts in (form.com, form.inertia))
+            found = compute_standard_parameters(mass.to_float(symbols), com, central)
     if found is None or len(link.errors) > errors:
         return None, None
     impossible = explain_impossible_inertia(found) if found[9] else ""
@@ -202,39 +217,6 @@ def read_body(
     return move_by_placement(found, frame, symbols), form if symbolic else None
 
 
-def _read_symbolic_inertia(link: Section) -> SymbolicInertia | None:
-    mass = read_linear_form(link, "mass", "kg", allowed=POSITIVE)
-    x, y, z = ZERO, ZERO, ZERO
-    if link.has_list("com", 3, "numbers in m"):
-        x, y, z = (read_linear_form(link, "com", "m", index) or ZERO for index in range(3))
-    inertia = dict.fromkeys(_TENSOR, ZERO)
-    if tensor := link.read_table("inertia", _TENSOR):
-        for key in _TENSOR:
-            allowed = NOT_NEGATIVE if key[0] == key[1] else ANY
-            inertia[key] = read_linear_form(tensor, key, "kg*m^2", allowed=allowed) or ZERO
-    if link.values:
-        remedy = "com and inertia mean nothing without it: write mass = 1.5 (kg), or leave them out"
-        link.require("mass", remedy)
-    if mass is None:
-        return None
-    xx, xy, xz, yy, yz, zz = inertia.values()
-    return SymbolicInertia(mass=mass, com=(x, y, z), inertia=(xx, xy, xz, yy, yz, zz))
-
-
-def _read_standard(link: Section) -> tuple[float, ...] | None:
-    for key in ("mass", "com", "inertia"):
-        if key in link.values:
-            text = "cannot be combined with standard, which means the same; keep one of the two"
-            link.refuse_key("robot.two-forms", key, text)
-    table = link.read_table("standard", INERTIAL)
-    if table is None or not table.require("M", "write M = 1.5 (the mass in kg)"):
-        return None
-    return tuple(
-        table.read_float(key, unit, NOT_NEGATIVE if key == "M" else ANY) or 0.0
-        for key, unit in zip(INERTIAL, _STANDARD_UNITS, strict=True)
-    )
-
-
 def _read_mimics(
     sections: Sequence[Section], names: Sequence[str], kinds: Sequence[JointKind | None]
 ) -> dict[int, tuple[Mimic, Placement]]:
@@ -242,8 +224,25 @@ def _read_mimics(
     steps: dict[str, MimicStep] = {}
     offsets: dict[str, Placement] = {}
     for section, name, kind in zip(sections, names, kinds, strict=True):
-        if "mimic" in section.values and (found := _read_mimic_step(section, kind, names, kinds)):
-            steps[name], offsets[name] = found
+        if "mimic" in section.values and kind is None:
+            text = "a fixed joint follows nothing; leave this out"
+            section.refuse_key("robot.follows-fixed", "mimic", text)
+            continue
+        table = section.read_table("mimic", ("joint", "multiplier", "offset"))
+        if table is None:
+            continue
+        multiplier = read_fraction(table, "multiplier", "leave it out, or write a fixed joint") or Fraction(1)
+        offset, placement = read_position(table, "offset")
+        table.require("joint", 'write joint = "joint1", the joint to follow')
+        followed = table.read_text("joint")
+        if followed is not None and followed not in names:
+            table.refuse_joint("robot.unknown-joint", "joint", names)
+        elif followed is not None and kinds[names.index(followed)] is None:
+            text = f'"{followed}" is fixed; make this joint fixed too, or follow one that moves'
+            table.refuse("robot.follows-fixed", "joint", text)
+        elif followed is not None:
+            steps[name] = MimicStep(master=followed, multiplier=multiplier, offset=offset)
+            offsets[name] = placement
     followers = {}
     for name, step in steps.items():
         index, path = names.index(name), [name]
@@ -257,37 +256,11 @@ def _read_mimics(
                 break
             path.append(master)
         else:
-            section, offset = sections[index], offsets[name]
+            section, frame = sections[index], offsets[name]
             if len(path) > 2:
-                offset = place_joint(end.offset, section.symbols, prismatic=section.prismatic, snap=0.0)
-            followers[index] = Mimic(master=names.index(path[-1]), multiplier=end.multiplier), offset
+                frame = place_joint(end.offset, section.symbols, prismatic=section.prismatic, snap=0.0)
+            followers[index] = Mimic(master=names.index(path[-1]), multiplier=end.multiplier), frame
     return followers
-
-
-def _read_mimic_step(
-    section: Section, kind: JointKind | None, names: Sequence[str], kinds: Sequence[JointKind | None]
-) -> tuple[MimicStep, Placement] | None:
-    """Return what a joint follows directly, and the offset of its motion."""
-    if kind is None:
-        section.refuse_key("robot.follows-fixed", "mimic", "a fixed joint follows nothing; leave this out")
-        return None
-    table = section.read_table("mimic", ("joint", "multiplier", "offset"))
-    if table is None:
-        return None
-    multiplier = read_fraction(table, "multiplier", "leave it out, or write a fixed joint") or Fraction(1)
-    offset, placement = read_position(table, "offset")
-    table.require("joint", 'write joint = "joint1", the joint to follow')
-    name = table.read_text("joint")
-    if name is None:
-        return None
-    if name not in names:
-        table.refuse_joint("robot.unknown-joint", "joint", names)
-        return None
-    if kinds[names.index(name)] is None:
-        text = f'"{name}" is fixed; make this joint fixed too, or follow one that moves'
-        table.refuse("robot.follows-fixed", "joint", text)
-        return None
-    return MimicStep(master=name, multiplier=multiplier, offset=offset), placement
 
 
 _JOINT_KEYS = ("name", "kind", "parent", *DH_KEYS, "origin", "frame", "mimic", "link", *MOVING_KEYS)
@@ -305,18 +278,34 @@ def read_joints(root: Section, convention: str) -> tuple[tuple[Joint, ...], tupl
     root.require("joint", remedy)
     if root.get("joint") == []:
         root.refuse("robot.missing-key", "joint", f"empty, and a robot needs a joint; {remedy}")
-    sections, kinds = [], []
+    sections, kinds, names = [], [], list[str]()
     for table in root.read_table_array("joint"):
         table.require("kind", 'write kind = "revolute" or kind = "prismatic"')
         found = table.read_choice("kind", _KINDS)
         kinds.append(_KINDS[found] if found else JointKind.REVOLUTE)
         sections.append(replace(table, prismatic=kinds[-1] is JointKind.PRISMATIC))
-    names = _read_joint_names(sections)
+    for number, section in enumerate(sections, start=1):
+        name = section.read_text("name")
+        if name in names:
+            text = f"the name is taken by joint {names.index(name) + 1}; each joint needs its own"
+            section.refuse("robot.duplicate-joint", "name", text)
+        elif name is not None and (name == BASE or not name.strip()):
+            text = f'{section.show("name")} cannot name a joint: "{BASE}" is what the first joint is fixed to'
+            section.refuse("robot.bad-name", "name", text)
+        names.append(name or f"joint{number}")
     followers = _read_mimics(sections, names, kinds)
     joints: list[Joint] = []
     for index, section in enumerate(sections):
         section.refuse_unknown_keys(_JOINT_KEYS)
-        parent = _read_parent(section, index, names)
+        # The joint before it by default, -1 for the base.
+        parent, stated, known = index - 1, section.read_text("parent"), (BASE, *names[:index])
+        if stated in known:
+            parent = known.index(stated) - 1
+        elif stated in names:
+            text = f'"{stated}" does not stand before this joint; a parent comes before its children'
+            section.refuse("robot.unknown-parent", "parent", text)
+        elif stated is not None:
+            section.refuse_joint("robot.unknown-parent", "parent", known)
         near, frame = read_frames(section, convention)
         mimic, offset = followers.get(index, (None, IDENTITY))
         inertial, form = read_body(section, "link", frame)
@@ -349,31 +338,3 @@ def read_joints(root: Section, convention: str) -> tuple[tuple[Joint, ...], tupl
         replace(entry, terms=tuple((moved[index], factor) for index, factor in entry.terms))
         for entry in couplings
     )
-
-
-def _read_joint_names(sections: list[Section]) -> list[str]:
-    names: list[str] = []
-    for number, section in enumerate(sections, start=1):
-        name = section.read_text("name")
-        if name in names:
-            text = f"the name is taken by joint {names.index(name) + 1}; each joint needs its own"
-            section.refuse("robot.duplicate-joint", "name", text)
-        elif name is not None and (name == BASE or not name.strip()):
-            text = f'{section.show("name")} cannot name a joint: "{BASE}" is what the first joint is fixed to'
-            section.refuse("robot.bad-name", "name", text)
-        names.append(name or f"joint{number}")
-    return names
-
-
-def _read_parent(section: Section, index: int, names: list[str]) -> int:
-    """Return the index of the joint's parent, -1 for the base; the joint before it by default."""
-    parent = section.read_text("parent")
-    known = (BASE, *names[:index])
-    if parent is None or parent in known:
-        return index - 1 if parent is None else known.index(parent) - 1
-    if parent in names:
-        text = f'"{parent}" does not stand before this joint; a parent comes before its children'
-        section.refuse("robot.unknown-parent", "parent", text)
-    else:
-        section.refuse_joint("robot.unknown-parent", "parent", known)
-    return index - 1

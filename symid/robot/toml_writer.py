@@ -44,12 +44,17 @@ from symid.robot.exact_values import (
     write_value,
 )
 from symid.robot.geometry import IDENTITY, compose_placements, invert_placement, to_floats
-from symid.robot.inertia import explain_impossible_inertia, move_by_placement, move_parameters, split_body
+from symid.robot.inertia import (
+    TENSOR,
+    explain_impossible_inertia,
+    move_by_placement,
+    move_parameters,
+    split_body,
+)
 from symid.robot.toml_elasticity import list_branch_entries
 from symid.robot.toml_settings import compute_current_factor, list_controller, list_log, list_processing
 from symid.robot.toml_values import BASE
 
-_TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
 _DIGITS = 14
 _DUST = 1e-30
 
@@ -195,7 +200,7 @@ def _write_link(joint: Joint, symbols: Mapping[str, float]) -> Iterator[str]:
     """
     form, parameters = joint.form, joint.inertial
     if form is not None:
-        inertia = {key: write_exact(value) for key, value in zip(_TENSOR, form.inertia, strict=True) if value}
+        inertia = {key: write_exact(value) for key, value in zip(TENSOR, form.inertia, strict=True) if value}
         yield from ("", "[joint.link]", f"mass = {write_exact(form.mass)}", f"com = {write_list(form.com)}")
         if inertia:
             yield f"inertia = {{ {', '.join(f'{key} = {text}' for key, text in inertia.items())} }}"
@@ -219,7 +224,7 @@ def _write_link(joint: Joint, symbols: Mapping[str, float]) -> Iterator[str]:
         place = _round(rotation.T @ (np.array(com) - origin), max(map(abs, com)))
         yield from ("", "[joint.link]", add_comment(f"mass = {write_number(mass)}", "kg"))
         yield add_comment(f"com = [{', '.join(map(write_number, place))}]", "m, in the link's frame")
-        named = zip(_TENSOR, entries, strict=True)
+        named = zip(TENSOR, entries, strict=True)
         if listed := ", ".join(f"{key} = {write_number(entry)}" for key, entry in named if entry):
             yield f"inertia = {{ {listed} }}  # kg m^2, about the centre of mass"
 
