@@ -19,7 +19,6 @@ if TYPE_CHECKING:
         Spring as Spring,
         SymbolicInertia as SymbolicInertia,
     )
-    from symid.robot.dh_table import read_dh_table as read_dh_table
     from symid.robot.geometry import (
         ONE as ONE,
         ZERO as ZERO,
@@ -68,6 +67,7 @@ if TYPE_CHECKING:
     from symid.robot.toml_reader import (
         parse_robot as parse_robot,
         read_body as read_body,
+        read_dh_table as read_dh_table,
         read_robot as read_robot,
     )
     from symid.robot.toml_settings import (

@@ -29,7 +29,7 @@ from symid.joint_models import (
     name_values,
 )
 from symid.notation import INERTIAL, adapt_unit, get_unit_factor
-from symid.robot.description import Controller, Drive, Joint, Limits, LogMap, Processing, Robot, SourceFile
+from symid.robot.description import Drive, Joint, Limits, LogMap, NamedSettings, Processing, Robot, SourceFile
 from symid.robot.exact_values import (
     add_comment,
     write_exact,
@@ -51,7 +51,7 @@ from symid.robot.inertia import (
     move_parameters,
     split_body,
 )
-from symid.robot.toml_elasticity import list_branch_entries
+from symid.robot.toml_joints import list_branch_entries
 from symid.robot.toml_settings import compute_current_factor, list_controller, list_log, list_processing
 from symid.robot.toml_values import BASE
 
@@ -166,7 +166,16 @@ def _write_joint(robot: Robot, index: int, placed: dict[str, str], *, hints: boo
         yield f"multiplier = {write_fraction(joint.mimic.multiplier)}"
     prismatic = joint.prismatic
     yield from _write_link(joint, dict(robot.symbols))
-    yield from _write_drive(joint.drive)
+    drive = joint.drive
+    yield from ("", "[joint.drive]") if drive != Drive() else ()
+    if drive.gear != 1:
+        yield f"gear = {write_number(drive.gear)}"
+    if drive.has_rotor or drive.rotor_inertia is not None:
+        yield f"rotor_inertia = {write_known(drive.rotor_inertia)}"
+    if drive.rotor_inertia is not None:
+        yield 'rotor_inertia_side = "joint"'
+    if drive.torque_constant is not None:
+        yield add_comment(f"torque_constant = {write_number(drive.torque_constant)}", "N m/A")
     if hints:
         yield from _write_hints(joint, "drive", whole=False)
     yield from _write_friction("joint", joint.friction)
@@ -236,20 +245,6 @@ def _round(values: Iterable[float], scale: float) -> list[float]:
     return [value if abs(value) > _DUST else 0.0 for value in rounded]
 
 
-def _write_drive(drive: Drive) -> Iterator[str]:
-    if drive == Drive():
-        return
-    yield from ("", "[joint.drive]")
-    if drive.gear != 1:
-        yield f"gear = {write_number(drive.gear)}"
-    if drive.has_rotor or drive.rotor_inertia is not None:
-        yield f"rotor_inertia = {write_known(drive.rotor_inertia)}"
-    if drive.rotor_inertia is not None:
-        yield 'rotor_inertia_side = "joint"'
-    if drive.torque_constant is not None:
-        yield add_comment(f"torque_constant = {write_number(drive.torque_constant)}", "N m/A")
-
-
 def _write_friction(owner: str, friction: FrictionValues) -> Iterator[str]:
     law = get_friction_law(friction)
     if law is None:
@@ -300,11 +295,8 @@ def _write_elasticity(elasticity: Elasticity, *, prismatic: bool) -> Iterator[st
             yield from ("", "[[joint.elasticity.branch]]")
         yield f'model = "{model}"'
         for key, (value, unit) in entries.items():
-            text = (
-                f"[{', '.join(map(write_number, value))}]"
-                if isinstance(value, tuple)
-                else write_number(value)
-            )
+            many = ", ".join(map(write_number, value if isinstance(value, tuple) else (value,)))
+            text = f"[{many}]" if isinstance(value, tuple) else many
             yield from _write_values(prismatic, (key, text, unit))
 
 
@@ -372,40 +364,28 @@ _MEANING = {
 
 
 def _write_settings(robot: Robot) -> Iterator[str]:
-    """Yield the lines of the tables of settings, of the robot's own and then of each named set."""
+    """Yield the tables of settings, the robot's own and each named set, with what is not usual in them."""
     log = robot.log if robot.log != LogMap() else None
     processing = robot.processing if robot.processing != Processing(automatic=True) else None
-    yield from _write_tables(robot, "", log, processing, robot.controller)
-    for named in robot.settings:
-        yield from _write_tables(
-            robot, f"settings.{named.name}.", named.log, named.processing, named.controller
-        )
-
-
-def _write_tables(
-    robot: Robot,
-    prefix: str,
-    log: LogMap | None,
-    processing: Processing | None,
-    controller: Controller | None,
-) -> Iterator[str]:
-    """Yield the lines of tables whose names begin with `prefix`, each with what is not usual in it."""
-    if log is not None:
-        yield from ("", f"[{prefix}log]")
-        for key, entry in list_log(log).items():
-            yield f"{key} = {write_value(_shorten(robot, log, key, entry))}"
-    if processing is not None:
-        yield from ("", f"[{prefix}processing]")
-        standard = list_processing(Processing())
-        settings = list_processing(processing)
-        kept = {key: entry for key, entry in settings.items() if entry != standard[key]}
-        # A table without a key would not be there, and all would be automatic.
-        for key, entry in (kept or {"automatic": False}).items():
-            line = f"{key} = {write_value(entry)}"
-            yield add_comment(line, _MEANING[key]) if key in _MEANING else line
-    if controller is not None:
-        gains = list_controller(controller).items()
-        yield from ("", f"[{prefix}controller]", *(f"{key} = {write_value(entry)}" for key, entry in gains))
+    own = NamedSettings(name="", log=log, processing=processing, controller=robot.controller)
+    for named in (own, *robot.settings):
+        prefix = f"settings.{named.name}." if named.name else ""
+        if named.log is not None:
+            yield from ("", f"[{prefix}log]")
+            for key, entry in list_log(named.log).items():
+                yield f"{key} = {write_value(_shorten(robot, named.log, key, entry))}"
+        if named.processing is not None:
+            yield from ("", f"[{prefix}processing]")
+            standard, settings = list_processing(Processing()), list_processing(named.processing)
+            kept = {key: entry for key, entry in settings.items() if entry != standard[key]}
+            # A table without a key would not be there, and all would be automatic.
+            for key, entry in (kept or {"automatic": False}).items():
+                line = f"{key} = {write_value(entry)}"
+                yield add_comment(line, _MEANING[key]) if key in _MEANING else line
+        if named.controller is not None:
+            gains = list_controller(named.controller).items()
+            lines = (f"{key} = {write_value(entry)}" for key, entry in gains)
+            yield from ("", f"[{prefix}controller]", *lines)
 
 
 def _shorten(robot: Robot, log: LogMap, key: str, entry: Any) -> Any:  # noqa: ANN401  whatever TOML has

@@ -230,8 +230,13 @@ def read_urdf_text(path: Path, *, keep_ends: bool = False) -> UrdfText:
     lost: list[str] = []
 
     def find(name: str) -> str:
-        for folder in _list_package_folders(name, path):
-            if folder.is_dir() and _read_package_name(folder) == name:
+        for folder in filter(Path.is_dir, _list_package_folders(name, path)):
+            # The name of a ROS package; without a manifest that of its folder.
+            found = None
+            with contextlib.suppress(OSError):
+                manifest = (folder / "package.xml").read_text(encoding="utf-8", errors="replace")
+                found = re.search(r"<name>\s*([^<\s]+)\s*</name>", manifest)
+            if (found[1] if found else folder.name) == name:
                 return str(folder)
         lost.append(name)
         return f"$(find {name})"
@@ -275,16 +280,6 @@ def _list_package_folders(name: str, path: Path) -> Iterator[Path]:
             yield folder / name
             for depth in ("*", "*/*", "*/*/*"):
                 yield from sorted(file.parent for file in folder.glob(f"{depth}/package.xml"))
-
-
-def _read_package_name(folder: Path) -> str:
-    """Return the name of a ROS package; without a manifest that of its folder."""
-    try:
-        manifest = (folder / "package.xml").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return folder.name
-    found = re.search(r"<name>\s*([^<\s]+)\s*</name>", manifest)
-    return found[1] if found else folder.name
 
 
 def _explain_failure(xacro: Any, error: Exception, path: Path, lost: list[str]) -> Notice:  # noqa: ANN401  no types

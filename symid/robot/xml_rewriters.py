@@ -42,8 +42,7 @@ from symid.robot.geometry import (
     to_floats,
 )
 from symid.robot.inertia import build_pseudo_inertias, is_same_body, move_parameters, split_body
-from symid.robot.mjcf_parts import ORIENTATIONS, MjcfPart, Model, read_rotation
-from symid.robot.mjcf_reader import assemble_model, read_model
+from symid.robot.mjcf_reader import ORIENTATIONS, MjcfPart, Model, assemble_model, read_model, read_rotation
 from symid.robot.simulator_writers import (
     get_plain_friction,
     list_drive_omissions,
