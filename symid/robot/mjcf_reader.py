@@ -238,9 +238,7 @@ def read_classes(model: Model, elements: Sequence[XmlElement]) -> None:
         element, above = waiting.pop()
         name = element.attributes.get("class", "" if above else "main")
         if not name or (above and name in model.classes) or (not above and name != "main"):
-            text = (
-                f"the outermost class is main; write <default class={chr(34)}{show(name)}{chr(34)}> into it"
-            )
+            text = f'the outermost class is main; write <default class="{show(name)}"> into it'
             if above:
                 text = "its name is taken; each needs its own" if name else "needs a name: write class=..."
             part = XmlPart(reading=model.reading, owner=f"default class '{name}'", element=element)
@@ -478,35 +476,31 @@ def _compute_geom(own: MjcfPart, frame: Placement) -> _Body:
         text = f"size: a {kind} needs {count} number{'s'[: count > 1]} above 0, in m"
         own.at("size").refuse("robot.out-of-range", text, "size")
         return None
-    volume, moments = _compute_solid(kind, size)
+    # Volume (m^3), and principal moments divided by the mass (m^2), of half lengths along z.
+    a, b, c = size
+    match kind:
+        case "box":
+            x, y, z = (value**2 / 3 for value in size)
+            volume, moments = 8 * a * b * c, (y + z, x + z, x + y)
+        case "cylinder":
+            across = (3 * a**2 + 4 * b**2) / 12
+            volume, moments = 2 * math.pi * a**2 * b, (across, across, a**2 / 2)
+        case "capsule":
+            # A cylinder between two halves of a sphere whose centres of mass stand 3 r / 8 beyond its ends.
+            ends_volume, middle_volume = 4 / 3 * math.pi * a**3, 2 * math.pi * a**2 * b
+            volume = ends_volume + middle_volume
+            share = ends_volume / volume
+            across = (1 - share) * (3 * a**2 + 4 * b**2) / 12 + share * (0.4 * a**2 + b**2 + 0.75 * a * b)
+            moments = (across, across, (1 - share) * a**2 / 2 + share * 0.4 * a**2)
+        case _:
+            x, y, z = (value**2 / 5 for value in ((a, a, a) if kind == "sphere" else size))
+            volume = 4 / 3 * math.pi * (a**3 if kind == "sphere" else a * b * c)
+            moments = (y + z, x + z, x + y)
     mass = volume * (density or 0.0) if mass is None else mass
     placed = compose_placements(frame, placed)
     central = [mass * moments[0], 0.0, 0.0, mass * moments[1], 0.0, mass * moments[2], 0.0, 0.0, 0.0, mass]
     origin = np.array([value.to_float() for value in placed.translation])
     return move_parameters(central, np.array(to_floats(placed)), origin)
-
-
-def _compute_solid(kind: str, size: Sequence[float]) -> tuple[float, tuple[float, float, float]]:
-    """Return the volume (m^3) of a solid, and its principal moments divided by its mass (m^2).
-
-    Half lengths along z, as the format has them; a capsule is a cylinder between two halves of a sphere whose
-    centres of mass stand 3 r / 8 beyond its ends.
-    """
-    a, b, c = size
-    match kind:
-        case "box":
-            x, y, z = (value**2 / 3 for value in size)
-            return 8 * a * b * c, (y + z, x + z, x + y)
-        case "cylinder":
-            across = (3 * a**2 + 4 * b**2) / 12
-            return 2 * math.pi * a**2 * b, (across, across, a**2 / 2)
-        case "capsule":
-            ends, middle = 4 / 3 * math.pi * a**3, 2 * math.pi * a**2 * b
-            share = ends / (ends + middle)
-            across = (1 - share) * (3 * a**2 + 4 * b**2) / 12 + share * (0.4 * a**2 + b**2 + 0.75 * a * b)
-            return ends + middle, (across, across, (1 - share) * a**2 / 2 + share * 0.4 * a**2)
-    x, y, z = (value**2 / 5 for value in ((a, a, a) if kind == "sphere" else size))
-    return 4 / 3 * math.pi * (a**3 if kind == "sphere" else a * b * c), (y + z, x + z, x + y)
 
 
 WORLD = "world"
@@ -601,34 +595,12 @@ def read_model(document: XmlDocument, snap: float = DEFAULT_SNAP) -> Model:
         RobotError: an included file cannot be read.
     """
     reading = TreeReading(document=document, snap=snap)
-    _include_files(reading)
     root = document.root
-    for child in root.children:
-        if child.tag not in _SECTIONS:
-            _skip(reading, child)
-    compilers = list(root.find_all("compiler"))
-    for element in compilers:
-        _skip_attributes(reading, element)
-    model = Model(reading=reading, settings=read_settings(reading, compilers))
-    read_classes(model, list(root.find_all("default")))
-    _read_bodies(model)
-    _read_equality(model)
-    _read_tendons(model)
-    _read_actuators(model)
-    return model
-
-
-def _include_files(reading: TreeReading) -> None:
-    """Put the elements of included files in the place of <include>, files in the folder of the model.
-
-    Raises:
-        RobotError: one cannot be read.
-    """
-    document = reading.document
-    waiting = [document.root]
+    waiting = [root]
     while waiting:
         element = waiting.pop()
         while (place := element.find("include")) is not None:
+            # Its elements stand in the place of <include>; the file in the folder of the model.
             name = place.attributes.get("file", "")
             path = Path(document.file).parent / name
             if not name or str(path) in (document.file, *document.included):
@@ -642,6 +614,19 @@ def _include_files(reading: TreeReading) -> None:
             index = element.children.index(place)
             element.children[index : index + 1] = found.root.children
         waiting += element.children
+    for child in root.children:
+        if child.tag not in _SECTIONS:
+            _skip(reading, child)
+    compilers = list(root.find_all("compiler"))
+    for element in compilers:
+        _skip_attributes(reading, element)
+    model = Model(reading=reading, settings=read_settings(reading, compilers))
+    read_classes(model, list(root.find_all("default")))
+    _read_bodies(model)
+    _read_equality(model)
+    _read_tendons(model)
+    _read_actuators(model)
+    return model
 
 
 def _skip(reading: TreeReading, element: XmlElement, kind: str = "") -> None:
@@ -707,7 +692,29 @@ def _read_bodies(model: Model) -> None:
         _check_contents(model, contents, part.owner)
         origin = compose_placements(frame, read_placement(own))
         joints = [entry for entry in contents if entry[0].tag in ("joint", "freejoint")]
-        _chain_joints(own, name, parent, origin, joints)
+        # Between them stand links without mass; a fixed joint stands for none.
+        end = parent
+        for count, (entry, around, place) in enumerate(joints, start=1):
+            joint = entry.attributes.get("name") or f"{name}_joint{count if len(joints) > 1 else ''}"
+            moving = model.enter(entry, f"joint '{joint}'", "joint", around)
+            if entry.tag == "joint":
+                _skip_attributes(reading, entry)
+            if joint in reading.joints:
+                moving.part.refuse_taken("joint", "joint", reading.joints[joint].part)
+                continue
+            last = count == len(joints)
+            child = name if last else f"{name}:{joint}"
+            model.parts["joint", joint] = moving
+            reading.joints[joint] = read_joint(moving, joint, (end, child), origin, place)
+            if not last:
+                link = TreeLink(name=child, part=moving.part, inertial=(0.0,) * 10, between=True)
+                reading.links[child] = link
+            end, origin = child, IDENTITY
+        if not joints:
+            # No joint of the file has such a name: it stands in no message.
+            weld = f"weld of body '{name}'"
+            fixed = TreeJoint(name=weld, type="fixed", parent=parent, child=name, part=part, origin=origin)
+            reading.joints[weld] = fixed
         moves = moves or bool(joints)
         geoms = []
         for geom, around, place in contents:
@@ -728,38 +735,6 @@ def _check_contents(model: Model, contents: Sequence[tuple[XmlElement, str, Plac
             _skip(model.reading, element)
 
 
-def _chain_joints(
-    body: MjcfPart,
-    name: str,
-    parent: str,
-    origin: Placement,
-    joints: Sequence[tuple[XmlElement, str, Placement]],
-) -> None:
-    """Add the joints of a body, between links without mass where there are several; a fixed one for none."""
-    model, reading = body.model, body.model.reading
-    for count, (element, around, frame) in enumerate(joints, start=1):
-        joint = element.attributes.get("name") or f"{name}_joint{count if len(joints) > 1 else ''}"
-        own = model.enter(element, f"joint '{joint}'", "joint", around)
-        if element.tag == "joint":
-            _skip_attributes(reading, element)
-        if joint in reading.joints:
-            own.part.refuse_taken("joint", "joint", reading.joints[joint].part)
-            continue
-        last = count == len(joints)
-        child = name if last else f"{name}:{joint}"
-        model.parts["joint", joint] = own
-        reading.joints[joint] = read_joint(own, joint, (parent, child), origin, frame)
-        if not last:
-            reading.links[child] = TreeLink(name=child, part=own.part, inertial=(0.0,) * 10, between=True)
-        parent, origin = child, IDENTITY
-    if not joints:
-        # No joint of the file has such a name: it stands in no message.
-        weld = f"weld of body '{name}'"
-        reading.joints[weld] = TreeJoint(
-            name=weld, type="fixed", parent=parent, child=name, part=body.part, origin=origin
-        )
-
-
 def _list_entries(model: Model, section: str) -> Iterator[XmlElement]:
     """Yield what stands in all sections of a name."""
     for element in model.reading.document.root.find_all(section):
@@ -775,10 +750,8 @@ def _read_equality(model: Model) -> None:
             _skip(reading, element, f"<{element.tag}> that is not active")
             continue
         if element.tag != "joint":
-            text = (
-                f'<{element.tag}> closes a loop, which is not supported; remove it, or write active="false"'
-            )
-            own.part.refuse("robot.closed-loop", text)
+            text = f"<{element.tag}> closes a loop, which is not supported; remove it, or write"
+            own.part.refuse("robot.closed-loop", f'{text} active="false"')
             continue
         follower = own.part.read_name("joint1", reading.joints)
         master = own.part.read_name("joint2", reading.joints) if own.has("joint2") else None

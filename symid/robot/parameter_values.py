@@ -32,7 +32,7 @@ from typing import Generic, TypeVar
 from symid.errors import EstimateError, Notice, RobotError, UsageError
 from symid.joint_models import get_friction_law, list_value_names, name_bristles, name_shape, name_values
 from symid.notation import INERTIAL
-from symid.robot.description import Joint, Robot
+from symid.robot.description import Coupling, Joint, Robot
 from symid.robot.inertia import TENSOR, split_body
 from symid.robot.toml_values import read_text_file, sort_notices
 
@@ -87,7 +87,9 @@ def build_json_values(
             inertia = dict(zip(TENSOR, central, strict=True))
             links[-1] |= {"mass": mass, "com": com, "inertia": inertia, "standard": standard}
     drives: list[dict[str, object]] = []
-    for owner in (*robot.joints, *robot.couplings):
+    owners: tuple[Joint | Coupling, ...] = (*robot.joints, *robot.couplings)
+    for owner in owners:
+        moves: dict[str, object]
         if isinstance(owner, Joint):
             moves, rotor = {"gear": owner.drive.gear}, owner.drive.rotor_inertia
         else:

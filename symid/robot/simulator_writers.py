@@ -161,8 +161,41 @@ def write_urdf(robot: Robot, *, comments: Sequence[str] = ()) -> str:
     """Return the URDF of `robot`, with comments at its head."""
     lines = ['<?xml version="1.0" encoding="utf-8"?>', f"<robot name={_write_quoted(robot.name)}>"]
     lines += [*_write_head(robot, comments, list_urdf_omissions(robot)), f'  <link name="{BASE}"/>']
+    symbols = dict(robot.symbols)
     for joint in robot.joints:
-        lines += _write_urdf_joint(robot, joint)
+        link = _write_quoted(f"{joint.name}_link")
+        parent = _write_quoted(f"{robot.joints[joint.parent].name}_link" if joint.parent >= 0 else BASE)
+        xyz = [value.to_float(symbols) for value in joint.placement.translation]
+        inertial = () if joint.inertial is None else write_inertial(joint.inertial)
+        lines.append(f"  <link name={link}{'' if inertial else '/'}>")
+        lines += [f"    {line}" for line in inertial]
+        lines += ["  </link>"] if inertial else []
+        endless = joint.kind is JointKind.REVOLUTE and joint.limits.position is None
+        low, high = map(write_decimal, joint.limits.position or (0.0, 0.0))
+        ends = "" if endless else f'lower="{low}" upper="{high}" '
+        effort, velocity = map(write_decimal, (joint.limits.torque or 0.0, joint.limits.velocity or 0.0))
+        kind = "continuous" if endless else joint.kind.value
+        lines.append(f'  <joint name={_write_quoted(joint.name)} type="{kind}">')
+        # Rot(z, yaw) Rot(y, pitch) Rot(x, roll) is the rotation; the roll is 0 where it is free.
+        r = to_floats(joint.placement)
+        across = math.hypot(r[0][0], r[1][0])
+        roll, yaw = (r[2][1], r[2][2]), (r[1][0], r[0][0])
+        if not across:
+            roll, yaw = (0.0, 1.0), (-r[0][1], r[1][1])
+        rpy = (math.atan2(*roll), math.atan2(-r[2][0], across), math.atan2(*yaw))
+        lines.append(f'    <origin xyz="{write_decimals(xyz)}" rpy="{write_decimals(rpy)}"/>')
+        lines.append(f"    <parent link={parent}/>")
+        lines.append(f"    <child link={link}/>")
+        lines.append('    <axis xyz="0 0 1"/>')
+        lines.append(f'    <limit {ends}effort="{effort}" velocity="{velocity}"/>')
+        if (friction := get_plain_friction(joint.friction)) is not None:
+            damping, dry = map(write_decimal, friction)
+            lines.append(f'    <dynamics damping="{damping}" friction="{dry}"/>')
+        if joint.mimic is not None:
+            master = _write_quoted(robot.joints[joint.mimic.master].name)
+            factor = write_decimal(float(joint.mimic.multiplier))
+            lines.append(f'    <mimic joint={master} multiplier="{factor}" offset="0.0"/>')
+        lines.append("  </joint>")
     for joint in robot.joints:
         drive = joint.drive
         if drive.gear == 1.0 and not drive.has_rotor:
@@ -225,42 +258,6 @@ def write_inertial(parameters: Sequence[float]) -> list[str]:
         f"  <inertia {tensor}/>",
         "</inertial>",
     ]
-
-
-def _write_urdf_joint(robot: Robot, joint: Joint) -> Iterator[str]:
-    symbols = dict(robot.symbols)
-    link = _write_quoted(f"{joint.name}_link")
-    parent = _write_quoted(f"{robot.joints[joint.parent].name}_link" if joint.parent >= 0 else BASE)
-    xyz = [value.to_float(symbols) for value in joint.placement.translation]
-    inertial = () if joint.inertial is None else write_inertial(joint.inertial)
-    yield f"  <link name={link}{'' if inertial else '/'}>"
-    yield from (f"    {line}" for line in inertial)
-    yield from ("  </link>",) if inertial else ()
-    endless = joint.kind is JointKind.REVOLUTE and joint.limits.position is None
-    low, high = map(write_decimal, joint.limits.position or (0.0, 0.0))
-    ends = "" if endless else f'lower="{low}" upper="{high}" '
-    effort, velocity = map(write_decimal, (joint.limits.torque or 0.0, joint.limits.velocity or 0.0))
-    yield f'  <joint name={_write_quoted(joint.name)} type="{"continuous" if endless else joint.kind.value}">'
-    # Rot(z, yaw) Rot(y, pitch) Rot(x, roll) is the rotation; the roll is 0 where it is free.
-    r = to_floats(joint.placement)
-    across = math.hypot(r[0][0], r[1][0])
-    roll, yaw = (r[2][1], r[2][2]), (r[1][0], r[0][0])
-    if not across:
-        roll, yaw = (0.0, 1.0), (-r[0][1], r[1][1])
-    rpy = (math.atan2(*roll), math.atan2(-r[2][0], across), math.atan2(*yaw))
-    yield f'    <origin xyz="{write_decimals(xyz)}" rpy="{write_decimals(rpy)}"/>'
-    yield f"    <parent link={parent}/>"
-    yield f"    <child link={link}/>"
-    yield '    <axis xyz="0 0 1"/>'
-    yield f'    <limit {ends}effort="{effort}" velocity="{velocity}"/>'
-    if (friction := get_plain_friction(joint.friction)) is not None:
-        damping, dry = map(write_decimal, friction)
-        yield f'    <dynamics damping="{damping}" friction="{dry}"/>'
-    if joint.mimic is not None:
-        master = _write_quoted(robot.joints[joint.mimic.master].name)
-        factor = write_decimal(float(joint.mimic.multiplier))
-        yield f'    <mimic joint={master} multiplier="{factor}" offset="0.0"/>'
-    yield "  </joint>"
 
 
 _TYPES = {JointKind.REVOLUTE: "hinge", JointKind.PRISMATIC: "slide"}
@@ -440,10 +437,8 @@ def list_usd_omissions(robot: Robot) -> Iterator[str]:
             yield f"{owner}: gear {joint.drive.gear}; torques are those on the joint's side"
         if joint.mimic is not None and not _is_held(robot, joint):
             master = robot.joints[joint.mimic.master].name
-            text = (
-                f"{owner}: follows {float(joint.mimic.multiplier):g} times joint {master}, and moves freely"
-            )
-            yield f"{text}; PhysX holds only turning joints that follow turning ones, both with limits"
+            text = f"{owner}: follows {float(joint.mimic.multiplier):g} times joint {master}, and moves"
+            yield f"{text} freely; PhysX holds only turning joints that follow turning ones, both with limits"
         if joint.spring is not None and joint.spring.stiffness is None:
             yield f"{owner}: a spring of unknown stiffness"
         elif joint.spring is not None and joint.limits.torque is not None:
@@ -550,26 +545,22 @@ def _write_usd_joint(
         for end, value in zip(("lower", "upper"), joint.limits.position, strict=True):
             yield f"        float physics:{end}Limit = {_write(value * degrees)}"
     yield from (f"        {line}" for line in (*drive, *mimic))
-    for key, value in _list_axis_values(joint, degrees):
+    values: dict[str, float] = {}
+    if joint.drive.rotor_inertia:
+        values["armature"] = joint.drive.rotor_inertia
+    if joint.limits.velocity is not None:
+        values["maxJointVelocity"] = joint.limits.velocity * degrees
+    if (plain := get_plain_friction(joint.friction)) is not None:
+        named = name_values(joint.friction)
+        extra = [named[key] for key in ("Fe", "Fep", "Fen") if key in named]
+        damping, dry = plain
+        if dry:
+            values["staticFrictionEffort"] = dry + max(sum(extra) / max(len(extra), 1), 0.0)
+            values["dynamicFrictionEffort"] = dry
+        if damping:
+            values["viscousFrictionCoefficient"] = damping / degrees
+    for key, value in values.items():
         yield f"        float physxJointAxis:{axis}:{key} = {_write(value)}"
     if joint.drive.rotor_inertia:
         yield f"        float physxJoint:armature = {_write(joint.drive.rotor_inertia)}"
     yield "    }"
-
-
-def _list_axis_values(joint: Joint, degrees: float) -> Iterator[tuple[str, float]]:
-    """Yield rotor, largest velocity and friction."""
-    if joint.drive.rotor_inertia:
-        yield "armature", joint.drive.rotor_inertia
-    if joint.limits.velocity is not None:
-        yield "maxJointVelocity", joint.limits.velocity * degrees
-    if (plain := get_plain_friction(joint.friction)) is None:
-        return
-    named = name_values(joint.friction)
-    extra = [named[key] for key in ("Fe", "Fep", "Fen") if key in named]
-    damping, dry = plain
-    if dry:
-        yield "staticFrictionEffort", dry + max(sum(extra) / max(len(extra), 1), 0.0)
-        yield "dynamicFrictionEffort", dry
-    if damping:
-        yield "viscousFrictionCoefficient", damping / degrees

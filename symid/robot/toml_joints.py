@@ -474,11 +474,8 @@ def _read_friction(section: Section, fastest: float = math.inf, *, shared: bool 
     _check_keys(table, law.name, names, known, has_step=has_sign(law) and not law.memory)
     if shared and (law.inputs != ("velocity",) or law.memory):
         what = "bristles" if law.memory else " and the ".join(law.inputs[1:])
-        text = (
-            f'"{law.name}" depends on the {what} of one joint, and this friction '
-            "acts on several; choose a model of the velocity alone"
-        )
-        table.refuse("robot.friction-model", "model", text)
+        text = f'"{law.name}" depends on the {what} of one joint, and this friction acts on several; '
+        table.refuse("robot.friction-model", "model", f"{text}choose a model of the velocity alone")
     for entry in law.linear:
         value = given[entry.name]
         if entry.lower == 0.0 and value is not None and value < 0:
@@ -548,10 +545,8 @@ def _check_keys(
     table.refuse_unknown_keys(dict.fromkeys((*known, *FRICTION_PARTS, *_SHAPES, *_MEMORIES)))
     missing = [name for name in wanted if name not in table.values]
     if missing and len(missing) < len(wanted):
-        text = (
-            f"without {', '.join(missing)}; give all of {', '.join(wanted)}, or none where they are unknown"
-        )
-        table.refuse_key(code, next(name for name in wanted if name in table.values), text)
+        text = f"without {', '.join(missing)}; give all of {', '.join(wanted)}, or none where they are"
+        table.refuse_key(code, next(name for name in wanted if name in table.values), f"{text} unknown")
 
 
 def _warn_of_driving_friction(table: Section, friction: FrictionValues, fastest: float) -> None:

@@ -383,7 +383,7 @@ _QUOTED = re.compile(r'"(?:[^"]|"")*"')
 _HEADER = "joint,kind,alpha,a,d,theta"
 _VARIABLE = re.compile(r"q\d*\s*(?P<rest>[-+].*)?")
 _DECIMAL = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]{1,3})?")
-_IMPLIED_KINDS = {"theta": "revolute", "d": "prismatic"}
+_IMPLIED = {"theta": "revolute", "d": "prismatic"}
 
 
 def read_dh_table(path: Path, convention: str, gravity: tuple[str, str, str] = ("0", "0", "-9.81")) -> Robot:
@@ -410,7 +410,21 @@ def parse_dh_table(
     joints: list[dict[str, Any]] = []
     values = {"convention": convention, "gravity": [Decimal(value) for value in gravity], "joint": joints}
     root = Section(values=values, places=Places(keys=places, values=places, whole=start))
-    lines = _split_cells(text, file)
+    # The cells of every line that holds more than a comment, each with its text and place.
+    lines, separator = list[list[Place]](), ""
+    for number, line in enumerate(text.replace("\r\n", "\n").split("\n"), start=1):
+        # What stands in quotes is masked, so that separators and # in it are none.
+        masked = _QUOTED.sub(lambda match: "x" * len(match[0]), line).partition("#")[0]
+        if not masked.strip():
+            continue
+        separator = separator or max((",", ";", "\t"), key=masked.count)
+        cells, column = list[Place](), 0
+        for part in masked.split(separator):
+            found = line[column : column + len(part)]
+            lead = len(found) - len(found.lstrip())
+            cells.append(Place(file, number, column + lead + 1, found.strip()))
+            column += len(part) + len(separator)
+        lines.append(cells)
     code = "robot.table-header"
     if not lines:
         raise RobotError(start.notice(code, f"empty; the first line names the columns: {_HEADER}"))
@@ -438,27 +452,6 @@ def parse_dh_table(
     if not joints or any(error.code == code for error in root.errors):
         root.finish()
     return build_robot(root, file)
-
-
-def _split_cells(text: str, file: str) -> list[list[Place]]:
-    """Return the cells of every line that holds more than a comment, each with its text and place."""
-    lines = []
-    separator = ""
-    for number, line in enumerate(text.replace("\r\n", "\n").split("\n"), start=1):
-        # What stands in quotes is masked, so that separators and # in it are none.
-        masked = _QUOTED.sub(lambda match: "x" * len(match[0]), line)
-        masked = masked.partition("#")[0]
-        if not masked.strip():
-            continue
-        separator = separator or max((",", ";", "\t"), key=masked.count)
-        cells, column = [], 0
-        for part in masked.split(separator):
-            found = line[column : column + len(part)]
-            lead = len(found) - len(found.lstrip())
-            cells.append(Place(file, number, column + lead + 1, found.strip()))
-            column += len(part) + len(separator)
-        lines.append(cells)
-    return lines
 
 
 def _unquote(cell: Place) -> str:
@@ -508,14 +501,12 @@ def _read_row(
         text = "neither q nor kind: write q under theta (revolute) or d (prismatic), or fill in kind"
     elif variables:
         key, place = variables[0]
-        kind = joint.setdefault("kind", _IMPLIED_KINDS.get(key, "revolute"))
+        kind = joint.setdefault("kind", _IMPLIED.get(key, "revolute"))
         alike = "revolute" if kind == "continuous" else kind
-        if key not in _IMPLIED_KINDS:
+        if key not in _IMPLIED:
             text = f"q under {key}; a joint turns under theta or slides under d"
-        elif alike in ("fixed", "revolute", "prismatic") and alike != _IMPLIED_KINDS[key]:
-            text = (
-                f'q under {key} is a {_IMPLIED_KINDS[key]} joint, but kind is "{kind}"; correct one of them'
-            )
+        elif alike in ("fixed", "revolute", "prismatic") and alike != _IMPLIED[key]:
+            text = f'q under {key} is a {_IMPLIED[key]} joint, but kind is "{kind}"; correct one of them'
     joint.setdefault("kind", "revolute")
     if text:
         root.errors.append(place.notice("robot.table-row", text))

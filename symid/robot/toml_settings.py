@@ -189,10 +189,8 @@ def _read_columns(section: Section, size: int) -> tuple[str, ...]:
         section.refuse("robot.wrong-type", "columns", text)
         return ()
     if len(names) not in (1, size):
-        text = (
-            f"{len(names)} columns for {size} joints; give one for each joint, or one array for all of them"
-        )
-        section.refuse("robot.column-count", "columns", text)
+        text = f"{len(names)} columns for {size} joints; give one for each joint, or one array for all"
+        section.refuse("robot.column-count", "columns", f"{text} of them")
     return tuple(names)
 
 

@@ -452,7 +452,17 @@ def _read_joint(name: str, part: XmlPart) -> TreeJoint | None:
         origin = Placement(rotation=rotate_rpy(roll, pitch, yaw).rotation, translation=lengths)
     turn, friction, limits = IDENTITY, FrictionValues(), Limits()
     if type_ in MOVING:
-        turn = _read_axis(part)
+        found, axis = part.get("axis", "xyz"), (Decimal(1), Decimal(0), Decimal(0))
+        place = found or part
+        if found is None or (not found.element.text and "xyz" not in found.element.attributes):
+            place.group("robot.default-axis", "no <axis> with xyz, so it is x (1 0 0), of joints {}")
+        if found is not None:
+            found.refuse_text('xyz="0 0 1"')
+            axis = found.read_vector("xyz") or axis
+        length = math.hypot(*map(float, axis))
+        if any(axis) and abs(length - 1.0) > 1e-5:
+            place.warn("robot.axis-length", f"axis xyz: its length {length:.6g} was set to 1", "xyz")
+        turn = build_axis(place, axis, "xyz", "axis xyz")
         if dynamics := part.get("dynamics", "damping", "friction"):
             values = [dynamics.read_decimal(key) for key in ("damping", "friction")]
             for key, value in zip(("damping", "friction"), values, strict=True):
@@ -484,22 +494,6 @@ def build_lengths(part: XmlPart, xyz: Triple, attribute: str, dust: str) -> Exac
         lengths.append(Exact.surd(round(exact * _LENGTH_PARTS) / _LENGTH_PARTS if snap else exact))
     x, y, z = lengths
     return (x, y, z)
-
-
-def _read_axis(joint: XmlPart) -> Placement:
-    found = joint.get("axis", "xyz")
-    part = found or joint
-    axis = (Decimal(1), Decimal(0), Decimal(0))
-    if found is None or (not found.element.text and "xyz" not in found.element.attributes):
-        part.group("robot.default-axis", "no <axis> with xyz, so it is x (1 0 0), of joints {}")
-    if found is not None:
-        found.refuse_text('xyz="0 0 1"')
-        axis = found.read_vector("xyz") or axis
-    if any(axis):
-        length = math.hypot(*map(float, axis))
-        if abs(length - 1.0) > 1e-5:
-            part.warn("robot.axis-length", f"axis xyz: its length {length:.6g} was set to 1", "xyz")
-    return build_axis(part, axis, "xyz", "axis xyz")
 
 
 def build_axis(part: XmlPart, axis: Sequence[Decimal | Fraction], attribute: str, name: str) -> Placement:

@@ -351,14 +351,30 @@ def assemble_robot(
             other += "_"
         text = f"joint '{BASE}' is renamed to '{other}': in a robot file '{BASE}' is the fixed base"
         reading.warn("robot.renamed", text, reading.joints[BASE].part.element, "name")
-        joints = tuple(replace(joint, name=other) if joint.name == BASE else joint for joint in joints)
+        joints = tuple(replace(one, name=other) if one.name == BASE else one for one in joints)
+    # Joints before the base stand at zero, followers among them at their offset; gravity is `gravity`, or
+    # down, in the file's root frame.
+    outer = IDENTITY
+    for joint in tree.before:
+        offset = _place_offset(joint, followers.get(joint.name), reading.snap)
+        outer = compose_placements(outer, joint.origin, joint.turn, offset, invert_placement(joint.turn))
+    if gravity is not None:
+        back = Placement(rotation=invert_placement(outer).rotation, translation=IDENTITY.translation)
+        down = compose_placements(back, translate(*gravity)).translation
+    else:
+        x, y, z = (_GRAVITY * entry for entry in outer.rotation[2])
+        down = (x, y, z)
+        words = list_words(f"{value.to_float():g}" for value in down)
+        where = f"of link {tree.root}{', the joints before it at 0' if tree.before else ''}"
+        text = f"a URDF states no gravity; it was taken as ({words}) m/s^2 in the frame {where}"
+        reading.warn("robot.assumed-gravity", text)
     # The same for all ends of lines.
     digest = sha256(document.source.removeprefix(BOM_UTF8).replace(b"\r\n", b"\n")).hexdigest()
     return Robot(
         name=name,
         joints=joints,
         links=links,
-        gravity=_compute_gravity(reading, tree, followers, gravity),
+        gravity=down,
         convention="urdf" if gravity is None else "mjcf",
         description=f"from the {what} {file.name}, whose {link} {tree.root} is the base"
         + (f", {tip} the tip" if tip else ""),
@@ -458,25 +474,3 @@ def _reduce_joints(
             )
             part.group("robot.nearly-parallel", text, f"{tilt:.1e}")
     return reframed.joints, links
-
-
-def _compute_gravity(
-    reading: TreeReading, tree: _Tree, followers: Mapping[str, MimicStep], stated: ExactVector | None
-) -> ExactVector:
-    """Return gravity in the base link's frame: `stated`, or down, in the file's root frame.
-
-    Joints before the base stand at zero, followers among them at their offset.
-    """
-    outer = IDENTITY
-    for joint in tree.before:
-        offset = _place_offset(joint, followers.get(joint.name), reading.snap)
-        outer = compose_placements(outer, joint.origin, joint.turn, offset, invert_placement(joint.turn))
-    if stated is not None:
-        back = Placement(rotation=invert_placement(outer).rotation, translation=IDENTITY.translation)
-        return compose_placements(back, translate(*stated)).translation
-    x, y, z = (_GRAVITY * entry for entry in outer.rotation[2])
-    words = list_words(f"{value.to_float():g}" for value in (x, y, z))
-    where = f"of link {tree.root}" if not tree.before else f"of link {tree.root}, the joints before it at 0"
-    text = f"a URDF states no gravity; it was taken as ({words}) m/s^2 in the frame {where}"
-    reading.warn("robot.assumed-gravity", text)
-    return x, y, z

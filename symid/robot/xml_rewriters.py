@@ -350,10 +350,8 @@ def rewrite_mjcf(text: str, robot: Robot) -> RewrittenFile:
         links = read_model(parse_document(written, file), reading.snap).reading.links
         for name, link in reading.links.items():
             if name not in bodies and not is_same_body(links[name].inertial, link.inertial):
-                text = (
-                    'its <inertial>, which inertiafromgeom="true" leaves unused, would hold in the new file'
-                )
-                link.part.refuse(code, f"{text}; remove this <inertial>")
+                text = 'its <inertial>, which inertiafromgeom="true" leaves unused, would hold in the new '
+                link.part.refuse(code, f"{text}file; remove this <inertial>")
     if reading.errors:
         raise RobotError(*sort_notices(reading.errors))
     return RewrittenFile(text=written, shared=shared)
@@ -404,8 +402,9 @@ def _check_file(own: MjcfPart) -> bool:
 
 def _edit_mjcf_inertial(body: MjcfPart, values: Sequence[float]) -> Iterator[Edit]:
     """Yield the edits of <inertial>: in its own attributes where they can hold the values, else a new one."""
-    old = body.part.element.find("inertial")
-    if not _check_file(body if old is None else _enter(body, old)):
+    old, document = body.part.element.find("inertial"), body.model.reading.document
+    own = body if old is None else MjcfPart(model=body.model, part=body.part.enter(old))
+    if not _check_file(own):
         return
     mass, com, central = split_body(values)
     numbers = {"pos": write_decimals(com), "mass": write_decimal(mass)}
@@ -413,30 +412,25 @@ def _edit_mjcf_inertial(body: MjcfPart, values: Sequence[float]) -> Iterator[Edi
     turned = [name for name in ORIENTATIONS if name in names]
     tensor = write_decimals([central[k] for k in _ORDER])
     off_diagonal, least = max(abs(central[k]) for k in (1, 2, 4)), _ROUNDING * max(map(abs, central))
-    if old is not None and "fullinertia" in names:
-        yield from _write_attributes(_enter(body, old), {**numbers, "fullinertia": tensor})
-    elif old is not None and "diaginertia" in names and turned == ["quat"]:
-        moments, quaternion = _find_axes(central, np.array(to_floats(read_rotation(_enter(body, old)))))
-        more = {"diaginertia": write_decimals(moments), "quat": write_decimals(quaternion)}
-        yield from _write_attributes(_enter(body, old), {**numbers, **more})
-    elif old is not None and "diaginertia" in names and not turned and off_diagonal <= least:
-        moments = [central[k] for k in (0, 3, 5)]
-        yield from _write_attributes(_enter(body, old), {**numbers, "diaginertia": write_decimals(moments)})
+    stated: dict[str, str] = {}
+    if "fullinertia" in names:
+        stated = {"fullinertia": tensor}
+    elif "diaginertia" in names and turned == ["quat"]:
+        moments, quaternion = _find_axes(central, np.array(to_floats(read_rotation(own))))
+        stated = {"diaginertia": write_decimals(moments), "quat": write_decimals(quaternion)}
+    elif "diaginertia" in names and not turned and off_diagonal <= least:
+        stated = {"diaginertia": write_decimals([central[k] for k in (0, 3, 5)])}
+    place = " ".join(f'{name}="{value}"' for name, value in numbers.items())
+    line = f'<inertial {place} fullinertia="{tensor}"/>' if mass else _NOTHING
+    if stated:
+        yield from _write_attributes(own, {**numbers, **stated})
+    elif old is None:
+        yield insert_element(document, body.part.element, [line])
     else:
-        place = " ".join(f'{name}="{value}"' for name, value in numbers.items())
-        line = f'<inertial {place} fullinertia="{tensor}"/>' if mass else _NOTHING
-        document = body.model.reading.document
-        if old is None:
-            yield insert_element(document, body.part.element, [line])
-        else:
-            # What stands inside, as comments, stays.
-            inside, _ = document.locate_inside(old)
-            closed = document.source[inside - 2 : inside] == b"/>"
-            yield old.offset, inside, line if closed else f"{line[:-2]}>"
-
-
-def _enter(body: MjcfPart, element: XmlElement) -> MjcfPart:
-    return MjcfPart(model=body.model, part=body.part.enter(element))
+        # What stands inside, as comments, stays.
+        inside, _ = document.locate_inside(old)
+        closed = document.source[inside - 2 : inside] == b"/>"
+        yield old.offset, inside, line if closed else f"{line[:-2]}>"
 
 
 def _find_axes(central: Sequence[float], near: FloatArray) -> tuple[list[float], list[float]]:
