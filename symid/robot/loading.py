@@ -178,34 +178,27 @@ def override_robot(robot: Robot, settings: Sequence[tuple[str, str]], friction: 
         log, processing, controller = read_settings(root, robot.axes)
         root.finish()
         robot = replace(robot, log=log, processing=processing, controller=controller)
-    for kind in (friction, *(value for key, value in settings if key == "friction")):
-        robot = robot if kind is None else _replace_friction(robot, kind)
+    laws = [value for key, value in settings if key == "friction"]
+    for name in laws if friction is None else (friction, *laws):
+        if name == "auto" or "=" in name:
+            what = "'auto' is" if name == "auto" else "laws of single joints are"
+            text = f"{what} a friction of `symid identify` and `robot.identify` alone, which find laws from "
+            text += "logs; otherwise give one law for all joints, or write the laws into the robot file"
+            raise UsageError(Notice(code="usage.friction-auto", text=text))
+        law = None if name == NO_FRICTION else get_law(name)
+        wanted = NO_FRICTION if law is None else law.name
+        other = [joint.name for joint in robot.axes if joint.friction.law != wanted]
+        if law is not None and (law.shape or law.memory) and other:
+            shape = ", ".join(entry.name for entry in (*law.shape, *law.memory))
+            text = f"the friction model '{name}' needs {shape} of joint {other[0]!r}, which no option gives; "
+            text += "write it into the robot file"
+            raise UsageError(Notice(code="usage.friction-shape", text=text))
+        joints = tuple(
+            replace(joint, friction=FrictionValues(law=wanted)) if joint.name in other else joint
+            for joint in robot.joints
+        )
+        robot = replace(robot, joints=joints)
     return robot
-
-
-def _replace_friction(robot: Robot, name: str) -> Robot:
-    if name == "auto" or "=" in name:
-        what = "'auto' is" if name == "auto" else "laws of single joints are"
-        text = (
-            f"{what} a friction of `symid identify` and `robot.identify` alone, which find laws from logs; "
-            "otherwise give one law for all joints, or write the laws into the robot file"
-        )
-        raise UsageError(Notice(code="usage.friction-auto", text=text))
-    law = None if name == NO_FRICTION else get_law(name)
-    wanted = NO_FRICTION if law is None else law.name
-    changed = [joint.name for joint in robot.axes if joint.friction.law != wanted]
-    if law is not None and (law.shape or law.memory) and changed:
-        shape = ", ".join(entry.name for entry in (*law.shape, *law.memory))
-        text = (
-            f"the friction model '{name}' needs {shape} of joint {changed[0]!r}, which no option gives; "
-            "write it into the robot file"
-        )
-        raise UsageError(Notice(code="usage.friction-shape", text=text))
-    joints = tuple(
-        replace(joint, friction=FrictionValues(law=wanted)) if joint.name in changed else joint
-        for joint in robot.joints
-    )
-    return replace(robot, joints=joints)
 
 
 def _parse_setting(text: str) -> object:

@@ -65,7 +65,23 @@ def write_robot(robot: Robot, *, comment: str = "", hints: bool = False, folder:
     With `hints` each joint gets, in comments, the tables that it does not have, to be filled in. The file
     that the robot was made from is named as seen from `folder`; as it was called, if None.
     """
-    convention, placed = _choose_rows(robot)
+    pairs = []
+    for joint in robot.joints:
+        # The joint's frame seen from the frame that the file gives to the link before it.
+        outer = robot.joints[joint.parent].frame if joint.parent >= 0 else IDENTITY
+        pairs.append((compose_placements(invert_placement(outer), joint.placement), joint.frame))
+    if robot.convention == "standard":
+        rows, convention = [write_standard_row(near, frame) for near, frame in pairs], "standard"
+    else:
+        rows = [write_modified_row(near) if frame == IDENTITY else None for near, frame in pairs]
+        convention = "modified" if robot.convention == "modified" or None not in rows else "origin"
+    # What places each joint; an empty origin says that this joint has no row.
+    placed = []
+    for (near, frame), row in zip(pairs, rows, strict=True):
+        general = {"origin": write_origin(near), "frame": write_origin(frame)}
+        if frame == IDENTITY:
+            del general["frame"]
+        placed.append(general if row is None or convention == "origin" else row)
     # A name that can name generated functions.
     name = re.sub(r"[^A-Za-z0-9_]", "_", robot.name)
     texts = {
@@ -86,8 +102,8 @@ def write_robot(robot: Robot, *, comment: str = "", hints: bool = False, folder:
         for table in _HINTS if hints else ():
             lines += _write_hints(joint, table, whole=True)
     for coupling in robot.couplings:
-        pairs = [(robot.joints[index].name, factor) for index, factor in coupling.terms]
-        terms = ", ".join(f"{write_key(joint)} = {write_fraction(factor)}" for joint, factor in pairs)
+        factors = [(robot.joints[index].name, factor) for index, factor in coupling.terms]
+        terms = ", ".join(f"{write_key(owner)} = {write_fraction(factor)}" for owner, factor in factors)
         lines += ["", "[[coupling]]", f"name = {write_value(coupling.name)}", f"terms = {{ {terms} }}"]
         lines += [f"rotor_inertia = {write_known(coupling.rotor_inertia)}"] if coupling.has_rotor else []
         lines += _write_friction("coupling", coupling.friction)
@@ -117,29 +133,6 @@ def _list_source(made: SourceFile, folder: Path | None) -> Iterator[str]:
         f"{key} = {write_value(link)}" for key, link in (("base", made.base), ("tip", made.tip)) if link
     )
     yield f"snap = {write_number(made.snap)}"
-
-
-def _choose_rows(robot: Robot) -> tuple[str, list[dict[str, str]]]:
-    """Return the convention in which the robot is written, and what places each joint."""
-    pairs = []
-    for joint in robot.joints:
-        # The joint's frame seen from the frame that the file gives to the link before it.
-        outer = robot.joints[joint.parent].frame if joint.parent >= 0 else IDENTITY
-        pairs.append((compose_placements(invert_placement(outer), joint.placement), joint.frame))
-    if robot.convention == "standard":
-        rows = [write_standard_row(near, frame) for near, frame in pairs]
-        convention = "standard"
-    else:
-        rows = [write_modified_row(near) if frame == IDENTITY else None for near, frame in pairs]
-        convention = "modified" if robot.convention == "modified" or None not in rows else "origin"
-    placed = []
-    for (near, frame), row in zip(pairs, rows, strict=True):
-        # An empty origin says that this joint has no row.
-        general = {"origin": write_origin(near), "frame": write_origin(frame)}
-        if frame == IDENTITY:
-            del general["frame"]
-        placed.append(general if row is None or convention == "origin" else row)
-    return convention, placed
 
 
 _PLACING = {
