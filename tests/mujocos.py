@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from symid.robot.mjcf_reader import build_mjcf_robot
+from symid.robot.mjcf_reader import parse_xml_robot
 from symid.robot.urdf_reader import DEFAULT_SNAP
-from symid.robot.urdf_xml import parse_document
 
 mujoco = pytest.importorskip("mujoco", reason="wants the package mujoco")
 
@@ -35,4 +34,4 @@ def find_mujoco_torques(model: mujoco.MjModel, names, state: np.ndarray, *, dry:
 
 def parse_mjcf(text, file="robot.xml", *, base=None, tip=None, snap=DEFAULT_SNAP):
     """Return symid's robot of a model; messages call the text `file`."""
-    return build_mjcf_robot(parse_document(text, file), base, tip, snap)
+    return parse_xml_robot(text, file, base=base, tip=tip, snap=snap)

@@ -89,7 +89,6 @@ if TYPE_CHECKING:
         NO_FRICTION as NO_FRICTION,
         FrictionLaw as FrictionLaw,
         FrictionValues as FrictionValues,
-        LawParameter as LawParameter,
         compute_column_derivatives as compute_column_derivatives,
         compute_columns as compute_columns,
         compute_friction_torque as compute_friction_torque,

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
         Spring as Spring,
         SymbolicInertia as SymbolicInertia,
     )
-    from symid.robot.dh_table import read_dh_table as read_dh_table
     from symid.robot.geometry import (
         ONE as ONE,
         ZERO as ZERO,
@@ -45,14 +44,7 @@ if TYPE_CHECKING:
         override_robot as override_robot,
         override_settings as override_settings,
     )
-    from symid.robot.mjcf_reader import (
-        parse_xml_robot as parse_xml_robot,
-        read_xml_robot as read_xml_robot,
-    )
-    from symid.robot.mjcf_rewriter import (
-        list_rewritten_mjcf_omissions as list_rewritten_mjcf_omissions,
-        rewrite_mjcf as rewrite_mjcf,
-    )
+    from symid.robot.mjcf_reader import parse_xml_robot as parse_xml_robot, read_xml_robot as read_xml_robot
     from symid.robot.parameter_values import (
         PRECISIONS as PRECISIONS,
         RobotValues as RobotValues,
@@ -63,9 +55,19 @@ if TYPE_CHECKING:
         read_value_table as read_value_table,
         write_c_values as write_c_values,
     )
+    from symid.robot.simulator_writers import (
+        list_mjcf_omissions as list_mjcf_omissions,
+        list_rewritten_mjcf_omissions as list_rewritten_mjcf_omissions,
+        list_urdf_omissions as list_urdf_omissions,
+        list_usd_omissions as list_usd_omissions,
+        write_mjcf as write_mjcf,
+        write_urdf as write_urdf,
+        write_usd as write_usd,
+    )
     from symid.robot.toml_reader import (
         parse_robot as parse_robot,
         read_body as read_body,
+        read_dh_table as read_dh_table,
         read_robot as read_robot,
     )
     from symid.robot.toml_settings import (
@@ -92,15 +94,8 @@ if TYPE_CHECKING:
     )
     from symid.robot.toml_writer import move_source as move_source, write_robot as write_robot
     from symid.robot.urdf_reader import parse_urdf as parse_urdf, read_urdf as read_urdf
-    from symid.robot.urdf_rewriter import rewrite_urdf as rewrite_urdf
     from symid.robot.urdf_xml import read_urdf_text as read_urdf_text
-    from symid.robot.usd_writer import list_usd_omissions as list_usd_omissions, write_usd as write_usd
-    from symid.robot.xml_writers import (
-        list_mjcf_omissions as list_mjcf_omissions,
-        list_urdf_omissions as list_urdf_omissions,
-        write_mjcf as write_mjcf,
-        write_urdf as write_urdf,
-    )
+    from symid.robot.xml_rewriters import rewrite_mjcf as rewrite_mjcf, rewrite_urdf as rewrite_urdf
 else:
     from symid.lazy import load_names
 

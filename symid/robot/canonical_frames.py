@@ -190,7 +190,20 @@ def choose_canonical_frames(
             direction, shift = _choose_frame(children[index].placement, values, tolerance)
         if shift is None or abs((shift + along).to_float(values)) > farthest:
             shift = -along
-        move = _build_frame_change(placement, direction, shift, tolerance)
+        xs, ys, zs = zip(*placement.rotation, strict=True)
+        if direction is None:
+            # The first of the parent's axes that is normal to the joint's own axis, else the old x axis.
+            axis = next((k for k in range(3) if abs(zs[k].to_float()) <= tolerance), None)
+            direction = _KEPT if axis is None else (xs[axis], ys[axis])
+            if axis is not None and zs[axis]:
+                direction = _approximate_direction(xs[axis], ys[axis], {})
+        cosine, sine = direction
+        lifted = [(cosine * a + sine * b).to_float() for a, b in zip(xs, ys, strict=True)]
+        if next(entry for entry in lifted if abs(entry) > tolerance) < 0:
+            cosine, sine = -cosine, -sine
+        turn = ((cosine, -sine, ZERO), (sine, cosine, ZERO), (ZERO, ZERO, ONE))
+        # The new frame seen from the old one.
+        move = Placement(rotation=turn, translation=(ZERO, ZERO, shift))
         moves.append(move)
         settled, moved = rationalize_placement(compose_placements(placement, move), values, snap=snap)
         back = invert_placement(move)
@@ -252,22 +265,3 @@ def _approximate_direction(x: Exact, y: Exact, symbols: Mapping[str, float]) -> 
     """Return a direction along (x, y) to the digits of a double."""
     angle = build_exact_angle(atan2(y.to_float(symbols), x.to_float(symbols)), snap=0)
     return (angle.cosine, angle.sine)
-
-
-def _build_frame_change(
-    placement: Placement, direction: _Direction | None, shift: Exact, tolerance: float
-) -> Placement:
-    """Return the new frame seen from the old one, which is `placement` seen from the parent's new frame."""
-    x, y, z = zip(*placement.rotation, strict=True)
-    if direction is None:
-        # The first of the parent's axes that is normal to the joint's own axis, else the old x axis.
-        axis = next((k for k in range(3) if abs(z[k].to_float()) <= tolerance), None)
-        direction = _KEPT if axis is None else (x[axis], y[axis])
-        if axis is not None and z[axis]:
-            direction = _approximate_direction(x[axis], y[axis], {})
-    cosine, sine = direction
-    lifted = [(cosine * a + sine * b).to_float() for a, b in zip(x, y, strict=True)]
-    if next(entry for entry in lifted if abs(entry) > tolerance) < 0:
-        cosine, sine = -cosine, -sine
-    rotation = ((cosine, -sine, ZERO), (sine, cosine, ZERO), (ZERO, ZERO, ONE))
-    return Placement(rotation=rotation, translation=(ZERO, ZERO, shift))

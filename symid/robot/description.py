@@ -365,8 +365,30 @@ class Robot:
                 symbol that reads as a coordinate, a master that follows another joint, a coupling that
                 names no joint.
         """
-        if mistakes := list(_list_mistakes(self)):
-            raise RobotError(*(Notice(code="robot.invalid", text=text, file=self.path) for text in mistakes))
+        names, indices = [joint.name for joint in self.joints], range(len(self.joints))
+        wrong = [] if names else ["a robot needs at least one joint"]
+        wrong += [f"two joints are called {name!r}" for name in dict.fromkeys(names) if names.count(name) > 1]
+        for index, joint in enumerate(self.joints):
+            owner, follow = f"joint {joint.name!r}", joint.mimic
+            if not -1 <= joint.parent < index:
+                wrong.append(f"{owner}: its parent must be the base (-1) or an earlier joint")
+            if follow and (follow.master not in indices or self.joints[follow.master].mimic is not None):
+                wrong.append(f"{owner}: it must follow a joint that follows no other")
+            if follow and not follow.multiplier:
+                wrong.append(f"{owner}: a multiplier of 0 makes it a fixed joint")
+        names = [coupling.name for coupling in self.couplings]
+        for coupling in self.couplings:
+            owner, terms = f"coupling {coupling.name!r}", coupling.terms
+            if names.count(coupling.name) > 1 or coupling.name.isdigit() or not coupling.name:
+                wrong.append(f"{owner}: it needs a name of its own that is no number")
+            if not terms or not all(index in indices and factor for index, factor in terms):
+                wrong.append(f"{owner}: it must name joints of the robot, with factors that are not 0")
+        lengths = [value for joint in self.joints for value in joint.placement.translation]
+        for name in sorted({name for value in (*lengths, *self.gravity) for name in value.symbols}):
+            if re.fullmatch(r"(s|c|q|dq|ddq)\d+", name):
+                wrong.append(f"symbolic length {name!r} reads as a coordinate; call it L1, A2 or D3")
+        if wrong:
+            raise RobotError(*(Notice(code="robot.invalid", text=text, file=self.path) for text in wrong))
 
     @property
     def size(self) -> int:
@@ -408,28 +430,3 @@ class Robot:
                 total[position] = total.get(position, Fraction(0)) + factor * multiplier
             rows.append(tuple(sorted((position, factor) for position, factor in total.items() if factor)))
         return tuple(rows)
-
-
-def _list_mistakes(robot: Robot) -> Iterator[str]:
-    names, indices = [joint.name for joint in robot.joints], range(len(robot.joints))
-    if not names:
-        yield "a robot needs at least one joint"
-    yield from (f"two joints are called {name!r}" for name in dict.fromkeys(names) if names.count(name) > 1)
-    for index, joint in enumerate(robot.joints):
-        follow = joint.mimic
-        if not -1 <= joint.parent < index:
-            yield f"joint {joint.name!r}: its parent must be the base (-1) or an earlier joint"
-        if follow and (follow.master not in indices or robot.joints[follow.master].mimic is not None):
-            yield f"joint {joint.name!r}: it must follow a joint that follows no other"
-        if follow and not follow.multiplier:
-            yield f"joint {joint.name!r}: a multiplier of 0 makes it a fixed joint"
-    names = [coupling.name for coupling in robot.couplings]
-    for coupling in robot.couplings:
-        if names.count(coupling.name) > 1 or coupling.name.isdigit() or not coupling.name:
-            yield f"coupling {coupling.name!r}: it needs a name of its own that is no number"
-        if not coupling.terms or not all(index in indices and factor for index, factor in coupling.terms):
-            yield f"coupling {coupling.name!r}: it must name joints of the robot, with factors that are not 0"
-    lengths = [value for joint in robot.joints for value in joint.placement.translation]
-    for name in sorted({name for value in (*lengths, *robot.gravity) for name in value.symbols}):
-        if re.fullmatch(r"(s|c|q|dq|ddq)\d+", name):
-            yield f"symbolic length {name!r} reads as a coordinate; call it L1, A2 or D3"

@@ -393,6 +393,12 @@ def compute_quaternion(rotation: ExactMatrix) -> tuple[Exact, ...]:
     return tuple(entry * Exact.of(below) for entry in scaled)
 
 
+def compute_unit_quaternion(rotation: ExactMatrix) -> list[float]:
+    """Return the quaternion (w, x, y, z) of length one in floating point."""
+    entries = [entry.to_float() for entry in compute_quaternion(rotation)]
+    return [entry / math.hypot(*entries) for entry in entries]
+
+
 def compute_rpy(rotation: ExactMatrix) -> tuple[Angle, Angle, Angle] | None:
     """Return roll, pitch and yaw of the matrix, None where their cosines and sines are not in the field."""
     sine = -rotation[2][0]

@@ -19,6 +19,9 @@ from symid.arrays import FloatArray
 from symid.robot.description import Joint
 from symid.robot.geometry import IDENTITY, Placement, compose_placements, to_floats
 
+TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
+"""The entries of an inertia tensor, in their order."""
+
 # Of ten parameters, in units of the link's own size: what rounding leaves.
 _SAME = 1e-9
 # A flat or thin link sits on the edge of what is possible; rounding of its decimals may cross it.

@@ -11,6 +11,7 @@ file; values that contradict the source.
 """
 
 import codecs
+import contextlib
 import difflib
 import os
 import re
@@ -26,12 +27,7 @@ from symid.errors import Notice, RobotError, UsageError
 from symid.joint_models import NO_FRICTION, FrictionValues, get_law, list_value_names, name_values
 from symid.notation import get_unit_factor
 from symid.robot.description import Drive, Joint, Robot
-from symid.robot.toml_settings import (
-    SETTING_TABLES,
-    describe_settings,
-    list_controller,
-    read_settings,
-)
+from symid.robot.toml_settings import SETTING_TABLES, describe_settings, list_controller, read_settings
 from symid.robot.toml_values import LARGEST_FILE, KeyPath, Place, Places, Section, suggest_names
 
 _SUFFIX = ".toml"
@@ -88,7 +84,21 @@ def locate_robot_file(name_or_path: str) -> Path:
             candidate = folder / f"{stem}{_SUFFIX}"
             if _is_file(candidate):
                 return candidate
-    raise UsageError(Notice(code="usage.unknown-robot", text=_explain_missing_file(path)))
+    ends, remedy = (_SUFFIX, *_XML_SUFFIXES), "give the path of a .toml, .urdf or .xml file"
+    known = ", ".join(list_robots())
+    siblings = [str(other) for end in ends for other in sorted(path.parent.glob(f"*{end}"))]
+    near = difflib.get_close_matches(str(path), siblings, n=3, cutoff=0.6)
+    if os.path.isdir(path):  # noqa: PTH112  the same as for files
+        text = f"'{path}' is a folder; give a robot file (.toml, .urdf, .xml) or a robot's name: {known}"
+    elif path.parent != Path():
+        hint = f"did you mean {' or '.join(near)}?" if near else remedy
+        text = f"there is no robot file '{path}'; {hint}"
+    else:
+        stem = path.name.lower().removesuffix(_SUFFIX)
+        near += difflib.get_close_matches(stem, list_robots(), n=3, cutoff=0.5)
+        hint = f"did you mean {' or '.join(near)}? " if near else ""
+        text = f"there is no robot '{path}'; {hint}known are {known}, or {remedy}"
+    raise UsageError(Notice(code="usage.unknown-robot", text=text))
 
 
 def name_for_commands(robot: Robot) -> str:
@@ -107,26 +117,6 @@ def _is_file(path: Path) -> bool:
     return os.path.isfile(path)  # noqa: PTH113
 
 
-def _explain_missing_file(path: Path) -> str:
-    if os.path.isdir(path):  # noqa: PTH112  the same
-        known = ", ".join(list_robots())
-        return f"'{path}' is a folder; give a robot file (.toml, .urdf, .xml) or a robot's name: {known}"
-    ends = (_SUFFIX, *_XML_SUFFIXES)
-    siblings = [str(other) for end in ends for other in sorted(path.parent.glob(f"*{end}"))]
-    near = difflib.get_close_matches(str(path), siblings, n=3, cutoff=0.6)
-    if path.parent != Path():
-        hint = (
-            f"did you mean {' or '.join(near)}?" if near else "give the path of a .toml, .urdf or .xml file"
-        )
-        return f"there is no robot file '{path}'; {hint}"
-    names = list_robots()
-    near += difflib.get_close_matches(path.name.lower().removesuffix(_SUFFIX), names, n=3, cutoff=0.5)
-    hint = f"did you mean {' or '.join(near)}? " if near else ""
-    known = ", ".join(names)
-    paths = "give the path of a .toml, .urdf or .xml file"
-    return f"there is no robot '{path}'; {hint}known are {known}, or {paths}"
-
-
 def override_robot(robot: Robot, settings: Sequence[tuple[str, str]], friction: str | None = None) -> Robot:
     """Return `robot` with other settings.
 
@@ -142,30 +132,17 @@ def override_robot(robot: Robot, settings: Sequence[tuple[str, str]], friction: 
         UsageError: a key cannot be overridden, or there is no such set or friction model.
         RobotError: the values do not fit; all mistakes at once.
     """
-    for name in (value for key, value in settings if key == "settings"):
-        robot = _apply_named_settings(robot, name)
-    pairs = [(key, value) for key, value in settings if key not in ("friction", "settings")]
-    if pairs:
-        robot = _replace_settings(robot, pairs)
-    for kind in (friction, *(value for key, value in settings if key == "friction")):
-        robot = robot if kind is None else _replace_friction(robot, kind)
-    return robot
-
-
-def _apply_named_settings(robot: Robot, name: str) -> Robot:
-    """Return `robot` with the tables of its set `name` in place of its own."""
     known = {entry.name: entry for entry in robot.settings}
-    if name not in known:
-        listed = f"it has {', '.join(known)}" if known else "it has none; they are tables [settings.NAME]"
-        hint = suggest_names(name, known, before="; ")
-        text = f"the robot file has no settings named '{name}': {listed}{hint}"
-        raise UsageError(Notice(code="usage.unknown-settings", text=text, file=robot.path))
-    stated = {table: getattr(known[name], table) for table in SETTING_TABLES}
-    changed: dict[str, Any] = {table: entry for table, entry in stated.items() if entry is not None}
-    return replace(robot, **changed)
-
-
-def _replace_settings(robot: Robot, pairs: Sequence[tuple[str, str]]) -> Robot:
+    for name in (value for key, value in settings if key == "settings"):
+        if name not in known:
+            listed = f"it has {', '.join(known)}" if known else "it has none; they are tables [settings.NAME]"
+            hint = suggest_names(name, known, before="; ")
+            text = f"the robot file has no settings named '{name}': {listed}{hint}"
+            raise UsageError(Notice(code="usage.unknown-settings", text=text, file=robot.path))
+        stated = {table: getattr(known[name], table) for table in SETTING_TABLES}
+        changed: dict[str, Any] = {table: entry for table, entry in stated.items() if entry is not None}
+        robot = replace(robot, **changed)
+    pairs = [(key, value) for key, value in settings if key not in ("friction", "settings")]
     values: dict[str, Any] = describe_settings(robot)
     if robot.controller is not None:
         values["controller"] = list_controller(robot.controller)
@@ -180,7 +157,13 @@ def _replace_settings(robot: Robot, pairs: Sequence[tuple[str, str]]) -> Robot:
                 "all else belongs into the robot file"
             )
             raise UsageError(Notice(code="usage.bad-setting", text=text, file=f"--set {key}"))
-        _drop_stale_factor(values, path, value)
+        parsed = _parse_setting(value)
+        if path[0] == "log" and path[2:] == ("unit",):
+            # A factor goes when the unit that it belongs to gives way to one of another dimension.
+            quantity = values["log"].get(path[1], {})
+            with contextlib.suppress(KeyError, TypeError):
+                if get_unit_factor(quantity["unit"])[0] != get_unit_factor(str(parsed))[0]:
+                    quantity.pop("factor", None)
         # The setting's place is that of its key, and of the tables around it that have none yet.
         place = places[path] = Place(f"--set {key}={value}", 0, 0, value)
         table = values
@@ -189,11 +172,33 @@ def _replace_settings(robot: Robot, pairs: Sequence[tuple[str, str]]) -> Robot:
             if not isinstance(table.get(name), dict):
                 table[name] = {}
             table = table[name]
-        table[path[-1]] = _parse_setting(value)
-    root = Section(values=values, places=Places(keys=places, values=places, whole=Place("--set", 0, 0)))
-    log, processing, controller = read_settings(root, robot.axes)
-    root.finish()
-    return replace(robot, log=log, processing=processing, controller=controller)
+        table[path[-1]] = parsed
+    if pairs:
+        root = Section(values=values, places=Places(keys=places, values=places, whole=Place("--set", 0, 0)))
+        log, processing, controller = read_settings(root, robot.axes)
+        root.finish()
+        robot = replace(robot, log=log, processing=processing, controller=controller)
+    laws = [value for key, value in settings if key == "friction"]
+    for name in laws if friction is None else (friction, *laws):
+        if name == "auto" or "=" in name:
+            what = "'auto' is" if name == "auto" else "laws of single joints are"
+            text = f"{what} a friction of `symid identify` and `robot.identify` alone, which find laws from "
+            text += "logs; otherwise give one law for all joints, or write the laws into the robot file"
+            raise UsageError(Notice(code="usage.friction-auto", text=text))
+        law = None if name == NO_FRICTION else get_law(name)
+        wanted = NO_FRICTION if law is None else law.name
+        other = [joint.name for joint in robot.axes if joint.friction.law != wanted]
+        if law is not None and (law.shape or law.memory) and other:
+            shape = ", ".join(entry.name for entry in (*law.shape, *law.memory))
+            text = f"the friction model '{name}' needs {shape} of joint {other[0]!r}, which no option gives; "
+            text += "write it into the robot file"
+            raise UsageError(Notice(code="usage.friction-shape", text=text))
+        joints = tuple(
+            replace(joint, friction=FrictionValues(law=wanted)) if joint.name in other else joint
+            for joint in robot.joints
+        )
+        robot = replace(robot, joints=joints)
+    return robot
 
 
 def _parse_setting(text: str) -> object:
@@ -205,45 +210,6 @@ def _parse_setting(text: str) -> object:
         parts = [part.strip() for part in text.split(",")]
         return [_parse_setting(part) for part in parts] if len(parts) > 1 else text
     return values["value"] if len(values) == 1 else text
-
-
-def _drop_stale_factor(values: dict[str, Any], path: tuple[str, ...], value: str) -> None:
-    """Drop a factor when the unit that it belongs to gives way to one of another dimension."""
-    if path[0] != "log" or path[2:] != ("unit",):
-        return
-    quantity = values["log"].get(path[1], {})
-    try:
-        before = get_unit_factor(quantity["unit"])[0]
-        after = get_unit_factor(str(_parse_setting(value)))[0]
-    except (KeyError, TypeError):
-        return
-    if before != after:
-        quantity.pop("factor", None)
-
-
-def _replace_friction(robot: Robot, name: str) -> Robot:
-    if name == "auto" or "=" in name:
-        what = "'auto' is" if name == "auto" else "laws of single joints are"
-        text = (
-            f"{what} a friction of `symid identify` and `robot.identify` alone, which find laws from logs; "
-            "otherwise give one law for all joints, or write the laws into the robot file"
-        )
-        raise UsageError(Notice(code="usage.friction-auto", text=text))
-    law = None if name == NO_FRICTION else get_law(name)
-    wanted = NO_FRICTION if law is None else law.name
-    changed = [joint.name for joint in robot.axes if joint.friction.law != wanted]
-    if law is not None and (law.shape or law.memory) and changed:
-        shape = ", ".join(entry.name for entry in (*law.shape, *law.memory))
-        text = (
-            f"the friction model '{name}' needs {shape} of joint {changed[0]!r}, which no option gives; "
-            "write it into the robot file"
-        )
-        raise UsageError(Notice(code="usage.friction-shape", text=text))
-    joints = tuple(
-        replace(joint, friction=FrictionValues(law=wanted)) if joint.name in changed else joint
-        for joint in robot.joints
-    )
-    return replace(robot, joints=joints)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -299,34 +265,25 @@ def complete_robot(robot: Robot, added: Completion) -> Robot:
     completed = replace(robot, joints=joints)
     if not added.friction:
         return completed
-    return _keep_friction(completed, override_robot(completed, (), added.friction), added.friction)
-
-
-def _keep_friction(before: Robot, after: Robot, law: str) -> Robot:
-    """Return `after`, its friction of another law with the values of `before` that the law has, and a note.
-
-    Values that only the new law has are zero.
-    """
-    joints: list[Joint] = []
-    kept: list[str] = []
-    lost: list[str] = []
-    for old, new in zip(before.joints, after.joints, strict=True):
-        named, names = name_values(old.friction), list_value_names(new.friction)
-        stated = [name for name in named if named[name]]
-        if old.friction.law != new.friction.law and stated:
-            (kept if set(stated) <= set(names) else lost).append(new.name)
-            if set(stated) & set(names):
-                values = tuple(named.get(name, 0.0) for name in names)
-                new = replace(new, friction=replace(new.friction, values=values))  # noqa: PLW2901
-        joints.append(new)
+    # Values of the source that the law has are kept; those that only the new law has are zero.
+    after, law = override_robot(completed, (), added.friction), added.friction
+    kept, lost, moved = list[str](), list[str](), list[Joint]()
+    for old, new in zip(completed.joints, after.joints, strict=True):
+        named, names_of_law = name_values(old.friction), list_value_names(new.friction)
+        stated, own = {name for name in named if named[name]}, new.friction
+        if old.friction.law != own.law and stated:
+            (kept if stated <= set(names_of_law) else lost).append(new.name)
+            if stated & set(names_of_law):
+                own = replace(own, values=tuple(named.get(name, 0.0) for name in names_of_law))
+        moved.append(replace(new, friction=own))
     notices = []
     if kept:
         text = f"the source's friction of {', '.join(kept)} was taken over into the law {law}"
-        notices.append(Notice(code="new.friction-kept", text=text, file=before.path))
+        notices.append(Notice(code="new.friction-kept", text=text, file=robot.path))
     if lost:
         text = f"the law {law} has no place for all friction that the source states of {', '.join(lost)}"
-        notices.append(Notice(code="new.friction-lost", text=text, file=before.path))
-    return replace(after, joints=tuple(joints), notices=(*after.notices, *notices))
+        notices.append(Notice(code="new.friction-lost", text=text, file=robot.path))
+    return replace(after, joints=tuple(moved), notices=(*after.notices, *notices))
 
 
 DEFAULT_GRAVITY = ("0", "0", "-9.81")
@@ -380,7 +337,7 @@ def load_robot(
             text = f"--{option} {value}: only a URDF or MJCF is {what}; leave the option out, or {remedy}"
             raise UsageError(Notice(code="usage.no-urdf", text=text, file=str(path)))
     if convention is not None:
-        from symid.robot.dh_table import read_dh_table
+        from symid.robot.toml_reader import read_dh_table
 
         robot = read_dh_table(path, convention, gravity or DEFAULT_GRAVITY)
     else:

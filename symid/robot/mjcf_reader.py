@@ -5,46 +5,503 @@ in the robot's notices. Bodies become links, several joints of one body a chain 
 without a joint a part of the body that carries it; from there on the model is read as a URDF is
 (`urdf_reader.assemble_robot`). A coordinate is the joint's `qpos` of MuJoCo, `ref` included.
 
-Supported: what `mjcf_parts` supports; frames, included files; hinges and slides with range, damping,
-frictionloss, armature, stiffness; gears and forces of actuators at joints; followers (<equality><joint>,
-linear); fixed tendons with armature, damping or frictionloss, as coupled drives; gravity.
+Supported: angles in degrees (the format's own unit) or rad; quat, axisangle, euler in any sequence, xyaxes,
+zaxis; nested classes; frames, included files; inertias of primitive geoms (sphere, capsule, cylinder,
+ellipsoid, box) from their mass or density, solid; hinges and slides with range, damping, frictionloss,
+armature, stiffness; gears and forces of actuators at joints; followers (<equality><joint>, linear); fixed
+tendons with armature, damping or frictionloss, as coupled drives; gravity.
 Not supported, and refused: free and ball joints in the chosen part, <connect>, <weld>, equalities of tendons,
 curved followers, armature and damping of actuators, <attach>, <replicate>, <composite>, <flexcomp>, plugins
-of bodies. Not in the model, and said in a warning: forces of a medium, gravcomp, springs of tendons, spatial
-tendons with mechanics, flags that switch forces off.
+of bodies, inertias of meshes, height fields and shells, polynomial springs and dampers, `springdamper`,
+corrections of the compiler (balanceinertia, boundmass, boundinertia, settotalmass), where they change values.
+Not in the model, and said in a warning: forces of a medium, gravcomp, springs of tendons, spatial tendons
+with mechanics, flags that switch forces off.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from fractions import Fraction
 from pathlib import Path
 
+import numpy as np
+
 from symid.errors import RobotError
-from symid.robot.description import MimicStep, Robot
-from symid.robot.geometry import IDENTITY, ZERO, Exact, ExactVector, Placement, compose_placements
-from symid.robot.mjcf_parts import (
-    ORIENTATIONS,
-    MjcfPart,
-    Model,
-    read_body,
-    read_classes,
-    read_joint,
-    read_placement,
-    read_settings,
+from symid.robot.description import Drive, Limits, MimicStep, Robot, Spring
+from symid.robot.geometry import (
+    IDENTITY,
+    ZERO,
+    Angle,
+    Exact,
+    ExactVector,
+    Placement,
+    build_exact_angle,
+    compose_placements,
+    compute_rotation,
+    invert_placement,
+    rotate_x,
+    rotate_y,
+    rotate_z,
+    snap_to_quarter_turns,
+    to_floats,
+    translate,
 )
-from symid.robot.toml_values import read_text_file, show
+from symid.robot.inertia import explain_impossible_inertia, move_parameters
+from symid.robot.toml_values import read_text_file, show, suggest_names
 from symid.robot.urdf_parts import (
     MJCF_UNUSED,
+    NULL,
     TreeCoupling,
     TreeJoint,
     TreeLink,
     TreeReading,
+    Triple,
     XmlPart,
+    build_axis,
+    build_body,
     build_friction,
+    build_lengths,
 )
 from symid.robot.urdf_reader import DEFAULT_SNAP, assemble_robot, parse_urdf, read_urdf
 from symid.robot.urdf_xml import XmlDocument, XmlElement, parse_document
+
+ORIENTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
+"""The attributes that turn a frame; an element has one of them at most."""
+
+ACTUATORS = (
+    *("general", "motor", "position", "velocity", "intvelocity", "pid", "damper", "cylinder", "muscle"),
+    *("orientation", "adhesion", "dcmotor", "plugin"),
+)
+"""The kinds of actuators; they share their defaults."""
+
+_TORQUE = "actuatorfrcrange"
+_UPRIGHT = (Decimal(0), Decimal(0), Decimal(1))
+_Body = tuple[float, ...] | None
+_COUNTS = {"quat": 4, "axisangle": 4, "euler": 3, "xyaxes": 6, "zaxis": 3}
+_SEQUENCE = "xyz"
+_TURNS = {"x": rotate_x, "y": rotate_y, "z": rotate_z}
+_ANGLES = ("radian", "degree")
+_INFERENCE = ("true", "false", "auto")
+_ROUNDED = 1e-9
+
+Defaults = Mapping[str, Mapping[str, XmlElement]]
+"""The attributes that a class states, by kind of element and name, with the element where each stands."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settings:
+    """What <compiler> says: unit and sequence of angles, where inertias come from, when ranges hold."""
+
+    degrees: bool = True
+    sequence: str = _SEQUENCE
+    inference: str = "auto"
+    groups: tuple[int, int] = (0, 5)
+    autolimits: bool = True
+    balance: bool = False
+
+    def to_radians(self, value: Decimal) -> float:
+        """Return an angle of the file in rad."""
+        return math.radians(value) if self.degrees else float(value)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Model:
+    """A model that is being read: its settings, classes of defaults by name, parts by kind and name."""
+
+    reading: TreeReading
+    settings: Settings
+    classes: dict[str, Defaults] = field(default_factory=dict)
+    parts: dict[tuple[str, str], "MjcfPart"] = field(default_factory=dict)
+
+    def enter(self, element: XmlElement, owner: str, kind: str, childclass: str = "") -> "MjcfPart":
+        """Return an element with what its class states for its `kind`; `childclass` is that around it."""
+        part = XmlPart(reading=self.reading, owner=owner, element=element)
+        name = element.attributes.get("class") or childclass or "main"
+        if name not in self.classes and name != "main":
+            hint = suggest_names(name, self.classes, before="; ")
+            text = f'there is no default class "{show(name)}"{hint}'
+            part.refuse("robot.unknown-name", text, "class")
+        return MjcfPart(model=self, part=part, defaults=self.classes.get(name, {}).get(kind, {}))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MjcfPart:
+    """An element, and what its class states where the element itself does not."""
+
+    model: Model
+    part: XmlPart
+    defaults: Mapping[str, XmlElement] = field(default_factory=dict)
+
+    def has(self, attribute: str) -> bool:
+        """Return whether the element or its class states an attribute."""
+        return attribute in self.part.element.attributes or attribute in self.defaults
+
+    def at(self, attribute: str) -> XmlPart:
+        """Return the element that states an attribute: this one, or that of its class."""
+        if attribute not in self.part.element.attributes and attribute in self.defaults:
+            return self.part.enter(self.defaults[attribute])
+        return self.part
+
+    def get(self, attribute: str, default: str = "") -> str:
+        """Return an attribute's text."""
+        return self.at(attribute).element.attributes.get(attribute, default).strip()
+
+    def refuse(self, code: str, text: str, attribute: str) -> None:
+        """Add an error at an attribute."""
+        self.at(attribute).refuse(code, text, attribute)
+
+    def read_number(self, attribute: str, default: float | None = None) -> float | None:
+        """Return an attribute's number."""
+        value = self.at(attribute).read_decimal(attribute)
+        return default if value is None else float(value)
+
+    def read_positive(self, attribute: str) -> float:
+        """Return a number that is not negative, zero where there is none."""
+        value = self.read_number(attribute) or 0.0
+        if value < 0:
+            self.refuse("robot.out-of-range", f"{attribute}: must be at least 0, got {value:g}", attribute)
+            return 0.0
+        return value
+
+    def read_linear(self, attribute: str) -> float:
+        """Return a coefficient, zero where there is none."""
+        match self.at(attribute).read_numbers(attribute, 1, 3):
+            case (_, *curved) if any(curved):
+                text = f"{attribute}: a polynomial is not supported; write one number"
+                self.refuse("robot.mjcf-unsupported", text, attribute)
+            case (value, *_):
+                return float(value)
+        return 0.0
+
+    def read_choice(self, attribute: str, allowed: Sequence[str], default: str) -> str:
+        """Return one of the words that an attribute allows."""
+        value = self.get(attribute, default)
+        if value not in allowed:
+            hint = suggest_names(value, allowed, before="; ")
+            text = f'{attribute}: expected one of {", ".join(allowed)}, got "{show(value)}"{hint}'
+            self.refuse("robot.unknown-name", text, attribute)
+            return default
+        return value
+
+    def is_limited(self, attribute: str, bounds: str) -> bool:
+        """Return whether a range holds: `attribute` says so, or that there are `bounds` where it is auto."""
+        stated = self.read_choice(attribute, _INFERENCE, "auto")
+        return stated == "true" or (stated == "auto" and self.model.settings.autolimits and self.has(bounds))
+
+    def read_range(self, attribute: str) -> tuple[float, float] | None:
+        """Return two numbers, the first of them smaller; None where there are none."""
+        match self.at(attribute).read_numbers(attribute, 2):
+            case (low, high) if low < high:
+                return float(low), float(high)
+            case (low, high) if low > high:
+                text = f"{attribute}: the first number, {low}, must not exceed the second, {high}"
+                self.refuse("robot.bad-limits", text, attribute)
+        return None
+
+
+def read_settings(reading: TreeReading, elements: Sequence[XmlElement]) -> Settings:
+    """Return what all <compiler> elements say together; a later one replaces an earlier one."""
+    found = Settings()
+    for element in elements:
+        part = XmlPart(reading=reading, owner="compiler", element=element)
+        own = MjcfPart(model=Model(reading=reading, settings=found), part=part)
+        unit = own.read_choice("angle", _ANGLES, "degree" if found.degrees else "radian")
+        sequence = own.get("eulerseq", found.sequence)
+        if len(sequence) != 3 or set(sequence.lower()) - set(_SEQUENCE):
+            text = f'eulerseq: expected three of the letters x, y, z, X, Y, Z, got "{show(sequence)}"'
+            part.refuse("robot.unknown-name", text, "eulerseq")
+            sequence = found.sequence
+        groups = part.read_numbers("inertiagrouprange", 2)
+        if own.get("coordinate", "local") != "local":
+            text = "coordinate: MuJoCo no longer reads global coordinates; write local ones"
+            part.refuse("robot.mjcf-unsupported", text, "coordinate")
+        for attribute in ("boundmass", "boundinertia", "settotalmass"):
+            if (own.read_number(attribute) or 0.0) > 0:
+                text = f"{attribute}: is not supported; write the values that it gives into the bodies"
+                part.refuse("robot.mjcf-unsupported", text, attribute)
+        found = Settings(
+            degrees=unit == "degree",
+            sequence=sequence,
+            inference=own.read_choice("inertiafromgeom", _INFERENCE, found.inference),
+            groups=(int(groups[0]), int(groups[1])) if groups else found.groups,
+            autolimits=own.read_choice("autolimits", _INFERENCE[:2], str(found.autolimits).lower()) == "true",
+            balance=own.read_choice("balanceinertia", _INFERENCE[:2], str(found.balance).lower()) == "true",
+        )
+    return found
+
+
+def read_classes(model: Model, elements: Sequence[XmlElement]) -> None:
+    """Add the classes of all <default> elements, each with what it takes over from the one around it."""
+    waiting = [(element, "") for element in reversed(elements)]
+    while waiting:
+        element, above = waiting.pop()
+        name = element.attributes.get("class", "" if above else "main")
+        if not name or (above and name in model.classes) or (not above and name != "main"):
+            text = f'the outermost class is main; write <default class="{show(name)}"> into it'
+            if above:
+                text = "its name is taken; each needs its own" if name else "needs a name: write class=..."
+            part = XmlPart(reading=model.reading, owner=f"default class '{name}'", element=element)
+            part.refuse("robot.duplicate-class", text, "class")
+            continue
+        inherited = model.classes.get(above or "main", {})
+        stated = {kind: dict(entries) for kind, entries in inherited.items()}
+        for child in element.children:
+            kind = "actuator" if child.tag in ACTUATORS else child.tag
+            stated.setdefault(kind, {}).update(dict.fromkeys(child.attributes, child))
+        model.classes[name] = stated
+        waiting += [(child, name) for child in reversed(element.children) if child.tag == "default"]
+
+
+def read_rotation(own: MjcfPart) -> Placement:
+    """Return the turn that an element states, exactly; none where it states none."""
+    stated = [name for name in ORIENTATIONS if own.has(name)]
+    if len(stated) > 1:
+        text = f"{' and '.join(stated)} mean the same; keep one of them"
+        own.part.refuse("robot.two-forms", text, stated[1])
+    if not stated:
+        return IDENTITY
+    name, part, settings = stated[0], own.at(stated[0]), own.model.settings
+    numbers = part.read_numbers(name, _COUNTS[name])
+    match name, numbers:
+        case _, ():
+            return IDENTITY
+        case "quat", (w, *vector):
+            if not any(numbers):
+                part.refuse("robot.zero-axis", "quat: must not be zero; no turn is 1 0 0 0", name)
+                return IDENTITY
+            axes = [k for k, value in enumerate(vector) if value]
+            if len(axes) <= 1:
+                k = axes[0] if axes else 0
+                return _TURNS[_SEQUENCE[k]](_build_angle(part, 2 * math.atan2(vector[k], w), name))
+            rotation = compute_rotation([Exact.surd(Fraction(value)) for value in numbers])
+            return _settle(part, replace(IDENTITY, rotation=rotation), name)
+        case "axisangle", (x, y, z, angle):
+            frame = build_axis(part, (x, y, z), name, name)
+            return _turn_about(part, frame, settings.to_radians(angle), name)
+        case "zaxis", (x, y, z):
+            return _turn_to(part, (x, y, z), name)
+        case "xyaxes", _:
+            # x goes there, and y into the half plane of the second three numbers.
+            a, b, c, d, e, f = map(Fraction, numbers)
+            normal = (b * f - c * e, c * d - a * f, a * e - b * d)
+            if not any(normal):
+                text = "xyaxes: the two axes must have different directions"
+                part.refuse("robot.zero-axis", text, name)
+                return IDENTITY
+            frame = build_axis(part, normal, name, name)
+            across, along, _ = np.array(to_floats(frame)).T @ np.array([float(a), float(b), float(c)])
+            turn = rotate_z(_build_angle(part, math.atan2(along, across), name))
+            return _settle(part, compose_placements(frame, turn), name)
+    turn = IDENTITY
+    for letter, value in zip(settings.sequence, numbers, strict=True):
+        step = _TURNS[letter.lower()](_build_angle(part, settings.to_radians(value), name))
+        # Small letters turn about axes that turn along, capital ones about those of the parent.
+        turn = compose_placements(*((turn, step) if letter.islower() else (step, turn)))
+    return turn
+
+
+def _build_angle(part: XmlPart, radians: float, attribute: str) -> Angle:
+    angle = build_exact_angle(radians, snap=part.reading.snap)
+    _tell_snap(part, angle.snapped_by, attribute)
+    return angle
+
+
+def _tell_snap(part: XmlPart, moved: float, attribute: str) -> None:
+    if moved:
+        text = f"{attribute} was moved to the nearest multiple of pi/2, of bodies (by rad) {{}}"
+        part.group("robot.angle-snapped", text, f"{abs(moved):.1e}", attribute)
+
+
+def _turn_about(part: XmlPart, frame: Placement, radians: float, attribute: str) -> Placement:
+    """Return the turn about the z axis of a frame."""
+    turn = rotate_z(_build_angle(part, radians, attribute))
+    return compose_placements(frame, turn, invert_placement(frame))
+
+
+def _turn_to(part: XmlPart, axis: Triple, attribute: str) -> Placement:
+    """Return the least turn that takes z to an axis; about x where any would do."""
+    x, y, z = axis
+    if not any(axis):
+        part.refuse("robot.zero-axis", f"{attribute}: the axis 0 0 0 has no direction", attribute)
+        return IDENTITY
+    zero, one = Decimal(0), Decimal(1)
+    frame = build_axis(part, (-y, x, zero) if x or y else (one, zero, zero), attribute, attribute)
+    return _turn_about(part, frame, math.atan2(math.hypot(x, y), z), attribute)
+
+
+def _settle(part: XmlPart, turn: Placement, attribute: str) -> Placement:
+    """Return a turn by right angles where it is near one."""
+    snap = part.reading.snap
+    settled = snap_to_quarter_turns(turn, snap=snap) if snap else None
+    if settled is None:
+        return turn
+    moved = float(np.abs(np.array(to_floats(settled)) - to_floats(turn)).max())
+    _tell_snap(part, moved if moved > _ROUNDED else 0.0, attribute)
+    return settled
+
+
+def read_placement(own: MjcfPart) -> Placement:
+    """Return the frame that pos and an orientation state."""
+    return replace(read_rotation(own), translation=_read_position(own))
+
+
+def _read_position(own: MjcfPart) -> ExactVector:
+    part, text = own.at("pos"), "lengths below 1e-9 m in pos were taken as zero, of {}"
+    return build_lengths(part, part.read_vector("pos") or NULL, "pos", text)
+
+
+_HINGE, _SLIDE = "hinge", "slide"
+_JOINTS = (_HINGE, _SLIDE, "ball", "free")
+
+
+def read_joint(
+    own: MjcfPart, name: str, ends: tuple[str, str], origin: Placement, frame: Placement
+) -> TreeJoint:
+    """Return a joint between two links; `frame` is that around it seen from its body, `origin` the body's."""
+    kind = "free" if own.part.element.tag == "freejoint" else own.read_choice("type", _JOINTS, _HINGE)
+    joint = TreeJoint(name=name, type=kind, parent=ends[0], child=ends[1], part=own.part, origin=origin)
+    if kind not in (_HINGE, _SLIDE):
+        return joint
+    place, settings = own.at("axis"), own.model.settings
+    axis = build_axis(place, place.read_vector("axis") or _UPRIGHT, "axis", "axis")
+    unit = math.pi / 180 if settings.degrees and kind == _HINGE else 1.0
+    position = own.read_range("range") if own.is_limited("limited", "range") else None
+    zero = own.at("ref").read_decimal("ref") or Decimal(0)
+    armature, damping = own.read_positive("armature"), own.read_linear("damping")
+    if damping < 0:
+        text = f"damping: {damping:g} drives the joint instead of braking it"
+        own.at("damping").warn("robot.negative-friction", text, "damping")
+    turn = compose_placements(frame, translate(*_read_position(own)), axis)
+    friction = build_friction(damping, own.read_positive("frictionloss"))
+    # What the actuators may have together.
+    torque = None
+    if own.is_limited("actuatorfrclimited", _TORQUE) and (bounds := own.read_range(_TORQUE)):
+        low, high = bounds
+        if low != -high:
+            text = f"{_TORQUE} differs by direction, the smaller torque is the limit, of joints {{}}"
+            own.at(_TORQUE).group("robot.uneven-limits", text, attribute=_TORQUE)
+        torque = min(-low, high) if low < 0 < high else None
+    if any(own.at("springdamper").read_numbers("springdamper", 2)):
+        text = "springdamper: is not supported; write the stiffness and damping that it gives"
+        own.refuse("robot.mjcf-unsupported", text, "springdamper")
+    spring = None
+    if stiffness := own.read_linear("stiffness"):
+        if own.read_positive("springyield"):
+            text = "springyield: a spring that yields is not supported; leave it out"
+            own.refuse("robot.mjcf-unsupported", text, "springyield")
+        spring = Spring(stiffness=stiffness, rest=(own.read_number("springref") or 0.0) * unit)
+    return replace(
+        joint,
+        type={_HINGE: "revolute" if position else "continuous", _SLIDE: "prismatic"}[kind],
+        turn=turn,
+        friction=friction,
+        limits=Limits(position=(position[0] * unit, position[1] * unit) if position else None, torque=torque),
+        drive=Drive(has_rotor=armature > 0, rotor_inertia=armature or None),
+        zero=Exact.surd(Fraction(zero)) if unit == 1.0 else Exact.of(float(zero) * unit),
+        spring=spring,
+    )
+
+
+# xx xy xz yy yz zz, from the order of the format: xx yy zz xy xz yz.
+_ORDER = (0, 3, 4, 1, 5, 2)
+
+
+def read_body(body: MjcfPart, geoms: Sequence[tuple[MjcfPart, Placement]], *, moves: bool) -> _Body:
+    """Return the ten parameters of a body in its frame, None where nothing states them.
+
+    `geoms` come with the frame around each, seen from the body. A body that does not move needs no inertia.
+    """
+    inertial = body.part.get("inertial")
+    inference, groups = body.model.settings.inference, body.model.settings.groups
+    found: _Body = None
+    if moves and (inference == "true" or (inference == "auto" and inertial is None)):
+        inside = [pair for pair in geoms if groups[0] <= (pair[0].read_number("group") or 0) <= groups[1]]
+        entries = [entry for entry in (_compute_geom(geom, frame) for geom, frame in inside) if entry]
+        found = tuple(float(value) for value in np.sum(entries, axis=0)) if entries else None
+        if inside and inference == "true":
+            return found
+    if inertial is not None:
+        own = replace(body, part=inertial, defaults={})
+        missing = [name for name in ("pos", "mass") if name not in inertial.element.attributes]
+        if missing:
+            inertial.refuse("robot.missing-key", f"<inertial> needs {' and '.join(missing)}")
+        full, principal = inertial.read_numbers("fullinertia", 6), inertial.read_numbers("diaginertia", 3)
+        if full and (principal or any(own.has(name) for name in ORIENTATIONS)):
+            text = "fullinertia stands in the axes of the body; leave out diaginertia and orientations"
+            inertial.refuse("robot.two-forms", text, "fullinertia")
+        com = [float(value) for value in inertial.read_vector("pos") or NULL]
+        rotation = np.array(to_floats(read_rotation(own)))
+        central = [float(full[k]) for k in _ORDER] if full else [0.0] * 6
+        if principal:
+            central[0], central[3], central[5] = map(float, principal)
+        found = build_body(inertial, own.read_positive("mass"), com, central, rotation)
+    if found and body.model.settings.balance and explain_impossible_inertia(found):
+        text = "balanceinertia changes the inertia of this body; write the values that it gives into the body"
+        body.part.refuse("robot.mjcf-unsupported", text)
+    return found
+
+
+_SOLIDS = ("sphere", "capsule", "cylinder", "ellipsoid", "box")
+_NO_BODIES = ("plane", "hfield")
+_GEOMS = (*_NO_BODIES, *_SOLIDS, "mesh", "sdf")
+
+
+def _compute_geom(own: MjcfPart, frame: Placement) -> _Body:
+    """Return the ten parameters of a solid in the frame of its body; None where it has no mass."""
+    kind = own.read_choice("type", _GEOMS, "sphere")
+    mass, density = own.read_number("mass"), own.read_number("density", 1000.0)
+    if kind in _NO_BODIES or mass == 0 or (mass is None and not density):
+        return None
+    shell = own.get("shellinertia", "false") == "true"
+    if kind not in _SOLIDS or own.has("mesh") or shell:
+        what = "a shell" if shell else "a mesh"
+        text = f"its inertia would be that of {what}, which is not computed; give the body an <inertial>"
+        own.part.refuse("robot.mjcf-unsupported", f"{text} (MuJoCo writes one, see docs/urdf.md)")
+        return None
+    ends = own.at("fromto").read_numbers("fromto", 6)
+    numbers = [float(value) for value in own.at("size").read_numbers("size", 1, 3)]
+    size = (numbers + [0.0] * 3)[:3]
+    if ends:
+        vector = [a - b for a, b in zip(ends[:3], ends[3:], strict=True)]
+        half = math.hypot(*map(float, vector)) / 2
+        size = [size[0], half, 0.0] if kind in ("capsule", "cylinder") else [size[0], size[0], half]
+        middle = [Exact.surd(Fraction(a + b) / 2) for a, b in zip(ends[:3], ends[3:], strict=True)]
+        turn = _turn_to(own.at("fromto"), (vector[0], vector[1], vector[2]), "fromto")
+        placed = replace(turn, translation=(middle[0], middle[1], middle[2]))
+    else:
+        placed = read_placement(own)
+    count = {"sphere": 1, "capsule": 2, "cylinder": 2}.get(kind, 3)
+    if min(size[:count]) <= 0:
+        text = f"size: a {kind} needs {count} number{'s'[: count > 1]} above 0, in m"
+        own.at("size").refuse("robot.out-of-range", text, "size")
+        return None
+    # Volume (m^3), and principal moments divided by the mass (m^2), of half lengths along z.
+    a, b, c = size
+    match kind:
+        case "box":
+            x, y, z = (value**2 / 3 for value in size)
+            volume, moments = 8 * a * b * c, (y + z, x + z, x + y)
+        case "cylinder":
+            across = (3 * a**2 + 4 * b**2) / 12
+            volume, moments = 2 * math.pi * a**2 * b, (across, across, a**2 / 2)
+        case "capsule":
+            # A cylinder between two halves of a sphere whose centres of mass stand 3 r / 8 beyond its ends.
+            ends_volume, middle_volume = 4 / 3 * math.pi * a**3, 2 * math.pi * a**2 * b
+            volume = ends_volume + middle_volume
+            share = ends_volume / volume
+            across = (1 - share) * (3 * a**2 + 4 * b**2) / 12 + share * (0.4 * a**2 + b**2 + 0.75 * a * b)
+            moments = (across, across, (1 - share) * a**2 / 2 + share * 0.4 * a**2)
+        case _:
+            x, y, z = (value**2 / 5 for value in ((a, a, a) if kind == "sphere" else size))
+            volume = 4 / 3 * math.pi * (a**3 if kind == "sphere" else a * b * c)
+            moments = (y + z, x + z, x + y)
+    mass = volume * (density or 0.0) if mass is None else mass
+    placed = compose_placements(frame, placed)
+    central = [mass * moments[0], 0.0, 0.0, mass * moments[1], 0.0, mass * moments[2], 0.0, 0.0, 0.0, mass]
+    origin = np.array([value.to_float() for value in placed.translation])
+    return move_parameters(central, np.array(to_floats(placed)), origin)
+
 
 WORLD = "world"
 """The body that does not move."""
@@ -86,7 +543,7 @@ def read_xml_robot(
     """
     document = parse_document(read_text_file(path), str(path))
     if document.root.tag in _ROOTS:
-        return build_mjcf_robot(document, base, tip, snap)
+        return assemble_model(read_model(document, snap), base, tip)
     return read_urdf(path, base=base, tip=tip, snap=snap)
 
 
@@ -98,17 +555,8 @@ def parse_xml_robot(text: str, file: str, *, base: str | None, tip: str | None, 
     """
     document = parse_document(text, file)
     if document.root.tag in _ROOTS:
-        return build_mjcf_robot(document, base, tip, snap)
+        return assemble_model(read_model(document, snap), base, tip)
     return parse_urdf(text, file, base=base, tip=tip, snap=snap)
-
-
-def build_mjcf_robot(document: XmlDocument, base: str | None, tip: str | None, snap: float) -> Robot:
-    """Return the robot of an MJCF model. See `read_xml_robot`.
-
-    Raises:
-        RobotError: with a notice for each mistake in the text.
-    """
-    return assemble_model(read_model(document, snap), base, tip)
 
 
 def assemble_model(model: Model, base: str | None, tip: str | None) -> Robot:
@@ -117,9 +565,27 @@ def assemble_model(model: Model, base: str | None, tip: str | None) -> Robot:
     Raises:
         RobotError: with a notice for each mistake in the text.
     """
+    reading, gravity, weightless = model.reading, (ZERO, ZERO, Exact.of("-9.81")), False
+    # A later <option> replaces an earlier one.
+    for element in reading.document.root.find_all("option"):
+        part = XmlPart(reading=reading, owner="option", element=element)
+        if vector := part.read_vector("gravity"):
+            x, y, z = (Exact.surd(Fraction(value)) for value in vector)
+            gravity = (x, y, z)
+        for name in ("density", "viscosity"):
+            if part.read_decimal(name):
+                _lose(reading, f"option {name}", element, name)
+        for flag in element.find_all("flag"):
+            off = [name for name, value in flag.attributes.items() if value == "disable"]
+            weightless = weightless or "gravity" in off
+            for name in off:
+                if name in ("passive", "spring", "damper", "frictionloss", "equality", "constraint"):
+                    text = "flags disable forces, which the model has where joints state them: {}"
+                    reading.group("robot.mjcf-flag", text, name, flag, name)
     # A joint whose name is taken was left out, and its bodies are not connected.
-    complete = not any(error.code == "robot.duplicate-joint" for error in model.reading.errors)
-    return assemble_robot(model.reading, base, tip, complete=complete, gravity=_read_option(model))
+    complete = not any(error.code == "robot.duplicate-joint" for error in reading.errors)
+    gravity = (ZERO, ZERO, ZERO) if weightless else gravity
+    return assemble_robot(reading, base, tip, complete=complete, gravity=gravity)
 
 
 def read_model(document: XmlDocument, snap: float = DEFAULT_SNAP) -> Model:
@@ -129,34 +595,12 @@ def read_model(document: XmlDocument, snap: float = DEFAULT_SNAP) -> Model:
         RobotError: an included file cannot be read.
     """
     reading = TreeReading(document=document, snap=snap)
-    _include_files(reading)
     root = document.root
-    for child in root.children:
-        if child.tag not in _SECTIONS:
-            _skip(reading, child)
-    compilers = list(root.find_all("compiler"))
-    for element in compilers:
-        _skip_attributes(reading, element)
-    model = Model(reading=reading, settings=read_settings(reading, compilers))
-    read_classes(model, list(root.find_all("default")))
-    _read_bodies(model)
-    _read_equality(model)
-    _read_tendons(model)
-    _read_actuators(model)
-    return model
-
-
-def _include_files(reading: TreeReading) -> None:
-    """Put the elements of included files in the place of <include>, files in the folder of the model.
-
-    Raises:
-        RobotError: one cannot be read.
-    """
-    document = reading.document
-    waiting = [document.root]
+    waiting = [root]
     while waiting:
         element = waiting.pop()
         while (place := element.find("include")) is not None:
+            # Its elements stand in the place of <include>; the file in the folder of the model.
             name = place.attributes.get("file", "")
             path = Path(document.file).parent / name
             if not name or str(path) in (document.file, *document.included):
@@ -170,6 +614,19 @@ def _include_files(reading: TreeReading) -> None:
             index = element.children.index(place)
             element.children[index : index + 1] = found.root.children
         waiting += element.children
+    for child in root.children:
+        if child.tag not in _SECTIONS:
+            _skip(reading, child)
+    compilers = list(root.find_all("compiler"))
+    for element in compilers:
+        _skip_attributes(reading, element)
+    model = Model(reading=reading, settings=read_settings(reading, compilers))
+    read_classes(model, list(root.find_all("default")))
+    _read_bodies(model)
+    _read_equality(model)
+    _read_tendons(model)
+    _read_actuators(model)
+    return model
 
 
 def _skip(reading: TreeReading, element: XmlElement, kind: str = "") -> None:
@@ -187,33 +644,6 @@ def _skip_attributes(reading: TreeReading, element: XmlElement) -> None:
 def _lose(reading: TreeReading, kind: str, element: XmlElement, attribute: str = "") -> None:
     """Record a force that the model lacks."""
     reading.group("robot.mjcf-forces", _LOST, kind, element, attribute)
-
-
-def _refuse(model: Model, element: XmlElement, owner: str, text: str, attribute: str = "") -> None:
-    part = XmlPart(reading=model.reading, owner=owner, element=element)
-    part.refuse("robot.mjcf-unsupported", text, attribute)
-
-
-def _read_option(model: Model) -> ExactVector:
-    """Return gravity in m/s^2; a later <option> replaces an earlier one."""
-    reading, gravity = model.reading, (ZERO, ZERO, Exact.of("-9.81"))
-    weightless = False
-    for element in reading.document.root.find_all("option"):
-        part = XmlPart(reading=reading, owner="option", element=element)
-        if vector := part.read_vector("gravity"):
-            x, y, z = (Exact.surd(Fraction(value)) for value in vector)
-            gravity = (x, y, z)
-        for name in ("density", "viscosity"):
-            if part.read_decimal(name):
-                _lose(reading, f"option {name}", element, name)
-        for flag in element.find_all("flag"):
-            off = [name for name, value in flag.attributes.items() if value == "disable"]
-            weightless = weightless or "gravity" in off
-            for name in off:
-                if name in ("passive", "spring", "damper", "frictionloss", "equality", "constraint"):
-                    text = "flags disable forces, which the model has where joints state them: {}"
-                    reading.group("robot.mjcf-flag", text, name, flag, name)
-    return (ZERO, ZERO, ZERO) if weightless else gravity
 
 
 def _list_contents(
@@ -252,10 +682,7 @@ def _read_bodies(model: Model) -> None:
         name = element.attributes.get("name") or f"body{number}"
         part = XmlPart(reading=reading, owner=f"body '{name}'", element=element)
         if name in reading.links:
-            text = (
-                f"the name is taken by the body of line {reading.links[name].part.line}; each needs its own"
-            )
-            part.refuse("robot.duplicate-link", text, "name")
+            part.refuse_taken("body", "link", reading.links[name].part)
             name = f"{name} of line {part.line}"
         if part.read_decimal("gravcomp"):
             _lose(reading, "gravcomp", element, "gravcomp")
@@ -265,16 +692,35 @@ def _read_bodies(model: Model) -> None:
         _check_contents(model, contents, part.owner)
         origin = compose_placements(frame, read_placement(own))
         joints = [entry for entry in contents if entry[0].tag in ("joint", "freejoint")]
-        _chain_joints(own, name, parent, origin, joints)
+        # Between them stand links without mass; a fixed joint stands for none.
+        end = parent
+        for count, (entry, around, place) in enumerate(joints, start=1):
+            joint = entry.attributes.get("name") or f"{name}_joint{count if len(joints) > 1 else ''}"
+            moving = model.enter(entry, f"joint '{joint}'", "joint", around)
+            if entry.tag == "joint":
+                _skip_attributes(reading, entry)
+            if joint in reading.joints:
+                moving.part.refuse_taken("joint", "joint", reading.joints[joint].part)
+                continue
+            last = count == len(joints)
+            child = name if last else f"{name}:{joint}"
+            model.parts["joint", joint] = moving
+            reading.joints[joint] = read_joint(moving, joint, (end, child), origin, place)
+            if not last:
+                link = TreeLink(name=child, part=moving.part, inertial=(0.0,) * 10, between=True)
+                reading.links[child] = link
+            end, origin = child, IDENTITY
+        if not joints:
+            # No joint of the file has such a name: it stands in no message.
+            weld = f"weld of body '{name}'"
+            fixed = TreeJoint(name=weld, type="fixed", parent=parent, child=name, part=part, origin=origin)
+            reading.joints[weld] = fixed
         moves = moves or bool(joints)
-        geoms = [
-            (
-                model.enter(geom, f"{part.owner}: geom '{geom.attributes.get('name', '')}'", "geom", around),
-                place,
-            )
-            for geom, around, place in contents
-            if geom.tag == "geom"
-        ]
+        geoms = []
+        for geom, around, place in contents:
+            if geom.tag == "geom":
+                owner = f"{part.owner}: geom '{geom.attributes.get('name', '')}'"
+                geoms.append((model.enter(geom, owner, "geom", around), place))
         reading.links[name] = TreeLink(name=name, part=part, inertial=read_body(own, geoms, moves=moves))
         waiting += [(entry, name, moves) for entry in reversed(contents) if entry[0].tag == "body"]
 
@@ -283,42 +729,10 @@ def _check_contents(model: Model, contents: Sequence[tuple[XmlElement, str, Plac
     for element, _, _ in contents:
         if element.tag in _REFUSED:
             text = f"<{element.tag}> is not supported; save the model from MuJoCo, which writes what it makes"
-            _refuse(model, element, owner, text)
+            part = XmlPart(reading=model.reading, owner=owner, element=element)
+            part.refuse("robot.mjcf-unsupported", text)
         elif element.tag not in _READ or element.tag == "geom":
             _skip(model.reading, element)
-
-
-def _chain_joints(
-    body: MjcfPart,
-    name: str,
-    parent: str,
-    origin: Placement,
-    joints: Sequence[tuple[XmlElement, str, Placement]],
-) -> None:
-    """Add the joints of a body, between links without mass where there are several; a fixed one for none."""
-    model, reading = body.model, body.model.reading
-    for count, (element, around, frame) in enumerate(joints, start=1):
-        joint = element.attributes.get("name") or f"{name}_joint{count if len(joints) > 1 else ''}"
-        own = model.enter(element, f"joint '{joint}'", "joint", around)
-        if element.tag == "joint":
-            _skip_attributes(reading, element)
-        if joint in reading.joints:
-            text = f"the name is taken by the joint of line {reading.joints[joint].part.line}; "
-            own.part.refuse("robot.duplicate-joint", f"{text}each needs its own", "name")
-            continue
-        last = count == len(joints)
-        child = name if last else f"{name}:{joint}"
-        model.parts["joint", joint] = own
-        reading.joints[joint] = read_joint(own, joint, (parent, child), origin, frame)
-        if not last:
-            reading.links[child] = TreeLink(name=child, part=own.part, inertial=(0.0,) * 10, between=True)
-        parent, origin = child, IDENTITY
-    if not joints:
-        # No joint of the file has such a name: it stands in no message.
-        weld = f"weld of body '{name}'"
-        reading.joints[weld] = TreeJoint(
-            name=weld, type="fixed", parent=parent, child=name, part=body.part, origin=origin
-        )
 
 
 def _list_entries(model: Model, section: str) -> Iterator[XmlElement]:
@@ -336,10 +750,8 @@ def _read_equality(model: Model) -> None:
             _skip(reading, element, f"<{element.tag}> that is not active")
             continue
         if element.tag != "joint":
-            text = (
-                f'<{element.tag}> closes a loop, which is not supported; remove it, or write active="false"'
-            )
-            own.part.refuse("robot.closed-loop", text)
+            text = f"<{element.tag}> closes a loop, which is not supported; remove it, or write"
+            own.part.refuse("robot.closed-loop", f'{text} active="false"')
             continue
         follower = own.part.read_name("joint1", reading.joints)
         master = own.part.read_name("joint2", reading.joints) if own.has("joint2") else None
@@ -405,7 +817,7 @@ def _read_actuators(model: Model) -> None:
         for attribute in ("armature", "damping"):
             if own.read_linear(attribute):
                 text = f"{attribute} of an actuator is not supported; write it at its joint, times gear^2"
-                own.at(attribute).refuse("robot.mjcf-unsupported", text, attribute)
+                own.refuse("robot.mjcf-unsupported", text, attribute)
         if key not in element.attributes:
             _skip(reading, element, "actuator that is not at a joint")
             continue
@@ -415,7 +827,7 @@ def _read_actuators(model: Model) -> None:
         if joint is None or not reading.joints[joint].moves:
             continue
         if not gear:
-            own.at("gear").refuse("robot.out-of-range", "gear: must not be 0", "gear")
+            own.refuse("robot.out-of-range", "gear: must not be 0", "gear")
             continue
         found.setdefault(joint, []).append((own, gear))
     for joint, entries in found.items():
@@ -427,15 +839,13 @@ def _read_actuators(model: Model) -> None:
         entry = reading.joints[joint]
         limits = entry.limits
         if limits.torque is None and len(entries) == 1:
-            limits = replace(limits, torque=_read_force(own, gear))
+            # The control of a motor is its force.
+            controls = [("ctrllimited", "ctrlrange")] if own.part.element.tag == "motor" else []
+            forces = [
+                own.read_range(bounds)
+                for limited, bounds in (("forcelimited", "forcerange"), *controls)
+                if own.is_limited(limited, bounds)
+            ]
+            sizes = [min(-pair[0], pair[1]) * abs(gear) for pair in forces if pair and pair[0] < 0 < pair[1]]
+            limits = replace(limits, torque=min(sizes, default=None))
         reading.joints[joint] = replace(entry, drive=replace(entry.drive, gear=gear), limits=limits)
-
-
-def _read_force(own: MjcfPart, gear: float) -> float | None:
-    """Return the largest torque of an actuator at its joint; None where its force has no limit."""
-    pairs = [("forcelimited", "forcerange")]
-    # The control of a motor is its force.
-    pairs += [("ctrllimited", "ctrlrange")] if own.part.element.tag == "motor" else []
-    found = [own.read_range(bounds) for limited, bounds in pairs if own.is_limited(limited, bounds)]
-    sizes = [min(-low, high) * abs(gear) for low, high in (pair for pair in found if pair) if low < 0 < high]
-    return min(sizes, default=None)

@@ -24,7 +24,7 @@ Not supported: a decimal comma, a percent sign behind each number, cells of seve
 import csv
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Generic, TypeVar
@@ -33,7 +33,7 @@ from symid.errors import EstimateError, Notice, RobotError, UsageError
 from symid.joint_models import get_friction_law, list_value_names, name_bristles, name_shape, name_values
 from symid.notation import INERTIAL
 from symid.robot.description import Coupling, Joint, Robot
-from symid.robot.inertia import split_body
+from symid.robot.inertia import TENSOR, split_body
 from symid.robot.toml_values import read_text_file, sort_notices
 
 
@@ -68,9 +68,6 @@ class RobotValues:
     vectors: tuple[ValueVector, ...]
 
 
-_TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
-
-
 def build_json_values(
     robot: Robot, values: RobotValues, *, outcome: str, sources: Sequence[str] = ()
 ) -> dict[str, object]:
@@ -79,10 +76,35 @@ def build_json_values(
     `outcome` says in one word how they were estimated, `sources` are the logs they come from.
     """
     symbols = dict(robot.symbols)
-    drives = [_describe_drive(joint, {"gear": joint.drive.gear}) for joint in robot.joints]
-    for coupling in robot.couplings:
-        terms = {robot.joints[index].name: float(factor) for index, factor in coupling.terms}
-        drives.append(_describe_drive(coupling, {"turns_with": terms}))
+    links: list[dict[str, object]] = []
+    for joint in robot.joints:
+        parent = robot.joints[joint.parent].name if joint.parent >= 0 else None
+        links.append({"joint": joint.name, "kind": joint.kind.value, "parent": parent})
+        links[-1] |= dict.fromkeys(("mass", "com", "inertia", "standard"))
+        if joint.inertial is not None:
+            mass, com, central = split_body(joint.inertial)
+            standard = dict(zip(INERTIAL, joint.inertial, strict=True))
+            inertia = dict(zip(TENSOR, central, strict=True))
+            links[-1] |= {"mass": mass, "com": com, "inertia": inertia, "standard": standard}
+    drives: list[dict[str, object]] = []
+    owners: tuple[Joint | Coupling, ...] = (*robot.joints, *robot.couplings)
+    for owner in owners:
+        moves: dict[str, object]
+        if isinstance(owner, Joint):
+            moves, rotor = {"gear": owner.drive.gear}, owner.drive.rotor_inertia
+        else:
+            terms = {robot.joints[index].name: float(factor) for index, factor in owner.terms}
+            moves, rotor = {"turns_with": terms}, owner.rotor_inertia
+        law = get_friction_law(owner.friction)
+        bristles = name_bristles(law, owner.friction.bristles) if law is not None and law.memory else {}
+        friction = {
+            "model": owner.friction.law,
+            "values": dict.fromkeys(list_value_names(owner.friction)) | name_values(owner.friction),
+            "shape": name_shape(owner.friction),
+            "smoothing": owner.friction.smoothing,
+            **({"bristles": {name: list(part) for name, part in bristles.items()}} if bristles else {}),
+        }
+        drives.append({"name": owner.name, **moves, "rotor_inertia": rotor, "friction": friction})
     return {
         "format": "symid values",
         "version": 1,
@@ -94,40 +116,8 @@ def build_json_values(
         "vectors": {
             vector.name: [asdict(row) for row in vector.rows] for vector in values.vectors if vector.rows
         },
-        "links": [_describe_link(robot, joint) for joint in robot.joints],
+        "links": links,
         "drives": drives,
-    }
-
-
-def _describe_link(robot: Robot, joint: Joint) -> dict[str, object]:
-    found: dict[str, object] = {
-        "joint": joint.name,
-        "kind": joint.kind.value,
-        "parent": robot.joints[joint.parent].name if joint.parent >= 0 else None,
-    }
-    if joint.inertial is None:
-        return found | dict.fromkeys(("mass", "com", "inertia", "standard"))
-    mass, com, central = split_body(joint.inertial)
-    inertia = dict(zip(_TENSOR, central, strict=True))
-    standard = dict(zip(INERTIAL, joint.inertial, strict=True))
-    return found | {"mass": mass, "com": com, "inertia": inertia, "standard": standard}
-
-
-def _describe_drive(owner: Joint | Coupling, moves: dict[str, object]) -> dict[str, object]:
-    friction = owner.friction
-    law = get_friction_law(friction)
-    bristles = name_bristles(law, friction.bristles) if law is not None and law.memory else {}
-    return {
-        "name": owner.name,
-        **moves,
-        "rotor_inertia": (owner.drive if isinstance(owner, Joint) else owner).rotor_inertia,
-        "friction": {
-            "model": friction.law,
-            "values": dict.fromkeys(list_value_names(friction)) | name_values(friction),
-            "shape": name_shape(friction),
-            "smoothing": friction.smoothing,
-            **({"bristles": {name: list(values) for name, values in bristles.items()}} if bristles else {}),
-        },
     }
 
 
@@ -160,24 +150,21 @@ def write_c_values(values: RobotValues, *, comments: Sequence[str] = (), precisi
         lines.append("/* This does not compile where the library has other parameters. */")
         lines += [f"typedef char {prefix}_values_fit[({terms}) ? 1 : -1];", "#endif"]
     for vector in vectors:
-        lines += ["", *_write_vector(prefix, vector, precision)]
+        vector_name = _to_identifier(vector.name)
+        places = [_to_identifier(row.name) for row in vector.rows]
+        lines.append("")
+        for index, name in enumerate(places):
+            place = name if places.count(name) == 1 else f"{name}_{index}"
+            lines.append(f"#define {macro}_{vector_name.upper()}_{place} {index}")
+        lines += ["", f"/** {vector.title}. */"]
+        lines.append(f"static const {precision} {prefix}_{vector_name}[{len(vector.rows)}] = {{")
+        end = "F" if precision == "float" else ""
+        texts = [f"{float(row.value or 0.0) + 0.0!r}{end}," for row in vector.rows]
+        width = max(map(len, texts))
+        for index, (row, text) in enumerate(zip(vector.rows, texts, strict=True)):
+            lines.append(f"    {text:<{width}} /* [{index}] {_describe(row)} */")
+        lines.append("};")
     return "\n".join((*[line.rstrip() for line in lines], "", "#endif", ""))
-
-
-def _write_vector(prefix: str, vector: ValueVector, precision: str) -> Iterator[str]:
-    vector_name = _to_identifier(vector.name)
-    names = [_to_identifier(row.name) for row in vector.rows]
-    for index, name in enumerate(names):
-        place = name if names.count(name) == 1 else f"{name}_{index}"
-        yield f"#define {prefix.upper()}_{vector_name.upper()}_{place} {index}"
-    yield from ("", f"/** {vector.title}. */")
-    yield f"static const {precision} {prefix}_{vector_name}[{len(vector.rows)}] = {{"
-    end = "F" if precision == "float" else ""
-    texts = [f"{float(row.value or 0.0) + 0.0!r}{end}," for row in vector.rows]
-    width = max(map(len, texts))
-    for index, (row, text) in enumerate(zip(vector.rows, texts, strict=True)):
-        yield f"    {text:<{width}} /* [{index}] {_describe(row)} */"
-    yield "};"
 
 
 def _to_identifier(name: str) -> str:
@@ -271,17 +258,33 @@ def read_value_table(path: Path, columns: TableColumns, read_name: Callable[[str
             continue
         if len(cells) != len(heading):
             text = f"{len(cells)} cells, but the first line names {len(heading)} columns"
-            wrong.append(Notice(code="table.line-length", text=text))
+            notices.append(Notice(code="table.line-length", text=text, file=file, line=number))
+            continue
+        row = {column: cell.strip() for column, cell in zip(heading, cells, strict=True)}
+        text, raw, shown = (
+            "" if key is None else row[key] for key in (chosen.name, chosen.value, chosen.deviation)
+        )
+        name = None
+        try:
+            name = read_name(text)
+        except UsageError as error:
+            wrong += error.notices
+        value = _read_number(str(chosen.value), raw, wrong) if raw else None
+        deviation = _read_number(str(chosen.deviation), shown, wrong) if raw and shown else None
+        if deviation is not None and deviation < 0.0:
+            words = f"column {chosen.deviation!r}: {shown!r} is negative"
+            wrong.append(Notice(code="table.not-a-number", text=words))
+        if name is None or value is None:
+            empty.append((number, text))
         else:
-            row = _read_row(number, dict(zip(heading, cells, strict=True)), chosen, read_name, wrong)
-            if isinstance(row, str):
-                empty.append((number, row))
-            else:
-                rows.append(row)
-                before = known.setdefault("".join(row.text.split()), number)
-                if before != number:
-                    text = f"{row.text!r} is already in line {before}"
-                    wrong.append(Notice(code="table.repeated", text=text))
+            if deviation is not None and chosen.percent:
+                # A part of zero is zero, and is no bound of a rounded value.
+                deviation = deviation * abs(value) / 100.0 if value else None
+            rows.append(TableRow(line=number, text=text, name=name, value=value, deviation=deviation))
+            before = known.setdefault("".join(text.split()), number)
+            if before != number:
+                text = f"{text!r} is already in line {before}"
+                wrong.append(Notice(code="table.repeated", text=text))
         notices += [replace(notice, file=file, line=number) for notice in wrong]
     if notices or not rows:
         raise EstimateError(*(sort_notices(notices) or (nothing,)))
@@ -326,10 +329,15 @@ def _choose_columns(
     file: str, heading: Sequence[str], lines: Sequence[_Line], columns: TableColumns
 ) -> TableColumns:
     """Return the columns to read, with those that were left open guessed."""
+    # A column of cells that were meant as numbers is not skipped.
+    found = ([cells[place] for _, cells in lines if place < len(cells)] for place in range(len(heading)))
     numeric = [
         name
-        for place, name in enumerate(heading)
-        if any(place < len(cells) and _looks_like_number(cells[place]) for _, cells in lines)
+        for name, cells in zip(heading, found, strict=True)
+        if any(
+            _to_number(cell) is not None or _NUMBER_LIKE.fullmatch(cell.replace(_MINUS, "-").strip())
+            for cell in cells
+        )
     ]
     # In lower case, with _ between words.
     words = {entry: re.sub(r"[ \-\[(]", "_", entry.strip().lower()) for entry in heading}
@@ -374,11 +382,6 @@ def _choose_column(
     raise UsageError(Notice(code="usage.table-column", text=text, file=file))
 
 
-def _looks_like_number(text: str) -> bool:
-    """Return whether a cell is a number, or was meant as one: a column of such cells is not skipped."""
-    return _to_number(text) is not None or bool(_NUMBER_LIKE.fullmatch(text.replace(_MINUS, "-").strip()))
-
-
 def _to_number(text: str) -> float | None:
     # Python reads 1_000 as a number, no other program does.
     try:
@@ -386,34 +389,6 @@ def _to_number(text: str) -> float | None:
     except ValueError:
         return None
     return number if abs(number) <= _LARGEST else None
-
-
-def _read_row(
-    line: int,
-    cells: dict[str, str],
-    columns: TableColumns,
-    read_name: Callable[[str], N],
-    notices: list[Notice],
-) -> TableRow[N] | str:
-    """Return the row, or its name where it has no value; mistakes are added without file and line."""
-    text, raw = (cells[str(column)].strip() for column in (columns.name, columns.value))
-    name = None
-    try:
-        name = read_name(text)
-    except UsageError as error:
-        notices += error.notices
-    value = _read_number(str(columns.value), raw, notices) if raw else None
-    shown = cells[columns.deviation].strip() if columns.deviation is not None else ""
-    deviation = _read_number(str(columns.deviation), shown, notices) if raw and shown else None
-    if deviation is not None and deviation < 0.0:
-        words = f"column {columns.deviation!r}: {shown!r} is negative"
-        notices.append(Notice(code="table.not-a-number", text=words))
-    if name is None or value is None:
-        return text
-    if deviation is not None and columns.percent:
-        # A part of zero is zero, and is no bound of a rounded value.
-        deviation = deviation * abs(value) / 100.0 if value else None
-    return TableRow(line=line, text=text, name=name, value=value, deviation=deviation)
 
 
 def _read_number(column: str, text: str, notices: list[Notice]) -> float | None:

@@ -1,7 +1,7 @@
-"""A robot from its TOML file: the whole file, its joints and couplings, and the links of joints.
+"""A robot from its TOML file, or from a table of Denavit-Hartenberg rows.
 
-A path or a text -> `Robot`, or one `RobotError` with all mistakes and their places. `build_robot` takes the
-values of a file from any source; a table of Denavit-Hartenberg rows gives them too.
+A path or a text -> `Robot`, or one `RobotError` with all mistakes and their places. A table is a text file
+with a header such as `joint,kind,alpha_deg,a,d,theta` and one row a joint.
 
 Supported: TOML 1.0 in UTF-8, lines ending as on any system; chains and trees, a joint's parent stands before
 it; fixed joints, whose links are joined to those that carry them, with a notice; chains of followers; links
@@ -10,14 +10,23 @@ parameters that no body has (from a converted file, or identified) are kept, wit
 inertia are typed by hand, and such values refused.
 Not supported: files that include others; a convention, a joint's kind, gravity or units that are not written;
 rings of followers, followers of fixed joints; negative masses, symbols among standard parameters.
+
+Supported in tables: commas, semicolons, tabs; comments from # to the end of a line; angles in rad, texts such
+as pi/2, or in degrees under `alpha_deg`; lengths in m, or in mm under `a_mm`; `q` for a joint's variable,
+also with a constant as in `q - pi/2`. A joint without kind is revolute where q stands under theta, prismatic
+under d. A cell may stand in double quotes, as spreadsheets write them; a quote inside is doubled.
+Not supported there: trees, symbols, decimal commas, cells of several lines.
 """
 
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from decimal import Decimal
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
+from symid.errors import RobotError
 from symid.notation import INERTIAL
 from symid.robot.description import (
     Coupling,
@@ -29,17 +38,38 @@ from symid.robot.description import (
     SourceFile,
     SymbolicInertia,
 )
-from symid.robot.exact_values import DH_KEYS, read_fraction, read_frames, read_linear_form, read_position
+from symid.robot.exact_values import (
+    DH_KEYS,
+    parse_linear_form,
+    read_fraction,
+    read_frames,
+    read_linear_form,
+    read_position,
+)
 from symid.robot.geometry import IDENTITY, ZERO, Placement, compose_placements, place_joint
 from symid.robot.inertia import (
+    TENSOR,
     compute_standard_parameters,
     explain_impossible_inertia,
     lump_fixed_joints,
     move_by_placement,
 )
-from symid.robot.toml_drives import FRICTION_PARTS, MOVING_KEYS, complete_joint, read_couplings
+from symid.robot.toml_joints import FRICTION_PARTS, MOVING_KEYS, complete_joint, read_couplings
 from symid.robot.toml_settings import read_named_settings, read_settings
-from symid.robot.toml_values import ANY, BASE, NOT_NEGATIVE, POSITIVE, Section, parse_toml, read_text_file
+from symid.robot.toml_values import (
+    ANY,
+    BASE,
+    NOT_NEGATIVE,
+    POSITIVE,
+    KeyPath,
+    Place,
+    Places,
+    Section,
+    parse_toml,
+    read_text_file,
+    suggest_names,
+    to_decimal,
+)
 
 _ROBOT_KEYS = (
     *("name", "description", "source", "convention", "gravity", "symbols"),
@@ -88,7 +118,14 @@ def build_robot(root: Section, file: str) -> Robot:
         )
         root.refuse_key("robot.missing-key", "convention", text)
     convention = root.read_choice("convention", ("modified", "standard", "origin")) or "modified"
-    root = _read_symbols(root)
+    if (table := root.read_table("symbols")) is not None:
+        values: dict[str, float] = {}
+        for symbol in table.values:
+            if not _NAME.fullmatch(symbol) or _RESERVED.fullmatch(symbol):
+                text = "cannot name a symbol; use letters, digits and _, and no name of a coordinate or"
+                table.refuse_key("robot.bad-name", symbol, f"{text} parameter")
+            values[symbol] = table.read_float(symbol, "") or 0.0
+        root = replace(root, symbols=values)
     joints, couplings = read_joints(root, convention)
     remedy = "write gravity = [0, 0, -9.81], the vector in the base frame in m/s^2"
     x, y, z = ZERO, ZERO, ZERO
@@ -96,7 +133,15 @@ def build_robot(root: Section, file: str) -> Robot:
         x, y, z = (read_linear_form(root, "gravity", "m/s^2", index) or ZERO for index in range(3))
     log, processing, controller = read_settings(root, joints)
     settings = read_named_settings(root, joints)
-    made_from = _read_source(root, file)
+    made_from = None
+    if (table := root.read_table("made_from", ("file", "sha256", "base", "tip", "snap"))) is not None:
+        given = [table.require(key, f'write {key} = "..."') for key in ("file", "sha256")]
+        origin, digest, base, tip = (table.read_text(key) for key in ("file", "sha256", "base", "tip"))
+        snap = table.read_float("snap", "rad", NOT_NEGATIVE) or 0.0
+        if all(given) and origin is not None and digest is not None:
+            # Named as seen from the folder of the robot file.
+            path = str(Path(file).parent / origin)
+            made_from = SourceFile(file=path, sha256=digest, base=base, tip=tip, snap=snap)
     name = root.read_text("name")
     if name is not None and not _NAME.fullmatch(name):
         text = f"{root.show('name')} cannot name functions; use letters, digits and _, a letter first"
@@ -130,34 +175,6 @@ def build_robot(root: Section, file: str) -> Robot:
     )
 
 
-def _read_source(root: Section, file: str) -> SourceFile | None:
-    """Return the file that the robot was made from, which is named as seen from the folder of `file`."""
-    table = root.read_table("made_from", ("file", "sha256", "base", "tip", "snap"))
-    if table is None:
-        return None
-    given = [table.require(key, f'write {key} = "..."') for key in ("file", "sha256")]
-    name, digest, base, tip = (table.read_text(key) for key in ("file", "sha256", "base", "tip"))
-    snap = table.read_float("snap", "rad", NOT_NEGATIVE)
-    if not all(given) or name is None or digest is None:
-        return None
-    return SourceFile(file=str(Path(file).parent / name), sha256=digest, base=base, tip=tip, snap=snap or 0.0)
-
-
-def _read_symbols(root: Section) -> Section:
-    """Return the file with the values of its symbols."""
-    table = root.read_table("symbols")
-    if table is None:
-        return root
-    values: dict[str, float] = {}
-    for name in table.values:
-        if not _NAME.fullmatch(name) or _RESERVED.fullmatch(name):
-            text = "cannot name a symbol; use letters, digits and _, and no name of a coordinate or parameter"
-            table.refuse_key("robot.bad-name", name, text)
-        values[name] = table.read_float(name, "") or 0.0
-    return replace(root, symbols=values)
-
-
-_TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
 _STANDARD_UNITS = ("kg*m^2",) * 6 + ("kg*m",) * 3 + ("kg",)
 
 
@@ -176,12 +193,39 @@ def read_body(
     if link is None:
         return None, None
     errors, symbols = len(link.errors), link.symbols
-    key = "standard" if "standard" in link.values else "inertia"
-    form = _read_symbolic_inertia(link) if key == "inertia" else None
-    found = _read_standard(link) if key == "standard" else None
-    if form is not None:
-        com, inertia = ([entry.to_float(symbols) for entry in part] for part in (form.com, form.inertia))
-        found = compute_standard_parameters(form.mass.to_float(symbols), com, inertia)
+    key: str = "inertia"
+    found: tuple[float, ...] | None = None
+    form: SymbolicInertia | None = None
+    if "standard" in link.values:
+        key = "standard"
+        for other in ("mass", "com", "inertia"):
+            if other in link.values:
+                text = "cannot be combined with standard, which means the same; keep one of the two"
+                link.refuse_key("robot.two-forms", other, text)
+        table = link.read_table("standard", INERTIAL)
+        if table is not None and table.require("M", "write M = 1.5 (the mass in kg)"):
+            found = tuple(
+                table.read_float(entry, unit, NOT_NEGATIVE if entry == "M" else ANY) or 0.0
+                for entry, unit in zip(INERTIAL, _STANDARD_UNITS, strict=True)
+            )
+    else:
+        mass = read_linear_form(link, "mass", "kg", allowed=POSITIVE)
+        x, y, z = ZERO, ZERO, ZERO
+        if link.has_list("com", 3, "numbers in m"):
+            x, y, z = (read_linear_form(link, "com", "m", index) or ZERO for index in range(3))
+        inertia = dict.fromkeys(TENSOR, ZERO)
+        if tensor := link.read_table("inertia", TENSOR):
+            for entry in TENSOR:
+                allowed = NOT_NEGATIVE if entry[0] == entry[1] else ANY
+                inertia[entry] = read_linear_form(tensor, entry, "kg*m^2", allowed=allowed) or ZERO
+        if link.values:
+            remedy = "com and inertia mean nothing without it: write mass = 1.5 (kg), or leave them out"
+            link.require("mass", remedy)
+        if mass is not None:
+            xx, xy, xz, yy, yz, zz = inertia.values()
+            form = SymbolicInertia(mass=mass, com=(x, y, z), inertia=(xx, xy, xz, yy, yz, zz))
+            com, central = ([part.to_float(symbols) for part in parts] for parts in (form.com, form.inertia))
+            found = compute_standard_parameters(mass.to_float(symbols), com, central)
     if found is None or len(link.errors) > errors:
         return None, None
     impossible = explain_impossible_inertia(found) if found[9] else ""
@@ -202,39 +246,6 @@ def read_body(
     return move_by_placement(found, frame, symbols), form if symbolic else None
 
 
-def _read_symbolic_inertia(link: Section) -> SymbolicInertia | None:
-    mass = read_linear_form(link, "mass", "kg", allowed=POSITIVE)
-    x, y, z = ZERO, ZERO, ZERO
-    if link.has_list("com", 3, "numbers in m"):
-        x, y, z = (read_linear_form(link, "com", "m", index) or ZERO for index in range(3))
-    inertia = dict.fromkeys(_TENSOR, ZERO)
-    if tensor := link.read_table("inertia", _TENSOR):
-        for key in _TENSOR:
-            allowed = NOT_NEGATIVE if key[0] == key[1] else ANY
-            inertia[key] = read_linear_form(tensor, key, "kg*m^2", allowed=allowed) or ZERO
-    if link.values:
-        remedy = "com and inertia mean nothing without it: write mass = 1.5 (kg), or leave them out"
-        link.require("mass", remedy)
-    if mass is None:
-        return None
-    xx, xy, xz, yy, yz, zz = inertia.values()
-    return SymbolicInertia(mass=mass, com=(x, y, z), inertia=(xx, xy, xz, yy, yz, zz))
-
-
-def _read_standard(link: Section) -> tuple[float, ...] | None:
-    for key in ("mass", "com", "inertia"):
-        if key in link.values:
-            text = "cannot be combined with standard, which means the same; keep one of the two"
-            link.refuse_key("robot.two-forms", key, text)
-    table = link.read_table("standard", INERTIAL)
-    if table is None or not table.require("M", "write M = 1.5 (the mass in kg)"):
-        return None
-    return tuple(
-        table.read_float(key, unit, NOT_NEGATIVE if key == "M" else ANY) or 0.0
-        for key, unit in zip(INERTIAL, _STANDARD_UNITS, strict=True)
-    )
-
-
 def _read_mimics(
     sections: Sequence[Section], names: Sequence[str], kinds: Sequence[JointKind | None]
 ) -> dict[int, tuple[Mimic, Placement]]:
@@ -242,8 +253,25 @@ def _read_mimics(
     steps: dict[str, MimicStep] = {}
     offsets: dict[str, Placement] = {}
     for section, name, kind in zip(sections, names, kinds, strict=True):
-        if "mimic" in section.values and (found := _read_mimic_step(section, kind, names, kinds)):
-            steps[name], offsets[name] = found
+        if "mimic" in section.values and kind is None:
+            text = "a fixed joint follows nothing; leave this out"
+            section.refuse_key("robot.follows-fixed", "mimic", text)
+            continue
+        table = section.read_table("mimic", ("joint", "multiplier", "offset"))
+        if table is None:
+            continue
+        multiplier = read_fraction(table, "multiplier", "leave it out, or write a fixed joint") or Fraction(1)
+        offset, placement = read_position(table, "offset")
+        table.require("joint", 'write joint = "joint1", the joint to follow')
+        followed = table.read_text("joint")
+        if followed is not None and followed not in names:
+            table.refuse_joint("robot.unknown-joint", "joint", names)
+        elif followed is not None and kinds[names.index(followed)] is None:
+            text = f'"{followed}" is fixed; make this joint fixed too, or follow one that moves'
+            table.refuse("robot.follows-fixed", "joint", text)
+        elif followed is not None:
+            steps[name] = MimicStep(master=followed, multiplier=multiplier, offset=offset)
+            offsets[name] = placement
     followers = {}
     for name, step in steps.items():
         index, path = names.index(name), [name]
@@ -257,37 +285,11 @@ def _read_mimics(
                 break
             path.append(master)
         else:
-            section, offset = sections[index], offsets[name]
+            section, frame = sections[index], offsets[name]
             if len(path) > 2:
-                offset = place_joint(end.offset, section.symbols, prismatic=section.prismatic, snap=0.0)
-            followers[index] = Mimic(master=names.index(path[-1]), multiplier=end.multiplier), offset
+                frame = place_joint(end.offset, section.symbols, prismatic=section.prismatic, snap=0.0)
+            followers[index] = Mimic(master=names.index(path[-1]), multiplier=end.multiplier), frame
     return followers
-
-
-def _read_mimic_step(
-    section: Section, kind: JointKind | None, names: Sequence[str], kinds: Sequence[JointKind | None]
-) -> tuple[MimicStep, Placement] | None:
-    """Return what a joint follows directly, and the offset of its motion."""
-    if kind is None:
-        section.refuse_key("robot.follows-fixed", "mimic", "a fixed joint follows nothing; leave this out")
-        return None
-    table = section.read_table("mimic", ("joint", "multiplier", "offset"))
-    if table is None:
-        return None
-    multiplier = read_fraction(table, "multiplier", "leave it out, or write a fixed joint") or Fraction(1)
-    offset, placement = read_position(table, "offset")
-    table.require("joint", 'write joint = "joint1", the joint to follow')
-    name = table.read_text("joint")
-    if name is None:
-        return None
-    if name not in names:
-        table.refuse_joint("robot.unknown-joint", "joint", names)
-        return None
-    if kinds[names.index(name)] is None:
-        text = f'"{name}" is fixed; make this joint fixed too, or follow one that moves'
-        table.refuse("robot.follows-fixed", "joint", text)
-        return None
-    return MimicStep(master=name, multiplier=multiplier, offset=offset), placement
 
 
 _JOINT_KEYS = ("name", "kind", "parent", *DH_KEYS, "origin", "frame", "mimic", "link", *MOVING_KEYS)
@@ -305,18 +307,34 @@ def read_joints(root: Section, convention: str) -> tuple[tuple[Joint, ...], tupl
     root.require("joint", remedy)
     if root.get("joint") == []:
         root.refuse("robot.missing-key", "joint", f"empty, and a robot needs a joint; {remedy}")
-    sections, kinds = [], []
+    sections, kinds, names = [], [], list[str]()
     for table in root.read_table_array("joint"):
         table.require("kind", 'write kind = "revolute" or kind = "prismatic"')
         found = table.read_choice("kind", _KINDS)
         kinds.append(_KINDS[found] if found else JointKind.REVOLUTE)
         sections.append(replace(table, prismatic=kinds[-1] is JointKind.PRISMATIC))
-    names = _read_joint_names(sections)
+    for number, section in enumerate(sections, start=1):
+        name = section.read_text("name")
+        if name in names:
+            text = f"the name is taken by joint {names.index(name) + 1}; each joint needs its own"
+            section.refuse("robot.duplicate-joint", "name", text)
+        elif name is not None and (name == BASE or not name.strip()):
+            text = f'{section.show("name")} cannot name a joint: "{BASE}" is what the first joint is fixed to'
+            section.refuse("robot.bad-name", "name", text)
+        names.append(name or f"joint{number}")
     followers = _read_mimics(sections, names, kinds)
     joints: list[Joint] = []
     for index, section in enumerate(sections):
         section.refuse_unknown_keys(_JOINT_KEYS)
-        parent = _read_parent(section, index, names)
+        # The joint before it by default, -1 for the base.
+        parent, stated, known = index - 1, section.read_text("parent"), (BASE, *names[:index])
+        if stated in known:
+            parent = known.index(stated) - 1
+        elif stated in names:
+            text = f'"{stated}" does not stand before this joint; a parent comes before its children'
+            section.refuse("robot.unknown-parent", "parent", text)
+        elif stated is not None:
+            section.refuse_joint("robot.unknown-parent", "parent", known)
         near, frame = read_frames(section, convention)
         mimic, offset = followers.get(index, (None, IDENTITY))
         inertial, form = read_body(section, "link", frame)
@@ -351,29 +369,145 @@ def read_joints(root: Section, convention: str) -> tuple[tuple[Joint, ...], tupl
     )
 
 
-def _read_joint_names(sections: list[Section]) -> list[str]:
-    names: list[str] = []
-    for number, section in enumerate(sections, start=1):
-        name = section.read_text("name")
-        if name in names:
-            text = f"the name is taken by joint {names.index(name) + 1}; each joint needs its own"
-            section.refuse("robot.duplicate-joint", "name", text)
-        elif name is not None and (name == BASE or not name.strip()):
-            text = f'{section.show("name")} cannot name a joint: "{BASE}" is what the first joint is fixed to'
-            section.refuse("robot.bad-name", "name", text)
-        names.append(name or f"joint{number}")
-    return names
+_ANGLES: tuple[tuple[str, str | None], ...] = (("", None), ("_rad", None), ("_deg", "deg"))
+_LENGTHS: tuple[tuple[str, Decimal | None], ...] = (("", None), ("_m", None), ("_mm", Decimal("0.001")))
+# Key of a robot file and unit of each column.
+_COLUMNS: dict[str, tuple[str, Decimal | str | None]] = {
+    "joint": ("name", None),
+    "name": ("name", None),
+    "kind": ("kind", None),
+    **{f"{key}{end}": (key, unit) for key in ("alpha", "theta") for end, unit in _ANGLES},
+    **{f"{key}{end}": (key, unit) for key in ("a", "d") for end, unit in _LENGTHS},
+}
+_QUOTED = re.compile(r'"(?:[^"]|"")*"')
+_HEADER = "joint,kind,alpha,a,d,theta"
+_VARIABLE = re.compile(r"q\d*\s*(?P<rest>[-+].*)?")
+_DECIMAL = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]{1,3})?")
+_IMPLIED = {"theta": "revolute", "d": "prismatic"}
 
 
-def _read_parent(section: Section, index: int, names: list[str]) -> int:
-    """Return the index of the joint's parent, -1 for the base; the joint before it by default."""
-    parent = section.read_text("parent")
-    known = (BASE, *names[:index])
-    if parent is None or parent in known:
-        return index - 1 if parent is None else known.index(parent) - 1
-    if parent in names:
-        text = f'"{parent}" does not stand before this joint; a parent comes before its children'
-        section.refuse("robot.unknown-parent", "parent", text)
-    else:
-        section.refuse_joint("robot.unknown-parent", "parent", known)
-    return index - 1
+def read_dh_table(path: Path, convention: str, gravity: tuple[str, str, str] = ("0", "0", "-9.81")) -> Robot:
+    """Return the robot whose rows, "modified" or "standard", the text file at `path` holds.
+
+    `gravity` is that in the base frame in m/s^2, as decimals.
+
+    Raises:
+        RobotError: with a notice for each mistake in the file, in the order of their places.
+    """
+    return parse_dh_table(read_text_file(path), convention, gravity, str(path))
+
+
+def parse_dh_table(
+    text: str, convention: str, gravity: tuple[str, str, str] = ("0", "0", "-9.81"), file: str = "table.csv"
+) -> Robot:
+    """Return the robot whose rows `text` holds; messages call the text `file`.
+
+    Raises:
+        RobotError: with a notice for each mistake in the text.
+    """
+    places: dict[KeyPath, Place] = {}
+    start = Place(file, 1, 1)
+    joints: list[dict[str, Any]] = []
+    values = {"convention": convention, "gravity": [Decimal(value) for value in gravity], "joint": joints}
+    root = Section(values=values, places=Places(keys=places, values=places, whole=start))
+    # The cells of every line that holds more than a comment, each with its text and place.
+    lines, separator = list[list[Place]](), ""
+    for number, line in enumerate(text.replace("\r\n", "\n").split("\n"), start=1):
+        # What stands in quotes is masked, so that separators and # in it are none.
+        masked = _QUOTED.sub(lambda match: "x" * len(match[0]), line).partition("#")[0]
+        if not masked.strip():
+            continue
+        separator = separator or max((",", ";", "\t"), key=masked.count)
+        cells, column = list[Place](), 0
+        for part in masked.split(separator):
+            found = line[column : column + len(part)]
+            lead = len(found) - len(found.lstrip())
+            cells.append(Place(file, number, column + lead + 1, found.strip()))
+            column += len(part) + len(separator)
+        lines.append(cells)
+    code = "robot.table-header"
+    if not lines:
+        raise RobotError(start.notice(code, f"empty; the first line names the columns: {_HEADER}"))
+    cells = lines[0]
+    names = [_unquote(cell).lower() for cell in cells]
+    keys = [_COLUMNS.get(name, ("", None))[0] for name in names]
+    if not any(keys):
+        text = f"no header; the first line names the columns: {_HEADER} (alpha_deg is in degrees, a_mm in mm)"
+        raise RobotError(cells[0].notice(code, text))
+    for index, (name, key, cell) in enumerate(zip(names, keys, cells, strict=True)):
+        if not key:
+            hint = f"{suggest_names(name, _COLUMNS)} allowed are {', '.join(_COLUMNS)}".strip()
+            root.errors.append(cell.notice(code, f'there is no column "{_unquote(cell)}"; {hint}'))
+        elif key in keys[:index]:
+            text = f'"{_unquote(cell)}" repeats a column before; keep one of the two'
+            root.errors.append(cell.notice(code, text))
+    if missing := [key for key in DH_KEYS if key not in keys]:
+        text = f"the columns {', '.join(missing)} are missing; the first line names all: alpha,a,d,theta"
+        root.errors.append(cells[0].notice(code, text))
+    for cells in lines[1:]:
+        places["joint", len(joints)] = cells[0]
+        joints.append(_read_row(root, names, cells, len(joints), places))
+    if not joints:
+        root.errors.append(start.notice("robot.missing-key", "no rows below the header; write one a joint"))
+    if not joints or any(error.code == code for error in root.errors):
+        root.finish()
+    return build_robot(root, file)
+
+
+def _unquote(cell: Place) -> str:
+    return cell.text[1:-1].replace('""', '"').strip() if _QUOTED.fullmatch(cell.text) else cell.text
+
+
+def _read_row(
+    root: Section, header: list[str], cells: list[Place], index: int, places: dict[KeyPath, Place]
+) -> dict[str, Any]:
+    """Return a row as the table of a joint; the places of its cells go to `places`."""
+    joint: dict[str, Any] = {}
+    if len(cells) != len(header):
+        text = f"{len(cells)} cells under {len(header)} columns; write 0 where there is nothing"
+        root.errors.append(cells[0].notice("robot.table-row", text))
+    variables: list[tuple[str, Place]] = []
+    for name, cell in zip(header, cells, strict=False):
+        key, unit = _COLUMNS.get(name, ("", None))
+        text = _unquote(cell)
+        if not key or not text:
+            continue
+        places["joint", index, key] = cell
+        if key in ("name", "kind"):
+            joint[key] = f"joint{text}" if key == "name" and text.isdigit() else text
+            continue
+        if match := _VARIABLE.fullmatch(text):
+            variables.append((key, cell))
+            text = re.sub(r"^\+\s*", "", match["rest"] or "0").replace("- ", "-")
+        # As a robot file would write it: a decimal, or a text such as "pi/2".
+        value: Decimal | str = text
+        if _DECIMAL.fullmatch(text) and (number := to_decimal(Decimal(text))) is not None:
+            value = f"{number:f} deg" if unit == "deg" else number
+            value = number * unit if isinstance(unit, Decimal) else value
+        form = parse_linear_form(value) if isinstance(value, str) and key in ("a", "d") else ZERO
+        if form is not None and form.is_number:
+            joint[key] = value
+        else:
+            comma = "; decimals have a point, not a comma" if "," in cell.text else ""
+            words = f'{key}: expected a number, got "{_unquote(cell)}"{comma}; symbols need a robot file, as '
+            words += "symid new FILE --from two_link_symbols copies one"
+            root.errors.append(cell.notice("robot.bad-length", words))
+    # The kind that the variable implies, or what does not agree.
+    text, place = "", cells[0]
+    if len(variables) > 1:
+        place = variables[1][1]
+        text = "q occurs twice in this row; a joint has one variable, under theta or under d"
+    elif not variables and "kind" not in joint:
+        text = "neither q nor kind: write q under theta (revolute) or d (prismatic), or fill in kind"
+    elif variables:
+        key, place = variables[0]
+        kind = joint.setdefault("kind", _IMPLIED.get(key, "revolute"))
+        alike = "revolute" if kind == "continuous" else kind
+        if key not in _IMPLIED:
+            text = f"q under {key}; a joint turns under theta or slides under d"
+        elif alike in ("fixed", "revolute", "prismatic") and alike != _IMPLIED[key]:
+            text = f'q under {key} is a {_IMPLIED[key]} joint, but kind is "{kind}"; correct one of them'
+    joint.setdefault("kind", "revolute")
+    if text:
+        root.errors.append(place.notice("robot.table-row", text))
+    return joint

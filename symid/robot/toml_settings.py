@@ -139,28 +139,43 @@ def _read_quantity(
         return None
     size = len(joints)
     columns = _read_columns(section, size)
-    natural = _get_natural_unit(name, joints)
+    # The SI unit, for messages; "SI" where joints differ.
+    alike = next(key for key in _SI_UNITS if JOINT_DIMENSIONS[key] is dimensions)
+    units = {adapt_unit(_SI_UNITS[alike], prismatic=joint.prismatic) for joint in joints}
+    natural = units.pop() if len(units) == 1 else "SI"
     unit = _read_unit(section, natural)
-    factor = _read_each(section, "factor", size, "factors", partial(_read_factor, section))
+
+    def read_factor(*inner: int) -> float | None:
+        number = to_decimal(section.get("factor", *inner))
+        if not number:
+            text = f"expected a number other than 0, got {section.show('factor', *inner)}"
+            section.refuse("robot.wrong-type", "factor", text, *inner)
+        return float(number) if number else None
+
+    factor = _read_each(section, "factor", size, "factors", read_factor)
     side = section.read_choice("side", ("joint", "motor")) or "joint"
     dimension = get_unit_factor(unit)[0] if unit else ""
     # A transmission may turn angles of motors into lengths: its entries have units of their own.
     free = coupled and side == "motor" and dimension in ("SI", *dimensions.values())
-    if unit and not free:
-        factor = _check_unit(section, name, factor, joints, coupled=coupled)
-    if dimension == "current" and "factor" not in section.values:
+    wanted = {dimensions[joint.kind] for joint in joints}
+    is_current, has_factor = dimension == "current", "factor" in section.values
+    if unit and joints and not free and dimension not in ("SI", *(wanted if len(wanted) == 1 else ())):
+        if dimension not in _CONVERTIBLE[name]:
+            text = f"expected a unit of {' or '.join(sorted(wanted))}, got {section.show('unit')}"
+            section.refuse("robot.wrong-unit", "unit", text)
+        elif not has_factor:
+            # Made of torque constants for a motor current.
+            factor = compute_current_factor(joints, coupled=coupled) if is_current else None
+            if factor is None:
+                text = f"{section.show('unit')} needs a factor that turns it into {natural}, "
+                text += "such as factor = 1.5"
+                text += ", or give every joint a drive with torque_constant" if is_current else ""
+                section.refuse("robot.missing-factor", "unit", text)
+    if is_current and not has_factor:
         # Torque constants and gear ratios bring a current to the joint side, constants alone to the motor's.
         side = "motor" if coupled else "joint"
     factor, offset = factor or (1.0,), read_offset(section, size) or (0.0,)
     return LogQuantity(columns=columns, unit=unit or natural, factor=factor, side=side, offset=offset)
-
-
-def _get_natural_unit(name: str, joints: Sequence[Joint]) -> str:
-    """Return the SI unit of a quantity, for messages; "SI" where joints differ."""
-    alike = next(key for key in _SI_UNITS if JOINT_DIMENSIONS[key] is JOINT_DIMENSIONS[name])
-    unit = _SI_UNITS[alike]
-    found = {adapt_unit(unit, prismatic=joint.prismatic) for joint in joints}
-    return found.pop() if len(found) == 1 else "SI"
 
 
 def _read_columns(section: Section, size: int) -> tuple[str, ...]:
@@ -174,10 +189,8 @@ def _read_columns(section: Section, size: int) -> tuple[str, ...]:
         section.refuse("robot.wrong-type", "columns", text)
         return ()
     if len(names) not in (1, size):
-        text = (
-            f"{len(names)} columns for {size} joints; give one for each joint, or one array for all of them"
-        )
-        section.refuse("robot.column-count", "columns", text)
+        text = f"{len(names)} columns for {size} joints; give one for each joint, or one array for all"
+        section.refuse("robot.column-count", "columns", f"{text} of them")
     return tuple(names)
 
 
@@ -213,14 +226,6 @@ def _read_each(
     return numbers if len(numbers) == len(places) else None
 
 
-def _read_factor(section: Section, *inner: int) -> float | None:
-    number = to_decimal(section.get("factor", *inner))
-    if not number:
-        text = f"expected a number other than 0, got {section.show('factor', *inner)}"
-        section.refuse("robot.wrong-type", "factor", text, *inner)
-    return float(number) if number else None
-
-
 def read_offset(section: Section, size: int) -> tuple[float, ...] | None:
     """Return the numbers (rad or m) at `offset`, one a joint or one for all; None where one is wrong."""
     read = partial(read_constant, section, "offset", "rad or m")
@@ -238,31 +243,6 @@ def compute_current_factor(joints: Sequence[Joint], *, coupled: bool) -> tuple[f
     return factor if all(factor) else None
 
 
-def _check_unit(
-    section: Section, name: str, factor: tuple[float, ...] | None, joints: Sequence[Joint], *, coupled: bool
-) -> tuple[float, ...] | None:
-    """Return the factor that goes with the unit, made of torque constants for a motor current."""
-    dimension = get_unit_factor(section.values["unit"])[0]
-    natural = {JOINT_DIMENSIONS[name][joint.kind] for joint in joints}
-    if dimension == "SI" or natural == {dimension} or not joints:
-        return factor
-    if dimension not in _CONVERTIBLE[name]:
-        wanted = " or ".join(sorted(natural))
-        section.refuse("robot.wrong-unit", "unit", f"expected a unit of {wanted}, got {section.show('unit')}")
-        return factor
-    if "factor" in section.values:
-        return factor
-    torques = compute_current_factor(joints, coupled=coupled) if dimension == "current" else None
-    if torques is not None:
-        return torques
-    target = _get_natural_unit(name, joints)
-    text = f"{section.show('unit')} needs a factor that turns it into {target}, such as factor = 1.5"
-    if dimension == "current":
-        text += ", or give every joint a drive with torque_constant"
-    section.refuse("robot.missing-factor", "unit", text)
-    return factor
-
-
 _QUANTITIES = tuple(entry.name for entry in fields(LogMap) if entry.name not in LOG_WORDS)
 _NONE, _LOG = "none", "log"
 _ORDER = Range(low=1, high=16)
@@ -273,13 +253,21 @@ def read_processing(root: Section) -> Processing:
     table = root.read_table("processing", [entry.name for entry in fields(Processing)])
     if table is None:
         return Processing(automatic=True)
+    # The speed of all joints, or of each.
+    speeds: float | tuple[float, ...] | None
+    if isinstance(stated := table.values.get("standstill"), list):
+        read = [table.read_number("standstill", "rad/s or m/s", NOT_NEGATIVE, k) for k in range(len(stated))]
+        speeds = tuple(float(speed) for speed in read if speed is not None)
+        speeds = speeds if len(speeds) == len(stated) else None
+    else:
+        speeds = table.read_float("standstill", "rad/s or m/s", NOT_NEGATIVE, word=_NONE)
     found: dict[str, Any] = {
         "filter_order": table.read_integer("filter_order", _ORDER),
         "filter_cutoff": table.read_float("filter_cutoff", "Hz", POSITIVE, word=_NONE),
         "filter_torque": table.read_flag("filter_torque"),
         "drop_first": table.read_integer("drop_first", NOT_NEGATIVE),
         "drop_last": table.read_integer("drop_last", NOT_NEGATIVE),
-        "standstill": _read_standstill(table),
+        "standstill": speeds,
         "instrument_cutoff": table.read_float("instrument_cutoff", "Hz", POSITIVE, word=_NONE),
         "states": table.read_choice("states", ("position", "velocity", "acceleration")),
         "automatic": table.read_flag("automatic"),
@@ -293,18 +281,8 @@ def read_processing(root: Section) -> Processing:
         steps["order"] = inner.read_integer("order", _ORDER)
         steps["ripple_db"] = inner.read_float("ripple_db", "", Range(low=0, high=3, open_low=True))
         steps["band"] = inner.read_float("band", "", Range(low=0, high=1, open_low=True))
-    stated, steps = ({key: x for key, x in each.items() if x is not None} for each in (found, steps))
-    return Processing(**stated, decimation=replace(usual, **steps))
-
-
-def _read_standstill(table: Section) -> float | tuple[float, ...] | None:
-    """Return the speed of all joints, or of each; None where it is left open."""
-    stated = table.values.get("standstill")
-    if not isinstance(stated, list):
-        return table.read_float("standstill", "rad/s or m/s", NOT_NEGATIVE, word=_NONE)
-    found = [table.read_number("standstill", "rad/s or m/s", NOT_NEGATIVE, k) for k in range(len(stated))]
-    speeds = tuple(float(speed) for speed in found if speed is not None)
-    return speeds if len(speeds) == len(stated) else None
+    found, steps = ({key: x for key, x in each.items() if x is not None} for each in (found, steps))
+    return Processing(**found, decimation=replace(usual, **steps))
 
 
 def read_log(root: Section, joints: Sequence[Joint]) -> LogMap:
@@ -371,16 +349,17 @@ def describe_settings(robot: Robot) -> dict[str, object]:
 _GAIN_UNITS = {"stiffness": "N*m/rad", "damping": "N*m*s/rad", "offset": "N*m"}
 
 
-def _read_controller(root: Section, joints: Sequence[Joint]) -> Controller | None:
-    """Return the `[controller]` table for a robot with these joints; None where there is none."""
+def read_settings(root: Section, joints: Sequence[Joint]) -> tuple[LogMap, Processing, Controller | None]:
+    """Return the tables of settings of a file for a robot with these joints."""
+    log, processing = read_log(root, joints), read_processing(root)
     joints = [joint for joint in joints if joint.mimic is None]
     table = root.read_table("controller", [entry.name for entry in fields(Controller)])
     if table is None:
-        return None
+        return log, processing, None
     for key in ("stiffness", "damping"):
         table.require(key, f"write {key} = [...], one number for each joint, on the joint side")
     known = table.values.get("offset", _LOG) != _LOG
-    return Controller(
+    controller = Controller(
         stiffness=_read_gains(table, "stiffness", joints, NOT_NEGATIVE),
         damping=_read_gains(table, "damping", joints, NOT_NEGATIVE),
         velocity=table.read_choice("velocity", ("error", "measured")) or "error",
@@ -389,11 +368,7 @@ def _read_controller(root: Section, joints: Sequence[Joint]) -> Controller | Non
         offset=_read_gains(table, "offset", joints, ANY, _LOG) if known else None,
         torque=table.read_choice("torque", ("command", "average")) or "command",
     )
-
-
-def read_settings(root: Section, joints: Sequence[Joint]) -> tuple[LogMap, Processing, Controller | None]:
-    """Return the tables of settings of a file for a robot with these joints."""
-    return read_log(root, joints), read_processing(root), _read_controller(root, joints)
+    return log, processing, controller
 
 
 SETTING_TABLES = ("log", "processing", "controller")

@@ -89,10 +89,6 @@ class Places:
     values: Mapping[KeyPath, Place] = field(default_factory=dict)
     whole: Place = Place("", 0, 0)
 
-    def locate_key(self, path: KeyPath) -> Place:
-        """Return the place of the key at `path`, or else of the nearest table around it."""
-        return self.keys[path] if path in self.keys else self.locate_value(path[:-1])
-
     def locate_value(self, path: KeyPath) -> Place:
         """Return the place of the value at `path`, or else of the nearest table around it."""
         while path and path not in self.values:
@@ -118,34 +114,30 @@ class _Scanner:
         self._tables: dict[KeyPath, int] = {}
 
     def scan_document(self) -> Places:
-        prefix: KeyPath = ()
+        path: KeyPath = ()
         self._skip(_BLANK)
         while self.position < len(self.text):
-            if self.text[self.position] == "[":
-                prefix = self._scan_header()
+            start = self.position
+            brackets = 2 if self.text.startswith("[[", start) else 1
+            if self.text[start] != "[":
+                self._scan_pair(path)
             else:
-                self._scan_pair(prefix)
+                # The keys below `[a.b]` or `[[a.b]]` belong to its path.
+                self.position += brackets
+                names = self._scan_key()
+                self.position += brackets
+                path = ()
+                for number, (name, place) in enumerate(names, start=1):
+                    path = self._enter(path, name, place)
+                    if number == len(names) and brackets == 2:
+                        self._tables[path] = self._tables.get(path, 0) + 1
+                    if path in self._tables:
+                        path = (*path, self._tables[path] - 1)
+                self.keys[path] = names[-1][1]
+                # A header says more on a table than a sub-table's header before it.
+                self.values[path] = self._place(start)
             self._skip(_BLANK)
         return Places(keys=self.keys, values=self.values, whole=Place(self.file, 1, 1))
-
-    def _scan_header(self) -> KeyPath:
-        """Return the path that the keys below `[a.b]` or `[[a.b]]` belong to."""
-        start = self.position
-        brackets = 2 if self.text.startswith("[[", start) else 1
-        self.position += brackets
-        names = self._scan_key()
-        self.position += brackets
-        path: KeyPath = ()
-        for number, (name, place) in enumerate(names, start=1):
-            path = self._enter(path, name, place)
-            if number == len(names) and brackets == 2:
-                self._tables[path] = self._tables.get(path, 0) + 1
-            if path in self._tables:
-                path = (*path, self._tables[path] - 1)
-        self.keys[path] = names[-1][1]
-        # A header says more on a table than a sub-table's header before it.
-        self.values[path] = self._place(start)
-        return path
 
     def _enter(self, path: KeyPath, name: str, place: Place) -> KeyPath:
         path = (*path, name)
@@ -286,8 +278,8 @@ class Section:
         self.warnings.append(self._notice(code, place, key, text))
 
     def refuse_key(self, code: str, key: str, text: str) -> None:
-        """Add an error at the name of `key`; at the table, if the key is missing."""
-        place = self.places.locate_key((*self.path, key))
+        """Add an error at the name of `key`; at the nearest table around it, if the key is missing."""
+        place = self.places.keys.get((*self.path, key)) or self.places.locate_value(self.path)
         self.errors.append(self._notice(code, place, key, text))
 
     def _notice(self, code: str, place: Place, key: str, text: str) -> Notice:
@@ -539,11 +531,8 @@ def explain_number(value: object, unit: str) -> str:
     """Return in words what keeps `value` from being a number in `unit`, or nothing."""
     match = _NUMBER_WITH_UNIT.fullmatch(value) if isinstance(value, str) else None
     if not match:
-        return (
-            " (not a finite number of a sensible size and length)"
-            if isinstance(value, int | float | Decimal)
-            else ""
-        )
+        is_number = isinstance(value, int | float | Decimal)
+        return " (not a finite number of a sensible size and length)" if is_number else ""
     try:
         dimension = get_unit_factor(unit)[0]
         found = get_unit_factor(match[1])[0]

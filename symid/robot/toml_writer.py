@@ -29,16 +29,7 @@ from symid.joint_models import (
     name_values,
 )
 from symid.notation import INERTIAL, adapt_unit, get_unit_factor
-from symid.robot.description import (
-    Controller,
-    Drive,
-    Joint,
-    Limits,
-    LogMap,
-    Processing,
-    Robot,
-    SourceFile,
-)
+from symid.robot.description import Drive, Joint, Limits, LogMap, NamedSettings, Processing, Robot, SourceFile
 from symid.robot.exact_values import (
     add_comment,
     write_exact,
@@ -53,12 +44,17 @@ from symid.robot.exact_values import (
     write_value,
 )
 from symid.robot.geometry import IDENTITY, compose_placements, invert_placement, to_floats
-from symid.robot.inertia import explain_impossible_inertia, move_by_placement, move_parameters, split_body
-from symid.robot.toml_elasticity import list_branch_entries
+from symid.robot.inertia import (
+    TENSOR,
+    explain_impossible_inertia,
+    move_by_placement,
+    move_parameters,
+    split_body,
+)
+from symid.robot.toml_joints import list_branch_entries
 from symid.robot.toml_settings import compute_current_factor, list_controller, list_log, list_processing
 from symid.robot.toml_values import BASE
 
-_TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
 _DIGITS = 14
 _DUST = 1e-30
 
@@ -69,7 +65,23 @@ def write_robot(robot: Robot, *, comment: str = "", hints: bool = False, folder:
     With `hints` each joint gets, in comments, the tables that it does not have, to be filled in. The file
     that the robot was made from is named as seen from `folder`; as it was called, if None.
     """
-    convention, placed = _choose_rows(robot)
+    pairs = []
+    for joint in robot.joints:
+        # The joint's frame seen from the frame that the file gives to the link before it.
+        outer = robot.joints[joint.parent].frame if joint.parent >= 0 else IDENTITY
+        pairs.append((compose_placements(invert_placement(outer), joint.placement), joint.frame))
+    if robot.convention == "standard":
+        rows, convention = [write_standard_row(near, frame) for near, frame in pairs], "standard"
+    else:
+        rows = [write_modified_row(near) if frame == IDENTITY else None for near, frame in pairs]
+        convention = "modified" if robot.convention == "modified" or None not in rows else "origin"
+    # What places each joint; an empty origin says that this joint has no row.
+    placed = []
+    for (near, frame), row in zip(pairs, rows, strict=True):
+        general = {"origin": write_origin(near), "frame": write_origin(frame)}
+        if frame == IDENTITY:
+            del general["frame"]
+        placed.append(general if row is None or convention == "origin" else row)
     # A name that can name generated functions.
     name = re.sub(r"[^A-Za-z0-9_]", "_", robot.name)
     texts = {
@@ -90,8 +102,8 @@ def write_robot(robot: Robot, *, comment: str = "", hints: bool = False, folder:
         for table in _HINTS if hints else ():
             lines += _write_hints(joint, table, whole=True)
     for coupling in robot.couplings:
-        pairs = [(robot.joints[index].name, factor) for index, factor in coupling.terms]
-        terms = ", ".join(f"{write_key(joint)} = {write_fraction(factor)}" for joint, factor in pairs)
+        factors = [(robot.joints[index].name, factor) for index, factor in coupling.terms]
+        terms = ", ".join(f"{write_key(owner)} = {write_fraction(factor)}" for owner, factor in factors)
         lines += ["", "[[coupling]]", f"name = {write_value(coupling.name)}", f"terms = {{ {terms} }}"]
         lines += [f"rotor_inertia = {write_known(coupling.rotor_inertia)}"] if coupling.has_rotor else []
         lines += _write_friction("coupling", coupling.friction)
@@ -123,29 +135,6 @@ def _list_source(made: SourceFile, folder: Path | None) -> Iterator[str]:
     yield f"snap = {write_number(made.snap)}"
 
 
-def _choose_rows(robot: Robot) -> tuple[str, list[dict[str, str]]]:
-    """Return the convention in which the robot is written, and what places each joint."""
-    pairs = []
-    for joint in robot.joints:
-        # The joint's frame seen from the frame that the file gives to the link before it.
-        outer = robot.joints[joint.parent].frame if joint.parent >= 0 else IDENTITY
-        pairs.append((compose_placements(invert_placement(outer), joint.placement), joint.frame))
-    if robot.convention == "standard":
-        rows = [write_standard_row(near, frame) for near, frame in pairs]
-        convention = "standard"
-    else:
-        rows = [write_modified_row(near) if frame == IDENTITY else None for near, frame in pairs]
-        convention = "modified" if robot.convention == "modified" or None not in rows else "origin"
-    placed = []
-    for (near, frame), row in zip(pairs, rows, strict=True):
-        # An empty origin says that this joint has no row.
-        general = {"origin": write_origin(near), "frame": write_origin(frame)}
-        if frame == IDENTITY:
-            del general["frame"]
-        placed.append(general if row is None or convention == "origin" else row)
-    return convention, placed
-
-
 _PLACING = {
     "alpha": "rad",
     "a": "m",
@@ -170,7 +159,16 @@ def _write_joint(robot: Robot, index: int, placed: dict[str, str], *, hints: boo
         yield f"multiplier = {write_fraction(joint.mimic.multiplier)}"
     prismatic = joint.prismatic
     yield from _write_link(joint, dict(robot.symbols))
-    yield from _write_drive(joint.drive)
+    drive = joint.drive
+    yield from ("", "[joint.drive]") if drive != Drive() else ()
+    if drive.gear != 1:
+        yield f"gear = {write_number(drive.gear)}"
+    if drive.has_rotor or drive.rotor_inertia is not None:
+        yield f"rotor_inertia = {write_known(drive.rotor_inertia)}"
+    if drive.rotor_inertia is not None:
+        yield 'rotor_inertia_side = "joint"'
+    if drive.torque_constant is not None:
+        yield add_comment(f"torque_constant = {write_number(drive.torque_constant)}", "N m/A")
     if hints:
         yield from _write_hints(joint, "drive", whole=False)
     yield from _write_friction("joint", joint.friction)
@@ -204,7 +202,7 @@ def _write_link(joint: Joint, symbols: Mapping[str, float]) -> Iterator[str]:
     """
     form, parameters = joint.form, joint.inertial
     if form is not None:
-        inertia = {key: write_exact(value) for key, value in zip(_TENSOR, form.inertia, strict=True) if value}
+        inertia = {key: write_exact(value) for key, value in zip(TENSOR, form.inertia, strict=True) if value}
         yield from ("", "[joint.link]", f"mass = {write_exact(form.mass)}", f"com = {write_list(form.com)}")
         if inertia:
             yield f"inertia = {{ {', '.join(f'{key} = {text}' for key, text in inertia.items())} }}"
@@ -228,7 +226,7 @@ def _write_link(joint: Joint, symbols: Mapping[str, float]) -> Iterator[str]:
         place = _round(rotation.T @ (np.array(com) - origin), max(map(abs, com)))
         yield from ("", "[joint.link]", add_comment(f"mass = {write_number(mass)}", "kg"))
         yield add_comment(f"com = [{', '.join(map(write_number, place))}]", "m, in the link's frame")
-        named = zip(_TENSOR, entries, strict=True)
+        named = zip(TENSOR, entries, strict=True)
         if listed := ", ".join(f"{key} = {write_number(entry)}" for key, entry in named if entry):
             yield f"inertia = {{ {listed} }}  # kg m^2, about the centre of mass"
 
@@ -238,20 +236,6 @@ def _round(values: Iterable[float], scale: float) -> list[float]:
     places = _DIGITS - math.floor(math.log10(scale)) if scale else _DIGITS
     rounded = (round(float(value), places) for value in values)
     return [value if abs(value) > _DUST else 0.0 for value in rounded]
-
-
-def _write_drive(drive: Drive) -> Iterator[str]:
-    if drive == Drive():
-        return
-    yield from ("", "[joint.drive]")
-    if drive.gear != 1:
-        yield f"gear = {write_number(drive.gear)}"
-    if drive.has_rotor or drive.rotor_inertia is not None:
-        yield f"rotor_inertia = {write_known(drive.rotor_inertia)}"
-    if drive.rotor_inertia is not None:
-        yield 'rotor_inertia_side = "joint"'
-    if drive.torque_constant is not None:
-        yield add_comment(f"torque_constant = {write_number(drive.torque_constant)}", "N m/A")
 
 
 def _write_friction(owner: str, friction: FrictionValues) -> Iterator[str]:
@@ -304,11 +288,8 @@ def _write_elasticity(elasticity: Elasticity, *, prismatic: bool) -> Iterator[st
             yield from ("", "[[joint.elasticity.branch]]")
         yield f'model = "{model}"'
         for key, (value, unit) in entries.items():
-            text = (
-                f"[{', '.join(map(write_number, value))}]"
-                if isinstance(value, tuple)
-                else write_number(value)
-            )
+            many = ", ".join(map(write_number, value if isinstance(value, tuple) else (value,)))
+            text = f"[{many}]" if isinstance(value, tuple) else many
             yield from _write_values(prismatic, (key, text, unit))
 
 
@@ -376,40 +357,28 @@ _MEANING = {
 
 
 def _write_settings(robot: Robot) -> Iterator[str]:
-    """Yield the lines of the tables of settings, of the robot's own and then of each named set."""
+    """Yield the tables of settings, the robot's own and each named set, with what is not usual in them."""
     log = robot.log if robot.log != LogMap() else None
     processing = robot.processing if robot.processing != Processing(automatic=True) else None
-    yield from _write_tables(robot, "", log, processing, robot.controller)
-    for named in robot.settings:
-        yield from _write_tables(
-            robot, f"settings.{named.name}.", named.log, named.processing, named.controller
-        )
-
-
-def _write_tables(
-    robot: Robot,
-    prefix: str,
-    log: LogMap | None,
-    processing: Processing | None,
-    controller: Controller | None,
-) -> Iterator[str]:
-    """Yield the lines of tables whose names begin with `prefix`, each with what is not usual in it."""
-    if log is not None:
-        yield from ("", f"[{prefix}log]")
-        for key, entry in list_log(log).items():
-            yield f"{key} = {write_value(_shorten(robot, log, key, entry))}"
-    if processing is not None:
-        yield from ("", f"[{prefix}processing]")
-        standard = list_processing(Processing())
-        settings = list_processing(processing)
-        kept = {key: entry for key, entry in settings.items() if entry != standard[key]}
-        # A table without a key would not be there, and all would be automatic.
-        for key, entry in (kept or {"automatic": False}).items():
-            line = f"{key} = {write_value(entry)}"
-            yield add_comment(line, _MEANING[key]) if key in _MEANING else line
-    if controller is not None:
-        gains = list_controller(controller).items()
-        yield from ("", f"[{prefix}controller]", *(f"{key} = {write_value(entry)}" for key, entry in gains))
+    own = NamedSettings(name="", log=log, processing=processing, controller=robot.controller)
+    for named in (own, *robot.settings):
+        prefix = f"settings.{named.name}." if named.name else ""
+        if named.log is not None:
+            yield from ("", f"[{prefix}log]")
+            for key, entry in list_log(named.log).items():
+                yield f"{key} = {write_value(_shorten(robot, named.log, key, entry))}"
+        if named.processing is not None:
+            yield from ("", f"[{prefix}processing]")
+            standard, settings = list_processing(Processing()), list_processing(named.processing)
+            kept = {key: entry for key, entry in settings.items() if entry != standard[key]}
+            # A table without a key would not be there, and all would be automatic.
+            for key, entry in (kept or {"automatic": False}).items():
+                line = f"{key} = {write_value(entry)}"
+                yield add_comment(line, _MEANING[key]) if key in _MEANING else line
+        if named.controller is not None:
+            gains = list_controller(named.controller).items()
+            lines = (f"{key} = {write_value(entry)}" for key, entry in gains)
+            yield from ("", f"[{prefix}controller]", *lines)
 
 
 def _shorten(robot: Robot, log: LogMap, key: str, entry: Any) -> Any:  # noqa: ANN401  whatever TOML has

@@ -26,12 +26,7 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.errors import Notice
 from symid.joint_models import FrictionValues
-from symid.robot.description import (
-    Drive,
-    Limits,
-    MimicStep,
-    Spring,
-)
+from symid.robot.description import Drive, Limits, MimicStep, Spring
 from symid.robot.geometry import (
     IDENTITY,
     ZERO,
@@ -44,7 +39,7 @@ from symid.robot.geometry import (
 )
 from symid.robot.inertia import compute_standard_parameters, explain_impossible_inertia, move_parameters
 from symid.robot.toml_values import Place, explain_wide_limits, show, sort_notices, suggest_names, to_decimal
-from symid.robot.urdf_xml import XmlDocument, XmlElement
+from symid.robot.urdf_xml import TENSOR, XmlDocument, XmlElement
 
 MJCF_UNUSED = "robot.mjcf-unused"
 """The code of notes on what an MJCF model has beyond the dynamics; all kinds are listed."""
@@ -59,8 +54,8 @@ _LONGEST_NUMBER = 100
 _SMALLEST = Decimal("1e-30")
 _DECIMAL = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
 _COUNTS = {2: "two", 3: "three", 4: "four", 6: "six"}
-_Triple = tuple[Decimal, Decimal, Decimal]
-_NULL: _Triple = (Decimal(0), Decimal(0), Decimal(0))
+Triple = tuple[Decimal, Decimal, Decimal]
+NULL: Triple = (Decimal(0), Decimal(0), Decimal(0))
 
 
 def list_words(words: Iterable[str], *, most: int = _SHOWN_WORDS) -> str:
@@ -167,6 +162,11 @@ class XmlPart:
         name = self.owner.partition(" ")[2]
         self.reading.group(code, text, f"{name} ({detail})" if detail else name, self.element, attribute)
 
+    def refuse_taken(self, tag: str, kind: str, other: "XmlPart") -> None:
+        """Add an error where the `tag` of another one has the name already; `kind` ends the code."""
+        text = f"the name is taken by the {tag} of line {other.line}; each needs its own"
+        self.refuse(f"robot.duplicate-{kind}", text, "name")
+
     def enter(self, element: XmlElement) -> "XmlPart":
         """Return an element inside, of the same owner."""
         return XmlPart(reading=self.reading, owner=self.owner, element=element)
@@ -203,7 +203,7 @@ class XmlPart:
             self._refuse_number(attribute, "a finite number", text)
         return number
 
-    def read_vector(self, attribute: str) -> _Triple | None:
+    def read_vector(self, attribute: str) -> Triple | None:
         """Return the three numbers at an attribute; None where it is absent or wrong."""
         match self.read_numbers(attribute, 3):
             case (x, y, z):
@@ -259,19 +259,18 @@ def _list_parts(
         name = XmlPart(reading=reading, owner=f"a {tag}", element=element).read_name("name")
         part = XmlPart(reading=reading, owner=f"{tag} '{name}'", element=element)
         if name is not None and name in known:
-            text = f"the name is taken by the {tag} of line {known[name].part.line}; each needs its own"
-            part.refuse(f"robot.duplicate-{tag}", text, "name")
+            part.refuse_taken(tag, tag, known[name].part)
         elif name is not None:
             yield name, part
 
 
-def _read_pose(owner: XmlPart) -> tuple[XmlPart, _Triple, _Triple] | None:
+def _read_pose(owner: XmlPart) -> tuple[XmlPart, Triple, Triple] | None:
     """Return <origin> with xyz and rpy; values that look like millimetres or degrees get a warning."""
     origin = owner.get("origin", "xyz", "rpy")
     if origin is None:
         return None
     origin.refuse_text('xyz="0 0 0.1" rpy="0 0 0"')
-    xyz, rpy = (origin.read_vector(key) or _NULL for key in ("xyz", "rpy"))
+    xyz, rpy = (origin.read_vector(key) or NULL for key in ("xyz", "rpy"))
     if (far := max(map(abs, xyz))) > 10:
         origin.warn("robot.long-length", f"origin xyz: {far} m is long; lengths are in m", "xyz")
     if (wide := max(map(abs, rpy))) > 12:
@@ -299,9 +298,6 @@ class TreeLink:
         return self.inertial[9] if self.inertial else 0.0
 
 
-_INERTIA_KEYS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-
-
 def build_rpy_matrix(rpy: Sequence[float]) -> FloatArray:
     """Return Rot(z, yaw) Rot(y, pitch) Rot(x, roll) (3, 3) of angles (3,) in rad."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
@@ -325,15 +321,22 @@ def _read_inertial(link: XmlPart) -> tuple[float, ...] | None:
         (part or inertial).refuse("robot.missing-key", text)
     elif number is not None and number < 0:
         part.refuse("robot.out-of-range", f"mass: must be at least 0 kg, got {number}", "value")
-    central = _read_tensor(inertial)
+    tensor, central, place = inertial.get("inertia", *TENSOR), [0.0] * 6, inertial.element.find("inertia")
+    before = len(link.reading.errors)
+    if tensor is None:
+        inertial.group("robot.point-mass", "links {}: <inertial> without <inertia>; taken as point masses")
+    else:
+        if missing := [key for key in TENSOR if key not in tensor.element.attributes]:
+            tensor.warn("robot.incomplete-inertia", f"inertia: {', '.join(missing)} missing; taken as zero")
+        central = [float(tensor.read_decimal(key) or 0) for key in TENSOR]
+    is_wrong = number is None or number < 0 or len(link.reading.errors) > before
     rotation, com = np.eye(3), [0.0] * 3
     if pose := _read_pose(inertial):
         com = [float(value) for value in pose[1]]
         rotation = build_rpy_matrix([float(value) for value in pose[2]])
-    if number is None or number < 0 or central is None:
+    if is_wrong:
         return None
-    place = inertial.element.find("inertia") or inertial.element
-    return build_body(inertial.enter(place), float(number), com, central, rotation)
+    return build_body(inertial.enter(place or inertial.element), float(number or 0), com, central, rotation)
 
 
 def build_body(
@@ -357,19 +360,6 @@ def build_body(
         text = "links {}: inertia without mass, which no physical body has; the values are kept"
         part.group("robot.inertia-without-mass", text)
     return found
-
-
-def _read_tensor(inertial: XmlPart) -> list[float] | None:
-    part = inertial.get("inertia", *_INERTIA_KEYS)
-    if part is None:
-        inertial.group("robot.point-mass", "links {}: <inertial> without <inertia>; taken as point masses")
-        return [0.0] * 6
-    missing = [key for key in _INERTIA_KEYS if key not in part.element.attributes]
-    if missing:
-        part.warn("robot.incomplete-inertia", f"inertia: {', '.join(missing)} missing; taken as zero")
-    errors = len(part.reading.errors)
-    entries = [float(part.read_decimal(key) or 0) for key in _INERTIA_KEYS]
-    return entries if len(part.reading.errors) == errors else None
 
 
 _TYPES = (*MOVING, "fixed", "floating", "planar")
@@ -450,10 +440,37 @@ def _read_joint(name: str, part: XmlPart) -> TreeJoint | None:
         if end is None:
             part.refuse("robot.missing-key", f'missing <{tag} link="..."/>')
         ends.append(None if end is None else end.read_name("link", reading.links))
-    origin = _read_origin(part)
+    origin = IDENTITY
+    if (pose := _read_pose(part)) is not None:
+        place, xyz, rpy = pose
+        roll, pitch, yaw = (build_exact_angle(float(value), snap=reading.snap) for value in rpy)
+        if moved := max(abs(angle.snapped_by) for angle in (roll, pitch, yaw)):
+            text = "origin rpy was moved to the nearest multiple of pi/2, of joints (by rad) {}"
+            place.group("robot.angle-snapped", text, f"{moved:.1e}", "rpy")
+        text = "lengths below 1e-9 m in origin xyz were taken as zero, of joints {}"
+        lengths = build_lengths(place, xyz, "xyz", text)
+        origin = Placement(rotation=rotate_rpy(roll, pitch, yaw).rotation, translation=lengths)
     turn, friction, limits = IDENTITY, FrictionValues(), Limits()
     if type_ in MOVING:
-        turn, friction, limits = _read_axis(part), _read_dynamics(part), _read_limits(part, type_)
+        found, axis = part.get("axis", "xyz"), (Decimal(1), Decimal(0), Decimal(0))
+        place = found or part
+        if found is None or (not found.element.text and "xyz" not in found.element.attributes):
+            place.group("robot.default-axis", "no <axis> with xyz, so it is x (1 0 0), of joints {}")
+        if found is not None:
+            found.refuse_text('xyz="0 0 1"')
+            axis = found.read_vector("xyz") or axis
+        length = math.hypot(*map(float, axis))
+        if any(axis) and abs(length - 1.0) > 1e-5:
+            place.warn("robot.axis-length", f"axis xyz: its length {length:.6g} was set to 1", "xyz")
+        turn = build_axis(place, axis, "xyz", "axis xyz")
+        if dynamics := part.get("dynamics", "damping", "friction"):
+            values = [dynamics.read_decimal(key) for key in ("damping", "friction")]
+            for key, value in zip(("damping", "friction"), values, strict=True):
+                if value is not None and value < 0:
+                    text = f"dynamics {key}: {value} drives the joint instead of braking it"
+                    dynamics.warn("robot.negative-friction", text, key)
+            friction = build_friction(float(values[0] or 0), float(values[1] or 0))
+        limits = _read_limits(part, type_)
     else:
         for unused in element.find_all("axis", "limit", "dynamics"):
             reading.skip(f"<{unused.tag}> of a {type_} joint", unused)
@@ -464,23 +481,7 @@ def _read_joint(name: str, part: XmlPart) -> TreeJoint | None:
     return replace(joint, turn=turn, friction=friction, limits=limits)
 
 
-def _read_origin(joint: XmlPart) -> Placement:
-    pose = _read_pose(joint)
-    if pose is None:
-        return IDENTITY
-    part, xyz, rpy = pose
-    snap = part.reading.snap
-    angles = [build_exact_angle(float(value), snap=snap) for value in rpy]
-    if moved := max(abs(angle.snapped_by) for angle in angles):
-        text = "origin rpy was moved to the nearest multiple of pi/2, of joints (by rad) {}"
-        part.group("robot.angle-snapped", text, f"{moved:.1e}", "rpy")
-    roll, pitch, yaw = angles
-    text = "lengths below 1e-9 m in origin xyz were taken as zero, of joints {}"
-    lengths = build_lengths(part, xyz, "xyz", text)
-    return Placement(rotation=rotate_rpy(roll, pitch, yaw).rotation, translation=lengths)
-
-
-def build_lengths(part: XmlPart, xyz: _Triple, attribute: str, dust: str) -> ExactVector:
+def build_lengths(part: XmlPart, xyz: Triple, attribute: str, dust: str) -> ExactVector:
     """Return the lengths (m) at an attribute; `dust` is the warning where a program left a tiny one."""
     lengths, snap = [], part.reading.snap
     for value in xyz:
@@ -493,22 +494,6 @@ def build_lengths(part: XmlPart, xyz: _Triple, attribute: str, dust: str) -> Exa
         lengths.append(Exact.surd(round(exact * _LENGTH_PARTS) / _LENGTH_PARTS if snap else exact))
     x, y, z = lengths
     return (x, y, z)
-
-
-def _read_axis(joint: XmlPart) -> Placement:
-    found = joint.get("axis", "xyz")
-    part = found or joint
-    axis = (Decimal(1), Decimal(0), Decimal(0))
-    if found is None or (not found.element.text and "xyz" not in found.element.attributes):
-        part.group("robot.default-axis", "no <axis> with xyz, so it is x (1 0 0), of joints {}")
-    if found is not None:
-        found.refuse_text('xyz="0 0 1"')
-        axis = found.read_vector("xyz") or axis
-    if any(axis):
-        length = math.hypot(*map(float, axis))
-        if abs(length - 1.0) > 1e-5:
-            part.warn("robot.axis-length", f"axis xyz: its length {length:.6g} was set to 1", "xyz")
-    return build_axis(part, axis, "xyz", "axis xyz")
 
 
 def build_axis(part: XmlPart, axis: Sequence[Decimal | Fraction], attribute: str, name: str) -> Placement:
@@ -524,20 +509,6 @@ def build_axis(part: XmlPart, axis: Sequence[Decimal | Fraction], attribute: str
     return turn
 
 
-def _read_dynamics(joint: XmlPart) -> FrictionValues:
-    part = joint.get("dynamics", "damping", "friction")
-    if part is None:
-        return FrictionValues()
-    values = []
-    for key in ("damping", "friction"):
-        value = part.read_decimal(key)
-        if value is not None and value < 0:
-            text = f"dynamics {key}: {value} drives the joint instead of braking it"
-            part.warn("robot.negative-friction", text, key)
-        values.append(float(value or 0))
-    return build_friction(values[0], values[1])
-
-
 def build_friction(damping: float, dry: float) -> FrictionValues:
     """Return friction of damping (N m s/rad or N s/m) and dry friction (N m or N); none if both are zero."""
     if not damping and not dry:
@@ -546,44 +517,38 @@ def build_friction(damping: float, dry: float) -> FrictionValues:
 
 
 def _read_limits(joint: XmlPart, type_: str) -> Limits:
-    part = joint.get("limit", "lower", "upper", "velocity", "effort")
+    """Return the limits; that of the position is None where it is no range, or one of its ends infinite."""
+    keys = ("lower", "upper", "velocity", "effort")
+    part = joint.get("limit", *keys)
     if part is None:
         return Limits()
-    keys = ("lower", "upper", "velocity", "effort")
-    low, high, *others = (part.read_decimal(key, endless=True) for key in keys)
+    lower, upper, *others = (part.read_decimal(key, endless=True) for key in keys)
     largest: list[float | None] = []
     for key, value in zip(keys[2:], others, strict=True):
         if value is not None and value < 0:
             text = f"limit {key} negative, taken as unknown, of joints {{}}"
             part.group("robot.bad-limits", text, attribute=key)
         largest.append(float(value) if value and 0 < value < math.inf else None)
-    position = _choose_position_limits(part, type_, (low, high))
-    return Limits(position=position, velocity=largest[0], torque=largest[1])
-
-
-def _choose_position_limits(
-    part: XmlPart, type_: str, ends: tuple[Decimal | None, Decimal | None]
-) -> tuple[float, float] | None:
-    """Return the limits of the position, None where they are no range or one of them is infinite."""
+    limits = Limits(velocity=largest[0], torque=largest[1])
+    ends = (lower, upper)
     if type_ == "continuous" and ends != (None, None):
         part.reading.skip("lower and upper in <limit> of a continuous joint", part.element)
     if type_ == "continuous" or ends == (None, None):
-        return None
-    endless = [key for key, end in zip(("lower", "upper"), ends, strict=True) if end and end.is_infinite()]
-    if endless:
+        return limits
+    if endless := [key for key, end in zip(keys, ends, strict=False) if end and end.is_infinite()]:
         text = "a position limit is infinite, so none is used, of joints {}"
         part.group("robot.endless-limits", text, attribute=endless[0])
-        return None
+        return limits
     # An absent limit of the two is zero.
     low, high = (float(end or 0) for end in ends)
     if low >= high:
         if low or high:
             text = f"limit: lower {low:g} is not less than upper {high:g}; not used"
             part.warn("robot.bad-limits", text, "lower")
-        return None
+        return limits
     if type_ == "revolute" and (doubt := explain_wide_limits(low, high)):
         part.warn("robot.large-angle", f"limit: {doubt}", "lower")
-    return (low, high)
+    return replace(limits, position=(low, high))
 
 
 _REDUCTIONS = ("mechanicalReduction", "mechanical_reduction", "drake:gear_ratio")
@@ -614,34 +579,28 @@ def _read_drives(reading: TreeReading) -> None:
         if name is not None and (name not in reading.joints or not reading.joints[name].moves):
             reading.skip("<transmission> of a joint that is fixed, or not in the file", element)
             continue
-        drive = _read_drive(part, (actuators[0], joints[0], element))
-        if name is None or drive is None:
+        before = len(reading.errors)
+        places = (actuators[0], joints[0], element)
+        reductions = [part.enter(child) for place in places for child in place.find_all(*_REDUCTIONS)]
+        rotors = [part.enter(child) for child in actuators[0].find_all(*ROTORS)]
+        reduction = _read_one(reductions, "mechanical reductions")
+        inertia = _read_one(rotors, "rotor inertias")
+        if reduction == 0:
+            text = "mechanicalReduction: must not be 0; it is the number of motor turns per joint turn"
+            reductions[0].refuse("robot.out-of-range", text)
+        if inertia is not None and inertia < 0:
+            text = f"{rotors[0].element.tag}: must be at least 0 kg*m^2, got {inertia}"
+            rotors[0].refuse("robot.out-of-range", text)
+        if name is None or len(reading.errors) > before:
             continue
         if name in lines:
             text = f"joint '{name}' already has the transmission of line {lines[name]}; keep one of them"
             part.refuse("robot.two-forms", text)
             continue
+        gear = 1.0 if reduction is None else float(reduction)
+        rotor = None if inertia is None else float(inertia) * gear**2
+        drive = Drive(gear=gear, has_rotor=bool(rotors), rotor_inertia=rotor)
         reading.joints[name], lines[name] = replace(reading.joints[name], drive=drive), part.line
-
-
-def _read_drive(owner: XmlPart, elements: tuple[XmlElement, XmlElement, XmlElement]) -> Drive | None:
-    errors = owner.reading.errors
-    before = len(errors)
-    reductions = [owner.enter(child) for element in elements for child in element.find_all(*_REDUCTIONS)]
-    rotors = [owner.enter(child) for child in elements[0].find_all(*ROTORS)]
-    reduction = _read_one(reductions, "mechanical reductions")
-    inertia = _read_one(rotors, "rotor inertias")
-    if reduction == 0:
-        text = "mechanicalReduction: must not be 0; it is the number of motor turns per joint turn"
-        reductions[0].refuse("robot.out-of-range", text)
-    if inertia is not None and inertia < 0:
-        text = f"{rotors[0].element.tag}: must be at least 0 kg*m^2, got {inertia}"
-        rotors[0].refuse("robot.out-of-range", text)
-    if len(errors) > before:
-        return None
-    gear = 1.0 if reduction is None else float(reduction)
-    rotor = None if inertia is None else float(inertia) * gear**2
-    return Drive(gear=gear, has_rotor=bool(rotors), rotor_inertia=rotor)
 
 
 def _read_one(parts: Sequence[XmlPart], what: str) -> Decimal | None:

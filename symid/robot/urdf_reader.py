@@ -46,7 +46,7 @@ from symid.robot.geometry import (
 from symid.robot.inertia import lump_fixed_joints, move_by_placement
 from symid.robot.toml_values import BASE, sort_notices, suggest_names
 from symid.robot.urdf_parts import TreeJoint, TreeReading, list_words, read_parts
-from symid.robot.urdf_xml import XmlDocument, parse_document, read_urdf_text
+from symid.robot.urdf_xml import parse_document, read_urdf_text
 
 _REMEDIES = {
     "free": "remove it, which fixes the body to the one before it",
@@ -71,7 +71,15 @@ def _read_tree(reading: TreeReading, base: str | None, tip: str | None, *, compl
     """
     links, joints = reading.links, reading.joints
     # A joint that cannot be read leaves its links apart; that is not worth a second message.
-    above = _map_parents(reading)
+    above: dict[str, TreeJoint] = {}
+    for joint in joints.values():
+        other = above.setdefault(joint.child, joint)
+        if other is not joint:
+            text = f"its child link '{joint.child}' is already the child of joint '{other.name}'"
+            joint.part.refuse("robot.closed-loop", f"{text} (line {other.part.line}); {_LOOP}")
+    for element in reading.document.root.find_all("loop_joint"):
+        name = element.attributes.get("name", "")
+        reading.refuse("robot.closed-loop", f"loop_joint '{name}': {_LOOP}", element)
     root = _locate_root(reading, above) if complete else None
     wrong = [(name, end) for name, end in ((base, "base"), (tip, "tip")) if name and name not in links]
     for name, end in wrong:
@@ -106,27 +114,21 @@ def _read_tree(reading: TreeReading, base: str | None, tip: str | None, *, compl
                 linked.add(joint.child)
     before = _locate_path(above, root, start) or ()
     tree = _Tree(root=start, before=tuple(before), joints=tuple(chosen))
-    _check_joint_types(reading, tree)
+    for joint in chosen:
+        if not joint.moves and joint.type != "fixed":
+            what = "a floating base" if joint.type == "floating" else f"a {joint.type} joint"
+            remedy = _REMEDIES.get(joint.type, "make it fixed")
+            text = f"{what} is not supported; {remedy}, or start after it with --base {joint.child}"
+            joint.part.refuse("robot.joint-type", text, "type")
+    if not any(joint.moves for joint in chosen) and not reading.errors:
+        found = "every joint is fixed" if chosen else f"there is no joint after the link '{start}'"
+        reading.refuse("robot.no-joints", f"{found}, and a robot needs one that moves")
     kept = {start, *(joint.child for joint in chosen)}
     if cut := [link for link in links.values() if link.name not in kept]:
         names, mass = list_words((link.name for link in cut), most=12), sum(link.mass for link in cut)
         text = f"outside of the chosen part, and not in the model: the links {names} ({mass:.6g} kg in all)"
         reading.warn("robot.cut-off", text, cut[0].part.element)
     return tree
-
-
-def _map_parents(reading: TreeReading) -> dict[str, TreeJoint]:
-    """Return the joint before each link; a second one closes a loop."""
-    above: dict[str, TreeJoint] = {}
-    for joint in reading.joints.values():
-        other = above.setdefault(joint.child, joint)
-        if other is not joint:
-            text = f"its child link '{joint.child}' is already the child of joint '{other.name}'"
-            joint.part.refuse("robot.closed-loop", f"{text} (line {other.part.line}); {_LOOP}")
-    for element in reading.document.root.find_all("loop_joint"):
-        name = element.attributes.get("name", "")
-        reading.refuse("robot.closed-loop", f"loop_joint '{name}': {_LOOP}", element)
-    return above
 
 
 def _locate_root(reading: TreeReading, above: Mapping[str, TreeJoint]) -> str | None:
@@ -171,18 +173,6 @@ def _locate_path(above: Mapping[str, TreeJoint], start: str, end: str) -> list[T
         path.append(above[end])
         end = above[end].parent
     return path[::-1]
-
-
-def _check_joint_types(reading: TreeReading, tree: _Tree) -> None:
-    for joint in tree.joints:
-        if not joint.moves and joint.type != "fixed":
-            what = "a floating base" if joint.type == "floating" else f"a {joint.type} joint"
-            remedy = _REMEDIES.get(joint.type, "make it fixed")
-            text = f"{what} is not supported; {remedy}, or start after it with --base {joint.child}"
-            joint.part.refuse("robot.joint-type", text, "type")
-    if not any(joint.moves for joint in tree.joints) and not reading.errors:
-        found = "every joint is fixed" if tree.joints else f"there is no joint after the link '{tree.root}'"
-        reading.refuse("robot.no-joints", f"{found}, and a robot needs one that moves")
 
 
 def read_mimics(reading: TreeReading) -> None:
@@ -288,10 +278,21 @@ def parse_urdf(
         RobotError: with a notice for each mistake in the text.
     """
     document = parse_document(text, file)
-    _check_language(document)
+    root = document.root
+    for element in root.walk():
+        if element.tag.startswith("xacro:"):
+            text = (
+                f"<{element.tag}>: this is a xacro file, a program that writes a URDF; "
+                f"run `xacro {Path(file).name} > robot.urdf` and give that file"
+            )
+            raise RobotError(document.locate_place(element).notice("robot.xacro", text))
+    if root.tag != "robot":
+        prefix = "; tags with a prefix are not read" if root.tag.endswith(":robot") else ""
+        text = f"the outermost element is <{root.tag}>; that of a URDF is <robot>{prefix}"
+        raise RobotError(document.locate_place(root).notice("robot.no-urdf", text))
     reading = read_parts(document, snap)
     read_mimics(reading)
-    joints, links = (len(list(document.root.find_all(tag))) for tag in ("joint", "link"))
+    joints, links = (len(list(root.find_all(tag))) for tag in ("joint", "link"))
     complete = (len(reading.joints), len(reading.links)) == (joints, links)
     return assemble_robot(reading, base, tip, complete=complete)
 
@@ -321,93 +322,106 @@ def assemble_robot(
     followers = _resolve_mimics(reading, kept, before)
     if tree is None or reading.errors:
         raise RobotError(*sort_notices(reading.errors))
-    file, attributes = Path(reading.document.file), reading.document.root.attributes
-    what, link, given = ("URDF", "link", "name") if gravity is None else ("MJCF model", "body", "model")
-    ends = f"{link} {tree.root} is the base{f', {tip} the tip' if tip else ''}"
+    document, root = reading.document, reading.document.root
+    what, link, attribute = ("URDF", "link", "name") if gravity is None else ("MJCF model", "body", "model")
     joints, links = _reduce_joints(reading, tree, followers, tip)
-    couplings = _build_couplings(reading, tree, joints)
-    return Robot(
-        name=_choose_name(reading, given, file.stem),
-        joints=_rename_base(reading, joints),
-        links=links,
-        gravity=_compute_gravity(reading, tree, followers, gravity),
-        convention="urdf" if gravity is None else "mjcf",
-        description=f"from the {what} {file.name}, whose {ends}",
-        source=attributes.get(given, ""),
-        processing=Processing(automatic=True),
-        path=reading.document.file,
-        notices=reading.list_warnings(),
-        couplings=couplings,
-        made_from=SourceFile(
-            file=reading.document.file,
-            sha256=_compute_digest(reading.document.source),
-            base=base,
-            tip=tip,
-            snap=reading.snap,
-        ),
-    )
-
-
-def _compute_digest(source: bytes) -> str:
-    """Return the digest of a text, the same for all ends of lines."""
-    return sha256(source.removeprefix(BOM_UTF8).replace(b"\r\n", b"\n")).hexdigest()
-
-
-def _check_language(document: XmlDocument) -> None:
-    """Refuse what is XML and no URDF."""
-    for element in document.root.walk():
-        if element.tag.startswith("xacro:"):
-            text = (
-                f"<{element.tag}>: this is a xacro file, a program that writes a URDF; "
-                f"run `xacro {Path(document.file).name} > robot.urdf` and give that file"
-            )
-            raise RobotError(document.locate_place(element).notice("robot.xacro", text))
-    root = document.root
-    if root.tag != "robot":
-        prefix = "; tags with a prefix are not read" if root.tag.endswith(":robot") else ""
-        text = f"the outermost element is <{root.tag}>; that of a URDF is <robot>{prefix}"
-        raise RobotError(document.locate_place(root).notice("robot.no-urdf", text))
-
-
-def _choose_name(reading: TreeReading, attribute: str, stem: str) -> str:
-    """Return a name that functions can be called by."""
-    element = reading.document.root
-    given = element.attributes.get(attribute, "").strip()
-    name = re.sub(r"[^A-Za-z0-9_]+", "_", given or stem).strip("_")
+    # Drives that turn with several joints; joints that stand still do not move them.
+    index = {joint.name: number for number, joint in enumerate(joints)}
+    reached = {joint.name for joint in (*tree.before, *tree.joints)}
+    couplings = []
+    for entry in reading.couplings:
+        if lost := [f"'{name}'" for name, _ in entry.terms if name not in reached]:
+            text = f"turns with joints that were cut off, {list_words(lost)}: it turns with the others alone"
+            entry.part.warn("robot.coupling-cut", text)
+        terms = tuple((index[name], factor) for name, factor in entry.terms if name in index and factor)
+        rotor = entry.rotor_inertia
+        drive = Coupling(name=entry.name, terms=terms, has_rotor=rotor is not None, rotor_inertia=rotor)
+        couplings += [replace(drive, friction=entry.friction)] if terms else []
+    # A name that functions can be called by.
+    given, file = root.attributes.get(attribute, "").strip(), Path(document.file)
+    name = re.sub(r"[^A-Za-z0-9_]+", "_", given or file.stem).strip("_")
     if not name or not name[0].isalpha():
         name = f"robot_{name}".rstrip("_")
     if name != given:
         text = f'the robot is renamed to {name}: "{given}" cannot name functions'
-        reading.warn("robot.renamed", text, element, attribute)
-    return name
+        reading.warn("robot.renamed", text, root, attribute)
+    if BASE in index:
+        other = f"{BASE}_joint"
+        while other in index:
+            other += "_"
+        text = f"joint '{BASE}' is renamed to '{other}': in a robot file '{BASE}' is the fixed base"
+        reading.warn("robot.renamed", text, reading.joints[BASE].part.element, "name")
+        joints = tuple(replace(one, name=other) if one.name == BASE else one for one in joints)
+    # Joints before the base stand at zero, followers among them at their offset; gravity is `gravity`, or
+    # down, in the file's root frame.
+    outer = IDENTITY
+    for joint in tree.before:
+        offset = _place_offset(joint, followers.get(joint.name), reading.snap)
+        outer = compose_placements(outer, joint.origin, joint.turn, offset, invert_placement(joint.turn))
+    if gravity is not None:
+        back = Placement(rotation=invert_placement(outer).rotation, translation=IDENTITY.translation)
+        down = compose_placements(back, translate(*gravity)).translation
+    else:
+        x, y, z = (_GRAVITY * entry for entry in outer.rotation[2])
+        down = (x, y, z)
+        words = list_words(f"{value.to_float():g}" for value in down)
+        where = f"of link {tree.root}{', the joints before it at 0' if tree.before else ''}"
+        text = f"a URDF states no gravity; it was taken as ({words}) m/s^2 in the frame {where}"
+        reading.warn("robot.assumed-gravity", text)
+    # The same for all ends of lines.
+    digest = sha256(document.source.removeprefix(BOM_UTF8).replace(b"\r\n", b"\n")).hexdigest()
+    return Robot(
+        name=name,
+        joints=joints,
+        links=links,
+        gravity=down,
+        convention="urdf" if gravity is None else "mjcf",
+        description=f"from the {what} {file.name}, whose {link} {tree.root} is the base"
+        + (f", {tip} the tip" if tip else ""),
+        source=root.attributes.get(attribute, ""),
+        processing=Processing(automatic=True),
+        path=document.file,
+        notices=reading.list_warnings(),
+        couplings=tuple(couplings),
+        made_from=SourceFile(file=document.file, sha256=digest, base=base, tip=tip, snap=reading.snap),
+    )
 
 
-def _build_joints(reading: TreeReading, tree: _Tree, followers: Mapping[str, MimicStep]) -> list[Joint]:
-    """Return all joints of the tree, fixed ones too, with z as their axis.
+def _place_offset(joint: TreeJoint, follower: MimicStep | None, snap: float) -> Placement:
+    """Return how far a joint stands from its origin when its coordinate, or that of its master, is zero."""
+    offset = (follower.offset if follower else ZERO) - joint.zero
+    return place_joint(offset, prismatic=joint.type == "prismatic", snap=snap) if offset else IDENTITY
 
-    Without any inertial values in the file all are unknown, else missing ones are zero.
+
+def _reduce_joints(
+    reading: TreeReading, tree: _Tree, followers: Mapping[str, MimicStep], tip: str | None
+) -> tuple[tuple[Joint, ...], tuple[LinkPlace, ...]]:
+    """Return the moving joints with canonical frames, and all links that move.
+
+    The last link's frame is that of the tip link, where this is fixed to it. Without any inertial values in
+    the file all are unknown, else missing ones are zero.
     """
     index = {joint.name: number for number, joint in enumerate(tree.joints)}
     carriers = {tree.root: -1} | {joint.child: number for number, joint in enumerate(tree.joints)}
     # From a link's frame here, whose z is the joint's axis, to that of the file.
     backs = {tree.root: IDENTITY} | {joint.child: invert_placement(joint.turn) for joint in tree.joints}
-    links = [reading.links[joint.child] for joint in tree.joints]
-    known = any(link.inertial for link in links if not link.between)
-    found = []
-    for joint in tree.joints:
-        link, back, follower = reading.links[joint.child], backs[joint.child], followers.get(joint.name)
-        inertial = link.inertial
+    stated = [reading.links[joint.child] for joint in tree.joints]
+    known = any(link.inertial for link in stated if not link.between)
+    built, fixed = [], []
+    for number, (joint, link) in enumerate(zip(tree.joints, stated, strict=True)):
+        back, follower, inertial = backs[joint.child], followers.get(joint.name), link.inertial
+        if not joint.moves or (follower and follower.master is None):
+            fixed.append(number)
         if inertial is None and known and joint.moves:
             link.part.group("robot.massless", "links without <inertial>: {} have no mass")
             inertial = (0.0,) * 10
-        mimic = None
+        mimic, spring = None, joint.spring
         if follower and follower.master is not None:
             mimic = Mimic(master=index[follower.master], multiplier=follower.multiplier)
-        offset = _place_offset(joint, follower, reading.snap)
-        spring = joint.spring
         if spring is not None and follower and spring.rest is not None:
             spring = replace(spring, rest=spring.rest - follower.offset.to_float())
-        found.append(
+        offset = _place_offset(joint, follower, reading.snap)
+        built.append(
             Joint(
                 name=joint.name,
                 kind=JointKind.PRISMATIC if joint.type == "prismatic" else JointKind.REVOLUTE,
@@ -422,28 +436,7 @@ def _build_joints(reading: TreeReading, tree: _Tree, followers: Mapping[str, Mim
                 frame=back,
             )
         )
-    return found
-
-
-def _place_offset(joint: TreeJoint, follower: MimicStep | None, snap: float) -> Placement:
-    """Return how far a joint stands from its origin when its coordinate, or that of its master, is zero."""
-    offset = (follower.offset if follower else ZERO) - joint.zero
-    return place_joint(offset, prismatic=joint.type == "prismatic", snap=snap) if offset else IDENTITY
-
-
-def _reduce_joints(
-    reading: TreeReading, tree: _Tree, followers: Mapping[str, MimicStep], tip: str | None
-) -> tuple[tuple[Joint, ...], tuple[LinkPlace, ...]]:
-    """Return the moving joints with canonical frames, and all links that move.
-
-    The last link's frame is that of the tip link, where this is fixed to it.
-    """
-    fixed = [
-        index
-        for index, joint in enumerate(tree.joints)
-        if not joint.moves or (joint.name in followers and followers[joint.name].master is None)
-    ]
-    lumped = lump_fixed_joints(_build_joints(reading, tree, followers), fixed)
+    lumped = lump_fixed_joints(built, fixed)
     if not lumped.joints:
         place = reading.document.locate_place(reading.document.root)
         raise RobotError(place.notice("robot.no-joints", "no joint of the robot moves by itself"))
@@ -469,8 +462,8 @@ def _reduce_joints(
         LinkPlace(name=name, joint=k, placement=compose_placements(turned[k], place))
         for name, k, place in places
     )
-    for joint, moved, tilt in zip(reframed.joints, reframed.moved_by, reframed.tilts, strict=True):
-        part = reading.joints[joint.name].part
+    for moving, moved, tilt in zip(reframed.joints, reframed.moved_by, reframed.tilts, strict=True):
+        part = reading.joints[moving.name].part
         if moved > _ROUNDED:
             text = "axes or link frames were moved to right angles or parallels, of joints (by rad) {}"
             part.group("robot.angle-snapped", text, f"{moved:.1e}")
@@ -481,62 +474,3 @@ def _reduce_joints(
             )
             part.group("robot.nearly-parallel", text, f"{tilt:.1e}")
     return reframed.joints, links
-
-
-def _rename_base(reading: TreeReading, joints: tuple[Joint, ...]) -> tuple[Joint, ...]:
-    """Return the joints, none of them called base."""
-    names = [joint.name for joint in joints]
-    if BASE not in names:
-        return joints
-    name = f"{BASE}_joint"
-    while name in names:
-        name += "_"
-    text = f"joint '{BASE}' is renamed to '{name}': in a robot file '{BASE}' is the fixed base"
-    reading.warn("robot.renamed", text, reading.joints[BASE].part.element, "name")
-    return tuple(replace(joint, name=name) if joint.name == BASE else joint for joint in joints)
-
-
-def _build_couplings(reading: TreeReading, tree: _Tree, joints: Sequence[Joint]) -> tuple[Coupling, ...]:
-    """Return the drives that turn with several joints; joints that stand still do not move them."""
-    index = {joint.name: number for number, joint in enumerate(joints)}
-    kept = {joint.name for joint in (*tree.before, *tree.joints)}
-    found = []
-    for coupling in reading.couplings:
-        if lost := [f"'{name}'" for name, _ in coupling.terms if name not in kept]:
-            text = f"turns with joints that were cut off, {list_words(lost)}: it turns with the others alone"
-            coupling.part.warn("robot.coupling-cut", text)
-        terms = tuple((index[name], factor) for name, factor in coupling.terms if name in index and factor)
-        if terms:
-            rotor, friction = coupling.rotor_inertia, coupling.friction
-            found.append(
-                Coupling(
-                    name=coupling.name,
-                    terms=terms,
-                    has_rotor=rotor is not None,
-                    rotor_inertia=rotor,
-                    friction=friction,
-                )
-            )
-    return tuple(found)
-
-
-def _compute_gravity(
-    reading: TreeReading, tree: _Tree, followers: Mapping[str, MimicStep], stated: ExactVector | None
-) -> ExactVector:
-    """Return gravity in the base link's frame: `stated`, or down, in the file's root frame.
-
-    Joints before the base stand at zero, followers among them at their offset.
-    """
-    outer = IDENTITY
-    for joint in tree.before:
-        offset = _place_offset(joint, followers.get(joint.name), reading.snap)
-        outer = compose_placements(outer, joint.origin, joint.turn, offset, invert_placement(joint.turn))
-    if stated is not None:
-        back = Placement(rotation=invert_placement(outer).rotation, translation=IDENTITY.translation)
-        return compose_placements(back, translate(*stated)).translation
-    x, y, z = (_GRAVITY * entry for entry in outer.rotation[2])
-    words = list_words(f"{value.to_float():g}" for value in (x, y, z))
-    where = f"of link {tree.root}" if not tree.before else f"of link {tree.root}, the joints before it at 0"
-    text = f"a URDF states no gravity; it was taken as ({words}) m/s^2 in the frame {where}"
-    reading.warn("robot.assumed-gravity", text)
-    return x, y, z

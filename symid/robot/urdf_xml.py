@@ -24,6 +24,9 @@ from xml.parsers import expat
 from symid.errors import Notice, RobotError
 from symid.robot.toml_values import Place, read_text_file
 
+TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+"""Attributes of <inertia>, in the order of the entries of a tensor."""
+
 _ATTRIBUTE = re.compile(rb"([^\s=/>\"']+)\s*=\s*(\"[^\"]*\"|'[^']*')")
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 _QUOTED = re.compile(rb"[^>\"']|\"[^\"]*\"|'[^']*'")
@@ -227,8 +230,13 @@ def read_urdf_text(path: Path, *, keep_ends: bool = False) -> UrdfText:
     lost: list[str] = []
 
     def find(name: str) -> str:
-        for folder in _list_package_folders(name, path):
-            if folder.is_dir() and _read_package_name(folder) == name:
+        for folder in filter(Path.is_dir, _list_package_folders(name, path)):
+            # The name of a ROS package; without a manifest that of its folder.
+            found = None
+            with contextlib.suppress(OSError):
+                manifest = (folder / "package.xml").read_text(encoding="utf-8", errors="replace")
+                found = re.search(r"<name>\s*([^<\s]+)\s*</name>", manifest)
+            if (found[1] if found else folder.name) == name:
                 return str(folder)
         lost.append(name)
         return f"$(find {name})"
@@ -272,16 +280,6 @@ def _list_package_folders(name: str, path: Path) -> Iterator[Path]:
             yield folder / name
             for depth in ("*", "*/*", "*/*/*"):
                 yield from sorted(file.parent for file in folder.glob(f"{depth}/package.xml"))
-
-
-def _read_package_name(folder: Path) -> str:
-    """Return the name of a ROS package; without a manifest that of its folder."""
-    try:
-        manifest = (folder / "package.xml").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return folder.name
-    found = re.search(r"<name>\s*([^<\s]+)\s*</name>", manifest)
-    return found[1] if found else folder.name
 
 
 def _explain_failure(xacro: Any, error: Exception, path: Path, lost: list[str]) -> Notice:  # noqa: ANN401  no types

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from symid.cli.main import run
-from symid.robot.xml_writers import write_urdf
+from symid.robot.simulator_writers import write_urdf
 from tests.chains import PANDA, draw_parameters, set_inertia
 
 

@@ -278,7 +278,7 @@ def fuzz(reader: str, folder: Path, seeds: list[bytes], seconds: int, findings: 
             *rooms,
             "symid.logs.bags",
             "symid.robot.toml_reader",
-            "symid.robot.dh_table",
+            "symid.robot.toml_reader",
             "scipy.io",
         ):
             importlib.import_module(name)

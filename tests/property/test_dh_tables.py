@@ -3,7 +3,7 @@
 from hypothesis import given, settings, strategies as st
 
 from symid.errors import RobotError
-from symid.robot.dh_table import parse_dh_table
+from symid.robot.toml_reader import parse_dh_table
 
 CELLS = """
 0 | 0.1 | -1 | .5 | 1e-3 | 1e400 | nan | inf | pi/2 | -pi | q | q1 | q+0.1 | q-pi/2 | q- | L1 | 1/3 | 1/0 | "a

@@ -11,7 +11,7 @@ from hypothesis import assume, given, settings, strategies as st
 
 from symid.notation import INERTIAL
 from symid.robot.description import Spring
-from symid.robot.xml_writers import write_mjcf
+from symid.robot.simulator_writers import write_mjcf
 from tests.chains import RATIONAL_ANGLES, draw_parameters, fold, regress, spread, trees
 from tests.mujocos import find_mujoco_torques, parse_mjcf
 from tests.urdfs import find_link_poses

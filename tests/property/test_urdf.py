@@ -8,8 +8,8 @@ from hypothesis import given, settings, strategies as st
 
 from symid.errors import RobotError
 from symid.robot.description import JointKind
+from symid.robot.simulator_writers import write_urdf
 from symid.robot.urdf_reader import parse_urdf
-from symid.robot.xml_writers import write_urdf
 from tests.chains import build_pinocchio, draw_parameters, set_inertia, trees
 from tests.unit.robot.test_urdf import ARM
 from tests.urdfs import draw_urdf, find_factors, find_largest_gap, find_positions, find_torques

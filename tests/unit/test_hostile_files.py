@@ -20,8 +20,8 @@ from symid.logs import files
 from symid.logs.files import LARGEST_ARRAY
 from symid.logs.reader import read_raw
 from symid.robot import read_robot
-from symid.robot.dh_table import parse_dh_table
 from symid.robot.loading import is_mjcf, override_robot
+from symid.robot.toml_reader import parse_dh_table
 from symid.robot.toml_values import parse_toml
 
 ROBOT = Path("robots/two_link.toml")

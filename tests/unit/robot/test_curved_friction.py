@@ -9,9 +9,9 @@ from symid.errors import RobotError, UsageError
 from symid.joint_models import FrictionValues, get_law, name_values
 from symid.notation import SYMBOLS, get_unit
 from symid.robot.loading import override_robot
+from symid.robot.simulator_writers import write_mjcf, write_urdf
 from symid.robot.toml_reader import parse_robot
 from symid.robot.toml_writer import write_robot
-from symid.robot.xml_writers import write_mjcf, write_urdf
 from tests.friction_forms import EVERY_LAW, OLD_NAMES, give_shape
 
 HEAD = """

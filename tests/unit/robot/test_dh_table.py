@@ -4,9 +4,8 @@ import pytest
 
 from symid.errors import RobotError
 from symid.robot.description import JointKind
-from symid.robot.dh_table import parse_dh_table, read_dh_table
 from symid.robot.geometry import Exact
-from symid.robot.toml_reader import parse_robot
+from symid.robot.toml_reader import parse_dh_table, parse_robot, read_dh_table
 
 ROWS = """
 [[joint]]

@@ -4,8 +4,7 @@ import re
 
 import pytest
 
-from symid.robot.dh_table import parse_dh_table
-from symid.robot.toml_reader import parse_robot, read_robot
+from symid.robot.toml_reader import parse_dh_table, parse_robot, read_robot
 from symid.robot.urdf_reader import parse_urdf
 
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)

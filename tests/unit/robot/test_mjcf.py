@@ -15,7 +15,7 @@ import symid
 from symid.codegen import build_casadi_function
 from symid.robot.description import JointKind, Robot
 from symid.robot.mjcf_reader import read_xml_robot
-from symid.robot.xml_writers import write_mjcf
+from symid.robot.simulator_writers import write_mjcf
 from tests.chains import build_transmission, fold, spread
 from tests.mujocos import find_mujoco_torques, parse_mjcf
 

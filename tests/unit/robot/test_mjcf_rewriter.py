@@ -12,8 +12,8 @@ from symid.errors import RobotError
 from symid.joint_models import Elasticity, FrictionValues
 from symid.robot.description import Drive, Spring
 from symid.robot.inertia import is_same_body
-from symid.robot.mjcf_rewriter import list_rewritten_mjcf_omissions, rewrite_mjcf
-from symid.robot.xml_writers import write_mjcf
+from symid.robot.simulator_writers import list_rewritten_mjcf_omissions, write_mjcf
+from symid.robot.xml_rewriters import rewrite_mjcf
 from tests.chains import draw_parameters
 from tests.mujocos import find_mujoco_torques, parse_mjcf
 

@@ -12,8 +12,8 @@ from symid.joint_models.hysteresis import Elasticity
 from symid.notation import INERTIAL
 from symid.robot.description import Coupling, Drive, Limits, Mimic, Robot, Spring
 from symid.robot.geometry import Exact
+from symid.robot.simulator_writers import list_mjcf_omissions, write_mjcf, write_urdf
 from symid.robot.toml_reader import read_robot
-from symid.robot.xml_writers import list_mjcf_omissions, write_mjcf, write_urdf
 from tests import state_laws
 from tests.chains import (
     build_chain,

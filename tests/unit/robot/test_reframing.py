@@ -20,8 +20,8 @@ from symid.robot.geometry import (
     rotate_z,
     translate,
 )
+from symid.robot.simulator_writers import write_urdf
 from symid.robot.urdf_reader import parse_urdf
-from symid.robot.xml_writers import write_urdf
 from tests.chains import build_chain, build_joint, build_pinocchio, draw_parameters
 from tests.sx_programs import read_sx_program
 from tests.urdfs import AXES, is_orthogonal, shift_z, write_odd_urdf

@@ -8,9 +8,9 @@ import pytest
 from symid.errors import RobotError, UsageError
 from symid.joint_models import STATE_LAWS, get_law
 from symid.robot.loading import override_robot
+from symid.robot.simulator_writers import write_mjcf, write_urdf
 from symid.robot.toml_reader import parse_robot
 from symid.robot.toml_writer import write_robot
-from symid.robot.xml_writers import write_mjcf, write_urdf
 from tests.state_laws import LAWS, STATES, give_values, write_table
 
 HEAD = 'name = "one"\nconvention = "modified"\ngravity = [0, 0, -9.81]\n'

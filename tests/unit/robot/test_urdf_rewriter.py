@@ -12,7 +12,7 @@ from symid.robot.inertia import build_pseudo_inertias
 from symid.robot.toml_reader import parse_robot
 from symid.robot.toml_writer import write_robot
 from symid.robot.urdf_reader import parse_urdf
-from symid.robot.urdf_rewriter import rewrite_urdf
+from symid.robot.xml_rewriters import rewrite_urdf
 from tests.chains import PANDA, build_pinocchio, draw_parameters
 from tests.urdfs import draw_urdf, find_torques, write_odd_urdf
 

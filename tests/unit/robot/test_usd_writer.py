@@ -11,8 +11,8 @@ from symid.joint_models.hysteresis import Elasticity
 from symid.robot.description import Coupling, Drive, JointKind, Limits, Mimic, Robot, Spring
 from symid.robot.geometry import Exact
 from symid.robot.inertia import compute_standard_parameters
+from symid.robot.simulator_writers import list_usd_omissions, write_usd
 from symid.robot.toml_reader import read_robot
-from symid.robot.usd_writer import list_usd_omissions, write_usd
 from tests.chains import build_chain, build_joint, build_pinocchio, draw_parameters, set_inertia
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
