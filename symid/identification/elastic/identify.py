@@ -46,7 +46,7 @@ from symid.identification.elastic.regression import (
     locate_settled,
     mark_rigid_rotors,
 )
-from symid.identification.elastic.simultaneous import compute_spring_torques, filter_spring
+from symid.identification.elastic.together import compute_spring_torques, filter_spring
 from symid.identification.elastic.uncertainty import measure_identifiability, measure_spring_spread
 from symid.identification.estimators import Residual, list_parameters
 from symid.identification.regression import check_joints, list_measured_joints, warn_of_energy

@@ -64,15 +64,17 @@ from symid.identification.elastic.regression import (
     read_known,
     solve_with_signs,
 )
-from symid.identification.elastic.simultaneous import (
+from symid.identification.elastic.together import (
     LinearRows,
     build_side_rows,
     calm_torsions,
     compute_spring_torques,
+    fit_alternation,
+    fit_linear_spring,
     fit_simultaneous,
+    fit_two_step,
     list_row_times,
 )
-from symid.identification.elastic.two_step import fit_alternation, fit_linear_spring, fit_two_step
 from symid.identification.elastic.uncertainty import (
     compute_covariance,
     mark_unidentifiable,

@@ -135,10 +135,31 @@ class NlpLayout:
             upper += [np.full(card.size, np.inf), np.full(card.size, options.speeds[1])]
         springs = []
         for joint, grid in zip(joints, grids, strict=True):
-            spring, places = _place_spring(grid, len(names), odd=options.odd)
-            springs.append(spring)
+            # Knees of both sides from zero outwards, or of their sizes where both share slopes.
+            knees, odd = grid.knees, options.odd
+            sides = [sorted({abs(knee) for knee in knees})]
+            if not odd:
+                sides = [sorted((knee for knee in knees if knee * side > 0), key=abs) for side in (-1.0, 1.0)]
+            places = [knee for side in sides for knee in side]
+            # A knee changes the slope from that of the knee before it, or from one.
+            changes, offset = np.eye(len(places)) - np.eye(len(places), k=-1), np.zeros(len(places))
+            for start in {0, len(sides[0])} - {len(places)}:
+                changes[start, :start], offset[start] = 0.0, -1.0
+            weights = slice(len(names), len(names) + len(grid.thresholds) + 1)
+            springs.append(
+                SpringLayout(
+                    weights=weights,
+                    slopes=slice(weights.stop, weights.stop + len(places)),
+                    thresholds=freeze(grid.thresholds),
+                    knees=knees,
+                    slots=tuple(places.index(abs(knee) if odd else knee) for knee in knees),
+                    changes=freeze(changes),
+                    offset=freeze(offset),
+                )
+            )
             names += [f"k{stop} of joint {joint}" for stop in range(len(grid.thresholds) + 1)]
-            names += [f"slope beyond {place} of joint {joint}" for place in places]
+            sign = "+-" if odd else ""
+            names += [f"slope beyond {sign}{place:.6g} of joint {joint}" for place in places]
             least, limit = (
                 factor * grid.stiffness for factor in (options.least_stiffness, options.weight_limit)
             )
@@ -189,30 +210,6 @@ class NlpLayout:
         return tuple(spring.build_spring(x, limit) for spring, limit in pairs)
 
 
-def _place_spring(grid: SpringGrid, first: int, *, odd: bool) -> tuple[SpringLayout, tuple[str, ...]]:
-    """Return a spring whose unknowns begin at `first`, and names of its slopes, from zero outwards."""
-    knees = grid.knees
-    sides = [sorted({abs(knee) for knee in knees})]
-    if not odd:
-        sides = [sorted((knee for knee in knees if knee * side > 0), key=abs) for side in (-1.0, 1.0)]
-    order = [knee for side in sides for knee in side]
-    # A knee changes the slope from that of the knee before it, or from one.
-    changes, offset = np.eye(len(order)) - np.eye(len(order), k=-1), np.zeros(len(order))
-    for start in {0, len(sides[0])} - {len(order)}:
-        changes[start, :start], offset[start] = 0.0, -1.0
-    weights = slice(first, first + len(grid.thresholds) + 1)
-    spring = SpringLayout(
-        weights=weights,
-        slopes=slice(weights.stop, weights.stop + len(order)),
-        thresholds=freeze(grid.thresholds),
-        knees=knees,
-        slots=tuple(order.index(abs(knee) if odd else knee) for knee in knees),
-        changes=freeze(changes),
-        offset=freeze(offset),
-    )
-    return spring, tuple(f"{'+-' if odd else ''}{knee:.6g}" for knee in order)
-
-
 _LEAST_SIGMA = 1e-6
 _LEAST_SHARE = 1e-9
 """Of the size of a block's terms, and of the largest of all blocks: no rows are trusted more."""
@@ -259,22 +256,50 @@ class ElasticNlpCost:
 
     def compute_state(self, x: FloatArray) -> CostState:
         """Return residuals and their derivatives at the unknowns x."""
-        blocks, knees, friction = [], [], []
+        layout, blocks, knees, friction = self.layout, [], [], []
         for part in self.recordings:
             steps = tuple(
                 build_knee_steps(basis, x[spring.weights], list(zip(spring.knees, spring.slots, strict=True)))
-                for spring, basis in zip(self.layout.springs, part.bases, strict=True)
+                for spring, basis in zip(layout.springs, part.bases, strict=True)
             )
             # Step means (N - 1, 3) of g, g' and g'' of every joint with Stribeck friction.
-            pairs = zip(part.speed.T, x[self.layout.speed], strict=False)
-            rates = (compute_stribeck_derivatives(_NUMPY, *pair, self.smoothing) for pair in pairs)
+            speeds = zip(part.speed.T, x[layout.speed], strict=False)
+            rates = (compute_stribeck_derivatives(_NUMPY, *pair, self.smoothing) for pair in speeds)
             means = tuple(average_steps(np.column_stack(derivatives)) for derivatives in rates)
-            shared = _SharedRows(self.layout, x, steps, means)
-            blocks += [shared.compute_block(block) for block in part.blocks]
+            pairs = zip(steps, layout.springs, strict=True)
+            slopes = [own.compute_slopes(spring.compute_changes(x)) for own, spring in pairs]
+            # Rows of knees are added up once for all blocks that use them.
+            known: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}
+            for block in part.blocks:
+                residual = block.values - block.matrix @ x[layout.dynamics]
+                alive = np.flatnonzero(np.any(block.matrix, axis=0))
+                places, columns = [alive], [-block.matrix[:, alive]]
+                for entry in block.springs:
+                    place = layout.springs[entry.joint]
+                    torque, slope = entry.columns @ x[place.weights], entry.columns
+                    if place.knees:
+                        key = entry.joint, id(entry.sums)
+                        if key not in known:
+                            pair = steps[entry.joint].means, slopes[entry.joint]
+                            known[key] = entry.sums.add(pair[0]), entry.sums.add(pair[1])
+                        rows, bends = known[key]
+                        torque = torque + rows @ place.compute_changes(x)
+                        slope = slope + bends
+                        places.append(np.arange(place.slopes.start, place.slopes.stop))
+                        columns.append(-block.sign * rows @ place.changes)
+                    residual = residual - block.sign * torque
+                    places.append(np.arange(place.weights.start, place.weights.stop))
+                    columns.append(-block.sign * slope)
+                for joint, sums in block.friction if means else ():
+                    excess, speed = layout.excess.start + joint, layout.speed.start + joint
+                    rows = sums.add(means[joint][:, :2])
+                    residual = residual - x[excess] * rows[:, 0]
+                    places.append(np.array([excess, speed]))
+                    columns.append(-rows * np.array([1.0, x[excess]]))
+                blocks.append((residual, np.concatenate(places), np.hstack(columns)))
             knees.append(steps)
             friction.append(means)
-        residuals, places, jacobians = zip(*blocks, strict=True)
-        return CostState(residuals, places, jacobians, tuple(knees), tuple(friction))
+        return CostState(*zip(*blocks, strict=True), tuple(knees), tuple(friction))
 
     def compute_value(self, state: CostState) -> float:
         """Return f."""
@@ -379,49 +404,6 @@ class ElasticNlpCost:
         inverse = np.zeros_like(curvature)
         inverse[free] = np.linalg.pinv(curvature[free] / sizes, rcond=1e-10, hermitian=True) / sizes
         return inverse, scores.reshape(-1, size)
-
-
-class _SharedRows:
-    """Rows of knees and friction of one recording, each added up once for all blocks that use them."""
-
-    def __init__(
-        self, layout: NlpLayout, x: FloatArray, knees: Sequence[KneeSteps], friction: Sequence[FloatArray]
-    ) -> None:
-        self.layout, self.x, self.knees, self.friction = layout, x, knees, friction
-        pairs = zip(knees, layout.springs, strict=True)
-        self.bends = [steps.compute_slopes(spring.compute_changes(x)) for steps, spring in pairs]
-        self.known: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}
-
-    def compute_block(self, block: RowBlock) -> tuple[FloatArray, Places, FloatArray]:
-        """Return residual, places and Jacobian of a block."""
-        layout, x = self.layout, self.x
-        residual = block.values - block.matrix @ x[layout.dynamics]
-        alive = np.flatnonzero(np.any(block.matrix, axis=0))
-        places, columns = [alive], [-block.matrix[:, alive]]
-        for spring in block.springs:
-            place = layout.springs[spring.joint]
-            torque = spring.columns @ x[place.weights]
-            slope = spring.columns
-            if place.knees:
-                key = spring.joint, id(spring.sums)
-                if key not in self.known:
-                    steps, slopes = self.knees[spring.joint].means, self.bends[spring.joint]
-                    self.known[key] = spring.sums.add(steps), spring.sums.add(slopes)
-                means, bends = self.known[key]
-                torque = torque + means @ place.compute_changes(x)
-                slope = slope + bends
-                places.append(np.arange(place.slopes.start, place.slopes.stop))
-                columns.append(-block.sign * means @ place.changes)
-            residual = residual - block.sign * torque
-            places.append(np.arange(place.weights.start, place.weights.stop))
-            columns.append(-block.sign * slope)
-        for joint, sums in block.friction if self.friction else ():
-            excess, speed = layout.excess.start + joint, layout.speed.start + joint
-            rows = sums.add(self.friction[joint][:, :2])
-            residual = residual - x[excess] * rows[:, 0]
-            places.append(np.array([excess, speed]))
-            columns.append(-rows * np.array([1.0, x[excess]]))
-        return residual, np.concatenate(places), np.hstack(columns)
 
 
 _FIRST_SHARE = 0.7

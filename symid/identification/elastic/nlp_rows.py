@@ -182,6 +182,8 @@ def build_knee_steps(basis: FloatArray, weights: FloatArray, knees: Sequence[tup
 _ROW_RATE = 125.0
 """Filtered rows a second in Hz: more rows add no information."""
 _BuildColumns = Callable[[FloatArray, FloatArray], FloatArray]
+_TorqueRows = tuple[FloatArray, FloatArray, FloatArray, _BuildColumns, StepSums]
+"""Design (M, n, p + n + pf), torque and drag of the links (M, n), and how springs get there."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -239,16 +241,55 @@ def build_nlp_recording(
     problem: ElasticProblem, index: int, thresholds: Sequence[FloatArray], kinds: Sequence[str]
 ) -> NlpRecording:
     """Return the rows of recording `index`: some of `NLP_ROWS`, for thresholds (m,) of each joint."""
-    signals = problem.signals[index]
-    phi = signals.phi
+    signals, energy, phi = problem.signals[index], problem.energy[index], problem.signals[index].phi
     bases = tuple(compute_stop_basis(phi[:, joint], grid) for joint, grid in enumerate(thresholds))
-    blocks = [_build_energy_block(problem, index, thresholds)] if "energy" in kinds else []
-    if "filtered" in kinds:
-        blocks += _join_blocks(problem, bases, _build_filtered_rows(problem, index))
-    if "momentum" in kinds:
-        blocks += _join_blocks(
-            problem, bases, _build_momentum_rows(problem, index), _mark_windows(problem, index)
+    ends, blocks = energy.ends, list[RowBlock]()
+    if "energy" in kinds:
+
+        def place(joint: int, torsion: FloatArray) -> SpringColumns:
+            def build(grid: FloatArray, _: FloatArray) -> FloatArray:
+                return np.diff(compute_work_columns(torsion, grid)[ends], axis=0)
+
+            sums, columns = _build_window_sums(ends, np.diff(torsion)), build(thresholds[joint], torsion)
+            return SpringColumns(joint=joint, build=build, columns=columns, sums=sums)
+
+        turn = np.diff(signals.theta, axis=0)
+        block = RowBlock(
+            matrix=energy.design,
+            values=energy.supplied,
+            sign=1.0,
+            springs=tuple(place(joint, torsion) for joint, torsion in enumerate(phi.T)),
+            friction=tuple((joint, _build_window_sums(ends, part)) for joint, part in enumerate(turn.T)),
         )
+        blocks.append(block)
+    if "filtered" in kinds:
+        rows, rate = problem.filtered[index], problem.options.rate
+        skip = max(1, int(1.0 / (_ROW_RATE * signals.period * rows.keep.step)))
+        keep = slice(rows.keep.start, None, rows.keep.step * skip)
+        torque, decay = rows.torque[::skip], float(np.exp(-rate * signals.period))
+        steps, count = len(signals.time) - 1, len(torque)
+        passed = FilterSums(steps=steps, first=keep.start, length=keep.step, count=count, decay=decay)
+
+        def pass_basis(_: FloatArray, basis: FloatArray) -> FloatArray:
+            return filter_smooth(basis, rate, signals.period)[keep]
+
+        filtered = rows.design[::skip], torque, rows.drag[::skip], pass_basis, passed
+        blocks += _join_blocks(problem, bases, filtered)
+    if "momentum" in kinds:
+        sums = _build_window_sums(ends, np.full(len(signals.time) - 1, signals.period))
+
+        def add(values: FloatArray) -> FloatArray:
+            return sums.add(average_steps(values))
+
+        design = build_equations(problem.library, signals, lambda values: np.diff(values[ends], axis=0), add)
+        impulse, drag = sums.add(signals.step_torque), add(signals.link_drag)
+        slides = None
+        if np.any(problem.limits):
+            # About the middle of a window in which a motor slides from end to end, all of it counts.
+            sliding = mark_sliding(signals, ends.step * signals.period, problem.limits)[ends]
+            slides = sliding[:-1] & sliding[1:]
+        momentum = design, impulse, drag, lambda _, basis: add(basis), sums
+        blocks += _join_blocks(problem, bases, momentum, slides)
     return NlpRecording(blocks=tuple(blocks), bases=bases, phi=phi, speed=signals.dtheta)
 
 
@@ -271,65 +312,6 @@ def move_stops(recording: NlpRecording, moves: Sequence[Mapping[int, float]]) ->
 
     blocks = (replace(block, springs=tuple(map(move, block.springs))) for block in recording.blocks)
     return replace(recording, blocks=tuple(blocks), bases=tuple(bases))
-
-
-def _build_energy_block(problem: ElasticProblem, index: int, thresholds: Sequence[FloatArray]) -> RowBlock:
-    signals, rows = problem.signals[index], problem.energy[index]
-
-    def place(joint: int, phi: FloatArray) -> SpringColumns:
-        def build(grid: FloatArray, _: FloatArray) -> FloatArray:
-            return np.diff(compute_work_columns(phi, grid)[rows.ends], axis=0)
-
-        sums = _build_window_sums(rows.ends, np.diff(phi))
-        columns = build(thresholds[joint], phi)
-        return SpringColumns(joint=joint, build=build, columns=columns, sums=sums)
-
-    turn = np.diff(signals.theta, axis=0)
-    return RowBlock(
-        matrix=rows.design,
-        values=rows.supplied,
-        sign=1.0,
-        springs=tuple(place(joint, phi) for joint, phi in enumerate(signals.phi.T)),
-        friction=tuple((joint, _build_window_sums(rows.ends, part)) for joint, part in enumerate(turn.T)),
-    )
-
-
-_TorqueRows = tuple[FloatArray, FloatArray, FloatArray, _BuildColumns, StepSums]
-"""Design (M, n, p + n + pf), torque and drag of the links (M, n), and how springs get there."""
-
-
-def _build_filtered_rows(problem: ElasticProblem, index: int) -> _TorqueRows:
-    rows, rate, signals = problem.filtered[index], problem.options.rate, problem.signals[index]
-    skip = max(1, int(1.0 / (_ROW_RATE * signals.period * rows.keep.step)))
-    keep = slice(rows.keep.start, None, rows.keep.step * skip)
-    torque, decay = rows.torque[::skip], float(np.exp(-rate * signals.period))
-    steps, count = len(signals.time) - 1, len(torque)
-    sums = FilterSums(steps=steps, first=keep.start, length=keep.step, count=count, decay=decay)
-
-    def build(_: FloatArray, basis: FloatArray) -> FloatArray:
-        return filter_smooth(basis, rate, signals.period)[keep]
-
-    return rows.design[::skip], torque, rows.drag[::skip], build, sums
-
-
-def _build_momentum_rows(problem: ElasticProblem, index: int) -> _TorqueRows:
-    signals, ends = problem.signals[index], problem.energy[index].ends
-    sums = _build_window_sums(ends, np.full(len(signals.time) - 1, signals.period))
-
-    def add(values: FloatArray) -> FloatArray:
-        return sums.add(average_steps(values))
-
-    design = build_equations(problem.library, signals, lambda values: np.diff(values[ends], axis=0), add)
-    torque = sums.add(signals.step_torque)
-    return design, torque, add(signals.link_drag), lambda _, basis: add(basis), sums
-
-
-def _mark_windows(problem: ElasticProblem, index: int) -> NDArray[np.bool_]:
-    """Return the windows (M, n) of the energy rows in which a motor slides from end to end."""
-    signals, ends = problem.signals[index], problem.energy[index].ends
-    slides = mark_sliding(signals, ends.step * signals.period, problem.limits)
-    # About the middle of a window, all of it counts.
-    return slides[ends][:-1] & slides[ends][1:] if np.any(problem.limits) else np.ones_like(slides[ends][1:])
 
 
 def _join_blocks(
@@ -357,13 +339,16 @@ def _join_blocks(
         else:
             torques, springs = torques - drag[:, joint], ()
         kept = np.ones(len(torque), dtype=bool) if slides is None else slides[:, joint]
-        own, adds, make = springs, sums, build
+        own, adds = springs, sums
         if isinstance(sums, WindowSums) and not np.all(kept):
             weights = sums.weights.copy()
             weights[sums.span] *= np.repeat(kept, sums.length)
             adds = replace(sums, weights=weights)
-            make = _mask_columns(build, kept)
             masked = np.where(kept[:, None], columns, 0.0)
+
+            def make(grid: FloatArray, basis: FloatArray, kept: NDArray[np.bool_] = kept) -> FloatArray:
+                return np.where(kept[:, None], build(grid, basis), 0.0)
+
             own = (SpringColumns(joint=joint, build=make, columns=masked, sums=adds),) if gives else ()
         yield RowBlock(
             matrix=np.where(kept[:, None], motor, 0.0),
@@ -375,10 +360,6 @@ def _join_blocks(
         )
         if gives:
             yield RowBlock(matrix=link, values=-drag[:, joint], sign=-1.0, springs=springs)
-
-
-def _mask_columns(build: _BuildColumns, kept: NDArray[np.bool_]) -> _BuildColumns:
-    return lambda thresholds, basis: np.where(kept[:, None], build(thresholds, basis), 0.0)
 
 
 def _build_window_sums(ends: slice, weights: FloatArray) -> WindowSums:

@@ -17,6 +17,7 @@ regressors, which is of second order: positions are those of the motors.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from functools import partial
 
 import numpy as np
 
@@ -254,30 +255,26 @@ def _refute_delay(library: Library, recordings: Sequence[Recording], alignment: 
     )
     if not any(library.card.yielding) or apart < _APART * moves:
         return False
-    plain = replace(alignment, delay=0.0)
-    lefts = []
-    for entry in (plain, alignment):
-        moved = [shift_link_channel(recording, entry, run=run) for run, recording in enumerate(recordings)]
-        lefts.append(sum(_measure_motor_misfit(library, recording) for recording in moved))
+    bases, lefts = len(library.card.beta), []
+    for entry in (replace(alignment, delay=0.0), alignment):
+        # The mean square that motor and spring leave of the torque, relative, summed over joints and runs.
+        total = 0.0
+        for run, recording in enumerate(recordings):
+            signals = prepare_elastic_signals(shift_link_channel(recording, entry, run=run), ElasticOptions())
+            rate = partial(differentiate, period=signals.period)
+            design = build_equations(library, signals, rate, lambda values: values)
+            for joint in range(library.card.size):
+                torsion, torque = signals.phi[:, joint], signals.tau[:, joint]
+                if not np.ptp(torsion) > 0.0 or not np.ptp(torque) > 0.0:
+                    continue
+                grid = 0.5 * float(np.ptp(torsion)) * np.arange(1, _GRID + 1) / (_GRID + 1)
+                basis = compute_stop_basis(torsion - torsion.mean(), grid)
+                whole = np.column_stack([design[:, joint, bases:], basis, np.ones_like(torsion)])
+                whole, right = whole[signals.settled :], torque[signals.settled :]
+                left = right - whole @ solve_scaled(whole, right, rcond=1e-10)
+                total += float(np.mean(left**2) / np.var(torque))
+        lefts.append(total)
     return lefts[0] < _REFUTES * lefts[1]
-
-
-def _measure_motor_misfit(library: Library, recording: Recording) -> float:
-    """Return the mean square that motor and spring leave of the torque, relative, summed over the joints."""
-    signals = prepare_elastic_signals(recording, ElasticOptions())
-    period, bases = signals.period, len(library.card.beta)
-    design = build_equations(library, signals, lambda x: differentiate(x, period), lambda x: x)
-    total = 0.0
-    for joint in range(library.card.size):
-        torsion, torque = signals.phi[:, joint], signals.tau[:, joint]
-        if not np.ptp(torsion) > 0.0 or not np.ptp(torque) > 0.0:
-            continue
-        grid = 0.5 * float(np.ptp(torsion)) * np.arange(1, _GRID + 1) / (_GRID + 1)
-        basis = compute_stop_basis(torsion - torsion.mean(), grid)
-        whole = np.column_stack([design[:, joint, bases:], basis, np.ones_like(torsion)])[signals.settled :]
-        left = torque[signals.settled :] - whole @ solve_scaled(whole, torque[signals.settled :], rcond=1e-10)
-        total += float(np.mean(left**2) / np.var(torque))
-    return total
 
 
 def prepare_aligned(

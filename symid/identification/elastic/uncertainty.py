@@ -19,7 +19,6 @@ not hold between samples, such as elements on grids; in bounds, cubic springs, d
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +34,8 @@ from symid.joint_models import Elasticity, compute_stop_basis, find_most_slope
 from symid.logs import differentiate
 
 _BLOCKS, _STRETCHES = 100, 30
+SpringPlace = tuple[str, int, str]
+"""Of a number of a spring: the field, which of its parts, and their field; -1 and "" for a number itself."""
 _RULE = RankRule()
 
 
@@ -90,18 +91,8 @@ def compute_covariance(
     return mark_unidentifiable(covariance, spectrum.mask_identifiable(_RULE))
 
 
-class SpringNumber(NamedTuple):
-    """A number of a spring that data decide, and its place: the field, which of its parts, and their field.
-
-    The last two are -1 and "" for a field that is a number itself.
-    """
-
-    value: float
-    place: tuple[str, int, str]
-
-
-def list_spring_numbers(spring: Elasticity) -> list[SpringNumber]:
-    """Return every number of a spring that data decide."""
+def list_spring_numbers(spring: Elasticity) -> list[tuple[float, SpringPlace]]:
+    """Return every number of a spring that data decide, and its place."""
     places = [(name, -1, "") for name in ("stiffness", "cubic", "damping")]
     places += [
         (name, index, part.name)
@@ -113,11 +104,11 @@ def list_spring_numbers(spring: Elasticity) -> list[SpringNumber]:
     for name, index, part in places:
         value = getattr(spring, name) if index < 0 else getattr(getattr(spring, name)[index], part)
         if isinstance(value, float) and value:
-            found.append(SpringNumber(value, (name, index, part)))
+            found.append((value, (name, index, part)))
     return found
 
 
-def move_spring(spring: Elasticity, place: tuple[str, int, str], value: float) -> Elasticity:
+def move_spring(spring: Elasticity, place: SpringPlace, value: float) -> Elasticity:
     """Return a spring with another number in a place; raise RobotError where no spring has it."""
     name, index, part = place
     if index < 0:
@@ -146,10 +137,16 @@ def measure_spring_spread(
         covariance: (p, p) of these parameters, finite.
     """
     slopes, parts = [], []
-    for number in list_spring_numbers(spring):
-        sides = _list_sides(spring, number)
-        if len(sides) < 2:
+    for number, place in list_spring_numbers(spring):
+        step, sides = _SMALL * abs(number), []
+        for value in (number + step, number - step):
+            # At the edge of what springs can be, such as a knee that all but flattens them, one side is left.
+            with suppress(RobotError):
+                sides.append((move_spring(spring, place, value), value))
+        if not sides:
             continue
+        if len(sides) == 1:
+            sides.append((spring, number))
         (above, high), (below, low) = sides
         pairs = zip(compute(above), compute(below), strict=True)
         parts.append([(ahead - behind) / (high - low) for ahead, behind in pairs])
@@ -175,16 +172,6 @@ def measure_spring_spread(
     bent = sum(change for change in early if change < _SOON) / 2.0
     fixed = np.hypot(_ROUNDED, bent) * abs(_get_slope(spring))
     return torque, float(np.hypot(fixed, np.sqrt(max(0.0, float(way @ spread @ way)))))
-
-
-def _list_sides(spring: Elasticity, number: SpringNumber) -> list[tuple[Elasticity, float]]:
-    """Return two springs about or beside `spring`, with a number of theirs; one where it cannot move."""
-    step, sides = _SMALL * abs(number.value), []
-    for value in (number.value + step, number.value - step):
-        # At the edge of what springs can be, such as a knee that all but flattens them, one side is left.
-        with suppress(RobotError):
-            sides.append((move_spring(spring, number.place, value), value))
-    return sides if len(sides) == 2 else [*sides, (spring, number.value)]
 
 
 def _get_slope(spring: Elasticity) -> float:
@@ -243,7 +230,15 @@ def compute_spring_bound(
     springs = [spring for spring in card.elasticity if spring is not None]
     motor, link = [], []
     for part, sigma in zip(signals, noise, strict=True):
-        torques = _compute_spring_columns(springs, part.phi)
+        # The derivatives (N, n, w) of the springs' torques by all their numbers.
+        parts = []
+        for joint, spring in enumerate(springs):
+            weights = read_weights(spring)
+            basis = compute_stop_basis(part.phi[:, joint], weights.thresholds)
+            slopes = compute_spring_slopes(basis, weights, compute_slips(basis, weights.thresholds))[:, :-1]
+            parts.append(np.zeros((len(basis), len(springs), slopes.shape[1])))
+            parts[-1][:, joint] = slopes
+        torques = np.concatenate(parts, axis=2)
         drive = _build_exact_equations(library, part)[:, :, beta:]
         motor.append(np.concatenate([drive, torques], axis=2) / sigma[:, None])
         link.append(_build_link_rows(library, part, torques))
@@ -267,19 +262,6 @@ def compute_spring_bound(
     lengths = np.where(lengths > 0.0, lengths, 1.0)
     root = (ways[:count] / lengths) @ np.linalg.pinv(rows @ ways / lengths, rcond=_BLIND)
     return root @ root.T
-
-
-def _compute_spring_columns(springs: Sequence[Elasticity], phi: FloatArray) -> FloatArray:
-    """Return the derivatives (N, n, w) of the springs' torques by all their numbers."""
-    parts = []
-    for joint, spring in enumerate(springs):
-        weights = read_weights(spring)
-        basis = compute_stop_basis(phi[:, joint], weights.thresholds)
-        columns = compute_spring_slopes(basis, weights, compute_slips(basis, weights.thresholds))[:, :-1]
-        own = np.zeros((len(phi), len(springs), columns.shape[1]))
-        own[:, joint] = columns
-        parts.append(own)
-    return np.concatenate(parts, axis=2)
 
 
 def _build_link_rows(library: Library, part: ElasticSignals, torques: FloatArray) -> FloatArray:

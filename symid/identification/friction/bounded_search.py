@@ -38,7 +38,7 @@ class FrictionNlpCost:
     def __init__(self, problem: FrictionProblem, scale: float) -> None:
         import casadi
 
-        self.problem, self.scale, self.evaluations = problem, scale, 0
+        self.scale, self.evaluations = scale, 0
         law, size, count = problem.law, len(problem.law.physical), len(problem.law.linear)
         x, inputs = casadi.SX.sym("x", size), casadi.SX.sym("inputs", len(law.inputs))
         values = casadi.mtimes(casadi.DM(np.array(law.unmixing, dtype=np.float64)), x)
@@ -51,8 +51,18 @@ class FrictionNlpCost:
         # x (n), inputs (i, N) -> torque (1, N), gradient (n, N), upper triangle of the Hessian.
         self.function = casadi.Function("torque", [x, inputs], [torque, gradient, bends])
         self.inputs = np.vstack([problem.samples.inputs[name] for name in law.inputs])
-        self.size, self.upper = size, np.triu_indices(size)
-        self.compute_state = keep_last(self._compute_state)
+        self.upper = np.triu_indices(size)
+
+        def compute_state(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+            # Errors (M,), their derivatives (M, n), and errors' sum over second ones, upper triangle.
+            self.evaluations += 1
+            rows = [np.asarray(part, dtype=np.float64).T for part in self.function(x, self.inputs)]
+            passed = problem.samples.pass_columns(np.hstack(rows))
+            errors = problem.eliminate(passed[:, 0] - problem.target)
+            slopes = problem.eliminate(passed[:, 1 : 1 + size])
+            return errors, slopes, passed[:, 1 + size :].T @ errors
+
+        self.compute_state = keep_last(compute_state)
 
     def compute_value(self, x: FloatArray) -> float:
         """Return f at x (n,)."""
@@ -73,24 +83,25 @@ class FrictionNlpCost:
         second += np.triu(second, 1).T
         return np.asarray((hessian + second) * (2.0 / self.scale))
 
-    def _compute_state(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return errors (M,), their derivatives (M, n), and errors' sum over second ones, upper triangle."""
-        self.evaluations += 1
-        rows = [np.asarray(part, dtype=np.float64).T for part in self.function(x, self.inputs)]
-        passed = self.problem.samples.pass_columns(np.hstack(rows))
-        errors = self.problem.eliminate(passed[:, 0] - self.problem.target)
-        slopes = self.problem.eliminate(passed[:, 1 : 1 + self.size])
-        return errors, slopes, passed[:, 1 + self.size :].T @ errors
-
 
 def search_by_nlp(problem: FrictionProblem, options: FrictionNlpOptions) -> FrictionSearch:
     """Return the least of the optima from several starts."""
     law, projector = problem.law, Projector(problem, np.iinfo(np.int64).max)
     # Bounds of the shape are those of the search.
     edges = zip(law.shape, problem.low, problem.high, strict=True)
-    box = {entry.name: (least, most) for entry, least, most in edges}
+    box = {entry.name: tuple(pair) for entry, *pair in edges}
     low, high = np.array([box.get(entry.name, (entry.lower, entry.upper)) for entry in law.physical]).T
-    states = [projector.project(z) for z in _list_starts(problem, 8 * options.starts)]
+    starts, (least, most), free = [], problem.box, int(np.sum(problem.is_free))
+    # The root of g^(d+1) = g + 1, found by its own iteration: starts fill the box of the shape evenly.
+    ratio = 2.0
+    for _ in range(60):
+        ratio = (1.0 + ratio) ** (1.0 / (free + 1))
+    steps = ratio ** -np.arange(1.0, free + 1.0)
+    for number in range(1, 8 * options.starts + 1 if free else 2):
+        z = np.array(least)
+        z[problem.is_free] += np.mod(0.5 + number * steps, 1.0) * (most - least)[problem.is_free]
+        starts.append(z)
+    states = [projector.project(z) for z in starts]
     states.sort(key=lambda state: state.objective)
     scale = max(states[0].objective, 1e-20 * float(problem.target @ problem.target), 1e-300)
     cost = FrictionNlpCost(problem, scale)
@@ -129,25 +140,6 @@ def search_by_nlp(problem: FrictionProblem, options: FrictionNlpOptions) -> Fric
         ended=f"Ipopt ended: {best.reason}; {same} of {len(runs)} starts end at this optimum",
         settings=(("starts", len(runs)), ("agreeing", same)),
     )
-
-
-def _list_starts(problem: FrictionProblem, count: int) -> list[FloatArray]:
-    """Return coordinates of shapes that fill the box evenly, (s,) each; one where nothing is free."""
-    low, high = problem.box
-    free = int(np.sum(problem.is_free))
-    if not free:
-        return [low]
-    # The root of g^(d+1) = g + 1, found by its own iteration.
-    ratio = 2.0
-    for _ in range(60):
-        ratio = (1.0 + ratio) ** (1.0 / (free + 1))
-    steps = ratio ** -np.arange(1.0, free + 1.0)
-    starts = []
-    for number in range(1, count + 1):
-        z = np.array(low)
-        z[problem.is_free] += np.mod(0.5 + number * steps, 1.0) * (high - low)[problem.is_free]
-        starts.append(z)
-    return starts
 
 
 class UnitBoxProblem:

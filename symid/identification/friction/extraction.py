@@ -77,7 +77,22 @@ def fold_recording(recording: Recording, period: float, *, margin: int | None = 
     margin = samples if margin is None else margin
     places = np.arange(-margin, samples + margin)
     text = f"{periods} periods of {period:g} s were averaged (--period)"
-    folded = Notice(code="log.folded", text=text, file=recording.source)
+    notices = [Notice(code="log.folded", text=text, file=recording.source)]
+    spread = np.ptp(position.mean(axis=0), axis=0)
+    apart = np.sqrt(np.mean((position - position.mean(axis=0)) ** 2, axis=(0, 1)))
+    moving = spread > 0.0
+    worst = float(np.max(apart[moving] / spread[moving], initial=0.0))
+    # A joint that rests has no range that its noise could be compared with.
+    if worst > _DRIFT and float(np.max(apart)) > _DRIFT * float(np.max(spread)):
+        text = (
+            f"positions differ by {100.0 * worst:.3g} % of their range between periods: the period is wrong, "
+            "or the motion drifts. Correct --period (one for each log where they differ), or leave it out"
+        )
+        notices.append(Notice(code="log.not-periodic", text=text, file=recording.source))
+        # What rests has no period, and the mean of periods that differ is no motion: the joint that moves
+        # most decides.
+        if float(np.max(apart)) > 0.1 * float(np.max(spread)):
+            raise LogError(notices[-1])
     others = {
         name: cut(values, degree=1).mean(axis=0)[places % samples]
         for name in ("load", "temperature")
@@ -94,7 +109,7 @@ def fold_recording(recording: Recording, period: float, *, margin: int | None = 
         motor_position=None,
         link_position=None,
         extras={},
-        notices=(*recording.notices, folded, *_warn_of_drift(position, recording)),
+        notices=(*recording.notices, *notices),
         **others,
     )
 
@@ -114,26 +129,6 @@ def _cut_periods(
     # Rounding may put the last place a hair behind the last sample.
     found: FloatArray = spline(np.minimum(at, time[-1]))
     return found.reshape(periods, samples, -1)
-
-
-def _warn_of_drift(position: FloatArray, recording: Recording) -> tuple[Notice, ...]:
-    """Return a notice where periods differ; raise LogError where their mean is no motion."""
-    spread = np.ptp(position.mean(axis=0), axis=0)
-    apart = np.sqrt(np.mean((position - position.mean(axis=0)) ** 2, axis=(0, 1)))
-    moving = spread > 0.0
-    worst = float(np.max(apart[moving] / spread[moving], initial=0.0))
-    # A joint that rests has no range that its noise could be compared with.
-    if worst <= _DRIFT or float(np.max(apart)) <= _DRIFT * float(np.max(spread)):
-        return ()
-    text = (
-        f"positions differ by {100.0 * worst:.3g} % of their range between periods: the period is wrong, "
-        "or the motion drifts. Correct --period (one for each log where they differ), or leave it out"
-    )
-    notice = Notice(code="log.not-periodic", text=text, file=recording.source)
-    # What rests has no period: the joint that moves most decides.
-    if float(np.max(apart)) > 0.1 * float(np.max(spread)):
-        raise LogError(notice)
-    return (notice,)
 
 
 class Column(NamedTuple):
@@ -361,13 +356,6 @@ class ExtractedJoint(NamedTuple):
     notices: tuple[Notice, ...]
 
 
-def _choose_cutoffs(recording: Recording, processing: Processing, resting: tuple[int, ...]) -> FloatArray:
-    """Return the cut-off (n,) in Hz of every joint: where noise takes over, at most that of the rule."""
-    rule = processing.filter_cutoff or 0.0
-    wanted = [min(max(band.clean, _LEAST_CUTOFF), rule) for band in measure_bands(recording)]
-    return np.array([rule if k in resting else float(f"{cutoff:.3g}") for k, cutoff in enumerate(wanted)])
-
-
 def describe_cutoffs(logs: JointLogs) -> tuple[Notice, ...]:
     """Return a notice on the cut-offs that noise set, log by log."""
     joints, found = [card.name for card in logs.library.card.joints], []
@@ -436,7 +424,12 @@ def prepare_joint_logs(
         raise IdentifiabilityError(Notice(code="identify.standstill", text=text))
     pairs, cutoffs = list(zip(recordings, resting, strict=True)), list[FloatArray]()
     if is_open:
-        cutoffs = [_choose_cutoffs(one, processing, still) for one, still in pairs]
+        # Where noise takes over, at most that of the rule.
+        rule, cutoffs = processing.filter_cutoff or 0.0, []
+        for one, still in pairs:
+            wanted = [min(max(band.clean, _LEAST_CUTOFF), rule) for band in measure_bands(one)]
+            found = (rule if k in still else float(f"{cut:.3g}") for k, cut in enumerate(wanted))
+            cutoffs.append(np.array(list(found)))
         states = list(map(_prepare_at_cutoffs, recordings, [processing] * len(recordings), cutoffs))
         if any(np.any(entry < (processing.filter_cutoff or 0.0)) for entry in cutoffs):
             # Noise decides, and that of another log may be another one.
@@ -484,16 +477,30 @@ def extract_joint(
             )
         raise IdentifiabilityError(Notice(code="friction.at-rest", text=text))
     samples, sentence, count = _treat_rigid(logs, joint, chosen, beta)
-    kept, notices = _leave_out_slow(samples, logs.processing.get_standstill(joint))
+    standstill, notices = logs.processing.get_standstill(joint), list[Notice]()
+    kept = ~(np.abs(samples.build_rows().velocity) < standstill)
+    if not kept.any():
+        text = (
+            f"joint {samples.joint!r}: every row is slower than processing.standstill = {standstill:g}; "
+            "keep them with --set processing.standstill=0"
+        )
+        raise IdentifiabilityError(Notice(code="friction.all-slow", text=text))
+    if not kept.all():
+        text = (
+            f"joint {samples.joint!r}: {int((~kept).sum())} of {len(kept)} rows slower than {standstill:g} "
+            f"{'m/s' if samples.prismatic else 'rad/s'} were left out (processing.standstill), below which "
+            "friction is extrapolated. If no joint sticks, keep them with --set processing.standstill=0"
+        )
+        notices.append(Notice(code="identify.slow-rows", text=text))
     if count > 6:
         text = (
             f"joint {card.name!r}: {count} columns of the rigid part were fitted along, which "
             "can bias friction. Move one joint at a time, or give the base parameters of all joints with "
             "--known"
         )
-        notices += (Notice(code="friction.many-columns", text=text),)
+        notices.append(Notice(code="friction.many-columns", text=text))
     left = samples if kept.all() else samples.select_rows(kept)
-    return ExtractedJoint(samples=left, whole=samples, kept=kept, rigid=sentence, notices=notices)
+    return ExtractedJoint(samples=left, whole=samples, kept=kept, rigid=sentence, notices=tuple(notices))
 
 
 def _treat_rigid(
@@ -521,25 +528,3 @@ def _treat_rigid(
     samples = logs.build_samples(joint, runs, [*rigid, *fitted])
     load = _estimate_load(samples.extra[:, : len(rigid)], samples.velocity, samples.torque)
     return replace(samples, load=load), sentence, len(rigid)
-
-
-def _leave_out_slow(
-    samples: FrictionSamples, standstill: float
-) -> tuple[NDArray[np.bool_], tuple[Notice, ...]]:
-    """Return which rows (m,) are not slow, with a notice where some are."""
-    rows = samples.build_rows()
-    slow = np.abs(rows.velocity) < standstill
-    if not slow.any():
-        return ~slow, ()
-    if slow.all():
-        text = (
-            f"joint {samples.joint!r}: every row is slower than processing.standstill = {standstill:g}; "
-            "keep them with --set processing.standstill=0"
-        )
-        raise IdentifiabilityError(Notice(code="friction.all-slow", text=text))
-    text = (
-        f"joint {samples.joint!r}: {int(slow.sum())} of {len(slow)} rows slower than {standstill:g} "
-        f"{'m/s' if samples.prismatic else 'rad/s'} were left out (processing.standstill), below which "
-        "friction is extrapolated. If no joint sticks, keep them with --set processing.standstill=0"
-    )
-    return ~slow, (Notice(code="identify.slow-rows", text=text),)

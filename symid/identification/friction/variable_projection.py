@@ -78,7 +78,17 @@ def descend(
         if negligible or float(np.max(np.abs(step), initial=0.0)) <= tolerance:
             return state, True
         trial = projector.project(trial_z)
-        wanted = _choose_damping(jacobian, state, trial)
+        # The damping that makes the model of J as curved as J was along the step:
+        # J(d) = J + 2 r'F d + (1 + c) |F d|^2 is solved for c; the damping is c |F d|^2 / |D d|^2, with one
+        # shape value the step of the secant. Without it, steps that are all too long converge slowly.
+        step = trial.z - state.z
+        bend = jacobian @ step
+        curved, wanted = float(bend @ bend), 0.0
+        length = float(np.sum((np.linalg.norm(jacobian, axis=0) * step) ** 2))
+        if curved > 1e-11 * state.objective and length != 0.0:
+            tilt, gain = 2.0 * float(state.residual @ bend), trial.objective - state.objective
+            if np.count_nonzero(step) <= 1 or not gain < _POOR * (tilt + curved):
+                wanted = max(gain - tilt - curved, 0.0) / length
         if trial.objective < state.objective:
             damping = max(0.1 * damping, min(wanted, _MOST_WANTED), 1e-12)
             state, fresh, failed = trial, True, 0
@@ -87,24 +97,6 @@ def descend(
             damping = max(damping * (10.0 if damping > 1e-6 else 1e3), min(wanted, 100.0))
             failed += 1
     return state, False
-
-
-def _choose_damping(jacobian: FloatArray, state: Projection, trial: Projection) -> float:
-    """Return the damping that makes the model of J as curved as J was along the last step.
-
-    J(d) = J + 2 r'F d + (1 + c) |F d|^2 is solved for c; the damping is c |F d|^2 / |D d|^2, with one shape
-    value the step of the secant. Without it, steps that are all too long converge slowly.
-    """
-    step = trial.z - state.z
-    bend = jacobian @ step
-    curved, length = float(bend @ bend), float(np.sum((np.linalg.norm(jacobian, axis=0) * step) ** 2))
-    if curved <= 1e-11 * state.objective or length == 0.0:
-        return 0.0
-    slope = 2.0 * float(state.residual @ bend)
-    gain = trial.objective - state.objective
-    if np.count_nonzero(step) > 1 and gain < _POOR * (slope + curved):
-        return 0.0
-    return max(gain - slope - curved, 0.0) / length
 
 
 KINKED = frozenset({"dq0"})
