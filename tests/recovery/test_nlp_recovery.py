@@ -20,7 +20,7 @@ from symid.identification.elastic.nlp import (
     optimise_nlp,
     prepare_setting,
 )
-from symid.identification.elastic.nlp_rows import build_nlp_recording
+from symid.identification.elastic.nlp_cost import build_nlp_recording
 from symid.identification.elastic.options import METHODS, ElasticOptions, NlpOptions
 from symid.identification.elastic.regression import build_elastic_problem, prepare_elastic_signals
 from symid.identification.elastic.together import fit_linear_spring, fit_two_step

@@ -30,6 +30,7 @@ from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library
 from symid.errors import RobotError
 from symid.identification.diagnostics import sum_block_scores
+from symid.identification.elastic.estimate import compute_covariance, list_spring_numbers, move_spring
 from symid.identification.elastic.regression import (
     DriveEffect,
     ElasticProblem,
@@ -39,7 +40,6 @@ from symid.identification.elastic.regression import (
     compute_joint_torque,
     mark_sliding,
 )
-from symid.identification.elastic.uncertainty import compute_covariance, list_spring_numbers, move_spring
 from symid.identification.hysteresis import filter_smooth
 from symid.identification.regression import solve_scaled
 from symid.joint_models import Elasticity, compute_stop_basis

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library, ModelCard
 from symid.errors import Notice
-from symid.identification.elastic.estimate import MethodFit, build_method_fit
+from symid.identification.elastic.estimate import MethodFit, build_method_fit, compute_covariance
 from symid.identification.elastic.regression import (
     ElasticProblem,
     ElasticSignals,
@@ -39,7 +39,6 @@ from symid.identification.elastic.regression import (
     mark_sliding,
     solve_with_signs,
 )
-from symid.identification.elastic.uncertainty import compute_covariance
 from symid.identification.hysteresis import build_elasticity, filter_smooth
 from symid.identification.regression import choose_windows, integrate_windows
 from symid.logs import Recording, differentiate_smooth, low_pass

@@ -20,7 +20,14 @@ from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import IdentifiabilityError, Notice, UsageError
 from symid.identification.diagnostics import build_warning, warn_of_mass_matrix
-from symid.identification.elastic.estimate import ElasticEstimate, MethodFit, MethodTrial, SpringEstimate
+from symid.identification.elastic.estimate import (
+    ElasticEstimate,
+    MethodFit,
+    MethodTrial,
+    SpringEstimate,
+    measure_identifiability,
+    measure_spring_spread,
+)
 from symid.identification.elastic.methods import (
     AUTOMATIC_METHODS,
     ENERGY_METHODS,
@@ -47,7 +54,6 @@ from symid.identification.elastic.regression import (
     mark_rigid_rotors,
 )
 from symid.identification.elastic.together import compute_spring_torques, filter_spring
-from symid.identification.elastic.uncertainty import measure_identifiability, measure_spring_spread
 from symid.identification.estimators import Residual, list_parameters
 from symid.identification.regression import check_joints, list_measured_joints, warn_of_energy
 from symid.ipopt import Ending

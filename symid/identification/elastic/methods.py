@@ -48,7 +48,14 @@ from symid.identification.elastic.elimination import (
     measure_torque_noise,
     split_recordings,
 )
-from symid.identification.elastic.estimate import ElasticEvidence, MethodFit, build_method_fit
+from symid.identification.elastic.estimate import (
+    ElasticEvidence,
+    MethodFit,
+    build_method_fit,
+    compute_covariance,
+    mark_unidentifiable,
+    measure_identifiability,
+)
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.regression import (
     WAVES,
@@ -74,11 +81,6 @@ from symid.identification.elastic.together import (
     fit_simultaneous,
     fit_two_step,
     list_row_times,
-)
-from symid.identification.elastic.uncertainty import (
-    compute_covariance,
-    mark_unidentifiable,
-    measure_identifiability,
 )
 from symid.identification.hysteresis import ElementPath, choose_spring
 from symid.logs import Recording, differentiate_smooth

@@ -45,16 +45,14 @@ from symid.identification.elastic.estimate import HistoryEntry, MethodFit, build
 from symid.identification.elastic.nlp_cost import (
     ElasticNlpCost,
     NlpLayout,
-    SpringGrid,
-    SpringLayout,
-    list_weights,
-)
-from symid.identification.elastic.nlp_rows import (
     NlpRecording,
     RowBlock,
+    SpringGrid,
+    SpringLayout,
     StepSums,
     WindowSums,
     build_nlp_recording,
+    list_weights,
     move_stops,
 )
 from symid.identification.elastic.options import NlpOptions

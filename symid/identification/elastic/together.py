@@ -37,18 +37,20 @@ import numpy as np
 
 from symid.arrays import FloatArray
 from symid.errors import RobotError
-from symid.identification.elastic.estimate import HistoryEntry, MethodFit, build_method_fit
+from symid.identification.elastic.estimate import (
+    HistoryEntry,
+    MethodFit,
+    SpringPlace,
+    build_method_fit,
+    compute_covariance,
+    list_spring_numbers,
+    move_spring,
+)
 from symid.identification.elastic.regression import (
     ElasticProblem,
     build_start_spring,
     compute_joint_torque,
     solve_with_signs,
-)
-from symid.identification.elastic.uncertainty import (
-    SpringPlace,
-    compute_covariance,
-    list_spring_numbers,
-    move_spring,
 )
 from symid.identification.hysteresis import (
     SpringData,

@@ -18,11 +18,6 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.errors import Notice, SolverError, UsageError
 from symid.identification.estimators import ParameterEstimate
-from symid.identification.friction.bounded_search import (
-    search_by_evolution,
-    search_by_nlp,
-    search_by_population,
-)
 from symid.identification.friction.joint_fit import (
     FrictionEstimate,
     FrictionSamples,
@@ -34,7 +29,13 @@ from symid.identification.friction.joint_fit import (
     is_one_sided,
 )
 from symid.identification.friction.problem import SPEED_UNITS, FrictionOptions, FrictionProblem, build_problem
-from symid.identification.friction.variable_projection import search_by_projection, search_by_roots
+from symid.identification.friction.searches import (
+    search_by_evolution,
+    search_by_nlp,
+    search_by_population,
+    search_by_projection,
+    search_by_roots,
+)
 from symid.identification.regression import solve_scaled
 from symid.ipopt import Ending
 from symid.joint_models import FrictionLaw, compute_column_derivatives, compute_columns

@@ -48,7 +48,7 @@ from symid.identification.friction.problem import (
     find_slowest,
     select_problem,
 )
-from symid.identification.friction.variable_projection import JUMPING, KINKED, search_by_projection
+from symid.identification.friction.searches import JUMPING, KINKED, search_by_projection
 from symid.identification.regression import BLOCK, extend_triangle
 from symid.joint_models import FrictionLaw, get_law
 

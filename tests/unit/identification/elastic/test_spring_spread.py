@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from symid.identification.elastic.uncertainty import (
+from symid.identification.elastic.estimate import (
     list_spring_numbers,
     measure_spring_spread,
     move_spring,
