@@ -24,7 +24,6 @@ period; motions that drift (positions that differ by more than a tenth of their 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -72,7 +71,20 @@ def fold_recording(recording: Recording, period: float, *, margin: int | None = 
         )
         raise LogError(Notice(code="log.period", text=text, file=recording.source))
     # Torques jump: between samples they follow straight lines, positions cubic splines.
-    cut = partial(_cut_periods, time=recording.time, period=period, sizes=(periods, samples))
+    time, wanted = recording.time, samples * periods
+    exact = periods * period / (time[1] - time[0])
+
+    def cut(values: FloatArray, *, degree: int) -> FloatArray:
+        if abs(exact - wanted) < 1e-3 and wanted <= len(values):
+            return values[:wanted].reshape(periods, samples, -1)
+        from scipy.interpolate import make_interp_spline
+
+        at = time[0] + np.arange(wanted) * period / samples
+        spline = make_interp_spline(time, values, k=degree, axis=0)
+        # Rounding may put the last place a hair behind the last sample.
+        found: FloatArray = spline(np.minimum(at, time[-1]))
+        return found.reshape(periods, samples, -1)
+
     position, torque = cut(recording.position, degree=3), cut(recording.torque, degree=1)
     margin = samples if margin is None else margin
     places = np.arange(-margin, samples + margin)
@@ -112,23 +124,6 @@ def fold_recording(recording: Recording, period: float, *, margin: int | None = 
         notices=(*recording.notices, *notices),
         **others,
     )
-
-
-def _cut_periods(
-    values: FloatArray, time: FloatArray, period: float, sizes: tuple[int, int], *, degree: int
-) -> FloatArray:
-    periods, samples = sizes
-    wanted = samples * periods
-    exact = periods * period / (time[1] - time[0])
-    if abs(exact - wanted) < 1e-3 and wanted <= len(values):
-        return values[:wanted].reshape(periods, samples, -1)
-    from scipy.interpolate import make_interp_spline
-
-    at = time[0] + np.arange(wanted) * period / samples
-    spline = make_interp_spline(time, values, k=degree, axis=0)
-    # Rounding may put the last place a hair behind the last sample.
-    found: FloatArray = spline(np.minimum(at, time[-1]))
-    return found.reshape(periods, samples, -1)
 
 
 class Column(NamedTuple):
@@ -196,21 +191,6 @@ def list_independent(columns: FloatArray) -> list[int]:
             basis.append(rest / size)
             kept.append(k)
     return kept
-
-
-def _estimate_load(rigid: FloatArray, velocity: FloatArray, torque: FloatArray) -> FloatArray | None:
-    """Return the torque (N,) of the links, by a fit with plain friction; None where it is too small."""
-    if not rigid.shape[1]:
-        return None
-    size, rounding = rigid.shape[1], float(np.finfo(float).eps) * len(torque)
-    triangle = _condense([*rigid.T, velocity, np.sign(velocity), np.ones(len(velocity)), torque])
-    columns, target = triangle[:, :-1], triangle[:, -1]
-    solution = np.linalg.lstsq(columns, target, rcond=rounding)[0]
-    alone = np.linalg.lstsq(columns[:, size:], target, rcond=rounding)[0]
-    left, without = target - columns @ solution, target - columns[:, size:] @ alone
-    if float(np.sum(left**2)) > 0.5 * float(np.sum(without**2)):
-        return None
-    return np.asarray(rigid @ solution[:size])
 
 
 _CARRIED = 0.05
@@ -526,5 +506,16 @@ def _treat_rigid(
         return samples, "the rigid part was subtracted, with the base parameters given", 0
     rigid, sentence = _reduce_columns(rigid, logs.list_physical_columns(joint, runs))
     samples = logs.build_samples(joint, runs, [*rigid, *fitted])
-    load = _estimate_load(samples.extra[:, : len(rigid)], samples.velocity, samples.torque)
-    return replace(samples, load=load), sentence, len(rigid)
+    if not (size := len(rigid)):
+        return replace(samples, load=None), sentence, 0
+    # The torque of the links, by a fit with plain friction; none where it is too small.
+    velocity, torque, load = samples.velocity, samples.torque, None
+    plain = [velocity, np.sign(velocity), np.ones(len(velocity)), torque]
+    triangle = _condense([*samples.extra[:, :size].T, *plain])
+    columns, target, rounding = triangle[:, :-1], triangle[:, -1], float(np.finfo(float).eps) * len(torque)
+    solution = np.linalg.lstsq(columns, target, rcond=rounding)[0]
+    alone = np.linalg.lstsq(columns[:, size:], target, rcond=rounding)[0]
+    left, without = target - columns @ solution, target - columns[:, size:] @ alone
+    if float(np.sum(left**2)) <= 0.5 * float(np.sum(without**2)):
+        load = np.asarray(samples.extra[:, :size] @ solution[:size])
+    return replace(samples, load=load), sentence, size

@@ -43,7 +43,6 @@ from symid.identification.estimators import (
 from symid.identification.friction.estimators import check_estimator, fit_friction
 from symid.identification.friction.extraction import (
     ROTOR,
-    Column,
     JointLogs,
     describe_cutoffs,
     extract_joint,
@@ -578,7 +577,10 @@ def _validate_joint(
 def _build_samples(
     entry: JointFriction, logs: JointLogs, joint: int, beta: FloatArray | None
 ) -> tuple[FrictionSamples, tuple[Notice, ...]]:
-    """Return a joint's samples with the columns of its fit, and where its rigid part holds."""
+    """Return a joint's samples with the columns of its fit, and where its rigid part holds.
+
+    IdentifiabilityError is raised where a motion needs more of it.
+    """
     card, measured = logs.library.card, logs.is_measured(joint)
     rigid = logs.list_rotor_columns(joint, (0,)) if measured else logs.list_rigid_columns(joint, (0,))
     # The names of the columns beside friction, in the order of the fit.
@@ -586,10 +588,8 @@ def _build_samples(
     own = {parameter.name for parameter in get_law(estimate.law).physical}
     given = {parameter.name for parameter in estimate.extra}
     given |= {name for name, _ in estimate.refused if name not in own}
-    acting = (column.name for column in rigid)
-    names = [
-        k for k in dict.fromkeys((*_PHYSICAL, *acting, *(one.name for one in card.friction))) if k in given
-    ]
+    order = dict.fromkeys((*_PHYSICAL, *(one.name for one in rigid), *(one.name for one in card.friction)))
+    names = [name for name in order if name in given]
     if len(names) != len(estimate.other) or len(names) != len(given):
         text = (
             f"joint {entry.joint!r}: beside friction {', '.join(sorted(given)) or 'nothing'} was fitted with "
@@ -607,14 +607,7 @@ def _build_samples(
         load = np.column_stack([column.values for column in rigid]) @ beta
         return replace(samples, torque=samples.torque - load, load=load), ()
     fitted = samples.extra[:, inertial]
-    samples = replace(samples, load=fitted @ np.array(entry.estimate.other)[inertial])
-    return samples, _check_rigid(entry, card, rigid, fitted, [names[k] for k in inertial])
-
-
-def _check_rigid(
-    entry: JointFriction, card: ModelCard, rigid: Sequence[Column], fitted: FloatArray, names: Sequence[str]
-) -> tuple[Notice, ...]:
-    """Return where the rigid part holds; raise IdentifiabilityError where a motion needs more of it."""
+    samples = replace(samples, load=fitted @ np.array(estimate.other)[inertial])
     whole = np.column_stack([fitted, *(column.values for column in rigid)])
     if len(list_independent(whole)) != len(list_independent(fitted)):
         reason = (
@@ -622,23 +615,24 @@ def _check_rigid(
             "and moves with others here. Identify the base parameters, and friction with --known"
         )
         raise _refuse(entry.joint, reason)
-    refused = [name for name, _ in entry.estimate.refused if name in names]
+    names = [names[k] for k in inertial]
+    refused = [name for name, _ in estimate.refused if name in names]
     if refused:
         text = (
             f"joint {entry.joint!r}: {', '.join(refused)} of its rigid part are not identifiable; the "
             "prediction holds only for motions like those that were fitted"
         )
-        return (Notice(code="validate.friction-beside", text=text),)
+        return samples, (Notice(code="validate.friction-beside", text=text),)
     acting = {column.name for column in rigid if column.values.any()}
     # Base parameters that were fitted one by one hold at every pose.
     if card.size == 1 or not names or acting <= set(names):
-        return ()
+        return samples, ()
     which = ", ".join(names) if set(names) <= set(_PHYSICAL) else f"{len(names)} columns"
     text = (
         f"joint {entry.joint!r}: its rigid part ({which}) was fitted along and holds at the poses of the "
         "fitted logs. For others identify the base parameters, and friction with --known"
     )
-    return (Notice(code="validate.friction-pose", text=text),)
+    return samples, (Notice(code="validate.friction-pose", text=text),)
 
 
 def _choose_rows(

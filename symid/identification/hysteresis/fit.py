@@ -758,24 +758,6 @@ def _choose(trials: list[_ElementTrial], folds: _Folds) -> list[_ElementTrial]:
     return [chosen, *(trial for trial in ranked if trial is not chosen)]
 
 
-def _rank(
-    data: ElementData, folds: _Folds, options: HysteresisOptions, *, timed: bool
-) -> list[_ElementTrial]:
-    """Return all models, the chosen one first, with the further parts that this one turned out to need."""
-    passive = bool(options.passive)
-    ranked = _choose(_list_trials(data, folds, options, timed=timed), folds)
-    while further := _extend(ranked[0], data, folds, passive=passive, timed=timed):
-        # What it turned out to need may make another model the better one, too.
-        best = {trial.model: trial for trial in reversed(ranked) if trial.model != ranked[0].model}
-        rivals = [trial for trial in best.values() if folds.score(trial) < _RIVAL * folds.score(ranked[0])]
-        added = [_extend(trial, data, folds, passive=passive, timed=timed) for trial in rivals]
-        more = [further, *(trial for trial in added if trial is not None)]
-        ranked = _choose([*more, *ranked], folds)
-        if not any(ranked[0] is trial for trial in more):
-            break
-    return ranked
-
-
 _RIVAL = 10.0
 """Of the chosen model's mean square; what predicts worse is not tried with further parts."""
 
@@ -807,24 +789,6 @@ _LAG = 0.1
 """Of the recording: longest lag at which errors may be alike."""
 
 
-def _list_parameters(trial: _ElementTrial, covariance: FloatArray) -> tuple[ElementParameter, ...]:
-    """Return the numbers of the element with their deviations."""
-    centre = list_element_values(trial.elasticity)
-    rates = np.zeros((len(centre), len(trial.point)))
-    for k, value in enumerate(trial.point):
-        step = 1e-6 * (abs(float(value)) or 1.0)
-        moved = trial.point.copy()
-        moved[k] += step
-        after = list_element_values(trial.rebuild(moved))
-        rates[:, k] = [(after.get(name, value) - value) / step for name, value in centre.items()]
-    variances = np.einsum("ij,jk,ik->i", rates, covariance, rates)
-    deviations = np.sqrt(np.maximum(variances, 0.0))
-    return tuple(
-        ElementParameter(name=name, value=value, deviation=float(deviation))
-        for (name, value), deviation in zip(centre.items(), deviations, strict=True)
-    )
-
-
 def fit_hysteresis(
     x: FloatArray, y: FloatArray, t: FloatArray | None = None, options: HysteresisOptions | None = None
 ) -> HysteresisRecord:
@@ -844,12 +808,24 @@ def fit_hysteresis(
     t = None if t is None else np.asarray(t, dtype=np.float64)
     whole = prepare_recording(x, y, t)
     whole = _choose_start(whole)
+    timed, passive = t is not None, bool(options.passive)
     tried: list[Start] = []
     while True:
         tried.append(whole.path.start)
         data = whole.thin(_SEARCHED)
         folds = _build_folds(data)
-        ranked = _rank(data, folds, options, timed=t is not None)
+        ranked = _choose(_list_trials(data, folds, options, timed=timed), folds)
+        # The further parts that the chosen model turns out to need.
+        while further := _extend(ranked[0], data, folds, passive=passive, timed=timed):
+            # They may make another model the better one, too.
+            others = {trial.model: trial for trial in reversed(ranked) if trial.model != ranked[0].model}
+            limit = _RIVAL * folds.score(ranked[0])
+            rivals = [trial for trial in others.values() if folds.score(trial) < limit]
+            added = [_extend(trial, data, folds, passive=passive, timed=timed) for trial in rivals]
+            more = [further, *(trial for trial in added if trial is not None)]
+            ranked = _choose([*more, *ranked], folds)
+            if not any(ranked[0] is trial for trial in more):
+                break
         # Perhaps the element that was found explains more with another start.
         starts = (whole.path.start, *(start for start in _STARTS if start not in tried))
         costs = []
@@ -880,12 +856,24 @@ def fit_hysteresis(
     elasticity = chosen.elasticity
     predicted = predict_output(elasticity, whole.path)
     every = slice(None, None, max(1, len(predicted) // _SHOWN))
+    # The numbers of the element, and how they follow what the data decide.
+    centre, covariance = list_element_values(elasticity), _compute_covariance(chosen, folds)
+    rates = np.zeros((len(centre), len(chosen.point)))
+    for k, number in enumerate(chosen.point):
+        step, moved = 1e-6 * (abs(float(number)) or 1.0), chosen.point.copy()
+        moved[k] += step
+        after = list_element_values(chosen.rebuild(moved))
+        rates[:, k] = [(after.get(name, value) - value) / step for name, value in centre.items()]
+    deviations = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", rates, covariance, rates), 0.0))
     return HysteresisRecord(
         model=chosen.model,
         form=chosen.form,
         elasticity=elasticity,
         start=whole.path.start,
-        parameters=_list_parameters(chosen, _compute_covariance(chosen, folds)),
+        parameters=tuple(
+            ElementParameter(name=name, value=value, deviation=float(deviation))
+            for (name, value), deviation in zip(centre.items(), deviations, strict=True)
+        ),
         candidates=tuple(candidates),
         passive=is_passive_element(elasticity),
         fitted=100.0 * float(np.sqrt(np.mean((y - predicted)[whole.kept] ** 2))) / spread,
@@ -895,7 +883,7 @@ def fit_hysteresis(
         span=(float(x.min()), float(x.max())),
         speed=float(np.max(np.abs(whole.path.velocity))),
         output=spread,
-        timed=t is not None,
+        timed=timed,
         trace=ElementTrace(
             time=(np.cumsum(whole.path.period) - whole.path.period[0])[every],
             position=whole.path.position[every],
