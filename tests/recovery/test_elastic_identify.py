@@ -17,6 +17,7 @@ from symid.excitation.trajectories import (
     scale_trajectory,
 )
 from symid.identification.elastic.elimination import get_wide_cutoff
+from symid.identification.elastic.estimate import compute_elimination_bound
 from symid.identification.elastic.identify import warn_of_fit
 from symid.identification.elastic.methods import (
     AUTOMATIC_METHODS,
@@ -28,7 +29,6 @@ from symid.identification.elastic.methods import (
 )
 from symid.identification.elastic.options import ElasticOptions, NlpOptions
 from symid.identification.elastic.regression import prepare_elastic_signals
-from symid.identification.elastic.uncertainty import compute_elimination_bound
 from symid.identification.elastic.validation import predict_elastic
 from symid.identification.stored import is_fit, read_fit, write_fit
 from symid.joint_models.hysteresis import Elasticity

@@ -7,6 +7,7 @@ import pytest
 
 from symid.errors import UsageError
 from symid.excitation.trajectories import build_tb
+from symid.identification.elastic import together
 from symid.identification.elastic.elimination import (
     build_band_rows,
     estimate_virtual_torsion,
@@ -16,13 +17,12 @@ from symid.identification.elastic.elimination import (
     split_recordings,
 )
 from symid.identification.elastic.options import ElasticOptions
-from symid.identification.elastic.two_step import (
+from symid.identification.elastic.together import (
+    TwoStepState,
     fit_alternation,
     fit_linear_spring,
     fit_two_step,
-    init_two_step,
     step_two_step,
-    terminate_two_step,
 )
 from symid.identification.regression import solve_scaled
 from symid.ipopt import Ending
@@ -148,14 +148,23 @@ def test_without_refinement_thresholds_stay_on_their_grid(arm, run):
     assert len(fit.history) == 3
 
 
-def test_steps_can_be_taken_one_by_one(problem):
-    state = init_two_step(problem)
-    assert terminate_two_step(problem, state) is None
+def test_a_step_makes_the_merit_less(problem):
+    state = TwoStepState(chi=fit_linear_spring(problem).chi, data=problem.springs)
     after = step_two_step(problem, state)
     assert len(after.history) == 1
     assert after.merit < state.merit
     assert np.isfinite(after.history[0].change)
-    assert terminate_two_step(problem, replace(after, chi=np.full_like(after.chi, np.nan))) is Ending.DIVERGED
+
+
+def test_iterates_that_are_no_numbers_end_the_iteration(problem, monkeypatch):
+    def step(problem, state):
+        after = step_two_step(problem, state)
+        return replace(after, chi=np.full_like(after.chi, np.nan))
+
+    monkeypatch.setattr(together, "step_two_step", step)
+    fit = fit_two_step(problem)
+    assert fit.outcome is Ending.DIVERGED
+    assert len(fit.history) == 1
 
 
 def test_torque_times_a_number_scales_every_parameter(arm, run):

@@ -20,10 +20,10 @@ from symid.identification.elastic.nlp import (
     optimise_nlp,
     prepare_setting,
 )
-from symid.identification.elastic.nlp_rows import build_nlp_recording
+from symid.identification.elastic.nlp_cost import build_nlp_recording
 from symid.identification.elastic.options import METHODS, ElasticOptions, NlpOptions
 from symid.identification.elastic.regression import build_elastic_problem, prepare_elastic_signals
-from symid.identification.elastic.two_step import fit_linear_spring, fit_two_step
+from symid.identification.elastic.together import fit_linear_spring, fit_two_step
 from symid.ipopt import Ending
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque, compute_spring_work
 from symid.robot.toml_reader import read_robot

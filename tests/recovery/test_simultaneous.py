@@ -7,7 +7,7 @@ import symid
 from symid.codegen import prepare_library
 from symid.identification import IdentifyTask, TaskContext, prepare_elastic_methods
 from symid.identification.elastic.methods import AUTOMATIC_METHODS
-from symid.identification.elastic.simultaneous import _Sides
+from symid.identification.elastic.together import _Sides
 from symid.identification.hysteresis import ElementPath, choose_spring
 from symid.joint_models import Elasticity, run_element
 from symid.study.foreign_truths import _prepare_scene, observe_plant

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from symid.identification.elastic.estimate import compute_elimination_bound, compute_spring_bound
 from symid.identification.elastic.regression import ElasticSignals
-from symid.identification.elastic.uncertainty import compute_elimination_bound, compute_spring_bound
 from symid.joint_models.hysteresis import Stop
 from symid.logs.signals import differentiate
 from tests.recovery.elastic_runs import find_truth, prepare_arm, run_arm

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
         HistoryEntry as HistoryEntry,
         MethodFit as MethodFit,
         SpringEstimate as SpringEstimate,
+        compute_elimination_bound as compute_elimination_bound,
+        compute_spring_bound as compute_spring_bound,
         name_friction as name_friction,
     )
     from symid.identification.elastic.identify import (
@@ -67,10 +69,6 @@ if TYPE_CHECKING:
         StiffnessEstimate as StiffnessEstimate,
         estimate_stiffness as estimate_stiffness,
         prepare_aligned as prepare_aligned,
-    )
-    from symid.identification.elastic.uncertainty import (
-        compute_elimination_bound as compute_elimination_bound,
-        compute_spring_bound as compute_spring_bound,
     )
     from symid.identification.elastic.validation import (
         RIGID as RIGID,

@@ -30,6 +30,7 @@ from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library
 from symid.errors import RobotError
 from symid.identification.diagnostics import sum_block_scores
+from symid.identification.elastic.estimate import compute_covariance, list_spring_numbers, move_spring
 from symid.identification.elastic.regression import (
     DriveEffect,
     ElasticProblem,
@@ -39,7 +40,6 @@ from symid.identification.elastic.regression import (
     compute_joint_torque,
     mark_sliding,
 )
-from symid.identification.elastic.uncertainty import compute_covariance, list_spring_numbers, move_spring
 from symid.identification.hysteresis import filter_smooth
 from symid.identification.regression import solve_scaled
 from symid.joint_models import Elasticity, compute_stop_basis
@@ -125,11 +125,6 @@ class _Rows(FrozenArrays):
             weights = 1.0 / np.maximum(scatter, floor)[self.group]
         return values, errors, weights
 
-    def allow_lag(self, lag: float) -> bool:
-        """Return whether a torque can act `lag` s later than one that is held: hardly before its sample."""
-        period = max(part.period for part in self.signals)
-        return -0.75 * period <= lag <= _LONGEST_LAG
-
     def predict(self, extra: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the mean squared weighted errors (b,) of every block, predicted by a fit to the others.
 
@@ -209,14 +204,32 @@ def measure_effects(
     rows = _build_rows(library, signals, edge)
     if len(rows.torque) < _ENOUGH * rows.design.shape[1] or len(set(rows.block.tolist())) < _BLOCKS:
         return ()
+    motor, link = (np.concatenate([getattr(part, name) for part in signals]) for name in ("dtheta", "dq"))
+    speeds, apart = (np.sqrt(np.mean(side**2, axis=0)) for side in (motor, motor - link))
+    # Where motor and link move as one, their friction cannot be told apart: it is the motor's.
+    shaken = (apart > _APART * speeds) & (speeds > _APART * float(np.max(speeds)))
+    # Recordings of several rates are not late alike.
+    periods = {part.period for part in signals}
+    longest = max(periods)
+    plain = [DriveEffect(kind="torque-lag")] if len(periods) == 1 else []
+    plain += [DriveEffect(kind="link-friction", joint=joint) for joint in np.flatnonzero(shaken).tolist()]
     found: list[DriveEffect] = []
     extra = np.empty((len(rows.torque), 0))
     while len(found) < _MOST:
         _, errors, weights = rows.solve(extra)
         (before, _), tried = rows.predict(extra, weights), []
-        for effect in _list_candidates(rows, errors * weights, found):
+        candidates = [effect for effect in plain if effect not in found]
+        for joint in range(motor.shape[1]):
+            # The largest peak of the joint's errors.
+            own = rows.joint == joint
+            if order := _find_order(rows.theta[own], (errors * weights)[own]):
+                candidates.append(DriveEffect(kind="torque-ripple", joint=joint, order=order))
+        for effect in candidates:
             further = np.hstack([extra, rows.build(effect)])
-            if effect.kind == "torque-lag" and not rows.allow_lag(float(rows.solve(further)[0][-1])):
+            # A torque that is held acts hardly before its sample.
+            if effect.kind == "torque-lag" and not (
+                -0.75 * longest <= float(rows.solve(further)[0][-1]) <= _LONGEST_LAG
+            ):
                 continue
             after, values = rows.predict(further, weights)
             gains = np.log(before / after)
@@ -232,27 +245,6 @@ def measure_effects(
         _, best, extra = max(tried, key=lambda entry: entry[0])
         found.append(best)
     return tuple(_measure_values(rows, found)) if found else ()
-
-
-def _list_candidates(rows: _Rows, errors: FloatArray, found: Sequence[DriveEffect]) -> Iterator[DriveEffect]:
-    """Yield effects that were not found yet, and the largest peak of every joint's errors (m,)."""
-    size = rows.signals[0].dq.shape[1]
-    motor, link = (
-        np.concatenate([getattr(part, name) for part in rows.signals]) for name in ("dtheta", "dq")
-    )
-    speeds, apart = (np.sqrt(np.mean(side**2, axis=0)) for side in (motor, motor - link))
-    # Where motor and link move as one, their friction cannot be told apart: it is the motor's.
-    shaken = (apart > _APART * speeds) & (speeds > _APART * float(np.max(speeds)))
-    # Recordings of several rates are not late alike.
-    rates = {part.period for part in rows.signals}
-    plain = [DriveEffect(kind="torque-lag")] if len(rates) == 1 else []
-    plain += [DriveEffect(kind="link-friction", joint=joint) for joint in np.flatnonzero(shaken).tolist()]
-    yield from (effect for effect in plain if effect not in found)
-    for joint in range(size):
-        own = rows.joint == joint
-        order = _find_order(rows.theta[own], errors[own])
-        if order:
-            yield DriveEffect(kind="torque-ripple", joint=joint, order=order)
 
 
 _APART = 0.3
@@ -357,13 +349,22 @@ def measure_gears(
         own: list[DriveEffect] = []
         while len(own) < _MOST_ORDERS:
             _, errors = _fit_gear(rows, own)
-            theta = np.concatenate([part.counted for part in rows])
+            theta = np.concatenate([part.theta[part.kept] for part in rows])
             # What a spring of stops misses is long: a few waves within the range of the motion.
             order = _find_order(theta, np.concatenate(errors), _GEAR_TURNS)
-            trial = [*own, DriveEffect(kind="kinematic-error", joint=joint, order=order, values=(0.0, 0.0))]
-            if not order or not _is_gear_better(errors, _fit_gear(rows, trial)[1]):
+            if not order:
                 break
-            own = _fit_gear(rows, trial)[0]
+            trial = [*own, DriveEffect(kind="kinematic-error", joint=joint, order=order, values=(0.0, 0.0))]
+            better, after = _fit_gear(rows, trial)
+            gains = [
+                float(np.log(np.mean(old**2) / np.mean(new**2)))
+                for pair in zip(errors, after, strict=True)
+                for old, new in zip(*(np.array_split(part, _BLOCKS) for part in pair), strict=True)
+            ]
+            deviation = float(np.std(gains, ddof=1)) / np.sqrt(len(gains))
+            if not float(np.mean(gains)) > max(_GEAR_GAIN, _SURE * deviation):
+                break
+            own = better
         found += own
     return tuple(found)
 
@@ -386,17 +387,6 @@ class _GearRows(FrozenArrays):
     kept: slice
     period: float
     cutoff: float
-
-    @property
-    def counted(self) -> FloatArray:
-        """Return the positions (M,) of the samples that count."""
-        return self.theta[self.kept]
-
-    def pass_low(self, values: FloatArray) -> FloatArray:
-        """Return values (N, k) as the signals were filtered."""
-        if not self.cutoff:
-            return values
-        return low_pass(values, period=self.period, cutoff=self.cutoff, order=_ORDER)
 
 
 def _build_gear_rows(
@@ -439,7 +429,9 @@ def _fit_gear(
             if found:
                 angles = np.stack([effect.order * part.theta for effect in found], axis=1)
                 shapes = np.stack([np.cos(angles), np.sin(angles)], axis=2).reshape(len(angles), -1)
-                shapes = part.pass_low(shapes)
+                if part.cutoff:
+                    # As the signals were filtered.
+                    shapes = low_pass(shapes, period=part.period, cutoff=part.cutoff, order=_ORDER)
             torsion = part.phi + shapes @ values
             basis = _build_spring_basis(torsion)[part.kept]
             torque, waves = part.torque[part.kept], shapes[part.kept]
@@ -461,16 +453,6 @@ def _fit_gear(
     return [replace(effect, deviations=(spread, spread)) for effect in found], errors
 
 
-def _is_gear_better(before: Sequence[FloatArray], after: Sequence[FloatArray]) -> bool:
-    gains = [
-        float(np.log(np.mean(old**2) / np.mean(new**2)))
-        for one, other in zip(before, after, strict=True)
-        for old, new in zip(np.array_split(one, _BLOCKS), np.array_split(other, _BLOCKS), strict=True)
-    ]
-    mean, error = float(np.mean(gains)), float(np.std(gains, ddof=1)) / np.sqrt(len(gains))
-    return bool(mean > max(_GEAR_GAIN, _SURE * error))
-
-
 def measure_eccentricity(
     library: Library, signals: Sequence[ElasticSignals], beta: FloatArray
 ) -> tuple[DriveEffect, ...]:
@@ -487,9 +469,15 @@ def measure_eccentricity(
         # Where the link's zero is not known, it is turned, and the wave is that of wrong gravity.
         turned = abs(float(np.mean(torsion))) > float(np.ptp(torsion))
         rows = _build_gear_rows(signals, loads, joint) if turns and not turned else None
-        if rows is None or _screen_disc(rows) < 0.5 * _DISC_GAIN:
+        if rows is None:
             continue
-        values, covariance, gain = _fit_disc(rows)
+        waves = [np.column_stack([np.cos(part.theta), np.sin(part.theta)]) for part in rows]
+        # A torque of the same form: a small wave of the torsion gives little more.
+        bases = [_build_spring_basis(part.phi, part.period) for part in rows]
+        wider = [np.hstack(pair) for pair in zip(bases, waves, strict=True)]
+        if _compute_gain(_leave_torque(rows, bases), _leave_torque(rows, wider)) < 0.5 * _DISC_GAIN:
+            continue
+        values, covariance, gain = _fit_disc(rows, waves)
         # Where a joint turns little, a wave far longer than its torsion would do for a spring.
         small = math.hypot(*values) < 0.5 * float(np.ptp(torsion))
         if small and gain > _DISC_GAIN and values @ np.linalg.pinv(covariance) @ values > _DISC_SURE:
@@ -564,10 +552,6 @@ _DISC_GAIN = 0.09
 encoders are exact; discs that are off by a thirtieth of the torsion gave 0.1 to 0.8."""
 
 
-def _list_turn_waves(rows: Sequence[_GearRows]) -> list[FloatArray]:
-    return [np.column_stack([np.cos(part.theta), np.sin(part.theta)]) for part in rows]
-
-
 def _leave_torque(rows: Sequence[_GearRows], bases: Sequence[FloatArray]) -> FloatArray:
     """Return what columns of every recording leave of its torque (M,), each fitted alone."""
     errors = []
@@ -581,14 +565,7 @@ def _compute_gain(before: FloatArray, after: FloatArray) -> float:
     return float(np.log(max(float(before @ before), 1e-300) / max(float(after @ after), 1e-300)))
 
 
-def _screen_disc(rows: Sequence[_GearRows]) -> float:
-    """Return the gain of a torque of the same form: a small wave of the torsion gives little more."""
-    bases = [_build_spring_basis(part.phi, part.period) for part in rows]
-    wider = [np.hstack(pair) for pair in zip(bases, _list_turn_waves(rows), strict=True)]
-    return _compute_gain(_leave_torque(rows, bases), _leave_torque(rows, wider))
-
-
-def _fit_disc(rows: Sequence[_GearRows]) -> tuple[FloatArray, FloatArray, float]:
+def _fit_disc(rows: Sequence[_GearRows], waves: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, float]:
     """Return a, b (2,) of a wave of one turn, their covariance (2, 2), and its gain.
 
     It is as long as the motion, so that a spring answers it with all it has: springs are fitted again for
@@ -596,7 +573,6 @@ def _fit_disc(rows: Sequence[_GearRows]) -> tuple[FloatArray, FloatArray, float]
     """
     from scipy.optimize import least_squares
 
-    waves = _list_turn_waves(rows)
     size = max(float(np.std(part.phi)) for part in rows)
 
     def leave(values: FloatArray) -> FloatArray:

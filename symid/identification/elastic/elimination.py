@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library, ModelCard
 from symid.errors import Notice
-from symid.identification.elastic.estimate import MethodFit, build_method_fit
+from symid.identification.elastic.estimate import MethodFit, build_method_fit, compute_covariance
 from symid.identification.elastic.regression import (
     ElasticProblem,
     ElasticSignals,
@@ -39,7 +39,6 @@ from symid.identification.elastic.regression import (
     mark_sliding,
     solve_with_signs,
 )
-from symid.identification.elastic.uncertainty import compute_covariance
 from symid.identification.hysteresis import build_elasticity, filter_smooth
 from symid.identification.regression import choose_windows, integrate_windows
 from symid.logs import Recording, differentiate_smooth, low_pass
@@ -384,7 +383,13 @@ def estimate_virtual_torsion(problem: ElasticProblem, number: int, chi: FloatArr
     rows = build_filtered_rows(library, replace(signals, settled=0), rate)
     step = rows.keep.step
     theta, period, torque = signals.theta[::step], signals.period * step, rows.compute_motor_side(chi)
-    gradient = _compute_gravity_gradient(library, theta, beta)
+    # d g / dq (M, n, n) by central differences of the torque at rest.
+    turn, rest, columns = 1e-4, np.zeros_like(theta), []
+    for shift in turn * np.eye(theta.shape[1]):
+        (ahead,) = library.evaluate("lagrange_regressor", theta + shift, rest)
+        (behind,) = library.evaluate("lagrange_regressor", theta - shift, rest)
+        columns.append((behind @ beta - ahead @ beta) / (2.0 * turn))
+    gradient = np.stack(columns, axis=2)
     root = gradient.transpose(0, 2, 1)
     damping = _DAMPING * float(np.linalg.norm(gradient, ord=2, axis=(1, 2)).max()) ** 2
     gain = root @ np.linalg.inv(gradient @ root + damping * np.eye(problem.sizes[1]))
@@ -410,13 +415,3 @@ def estimate_virtual_torsion(problem: ElasticProblem, number: int, chi: FloatArr
             phi = phi + np.einsum("kij,kj->ki", gain, error)
     full, grid = np.arange(len(signals.time)), np.arange(len(theta)) * step
     return np.column_stack([np.interp(full, grid, torsion) for torsion in phi.T])
-
-
-def _compute_gravity_gradient(library: Library, q: FloatArray, beta: FloatArray) -> FloatArray:
-    """Return d g / dq (N, n, n) by central differences of the torque at rest."""
-    turn, rest, columns = 1e-4, np.zeros_like(q), []
-    for shift in turn * np.eye(q.shape[1]):
-        (ahead,) = library.evaluate("lagrange_regressor", q + shift, rest)
-        (behind,) = library.evaluate("lagrange_regressor", q - shift, rest)
-        columns.append((behind @ beta - ahead @ beta) / (2.0 * turn))
-    return np.stack(columns, axis=2)

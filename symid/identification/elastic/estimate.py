@@ -1,20 +1,48 @@
-"""Results of elastic joints: of one method, with the covariance of its dynamics, and of all."""
+"""Results of elastic joints, and how uncertain they are: from the rows of a fit, and the Cramer-Rao bounds.
+
+    motor   IA ddtheta + F(dtheta) f + S w = tau + noise
+    link    Y beta - S w = 0                                     exact, as the states are
+
+    springs   dw = J^+ (Y dbeta + e),   J = d F[spring] / dw, Y beta + e = F[spring]
+
+S are the derivatives of the springs' torque by all their numbers w. Springs follow the torque of the links,
+whose parameters have a covariance, and what they leave of it, e, is correlated in stretches. The bound is
+N (N' I N)^-1 N', N the null space of the link equations, I the information of the motor equations (Gorman and
+Hero 1990).
+
+Supported: residuals correlated over less than a hundredth of the rows (Liang and Zeger 1986); rows that do
+not identify all parameters, whose variance is then infinite; springs of stops and knees; several recordings.
+Not supported: the uncertainty of dynamics from springs that a fit took as given; numbers of springs that do
+not hold between samples, such as elements on grids; in bounds, cubic springs, damping, noise of the encoders.
+"""
 
 import math
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, fields, replace
 from typing import ClassVar, final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, FrozenArrays
-from symid.codegen import ModelCard
-from symid.errors import Notice
-from symid.identification.elastic.regression import WAVES, DriveEffect
+from symid.arrays import FloatArray, FrozenArrays, compute_triangle
+from symid.codegen import Library, ModelCard
+from symid.errors import Notice, RobotError
+from symid.identification.diagnostics import sum_block_scores
+from symid.identification.elastic.regression import (
+    WAVES,
+    DriveEffect,
+    ElasticSignals,
+    average_steps,
+    build_equations,
+)
 from symid.identification.estimators import DynamicsRecord, Residual
+from symid.identification.hysteresis import compute_slips, compute_spring_slopes, read_weights
+from symid.identification.regression import RankRule, compute_spectrum
 from symid.ipopt import Ending
-from symid.joint_models import NO_FRICTION, Elasticity, get_law
+from symid.joint_models import NO_FRICTION, Elasticity, compute_stop_basis, find_most_slope, get_law
+from symid.logs import differentiate
 from symid.serialization import Finite
 
 
@@ -249,3 +277,246 @@ def name_friction(parameters: Sequence[str]) -> tuple[str, ...]:
         for number in numbers
     ]
     return tuple(kinds[entry] for entry in found) if all(entry in kinds for entry in found) else ()
+
+
+_BLOCKS, _STRETCHES = 100, 30
+SpringPlace = tuple[str, int, str]
+"""Of a number of a spring: the field, which of its parts, and their field; -1 and "" for a number itself."""
+_RULE = RankRule()
+
+
+def measure_identifiability(
+    design: FloatArray, known: FloatArray | None = None
+) -> tuple[NDArray[np.bool_], float]:
+    """Return which parameters (p,) rows F (m, p) identify, and the condition number of their regressor.
+
+    Those of the `known` (p,) that are no NaN need no rows.
+    """
+    free = np.ones(design.shape[1], dtype=bool) if known is None else np.isnan(known)
+    if not np.any(free):
+        return ~free, 1.0
+    spectrum = compute_spectrum(design[:, free], _RULE.zero)
+    kept = spectrum.singular[spectrum.singular > _RULE.singular * spectrum.singular[0]]
+    identifiable = ~free
+    identifiable[free] = spectrum.mask_identifiable(_RULE)
+    return identifiable, float(kept[0] / kept[-1])
+
+
+def mark_unidentifiable(covariance: FloatArray, identifiable: NDArray[np.bool_]) -> FloatArray:
+    """Return `covariance` (p, p), infinite and without correlations where not `identifiable` (p,)."""
+    marked = np.where(np.outer(identifiable, identifiable), covariance, 0.0)
+    np.fill_diagonal(marked, np.where(identifiable, np.diag(covariance), np.inf))
+    return marked
+
+
+def compute_covariance(
+    design: FloatArray, errors: FloatArray | None = None, known: FloatArray | None = None
+) -> FloatArray:
+    """Return the covariance (p, p) of a least-squares fit, with infinite variances where not identifiable.
+
+    It is zero for those of the `known` (p,) that are no NaN.
+
+    G = (F'F)^-1 of rows F (m, p) for noise of size one; with errors e (m,), in the order of time,
+    G (sum_b F_b' e_b e_b' F_b) G over blocks b, which holds for noise that differs from row to row and is
+    correlated within blocks (Liang and Zeger 1986).
+    """
+    if known is not None and not np.all(np.isnan(known)):
+        free = np.flatnonzero(np.isnan(known))
+        covariance = np.zeros((len(known),) * 2)
+        if len(free):
+            covariance[np.ix_(free, free)] = compute_covariance(design[:, free], errors)
+        return covariance
+    spectrum = compute_spectrum(design, _RULE.zero)
+    kept = spectrum.singular > _RULE.singular * spectrum.singular[0]
+    # A root (p, r) of the pseudo-inverse of F'F.
+    root = spectrum.scales[:, None] * spectrum.directions[kept].T / spectrum.singular[kept]
+    covariance = root @ root.T
+    if errors is not None:
+        scores, _ = sum_block_scores(design, errors, np.zeros(len(errors), dtype=np.intp), _BLOCKS)
+        covariance = root @ (root.T @ scores @ root) @ root.T
+    return mark_unidentifiable(covariance, spectrum.mask_identifiable(_RULE))
+
+
+def list_spring_numbers(spring: Elasticity) -> list[tuple[float, SpringPlace]]:
+    """Return every number of a spring that data decide, and its place."""
+    places = [(name, -1, "") for name in ("stiffness", "cubic", "damping")]
+    places += [
+        (name, index, part.name)
+        for name in ("stops", "knees", "branches")
+        for index, entry in enumerate(getattr(spring, name))
+        for part in fields(entry)
+    ]
+    found = []
+    for name, index, part in places:
+        value = getattr(spring, name) if index < 0 else getattr(getattr(spring, name)[index], part)
+        if isinstance(value, float) and value:
+            found.append((value, (name, index, part)))
+    return found
+
+
+def move_spring(spring: Elasticity, place: SpringPlace, value: float) -> Elasticity:
+    """Return a spring with another number in a place; raise RobotError where no spring has it."""
+    name, index, part = place
+    if index < 0:
+        return replace(spring, **{name: value})  # type: ignore[arg-type]  # a number of the spring
+    whole = list(getattr(spring, name))
+    whole[index] = replace(whole[index], **{part: value})
+    return replace(spring, **{name: tuple(whole)})  # type: ignore[arg-type]  # stops, knees or branches
+
+
+def measure_spring_spread(
+    spring: Elasticity,
+    compute: Callable[[Elasticity], Sequence[FloatArray]],
+    columns: Sequence[FloatArray],
+    errors: Sequence[FloatArray],
+    covariance: FloatArray,
+) -> tuple[float, float]:
+    """Return the deviation of a spring's torque, rms over the rows, and that of its slope.
+
+    The slope is the largest one, of springs without branches that near zero.
+
+    Args:
+        spring: N m/rad or N/m.
+        compute: returns F[torque] (M,) of another spring at the rows of every recording, N m or N.
+        columns: (M, p) of the links' parameters there.
+        errors: (M,) what the spring leaves, N m or N.
+        covariance: (p, p) of these parameters, finite.
+    """
+    slopes, parts = [], []
+    for number, place in list_spring_numbers(spring):
+        step, sides = _SMALL * abs(number), []
+        for value in (number + step, number - step):
+            # At the edge of what springs can be, such as a knee that all but flattens them, one side is left.
+            with suppress(RobotError):
+                sides.append((move_spring(spring, place, value), value))
+        if not sides:
+            continue
+        if len(sides) == 1:
+            sides.append((spring, number))
+        (above, high), (below, low) = sides
+        pairs = zip(compute(above), compute(below), strict=True)
+        parts.append([(ahead - behind) / (high - low) for ahead, behind in pairs])
+        slopes.append((_get_slope(above) - _get_slope(below)) / (high - low))
+    jacobians = [np.stack(part, axis=1) for part in zip(*parts, strict=True)]
+    whole = np.concatenate(jacobians)
+    lengths: FloatArray = np.linalg.norm(whole, axis=0)
+    # A number without effect has no deviation that matters.
+    lengths = np.where(lengths > 0.0, lengths, np.inf)
+    scaled = whole / lengths
+    inverse = np.linalg.pinv(scaled.T @ scaled, rcond=_FLAT, hermitian=True)
+    carried = inverse @ (scaled.T @ np.concatenate(columns))
+    spread = carried @ covariance @ carried.T
+    for jacobian, error in zip(jacobians, errors, strict=True):
+        owner = np.zeros(len(error), dtype=np.intp)
+        spread += inverse @ sum_block_scores(jacobian / lengths, error, owner, _STRETCHES)[0] @ inverse
+    torque = float(np.sqrt(np.mean(np.einsum("ij,jk,ik->i", scaled, spread, scaled))))
+    way = np.array(slopes) / lengths
+    # States are filtered, which rounds the corner at a reversal, where the slope is that near zero. Small
+    # changes by a knee on each side that soon are what noise makes, and in doubt as a whole.
+    soon = _SOON * max(float(np.max(np.abs(part))) for part in compute(spring))
+    early = (abs(knee.slope) for knee in spring.knees if abs(knee.threshold) < soon)
+    bent = sum(change for change in early if change < _SOON) / 2.0
+    fixed = np.hypot(_ROUNDED, bent) * abs(_get_slope(spring))
+    return torque, float(np.hypot(fixed, np.sqrt(max(0.0, float(way @ spread @ way)))))
+
+
+def _get_slope(spring: Elasticity) -> float:
+    return find_most_slope(spring) if spring.branches else spring.initial_stiffness or 0.0
+
+
+_SMALL, _FLAT, _ROUNDED, _SOON = 1e-4, 1e-10, 1e-3, 0.05
+"""Steps of derivatives, relative; singular values that are zero; of the slope; of the largest torque, and of
+the slope."""
+
+
+def compute_elimination_bound(
+    library: Library, signals: Sequence[ElasticSignals], noise: Sequence[FloatArray]
+) -> FloatArray:
+    """Return the least covariance (p + n + pf, p + n + pf) that an unbiased estimate of chi can have.
+
+    (sum_k Y_k' Sigma^-1 Y_k)^-1, Y the sum of motor and link equations: torque noise only, white, states
+    exact, nothing known of the springs (with their form known the bound is lower).
+
+    `signals` are the noise-free states of every recording, at the sample rate of the noisy ones, `noise` (n,)
+    the standard deviation of the torque noise of each, N m or N.
+    """
+    count = len(library.card.beta) + library.card.size + len(library.card.friction)
+    pairs = zip(signals, noise, strict=True)
+    weighted = [_build_exact_equations(library, part) / sigma[:, None] for part, sigma in pairs]
+    rows = np.concatenate(weighted).reshape(-1, count)
+    information = rows.T @ rows
+    scales = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    bound: FloatArray = np.linalg.inv(information / np.outer(scales, scales)) / np.outer(scales, scales)
+    return bound
+
+
+def _build_exact_equations(library: Library, part: ElasticSignals) -> FloatArray:
+    """Return the columns (N, n, p + n + pf) at all samples of noise-free states."""
+    return build_equations(library, part, lambda states: differentiate(states, part.period), lambda x: x)
+
+
+_WINDOW = 0.02
+"""s, over which the link equations are integrated: differences of the momentum would be coarser."""
+_EXACT = 1e-4
+"""Of the largest singular value of the link equations; integration leaves 1e-5, what is excited a hundred
+times more."""
+_BLIND = 1e-6
+"""Of the largest singular value of what is open in the motor equations; what is below it has no effect."""
+
+
+def compute_spring_bound(
+    library: Library, signals: Sequence[ElasticSignals], noise: Sequence[FloatArray]
+) -> FloatArray:
+    """Return the least covariance (p + n + pf, p + n + pf) of chi where the form of the springs is known.
+
+    Arguments as those of `compute_elimination_bound`; the card states the true springs of all joints.
+    """
+    card = library.card
+    beta, count = len(card.beta), len(card.beta) + card.size + len(card.friction)
+    springs = [spring for spring in card.elasticity if spring is not None]
+    motor, link = [], []
+    for part, sigma in zip(signals, noise, strict=True):
+        # The derivatives (N, n, w) of the springs' torques by all their numbers.
+        parts = []
+        for joint, spring in enumerate(springs):
+            weights = read_weights(spring)
+            basis = compute_stop_basis(part.phi[:, joint], weights.thresholds)
+            slopes = compute_spring_slopes(basis, weights, compute_slips(basis, weights.thresholds))[:, :-1]
+            parts.append(np.zeros((len(basis), len(springs), slopes.shape[1])))
+            parts[-1][:, joint] = slopes
+        torques = np.concatenate(parts, axis=2)
+        drive = _build_exact_equations(library, part)[:, :, beta:]
+        motor.append(np.concatenate([drive, torques], axis=2) / sigma[:, None])
+        link.append(_build_link_rows(library, part, torques))
+    motors, links = (
+        np.concatenate([rows.reshape(-1, rows.shape[2]) for rows in side]) for side in (motor, link)
+    )
+    # Directions of the null space, with columns scaled to one length.
+    lengths = np.linalg.norm(links, axis=0)
+    lengths = np.where(lengths > 1e-12 * float(lengths.max()), lengths, np.inf)
+    _, singular, directions = np.linalg.svd(compute_triangle(links / lengths))
+    hidden = directions[singular <= _EXACT * singular[0]].T
+    null_space = hidden / np.where(np.isfinite(lengths), lengths, 1.0)[:, None]
+    # Columns: beta and springs as the link equations leave them, then rotors and friction.
+    driven = count - beta
+    ways = np.zeros((count + len(null_space) - beta, null_space.shape[1] + driven))
+    ways[:beta, :-driven], ways[count:, :-driven] = null_space[:beta], null_space[beta:]
+    ways[beta:count, -driven:] = np.eye(driven)
+    rows = np.hstack([np.zeros((len(motors), beta)), motors])
+    # The length that a column has unless its parts cancel: what cancels to rounding has no effect.
+    lengths = np.linalg.norm(np.linalg.norm(rows, axis=0)[:, None] * ways, axis=0)
+    lengths = np.where(lengths > 0.0, lengths, 1.0)
+    root = (ways[:count] / lengths) @ np.linalg.pinv(rows @ ways / lengths, rcond=_BLIND)
+    return root @ root.T
+
+
+def _build_link_rows(library: Library, part: ElasticSignals, torques: FloatArray) -> FloatArray:
+    """Return the columns (M, n, p + w) of links and springs, integrated over windows."""
+    ends = slice(None, None, max(1, round(_WINDOW / part.period)))
+
+    def add(values: FloatArray) -> FloatArray:
+        steps = np.cumsum(average_steps(values), axis=0) * part.period
+        return np.diff(np.concatenate([np.zeros_like(values[:1]), steps])[ends], axis=0)
+
+    columns = build_equations(library, part, lambda values: np.diff(values[ends], axis=0), add)
+    return np.concatenate([columns[:, :, : len(library.card.beta)], -add(torques)], axis=2)

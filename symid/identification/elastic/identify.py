@@ -11,7 +11,7 @@ Not supported: delays between channels and offsets of encoders (align the record
 import json
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
-from functools import cache
+from functools import cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +20,14 @@ from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import IdentifiabilityError, Notice, UsageError
 from symid.identification.diagnostics import build_warning, warn_of_mass_matrix
-from symid.identification.elastic.estimate import ElasticEstimate, MethodFit, MethodTrial, SpringEstimate
+from symid.identification.elastic.estimate import (
+    ElasticEstimate,
+    MethodFit,
+    MethodTrial,
+    SpringEstimate,
+    measure_identifiability,
+    measure_spring_spread,
+)
 from symid.identification.elastic.methods import (
     AUTOMATIC_METHODS,
     ENERGY_METHODS,
@@ -31,11 +38,10 @@ from symid.identification.elastic.methods import (
     choose_fit,
     choose_springs,
     compute_relative_deviations,
+    find_contradiction,
     fit_method,
     fit_one_shot,
     list_contradicted,
-    measure_contradiction,
-    refine_fit,
     weigh_evidence,
 )
 from symid.identification.elastic.options import ElasticOptions, NlpOptions
@@ -47,13 +53,10 @@ from symid.identification.elastic.regression import (
     locate_settled,
     mark_rigid_rotors,
 )
-from symid.identification.elastic.simultaneous import compute_spring_torques
-from symid.identification.elastic.uncertainty import measure_identifiability, measure_spring_spread
+from symid.identification.elastic.together import compute_spring_torques, filter_spring
 from symid.identification.estimators import Residual, list_parameters
-from symid.identification.hysteresis import filter_smooth
 from symid.identification.regression import check_joints, list_measured_joints, warn_of_energy
 from symid.ipopt import Ending
-from symid.joint_models import Elasticity
 from symid.logs import Recording, differentiate
 
 if TYPE_CHECKING:
@@ -63,42 +66,24 @@ _NOTHING = 0.9
 """Of the joint torque's scatter; a spring that leaves as much explains less than a fifth of its square."""
 
 
-def _compute_joint_torques(work: ElasticEquations, fit: MethodFit) -> tuple[FloatArray, FloatArray]:
-    """Return F[tau_J] (M, n) by the motor equation, and what the springs leave of it."""
-    problem = work.problem
-    target = problem.compute_motor_side(fit.chi)
-    return target, target - np.concatenate(compute_spring_torques(problem, fit))
-
-
-def _compute_residuals(work: ElasticEquations, fit: MethodFit) -> tuple[tuple[Residual, ...], Residual]:
-    """Return F[tau] less what motor and spring explain, joint by joint; the same of the energy, J."""
-    problem = work.problem
-    left, torques = _compute_joint_torques(work, fit)[1], problem.stack_filtered()[1]
-    columns = zip(problem.library.card.joints, left.T, torques.T, strict=True)
-    joints = tuple(
-        Residual.measure(card.name, error, torque, card.torque_unit) for card, error, torque in columns
-    )
-    errors = problem.supplied - problem.compute_work(fit.elasticity) - problem.design @ fit.chi
-    return joints, Residual.measure("all joints", errors, problem.supplied, "J")
-
-
 def _refuse_springs(
-    work: ElasticEquations, fit: MethodFit, hidden: Mapping[int, Notice], warnings: Sequence[Notice] = ()
+    work: ElasticEquations,
+    fit: MethodFit,
+    shares: FloatArray,
+    hidden: Mapping[int, Notice],
+    warnings: Sequence[Notice],
 ) -> Mapping[int, Notice]:
     """Return, by joint, why its spring is refused; joints whose spring is identifiable are left out.
 
-    `hidden` are the joints whose torsion cannot be used. Where all are refused, IdentifiabilityError is
-    raised with them and the `warnings`, which may be the cause.
+    `shares` (2, n) are the deviations of F[tau_J] and of what springs leave of it, `hidden` the joints whose
+    torsion cannot be used. Where all are refused, IdentifiabilityError is raised with them and the
+    `warnings`, which may be the cause.
     """
-    whole, left = (np.std(torque, axis=0) for torque in _compute_joint_torques(work, fit))
+    (whole, left), problem = shares, work.problem
     refused = dict(hidden)
-    for joint, card in enumerate(work.problem.library.card.joints):
-        stiff = fit.elasticity[joint].initial_stiffness
-        if (
-            work.problem.gives[joint]
-            and joint not in refused
-            and not (stiff and left[joint] < _NOTHING * whole[joint])
-        ):
+    for joint, card in enumerate(problem.library.card.joints):
+        good = fit.elasticity[joint].initial_stiffness and left[joint] < _NOTHING * whole[joint]
+        if problem.gives[joint] and joint not in refused and not good:
             share = 100.0 * left[joint] / max(whole[joint], 1e-300)
             text = (
                 f"joint {card.name!r}: no spring explains its torque: the best one leaves {share:.0f} % of "
@@ -107,7 +92,7 @@ def _refuse_springs(
                 "another method"
             )
             refused[joint] = Notice(code="elastic.no-spring", text=text)
-    if len(refused) == sum(work.problem.gives):
+    if len(refused) == sum(problem.gives):
         raise IdentifiabilityError(*(refused[joint] for joint in sorted(refused)), *warnings)
     return {joint: refused[joint] for joint in sorted(refused)}
 
@@ -116,9 +101,11 @@ def _list_springs(
     work: ElasticEquations, fit: MethodFit, refused: Mapping[int, Notice]
 ) -> Iterator[SpringEstimate]:
     """Yield the spring of every elastic joint, and how far it was excited; see `_refuse_springs`."""
-    card, signals = work.problem.library.card, work.problem.signals
+    problem, count = work.problem, work.problem.sizes[0]
+    card, signals = problem.library.card, problem.signals
+    covariance = np.asarray(fit.covariance)[:count, :count] if fit.covariance is not None else np.zeros(0)
     for joint, (entry, elasticity) in enumerate(zip(card.joints, fit.elasticity, strict=True)):
-        if not work.problem.gives[joint]:
+        if not problem.gives[joint]:
             continue
         phi = [part.phi[:, joint] for part in signals]
         torque = [compute_joint_torque(elasticity, part, joint) for part in signals]
@@ -127,8 +114,17 @@ def _list_springs(
         slipped = [stop.threshold for stop in elasticity.stops if 2.0 * stop.threshold <= span]
         stated = card.elasticity[joint]
         torque_std, slope_std = None, None
-        if joint not in refused and fit.covariance is not None:
-            torque_std, slope_std = _measure_spread(work, fit, joint)
+        # Sums of parameters that cannot be told apart have deviations that are not kept.
+        if joint not in refused and fit.covariance is not None and np.all(np.isfinite(covariance)):
+            link = [rows.compute_link_side(fit.chi)[:, joint] for rows in problem.filtered]
+            own = filter_spring(problem, elasticity, joint)
+            torque_std, slope_std = measure_spring_spread(
+                elasticity,
+                partial(filter_spring, problem, joint=joint),
+                [rows.design[:, joint, :count] for rows in problem.filtered],
+                [torque - part for torque, part in zip(link, own, strict=True)],
+                covariance,
+            )
         yield SpringEstimate(
             joint=entry.name,
             torque_unit=entry.torque_unit,
@@ -143,29 +139,6 @@ def _list_springs(
             torque_std=torque_std,
             slope_std=slope_std,
         )
-
-
-def _measure_spread(work: ElasticEquations, fit: MethodFit, joint: int) -> tuple[float | None, float | None]:
-    """Return the deviations of a spring's torque and of its slope, None where links are not identified."""
-    problem, count = work.problem, work.problem.sizes[0]
-    pairs = list(zip(problem.signals, problem.filtered, strict=True))
-
-    def compute(spring: Elasticity) -> list[FloatArray]:
-        return [
-            filter_smooth(compute_joint_torque(spring, part, joint), problem.options.rate, part.period)[
-                rows.keep
-            ]
-            for part, rows in pairs
-        ]
-
-    spring, covariance = fit.elasticity[joint], np.asarray(fit.covariance)[:count, :count]
-    if not np.all(np.isfinite(covariance)):
-        # Sums of parameters that cannot be told apart have deviations that are not kept.
-        return None, None
-    link = [rows.compute_link_side(fit.chi)[:, joint] for _, rows in pairs]
-    errors = [torque - own for torque, own in zip(link, compute(spring), strict=True)]
-    columns = [rows.design[:, joint, :count] for _, rows in pairs]
-    return measure_spring_spread(spring, compute, columns, errors, covariance)
 
 
 _CLEAR = 10.0
@@ -388,7 +361,7 @@ def prepare_methods(
     @cache
     def fit(method: str) -> MethodFit:
         if method == "simultaneous":
-            return refine_fit(work, spring()[0])
+            return fit_method(work, method, spring()[0])
         starts = method == "nlp" and work.problem.options.moves_stops
         return fit_method(work, method, fit("weighted") if starts else None)
 
@@ -400,11 +373,25 @@ def prepare_methods(
             names = tuple(name for name in names if name != "nlp")
             names = names if hidden else (*names, "simultaneous")
         fits = [fit(name) for name in names]
-        given = MethodSelection(
-            fit=fits[0], reason="the method was given", contradiction=measure_contradiction(work, fits[0])
-        )
-        choice = _choose(work, fits, spring(), hidden) if automatic else given
-        settings = _write_settings(work, stated, echo or {})
+        if not automatic:
+            _, ratio = find_contradiction(work, fits[0])
+            choice = MethodSelection(fit=fits[0], reason="the method was given", contradiction=ratio)
+        else:
+            choice, (sprung, kinds) = choose_fit(work, fits), spring()
+            # The kinds of springs are those for `weighted`: stops and knees that suit one method suit all.
+            if choice.fit.method == "weighted":
+                choice = replace(choice, fit=sprung)
+            elif choice.fit.method == "linear-spring" or (any(kinds) and choice.fit.method != "simultaneous"):
+                choice = replace(choice, fit=choose_springs(work, choice.fit, hidden)[0])
+        # As JSON would give them back, with the cut-offs that were chosen.
+        cutoffs = [part.cutoff for part in work.problem.signals]
+        grid = [list(map(float, entry)) for entry in work.problem.thresholds]
+        settings = {**(echo or {}), **asdict(stated), "cutoffs": cutoffs, "grid": grid}
+        if stated.nlp == NlpOptions():
+            del settings["nlp"]
+        if not stated.known:
+            del settings["known"]
+        settings = json.loads(json.dumps(settings))
         sources = [recording.source for recording in recordings]
         return _build_estimate(work, choice, fits, hidden, settings=settings, sources=sources)
 
@@ -420,11 +407,17 @@ def _build_estimate(
     settings: Mapping[str, object],
     sources: Sequence[str],
 ) -> ElasticEstimate:
-    library, fit = work.problem.library, choice.fit
+    problem, fit = work.problem, choice.fit
+    library = problem.library
     cards, joints = list_parameter_cards(library.card), library.card.joints
-    identifiable, condition = measure_identifiability(build_linear_rows(work, fit).design, work.problem.known)
-    springs = _refuse_springs(work, fit, hidden, _warn_of_condition(work, fit, condition))
-    residual, energy = _compute_residuals(work, fit)
+    identifiable, condition = measure_identifiability(build_linear_rows(work, fit).design, problem.known)
+    # F[tau_J] by the motor equation, and what the springs leave of it; the same of the energy, J.
+    target = problem.compute_motor_side(fit.chi)
+    left = target - np.concatenate(compute_spring_torques(problem, fit))
+    errors = problem.supplied - problem.compute_work(fit.elasticity) - problem.design @ fit.chi
+    shares = np.array([np.std(target, axis=0), np.std(left, axis=0)])
+    springs = _refuse_springs(work, fit, shares, hidden, _warn_of_condition(work, fit, condition))
+    columns = zip(joints, left.T, problem.stack_filtered()[1].T, strict=True)
     contradicted = list_contradicted(work)
     warnings = warn_of_fit(work, fit, condition, springs)
     # Rotors of rigid joints have a place in chi only.
@@ -441,8 +434,10 @@ def _build_estimate(
         reason=choice.reason,
         parameters=list_parameters([cards[k] for k in shown], fit.chi[shown], covariance),
         springs=tuple(_list_springs(work, fit, springs)),
-        residual=residual,
-        energy=energy,
+        residual=tuple(
+            Residual.measure(card.name, error, torque, card.torque_unit) for card, error, torque in columns
+        ),
+        energy=Residual.measure("all joints", errors, problem.supplied, "J"),
         condition=condition,
         outcome=fit.outcome,
         history=fit.history,
@@ -497,24 +492,6 @@ def _tell_known(
         yield Notice(code="elastic.known-contradicted", text=text)
 
 
-def _choose(
-    work: ElasticEquations,
-    fits: Sequence[MethodFit],
-    spring: tuple[MethodFit, Sequence[str]],
-    hidden: Collection[int],
-) -> MethodSelection:
-    """Return the choice of dynamics and of the kinds of springs, those for `weighted` being given."""
-    sprung, kinds = spring
-    choice = choose_fit(work, fits)
-    if choice.fit.method == "weighted":
-        return replace(choice, fit=sprung)
-    # Stops and knees that suit one method suit all that have them.
-    kept = not any(kinds) and choice.fit.method != "linear-spring"
-    if kept or choice.fit.method == "simultaneous":
-        return choice
-    return replace(choice, fit=choose_springs(work, choice.fit, hidden)[0])
-
-
 def build_one_shot(library: Library, recordings: Sequence[Recording], options: ElasticOptions) -> "NlpGraph":
     """Return the one-shot problem of the recordings as expressions, starting at its own optimum.
 
@@ -548,18 +525,3 @@ def _fill_loads(
 _REPEATS = 6
 _SAME_LOAD = 1e-3
 """Relative change of the links' parameters that moves no load."""
-
-
-def _write_settings(
-    work: ElasticEquations, options: ElasticOptions, echo: Mapping[str, object]
-) -> Mapping[str, object]:
-    """Return the settings as JSON would give them back, with the cut-offs that were chosen."""
-    cutoffs = [part.cutoff for part in work.problem.signals]
-    grid = [list(map(float, entry)) for entry in work.problem.thresholds]
-    settings = {**echo, **asdict(options), "cutoffs": cutoffs, "grid": grid}
-    if options.nlp == NlpOptions():
-        del settings["nlp"]
-    if not options.known:
-        del settings["known"]
-    plain: dict[str, object] = json.loads(json.dumps(settings))
-    return plain

@@ -25,9 +25,7 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import Notice
-from symid.identification.diagnostics import (
-    measure_behind,
-)
+from symid.identification.diagnostics import measure_behind
 from symid.identification.elastic.effects import (
     compute_link_torque,
     measure_eccentricity,
@@ -50,7 +48,14 @@ from symid.identification.elastic.elimination import (
     measure_torque_noise,
     split_recordings,
 )
-from symid.identification.elastic.estimate import ElasticEvidence, MethodFit, build_method_fit
+from symid.identification.elastic.estimate import (
+    ElasticEvidence,
+    MethodFit,
+    build_method_fit,
+    compute_covariance,
+    mark_unidentifiable,
+    measure_identifiability,
+)
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.regression import (
     WAVES,
@@ -66,19 +71,16 @@ from symid.identification.elastic.regression import (
     read_known,
     solve_with_signs,
 )
-from symid.identification.elastic.simultaneous import (
+from symid.identification.elastic.together import (
     LinearRows,
     build_side_rows,
     calm_torsions,
     compute_spring_torques,
+    fit_alternation,
+    fit_linear_spring,
     fit_simultaneous,
+    fit_two_step,
     list_row_times,
-)
-from symid.identification.elastic.two_step import fit_alternation, fit_linear_spring, fit_two_step
-from symid.identification.elastic.uncertainty import (
-    compute_covariance,
-    mark_unidentifiable,
-    measure_identifiability,
 )
 from symid.identification.hysteresis import ElementPath, choose_spring
 from symid.logs import Recording, differentiate_smooth
@@ -187,93 +189,64 @@ def build_elastic_equations(
     known = read_known(library.card, options.known)
 
     def prepare(effects: tuple[DriveEffect, ...]) -> list[ElasticSignals]:
-        return _prepare_wide(recordings, options, band, effects)
+        # Signals pass no filter where the options' pass none.
+        broad = []
+        for recording in recordings:
+            filtered = choose_cutoff(recording) if options.cutoff is None else options.cutoff
+            # A cut-off that suits fast sampling would be none for a slow one.
+            cutoff = get_wide_cutoff(recording.period, band) if filtered else 0.0
+            broad.append(prepare_elastic_signals(recording, replace(options, cutoff=cutoff), effects))
+        return broad
 
-    def free(effects: tuple[DriveEffect, ...]) -> _Freed:
+    def free(effects: tuple[DriveEffect, ...]) -> tuple[list[ElasticSignals], BandRows, float, BandFit]:
+        # Signals without effects, rows in the band of them, the share of their speeds, and a fit.
         broad = prepare(effects)
         rows, share = choose_sliding_rows(library.card, build_band_rows(library, broad, band), known)
-        return _Freed(effects, broad, rows, share, fit_band(library.card, rows, known=known))
+        return broad, rows, share, fit_band(library.card, rows, known=known)
 
     effects: tuple[DriveEffect, ...] = ()
     if options.effects:
         broad = prepare(())
         effects = measure_effects(library, broad, get_effect_edge(max(part.period for part in broad), band))
-    freed = free(effects)
+    broad, rows, share, fit = free(effects)
     if options.effects:
-        freed = _free_of_gears(library, options, freed, free, prepare)
-    limits = freed.share * compute_speeds(freed.broad)
-    signals = [prepare_elastic_signals(recording, options, freed.effects) for recording in recordings]
+        # What gears and encoders of the links add.
+        bases = len(library.card.beta)
+        discs = measure_eccentricity(library, broad, fit.chi[:bases])
+        for _ in range(_DISC_ROUNDS if discs else 0):
+            broad, rows, share, fit = free((*effects, *discs))
+            trial = build_elastic_problem(library, broad, options, share * compute_speeds(broad))
+            discs = refine_eccentricity(trial, fit.chi, discs)
+        if discs:
+            effects = (*effects, *discs)
+            broad, rows, share, fit = free(effects)
+        for measure in (measure_offsets, measure_gears):
+            # They move the torsion alone, of which the rows in the band know nothing.
+            if further := measure(library, broad, fit.chi[:bases]):
+                effects = (*effects, *further)
+                broad = prepare(effects)
+    limits = share * compute_speeds(broad)
+    signals = [prepare_elastic_signals(recording, options, effects) for recording in recordings]
     problem = build_elastic_problem(library, signals, options, limits)
     wide = problem
     if any(part.cutoff for part in signals):
-        wide = build_elastic_problem(library, freed.broad, options, limits)
+        wide = build_elastic_problem(library, broad, options, limits)
     return ElasticEquations(
         problem=problem,
         wide=wide,
-        rows=freed.rows,
-        band=freed.fit,
+        rows=rows,
+        band=fit,
         noise=measure_torque_noise(recordings, band),
-        effects=freed.effects,
-        share=freed.share,
+        effects=effects,
+        share=share,
     )
 
 
-class _Freed(NamedTuple):
-    """Signals that are freed of effects, rows in a band of them, the share of their speeds, and a fit."""
-
-    effects: tuple[DriveEffect, ...]
-    broad: list[ElasticSignals]
-    rows: BandRows
-    share: float
-    fit: BandFit
-
-
-def _free_of_gears(
-    library: Library,
-    options: ElasticOptions,
-    freed: _Freed,
-    free: Callable[[tuple[DriveEffect, ...]], _Freed],
-    prepare: Callable[[tuple[DriveEffect, ...]], list[ElasticSignals]],
-) -> _Freed:
-    """Return signals that are also freed of what gears and encoders of the links add."""
-    bases, torques = len(library.card.beta), freed.effects
-    discs = measure_eccentricity(library, freed.broad, freed.fit.chi[:bases])
-    for _ in range(_DISC_ROUNDS if discs else 0):
-        freed = free((*torques, *discs))
-        limits = freed.share * compute_speeds(freed.broad)
-        trial = build_elastic_problem(library, freed.broad, options, limits)
-        discs = refine_eccentricity(trial, freed.fit.chi, discs)
-    freed = free((*torques, *discs)) if discs else freed
-    for measure in (measure_offsets, measure_gears):
-        further = measure(library, freed.broad, freed.fit.chi[:bases])
-        # They move the torsion alone, of which the rows in the band know nothing.
-        if further:
-            effects = (*freed.effects, *further)
-            freed = freed._replace(effects=effects, broad=prepare(effects))
-    return freed
-
-
-def _prepare_wide(
-    recordings: Sequence[Recording],
-    options: ElasticOptions,
-    band: float,
-    effects: Sequence[DriveEffect] = (),
-) -> list[ElasticSignals]:
-    """Return signals that pass what `get_wide_cutoff` says, or no filter where the options' pass none."""
-    broad = []
-    for recording in recordings:
-        filtered = choose_cutoff(recording) if options.cutoff is None else options.cutoff
-        # A cut-off that suits fast sampling would be none for a slow one.
-        cutoff = get_wide_cutoff(recording.period, band) if filtered else 0.0
-        broad.append(prepare_elastic_signals(recording, replace(options, cutoff=cutoff), effects))
-    return broad
-
-
-def fit_method(work: ElasticEquations, method: str, weighted: MethodFit | None = None) -> MethodFit:
+def fit_method(work: ElasticEquations, method: str, start: MethodFit | None = None) -> MethodFit:
     """Return dynamics and springs by one method, with the covariance of the dynamics.
 
-    What the rows do not identify has an infinite variance. For "simultaneous" see `refine_fit`, for
-    `weighted` `fit_one_shot`.
+    What the rows do not identify has an infinite variance. "simultaneous" needs a `start` with springs of the
+    kinds wanted, "nlp" takes that of `fit_one_shot`.
     """
     makers: dict[str, Callable[[ElasticProblem], MethodFit]] = {
         "linear-spring": fit_linear_spring,
@@ -282,18 +255,13 @@ def fit_method(work: ElasticEquations, method: str, weighted: MethodFit | None =
         "weighted": lambda _: _fit_weighted(work),
         "independent": fit_independent,
     }
-    nlp = method == "nlp"
-    fit = _widen(work, fit_one_shot(work, weighted).fit) if nlp else makers[method](work.problem)
-    return _state_covariance(work, fit)
-
-
-def refine_fit(work: ElasticEquations, fit: MethodFit) -> MethodFit:
-    """Return dynamics and springs of the kinds of `fit`, found together."""
-    return _state_covariance(work, _widen(work, fit_simultaneous(work.wide, work.problem, fit)))
-
-
-def _state_covariance(work: ElasticEquations, fit: MethodFit) -> MethodFit:
-    """Return a fit with the covariance of its dynamics, infinite where its rows do not identify them."""
+    if method == "nlp":
+        fit = _widen(work, fit_one_shot(work, start).fit)
+    elif method == "simultaneous" and start is not None:
+        fit = _widen(work, fit_simultaneous(work.wide, work.problem, start))
+    else:
+        fit = makers[method](work.problem)
+    # Variances are infinite where the rows do not identify.
     rows = build_linear_rows(work, fit)
     if fit.covariance is None:
         covariance = compute_covariance(rows.design, rows.right - rows.design @ fit.chi, work.problem.known)
@@ -462,7 +430,7 @@ class MethodSelection:
 def choose_fit(work: ElasticEquations, fits: Sequence[MethodFit]) -> MethodSelection:
     """Return the choice among `fits`, at least one of which is usable."""
     usable = [fit for fit in fits if fit.outcome.usable and np.all(np.isfinite(fit.chi))]
-    found = {fit.method: _find_contradiction(work, fit) for fit in usable if fit.method in SPRUNG_METHODS}
+    found = {fit.method: find_contradiction(work, fit) for fit in usable if fit.method in SPRUNG_METHODS}
     notices = tuple(
         Notice(code="elastic.contradiction", text=f"the method {method} was left out of the choice: {why}")
         for method, (why, _) in found.items()
@@ -490,8 +458,13 @@ def choose_fit(work: ElasticEquations, fits: Sequence[MethodFit]) -> MethodSelec
     )
 
 
-def _find_contradiction(work: ElasticEquations, fit: MethodFit) -> tuple[str, float]:
-    """Return what speaks against a fit that rests on springs, "" for nothing, and chi^2 over its limit."""
+def find_contradiction(work: ElasticEquations, fit: MethodFit) -> tuple[str, float]:
+    """Return what speaks against a fit that rests on springs, "" for nothing, and chi^2 over its limit.
+
+    The latter is 0 for a fit that does not rest on springs.
+    """
+    if fit.method not in SPRUNG_METHODS:
+        return "", 0.0
     from scipy.special import chdtri
 
     chi2, count = _measure_disagreement(work, fit, _TOLERATED)
@@ -540,11 +513,6 @@ def list_contradicted(work: ElasticEquations) -> tuple[float, tuple[tuple[str, f
 
 _FAR, _NAMED = 3.0, 2
 """Standard deviations; and parameters that are named in any case."""
-
-
-def measure_contradiction(work: ElasticEquations, fit: MethodFit) -> float:
-    """Return chi^2 of a fit that rests on springs against dynamics without, over its limit; 0 for others."""
-    return _find_contradiction(work, fit)[1] if fit.method in SPRUNG_METHODS else 0.0
 
 
 def _measure_disagreement(
@@ -621,8 +589,27 @@ def choose_springs(
     for joint, card in enumerate(problem.library.card.joints):
         if joint in hidden or not springs or not problem.gives[joint]:
             continue
-        path, torque, kept = _follow_joint(problem, beta, joint)
-        spring, name, left, before = choose_spring(path, torque, kept, springs[joint])
+        # Torsion and torque of all recordings, one after the other, and the samples that count.
+        spans = [float(np.ptp(part.phi[:, joint])) for part in problem.signals]
+        paths, torques, masks, speeds, periods = [], [], [], [], []
+        for part, span in zip(problem.signals, spans, strict=True):
+            if span < _LOADED * max(spans):
+                continue
+            edge = 1 + int(np.ceil(_EDGE / (part.cutoff * part.period))) if part.cutoff else 1
+            index = np.arange(len(part.time))
+            paths.append(part.phi[:, joint])
+            speeds.append(differentiate_smooth(paths[-1], part.period))
+            periods.append(np.full(len(index), part.period))
+            torques.append(compute_link_torque(problem.library, part, beta)[:, joint])
+            masks.append((index >= max(edge, part.settled)) & (index < len(index) - edge))
+        path = ElementPath(
+            position=np.concatenate(paths),
+            velocity=np.concatenate(speeds),
+            period=np.concatenate(periods),
+            begins=tuple(np.cumsum([0, *map(len, paths)])[:-1].tolist()),
+        )
+        known, torque, kept = springs[joint], np.concatenate(torques), np.concatenate(masks)
+        spring, name, left, before = choose_spring(path, torque, kept, known)
         if not name:
             continue
         # Stops are no other kind.
@@ -633,32 +620,6 @@ def choose_springs(
         )
         notices.append(Notice(code="elastic.spring-kind", text=text))
     return replace(fit, elasticity=tuple(springs), notices=(*fit.notices, *notices)), tuple(kinds)
-
-
-def _follow_joint(
-    problem: ElasticProblem, beta: FloatArray, joint: int
-) -> tuple[ElementPath, FloatArray, NDArray[np.bool_]]:
-    """Return torsion and torque (N,) of all recordings, one after the other, and the samples that count."""
-    spans = [float(np.ptp(part.phi[:, joint])) for part in problem.signals]
-    paths, torques, masks, speeds, periods = [], [], [], [], []
-    for part, span in zip(problem.signals, spans, strict=True):
-        if span < _LOADED * max(spans):
-            continue
-        edge = 1 + int(np.ceil(_EDGE / (part.cutoff * part.period))) if part.cutoff else 1
-        index = np.arange(len(part.time))
-        paths.append(part.phi[:, joint])
-        speeds.append(differentiate_smooth(paths[-1], part.period))
-        periods.append(np.full(len(index), part.period))
-        torques.append(compute_link_torque(problem.library, part, beta)[:, joint])
-        masks.append((index >= max(edge, part.settled)) & (index < len(index) - edge))
-    lengths = np.cumsum([0, *map(len, paths)])[:-1]
-    path = ElementPath(
-        position=np.concatenate(paths),
-        velocity=np.concatenate(speeds),
-        period=np.concatenate(periods),
-        begins=tuple(lengths.tolist()),
-    )
-    return path, np.concatenate(torques), np.concatenate(masks)
 
 
 _LOADED = 0.3

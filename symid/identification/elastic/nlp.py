@@ -45,27 +45,24 @@ from symid.identification.elastic.estimate import HistoryEntry, MethodFit, build
 from symid.identification.elastic.nlp_cost import (
     ElasticNlpCost,
     NlpLayout,
-    SpringGrid,
-    SpringLayout,
-    list_weights,
-)
-from symid.identification.elastic.nlp_rows import (
     NlpRecording,
     RowBlock,
+    SpringGrid,
+    SpringLayout,
     StepSums,
     WindowSums,
     build_nlp_recording,
+    list_weights,
     move_stops,
 )
 from symid.identification.elastic.options import NlpOptions
-from symid.identification.elastic.regression import ElasticProblem, ElasticSignals, average_steps
-from symid.identification.elastic.two_step import fit_linear_spring
+from symid.identification.elastic.regression import ElasticProblem, average_steps
+from symid.identification.elastic.together import fit_linear_spring
 from symid.identification.hysteresis import SpringWeights, build_knee_grid, compute_place_limits
 from symid.ipopt import (
     Ending,
     GraphProblem,
     IpoptOptions,
-    IpoptRun,
     SmoothProblem,
     keep_last,
     minimise,
@@ -153,7 +150,12 @@ def optimise_nlp(
     ipopt = IpoptOptions(tolerance=options.tolerance, iterations=options.iterations)
     run = minimise(scaled, begin, replace(ipopt, barrier=_BARRIER) if near else ipopt)
     if near and run.outcome is not Ending.CONVERGED:
-        run = min(run, minimise(scaled, begin, ipopt), key=lambda entry: _rank_run(scaled, entry))
+        second = minimise(scaled, begin, ipopt)
+        ranks = [
+            (one.outcome is not Ending.CONVERGED, not one.outcome.usable, scaled.value(one.x))
+            for one in (run, second)
+        ]
+        run = second if ranks[1] < ranks[0] else run
     outcome, reason = run.outcome, run.reason
     x = np.clip(_polish(scaled, run.x) * scales, layout.lower, layout.upper)
     certificate = compute_certificate(cost, x, scales)
@@ -164,10 +166,6 @@ def optimise_nlp(
         )
     value = cost.compute_value(cost.compute_state(x))
     return NlpRun(x=x, objective=value, outcome=outcome, reason=reason, certificate=certificate)
-
-
-def _rank_run(problem: SmoothProblem, run: IpoptRun) -> tuple[bool, bool, float]:
-    return run.outcome is not Ending.CONVERGED, not run.outcome.usable, problem.value(run.x)
 
 
 def compute_certificate(cost: ElasticNlpCost, x: FloatArray, scales: FloatArray) -> Certificate:
@@ -422,12 +420,24 @@ def fit_nlp(
         )
         history.append(entry)
         weighed = cost.weigh(residuals, chi)
-        settled = entry.change <= _SETTLED and _compare_weights(cost, weighed) <= _WEIGHED
+        scaled = float(np.max(np.abs(np.array(weighed.sigmas) / np.array(cost.sigmas) - 1.0)))
+        settled = entry.change <= _SETTLED and scaled <= _WEIGHED
         # Of the start's places nothing is known before a step of theirs.
         if number == options.rounds or not run.outcome.usable or (number > 0 and settled):
             break
-        before = chi
-        setting, cost, x = _advance(setting, weighed, run)
+        # The next round begins with places a step better, knees of a grid at the torque reached.
+        before, layout = chi, weighed.layout
+        x = layout.flatten_slopes(run.x, run.certificate.undetermined)
+        if setting.knees is not None:
+            setting, x = _move_places(setting, weighed, x)
+            after = setting.lay_out(())
+        else:
+            springs = layout.read_springs(x, _REST_WEIGHT * setting.stiffness)
+            after = setting.lay_out(springs)
+            excess, speed = x[layout.excess], x[layout.speed]
+            x = after.build_start(x[layout.dynamics], springs)
+            x[after.excess], x[after.speed] = excess, speed
+        cost = replace(weighed, recordings=setting.recordings, layout=after)
     layout = cost.layout
     run = replace(run, x=layout.flatten_slopes(run.x, run.certificate.undetermined))
     springs = layout.read_springs(run.x, _REST_WEIGHT * setting.stiffness)
@@ -440,28 +450,6 @@ def fit_nlp(
         notices=tuple(_list_notices(run, problem.library.card, layout)),
     )
     return NlpFit(fit=fit, run=run, cost=cost)
-
-
-def _advance(
-    setting: NlpSetting, cost: ElasticNlpCost, run: NlpRun
-) -> tuple[NlpSetting, ElasticNlpCost, FloatArray]:
-    """Return what the next round begins with: places a step better, knees of a grid at the torque reached."""
-    layout = cost.layout
-    x = layout.flatten_slopes(run.x, run.certificate.undetermined)
-    if setting.knees is not None:
-        setting, x = _move_places(setting, cost, x)
-        after = setting.lay_out(())
-    else:
-        springs = layout.read_springs(x, _REST_WEIGHT * setting.stiffness)
-        after = setting.lay_out(springs)
-        excess, speed, x = x[layout.excess], x[layout.speed], after.build_start(x[layout.dynamics], springs)
-        x[after.excess], x[after.speed] = excess, speed
-    return setting, replace(cost, recordings=setting.recordings, layout=after), x
-
-
-def _compare_weights(before: ElasticNlpCost, after: ElasticNlpCost) -> float:
-    """Return the largest relative change of the scale of a block."""
-    return float(np.max(np.abs(np.array(after.sigmas) / np.array(before.sigmas) - 1.0)))
 
 
 _SETTLED, _WEIGHED = 1e-4, 5e-3
@@ -605,12 +593,25 @@ def build_nlp_graph(found: NlpFit, problem: ElasticProblem, options: NlpOptions)
     }
     x = casadi.vertcat(*(entry.symbol for entry in variables.values()))
     residuals, motions, blocks = [], [], []
-    sigmas = iter(cost.sigmas)
+    sigmas, carrier = iter(cost.sigmas), build_casadi_carrier()
     for part, signals in zip(cost.recordings, problem.signals, strict=True):
         pairs = zip(layout.springs, part.bases, strict=True)
         knees = [_build_knee_steps(spring, basis, x) for spring, basis in pairs]
-        drags = _build_drag_steps(layout, x, part.speed, cost.smoothing)
-        along = tuple(_read_motion(signals, joint) for joint in range(len(layout.springs)))
+        # Step means (N - 1, 1) of the Stribeck friction of every joint that has some.
+        triples = zip(
+            part.speed.T, casadi.vertsplit(x[layout.excess]), casadi.vertsplit(x[layout.speed]), strict=False
+        )
+        drags = []
+        for rates, excess, scale in triples:
+            speed = casadi.MX(casadi.DM(rates))
+            shape, _, _ = compute_stribeck_derivatives(carrier, speed, scale, cost.smoothing)
+            drags.append(excess * average_steps(shape))
+        along = []
+        for states in zip(signals.q.T, signals.dq.T, signals.theta.T, signals.dtheta.T, strict=True):
+            q, dq, theta, dtheta = map(casadi.DM, states)
+            along.append(
+                ElasticMotion(q=q, dq=dq, theta=theta, dtheta=dtheta, phi=theta - q, dphi=dtheta - dq)
+            )
         for block in part.blocks:
             sigma = next(sigmas)
             rows = casadi.DM(block.values) - casadi.DM(block.matrix) @ x[layout.dynamics]
@@ -621,7 +622,7 @@ def build_nlp_graph(found: NlpFit, problem: ElasticProblem, options: NlpOptions)
             for joint, sums in block.friction if drags else ():
                 rows = rows - _add_steps(sums, drags[joint])
             residuals.append(rows / sigma)
-            motions.append(along)
+            motions.append(tuple(along))
             blocks.append((block, sigma))
     return NlpGraph(
         variables=variables,
@@ -632,15 +633,6 @@ def build_nlp_graph(found: NlpFit, problem: ElasticProblem, options: NlpOptions)
         layout=layout,
         options=options,
     )
-
-
-def _read_motion(signals: ElasticSignals, joint: int) -> ElasticMotion:
-    import casadi
-
-    q, dq, theta, dtheta = (
-        casadi.DM(part[:, joint]) for part in (signals.q, signals.dq, signals.theta, signals.dtheta)
-    )
-    return ElasticMotion(q=q, dq=dq, theta=theta, dtheta=dtheta, phi=theta - q, dphi=dtheta - dq)
 
 
 def _build_knee_steps(spring: SpringLayout, basis: FloatArray, x: Any) -> Any:  # noqa: ANN401
@@ -661,20 +653,6 @@ def _build_knee_steps(spring: SpringLayout, basis: FloatArray, x: Any) -> Any:  
         mean = casadi.if_else(crosses, across, casadi.fmax(before, 0.0) + casadi.fmax(after, 0.0)) / 2.0
         total = total + side * changes[slot] * mean
     return total
-
-
-def _build_drag_steps(layout: NlpLayout, x: Any, speed: FloatArray, smoothing: float) -> list[Any]:  # noqa: ANN401
-    """Return the step means (N - 1, 1) of the Stribeck friction of every joint that has some."""
-    import casadi
-
-    carrier, drags = build_casadi_carrier(), []
-    triples = zip(
-        speed.T, casadi.vertsplit(x[layout.excess]), casadi.vertsplit(x[layout.speed]), strict=False
-    )
-    for rates, excess, scale in triples:
-        shape, _, _ = compute_stribeck_derivatives(carrier, casadi.MX(casadi.DM(rates)), scale, smoothing)
-        drags.append(excess * average_steps(shape))
-    return drags
 
 
 def _add_steps(sums: StepSums, steps: Any) -> Any:  # noqa: ANN401
@@ -822,7 +800,14 @@ def solve_nlp_graph(graph: NlpGraph) -> NlpAnswer:
         floor=limits[0],
         ceiling=limits[1],
     )
-    scales = np.array([entry.scale or _find_scale(entry, cost, x, start) for entry in entries])
+    scales = np.ones(len(entries))
+    for place, entry in enumerate(entries):
+        scale = entry.scale
+        if not scale:
+            # One over the root of the cost's curvature; its own size where that is none.
+            bend = float(casadi.Function("bend", [x], [casadi.hessian(cost, entry.symbol)[0]])(start))
+            scale = bend**-0.5 if 0.0 < bend < np.inf else max(abs(entry.start), 1e-3)
+        scales[place] = scale
     options = IpoptOptions(tolerance=graph.options.tolerance, iterations=graph.options.iterations)
     run = minimise_graph(problem, start, options, scales)
     if not run.outcome.usable:
@@ -842,11 +827,3 @@ def solve_nlp_graph(graph: NlpGraph) -> NlpAnswer:
         active=tuple(np.any(near, axis=0).tolist()),
         springs=graph.layout.read_springs(own, least),
     )
-
-
-def _find_scale(entry: NlpVariable, cost: Any, x: Any, start: FloatArray) -> float:  # noqa: ANN401
-    """Return one over the root of the cost's curvature by an unknown; its own size where that is none."""
-    import casadi
-
-    bend = float(casadi.Function("bend", [x], [casadi.hessian(cost, entry.symbol)[0]])(start))
-    return bend**-0.5 if 0.0 < bend < np.inf else max(abs(entry.start), 1e-3)

@@ -192,22 +192,6 @@ def _add_waves(theta: FloatArray, effects: Sequence[DriveEffect], kind: str) -> 
     return waves
 
 
-def compute_torsion_error(theta: FloatArray, q: FloatArray, effects: Sequence[DriveEffect]) -> FloatArray:
-    """Return what is to be added to theta - q (N, n) for the torsion of the springs, rad or m."""
-    error = _add_waves(theta, effects, "kinematic-error")
-    for effect in effects:
-        if effect.kind == "torsion-offset":
-            # Encoders that were brought into line have no offset left.
-            gap = float(np.median(theta[:, effect.joint] - q[:, effect.joint]))
-            error[:, effect.joint] -= effect.values[0] if gap / effect.values[0] > 0.5 else 0.0
-    return error
-
-
-def correct_link(q: FloatArray, effects: Sequence[DriveEffect]) -> FloatArray:
-    """Return the positions (N, n) of links whose encoders are not round, rad or m."""
-    return np.asarray(q - _add_waves(q, effects, "link-eccentricity"))
-
-
 def compute_drag(dq: FloatArray, effects: Sequence[DriveEffect]) -> FloatArray:
     """Return the friction (N, n) of the links' bearings, N m or N."""
     drag = np.zeros_like(dq)
@@ -232,7 +216,8 @@ def prepare_elastic_signals(
         UsageError: thresholds or knees are given for another number of joints.
     """
     motor, link = get_encoder_positions(recording)
-    link = correct_link(link, effects)
+    # Encoders that are not round.
+    link = link - _add_waves(link, effects, "link-eccentricity")
     sides = [replace(recording, position=side, motor_position=None) for side in (motor, link)]
     resting = sorted(set.intersection(*(set(list_resting_joints(side)) for side in sides)))
     if resting:
@@ -253,7 +238,13 @@ def prepare_elastic_signals(
     tau, load, warm = recording.torque, recording.load, recording.temperature
     if cutoff or effects:
         tau = correct_torque(tau, motor, period, effects)
-    error = compute_torsion_error(motor, link, effects)
+    # What is to be added to theta - q for the torsion of the springs.
+    error = _add_waves(motor, effects, "kinematic-error")
+    for effect in effects:
+        if effect.kind == "torsion-offset":
+            # Encoders that were brought into line have no offset left.
+            gap = float(np.median(motor[:, effect.joint] - link[:, effect.joint]))
+            error[:, effect.joint] -= effect.values[0] if gap / effect.values[0] > 0.5 else 0.0
     if cutoff:
         motor, link, tau, error = (
             low_pass(values, period=period, cutoff=cutoff, order=_ORDER)
@@ -336,7 +327,11 @@ def join_rigid_joints(
     # A robot without any elastic joint may have encoders on both sides of all.
     if not np.any(rigid) or np.all(rigid):
         return tuple(recordings), ()
-    pairs = [_list_positions(recording) for recording in recordings]
+    # The position of [log.position], and the other one.
+    pairs = [
+        get_encoder_positions(recording)[:: 1 if recording.motor_position is not None else -1]
+        for recording in recordings
+    ]
     moves = [np.any([np.ptp(pair[side], axis=0) > 0.0 for pair in pairs], axis=0) for side in (0, 1)]
     joined, notices = [], []
     for recording, (first, second) in zip(recordings, pairs, strict=True):
@@ -365,12 +360,6 @@ def join_rigid_joints(
 
 _SAME = 3.0
 """Times the noise of both encoders."""
-
-
-def _list_positions(recording: Recording) -> tuple[FloatArray, FloatArray]:
-    """Return the position (N, n) of [log.position], and the other one."""
-    motor, link = get_encoder_positions(recording)
-    return (motor, link) if recording.motor_position is None else (link, motor)
 
 
 def choose_cutoff(recording: Recording) -> float:

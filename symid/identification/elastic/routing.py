@@ -16,7 +16,7 @@ import numpy as np
 from symid.errors import LogError, Notice, UsageError
 from symid.identification.estimators import Estimate, Outcome, ParameterEstimate
 from symid.logs import Recording, cut_ends
-from symid.robot import Coupling, Processing, Robot
+from symid.robot import Processing, Robot
 
 _PREFIX = "processing."
 _CUTOFF = "filter_cutoff"
@@ -209,7 +209,11 @@ def choose_route(
     if 0 < len(without) < len(recordings) and any(robot.elastic):
         text = "this log has one position a joint, others have two; give logs of one kind in one call"
         raise LogError(*(Notice(code="log.mixed-encoders", text=text, file=source) for source in without))
-    bound = [one.name for one in robot.couplings if _turns_elastic(robot, one)]
+    bound = [
+        coupling.name
+        for coupling in robot.couplings
+        if any(robot.joints[index].elasticity is not None for index, _ in coupling.terms)
+    ]
     if bound and method is not None:
         text = (
             f"--method {method}: the coupled drives {', '.join(bound)} turn with elastic joints, which no "
@@ -241,10 +245,6 @@ def choose_route(
     if any(robot.elastic) and without:
         check_motor_side(robot, recordings)
     return Route(kind="motor-side" if any(robot.elastic) else "rigid")
-
-
-def _turns_elastic(robot: Robot, coupling: Coupling) -> bool:
-    return any(robot.joints[index].elasticity is not None for index, _ in coupling.terms)
 
 
 def _refuse_options(given: Sequence[str], what: str) -> None:

@@ -17,6 +17,7 @@ regressors, which is of second order: positions are those of the motors.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from functools import partial
 
 import numpy as np
 
@@ -85,15 +86,12 @@ class RigidRows:
     torque: FloatArray
     blocks: tuple[slice, ...]
 
-    def compute_grams(self, design: FloatArray) -> FloatArray:
-        """Return the Gram matrices (blocks, n, k, k) of columns (N, n, k)."""
+    def compute_grams(self, design: FloatArray | None = None) -> FloatArray:
+        """Return the Gram matrices (blocks, n, k, k) of columns (N, n, k), by default those of the torque."""
+        if design is None:
+            design = np.concatenate([self.whole, self.extra, self.torque[:, :, None]], axis=2)
         joints = range(design.shape[1])
         return np.array([[design[part, j].T @ design[part, j] for j in joints] for part in self.blocks])
-
-    def compute_torque_grams(self) -> FloatArray:
-        """Return the Gram matrices (blocks, n, k + 1, k + 1) of [whole | extra | torque]."""
-        design = np.concatenate([self.whole, self.extra, self.torque[:, :, None]], axis=2)
-        return self.compute_grams(design)
 
 
 def build_rigid_rows(library: Library, recording: Recording) -> RigidRows:
@@ -174,7 +172,7 @@ def _build_loaded_rows(library: Library, recordings: Sequence[Recording]) -> lis
             build_rigid_rows(library, replace(recording, load=fill_load(recording.load, load, measured)))
             for recording, load in zip(recordings, loads, strict=True)
         ]
-        x, _ = fit_rigid(np.concatenate([rows.compute_torque_grams() for rows in runs]).sum(axis=0))
+        x, _ = fit_rigid(np.concatenate([rows.compute_grams() for rows in runs]).sum(axis=0))
         loads = [rows.whole @ x[: rows.whole.shape[2]] for rows in runs]
     return runs
 
@@ -190,7 +188,24 @@ def estimate_torsion_alignment(library: Library, recordings: Sequence[Recording]
     moved = tuple(recordings)
     used, delay = np.zeros((len(recordings), library.card.size)), 0.0
     for _ in range(_PASSES):
-        columns = list_torsion_columns(_build_loaded_rows(library, moved))
+        runs = _build_loaded_rows(library, moved)
+        x, _ = fit_rigid(np.concatenate([rows.compute_grams() for rows in runs]).sum(axis=0))
+        beta = x[: runs[0].whole.shape[2]]
+        peak = np.max([np.max(np.abs(rows.whole @ beta), axis=0) for rows in runs], axis=0)
+        scale, width = np.where(peak > 0.0, peak, 1.0), _compute_reversal_widths(runs)
+        # What the torsion may follow, (N, n, 7), all of one scale: gravity, the torque of motion, plays of
+        # their sum, the direction of motion, the acceleration. Torques with a memory of their turning points
+        # are what hysteresis follows, and the rest what a fit of torques errs by.
+        columns = []
+        for rows in runs:
+            gravity = rows.still @ beta / scale
+            # Rounding at a joint that gravity does not load is no torque, and must not look like a constant.
+            gravity = np.where(np.max(np.abs(gravity), axis=0) > _ROUNDING, gravity, 0.0)
+            torque = rows.whole @ beta / scale
+            plays = np.stack([compute_plays(part, np.array(_PLAYS), None) for part in torque.T], axis=1)
+            direction = np.tanh(rows.speed / width)
+            plain = (gravity, torque - gravity, torque**2, torque**3, direction, rows.acceleration)
+            columns.append(np.concatenate([np.stack(plain, axis=2), plays], axis=2))
         found = estimate_alignment(recordings, columns)
         offsets = np.nan_to_num(found.offsets, nan=0.0)
         change = max(float(np.max(np.abs(offsets - used))), abs(found.delay - delay))
@@ -254,30 +269,26 @@ def _refute_delay(library: Library, recordings: Sequence[Recording], alignment: 
     )
     if not any(library.card.yielding) or apart < _APART * moves:
         return False
-    plain = replace(alignment, delay=0.0)
-    lefts = []
-    for entry in (plain, alignment):
-        moved = [shift_link_channel(recording, entry, run=run) for run, recording in enumerate(recordings)]
-        lefts.append(sum(_measure_motor_misfit(library, recording) for recording in moved))
+    bases, lefts = len(library.card.beta), []
+    for entry in (replace(alignment, delay=0.0), alignment):
+        # The mean square that motor and spring leave of the torque, relative, summed over joints and runs.
+        total = 0.0
+        for run, recording in enumerate(recordings):
+            signals = prepare_elastic_signals(shift_link_channel(recording, entry, run=run), ElasticOptions())
+            rate = partial(differentiate, period=signals.period)
+            design = build_equations(library, signals, rate, lambda values: values)
+            for joint in range(library.card.size):
+                torsion, torque = signals.phi[:, joint], signals.tau[:, joint]
+                if not np.ptp(torsion) > 0.0 or not np.ptp(torque) > 0.0:
+                    continue
+                grid = 0.5 * float(np.ptp(torsion)) * np.arange(1, _GRID + 1) / (_GRID + 1)
+                basis = compute_stop_basis(torsion - torsion.mean(), grid)
+                whole = np.column_stack([design[:, joint, bases:], basis, np.ones_like(torsion)])
+                whole, right = whole[signals.settled :], torque[signals.settled :]
+                left = right - whole @ solve_scaled(whole, right, rcond=1e-10)
+                total += float(np.mean(left**2) / np.var(torque))
+        lefts.append(total)
     return lefts[0] < _REFUTES * lefts[1]
-
-
-def _measure_motor_misfit(library: Library, recording: Recording) -> float:
-    """Return the mean square that motor and spring leave of the torque, relative, summed over the joints."""
-    signals = prepare_elastic_signals(recording, ElasticOptions())
-    period, bases = signals.period, len(library.card.beta)
-    design = build_equations(library, signals, lambda x: differentiate(x, period), lambda x: x)
-    total = 0.0
-    for joint in range(library.card.size):
-        torsion, torque = signals.phi[:, joint], signals.tau[:, joint]
-        if not np.ptp(torsion) > 0.0 or not np.ptp(torque) > 0.0:
-            continue
-        grid = 0.5 * float(np.ptp(torsion)) * np.arange(1, _GRID + 1) / (_GRID + 1)
-        basis = compute_stop_basis(torsion - torsion.mean(), grid)
-        whole = np.column_stack([design[:, joint, bases:], basis, np.ones_like(torsion)])[signals.settled :]
-        left = torque[signals.settled :] - whole @ solve_scaled(whole, torque[signals.settled :], rcond=1e-10)
-        total += float(np.mean(left**2) / np.var(torque))
-    return total
 
 
 def prepare_aligned(
@@ -311,30 +322,6 @@ def prepare_aligned(
         text += f", zero offsets up to {largest:.2g} ({deviation:.2g})"
     notice = Notice(code="log.in-line", text=f"{text}: not significant, nothing was moved")
     return moved, found, (notice, *notices)
-
-
-def list_torsion_columns(runs: Sequence[RigidRows]) -> list[FloatArray]:
-    """Return for each recording what the torsion may follow, (N, n, 7), all of one scale.
-
-    Gravity, the torque of motion, plays of their sum, the direction of motion, the acceleration: torques with
-    a memory of their turning points are what hysteresis follows, and the rest what a fit of torques errs by.
-    """
-    x, _ = fit_rigid(np.concatenate([rows.compute_torque_grams() for rows in runs]).sum(axis=0))
-    beta = x[: runs[0].whole.shape[2]]
-    peak = np.max([np.max(np.abs(rows.whole @ beta), axis=0) for rows in runs], axis=0)
-    scale = np.where(peak > 0.0, peak, 1.0)
-    width = _compute_reversal_widths(runs)
-    columns = []
-    for rows in runs:
-        gravity = rows.still @ beta / scale
-        # Rounding at a joint that gravity does not load is no torque, and must not look like a constant one.
-        gravity = np.where(np.max(np.abs(gravity), axis=0) > _ROUNDING, gravity, 0.0)
-        torque = rows.whole @ beta / scale
-        plays = np.stack([compute_plays(part, np.array(_PLAYS), None) for part in torque.T], axis=1)
-        direction = np.tanh(rows.speed / width)
-        plain = (gravity, torque - gravity, torque**2, torque**3, direction, rows.acceleration)
-        columns.append(np.concatenate([np.stack(plain, axis=2), plays], axis=2))
-    return columns
 
 
 def _compute_reversal_widths(runs: Sequence[RigidRows]) -> FloatArray:
@@ -373,7 +360,7 @@ def fit_compliances(runs: Sequence[RigidRows]) -> ComplianceFits:
         nuisances = (np.ones_like(rows.gap), rows.speed, np.tanh(rows.speed / widths), rows.acceleration)
         parts = [np.stack(nuisances, axis=2), rows.whole - rows.still, rows.still, rows.gap[:, :, None]]
         torsion_grams.append(rows.compute_grams(np.concatenate(parts, axis=2)))
-    rigid = np.concatenate([rows.compute_torque_grams() for rows in runs])
+    rigid = np.concatenate([rows.compute_grams() for rows in runs])
     torsion = np.concatenate(torsion_grams)
     owner = np.repeat(np.arange(len(runs)), [len(rows.blocks) for rows in runs])
     whole, norms = fit_rigid(rigid.sum(axis=0))
@@ -504,6 +491,8 @@ def estimate_stiffness(library: Library, recordings: Sequence[Recording]) -> Sti
 
 def _judge(fits: ComplianceFits, index: int, card: JointCard, *, present: bool) -> JointStiffness:
     """Return the spring of one joint; `present` says whether it has a link encoder."""
+    from scipy.stats import chi2, t
+
     explained, left, unit = float(fits.explained[index]), float(fits.left[index]), card.position_unit
     runs = run_stds = np.full(fits.compliances.shape[1], np.nan)
     mean = std = low = high = float("nan")
@@ -524,7 +513,21 @@ def _judge(fits: ComplianceFits, index: int, card: JointCard, *, present: bool) 
         against = ((StiffnessVerdict.NO_GRAVITY, text),)
     else:
         runs = fits.compliances[0, :, index]
-        mean, std, half, run_stds, chance = _average(fits.compliances[:, :, index])
+        # Runs are averaged with the inverse of their variances.
+        others = fits.compliances[1:, :, index]
+        n, freedom, chance = len(others), len(runs) - 1, 1.0
+        spread = others - others.mean(axis=0)
+        covariance = (n - 1) / n * spread.T @ spread
+        run_stds = np.sqrt(np.diag(covariance))
+        weights = 1.0 / np.maximum(run_stds, 1e-300) ** 2
+        weights /= weights.sum()
+        mean = float(weights @ runs)
+        std = float(np.sqrt(weights @ covariance @ weights))
+        if freedom:
+            excess = float(np.sum(((runs - mean) / np.maximum(run_stds, 1e-300)) ** 2))
+            # The Birge ratio; and the chance that equal springs differ so much.
+            std, chance = std * max(1.0, excess / freedom) ** 0.5, float(chi2.sf(excess, freedom))
+        half = float(t.ppf(0.5 + 0.5 * _LEVEL, max(1, n - 1))) * std
         low, high = mean - half, mean + half
         small = (
             f"the torsion that gravity explains, {explained:.3g} {unit}, is smaller than what it leaves, "
@@ -559,24 +562,3 @@ def _judge(fits: ComplianceFits, index: int, card: JointCard, *, present: bool) 
         explained=explained,
         left=left,
     )
-
-
-def _average(replicates: FloatArray) -> tuple[float, float, float, FloatArray, float]:
-    """Return mean, deviation, half interval, deviations of runs, chance that equal ones differ so much."""
-    from scipy.stats import chi2, t
-
-    values, others = replicates[0], replicates[1:]
-    n = len(others)
-    spread = others - others.mean(axis=0)
-    covariance = (n - 1) / n * spread.T @ spread
-    stds = np.sqrt(np.diag(covariance))
-    weights = 1.0 / np.maximum(stds, 1e-300) ** 2
-    weights /= weights.sum()
-    mean = float(weights @ values)
-    std = float(np.sqrt(weights @ covariance @ weights))
-    freedom, chance = len(values) - 1, 1.0
-    if freedom:
-        excess = float(np.sum(((values - mean) / np.maximum(stds, 1e-300)) ** 2))
-        std, chance = std * max(1.0, excess / freedom) ** 0.5, float(chi2.sf(excess, freedom))
-    half = float(t.ppf(0.5 + 0.5 * _LEVEL, max(1, n - 1))) * std
-    return mean, std, half, stds, chance

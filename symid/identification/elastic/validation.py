@@ -16,12 +16,12 @@ Not supported: one encoder only; noise in the loop; springs that the generated f
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from symid.arrays import FloatArray, FrozenArrays
-from symid.codegen import Library, ModelCard, build_spring_vector, prepare_library
+from symid.codegen import Library, build_spring_vector, prepare_library
 from symid.errors import EstimateError, Notice, UsageError
 from symid.excitation import Trajectory
 from symid.identification.elastic.estimate import ElasticEstimate, MethodFit
@@ -37,9 +37,7 @@ from symid.identification.estimators import Residual
 from symid.identification.hysteresis import filter_smooth
 from symid.joint_models import Elasticity, Knee, Stop
 from symid.logs import Recording, measure_overlap
-from symid.robot import (
-    Robot,
-)
+from symid.robot import Robot
 from symid.simulation import ElasticExperimentOptions, MotorReference, simulate_elastic
 
 _FILTERS = ("stops", "rate", "cutoff")
@@ -126,25 +124,20 @@ def evaluate_elastic(
     except (TypeError, UsageError) as error:
         text = f"its settings cannot be used: {error}; identify again"
         raise EstimateError(Notice(code="estimate.settings", text=text)) from error
+    # Springs of all joints, None for those without one; nothing where there are none.
+    known = {spring.joint: spring for spring in estimate.springs}
+    springs = [known.get(joint.name) for joint in library.card.joints] if known else []
     return predict_elastic(
         library,
         recording,
         options,
         estimate.build_fit(library.card),
         initial=initial,
-        identifiable=_spread(library.card, {spring.joint: spring.told for spring in estimate.springs}),
-        truth=_spread(library.card, {spring.joint: spring.truth for spring in estimate.springs}),
+        identifiable=[None if spring is None else spring.told for spring in springs],
+        truth=[None if spring is None else spring.truth for spring in springs],
         effects=estimate.effects,
         fitted=measure_overlap(recording, estimate.sources, estimate.settings) > 0.0,
     )
-
-
-_Value = TypeVar("_Value")
-
-
-def _spread(card: ModelCard, values: Mapping[str, _Value]) -> list[_Value | None]:
-    """Return the value of every joint, None for joints without one; nothing where there are no values."""
-    return [values.get(joint.name) for joint in card.joints] if values else []
 
 
 def predict_elastic(
@@ -197,31 +190,25 @@ def predict_elastic(
         for joint, card in enumerate(library.card.joints)
         if library.card.yielding[joint]
     )
-    both = tuple(
-        Residual.measure(card.name, error, torque, card.torque_unit, float(np.std(error)))
-        for card, error, torque in zip(library.card.joints, (motor - link).T, rows.torque.T, strict=True)
-    )
+
+    def measure(joint: str, unit: str, errors: FloatArray, measured: FloatArray) -> Residual:
+        return Residual.measure(joint, errors, measured, unit, float(np.std(errors)))
+
+    columns = zip(library.card.joints, (motor - link).T, rows.torque.T, strict=True)
+    both = [measure(card.name, card.torque_unit, error, torque) for card, error, torque in columns]
+    tables = [
+        ("Torque of the motors by the dynamics of motors and links together, without springs.", tuple(both))
+    ]
     torques = {card.name: torque for card, torque in zip(library.card.joints, rows.torque.T, strict=True)}
-    residuals = _list_residuals(joints, both, torques)
-    return ElasticTrial(source=recording.source, joints=joints, residuals=residuals, fitted=fitted)
-
-
-def _list_residuals(
-    joints: tuple[JointTrial, ...], both: tuple[Residual, ...], torques: Mapping[str, FloatArray]
-) -> tuple[tuple[str, tuple[Residual, ...]], ...]:
-    def measure(entry: JointTrial, measured: FloatArray, errors: FloatArray) -> Residual:
-        return Residual.measure(entry.joint, errors, measured, entry.unit, float(np.std(errors)))
-
-    tables = [("Torque of the motors by the dynamics of motors and links together, without springs.", both)]
-    known = [(entry, torques[entry.joint], entry.final) for entry in joints if entry.final is not None]
-    if known:
-        motors = (measure(entry, torque, entry.motor - final) for entry, torque, final in known)
-        links = (measure(entry, entry.link, entry.link - final) for entry, _, final in known)
+    sprung = [(entry, torques[entry.joint], entry.final) for entry in joints if entry.final is not None]
+    if sprung:
+        motors = (measure(one.joint, one.unit, one.motor - own, torque) for one, torque, own in sprung)
+        links = (measure(one.joint, one.unit, one.link - own, one.link) for one, _, own in sprung)
         tables += [
             ("Torque of the motors by their own dynamics and the springs.", tuple(motors)),
             ("Torque of the joints: by the dynamics of the links, less that of the springs.", tuple(links)),
         ]
-    return tuple(tables)
+    return ElasticTrial(source=recording.source, joints=joints, residuals=tuple(tables), fitted=fitted)
 
 
 _FUNCTION = "elastic_inverse_dynamics"

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
         describe_obstacle as describe_obstacle,
         identify_friction as identify_friction,
         set_identified_friction as set_identified_friction,
+        validate_friction as validate_friction,
     )
     from symid.identification.friction.joint_fit import (
         FrictionEstimate as FrictionEstimate,
@@ -46,7 +47,6 @@ if TYPE_CHECKING:
     from symid.identification.friction.selection import (
         compute_relative_residual as compute_relative_residual,
     )
-    from symid.identification.friction.validation import validate_friction as validate_friction
 else:
     from symid.lazy import load_names
 

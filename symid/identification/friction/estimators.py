@@ -18,11 +18,6 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.errors import Notice, SolverError, UsageError
 from symid.identification.estimators import ParameterEstimate
-from symid.identification.friction.bounded_search import (
-    search_by_evolution,
-    search_by_nlp,
-    search_by_population,
-)
 from symid.identification.friction.joint_fit import (
     FrictionEstimate,
     FrictionSamples,
@@ -34,7 +29,13 @@ from symid.identification.friction.joint_fit import (
     is_one_sided,
 )
 from symid.identification.friction.problem import SPEED_UNITS, FrictionOptions, FrictionProblem, build_problem
-from symid.identification.friction.variable_projection import search_by_projection, search_by_roots
+from symid.identification.friction.searches import (
+    search_by_evolution,
+    search_by_nlp,
+    search_by_population,
+    search_by_projection,
+    search_by_roots,
+)
 from symid.identification.regression import solve_scaled
 from symid.ipopt import Ending
 from symid.joint_models import FrictionLaw, compute_column_derivatives, compute_columns
@@ -52,8 +53,19 @@ def list_refusals(
     law, samples = problem.law, problem.samples
     names = [*(entry.name for entry in law.physical), *samples.extra_names]
     refused: dict[str, str] = {}
-    lack, moved = _assess_motion(samples, samples.build_rows().velocity)
-    cases = [uncertainty]
+    # What the motion lacks, and samples without the motion of noise.
+    rows = samples.build_rows().velocity
+    speeds, lacks, moved, cases = np.abs(rows[rows != 0.0]), list[str](), samples, [uncertainty]
+    if is_one_sided(rows):
+        direction = 1.0 if np.sum(rows > 0.0) > np.sum(rows < 0.0) else -1.0
+        moved, speeds = samples.take(samples.velocity * direction > 0.0), np.abs(rows[rows * direction > 0.0])
+        lacks.append(f"in the {'positive' if direction > 0.0 else 'negative'} direction only")
+    if len(speeds):
+        middle = float(np.median(speeds))
+        if float(np.subtract(*np.quantile(speeds, (0.975, 0.025)))) <= 0.05 * middle:
+            lacks.append(f"at one speed only, {middle:.3g} {'m/s' if samples.prismatic else 'rad/s'}")
+            moved = replace(moved, velocity=np.sign(moved.velocity) * middle, reduce=None)
+    lack = f"the joint moved {' and '.join(lacks)}" if len(speeds) and lacks else ""
     if lack:
         design = compute_sensitivities(moved, law, search.linear, search.shape)
         cases.append(compute_uncertainty(design, law, 1.0, list(~problem.is_free)))
@@ -77,25 +89,6 @@ def list_refusals(
         for name in _list_dependents(law, inside, []):
             refused.setdefault(name, reason)
     return refused
-
-
-def _assess_motion(samples: FrictionSamples, rows: FloatArray) -> tuple[str, FrictionSamples]:
-    """Return what the motion of rows (velocities (M,)) lacks, and samples without the motion of noise."""
-    unit = "m/s" if samples.prismatic else "rad/s"
-    speeds, reasons = np.abs(rows[rows != 0.0]), []
-    clean = samples
-    if is_one_sided(rows):
-        direction = 1.0 if np.sum(rows > 0.0) > np.sum(rows < 0.0) else -1.0
-        clean, speeds = samples.take(samples.velocity * direction > 0.0), np.abs(rows[rows * direction > 0.0])
-        reasons.append(f"in the {'positive' if direction > 0.0 else 'negative'} direction only")
-    if not len(speeds):
-        return "", samples
-    middle = float(np.median(speeds))
-    spread = float(np.subtract(*np.quantile(speeds, (0.975, 0.025))))
-    if spread <= 0.05 * middle:
-        reasons.append(f"at one speed only, {middle:.3g} {unit}")
-        clean = replace(clean, velocity=np.sign(clean.velocity) * middle, reduce=None)
-    return (f"the joint moved {' and '.join(reasons)}" if reasons else ""), clean
 
 
 def _refuse_shapes(problem: FrictionProblem, search: FrictionSearch) -> dict[str, str]:

@@ -24,7 +24,6 @@ period; motions that drift (positions that differ by more than a tenth of their 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -72,12 +71,40 @@ def fold_recording(recording: Recording, period: float, *, margin: int | None = 
         )
         raise LogError(Notice(code="log.period", text=text, file=recording.source))
     # Torques jump: between samples they follow straight lines, positions cubic splines.
-    cut = partial(_cut_periods, time=recording.time, period=period, sizes=(periods, samples))
+    time, wanted = recording.time, samples * periods
+    exact = periods * period / (time[1] - time[0])
+
+    def cut(values: FloatArray, *, degree: int) -> FloatArray:
+        if abs(exact - wanted) < 1e-3 and wanted <= len(values):
+            return values[:wanted].reshape(periods, samples, -1)
+        from scipy.interpolate import make_interp_spline
+
+        at = time[0] + np.arange(wanted) * period / samples
+        spline = make_interp_spline(time, values, k=degree, axis=0)
+        # Rounding may put the last place a hair behind the last sample.
+        found: FloatArray = spline(np.minimum(at, time[-1]))
+        return found.reshape(periods, samples, -1)
+
     position, torque = cut(recording.position, degree=3), cut(recording.torque, degree=1)
     margin = samples if margin is None else margin
     places = np.arange(-margin, samples + margin)
     text = f"{periods} periods of {period:g} s were averaged (--period)"
-    folded = Notice(code="log.folded", text=text, file=recording.source)
+    notices = [Notice(code="log.folded", text=text, file=recording.source)]
+    spread = np.ptp(position.mean(axis=0), axis=0)
+    apart = np.sqrt(np.mean((position - position.mean(axis=0)) ** 2, axis=(0, 1)))
+    moving = spread > 0.0
+    worst = float(np.max(apart[moving] / spread[moving], initial=0.0))
+    # A joint that rests has no range that its noise could be compared with.
+    if worst > _DRIFT and float(np.max(apart)) > _DRIFT * float(np.max(spread)):
+        text = (
+            f"positions differ by {100.0 * worst:.3g} % of their range between periods: the period is wrong, "
+            "or the motion drifts. Correct --period (one for each log where they differ), or leave it out"
+        )
+        notices.append(Notice(code="log.not-periodic", text=text, file=recording.source))
+        # What rests has no period, and the mean of periods that differ is no motion: the joint that moves
+        # most decides.
+        if float(np.max(apart)) > 0.1 * float(np.max(spread)):
+            raise LogError(notices[-1])
     others = {
         name: cut(values, degree=1).mean(axis=0)[places % samples]
         for name in ("load", "temperature")
@@ -94,46 +121,9 @@ def fold_recording(recording: Recording, period: float, *, margin: int | None = 
         motor_position=None,
         link_position=None,
         extras={},
-        notices=(*recording.notices, folded, *_warn_of_drift(position, recording)),
+        notices=(*recording.notices, *notices),
         **others,
     )
-
-
-def _cut_periods(
-    values: FloatArray, time: FloatArray, period: float, sizes: tuple[int, int], *, degree: int
-) -> FloatArray:
-    periods, samples = sizes
-    wanted = samples * periods
-    exact = periods * period / (time[1] - time[0])
-    if abs(exact - wanted) < 1e-3 and wanted <= len(values):
-        return values[:wanted].reshape(periods, samples, -1)
-    from scipy.interpolate import make_interp_spline
-
-    at = time[0] + np.arange(wanted) * period / samples
-    spline = make_interp_spline(time, values, k=degree, axis=0)
-    # Rounding may put the last place a hair behind the last sample.
-    found: FloatArray = spline(np.minimum(at, time[-1]))
-    return found.reshape(periods, samples, -1)
-
-
-def _warn_of_drift(position: FloatArray, recording: Recording) -> tuple[Notice, ...]:
-    """Return a notice where periods differ; raise LogError where their mean is no motion."""
-    spread = np.ptp(position.mean(axis=0), axis=0)
-    apart = np.sqrt(np.mean((position - position.mean(axis=0)) ** 2, axis=(0, 1)))
-    moving = spread > 0.0
-    worst = float(np.max(apart[moving] / spread[moving], initial=0.0))
-    # A joint that rests has no range that its noise could be compared with.
-    if worst <= _DRIFT or float(np.max(apart)) <= _DRIFT * float(np.max(spread)):
-        return ()
-    text = (
-        f"positions differ by {100.0 * worst:.3g} % of their range between periods: the period is wrong, "
-        "or the motion drifts. Correct --period (one for each log where they differ), or leave it out"
-    )
-    notice = Notice(code="log.not-periodic", text=text, file=recording.source)
-    # What rests has no period: the joint that moves most decides.
-    if float(np.max(apart)) > 0.1 * float(np.max(spread)):
-        raise LogError(notice)
-    return (notice,)
 
 
 class Column(NamedTuple):
@@ -201,21 +191,6 @@ def list_independent(columns: FloatArray) -> list[int]:
             basis.append(rest / size)
             kept.append(k)
     return kept
-
-
-def _estimate_load(rigid: FloatArray, velocity: FloatArray, torque: FloatArray) -> FloatArray | None:
-    """Return the torque (N,) of the links, by a fit with plain friction; None where it is too small."""
-    if not rigid.shape[1]:
-        return None
-    size, rounding = rigid.shape[1], float(np.finfo(float).eps) * len(torque)
-    triangle = _condense([*rigid.T, velocity, np.sign(velocity), np.ones(len(velocity)), torque])
-    columns, target = triangle[:, :-1], triangle[:, -1]
-    solution = np.linalg.lstsq(columns, target, rcond=rounding)[0]
-    alone = np.linalg.lstsq(columns[:, size:], target, rcond=rounding)[0]
-    left, without = target - columns @ solution, target - columns[:, size:] @ alone
-    if float(np.sum(left**2)) > 0.5 * float(np.sum(without**2)):
-        return None
-    return np.asarray(rigid @ solution[:size])
 
 
 _CARRIED = 0.05
@@ -361,13 +336,6 @@ class ExtractedJoint(NamedTuple):
     notices: tuple[Notice, ...]
 
 
-def _choose_cutoffs(recording: Recording, processing: Processing, resting: tuple[int, ...]) -> FloatArray:
-    """Return the cut-off (n,) in Hz of every joint: where noise takes over, at most that of the rule."""
-    rule = processing.filter_cutoff or 0.0
-    wanted = [min(max(band.clean, _LEAST_CUTOFF), rule) for band in measure_bands(recording)]
-    return np.array([rule if k in resting else float(f"{cutoff:.3g}") for k, cutoff in enumerate(wanted)])
-
-
 def describe_cutoffs(logs: JointLogs) -> tuple[Notice, ...]:
     """Return a notice on the cut-offs that noise set, log by log."""
     joints, found = [card.name for card in logs.library.card.joints], []
@@ -436,7 +404,12 @@ def prepare_joint_logs(
         raise IdentifiabilityError(Notice(code="identify.standstill", text=text))
     pairs, cutoffs = list(zip(recordings, resting, strict=True)), list[FloatArray]()
     if is_open:
-        cutoffs = [_choose_cutoffs(one, processing, still) for one, still in pairs]
+        # Where noise takes over, at most that of the rule.
+        rule, cutoffs = processing.filter_cutoff or 0.0, []
+        for one, still in pairs:
+            wanted = [min(max(band.clean, _LEAST_CUTOFF), rule) for band in measure_bands(one)]
+            found = (rule if k in still else float(f"{cut:.3g}") for k, cut in enumerate(wanted))
+            cutoffs.append(np.array(list(found)))
         states = list(map(_prepare_at_cutoffs, recordings, [processing] * len(recordings), cutoffs))
         if any(np.any(entry < (processing.filter_cutoff or 0.0)) for entry in cutoffs):
             # Noise decides, and that of another log may be another one.
@@ -484,16 +457,30 @@ def extract_joint(
             )
         raise IdentifiabilityError(Notice(code="friction.at-rest", text=text))
     samples, sentence, count = _treat_rigid(logs, joint, chosen, beta)
-    kept, notices = _leave_out_slow(samples, logs.processing.get_standstill(joint))
+    standstill, notices = logs.processing.get_standstill(joint), list[Notice]()
+    kept = ~(np.abs(samples.build_rows().velocity) < standstill)
+    if not kept.any():
+        text = (
+            f"joint {samples.joint!r}: every row is slower than processing.standstill = {standstill:g}; "
+            "keep them with --set processing.standstill=0"
+        )
+        raise IdentifiabilityError(Notice(code="friction.all-slow", text=text))
+    if not kept.all():
+        text = (
+            f"joint {samples.joint!r}: {int((~kept).sum())} of {len(kept)} rows slower than {standstill:g} "
+            f"{'m/s' if samples.prismatic else 'rad/s'} were left out (processing.standstill), below which "
+            "friction is extrapolated. If no joint sticks, keep them with --set processing.standstill=0"
+        )
+        notices.append(Notice(code="identify.slow-rows", text=text))
     if count > 6:
         text = (
             f"joint {card.name!r}: {count} columns of the rigid part were fitted along, which "
             "can bias friction. Move one joint at a time, or give the base parameters of all joints with "
             "--known"
         )
-        notices += (Notice(code="friction.many-columns", text=text),)
+        notices.append(Notice(code="friction.many-columns", text=text))
     left = samples if kept.all() else samples.select_rows(kept)
-    return ExtractedJoint(samples=left, whole=samples, kept=kept, rigid=sentence, notices=notices)
+    return ExtractedJoint(samples=left, whole=samples, kept=kept, rigid=sentence, notices=tuple(notices))
 
 
 def _treat_rigid(
@@ -519,27 +506,16 @@ def _treat_rigid(
         return samples, "the rigid part was subtracted, with the base parameters given", 0
     rigid, sentence = _reduce_columns(rigid, logs.list_physical_columns(joint, runs))
     samples = logs.build_samples(joint, runs, [*rigid, *fitted])
-    load = _estimate_load(samples.extra[:, : len(rigid)], samples.velocity, samples.torque)
-    return replace(samples, load=load), sentence, len(rigid)
-
-
-def _leave_out_slow(
-    samples: FrictionSamples, standstill: float
-) -> tuple[NDArray[np.bool_], tuple[Notice, ...]]:
-    """Return which rows (m,) are not slow, with a notice where some are."""
-    rows = samples.build_rows()
-    slow = np.abs(rows.velocity) < standstill
-    if not slow.any():
-        return ~slow, ()
-    if slow.all():
-        text = (
-            f"joint {samples.joint!r}: every row is slower than processing.standstill = {standstill:g}; "
-            "keep them with --set processing.standstill=0"
-        )
-        raise IdentifiabilityError(Notice(code="friction.all-slow", text=text))
-    text = (
-        f"joint {samples.joint!r}: {int(slow.sum())} of {len(slow)} rows slower than {standstill:g} "
-        f"{'m/s' if samples.prismatic else 'rad/s'} were left out (processing.standstill), below which "
-        "friction is extrapolated. If no joint sticks, keep them with --set processing.standstill=0"
-    )
-    return ~slow, (Notice(code="identify.slow-rows", text=text),)
+    if not (size := len(rigid)):
+        return replace(samples, load=None), sentence, 0
+    # The torque of the links, by a fit with plain friction; none where it is too small.
+    velocity, torque, load = samples.velocity, samples.torque, None
+    plain = [velocity, np.sign(velocity), np.ones(len(velocity)), torque]
+    triangle = _condense([*samples.extra[:, :size].T, *plain])
+    columns, target, rounding = triangle[:, :-1], triangle[:, -1], float(np.finfo(float).eps) * len(torque)
+    solution = np.linalg.lstsq(columns, target, rcond=rounding)[0]
+    alone = np.linalg.lstsq(columns[:, size:], target, rcond=rounding)[0]
+    left, without = target - columns @ solution, target - columns[:, size:] @ alone
+    if float(np.sum(left**2)) <= 0.5 * float(np.sum(without**2)):
+        load = np.asarray(samples.extra[:, :size] @ solution[:size])
+    return replace(samples, load=load), sentence, size

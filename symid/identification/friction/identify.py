@@ -8,6 +8,14 @@ Fe = fS - fC. All laws can be exported, without refused values.
 
 Supported: motions of one joint or of several at once; several recordings; a rigid part that is fitted along
 or known. Not supported: elastic joints; friction with a state (`presliding`).
+
+Validation is what identified friction predicts of a log that it was not fitted to; nothing is fitted:
+
+    tau^ = Phi(dq; shape) linear + X other,    relative residual = |R (tau - tau^)| / |R tau|
+
+The rows are those of the fit: filter, decimation, rows below standstill left out, but no mean periods. X are
+the columns that were fitted along; known base parameters are subtracted from tau, as in the fit.
+Supported: joints that move in the log, and whose rigid part the logs of the fit identified.
 """
 
 import json
@@ -17,11 +25,21 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library, ModelCard
-from symid.errors import IdentifiabilityError, Notice, UsageError
-from symid.identification.estimators import FitRecord, LawSelection, MotionResidual, Residual
+from symid.errors import EstimateError, IdentifiabilityError, LogError, Notice, UsageError
+from symid.identification.diagnostics import build_warning
+from symid.identification.estimators import (
+    FitRecord,
+    LawSelection,
+    MotionResidual,
+    Residual,
+    Series,
+    Validation,
+    check_model,
+)
 from symid.identification.friction.estimators import check_estimator, fit_friction
 from symid.identification.friction.extraction import (
     ROTOR,
@@ -29,6 +47,7 @@ from symid.identification.friction.extraction import (
     describe_cutoffs,
     extract_joint,
     fold_recording,
+    list_independent,
     prepare_joint_logs,
 )
 from symid.identification.friction.joint_fit import (
@@ -42,14 +61,13 @@ from symid.identification.friction.poses import PoseTest, compare_poses, warn_of
 from symid.identification.friction.problem import FrictionOptions
 from symid.identification.friction.selection import CANDIDATE_LAWS, measure_motion, predict_rows, select_law
 from symid.identification.regression import (
-    LoadGain,
     Rotor,
     list_measured_joints,
     measure_load_gain,
     warn_of_load_gain,
 )
 from symid.joint_models import NO_FRICTION, FrictionLaw, FrictionValues, get_law, has_sign, rename_law
-from symid.logs import Recording, cut_ends
+from symid.logs import Recording, cut_ends, describe_overlap, measure_overlap
 from symid.robot import Processing, Robot, override_robot
 from symid.serialization import write_json
 
@@ -246,7 +264,15 @@ def identify_friction(
     _check_task(task, recordings)
     notices: tuple[Notice, ...] = ()
     if task.periods:
-        recordings, processing, notices = _fold(recordings, processing, task.periods)
+        # Mean periods, repeated on both sides, and the processing that cuts these ends off.
+        cut = [cut_ends(entry, processing.drop_first, processing.drop_last) for entry in recordings]
+        each = task.periods if len(task.periods) == len(cut) else [task.periods[0]] * len(cut)
+        pairs = list(zip(cut, each, strict=True))
+        margin = max(round(period / entry.period) for entry, period in pairs)
+        recordings = tuple(fold_recording(entry, period, margin=margin) for entry, period in pairs)
+        processing = replace(processing, drop_first=margin, drop_last=margin)
+        codes = {"log.folded", _NOT_PERIODIC}
+        notices = tuple(one for entry in recordings for one in entry.notices if one.code in codes)
     measured = list_measured_joints(recordings) if task.beta is None else ()
     logs = prepare_joint_logs(library, recordings, processing, measured=measured, rotors=task.rotors)
     notices += describe_cutoffs(logs)
@@ -327,20 +353,6 @@ def _check_task(task: FrictionTask, recordings: Sequence[Recording]) -> None:
     check_estimator(task.estimator)
 
 
-def _fold(
-    recordings: Sequence[Recording], processing: Processing, periods: Sequence[float]
-) -> tuple[tuple[Recording, ...], Processing, tuple[Notice, ...]]:
-    """Return mean periods, repeated on both sides, and the processing that cuts these ends off."""
-    cut = [cut_ends(entry, processing.drop_first, processing.drop_last) for entry in recordings]
-    each = periods if len(periods) == len(cut) else [periods[0]] * len(cut)
-    pairs = list(zip(cut, each, strict=True))
-    margin = max(round(period / entry.period) for entry, period in pairs)
-    folded = tuple(fold_recording(entry, period, margin=margin) for entry, period in pairs)
-    codes = {"log.folded", _NOT_PERIODIC}
-    notices = tuple(notice for entry in folded for notice in entry.notices if notice.code in codes)
-    return folded, replace(processing, drop_first=margin, drop_last=margin), notices
-
-
 def _identify_joint(
     logs: JointLogs, joint: int, task: FrictionTask
 ) -> tuple[JointFriction, tuple[Notice, ...]]:
@@ -369,7 +381,15 @@ def _identify_joint(
             "torque and position were sampled at the same times"
         )
         warnings.append(Notice(code="friction.unexplained", text=text))
-    gain = _measure_gain(samples, law, estimate) if logs.is_measured(joint) else None
+    gain, rigid = None, extracted.rigid
+    if logs.is_measured(joint) and samples.load is not None:
+        # The factor on the measured load that the rows choose beside their law.
+        design = compute_sensitivities(samples, law, estimate.linear, estimate.shape)
+        table = np.column_stack([design, samples.pass_columns(samples.load[:, None]), left])
+        stretches = np.array_split(table, _STRETCHES)
+        gain = measure_load_gain(np.stack([part.T @ part for part in stretches]))
+    if gain is not None:
+        rigid += f"; a factor on the load would be {gain.value:.4g} +- {gain.deviation:.2g} (1 was taken)"
     warnings += [*_warn_of_smoothing(law), *warn_of_load_gain(gain)]
     estimate = replace(estimate, notices=(*estimate.notices, *warnings))
     poses = compare_poses(logs, joint, law, beta=task.beta) if task.poses else None
@@ -381,7 +401,7 @@ def _identify_joint(
         smoothing=task.smoothing,
         unit=card.torque_unit,
         velocity_unit=f"{card.position_unit}/s",
-        rigid=extracted.rigid + (f"; {_describe_gain(gain)}" if gain is not None else ""),
+        rigid=rigid,
         residual=residual,
         motion=measure_motion(extracted.whole, law, estimate, unit=card.torque_unit, kept=extracted.kept),
         selection=selection,
@@ -391,21 +411,6 @@ def _identify_joint(
     )
     skipped = (Notice(code="friction.pose-skipped", text=text) for text in texts)
     return found, (*skipped, *extracted.notices, *named)
-
-
-def _measure_gain(samples: FrictionSamples, law: FrictionLaw, estimate: FrictionEstimate) -> LoadGain | None:
-    """Return the factor on the measured load that a joint's rows choose beside its law."""
-    if samples.load is None:
-        return None
-    rows = samples.build_rows()
-    design = compute_sensitivities(samples, law, estimate.linear, estimate.shape)
-    left = rows.torque - predict_rows(samples, law, estimate)
-    table = np.column_stack([design, samples.pass_columns(samples.load[:, None]), left])
-    return measure_load_gain(np.stack([part.T @ part for part in np.array_split(table, _STRETCHES)]))
-
-
-def _describe_gain(gain: LoadGain) -> str:
-    return f"a factor on the load would be {gain.value:.4g} +- {gain.deviation:.2g} (1 was taken)"
 
 
 def check_inputs(samples: FrictionSamples, law: FrictionLaw) -> None:
@@ -447,3 +452,222 @@ def warn_of_inertia(estimate: FrictionEstimate) -> tuple[Notice, ...]:
             "columns (log.torque) and scales"
         )
     return (Notice(code="friction.negative-inertia", text=f"{size}; {reason}"),)
+
+
+_PHYSICAL = ("J", "a", "b")
+
+
+def validate_friction(
+    found: FrictionIdentification,
+    library: Library,
+    recording: Recording,
+    processing: Processing,
+    *,
+    rotors: Sequence[Rotor] = (),
+) -> Validation:
+    """Return residuals and series of `recording` under identified friction, joint by joint.
+
+    `processing` is that of the fit; `rotors` are those of coupled drives.
+
+    Raises:
+        EstimateError: the friction belongs to another model.
+        LogError: the recording does not fit the robot, or lacks the loads that the fit subtracted.
+        IdentifiabilityError: no joint can be validated.
+    """
+    check_model(found, library.card)
+    beta, measured = (
+        read_known_parameters(found, library.card),
+        _read_measured(found, recording, library.card),
+    )
+    logs = prepare_joint_logs(library, (recording,), processing, measured=measured, rotors=rotors)
+    trials, lost = list[tuple[Residual, MotionResidual, Series, tuple[Notice, ...]]](), list[Notice]()
+    for entry in found.joints:
+        try:
+            trials.append(_validate_joint(entry, logs, beta))
+        except IdentifiabilityError as error:
+            lost += error.notices
+    if not trials:
+        raise IdentifiabilityError(*lost)
+    residuals, motion, series, notices = zip(*trials, strict=True)
+    cut = (processing.drop_first, processing.drop_last)
+    overlap = measure_overlap(recording, found.sources, found.settings, cut=cut)
+    if overlap:
+        part = describe_overlap(overlap, recording, cut)
+        warning = build_warning("validate.fitted-log", file=recording.source, what="friction", part=part)
+        lost.insert(0, warning)
+    return Validation(
+        robot=found.robot,
+        signature=found.signature,
+        source=recording.source,
+        rows="friction",
+        residual=residuals,
+        motion=motion,
+        series=series,
+        samples=sum(residual.samples for residual in residuals),
+        fitted=overlap > 0.0,
+        notices=(*lost, *(notice for part in notices for notice in part)),
+    )
+
+
+def read_known_parameters(found: FrictionIdentification, card: ModelCard) -> FloatArray | None:
+    """Return the base parameters (p,) that were subtracted; None where the rigid part was fitted along."""
+    if found.settings.get("rigid") != "known":
+        return None
+    values, names = found.settings.get("known_values"), [entry.name for entry in card.beta]
+    numbers = [values.get(name) for name in names] if isinstance(values, Mapping) else [None]
+    plain = [float(value) for value in numbers if isinstance(value, int | float)]
+    if len(plain) != len(names):
+        text = "its settings have no usable 'known_values' (the base parameters subtracted); identify again"
+        raise EstimateError(Notice(code="estimate.settings", text=text))
+    return np.array(plain)
+
+
+def _read_measured(found: FrictionIdentification, recording: Recording, card: ModelCard) -> tuple[bool, ...]:
+    """Return the joints (n,) whose measured loads were subtracted; raise LogError where they are lacking."""
+    stored = found.settings.get("measured_loads")
+    measured = tuple(map(bool, stored)) if isinstance(stored, Sequence) else ()
+    present = list_measured_joints((recording,))
+    moves = np.ptp(recording.position, axis=0) > 0.0
+    dead = [
+        joint.name
+        for joint, wanted, known, moved in zip(card.joints, measured, present, moves, strict=False)
+        if wanted and moved and not known
+    ]
+    if dead:
+        what = "has none" if recording.load is None else f"has a constant one for {', '.join(dead)}"
+        text = (
+            f"friction was fitted to torques less the loads of joint-torque sensors, and this log {what}: "
+            "name their columns in [log.load], or identify friction again from logs without loads"
+        )
+        raise LogError(Notice(code="validate.friction-load", text=text, file=recording.source))
+    return measured
+
+
+def _refuse(joint: str, reason: str) -> IdentifiabilityError:
+    text = f"joint {joint!r} cannot be validated: {reason}"
+    return IdentifiabilityError(Notice(code="validate.friction-joint", text=text))
+
+
+def _validate_joint(
+    entry: JointFriction, logs: JointLogs, beta: FloatArray | None
+) -> tuple[Residual, MotionResidual, Series, tuple[Notice, ...]]:
+    """Return residuals, series and notices of a joint; raise IdentifiabilityError where there are none."""
+    law = get_law(entry.estimate.law, smoothing=entry.smoothing)
+    joint = [one.name for one in logs.library.card.joints].index(entry.joint)
+    if not logs.list_moving(joint):
+        raise _refuse(entry.joint, "it does not move of its own in this log")
+    samples, notices = _build_samples(entry, logs, joint, beta)
+    kept, found = _choose_rows(samples, entry, law, logs.processing.get_standstill(joint))
+    rows, predicted = samples.build_rows(), predict_rows(samples, law, entry.estimate)
+    errors = rows.torque - predicted
+    series = Series(
+        joint=entry.joint,
+        unit=entry.unit,
+        velocity_unit=entry.velocity_unit,
+        time=rows.time[kept],
+        velocity=rows.velocity[kept],
+        measured=rows.torque[kept],
+        predicted=predicted[kept],
+    )
+    residual = Residual.measure(entry.joint, errors[kept], rows.torque[kept], entry.unit)
+    motion = measure_motion(samples, law, entry.estimate, unit=entry.unit, kept=kept)
+    return residual, motion, series, (*notices, *found)
+
+
+def _build_samples(
+    entry: JointFriction, logs: JointLogs, joint: int, beta: FloatArray | None
+) -> tuple[FrictionSamples, tuple[Notice, ...]]:
+    """Return a joint's samples with the columns of its fit, and where its rigid part holds.
+
+    IdentifiabilityError is raised where a motion needs more of it.
+    """
+    card, measured = logs.library.card, logs.is_measured(joint)
+    rigid = logs.list_rotor_columns(joint, (0,)) if measured else logs.list_rigid_columns(joint, (0,))
+    # The names of the columns beside friction, in the order of the fit.
+    estimate = entry.estimate
+    own = {parameter.name for parameter in get_law(estimate.law).physical}
+    given = {parameter.name for parameter in estimate.extra}
+    given |= {name for name, _ in estimate.refused if name not in own}
+    order = dict.fromkeys((*_PHYSICAL, *(one.name for one in rigid), *(one.name for one in card.friction)))
+    names = [name for name in order if name in given]
+    if len(names) != len(estimate.other) or len(names) != len(given):
+        text = (
+            f"joint {entry.joint!r}: beside friction {', '.join(sorted(given)) or 'nothing'} was fitted with "
+            f"{len(estimate.other)} values, of which the model has {len(names)}; identify again"
+        )
+        raise EstimateError(Notice(code="estimate.parameters", text=text))
+    known = {column.name: column for column in (*logs.list_physical_columns(joint, (0,)), *rigid)}
+    inertial = [k for k, name in enumerate(names) if name in known]
+    if len(inertial) < len(names):
+        known |= {column.name: column for column in logs.list_friction_columns(joint, (0,))}
+    samples = logs.build_samples(joint, (0,), [known[name] for name in names])
+    if measured:
+        return samples, ()
+    if beta is not None:
+        load = np.column_stack([column.values for column in rigid]) @ beta
+        return replace(samples, torque=samples.torque - load, load=load), ()
+    fitted = samples.extra[:, inertial]
+    samples = replace(samples, load=fitted @ np.array(estimate.other)[inertial])
+    whole = np.column_stack([fitted, *(column.values for column in rigid)])
+    if len(list_independent(whole)) != len(list_independent(fitted)):
+        reason = (
+            "this motion needs more of its rigid part than was fitted, as where a joint moved alone there "
+            "and moves with others here. Identify the base parameters, and friction with --known"
+        )
+        raise _refuse(entry.joint, reason)
+    names = [names[k] for k in inertial]
+    refused = [name for name, _ in estimate.refused if name in names]
+    if refused:
+        text = (
+            f"joint {entry.joint!r}: {', '.join(refused)} of its rigid part are not identifiable; the "
+            "prediction holds only for motions like those that were fitted"
+        )
+        return samples, (Notice(code="validate.friction-beside", text=text),)
+    acting = {column.name for column in rigid if column.values.any()}
+    # Base parameters that were fitted one by one hold at every pose.
+    if card.size == 1 or not names or acting <= set(names):
+        return samples, ()
+    which = ", ".join(names) if set(names) <= set(_PHYSICAL) else f"{len(names)} columns"
+    text = (
+        f"joint {entry.joint!r}: its rigid part ({which}) was fitted along and holds at the poses of the "
+        "fitted logs. For others identify the base parameters, and friction with --known"
+    )
+    return samples, (Notice(code="validate.friction-pose", text=text),)
+
+
+def _choose_rows(
+    samples: FrictionSamples, entry: JointFriction, law: FrictionLaw, standstill: float
+) -> tuple[NDArray[np.bool_], tuple[Notice, ...]]:
+    """Return which rows are above standstill; of laws with refused parameters, within the speeds fitted."""
+    rows = samples.build_rows()
+    own = {parameter.name for parameter in law.physical}
+    refused = [name for name, _ in entry.estimate.refused if name in own]
+    known = np.concatenate([entry.velocity_map.velocity, entry.velocity_map.cloud_velocity])
+    inside, far = np.zeros((2, len(rows.velocity)), dtype=np.bool_)
+    for direction in (-1.0, 1.0):
+        fitted, speed = direction * known[direction * known > 0.0], direction * rows.velocity
+        fastest = np.max(fitted, initial=0.0)
+        inside |= (speed >= np.min(fitted, initial=np.inf)) & (speed <= fastest)
+        # Five percent faster, a law is extrapolated.
+        far |= speed > 1.05 * fastest
+    moving = np.abs(rows.velocity) >= standstill
+    kept = moving & inside if refused else moving
+    joint = f"joint {entry.joint!r}"
+    if not kept.any():
+        reason = "every row is slower than processing.standstill, or at speeds that were not fitted"
+        raise _refuse(entry.joint, reason)
+    notices = []
+    outside = int(np.sum(moving & ~inside))
+    if refused:
+        text = (
+            f"{joint}: {', '.join(refused)} are not identifiable, so the law holds only at the speeds that "
+            f"were fitted; {outside} of {len(kept)} rows at others were left out"
+        )
+        notices.append(Notice(code="validate.friction-refused", text=text))
+    elif beyond := int(np.sum(moving & far)):
+        text = (
+            f"{joint}: {beyond} of {len(kept)} rows are faster than those fitted, or in another direction: "
+            "the law is extrapolated there"
+        )
+        notices.append(Notice(code="validate.friction-range", text=text))
+    return kept, tuple(notices)

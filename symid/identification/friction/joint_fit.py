@@ -149,22 +149,21 @@ class FrictionSamples:
         # Those used last are kept longest.
         found = memory.pop((law.columns, values), None)
         if found is None:
-            found = freeze(self._pass_law(law, values, memory))
+            columns, moving = compute_columns(law, self.inputs, values), list_shaped_columns(law)
+            fixed = [k for k in range(len(law.linear)) if k not in moving]
+            if not moving or not fixed:
+                found = freeze(self.pass_columns(columns))
+            else:
+                own, others = self.pass_columns(columns[:, moving]), memory.pop((law.columns, ()), None)
+                others = self.pass_columns(columns[:, fixed]) if others is None else others
+                memory[law.columns, ()] = others
+                result = np.empty((len(own), len(law.linear)))
+                result[:, moving], result[:, fixed] = own, others
+                found = freeze(result)
         memory[law.columns, values] = found
         while len(memory) > 2 and sum(entry.size for entry in memory.values()) > _MOST_NUMBERS:
             del memory[next(iter(memory))]
         return found
-
-    def _pass_law(self, law: FrictionLaw, values: tuple[float, ...], memory: "_Memory") -> FloatArray:
-        columns, moving = compute_columns(law, self.inputs, values), list_shaped_columns(law)
-        fixed = [k for k in range(len(law.linear)) if k not in moving]
-        if not moving or not fixed:
-            return self.pass_columns(columns)
-        own, others = self.pass_columns(columns[:, moving]), memory.pop((law.columns, ()), None)
-        memory[law.columns, ()] = self.pass_columns(columns[:, fixed]) if others is None else others
-        result = np.empty((len(own), len(law.linear)))
-        result[:, moving], result[:, fixed] = own, memory[law.columns, ()]
-        return result
 
     def build_rows(self) -> "FrictionRows":
         """Return the samples behind R, read-only."""
@@ -174,25 +173,22 @@ class FrictionSamples:
                 found: Any = (values[kept] for values in whole.build_rows())
                 rows = FrictionRows(*found)
             else:
-                rows = self._pass_rows()
+                ones, run = np.ones(self.count), np.asarray(self.run, dtype=np.float64)
+                columns = [ones, self.time, self.velocity, run, self.torque, self.extra]
+                passed = self.pass_columns(np.column_stack(columns))
+                # A filter whose gain at rest is not one scales constants.
+                gain = passed[:, 0]
+                rows = FrictionRows(
+                    time=passed[:, 1] / gain,
+                    velocity=passed[:, 2] / gain,
+                    run=np.rint(passed[:, 3] / gain).astype(np.intp),
+                    torque=passed[:, 4],
+                    extra=passed[:, 5:],
+                )
             for values in rows:
                 values.setflags(write=False)
             _ROWS[self] = rows
         return _ROWS[self]
-
-    def _pass_rows(self) -> "FrictionRows":
-        ones, run = np.ones(self.count), np.asarray(self.run, dtype=np.float64)
-        columns = [ones, self.time, self.velocity, run, self.torque, self.extra]
-        passed = self.pass_columns(np.column_stack(columns))
-        # A filter whose gain at rest is not one scales constants.
-        gain = passed[:, 0]
-        return FrictionRows(
-            time=passed[:, 1] / gain,
-            velocity=passed[:, 2] / gain,
-            run=np.rint(passed[:, 3] / gain).astype(np.intp),
-            torque=passed[:, 4],
-            extra=passed[:, 5:],
-        )
 
 
 class FrictionRows(NamedTuple):

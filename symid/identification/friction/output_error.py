@@ -180,7 +180,15 @@ def _move(friction: Any, state: Any, force: Any, time: Any, values: Any, period:
     gain, way = _compute_gains(rate, period)
     free_speed, free_position = speed + gain * pull, position + period * speed + way * pull
     stops = casadi.logic_and(casadi.logic_not(at_rest), free_speed * side < 0.0)
-    moment_of_rest = _compute_time_to_rest(speed, pull, rate, stops)
+    # The root of speed + pull (1 - exp(-rate t)) / rate, by log1p(y) / y, y = rate speed / pull.
+    plain = -speed / casadi.if_else(stops, pull, 1.0)
+    y = casadi.if_else(stops, -rate * plain, 0.0)
+    small = casadi.fabs(y) < _SERIES_FIRST
+    safe = casadi.if_else(small, 1.0, y)
+    series = 1 - y / 2 + y * y / 3 - y * y * y / 4
+    moment_of_rest = casadi.if_else(
+        stops, plain * casadi.if_else(small, series, casadi.log1p(safe) / safe), 0.0
+    )
     _, way = _compute_gains(rate, moment_of_rest)
     rest = position + moment_of_rest * speed + way * pull
     left = period - moment_of_rest
@@ -205,18 +213,6 @@ def _compute_gains(rate: Any, time: Any) -> tuple[Any, Any]:  # noqa: ANN401  # 
     series = 0.5 * (1 + z / 3 * (1 + z / 4 * (1 + z / 5 * (1 + z / 6 * (1 + z / 7)))))
     second = casadi.if_else(little, series, (casadi.expm1(safe) - safe) / (safe * safe))
     return first * time, second * time * time
-
-
-def _compute_time_to_rest(speed: Any, pull: Any, rate: Any, stops: Any) -> Any:  # noqa: ANN401  # expressions of casadi
-    """Return the root of speed + pull (1 - exp(-rate t)) / rate, by log1p(y) / y, y = rate speed / pull."""
-    import casadi
-
-    plain = -speed / casadi.if_else(stops, pull, 1.0)
-    y = casadi.if_else(stops, -rate * plain, 0.0)
-    small = casadi.fabs(y) < _SERIES_FIRST
-    safe = casadi.if_else(small, 1.0, y)
-    series = 1 - y / 2 + y * y / 3 - y * y * y / 4
-    return casadi.if_else(stops, plain * casadi.if_else(small, series, casadi.log1p(safe) / safe), 0.0)
 
 
 GIVEN = 20

@@ -17,7 +17,6 @@ temperature.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -79,7 +78,21 @@ def estimate_pattern_covariance(
     memory = np.zeros_like(inverse)
     for run in np.unique(rows.run):
         members = np.flatnonzero(rows.run == run)
-        memory += _integrate_spectrum(error[members], scaled[members], unknowns) * len(error) / freedom
+        # J' Omega J of one recording (n, n), by an autoregression of the residual.
+        size, (factors, variance) = len(members), _fit_autoregression(error[members])
+        gain = float(factors.sum())
+        if gain > 0.0:
+            bias = (1 + unknowns + 2 * len(factors)) / size
+            factors = factors * (min(gain + bias, 1.0 - 1.0 / size) / gain)
+        # Four times the length, so that the circular autocorrelation does not reach the rows.
+        wide = int(2 ** np.ceil(np.log2(4 * size)))
+        turns = np.exp(-2j * np.pi * np.arange(wide // 2 + 1) / wide)
+        powers = turns[:, None] ** np.arange(1, len(factors) + 1)
+        weight = variance / np.abs(1.0 - powers @ factors) ** 2
+        weight[1:-1] *= 2.0
+        passed = np.fft.rfft(scaled[members], wide, axis=0)
+        part = ((passed.conj() * weight[:, None]).T @ passed).real / wide
+        memory += part * len(error) / freedom
     blocks *= count / max(count - 1, 1)
     spread = scales[:, None] * inverse
     return PatternCovariance(
@@ -89,24 +102,6 @@ def estimate_pattern_covariance(
         freedom=float(freedom),
         block_freedom=float(max(count - 1, 1)),
     )
-
-
-def _integrate_spectrum(error: FloatArray, design: FloatArray, unknowns: int) -> FloatArray:
-    """Return J' Omega J of one recording (n, n), by an autoregression of the residual."""
-    count = len(error)
-    factors, variance = _fit_autoregression(error)
-    gain = float(factors.sum())
-    if gain > 0.0:
-        bias = (1 + unknowns + 2 * len(factors)) / count
-        factors = factors * (min(gain + bias, 1.0 - 1.0 / count) / gain)
-    # Four times the length, so that the circular autocorrelation does not reach the rows.
-    size = int(2 ** np.ceil(np.log2(4 * count)))
-    turns = np.exp(-2j * np.pi * np.arange(size // 2 + 1) / size)
-    powers = turns[:, None] ** np.arange(1, len(factors) + 1)
-    weight = variance / np.abs(1.0 - powers @ factors) ** 2
-    weight[1:-1] *= 2.0
-    passed = np.fft.rfft(design, size, axis=0)
-    return np.asarray(((passed.conj() * weight[:, None]).T @ passed).real / size)
 
 
 def _fit_autoregression(error: FloatArray) -> tuple[FloatArray, float]:
@@ -224,14 +219,8 @@ class PoseTest:
     skipped: tuple[tuple[str, str], ...] = ()
 
 
-class _PoseFit(NamedTuple):
-    """The fit at a pose: (deviation, degrees of freedom) of the law's parameters, the range of speeds."""
-
-    estimate: FrictionEstimate
-    deviations: dict[str, tuple[float, float]]
-    covariance: PatternCovariance
-    slow: float
-    fast: float
+_PoseFit = tuple[FrictionEstimate, dict[str, tuple[float, float]], PatternCovariance, tuple[float, float]]
+"""The fit at a pose, (deviation, degrees of freedom) of parameters, covariances, the range of speeds."""
 
 
 def list_poses(logs: JointLogs, joint: int) -> tuple[HeldPose, ...]:
@@ -277,43 +266,39 @@ def compare_poses(
             continue
         covariance = estimate_pattern_covariance(samples, law, estimate)
         speeds = np.abs(samples.build_rows().velocity)
-        slow, fast = float(np.quantile(speeds, 0.02)), float(speeds.max())
+        reach = float(np.quantile(speeds, 0.02)), float(speeds.max())
         deviations = compute_robust_deviations(samples, law, estimate, covariance)
-        fits.append(_PoseFit(estimate, deviations, covariance, slow, fast))
+        fits.append((estimate, deviations, covariance, reach))
         fitted.append(pose)
-    parameters = _compare_parameters(law, fits) if len(fits) > 1 else ()
+    parameters = list[PoseParameter]()
+    for name in (entry.name for entry in law.physical) if len(fits) > 1 else ():
+        if not all(name in deviations for _, deviations, *_ in fits):
+            continue
+        values = np.array([estimate.get_value(name) for estimate, *_ in fits], dtype=np.float64)
+        stds, freedom = np.array([deviations[name] for _, deviations, *_ in fits]).T
+        if np.all((stds > 0.0) & np.isfinite(stds)):
+            parameters.append(
+                PoseParameter(
+                    name=name,
+                    unit={one.name: one.unit for one in fits[0][0].parameters}[name],
+                    values=tuple(values.tolist()),
+                    stds=tuple(stds.tolist()),
+                    chance=compute_chance(values, stds, freedom),
+                    freedom=tuple(freedom.tolist()),
+                )
+            )
     change = _measure_change(law, fits) if len(fits) > 1 else None
     least = min((entry.chance for entry in parameters), default=1.0)
     return PoseTest(
         law=law.name,
         poses=tuple(fitted),
-        parameters=parameters,
+        parameters=tuple(parameters),
         change=None if change is None else change[0],
         # Times the number of parameters (Bonferroni).
         differs=least * max(len(parameters), 1) < _SIGNIFICANT,
         verdict=_write_verdict(logs.library.card.joints[joint].name, law, fits, parameters, change),
         skipped=tuple(skipped),
     )
-
-
-def _compare_parameters(law: FrictionLaw, fits: Sequence[_PoseFit]) -> tuple[PoseParameter, ...]:
-    found, units = [], {one.name: one.unit for one in fits[0].estimate.parameters}
-    for name in (entry.name for entry in law.physical):
-        if not all(name in fit.deviations for fit in fits):
-            continue
-        values = np.array([fit.estimate.get_value(name) for fit in fits], dtype=np.float64)
-        stds, freedom = np.array([fit.deviations[name] for fit in fits]).T
-        if np.all((stds > 0.0) & np.isfinite(stds)):
-            entry = PoseParameter(
-                name=name,
-                unit=units[name],
-                values=tuple(values.tolist()),
-                stds=tuple(stds.tolist()),
-                chance=compute_chance(values, stds, freedom),
-                freedom=tuple(freedom.tolist()),
-            )
-            found.append(entry)
-    return tuple(found)
 
 
 def compute_chance(values: FloatArray, stds: FloatArray, freedom: FloatArray) -> float:
@@ -333,18 +318,19 @@ def _measure_change(law: FrictionLaw, fits: Sequence[_PoseFit]) -> tuple[float, 
     """Return the largest difference of two friction curves over the largest friction, and its 95 % limit."""
     from scipy.stats import t
 
-    slow, fast = max(fit.slow for fit in fits), min(fit.fast for fit in fits)
-    known = all(entry.name in fit.deviations for fit in fits for entry in law.physical)
+    ranges = np.array([reach for *_, reach in fits])
+    slow, fast = float(ranges[:, 0].max()), float(ranges[:, 1].min())
+    known = all(entry.name in deviations for _, deviations, *_ in fits for entry in law.physical)
     if not known or law.inputs != ("velocity",) or not 0.0 < slow < fast:
         return None
     speeds = np.geomspace(slow, fast, 100)
     inputs = {"velocity": np.concatenate([-speeds[::-1], speeds])}
     curves, bands = [], []
-    for fit in fits:
-        linear, shape = fit.estimate.linear, fit.estimate.shape
+    for estimate, _, covariance, _ in fits:
+        linear, shape = estimate.linear, estimate.shape
         own = compute_law_sensitivities(law, inputs, linear, shape)
-        beside = np.zeros((len(own), len(fit.estimate.other)))
-        deviations, freedom = fit.covariance.compute_deviations(np.hstack([own, beside]))
+        beside = np.zeros((len(own), len(estimate.other)))
+        deviations, freedom = covariance.compute_deviations(np.hstack([own, beside]))
         bands.append(deviations * t.ppf(0.975, freedom))
         curves.append(compute_friction_torque(law, inputs, linear, shape))
     largest = float(np.max(np.abs(curves)))
@@ -390,7 +376,7 @@ def _write_verdict(
     if change is not None and change[1] > _COARSE:
         limits = f"its curve could differ by {100.0 * change[1]:.2g} % by chance"
         return f"{uncertain}{limits}. Record more or longer motions at each"
-    if any(len(fit.deviations) < len(law.physical) for fit in fits):
+    if any(len(deviations) < len(law.physical) for _, deviations, *_ in fits):
         names = ", ".join(entry.name for entry in parameters)
         rest = "the other parameters are not identifiable at all poses"
         return f"{head} shows no significant difference between these {poses} poses in {names}; {rest}"

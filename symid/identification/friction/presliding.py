@@ -199,36 +199,32 @@ def fit_presliding(
     )
     grid = [_solve_start(problem, values) for values in _build_grid(problem)]
     grid.sort(key=lambda pair: pair[0])
-    searches = [
-        least_squares(
+    searches = []
+    for _, start in grid[:2]:
+        # Logarithms near their start within the law's bounds, c free.
+        lower, upper = np.full(start.size, -np.inf), np.full(start.size, np.inf)
+        for place, k in enumerate(problem.free):
+            parameter = law.parameters[k]
+            lower[place] = parameter.lower
+            if problem.logarithmic[place]:
+                least = np.log(parameter.lower) if parameter.lower > 0.0 else -np.inf
+                lower[place] = max(start[place] - _REACH, least)
+                upper[place] = min(start[place] + _REACH, np.log(parameter.upper))
+        search = least_squares(
             problem.compute_residual,
             start,
             jac=problem.compute_jacobian,
-            bounds=_list_bounds(problem, start),
+            bounds=(lower, upper),
             x_scale="jac",
             max_nfev=60,
             xtol=1e-9,
             ftol=1e-10,
             gtol=1e-10,
         )
-        for _, start in grid[:2]
-    ]
+        searches.append(search)
     best = min(searches, key=lambda search: search.cost)
     evaluations = 2 * len(grid) + sum(int(search.nfev) for search in searches)
     return _build_estimate(problem, np.asarray(best.x), converged=best.status > 0, evaluations=evaluations)
-
-
-def _list_bounds(problem: PreslidingProblem, start: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the box of a refinement: logarithms near their start within the law's bounds, c free."""
-    lower, upper = np.full(start.size, -np.inf), np.full(start.size, np.inf)
-    for place, k in enumerate(problem.free):
-        parameter = problem.law.parameters[k]
-        lower[place] = parameter.lower
-        if problem.logarithmic[place]:
-            least = np.log(parameter.lower) if parameter.lower > 0.0 else -np.inf
-            lower[place] = max(start[place] - _REACH, least)
-            upper[place] = min(start[place] + _REACH, np.log(parameter.upper))
-    return lower, upper
 
 
 def _sort_entries(
@@ -289,9 +285,25 @@ def _build_estimate(
     damping = float(np.sqrt(np.mean((residual + problem.target) ** 2)) / speed)
     identified, refused = _sort_entries(problem, values, other, covariance, damping)
     own = [entry for entry in identified if entry.name in problem.law.names]
+    named, lost = dict(zip(problem.law.names, values, strict=True)), {name for name, _ in refused}
+    joint, notices = problem.samples.joint, []
+    if named.get("fS", np.inf) < named["fC"] and not {"fS", "fC", "vs"} & lost:
+        text = (
+            f"joint {joint!r}: static friction {named['fS']:.4g} is estimated below Coulomb "
+            f"friction {named['fC']:.4g}: this joint's friction does not fall with speed"
+        )
+        notices.append(Notice(code="friction.presliding-static", text=text))
+    moving, bend = np.abs(held) * problem.path.period, named["fC"] / named["sigma0"]
+    inside = int(np.sum((moving > 0) & (moving < bend)))
+    if inside < 20 and "sigma0" not in lost:
+        text = (
+            f"joint {joint!r}: only {inside} samples moved less than the presliding "
+            f"displacement {bend:.3g}: sample faster, or move slower around reversals"
+        )
+        notices.append(Notice(code="friction.presliding-few", text=text))
     outcome = Ending.CONVERGED if converged else Ending.LIMIT
     return PreslidingEstimate(
-        joint=problem.samples.joint,
+        joint=joint,
         law=problem.law.name,
         parameters=tuple(own),
         extra=tuple(entry for entry in identified if entry not in own),
@@ -304,7 +316,7 @@ def _build_estimate(
         samples=residual.size,
         evaluations=evaluations,
         outcome=Ending.SOME_REFUSED if converged and refused else outcome,
-        notices=_list_notices(problem, values, [name for name, _ in refused]),
+        notices=tuple(notices),
     )
 
 
@@ -316,24 +328,3 @@ _NEEDS = {
     "fC": "the joint must slip",
     "fV": "the joint must slip at speeds far apart",
 }
-
-
-def _list_notices(problem: PreslidingProblem, values: list[float], refused: list[str]) -> tuple[Notice, ...]:
-    named = dict(zip(problem.law.names, values, strict=True))
-    notices = []
-    if named.get("fS", np.inf) < named["fC"] and not {"fS", "fC", "vs"} & set(refused):
-        text = (
-            f"joint {problem.samples.joint!r}: static friction {named['fS']:.4g} is estimated below Coulomb "
-            f"friction {named['fC']:.4g}: this joint's friction does not fall with speed"
-        )
-        notices.append(Notice(code="friction.presliding-static", text=text))
-    moving = np.abs(problem.path.held) * problem.path.period
-    bend = named["fC"] / named["sigma0"]
-    inside = int(np.sum((moving > 0) & (moving < bend)))
-    if inside < 20 and "sigma0" not in refused:
-        text = (
-            f"joint {problem.samples.joint!r}: only {inside} samples moved less than the presliding "
-            f"displacement {bend:.3g}: sample faster, or move slower around reversals"
-        )
-        notices.append(Notice(code="friction.presliding-few", text=text))
-    return tuple(notices)

@@ -268,8 +268,7 @@ def build_problem(samples: FrictionSamples, law: FrictionLaw, options: FrictionO
     if not np.any(samples.velocity):
         text = f"joint {samples.joint!r} does not move: its friction is not identifiable"
         raise IdentifiabilityError(Notice(code="friction.rest", text=text))
-    torque, basis = samples.build_rows().torque, decompose_beside(samples).basis
-    _check_rows(samples, law)
+    target, basis = _take_rows(samples, law)
     low, high = _list_bounds(law, samples, options)
     middle = np.where(low > 0.0, np.sqrt(np.abs(low * high)), 0.5 * (low + high))
     reach = np.max(np.abs(compute_columns(law, samples.inputs, middle.tolist())), axis=0)
@@ -278,7 +277,7 @@ def build_problem(samples: FrictionSamples, law: FrictionLaw, options: FrictionO
     return FrictionProblem(
         samples=samples,
         law=law,
-        target=torque - basis @ (basis.T @ torque),
+        target=target,
         basis=basis,
         low=low,
         high=high,
@@ -295,20 +294,19 @@ def select_problem(
     `samples` are those of the problem with these rows; `bounds` of the options are read. Errors as for
     `build_problem`.
     """
-    torque, basis = samples.build_rows().torque, decompose_beside(samples).basis
-    _check_rows(samples, problem.law)
+    target, basis = _take_rows(samples, problem.law)
     low, high = _list_bounds(problem.law, samples, options)
-    target = torque - basis @ (basis.T @ torque)
     return replace(problem, samples=samples, target=target, basis=basis, low=low, high=high)
 
 
-def _check_rows(samples: FrictionSamples, law: FrictionLaw) -> None:
-    """Raise IdentifiabilityError where there are fewer rows than unknowns."""
-    rows = len(samples.build_rows().torque)
+def _take_rows(samples: FrictionSamples, law: FrictionLaw) -> tuple[FloatArray, FloatArray]:
+    """Return y and the basis; raise IdentifiabilityError where there are fewer rows than unknowns."""
+    torque, basis = samples.build_rows().torque, decompose_beside(samples).basis
     unknowns = len(law.linear) + len(law.shape) + samples.extra.shape[1]
-    if rows <= unknowns:
-        text = f"joint {samples.joint!r}: {rows} rows are too few for {unknowns} unknowns"
+    if len(torque) <= unknowns:
+        text = f"joint {samples.joint!r}: {len(torque)} rows are too few for {unknowns} unknowns"
         raise IdentifiabilityError(Notice(code="friction.few-rows", text=text))
+    return torque - basis @ (basis.T @ torque), basis
 
 
 class Beside(NamedTuple):

@@ -48,7 +48,7 @@ from symid.identification.friction.problem import (
     find_slowest,
     select_problem,
 )
-from symid.identification.friction.variable_projection import JUMPING, KINKED, search_by_projection
+from symid.identification.friction.searches import JUMPING, KINKED, search_by_projection
 from symid.identification.regression import BLOCK, extend_triangle
 from symid.joint_models import FrictionLaw, get_law
 
@@ -184,8 +184,21 @@ def select_law(
     fitted or there are too few rows to hold some out.
     """
     options = options or FrictionOptions()
-    number = assign_blocks(samples.build_rows(), blocks)
-    parts = _cut_parts(samples, number)
+    rows = samples.build_rows()
+    number = assign_blocks(rows, blocks)
+    masks = [np.ones(len(number), dtype=np.bool_)]
+    for block in range(int(number.max()) + 1):
+        out = number == block
+        free = ~out
+        # Nor are two rows on either side of the block fitted.
+        for shift in (1, 2):
+            same = rows.run[shift:] == rows.run[:-shift]
+            free[shift:] &= ~(out[:-shift] & same)
+            free[:-shift] &= ~(out[shift:] & same)
+        masks.append(free)
+    fitted = tuple(samples.select_rows(free) for free in masks[1:])
+    sketches = _draw_sketches(samples, masks)
+    parts = _Parts(whole=samples, number=number, fitted=fitted, sketches=sketches)
     scores, failed = list[_Score](), list[LawTrial]()
     for law in [get_law(name, smoothing=smoothing) for name in names]:
         try:
@@ -248,18 +261,15 @@ def _try_in_rows(parts: "_Parts", scores: Sequence[_Score], options: FrictionOpt
         behind = measure_behind(np.stack([found[place].errors for place in whole]), int(np.argmin(totals)))
         near = (behind <= _NEAR) | (totals <= _ALIKE * totals.min())
         blurred = [place for place, close in zip(whole, near, strict=True) if close and place not in tried]
-        blurred = [place for place in blurred if _is_blurred(found[place].law)]
+        # Laws with kinks or many minima, whose optimum in a sketch can be another one.
+        shapes = {place: [entry.name for entry in found[place].law.shape] for place in blurred}
+        blurred = [place for place, names in shapes.items() if len(names) > 2 or KINKED & set(names)]
         if not blurred:
             break
         tried |= set(blurred)
         for place in blurred:
             found[place] = _try_law(replace(parts, sketches=()), found[place].law, options)
     return found
-
-
-def _is_blurred(law: FrictionLaw) -> bool:
-    """Return whether a law has kinks or many minima, so that its optimum in a sketch can be another one."""
-    return len(law.shape) > 2 or any(entry.name in KINKED for entry in law.shape)
 
 
 def _choose(
@@ -313,12 +323,15 @@ def _try_law(parts: "_Parts", law: FrictionLaw, options: FrictionOptions) -> _Sc
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Parts:
-    """Samples, the block of each row (M,), what is fitted without each, sketches of all and of these."""
+    """Samples, the block of each row (M,), what is fitted without each, sketches of all and of these.
+
+    A sketch is a few speeds as samples, whose R is the table (K, J) of a triangle; the torque behind it (K,).
+    """
 
     whole: FrictionSamples
     number: NDArray[np.intp]
     fitted: tuple[FrictionSamples, ...]
-    sketches: tuple["_Sketch", ...]
+    sketches: tuple[tuple[FrictionSamples, FloatArray], ...]
 
     def search(
         self, problem: FrictionProblem, place: int, effort: VariableProjectionOptions
@@ -327,42 +340,18 @@ class _Parts:
         names, law = {entry.name for entry in problem.law.shape}, problem.law
         if not self.sketches or not problem.is_free.any() or names & JUMPING or law.inputs != ("velocity",):
             return search_by_projection(problem, effort)
-        found = search_by_projection(self.sketches[place].sketch_problem(problem), effort)
+        samples, torque = self.sketches[place]
+        basis = np.zeros((len(torque), 0))
+        sketch = replace(problem, samples=samples, target=torque, basis=basis)
+        found = search_by_projection(sketch, effort)
         exact = Projector(problem, 1).project(problem.encode(found.shape))
         linear, shape = tuple(exact.linear.tolist()), tuple(exact.shape.tolist())
         return found._replace(linear=linear, shape=shape, objective=exact.objective)
 
 
-def _cut_parts(samples: FrictionSamples, number: NDArray[np.intp]) -> _Parts:
-    rows = samples.build_rows()
-    masks = [np.ones(len(number), dtype=np.bool_)]
-    for block in range(int(number.max()) + 1):
-        held = number == block
-        free = ~held
-        # Nor are two rows on either side of the block fitted.
-        for shift in (1, 2):
-            same = rows.run[shift:] == rows.run[:-shift]
-            free[shift:] &= ~(held[:-shift] & same)
-            free[:-shift] &= ~(held[shift:] & same)
-        masks.append(free)
-    fitted = tuple(samples.select_rows(free) for free in masks[1:])
-    return _Parts(whole=samples, number=number, fitted=fitted, sketches=_draw_sketches(samples, masks))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Sketch:
-    """A few speeds as samples, whose R is the table (K, J) of a triangle; the torque behind it (K,)."""
-
-    samples: FrictionSamples
-    torque: FloatArray
-
-    def sketch_problem(self, problem: FrictionProblem) -> FrictionProblem:
-        """Return the problem with the sketch in place of its rows."""
-        basis = np.zeros((len(self.torque), 0))
-        return replace(problem, samples=self.samples, target=self.torque, basis=basis)
-
-
-def _draw_sketches(samples: FrictionSamples, masks: Sequence[NDArray[np.bool_]]) -> tuple[_Sketch, ...]:
+def _draw_sketches(
+    samples: FrictionSamples, masks: Sequence[NDArray[np.bool_]]
+) -> tuple[tuple[FrictionSamples, FloatArray], ...]:
     """Return a sketch of the rows in each of `masks` (M,); none where there are few."""
     rows = samples.build_rows()
     if not samples.velocity.any():
@@ -387,28 +376,24 @@ def _draw_sketches(samples: FrictionSamples, masks: Sequence[NDArray[np.bool_]])
     sketches = []
     for place in range(len(masks)):
         inside = [cell for kind, cell in cells.items() if kind >> place & 1]
-        torque, columns = _eliminate_beside(extend_triangle(empty, [np.vstack(inside)]), count)
+        triangle = extend_triangle(empty, [np.vstack(inside)])
+        # Torque (K,) and columns (K, J) less their parts in those beside friction.
+        first, others = triangle[:count, :count], triangle[:, count:].copy()
+        lengths = np.linalg.norm(first, axis=0)
+        left, singular, _ = np.linalg.svd(first / np.where(lengths > 0.0, lengths, 1.0))
+        basis = left[:, singular > _DEPENDENT * singular.max(initial=0.0)]
+        others[:count] -= basis @ (basis.T @ others[:count])
+        left_over = others[count if basis.shape[1] == count else 0 :]
         points = FrictionSamples(
             joint=samples.joint,
             time=np.zeros(len(speeds)),
             velocity=speeds,
             torque=np.zeros(len(speeds)),
             extra=np.zeros((len(speeds), 0)),
-            reduce=partial(np.matmul, columns),
+            reduce=partial(np.matmul, np.ascontiguousarray(left_over[:, :-1])),
         )
-        sketches.append(_Sketch(samples=points, torque=torque))
+        sketches.append((points, left_over[:, -1]))
     return tuple(sketches)
-
-
-def _eliminate_beside(triangle: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
-    """Return torque (K,) and columns (K, J) less their parts in the first `count` columns."""
-    first, others = triangle[:count, :count], triangle[:, count:].copy()
-    lengths = np.linalg.norm(first, axis=0)
-    left, singular, _ = np.linalg.svd(first / np.where(lengths > 0.0, lengths, 1.0))
-    basis = left[:, singular > _DEPENDENT * singular.max(initial=0.0)]
-    others[:count] -= basis @ (basis.T @ others[:count])
-    kept = others[count if basis.shape[1] == count else 0 :]
-    return kept[:, -1], np.ascontiguousarray(kept[:, :-1])
 
 
 def _spread_speeds(samples: FrictionSamples) -> "tuple[FloatArray, csc_matrix]":

@@ -75,20 +75,24 @@ class ElementPath(FrozenArrays):
         """Return half the range of the input."""
         return 0.5 * float(np.ptp(self.position))
 
+    @property
+    def origin(self) -> tuple[float, float]:
+        """Return where the element was before, and on which side of its loop: 1 below, -1 above, 0 virgin."""
+        begin = 0.0 if self.start == "zero" else float(self.position[0])
+        return begin, {"below": 1.0, "above": -1.0}.get(self.start, 0.0)
+
     def compute_plays(self, radii: FloatArray) -> FloatArray:
         """Return plays (N, m) of the input for thresholds (m,)."""
         if self.begins[1:]:
             return np.concatenate([part.compute_plays(radii) for part in self.split()])
-        begin = 0.0 if self.start == "zero" else float(self.position[0])
-        side = {"below": 1.0, "above": -1.0}.get(self.start, 0.0)
+        begin, side = self.origin
         return compute_plays(self.position, radii, begin - side * radii)
 
     def trace(self, branch: BoucWen | BristleBranch | AttractedSlip | Relaxation) -> FloatArray:
         """Return the states (N, n) of a branch after every sample."""
         if self.begins[1:]:
             return np.concatenate([part.trace(branch) for part in self.split()])
-        begin = 0.0 if self.start == "zero" else float(self.position[0])
-        side = {"below": 1.0, "above": -1.0}.get(self.start, 0.0)
+        begin, side = self.origin
         states = branch.start(build_float_carrier(), begin, side)
         ways = np.diff(self.position, prepend=begin)
         path = (self.position, ways, self.velocity, self.period)
@@ -110,6 +114,8 @@ class ElementFamily(ABC):
     """Whether the shape is improved by a search."""
     falling: bool = False
     """Whether slip springs have a level that falls with the speed."""
+    brakes: bool = False
+    """Whether all coefficients but the first, a spring, must brake even where the element may be active."""
 
     @abstractmethod
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
@@ -119,9 +125,13 @@ class ElementFamily(ABC):
     def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
         """Return the columns (N, m)."""
 
-    @abstractmethod
     def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
-        """Return the bounds of the coefficients."""
+        """Return the bounds of the coefficients: none, or zero from below where passive."""
+        del shape
+        low = np.full(count, -np.inf)
+        if passive or self.brakes:
+            low[0 if passive else 1 :] = 0.0
+        return low, np.full(count, np.inf)
 
     @abstractmethod
     def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
@@ -134,17 +144,6 @@ class ElementFamily(ABC):
     def describe(self) -> tuple[str, ...]:
         """Return what distinguishes this form of the model from its others."""
         return ()
-
-
-def _free(count: int) -> Limits:
-    return np.full(count, -np.inf), np.full(count, np.inf)
-
-
-def _brake(count: int, *, passive: bool) -> Limits:
-    """Return bounds where all but the first, a spring, must brake."""
-    low, high = _free(count)
-    low[0 if passive else 1 :] = 0.0
-    return low, high
 
 
 @final
@@ -178,12 +177,6 @@ class Stops(ElementFamily):
         x = path.position[:, None]
         return np.hstack([x, x - path.compute_plays(shape)])
 
-    def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
-        """Return bounds of k0 and k."""
-        del shape
-        low, high = _free(count)
-        return (np.zeros(count), high) if passive else (low, high)
-
     def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
         """Return the element."""
         pairs = sorted(zip(shape.tolist(), coefficients[1:].tolist(), strict=True))
@@ -201,29 +194,16 @@ class NonlinearStops(ElementFamily):
 
     places: tuple[float, ...]
     count: int = 1
-    falls: bool = False
+    falling: bool = False
+    needs_time: bool = False
     name: str = "nonlinear-stops"
-
-    @property
-    def falling(self) -> bool:  # type: ignore[override]
-        """Return whether the springs slip earlier when fast."""
-        return self.falls
-
-    @property
-    def needs_time(self) -> bool:  # type: ignore[override]
-        """Return whether the velocity counts."""
-        return self.falls
-
-    @property
-    def has_offset(self) -> bool:  # type: ignore[override]
-        """Return False: forces hold a constant."""
-        return False
+    has_offset: bool = False
 
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
         """Return thresholds over two decades, and small falls."""
         radii = path.reach * np.array([0.02, 0.05, 0.1, 0.2, 0.4])
         speed = float(np.max(np.abs(path.velocity))) or 1.0
-        tail = [0.05 / speed] * 2 if self.falls else []
+        tail = [0.05 / speed] * 2 if self.falling else []
         sets = [radii[k : k + 1] for k in range(5)] if self.count == 1 else [radii[[0, 2]], radii[[1, 3]]]
         return [np.concatenate([chosen, tail]) for chosen in sets]
 
@@ -231,43 +211,38 @@ class NonlinearStops(ElementFamily):
         """Return the number of springs and of places, and whether they slip earlier when fast."""
         count = "one" if self.count == 1 else "two"
         form = f"{count} of {len(self.places)} places"
-        return (form, "falling with the speed") if self.falls else (form,)
+        return (form, "falling with the speed") if self.falling else (form,)
 
     def _split(self, shape: FloatArray) -> tuple[FloatArray, tuple[float, float]]:
-        falls = (float(shape[-2]), float(shape[-1])) if self.falls else (0.0, 0.0)
+        falls = (float(shape[-2]), float(shape[-1])) if self.falling else (0.0, 0.0)
         return shape[: self.count], falls
 
     def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
         """Return x, then hats over the deflection of every slip spring."""
         radii, falls = self._split(shape)
-        columns = [path.position[:, None]]
+        x, (begin, side) = path.position[:, None], path.origin
+        columns = [x]
         places = np.array(self.places)
+        # Bounds that move with the speed do not follow the position up and down.
+        turns = None if any(falls) else find_turns(path.position)
         for number, radius in enumerate(radii):
-            deflection = self._trace(path, float(radius), falls) / radius
+            low, high = (float(radius) / (1.0 + fall * np.abs(path.velocity[:, None])) for fall in falls)
+            memory = np.array([begin - float(radius) * side])
+            deflection = (x - compute_clamps(x - high, x + low, memory, turns))[:, 0] / radius
             hats = np.stack([np.interp(deflection, places, unit) for unit in np.eye(len(places))], axis=1)
             # A second spring has no force of its own at rest: one constant is enough.
             columns.append(hats if not number else np.delete(hats, len(places) // 2, axis=1))
         return np.hstack(columns)
 
-    def _trace(self, path: ElementPath, radius: float, falls: tuple[float, float]) -> FloatArray:
-        x = path.position[:, None]
-        low, high = (radius / (1.0 + fall * np.abs(path.velocity[:, None])) for fall in falls)
-        begin = 0.0 if path.start == "zero" else float(path.position[0])
-        memory = begin - radius * {"below": 1.0, "above": -1.0}.get(path.start, 0.0)
-        # Bounds that move with the speed do not follow the position up and down.
-        turns = None if any(falls) else find_turns(path.position)
-        return (x - compute_clamps(x - high, x + low, np.array([memory]), turns))[:, 0]
-
     def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
         """Return bounds of k0 and of the forces: those at the ends brake, with falls all do."""
-        del shape
-        low, high = _free(count)
+        low, high = ElementFamily.list_limits(self, shape, count, passive=False)
         if not passive:
             return low, high
         low[0], at = 0.0, 1
         for number in range(self.count):
             places = np.array(self.places) if not number else np.delete(self.places, len(self.places) // 2)
-            bound = np.ones(len(places), dtype=bool) if self.falls else np.abs(places) == 1.0
+            bound = np.ones(len(places), dtype=bool) if self.falling else np.abs(places) == 1.0
             part = slice(at, at + len(places))
             low[part][bound & (places >= 0.0)] = 0.0
             high[part][bound & (places <= 0.0)] = 0.0
@@ -310,8 +285,7 @@ class RelayGrid(ElementFamily):
         del shape
         relays = self._build(np.zeros(self.count * (self.count + 1) // 2))
         z = (path.position[:, None] - self.low) / self.step
-        begin = 0.0 if path.start == "zero" else float(path.position[0])
-        side = {"below": 1.0, "above": -1.0}.get(path.start, 0.0)
+        begin, side = path.origin
         pairs = np.array(relays.pairs)
         rising, falling = (np.clip(z - pairs[:, k], 0.0, 1.0) for k in (0, 1))
         state = np.array(relays.start(build_float_carrier(), begin, side))
@@ -321,8 +295,7 @@ class RelayGrid(ElementFamily):
 
     def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
         """Return bounds: relays brake."""
-        del shape
-        low, high = _free(count)
+        low, high = ElementFamily.list_limits(self, shape, count, passive=False)
         if passive:
             low[self.count :] = 0.0
         return low, high
@@ -393,12 +366,6 @@ class BoucWenFamily(ElementFamily):
         """Return x and u."""
         return np.column_stack([path.position, path.trace(self._build_unit(shape))])
 
-    def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
-        """Return bounds of k0 and level."""
-        del shape
-        low, high = _free(count)
-        return (np.zeros(count), high) if passive else (low, high)
-
     def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
         """Return the element."""
         branch = self._build_unit(shape, float(coefficients[1]))
@@ -422,6 +389,7 @@ class BristleFamily(ElementFamily):
     name: str
     stribeck: bool = False
     grid: tuple[float, ...] = ()
+    brakes: bool = True
 
     @property
     def needs_time(self) -> bool:  # type: ignore[override]
@@ -462,10 +430,9 @@ class BristleFamily(ElementFamily):
             return np.column_stack(columns)
         height = self._compute_level(path, shape)[:, None]
         radii = np.array(self.grid) * height
-        begin = 0.0 if path.start == "zero" else float(path.position[0])
-        x = path.position[:, None]
+        (begin, side), x = path.origin, path.position[:, None]
         # Bounds that move with the speed: elements are held within them, as generated code does.
-        memory = begin - np.array(self.grid) * {"below": 1.0, "above": -1.0}.get(path.start, 0.0)
+        memory = begin - np.array(self.grid) * side
         turns = None if self.stribeck else find_turns(path.position)
         return np.hstack([x, x - compute_clamps(x - radii, x + radii, memory, turns)])
 
@@ -474,11 +441,6 @@ class BristleFamily(ElementFamily):
         if not self.stribeck:
             return np.ones(len(path.position))
         return np.asarray(1.0 + float(shape[-2]) * np.exp(-((path.velocity / shape[-1]) ** 2)))
-
-    def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
-        """Return bounds: bristles brake, and their damping does."""
-        del shape
-        return _brake(count, passive=passive)
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
         """Return the element."""
@@ -513,6 +475,7 @@ class AttractedFamily(ElementFamily):
     grid: tuple[float, ...]
     name: str = "maxwell-slip"
     needs_time: bool = True
+    brakes: bool = True
 
     def describe(self) -> tuple[str, ...]:
         """Return what distinguishes it."""
@@ -540,11 +503,6 @@ class AttractedFamily(ElementFamily):
         states = path.trace(self._build_branch(shape, np.ones(len(self.grid))))
         return np.column_stack([path.position, states[:, : len(self.grid)]])
 
-    def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
-        """Return bounds: elements are springs."""
-        del shape
-        return _brake(count, passive=passive)
-
     def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
         """Return the element."""
         spring = Elasticity(stiffness=float(coefficients[0]))
@@ -563,11 +521,16 @@ class _Extended(ElementFamily):
     """A family with a further part, whose own value leads the shape; a shape that is not searched stays.
 
     Args:
-        base: the family; begin: its shape, where the search begins.
+        base: the family; begin: its shape, where the search begins; part: its name.
     """
 
     base: ElementFamily
     begin: tuple[float, ...]
+    part: str = ""
+
+    def describe(self) -> tuple[str, ...]:
+        """Return the form of the base, and the part."""
+        return (*self.base.describe(), self.part)
 
     @property
     def name(self) -> str:  # type: ignore[override]
@@ -607,6 +570,8 @@ class _Extended(ElementFamily):
 class WithBacklash(_Extended):
     """A family behind a gap: it sees the play of the input, of half width g."""
 
+    part: str = "backlash"
+
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
         """Return gaps over a decade and a half."""
         return self._lead(path.reach * np.array([0.01, 0.05, 0.25]))
@@ -620,16 +585,13 @@ class WithBacklash(_Extended):
         """Return the element."""
         return replace(self.base.build(self._own(shape), coefficients), backlash=float(shape[0]))
 
-    def describe(self) -> tuple[str, ...]:
-        """Return the form of the base, and the backlash."""
-        return (*self.base.describe(), "backlash")
-
 
 @final
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WithRelaxation(_Extended):
     """A family beside a spring behind a damper, of relaxation time T."""
 
+    part: str = "relaxation"
     needs_time: bool = True
 
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
@@ -659,10 +621,6 @@ class WithRelaxation(_Extended):
         spring = Relaxation(stiffness=float(coefficients[-1]), time=float(shape[0]))
         return replace(found, branches=(*found.branches, spring))
 
-    def describe(self) -> tuple[str, ...]:
-        """Return the form of the base, and the relaxation."""
-        return (*self.base.describe(), "relaxation")
-
 
 def list_families(name: str, path: ElementPath, *, timed: bool) -> tuple[ElementFamily, ...]:
     """Return the forms of a model to try on a path; those that need time only where it is known."""
@@ -675,7 +633,7 @@ def list_families(name: str, path: ElementPath, *, timed: bool) -> tuple[Element
         ),
         "nonlinear-stops": (
             NonlinearStops(places=_UNIFORM),
-            NonlinearStops(places=_UNIFORM, falls=True),
+            NonlinearStops(places=_UNIFORM, falling=True, needs_time=True),
             NonlinearStops(places=_UNIFORM, count=2),
         ),
         "krasnoselskii-pokrovskii": tuple(

@@ -283,8 +283,11 @@ def _choose_start(data: ElementData) -> ElementData:
     errors: list[list[FloatArray]] = []
     for family in (Stops(count=_DENSE), RelayGrid(count=_COARSE, low=low, step=step)):
         tried = [replace(thinned, path=replace(thinned.path, start=start)) for start in _STARTS]
-        shape = family.list_starts(thinned.path)[0]
-        errors.append([_fit_errors(family, one, shape) for one in tried])
+        shape, found = family.list_starts(thinned.path)[0], list[FloatArray]()
+        for one in tried:
+            matrix = _build_matrix(family, one, shape, ())
+            found.append(one.counted - matrix @ _solve(family, matrix, one.counted, (shape, (), False)))
+        errors.append(found)
     chosen = min(errors, key=lambda found: min(float(error @ error) for error in found))
     costs = [float(error[rows] @ error[rows]) for error in chosen]
     # The plainest start counts unless another one explains much more.
@@ -298,22 +301,7 @@ def _choose_start(data: ElementData) -> ElementData:
     return replace(data, path=replace(data.path, start=_STARTS[best]), kept=kept)
 
 
-def _revise_start(elasticity: Elasticity, data: ElementData, tried: set[Start]) -> Start | None:
-    """Return a start with which the element that was found explains more; None where there is none."""
-    starts = (data.path.start, *(start for start in _STARTS if start not in tried))
-    paths = [replace(data.path, start=start) for start in starts]
-    costs = [float(np.var((data.output - predict_output(elasticity, path))[data.kept])) for path in paths]
-    best = int(np.argmin(costs))
-    return starts[best] if best and len(tried) < _MOST_STARTS and costs[best] < _MORE * costs[0] else None
-
-
 _MORE, _MOST_STARTS = 0.9, 2
-
-
-def _fit_errors(family: ElementFamily, data: ElementData, shape: FloatArray) -> FloatArray:
-    """Return the errors (N,) that a family leaves at a shape."""
-    matrix = _build_matrix(family, data, shape, ())
-    return np.asarray(data.counted - matrix @ _solve(family, matrix, data.counted, (shape, (), False)))
 
 
 _DENSE, _COARSE, _PLAIN = 20, 8, 1.2
@@ -386,7 +374,7 @@ def _solve(
     lengths = np.where(lengths > 0.0, lengths, 1.0)
     # A hair of ridge keeps columns that are nearly alike apart.
     ridge = np.sqrt(_RIDGE) * np.eye(len(lengths))
-    held = _list_penalties(family, matrix) / lengths
+    held = np.sqrt(len(matrix)) * family.list_penalties(matrix.shape[1]) / lengths
     stacked = np.vstack(
         [
             np.column_stack([matrix / lengths, output]),
@@ -404,11 +392,6 @@ def _solve(
 
 
 _RIDGE = 1e-9
-
-
-def _list_penalties(family: ElementFamily, matrix: FloatArray) -> FloatArray:
-    """Return what the coefficients of all columns (N, m) are held by, rows (k, m)."""
-    return np.asarray(np.sqrt(len(matrix)) * family.list_penalties(matrix.shape[1]))
 
 
 def _search(
@@ -488,6 +471,7 @@ def _try(
         values = _solve(family, columns[~mask], data.counted[~mask], (own, parts, passive))
         return np.asarray((data.counted - columns @ values)[mask])
 
+    penalties = np.sqrt(len(matrix)) * family.list_penalties(matrix.shape[1])
     return _ElementTrial(
         model=family.name,
         form=", ".join((*family.describe(), *parts)),
@@ -495,7 +479,7 @@ def _try(
         rebuild=rebuild,
         jacobian=np.hstack(jacobian),
         error=data.counted - matrix @ found,
-        held=np.pad(_list_penalties(family, matrix)[:, free], ((0, 0), (0, searched))),
+        held=np.pad(penalties[:, free], ((0, 0), (0, searched))),
         refit=refit,
         family=family,
         shape=shape,
@@ -742,18 +726,14 @@ def _extend(
     # Stops that a passive fit has placed stay springs.
     springs = passive or (isinstance(trial.family, Stops) and is_passive_element(trial.elasticity))
     begin = tuple(trial.shape.tolist())
-    families = [kind(base=trial.family, begin=begin) for kind in kinds if not _has_part(trial.family, kind)]
+    known: list[ElementFamily] = [trial.family]
+    while isinstance(known[-1], WithBacklash | WithRelaxation):
+        known.append(known[-1].base)
+    new = [kind for kind in kinds if not any(isinstance(family, kind) for family in known)]
+    families = [kind(base=trial.family, begin=begin) for kind in new]
     found = [_fit_family(family, data, folds, passive=springs, timed=timed) for family in families]
     better = [entry for entry in found if folds.is_better(entry, trial, sure=_CLEARLY)]
     return min(better, key=folds.score, default=None)
-
-
-def _has_part(family: ElementFamily, kind: type[WithBacklash | WithRelaxation]) -> bool:
-    while isinstance(family, WithBacklash | WithRelaxation):
-        if isinstance(family, kind):
-            return True
-        family = family.base
-    return False
 
 
 _CLEARLY = 2.0
@@ -776,24 +756,6 @@ def _choose(trials: list[_ElementTrial], folds: _Folds) -> list[_ElementTrial]:
     ]
     chosen = min((*equal, *simple), key=lambda trial: len(trial.point))
     return [chosen, *(trial for trial in ranked if trial is not chosen)]
-
-
-def _rank(
-    data: ElementData, folds: _Folds, options: HysteresisOptions, *, timed: bool
-) -> list[_ElementTrial]:
-    """Return all models, the chosen one first, with the further parts that this one turned out to need."""
-    passive = bool(options.passive)
-    ranked = _choose(_list_trials(data, folds, options, timed=timed), folds)
-    while further := _extend(ranked[0], data, folds, passive=passive, timed=timed):
-        # What it turned out to need may make another model the better one, too.
-        best = {trial.model: trial for trial in reversed(ranked) if trial.model != ranked[0].model}
-        rivals = [trial for trial in best.values() if folds.score(trial) < _RIVAL * folds.score(ranked[0])]
-        added = [_extend(trial, data, folds, passive=passive, timed=timed) for trial in rivals]
-        more = [further, *(trial for trial in added if trial is not None)]
-        ranked = _choose([*more, *ranked], folds)
-        if not any(ranked[0] is trial for trial in more):
-            break
-    return ranked
 
 
 _RIVAL = 10.0
@@ -827,24 +789,6 @@ _LAG = 0.1
 """Of the recording: longest lag at which errors may be alike."""
 
 
-def _list_parameters(trial: _ElementTrial, covariance: FloatArray) -> tuple[ElementParameter, ...]:
-    """Return the numbers of the element with their deviations."""
-    centre = list_element_values(trial.elasticity)
-    rates = np.zeros((len(centre), len(trial.point)))
-    for k, value in enumerate(trial.point):
-        step = 1e-6 * (abs(float(value)) or 1.0)
-        moved = trial.point.copy()
-        moved[k] += step
-        after = list_element_values(trial.rebuild(moved))
-        rates[:, k] = [(after.get(name, value) - value) / step for name, value in centre.items()]
-    variances = np.einsum("ij,jk,ik->i", rates, covariance, rates)
-    deviations = np.sqrt(np.maximum(variances, 0.0))
-    return tuple(
-        ElementParameter(name=name, value=value, deviation=float(deviation))
-        for (name, value), deviation in zip(centre.items(), deviations, strict=True)
-    )
-
-
 def fit_hysteresis(
     x: FloatArray, y: FloatArray, t: FloatArray | None = None, options: HysteresisOptions | None = None
 ) -> HysteresisRecord:
@@ -864,27 +808,73 @@ def fit_hysteresis(
     t = None if t is None else np.asarray(t, dtype=np.float64)
     whole = prepare_recording(x, y, t)
     whole = _choose_start(whole)
-    start: Start | None = whole.path.start
-    tried: set[Start] = set()
-    while start is not None:
-        tried.add(start)
-        whole = replace(whole, path=replace(whole.path, start=start))
+    timed, passive = t is not None, bool(options.passive)
+    tried: list[Start] = []
+    while True:
+        tried.append(whole.path.start)
         data = whole.thin(_SEARCHED)
         folds = _build_folds(data)
-        ranked = _rank(data, folds, options, timed=t is not None)
-        start = _revise_start(ranked[0].elasticity, data, tried)
+        ranked = _choose(_list_trials(data, folds, options, timed=timed), folds)
+        # The further parts that the chosen model turns out to need.
+        while further := _extend(ranked[0], data, folds, passive=passive, timed=timed):
+            # They may make another model the better one, too.
+            others = {trial.model: trial for trial in reversed(ranked) if trial.model != ranked[0].model}
+            limit = _RIVAL * folds.score(ranked[0])
+            rivals = [trial for trial in others.values() if folds.score(trial) < limit]
+            added = [_extend(trial, data, folds, passive=passive, timed=timed) for trial in rivals]
+            more = [further, *(trial for trial in added if trial is not None)]
+            ranked = _choose([*more, *ranked], folds)
+            if not any(ranked[0] is trial for trial in more):
+                break
+        # Perhaps the element that was found explains more with another start.
+        starts = (whole.path.start, *(start for start in _STARTS if start not in tried))
+        costs = []
+        for start in starts:
+            left = data.output - predict_output(ranked[0].elasticity, replace(data.path, start=start))
+            costs.append(float(np.var(left[data.kept])))
+        best = int(np.argmin(costs))
+        if not best or len(tried) >= _MOST_STARTS or not costs[best] < _MORE * costs[0]:
+            break
+        whole = replace(whole, path=replace(whole.path, start=starts[best]))
     chosen = ranked[0]
-    spread = float(np.std(whole.counted))
-    candidates = tuple(_describe_candidate(trial, folds, float(np.std(data.counted))) for trial in ranked)
+    spread, scale = float(np.std(whole.counted)), float(np.std(data.counted))
+    candidates = []
+    for trial in ranked:
+        blocks, score = folds.predict(trial), math.sqrt(folds.score(trial))
+        error = float(np.std(blocks, ddof=1)) / math.sqrt(len(blocks))
+        candidates.append(
+            HysteresisCandidate(
+                model=trial.model,
+                form=trial.form,
+                count=len(trial.point),
+                passive=is_passive_element(trial.elasticity),
+                fitted=100.0 * float(np.sqrt(np.mean(trial.error**2))) / scale,
+                held_out=100.0 * score / scale,
+                spread=100.0 * 0.5 * error / max(score, 1e-300) / scale,
+            )
+        )
     elasticity = chosen.elasticity
     predicted = predict_output(elasticity, whole.path)
+    every = slice(None, None, max(1, len(predicted) // _SHOWN))
+    # The numbers of the element, and how they follow what the data decide.
+    centre, covariance = list_element_values(elasticity), _compute_covariance(chosen, folds)
+    rates = np.zeros((len(centre), len(chosen.point)))
+    for k, number in enumerate(chosen.point):
+        step, moved = 1e-6 * (abs(float(number)) or 1.0), chosen.point.copy()
+        moved[k] += step
+        after = list_element_values(chosen.rebuild(moved))
+        rates[:, k] = [(after.get(name, value) - value) / step for name, value in centre.items()]
+    deviations = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", rates, covariance, rates), 0.0))
     return HysteresisRecord(
         model=chosen.model,
         form=chosen.form,
         elasticity=elasticity,
         start=whole.path.start,
-        parameters=_list_parameters(chosen, _compute_covariance(chosen, folds)),
-        candidates=candidates,
+        parameters=tuple(
+            ElementParameter(name=name, value=value, deviation=float(deviation))
+            for (name, value), deviation in zip(centre.items(), deviations, strict=True)
+        ),
+        candidates=tuple(candidates),
         passive=is_passive_element(elasticity),
         fitted=100.0 * float(np.sqrt(np.mean((y - predicted)[whole.kept] ** 2))) / spread,
         held_out=candidates[0].held_out,
@@ -893,23 +883,17 @@ def fit_hysteresis(
         span=(float(x.min()), float(x.max())),
         speed=float(np.max(np.abs(whole.path.velocity))),
         output=spread,
-        timed=t is not None,
-        trace=_build_trace(whole, predicted),
+        timed=timed,
+        trace=ElementTrace(
+            time=(np.cumsum(whole.path.period) - whole.path.period[0])[every],
+            position=whole.path.position[every],
+            measured=whole.output[every],
+            predicted=predicted[every],
+        ),
     )
 
 
 _SHOWN = 3000
-
-
-def _build_trace(data: ElementData, predicted: FloatArray) -> ElementTrace:
-    every = slice(None, None, max(1, len(predicted) // _SHOWN))
-    time = np.cumsum(data.path.period) - data.path.period[0]
-    return ElementTrace(
-        time=time[every],
-        position=data.path.position[every],
-        measured=data.output[every],
-        predicted=predicted[every],
-    )
 
 
 def predict_element(
@@ -1088,46 +1072,26 @@ def validate_element(
     error = (y - predict_output(record.elasticity, data.path))[data.kept]
     low, high = record.span
     slack = _SLACK * (high - low)
+    inverse = None
+    if not describe_inversion(record):
+        # How far the inputs are that give the measured outputs.
+        thin = data.thin(_INVERTED)
+        time, shifted = np.cumsum(thin.path.period), thin.output - float(np.mean(error))
+        found = invert_element(record.elasticity, shifted, time, start=thin.path.start)
+        counted = thin.path.position[thin.kept]
+        inverse = 100.0 * float(np.std(found[thin.kept] - counted) / np.std(counted))
     return HysteresisTrial(
         error=100.0 * float(np.std(error)) / float(np.std(data.counted)),
         shift=float(np.mean(error)),
         beyond=float(np.mean((x < low - slack) | (x > high + slack))),
         samples=len(x),
         skipped=int(np.count_nonzero(~data.kept)),
-        inverse=_measure_inverse(record, data),
+        inverse=inverse,
     )
 
 
 _INVERTED = 1500
 
 
-def _measure_inverse(record: HysteresisRecord, whole: ElementData) -> float | None:
-    """Return how far the inputs are that give the measured outputs, percent."""
-    if describe_inversion(record):
-        return None
-    data = whole.thin(_INVERTED)
-    time = np.cumsum(data.path.period)
-    shift = float(np.mean((whole.output - predict_output(record.elasticity, whole.path))[whole.kept]))
-    found = invert_element(record.elasticity, data.output - shift, time, start=data.path.start)
-    counted = data.path.position[data.kept]
-    return 100.0 * float(np.std(found[data.kept] - counted) / np.std(counted))
-
-
 _SLACK = 0.01
 """Of the range of the input; what is beyond it by less is no extrapolation."""
-
-
-def _describe_candidate(trial: _ElementTrial, folds: _Folds, spread: float) -> HysteresisCandidate:
-    """Return what is shown of a model that was tried."""
-    blocks = folds.predict(trial)
-    score = math.sqrt(folds.score(trial))
-    error = float(np.std(blocks, ddof=1)) / math.sqrt(len(blocks))
-    return HysteresisCandidate(
-        model=trial.model,
-        form=trial.form,
-        count=len(trial.point),
-        passive=is_passive_element(trial.elasticity),
-        fitted=100.0 * float(np.sqrt(np.mean(trial.error**2))) / spread,
-        held_out=100.0 * score / spread,
-        spread=100.0 * 0.5 * error / max(score, 1e-300) / spread,
-    )

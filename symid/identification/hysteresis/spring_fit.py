@@ -334,6 +334,8 @@ def optimise_spring(
 
     With a `goal` for the cost the first spring that reaches it is enough, and one far from it is given up.
     """
+    from scipy.optimize import lsq_linear
+
     (best, bases, cost), damping = _evaluate_spring(data, target, start), 1e-4
     for count in range(_STEPS):
         if goal is not None and (cost <= goal or (count >= _PATIENCE and cost > _FAR * goal)):
@@ -352,10 +354,16 @@ def optimise_spring(
         idle = lengths <= 1e-9 * np.linalg.norm(value)
         low, high, lengths = np.where(idle, 0.0, low), np.where(idle, 0.0, high), np.where(idle, 1.0, lengths)
         columns = np.column_stack([jacobian / lengths, target - value])
-        scaled = compute_triangle(columns)
-        fall = 0.0
+        scaled, fall = compute_triangle(columns), 0.0
+        square, right = scaled[: len(lengths), : len(lengths)], scaled[: len(lengths), len(lengths)]
+        # Bounds that meet are held a hair apart, as the solver asks.
+        low, high = np.minimum(low * lengths, 0.0), np.maximum(high * lengths, 0.0)
+        low -= 1e-9 * (1.0 + np.abs(low))
+        high = np.where(np.isfinite(high), high + 1e-9 * (1.0 + np.abs(high)), high)
         for _ in range(_TRIES):
-            move = _solve_damped(scaled, low * lengths, high * lengths, damping) / lengths
+            matrix = np.vstack([square, np.sqrt(damping) * np.eye(len(lengths))])
+            whole = np.concatenate([right, np.zeros(len(lengths))])
+            move = lsq_linear(matrix, whole, bounds=(low, high), method="bvls").x / lengths
             trial, trial_bases, reached = _evaluate_spring(data, target, best.move(move))
             if reached < cost:
                 fall = (cost - reached) / cost
@@ -365,21 +373,6 @@ def optimise_spring(
         if fall < tolerance:
             break
     return best, cost
-
-
-def _solve_damped(scaled: FloatArray, low: FloatArray, high: FloatArray, damping: float) -> FloatArray:
-    """Return the bounded step; bounds that meet are held a hair apart, as the solver asks."""
-    from scipy.optimize import lsq_linear
-
-    count = scaled.shape[1] - 1
-    matrix = np.vstack([scaled[:count, :count], np.sqrt(damping) * np.eye(count)])
-    right = np.concatenate([scaled[:count, count], np.zeros(count)])
-    low = np.minimum(low, 0.0)
-    low -= 1e-9 * (1.0 + np.abs(low))
-    high = np.maximum(high, 0.0)
-    high = np.where(np.isfinite(high), high + 1e-9 * (1.0 + np.abs(high)), high)
-    answer: FloatArray = lsq_linear(matrix, right, bounds=(low, high), method="bvls").x
-    return answer
 
 
 def compute_place_limits(

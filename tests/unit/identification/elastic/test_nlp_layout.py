@@ -6,8 +6,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from symid.identification.elastic.nlp_cost import ElasticNlpCost, NlpLayout, SpringGrid, list_weights
-from symid.identification.elastic.nlp_rows import NlpRecording, RowBlock
+from symid.identification.elastic.nlp_cost import (
+    ElasticNlpCost,
+    NlpLayout,
+    NlpRecording,
+    RowBlock,
+    SpringGrid,
+    list_weights,
+)
 from symid.identification.elastic.options import NlpOptions
 from symid.joint_models.hysteresis import Elasticity, Knee, Stop
 

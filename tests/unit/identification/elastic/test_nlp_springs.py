@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from symid.identification.elastic.nlp_rows import build_knee_steps
+from symid.identification.elastic.nlp_cost import build_knee_steps
 from symid.joint_models.prandtl_ishlinskii import compute_stop_basis
 
 KNEES = ((-0.8, 1), (-0.3, 0), (0.25, 2), (0.8, 1))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from symid.identification.elastic.nlp_rows import FilterSums, WindowSums
+from symid.identification.elastic.nlp_cost import FilterSums, WindowSums
 from symid.identification.elastic.regression import filter_held
 
 RATE, PERIOD, COUNT = 60.0, 1e-3, 997

@@ -10,9 +10,9 @@ from symid.identification.elastic.elimination import BandRows, measure_torque_no
 from symid.identification.elastic.estimate import MethodFit
 from symid.identification.elastic.methods import (
     _add_model_error,
-    _find_contradiction,
     _measure_disagreement,
     _widen,
+    find_contradiction,
 )
 from symid.identification.elastic.regression import DriveEffect
 from symid.logs import Recording, low_pass
@@ -81,11 +81,11 @@ def test_deviations_grow_with_the_distance_from_what_needs_no_springs():
 def test_a_fit_that_says_how_far_it_may_be_off_contradicts_nothing():
     work = build_work()
     fit = build_fit(np.array([2.0, 1.0, 0.5]) + 6.0 * SIGMA, np.diag((6.0 * SIGMA) ** 2))
-    assert _find_contradiction(work, fit)[0] == ""
+    assert find_contradiction(work, fit)[0] == ""
     assert np.array_equal(_widen(work, fit).covariance, fit.covariance)
     # What a fit does not identify cannot contradict.
     blind = build_fit([9.0, 1.0, 0.5], np.diag([np.inf, 1e-6, 1e-6]))
-    assert _find_contradiction(work, blind)[0] == ""
+    assert find_contradiction(work, blind)[0] == ""
 
 
 def test_no_parameter_is_surer_than_the_states_that_its_column_is_made_of():
@@ -115,7 +115,7 @@ def test_a_contradiction_must_matter_to_count():
     work.band = sharp
     # A thousandth is far beyond these deviations, and no matter.
     small = 1e-12 * np.eye(3)
-    assert _find_contradiction(work, build_fit([2.001, 1.0, 0.5], small))[0] == ""
-    text, ratio = _find_contradiction(work, build_fit([2.1, 1.0, 0.5], small))
+    assert find_contradiction(work, build_fit([2.001, 1.0, 0.5], small))[0] == ""
+    text, ratio = find_contradiction(work, build_fit([2.1, 1.0, 0.5], small))
     assert "contradict" in text
     assert ratio > 5.0

@@ -8,14 +8,14 @@ import pytest
 
 from symid.cli.main import run
 from symid.errors import EstimateError
-from symid.identification.elastic.estimate import name_friction
-from symid.identification.elastic.options import ElasticOptions
-from symid.identification.elastic.regression import solve_with_signs
-from symid.identification.elastic.uncertainty import (
+from symid.identification.elastic.estimate import (
     compute_covariance,
     mark_unidentifiable,
     measure_identifiability,
+    name_friction,
 )
+from symid.identification.elastic.options import ElasticOptions
+from symid.identification.elastic.regression import solve_with_signs
 from symid.identification.stored import read_fit, write_fit
 from symid.joint_models import FrictionValues, list_value_names
 from symid.robot.toml_reader import read_robot

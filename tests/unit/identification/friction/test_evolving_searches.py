@@ -5,7 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from symid.identification.friction.bounded_search import (
+from symid.identification.friction.problem import (
+    EvolutionOptions,
+    FrictionOptions,
+    GeneticOptions,
+    build_problem,
+)
+from symid.identification.friction.searches import (
     UnitBoxProblem,
     choose_survivors,
     compute_spread,
@@ -13,14 +19,8 @@ from symid.identification.friction.bounded_search import (
     draw_winners,
     search_by_evolution,
     search_by_population,
+    search_by_projection,
 )
-from symid.identification.friction.problem import (
-    EvolutionOptions,
-    FrictionOptions,
-    GeneticOptions,
-    build_problem,
-)
-from symid.identification.friction.variable_projection import search_by_projection
 from symid.ipopt import Ending
 from tests.frictions import draw_s1, draw_s2
 

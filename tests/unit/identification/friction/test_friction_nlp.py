@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from symid.identification.friction.bounded_search import FrictionNlpCost, search_by_nlp
 from symid.identification.friction.problem import FrictionNlpOptions, FrictionOptions, build_problem
-from symid.identification.friction.variable_projection import search_by_projection
+from symid.identification.friction.searches import FrictionNlpCost, search_by_nlp, search_by_projection
 from symid.ipopt import Ending
 from symid.joint_models.friction_catalogue import get_law
 from tests.frictions import build_cosines, draw_s1, draw_s2, draw_samples

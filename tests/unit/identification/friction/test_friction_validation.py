@@ -7,8 +7,12 @@ import pytest
 
 from symid.errors import EstimateError, IdentifiabilityError
 from symid.identification.estimators.estimate import check_model
-from symid.identification.friction.identify import FrictionTask, identify_friction
-from symid.identification.friction.validation import read_known_parameters, validate_friction
+from symid.identification.friction.identify import (
+    FrictionTask,
+    identify_friction,
+    read_known_parameters,
+    validate_friction,
+)
 from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import compute_friction_torque
 from tests.recovery.closed_form import build_two_link

@@ -4,7 +4,7 @@ import pytest
 
 from symid.errors import UsageError
 from symid.identification.friction.problem import FrictionOptions, RootFindingOptions, build_problem
-from symid.identification.friction.variable_projection import search_by_projection, search_by_roots
+from symid.identification.friction.searches import search_by_projection, search_by_roots
 from symid.ipopt import Ending
 from symid.joint_models.friction_catalogue import get_law
 from tests.frictions import build_cosines, draw_s1, draw_s2, draw_samples

@@ -13,7 +13,7 @@ from symid.identification.friction.problem import (
     VariableProjectionOptions,
     build_problem,
 )
-from symid.identification.friction.variable_projection import build_shape_grid, search_by_projection
+from symid.identification.friction.searches import build_shape_grid, search_by_projection
 from symid.ipopt import Ending
 from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import compute_friction_torque

@@ -1,0 +1,479 @@
+"""Dynamics and springs of one fit: in turns until convergence, or at once from a fit that has both.
+
+Two steps, hysteresis given the dynamics, dynamics given the hysteresis:
+
+    initialisation   y = Yd chi + sum_i k_i Delta(phi_i^2) / 2        linear springs, least squares
+    H-step           spring_i <- min |F[tau_Ji](chi) - F[spring(phi_i)]|, torque of the motor equation
+    X-step           chi <- min |y - W_e(springs) - Yd chi|, signs constrained
+    same cost        min |y - Yd chi - Ae k|^2 over k and chi in turn; no bounds
+
+A step whose merit rises by more than `_RISE` is halved; without convergence the iterate of least merit is
+kept. With the same cost it is block coordinate descent, whose error falls by cos^2 of the smallest principal
+angle between the column spaces of Yd and Ae (von Neumann).
+
+Simultaneous, for springs of any kind, by Gauss and Newton:
+
+    motor   IA lambda (dtheta~ - F[dtheta~]) + F[Yf] f = F[tau] - F[tau_J(s)]      each over its scatter
+    link    {lambda (Yp~ - F[Yp~]) - F[YL]} beta = F[tau_J(s)] - drag
+
+The dynamics are linear and are eliminated: numbers s of springs minimise what is orthogonal to their columns
+(variable projection, Golub and Pereyra 1973, in the form of Kaufman 1975), relative to where they begin. Both
+equations together tell rotors from links as far as the springs can be trusted.
+
+Supported: two steps for springs with and without knees (same cost: without); simultaneous: all numbers of
+springs that data decide, zeros of encoders that are off by little, rigid joints beside elastic ones, known
+dynamics, motors near rest, whose equations do not count.
+Not supported: proof of convergence with two costs; the outcome says how the iteration ended. Energy rows
+identify stiffnesses badly in noise, so that the H-step fits them to torques. Simultaneous: numbers of stops
+and knees other than those at the start.
+"""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from symid.arrays import FloatArray
+from symid.errors import RobotError
+from symid.identification.elastic.estimate import (
+    HistoryEntry,
+    MethodFit,
+    SpringPlace,
+    build_method_fit,
+    compute_covariance,
+    list_spring_numbers,
+    move_spring,
+)
+from symid.identification.elastic.regression import (
+    ElasticProblem,
+    build_start_spring,
+    compute_joint_torque,
+    solve_with_signs,
+)
+from symid.identification.hysteresis import (
+    SpringData,
+    SpringWeights,
+    build_elasticity,
+    build_stops,
+    filter_smooth,
+    fit_spring,
+    follow_spring,
+    refine_spring,
+)
+from symid.identification.regression import solve_scaled
+from symid.ipopt import Ending
+from symid.joint_models import Elasticity
+
+_RISE = 0.01
+_HALVINGS = 4
+_GRID_STEPS = 1
+"""Iterations on the grid; the next one moves thresholds and knees to their places, one more corrects them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TwoStepState:
+    """One iterate.
+
+    Args:
+        chi: (p + n + pf,) all dynamic parameters.
+        data: stop basis of every joint, for the thresholds that its spring has now.
+        springs: one a joint; empty before the first H-step.
+        scales: residual sizes that the merit is made of, empty before the first step.
+        history: of all iterates so far; merit: of the last, the sum of squared norms over squared scales,
+            infinite before the first step.
+    """
+
+    chi: FloatArray
+    data: tuple[SpringData, ...]
+    springs: tuple[SpringWeights, ...] = ()
+    scales: tuple[float, ...] = ()
+    history: tuple[HistoryEntry, ...] = ()
+    merit: float = float("inf")
+
+
+_NO_SPRING = SpringWeights(
+    thresholds=np.zeros(0), stiffness=np.zeros(1), knees=np.zeros(0), slopes=np.zeros(0)
+)
+"""Of a rigid joint."""
+
+
+def fit_linear_spring(problem: ElasticProblem) -> MethodFit:
+    """Return dynamics and linear springs that explain the energy rows best: the initialisation step."""
+    joints = problem.sizes[1]
+    design = np.hstack([problem.design, problem.compute_stop_work([np.zeros(0)] * joints)])
+    solution = solve_with_signs(problem.library.card, design, problem.supplied, problem.known)
+    springs = tuple(Elasticity(stiffness=float(value)) for value in solution[-joints:])
+    return build_method_fit("linear-spring", solution[:-joints], problem.sizes, springs)
+
+
+def step_two_step(problem: ElasticProblem, state: TwoStepState) -> TwoStepState:
+    """Return the next iterate: the springs of all joints given chi, then chi given the springs."""
+    count = len(state.history) if problem.options.moves_stops else -1
+    data: list[SpringData] = []
+    springs: list[SpringWeights] = []
+    for joint, (known, aim) in enumerate(
+        zip(state.data, problem.compute_motor_side(state.chi).T, strict=True)
+    ):
+        if not problem.gives[joint]:
+            data.append(known)
+            springs.append(_NO_SPRING)
+            continue
+        first = not state.springs
+        start = build_start_spring(problem.options, known, joint, aim) if first else state.springs[joint]
+        if count == _GRID_STEPS:
+            start = refine_spring(known, aim, start)
+        elif count == _GRID_STEPS + 1:
+            start = follow_spring(known, aim, start)
+        data.append(known.rebuild(start.thresholds))
+        springs.append(fit_spring(data[-1], aim, start))
+    work = problem.compute_work(list(map(build_elasticity, springs)))
+    goal = solve_with_signs(problem.library.card, problem.design, problem.supplied - work, problem.known)
+    spring_torques = [known.compute_torque(spring) for known, spring in zip(data, springs, strict=True)]
+    rigid = [joint for joint, gives in enumerate(problem.gives) if not gives]
+    fraction = 1.0
+    for _ in range(_HALVINGS):
+        chi = state.chi + fraction * (goal - state.chi)
+        motor_side = problem.compute_motor_side(chi).T
+        for joint in rigid:
+            spring_torques[joint] = problem.compute_link_side(chi)[:, joint]
+        errors = [
+            problem.supplied - work - problem.design @ chi,
+            *(aim - torque for aim, torque in zip(motor_side, spring_torques, strict=True)),
+        ]
+        norms = tuple(float(np.linalg.norm(part)) for part in errors)
+        scales = state.scales or tuple(max(norm, 1e-300) for norm in norms)
+        merit = sum((norm / scale) ** 2 for norm, scale in zip(norms, scales, strict=True))
+        if merit <= state.merit * (1.0 + _RISE):
+            break
+        fraction /= 2.0
+    # A parameter near zero is measured by what its column could explain at most.
+    lengths = np.maximum(np.linalg.norm(problem.design, axis=0), 1e-300)
+    sizes = np.maximum(np.abs(chi), 0.05 * float(np.linalg.norm(problem.supplied)) / lengths)
+    change = float(np.max(np.abs(chi - state.chi) / sizes))
+    entry = HistoryEntry(merit=merit, change=change, damping=fraction, norms=norms)
+    history = (*state.history, entry)
+    return TwoStepState(
+        chi=chi,
+        data=tuple(data),
+        springs=tuple(springs),
+        scales=scales,
+        history=history,
+        merit=merit,
+    )
+
+
+def fit_two_step(problem: ElasticProblem) -> MethodFit:
+    """Return dynamics and hysteresis by the two-step method with two costs."""
+    options, outcome = problem.options, None
+    # What a residual moves by counts relative to what was measured, not to a residual near zero.
+    torque = problem.stack_filtered()[1]
+    sizes = np.maximum([np.linalg.norm(problem.supplied), *np.linalg.norm(torque, axis=0)], 1e-300)
+    best = state = TwoStepState(chi=fit_linear_spring(problem).chi, data=problem.springs)
+    while outcome is None:
+        state = step_two_step(problem, state)
+        if state.merit < best.merit:
+            best = state
+        if not np.all(np.isfinite(state.chi)):
+            outcome = Ending.DIVERGED
+        elif len(state.history) > 1:
+            before, now = state.history[-2:]
+            moved = np.abs(np.subtract(now.norms, before.norms)) / sizes
+            if now.change <= options.tolerance and np.all(moved <= options.tolerance):
+                outcome = Ending.CONVERGED
+        if outcome is None and len(state.history) >= options.iterations:
+            outcome = Ending.LIMIT
+    if outcome is Ending.CONVERGED and state.merit <= best.merit * (1.0 + _RISE):
+        best = state
+    springs = tuple(map(build_elasticity, best.springs))
+    fit = build_method_fit("two-step", best.chi, problem.sizes, springs)
+    return replace(fit, history=state.history, outcome=outcome)
+
+
+_LONGEST = 500
+_RANK = 1e-9
+
+
+def fit_alternation(problem: ElasticProblem, *, iterations: int = _LONGEST) -> MethodFit:
+    """Return what minimises the energy cost by turns over stiffnesses and dynamics, from no springs at all.
+
+    The history's `change` is the relative step of chi, its `merit` the cost in J^2.
+    """
+    free, values = np.isnan(problem.known), np.nan_to_num(problem.known)
+    design, supplied = problem.design[:, free], problem.supplied - problem.design @ values
+    columns = problem.compute_stop_work(problem.thresholds)
+    chi = solve_scaled(design, supplied, rcond=_RANK)
+    stiffness = np.zeros(columns.shape[1])
+    lengths = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+    history: list[HistoryEntry] = []
+    outcome = Ending.LIMIT
+    for _ in range(iterations):
+        stiffness = solve_scaled(columns, supplied - design @ chi, rcond=_RANK)
+        moved = solve_scaled(design, supplied - columns @ stiffness, rcond=_RANK)
+        size = max(float(np.linalg.norm(moved * lengths)), 1e-300)
+        change = float(np.linalg.norm((moved - chi) * lengths)) / size
+        chi = moved
+        norm = float(np.linalg.norm(supplied - design @ chi - columns @ stiffness))
+        history.append(HistoryEntry(merit=norm**2, change=change, norms=(norm,)))
+        if change <= problem.options.tolerance:
+            outcome = Ending.CONVERGED
+            break
+    ends = np.cumsum([len(grid) + 1 for grid in problem.thresholds])[:-1]
+    springs = tuple(
+        Elasticity(stiffness=float(own[0]), stops=build_stops(grid, own[1:], -1.0))
+        for grid, own in zip(problem.thresholds, np.split(stiffness, ends), strict=True)
+    )
+    values[free] = chi
+    fit = build_method_fit("same-cost", values, problem.sizes, springs)
+    return replace(fit, history=tuple(history), outcome=outcome)
+
+
+_FLOOR = 1e-9
+_ROUNDS, _EVALUATIONS = 3, 4
+_FACTOR_STEP, _SAME = 1e-4, 1e-3
+_LEAST, _MOST = 0.2, 5.0
+"""Of a spring's numbers where they begin: how far they may go."""
+
+
+class LinearRows(NamedTuple):
+    """design @ chi = right, with the time of each row from 0 to 1 within its recording."""
+
+    design: FloatArray
+    right: FloatArray
+    time: FloatArray
+
+
+def list_row_times(problem: ElasticProblem, number: int) -> FloatArray:
+    """Return the times (M,) of the filtered rows of recording `number`, from 0 to 1."""
+    count = len(problem.signals[number].time)
+    return np.arange(count)[problem.filtered[number].keep] / count
+
+
+def filter_spring(problem: ElasticProblem, spring: Elasticity, joint: int) -> list[FloatArray]:
+    """Return F[tau_J] (M,) of a spring at the filtered rows of every recording, N m or N."""
+    return [
+        filter_smooth(compute_joint_torque(spring, part, joint), problem.options.rate, part.period)[rows.keep]
+        for part, rows in zip(problem.signals, problem.filtered, strict=True)
+    ]
+
+
+def compute_spring_torques(problem: ElasticProblem, fit: MethodFit) -> list[FloatArray]:
+    """Return F[tau_J] (M, n) of the springs of `fit` at the filtered rows of every recording.
+
+    That of a rigid joint is by the links.
+    """
+    joints = [filter_spring(problem, spring, joint) for joint, spring in enumerate(fit.elasticity)]
+    return [
+        np.where(problem.gives, np.column_stack(torques), rows.compute_link_side(fit.chi))
+        for torques, rows in zip(zip(*joints, strict=True), problem.filtered, strict=True)
+    ]
+
+
+class _Sides(NamedTuple):
+    """Both equations of one recording, motor before link: (M, 2, n, p + n + pf), (M, 2, n).
+
+    `pulls` is what a spring's torque gives to the right sides, 0 where a row does not count.
+    """
+
+    design: FloatArray
+    right: FloatArray
+    pulls: FloatArray
+
+    def free(self, values: FloatArray) -> FloatArray:
+        """Return right sides (M, 2, n, ...) without what a constant torque of each spring may give them."""
+        pulls = self.pulls.reshape(*self.pulls.shape, *[1] * (values.ndim - 3))
+        squares = np.sum(pulls**2, axis=(0, 1))
+        shares = np.sum(pulls * values, axis=(0, 1)) / np.where(squares > 0.0, squares, 1.0)
+        return np.asarray(values - pulls * shares)
+
+
+def _build_sides(problem: ElasticProblem, fit: MethodFit) -> list[_Sides]:
+    """Return motor and link equations with the springs' torques, each over its scatter about `fit`.
+
+    Motors that are not trusted to slide have empty rows, and so have the links of rigid joints.
+    """
+    slides, start, gives, sides = problem.slides, 0, np.array(problem.gives), []
+    for rows, spring in zip(problem.filtered, compute_spring_torques(problem, fit), strict=True):
+        motor, link = rows.design.copy(), rows.design.copy()
+        # The rows of a rigid joint's motor are those of both sides.
+        motor[:, gives, : rows.bases], link[:, :, rows.bases :] = 0.0, 0.0
+        kept = np.stack([slides[start : start + len(spring)], np.broadcast_to(gives, spring.shape)], axis=1)
+        start += len(spring)
+        passed = np.where(gives, spring, rows.drag)
+        right = np.stack([rows.torque - passed, spring - rows.drag], axis=1)
+        design = np.where(kept[..., None], np.stack([motor, link], axis=1), 0.0)
+        right = np.where(kept, right, 0.0)
+        pulls = np.where(kept & gives, np.array([[-1.0], [1.0]]), 0.0)
+        squares = np.sum((right - design @ fit.chi) ** 2, axis=0)
+        floor = _FLOOR * max(float(np.sqrt(np.mean(rows.torque**2))), 1e-300)
+        scatter = np.maximum(np.sqrt(squares / np.maximum(np.sum(kept, axis=0), 1)), floor)
+        sides.append(_Sides(design / scatter[..., None], right / scatter, pulls / scatter))
+    return sides
+
+
+def build_side_rows(problem: ElasticProblem, fit: MethodFit, *, zeros: bool = False) -> LinearRows:
+    """Return motor and link equations with the torques of the springs of `fit`, each over its scatter.
+
+    `zeros`: whether those of the encoders may be off, so that springs have an offset in every recording.
+    """
+    sides, size = _build_sides(problem, fit), problem.sizes[1]
+    times = [np.repeat(list_row_times(problem, number), 2 * size) for number in range(len(sides))]
+    return LinearRows(*_stack(sides, zeros=zeros), np.concatenate(times))
+
+
+def _stack(sides: Sequence[_Sides], *, zeros: bool) -> tuple[FloatArray, FloatArray]:
+    """Return design (M, p + n + pf) and right sides (M,) of all recordings; `zeros` as above."""
+    parts = [(entry.design, entry.right) for entry in sides]
+    if zeros:
+        parts = [(entry.free(entry.design), entry.free(entry.right)) for entry in sides]
+    designs, rights = zip(*parts, strict=True)
+    design = np.concatenate([entry.reshape(-1, entry.shape[-1]) for entry in designs])
+    return design, np.concatenate([entry.reshape(-1) for entry in rights])
+
+
+def calm_torsions(wide: ElasticProblem, narrow: ElasticProblem, fit: MethodFit) -> ElasticProblem:
+    """Return the problem `wide` with the torsions of `narrow` where springs explain links better with these.
+
+    Noise that turns a torsion back moves springs with memory and no sharp thresholds a little every time;
+    a cut-off that takes it away bends fast motion. `fit` has the springs, `narrow` the same recordings.
+    """
+    scatters = []
+    for problem in (narrow, wide):
+        pairs = zip(compute_spring_torques(problem, fit), problem.filtered, strict=True)
+        left = [np.std(torque - rows.compute_link_side(fit.chi), axis=0) for torque, rows in pairs]
+        scatters.append(np.array(left))
+    calmer, signals = scatters[0] < scatters[1], []
+    for part, other, better in zip(wide.signals, narrow.signals, calmer, strict=True):
+        # A lower cut-off cuts more of the end.
+        count = min(len(part.time), len(other.time))
+        error = part.phi - (part.theta - part.q)
+        error[:count] += np.where(better, other.phi[:count] - part.phi[:count], 0.0)
+        signals.append(replace(part, error=error))
+    return replace(wide, signals=tuple(signals))
+
+
+def fit_simultaneous(wide: ElasticProblem, narrow: ElasticProblem, start: MethodFit) -> MethodFit:
+    """Return dynamics and springs that explain both equations best, and the covariance of the dynamics.
+
+    `start` has springs of the kinds wanted, and dynamics near the answer; for the problems see
+    `calm_torsions`.
+    """
+    fit, problem = start, wide
+    for _ in range(_ROUNDS):
+        problem = calm_torsions(wide, narrow, fit)
+        fit, moved = _improve(problem, fit)
+        if moved < _SAME:
+            break
+    # The covariance of the dynamics, whatever the springs are.
+    design, springs = _follow_springs(problem, fit)
+    whole = np.hstack([design, -springs.differentiate(np.ones(len(springs.numbers)))])
+    known = np.concatenate([problem.known, np.full(len(springs.numbers), np.nan)])
+    dynamics = slice(len(fit.chi))
+    covariance = compute_covariance(whole, springs.right - design @ fit.chi, known)[dynamics, dynamics]
+    found = build_method_fit("simultaneous", fit.chi, wide.sizes, fit.elasticity)
+    return replace(found, covariance=covariance, notices=start.notices)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Springs:
+    """Right sides of all equations as the springs of `start` change by factors (k,) of their numbers.
+
+    `numbers` are the joint of each, its place and what it begins with; `begun` the torques, F[tau_J], joint
+    by joint and recording by recording.
+    """
+
+    problem: ElasticProblem
+    start: tuple[Elasticity, ...]
+    sides: Sequence[_Sides]
+    numbers: Sequence[tuple[int, SpringPlace, float]]
+    right: FloatArray
+    begun: Sequence[Sequence[FloatArray]]
+
+    def build(self, factors: FloatArray) -> tuple[Elasticity, ...]:
+        springs = list(self.start)
+        for (joint, place, value), factor in zip(self.numbers, factors.tolist(), strict=True):
+            # At the edge of what springs can be, a number stays.
+            with suppress(RobotError):
+                springs[joint] = move_spring(springs[joint], place, value * factor)
+        return tuple(springs)
+
+    def _change(self, joint: int, spring: Elasticity, before: Sequence[FloatArray]) -> FloatArray:
+        """Return what another spring than that of `before` changes of the right sides."""
+        parts = []
+        for side, old, new in zip(
+            self.sides, before, filter_spring(self.problem, spring, joint), strict=True
+        ):
+            moved = np.zeros_like(side.right)
+            moved[:, :, joint] = side.pulls[:, :, joint] * (new - old)[:, None]
+            parts.append(side.free(moved).reshape(-1))
+        return np.concatenate(parts)
+
+    def move(self, factors: FloatArray) -> FloatArray:
+        """Return the right sides (M,)."""
+        right = self.right
+        for joint, spring in enumerate(self.build(factors)):
+            if spring != self.start[joint]:
+                right = right + self._change(joint, spring, self.begun[joint])
+        return right
+
+    def differentiate(self, factors: FloatArray) -> FloatArray:
+        """Return their derivatives (M, k) by the factors."""
+        springs, columns = self.build(factors), []
+        before = [filter_spring(self.problem, spring, joint) for joint, spring in enumerate(springs)]
+        for (joint, place, value), factor in zip(self.numbers, factors.tolist(), strict=True):
+            column = np.zeros_like(self.right)
+            with suppress(RobotError):
+                ahead = move_spring(springs[joint], place, value * (factor + _FACTOR_STEP))
+                column = self._change(joint, ahead, before[joint]) / _FACTOR_STEP
+            columns.append(column)
+        return np.column_stack(columns)
+
+
+def _follow_springs(problem: ElasticProblem, fit: MethodFit) -> tuple[FloatArray, _Springs]:
+    """Return the design (M, p + n + pf) of both equations, and how springs move their right sides."""
+    sides = _build_sides(problem, fit)
+    design, right = _stack(sides, zeros=True)
+    springs = _Springs(
+        problem=problem,
+        start=fit.elasticity,
+        sides=sides,
+        numbers=[
+            (joint, place, value)
+            for joint, spring in enumerate(fit.elasticity)
+            if problem.gives[joint]
+            for value, place in list_spring_numbers(spring)
+        ],
+        right=right,
+        begun=[filter_spring(problem, spring, joint) for joint, spring in enumerate(fit.elasticity)],
+    )
+    return design, springs
+
+
+def _improve(problem: ElasticProblem, fit: MethodFit) -> tuple[MethodFit, float]:
+    """Return a fit with less error for the scatter of both sides as it is about `fit`, and how far it is.
+
+    The latter is the largest relative change of a number of the springs.
+    """
+    from scipy.optimize import least_squares
+
+    design, springs = _follow_springs(problem, fit)
+    free = np.isnan(problem.known)
+    base: FloatArray = np.linalg.qr(design[:, free], mode="reduced")[0]
+    given = design[:, ~free] @ problem.known[~free]
+
+    def project(values: FloatArray) -> FloatArray:
+        return np.asarray(values - base @ (base.T @ values))
+
+    found = least_squares(
+        lambda factors: project(springs.move(factors) - given),
+        np.ones(len(springs.numbers)),
+        lambda factors: project(springs.differentiate(factors)),
+        bounds=(_LEAST, _MOST),
+        max_nfev=_EVALUATIONS,
+        ftol=_SAME**2,
+        xtol=_SAME,
+    )
+    chi = solve_with_signs(problem.library.card, design, springs.move(found.x), problem.known)
+    moved = float(np.max(np.abs(found.x - 1.0), initial=0.0))
+    return build_method_fit(fit.method, chi, problem.sizes, springs.build(found.x)), moved
