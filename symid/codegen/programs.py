@@ -349,15 +349,11 @@ class ExpressionTable:
 
     def apply(self, op: Op, *args: int) -> int:
         """Return an elementary function, comparison or selection of `args`."""
-        if op in _ODD:
-            number = self._intern(op, (abs(args[0]),))
-            return number if args[0] > 0 else -number
-        if op in _EVEN:
-            return self._intern(op, (abs(args[0]),))
-        return self._intern(op, args)
+        number = self._intern(op, (abs(args[0]),) if op in _ODD or op in _EVEN else args)
+        return -number if op in _ODD and args[0] < 0 else number
 
-    def _list_needed(self, outputs: Iterable[int]) -> list[int]:
-        """Return the numbers of the instructions that `outputs` need, in order."""
+    def walk(self, outputs: Iterable[int]) -> list[tuple[int, Op, tuple[int, ...]]]:
+        """Return number, operation and arguments of the instructions that `outputs` need, in order."""
         needed: set[int] = set()
         waiting = [abs(ref) for ref in outputs]
         while waiting:
@@ -366,15 +362,11 @@ class ExpressionTable:
                 needed.add(number)
                 waiting.extend(map(abs, self._sources[number - 1]))
         # Sorted, the set's own order takes no part.
-        return sorted(needed)
-
-    def walk(self, outputs: Iterable[int]) -> list[tuple[int, Op, tuple[int, ...]]]:
-        """Return number, operation and arguments of the instructions that `outputs` need, in order."""
-        return [(k, self._ops[k - 1], self._args[k - 1]) for k in self._list_needed(outputs)]
+        return [(k, self._ops[k - 1], self._args[k - 1]) for k in sorted(needed)]
 
     def count(self, outputs: Iterable[int]) -> Operations:
         """Return the operations that `outputs` need; see `count_operations`."""
-        return _count([self._ops[number - 1] for number in self._list_needed(outputs)])
+        return _count([op for _, op, _ in self.walk(outputs)])
 
     def build_program(self, spec: FunctionSpec, outputs: Iterable[Iterable[int]]) -> Program:
         """Return the instructions that `outputs` (by port, row-major) need, in order and numbered anew."""
@@ -388,10 +380,9 @@ class ExpressionTable:
             if len(refs) != port.size:
                 message = f"{spec.name}, {port.name}: expected {port.size} values, got {len(refs)}"
                 raise ValueError(message)
-        steps = self.walk(itertools.chain(*wanted))
         instructions = {
             k: Instruction(op, args if op is Op.INPUT else clean(args), self._constants.get(k, 0.0))
-            for k, op, args in steps
+            for k, op, args in self.walk(itertools.chain(*wanted))
         }
         return _renumber(spec, instructions, wanted)
 
@@ -420,19 +411,10 @@ class ValueAlgebra(Algebra[int]):
     table: ExpressionTable
     symbols: Mapping[str, float] = field(default_factory=dict)
     numbers: dict[Exact, int] | None = None
+    zero, one = _ZERO, _ONE
     sin, cos, tanh, exp = map(_apply, (Op.SIN, Op.COS, Op.TANH, Op.EXP))
     power, absolute, sign = map(_apply, (Op.POWER, Op.ABS, Op.SIGN))
     maximum, minimum = map(_apply, (Op.MAXIMUM, Op.MINIMUM))
-
-    @property
-    def zero(self) -> int:
-        """Return zero."""
-        return self.table.constant(0.0)
-
-    @property
-    def one(self) -> int:
-        """Return one."""
-        return self.table.constant(1.0)
 
     def constant(self, value: Exact) -> int:
         """Return `value`, or the double nearest to it."""

@@ -102,29 +102,22 @@ def compute_exact_outputs(
 ) -> tuple[DecimalArray, ...]:
     """Return per output port the elements at every state, (states, size), from those of the input ports.
 
-    Raises:
-        GenerationError: the function has no value at one of the states.
+    GenerationError where the function has no value at one of the states.
     """
     values: dict[int, Any] = {}
-
-    def read(ref: int) -> Any:  # noqa: ANN401  a number, or an array of them
-        return values[ref] if ref > 0 else -values[-ref]
-
-    def compute(instruction: Instruction) -> Any:  # noqa: ANN401
-        if instruction.op is Op.INPUT:
-            port, element = instruction.args
-            return inputs[port][..., element]
-        if instruction.op is Op.CONSTANT:
-            return Decimal(instruction.constant)
-        return _DECIMAL_RULES[instruction.op](*map(read, instruction.args))
-
     outputs = tuple(np.empty((states, len(refs)), dtype=object) for refs in program.outputs)
     try:
         with localcontext(_DECIMAL_CONTEXT):
-            for number, instruction, given, over in _walk(program):
-                values[number] = compute(instruction)
+            for number, one, given, over in _walk(program):
+                if one.op is Op.INPUT:
+                    values[number] = inputs[one.args[0]][..., one.args[1]]
+                elif one.op is Op.CONSTANT:
+                    values[number] = Decimal(one.constant)
+                else:
+                    operands = [values[ref] if ref > 0 else -values[-ref] for ref in one.args]
+                    values[number] = _DECIMAL_RULES[one.op](*operands)
                 for port, element, ref in given:
-                    outputs[port][:, element] = read(ref)
+                    outputs[port][:, element] = values[number] if ref > 0 else -values[number]
                 for old in over:
                     del values[old]
     except (DecimalException, ArithmeticError, ValueError, TypeError) as error:
@@ -158,8 +151,7 @@ InputElements = frozenset[tuple[str, int, int]]
 
 def _list_input_uses(program: Program) -> tuple[InputElements, InputElements]:
     """Return the elements whose sines or cosines `program` takes, and those that it uses otherwise."""
-    taken: set[tuple[str, int, int]] = set()
-    otherwise: set[tuple[str, int, int]] = set()
+    taken, otherwise = set[tuple[str, int, int]](), set[tuple[str, int, int]]()
     elements: dict[int, tuple[str, int, int]] = {}
     for number, instruction in enumerate(program.instructions, start=1):
         if instruction.op is Op.INPUT:
@@ -217,13 +209,12 @@ class SampleStates:
         # All of a port stays near, if the program needs one of its elements to.
         ports = {element[:2] for element in otherwise & self.angles}
         near = frozenset(element for element in self.angles if element[:2] in ports)
-
-        def name(port: Port) -> str:
-            own = f"{port.name}_{port.size}"
-            return port.name if port.shared else f"{own}_near" if (port.name, port.size) in ports else own
-
-        inputs = program.spec.inputs
-        return tuple(map(name, inputs)), [self.find(port, near) for port in inputs]
+        names, values = [], []
+        for port in program.spec.inputs:
+            own = f"_{port.size}_near" if (port.name, port.size) in ports else f"_{port.size}"
+            names.append(port.name if port.shared else port.name + own)
+            values.append(self.find(port, near))
+        return tuple(names), values
 
 
 def evaluate_casadi(
@@ -497,7 +488,7 @@ def _compute_scales(values: FloatArray) -> FloatArray:
 
 def _convert_to_rows(values: FloatArray) -> tuple[tuple[float, ...], ...]:
     # Adding zero turns a negative zero into zero.
-    return tuple(tuple(row) for row in (np.atleast_2d(values) + 0.0).tolist())
+    return tuple(map(tuple, (np.atleast_2d(values) + 0.0).tolist()))
 
 
 def _build_reference(
@@ -545,8 +536,7 @@ def build_references(
 ) -> tuple[Reference, ...]:
     """Return inputs and outputs of every function at random states.
 
-    Raises:
-        GenerationError: a program does not compute what CasADi computes, or has no value anywhere.
+    GenerationError where a program does not compute what CasADi computes, or has no value anywhere.
     """
     # In place of unknown stiffnesses: random numbers would be no springs, and have no inverse.
     springs = {}
@@ -559,30 +549,30 @@ def build_references(
         springs |= {"f": tuple(1.0 if entry.value is None else entry.value for entry in card.friction)}
     angles, limit = list_angle_inputs(programs), ANGLE_LIMITS[options.precision]
     drawn = SampleStates(count=options.states, seed=options.seed, shared={}, angles=angles, limit=limit)
-    eased, failures = [], []
+    eased: list[tuple[float, SampleStates, list[tuple[float, ...]]]] = []
+    failures: list[GenerationError] = []
     # Bounds of long programs take long, and none is without some rounding: the first beta is as good.
     long = sum(len(program.instructions) for program in programs) > _LONG
 
-    def build(states: SampleStates, eases: list[tuple[float, ...]]) -> tuple[Reference, ...] | None:
+    def list_attempts() -> Iterator[tuple[SampleStates, list[tuple[float, ...]]]]:
+        """Yield states without much rounding; where it is large everywhere, those of the least of all."""
+        for beta in choose_parameters(card, functions, programs, drawn):
+            states = replace(drawn, shared={card.vector: beta, **springs})
+            eases = [find_ease(one, states.compute_all(one)[1], options.precision) for one in programs]
+            worst = max((max(ease, default=1.0) for ease in eases), default=1.0)
+            if worst == 1.0 or long:
+                yield states, eases
+            if worst > 1.0:
+                eased.append((worst, states, eases))
+        for _, states, eases in sorted(eased, key=operator.itemgetter(0)):
+            yield states, eases
+
+    for states, eases in list_attempts():
         try:
-            made = zip(functions, programs, eases, strict=True)
             return tuple(
-                _build_reference(function, program, states, ease) for function, program, ease in made
+                _build_reference(function, program, states, ease)
+                for function, program, ease in zip(functions, programs, eases, strict=True)
             )
         except GenerationError as error:
             failures.append(error)
-            return None
-
-    for beta in choose_parameters(card, functions, programs, drawn):
-        states = replace(drawn, shared={card.vector: beta, **springs})
-        eases = [find_ease(one, states.compute_all(one)[1], options.precision) for one in programs]
-        worst = max((max(ease, default=1.0) for ease in eases), default=1.0)
-        if (worst == 1.0 or long) and (found := build(states, eases)):
-            return found
-        if worst > 1.0:
-            eased.append((worst, states, eases))
-    # Rounding is large everywhere: the least of all.
-    for _, states, eases in sorted(eased, key=operator.itemgetter(0)):
-        if found := build(states, eases):
-            return found
     raise failures[-1]
