@@ -26,13 +26,7 @@ from collections.abc import Mapping, Sequence
 from itertools import chain
 
 from symid import __version__
-from symid.codegen.casadi_functions import (
-    Fields,
-    Functions,
-    Material,
-    prepare_material,
-    write_operations,
-)
+from symid.codegen.casadi_functions import Fields, Functions, Material, prepare_material, write_operations
 from symid.codegen.functions import FunctionSpec, ModelCard, ParameterCard, Port
 from symid.codegen.printing import (
     FunctionBody,

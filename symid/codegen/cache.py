@@ -40,6 +40,7 @@ from symid.codegen.compiler import (
     diagnose_compiler,
     locate_compiler,
 )
+from symid.codegen.functions import FOR_CONTROLLERS
 from symid.codegen.library import Library, choose_call_path, load_library
 from symid.codegen.source_folder import compute_digest, write_sources
 from symid.codegen.source_text import BACKENDS, build_library_prefix, check_choice, read_template_bytes
@@ -448,7 +449,6 @@ def prepare_library(
             # Imported here: a library that is found needs neither CasADi nor SymPy.
             from symid.codegen.c_library import generate_c_library, write_python_call
             from symid.codegen.casadi_functions import build_functions
-            from symid.codegen.functions import FOR_CONTROLLERS
             from symid.codegen.python_targets import (
                 generate_casadi_target,
                 generate_python_module,

@@ -153,11 +153,14 @@ def build_functions(
         replace(spec, inputs=tuple(port for port in spec.inputs if port.name not in constants))
         for spec in specs
     )
-    programs = tuple(choose_route(robot, base, spec, constants).program for spec in specs)
+    programs, built = [], []
+    for spec in specs:
+        programs.append(choose_route(robot, base, spec, constants).program)
+        built.append(build_sx_function(programs[-1]))
     return Functions(
         card=replace(card, functions=specs),
-        programs=programs,
-        functions=tuple(map(build_sx_function, programs)),
+        programs=tuple(programs),
+        functions=tuple(built),
         constant=constant,
     )
 
@@ -229,22 +232,6 @@ class Material:
         return SourceSet(files=tuple(files), manifest=json.dumps(manifest, indent=1, sort_keys=True) + "\n")
 
 
-def _describe_joints(card: ModelCard) -> tuple[str, ...]:
-    """Return a line a joint; with followers in the robot, coordinates and joints are numbered apart."""
-    lines = []
-    for k, moving in enumerate(card.joints):
-        label = f"q[{k}]: joint {moving.number}," if card.followers else f"{moving.number}"
-        words = f"position in {moving.position_unit}, torque in {moving.torque_unit}"
-        if moving.smoothing:
-            words += f"; dry friction with tanh(v / {moving.smoothing:g}) in place of sign(v)"
-        lines.append(clean_text(f"{label} {moving.name}: {moving.kind}, {words}"))
-    for joint in card.followers:
-        times = {"1": "", "-1": "-"}.get(joint.multiplier, f"{joint.multiplier} ")
-        follows = f"follows {times}{joint.master}, link {joint.number}"
-        lines.append(clean_text(f"joint {joint.number}, {joint.name}: {joint.kind}, {follows}"))
-    return tuple(lines)
-
-
 def _describe_parameters(
     vector: str, parameters: Sequence[ParameterCard], *, constant: bool = False
 ) -> tuple[str, ...]:
@@ -270,6 +257,18 @@ def prepare_material(functions: Functions, options: GenerateOptions) -> Material
     bristles = 0
     if "friction_step" in specs:
         bristles = sum(port.size for port in specs["friction_step"].inputs if port.name == "z")
+    # A line a joint; with followers in the robot, coordinates and joints are numbered apart.
+    lines = []
+    for k, moving in enumerate(card.joints):
+        label = f"q[{k}]: joint {moving.number}," if card.followers else f"{moving.number}"
+        words = f"position in {moving.position_unit}, torque in {moving.torque_unit}"
+        if moving.smoothing:
+            words += f"; dry friction with tanh(v / {moving.smoothing:g}) in place of sign(v)"
+        lines.append(clean_text(f"{label} {moving.name}: {moving.kind}, {words}"))
+    for joint in card.followers:
+        times = {"1": "", "-1": "-"}.get(joint.multiplier, f"{joint.multiplier} ")
+        follows = f"follows {times}{joint.master}, link {joint.number}"
+        lines.append(clean_text(f"joint {joint.number}, {joint.name}: {joint.kind}, {follows}"))
     # What a user must know of the springs of a robot whose joints are all elastic.
     elastic = (
         "",
@@ -298,7 +297,7 @@ def prepare_material(functions: Functions, options: GenerateOptions) -> Material
         "extent": f"{card.links} joints, {card.size} of them with a coordinate"
         if card.followers
         else f"{card.size} joints",
-        "joint_lines": _describe_joints(card),
+        "joint_lines": tuple(lines),
         "beta_title": f"{title}{note if constant else ''}",
         "beta_lines": _describe_parameters(card.vector, card.beta, constant=constant),
         "friction_lines": _describe_parameters("f", card.friction, constant=constant),

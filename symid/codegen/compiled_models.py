@@ -30,7 +30,6 @@ from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen.cache import CacheEntry, compute_library_key, obtain_entry
 from symid.codegen.compiler import Compiler, compile_sources, locate_compiler
 from symid.codegen.element_code import build_step
-from symid.codegen.functions import FunctionSpec
 from symid.codegen.library import Library, open_shared
 from symid.codegen.printing import print_c
 from symid.codegen.source_folder import write_sources
@@ -471,10 +470,14 @@ COMPILED = ("inverse_dynamics", "forward_dynamics")
 """Functions that `build_compiled_function` offers: those with a generated derivative."""
 
 
-def _write_jacobian(
-    prefix: str, spec: FunctionSpec, known: Mapping[str, FunctionSpec]
-) -> tuple[list[str], int]:
-    """Return the statements that fill the blocks of the Jacobian, one an input, and the numbers they need."""
+def write_external(functions: "Functions", name: str) -> str:
+    """Return the C file that makes the generated C of `name` an external function of CasADi.
+
+    `functions` holds it, its derivatives and, where parameters are arguments, the torque regressor.
+    """
+    known = {spec.name: spec for spec in functions.card.functions}
+    spec, prefix = known[name], build_library_prefix(functions.card.robot)
+    # The statements that fill the blocks of the Jacobian, one an input, and the numbers they need.
     n, count = spec.outputs[0].size, len(spec.inputs)
     blocks = known[f"{spec.name}_derivatives"].outputs
     forward = len(blocks) > 3
@@ -510,17 +513,6 @@ def _write_jacobian(
                 "    }",
             ]
         lines += [f"    give(res[3], {target}, {n}, {columns}, 1.0);", "}"]
-    return lines, work
-
-
-def write_external(functions: "Functions", name: str) -> str:
-    """Return the C file that makes the generated C of `name` an external function of CasADi.
-
-    `functions` holds it, its derivatives and, where parameters are arguments, the torque regressor.
-    """
-    known = {spec.name: spec for spec in functions.card.functions}
-    spec, prefix = known[name], build_library_prefix(functions.card.robot)
-    lines, work = _write_jacobian(prefix, spec, known)
     (output,) = spec.outputs
 
     def describe(label: str, rows: int, columns: int) -> dict[str, str]:

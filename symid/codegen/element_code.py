@@ -259,6 +259,9 @@ def generate_element(
     return write_folder(build, folder, kind, inputs, progress, force=force)
 
 
+_SHARE, _REACH = 3.0, 0.01
+
+
 def generate_springs(
     robot: Robot, order: CodeRequest, folder: Path, *, progress: Callable[[str], None], force: bool = False
 ) -> tuple[tuple[GeneratedFolder, ...], tuple[Notice, ...]]:
@@ -273,13 +276,29 @@ def generate_springs(
     known = {name: spring for name, spring in springs.items() if spring.initial_stiffness is not None}
     made = []
     for name, spring in known.items():
+        # A torsion at which all parts of a spring work: thrice what bends them.
+        places = [stop.threshold for stop in spring.stops]
+        for branch in spring.branches:
+            match branch:
+                case SlipSpring():
+                    places.append(branch.threshold)
+                case Relays():
+                    places += [abs(branch.low), abs(branch.low + branch.step * len(branch.ramps))]
+                case BoucWen():
+                    places.append(branch.length)
+                case AttractedSlip():
+                    places += branch.thresholds
+                case BristleBranch():
+                    places += [abs(bend) for bend in branch.start(build_float_carrier(), 0.0, 1.0)]
+                case Relaxation():
+                    pass
         label = re.sub(r"\W", "_", name, flags=re.ASCII)
         owner = f"joint {clean_text(name)} of robot {clean_text(robot.name)}"
         own = ElementCode(
             name=f"{robot.name}_{label}",
             target=order.target,
             precision=order.options.precision,
-            reach=_find_reach(spring),
+            reach=spring.backlash + (_SHARE * max(places) if places else _REACH),
             facts=(f"Spring of {owner}: torque of its torsion.",),
         )
         place = folder / f"spring_{label}"
@@ -291,30 +310,6 @@ def generate_springs(
         if name not in known
     ]
     return tuple(made), tuple(notices)
-
-
-_SHARE = 3.0
-_REACH = 0.01
-
-
-def _find_reach(elasticity: Elasticity) -> float:
-    """Return a torsion, rad or m, at which all parts of a spring work: thrice what bends them."""
-    places = [stop.threshold for stop in elasticity.stops]
-    for branch in elasticity.branches:
-        match branch:
-            case SlipSpring():
-                places.append(branch.threshold)
-            case Relays():
-                places += [abs(branch.low), abs(branch.low + branch.step * len(branch.ramps))]
-            case BoucWen():
-                places.append(branch.length)
-            case AttractedSlip():
-                places += branch.thresholds
-            case BristleBranch():
-                places += [abs(bend) for bend in branch.start(build_float_carrier(), 0.0, 1.0)]
-            case Relaxation():
-                pass
-    return elasticity.backlash + (_SHARE * max(places) if places else _REACH)
 
 
 def build_sources(elasticity: Elasticity, order: ElementCode) -> SourceSet:

@@ -27,12 +27,7 @@ from symid.arrays import FloatArray
 from symid.errors import Notice, UsageError
 from symid.joint_models import NO_FRICTION, Elasticity, FrictionValues, count_states, get_friction_law
 from symid.notation import get_unit
-from symid.robot import (
-    Coupling,
-    Joint,
-    JointKind,
-    Robot,
-)
+from symid.robot import Coupling, Joint, JointKind, Robot
 from symid.serialization import compute_signature
 
 

@@ -23,7 +23,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import NoReturn
 
 from symid.codegen.cache import compute_library_key, lock_folder
 from symid.codegen.compiler import STACK_FLAG, CodeSize, Compiler, locate_compiler, measure_code_sizes
@@ -126,32 +125,6 @@ def choose_runner(target: str) -> tuple[Compiler | None, str]:
     return compiler, built_by
 
 
-def _fail_selftest(folder: Path, text: str) -> NoReturn:
-    text = f"nothing was written: the self-test failed: {text}"
-    raise GenerationError(Notice(code="generate.selftest-failed", text=text, file=str(folder)))
-
-
-def _run_command(folder: Path, copy: Path, command: list[str]) -> subprocess.CompletedProcess[str]:
-    environment = {name: value for name, value in os.environ.items() if name not in _MAKE_VARIABLES}
-    try:
-        return subprocess.run(
-            command,
-            cwd=copy,
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            check=False,
-            timeout=_SELFTEST_TIMEOUT,
-        )
-    except subprocess.TimeoutExpired:
-        why = f"did not end within {_SELFTEST_TIMEOUT:g} s"
-    except OSError as error:
-        why = f"cannot be run: {error.strerror or error}"
-    _fail_selftest(folder, f"`{' '.join(command)}` {why}")
-
-
 def run_selftest(
     sources: SourceSet, folder: Path, target: str, inputs: str, progress: Callable[[str], None]
 ) -> BuildRecord:
@@ -169,10 +142,35 @@ def run_selftest(
     progress("running the self-test")
     manifest = json.loads(sources.manifest)
     prefix, names = str(manifest.get("prefix")), tuple(read_operations(manifest))
+
+    def fail(why: str) -> GenerationError:
+        text = f"nothing was written: the self-test failed: {why}"
+        return GenerationError(Notice(code="generate.selftest-failed", text=text, file=str(folder)))
+
     with make_scratch_folder() as scratch:
         copy = scratch / "code"
         write_sources(sources, copy)
-        run = functools.partial(_run_command, folder, copy)
+        environment = {name: value for name, value in os.environ.items() if name not in _MAKE_VARIABLES}
+
+        def run(command: list[str]) -> subprocess.CompletedProcess[str]:
+            try:
+                return subprocess.run(
+                    command,
+                    cwd=copy,
+                    env=environment,
+                    stdin=subprocess.DEVNULL,
+                    capture_output=True,
+                    text=True,
+                    errors="replace",
+                    check=False,
+                    timeout=_SELFTEST_TIMEOUT,
+                )
+            except subprocess.TimeoutExpired:
+                text = f"`{' '.join(command)}` did not end within {_SELFTEST_TIMEOUT:g} s"
+            except OSError as error:
+                text = f"`{' '.join(command)}` cannot be run: {error.strerror or error}"
+            raise fail(text)
+
         done = None
         if compiler is not None:
             goal = "shared" if target == "casadi" else "selftest"
@@ -187,8 +185,8 @@ def run_selftest(
             done = run(["node", "selftest.mjs"] if target == "js" else command)
             failed = done.returncode or not _PASSED.fullmatch(done.stdout.rstrip("\n").rpartition("\n")[2])
         if failed:
-            how = f"`{' '.join(done.args)}` ended with {done.returncode}"
-            _fail_selftest(folder, f"{how}\n{done.stdout}{done.stderr}".rstrip())
+            how = f"`{' '.join(done.args)}` ended with {done.returncode}\n{done.stdout}{done.stderr}"
+            raise fail(how.rstrip())
         sizes = measure_code_sizes(copy, prefix, names) if target == "c" else {}
     flags = _SELFTEST_FLAGS if compiler else ""
     return BuildRecord(inputs=inputs, selftest="passed", runner=runner, flags=flags, sizes=sizes)
@@ -338,9 +336,5 @@ def write_folder(
             text = "its self-test was not run: no Node; install it, then `node selftest.mjs` there"
         notices.append(Notice(code="generate.selftest-not-run", text=text, file=str(folder)))
     return GeneratedFolder(
-        folder=folder,
-        manifest=manifest,
-        record=record,
-        unchanged=unchanged,
-        notices=tuple(notices),
+        folder=folder, manifest=manifest, record=record, unchanged=unchanged, notices=tuple(notices)
     )

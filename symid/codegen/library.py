@@ -357,8 +357,8 @@ class _CompiledEngine:
     """Functions of a shared library; `digest` is what it must have been built from.
 
     A batch goes through ctypes, which passes arrays without a copy and releases the interpreter's lock.
-    `bind` gives a built-in function where it can (see `calls`), which holds the lock; elsewhere it goes
-    through ctypes and copies its few numbers.
+    `bind` gives a built-in function where it can (see `load_extension`), which holds the lock; elsewhere it
+    goes through ctypes and copies its few numbers.
     """
 
     backend = "c"

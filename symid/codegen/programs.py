@@ -411,10 +411,19 @@ class ValueAlgebra(Algebra[int]):
     table: ExpressionTable
     symbols: Mapping[str, float] = field(default_factory=dict)
     numbers: dict[Exact, int] | None = None
+    # Methods of the table, bound once: they are called millions of times.
+    add: Callable[[int, int], int] = field(init=False, repr=False, compare=False)
+    mul: Callable[[int, int], int] = field(init=False, repr=False, compare=False)
+    div: Callable[[int, int], int] = field(init=False, repr=False, compare=False)
     zero, one = _ZERO, _ONE
     sin, cos, tanh, exp = map(_apply, (Op.SIN, Op.COS, Op.TANH, Op.EXP))
     power, absolute, sign = map(_apply, (Op.POWER, Op.ABS, Op.SIGN))
     maximum, minimum = map(_apply, (Op.MAXIMUM, Op.MINIMUM))
+
+    def __post_init__(self) -> None:
+        """Bind the methods."""
+        for name in ("add", "mul", "div"):
+            object.__setattr__(self, name, getattr(self.table, name))
 
     def constant(self, value: Exact) -> int:
         """Return `value`, or the double nearest to it."""
@@ -428,21 +437,9 @@ class ValueAlgebra(Algebra[int]):
             self.numbers[value] = self.table.input(NUMBERS, len(self.numbers))
         return self.numbers[value]
 
-    def add(self, left: int, right: int) -> int:
-        """Return left + right."""
-        return self.table.add(left, right)
-
     def sub(self, left: int, right: int) -> int:
         """Return left - right."""
         return self.table.add(left, -right)
-
-    def mul(self, left: int, right: int) -> int:
-        """Return left * right."""
-        return self.table.mul(left, right)
-
-    def div(self, left: int, right: int) -> int:
-        """Return left / right."""
-        return self.table.div(left, right)
 
     def neg(self, value: int) -> int:
         """Return -value; there is one zero."""
@@ -519,13 +516,6 @@ def differentiate_along(
             rates[number] = total
         results.append([rates.get(ref, zero) if ref > 0 else -rates.get(-ref, zero) for ref in values])
     return results
-
-
-def differentiate_forward(
-    table: ExpressionTable, values: Sequence[int], seeds: Mapping[int, int]
-) -> list[int]:
-    """Return the derivatives of `values` in one direction; see `differentiate_along`."""
-    return differentiate_along(table, values, [seeds])[0]
 
 
 def differentiate_backward(table: ExpressionTable, value: int, inputs: Sequence[int]) -> list[int]:

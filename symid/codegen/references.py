@@ -299,47 +299,40 @@ def choose_parameters(
     given = [known] if len(known) == len(stated) and np.isfinite(known).all() else []
     drawn = SampleStates(count=_ATTEMPTS, seed=states.seed, shared={})
     draws = drawn.find(Port(name=card.vector, shape=(len(card.beta),), unit="", meaning=""))
-    matrices = _evaluate_mass_matrices(card, functions, programs, states) if stated else None
-    if matrices is not None:
-        given = [beta for beta in given if _compute_condition(matrices(beta, None)) < _LARGEST_CONDITION]
-    yield from (tuple(beta.tolist()) for beta in given)
-    if matrices is None:
-        yield from map(tuple, draws.tolist())
+    masses = [
+        (function, program)
+        for function, program in zip(functions, programs, strict=True)
+        if program.spec.name == "mass_matrix" and card.vector in {port.name for port in program.spec.inputs}
+    ]
+    if not (stated and masses):
+        yield from (tuple(beta.tolist()) for beta in (*given, *draws))
         return
-    # What all states of a large robot need would not fit into memory; a part of them determines beta.
-    few = max(_FEWEST_PROJECTED, _MOST_NUMBERS // (card.size**2 * len(stated)))
-    columns = np.stack([matrices(unit, few) for unit in np.eye(len(stated))], axis=-1)
-    inertia = _project_positive_definite(columns)
-    for draw in draws:
-        for multiple in _MULTIPLES:
-            beta = np.floor((draw + multiple * inertia) * PER_UNIT + _ROUNDING_EDGE) / PER_UNIT + 0.0
-            if _compute_condition(matrices(beta, None)) < _GOOD_CONDITION:
-                break
-        yield tuple(beta.tolist())
-
-
-def _evaluate_mass_matrices(
-    card: ModelCard, functions: Sequence[ca.Function], programs: Sequence[Program], states: SampleStates
-) -> Callable[[FloatArray, int | None], FloatArray] | None:
-    """Return the mass matrices (states, n, n) of a beta at the first states, or all; None without them."""
-    places = [k for k, program in enumerate(programs) if program.spec.name == "mass_matrix"]
-    if not any(card.vector in {port.name for port in programs[k].spec.inputs} for k in places):
-        return None
-    function, program = functions[places[0]], programs[places[0]]
+    function, program = masses[0]
+    ports = program.spec.inputs
     _, inputs = replace(states, shared={card.vector: (0.0,) * len(card.beta)}).compute_all(program)
-    vector = [port.name for port in program.spec.inputs].index(card.vector)
+    vector = [port.name for port in ports].index(card.vector)
 
-    def evaluate(beta: FloatArray, few: int | None) -> FloatArray:
-        count = min(states.count, few or states.count)
-        own = [
-            values if port.shared else values[:count]
-            for port, values in zip(program.spec.inputs, inputs, strict=True)
-        ]
+    def evaluate(beta: FloatArray, count: int) -> FloatArray:
+        """Return the mass matrices (states, n, n) at the first states."""
+        own = [v if port.shared else v[:count] for port, v in zip(ports, inputs, strict=True)]
         own[vector] = beta
         (matrices,) = evaluate_casadi(function, program, own, count)
         return matrices.reshape(-1, card.size, card.size)
 
-    return evaluate
+    for beta in given:
+        if _compute_condition(evaluate(beta, states.count)) < _LARGEST_CONDITION:
+            yield tuple(beta.tolist())
+    # What all states of a large robot need would not fit into memory; a part of them determines beta.
+    few = max(_FEWEST_PROJECTED, _MOST_NUMBERS // (card.size**2 * len(stated)))
+    units = np.eye(len(stated))
+    columns = np.stack([evaluate(unit, min(states.count, few)) for unit in units], axis=-1)
+    inertia = _project_positive_definite(columns)
+    for draw in draws:
+        for multiple in _MULTIPLES:
+            beta = np.floor((draw + multiple * inertia) * PER_UNIT + _ROUNDING_EDGE) / PER_UNIT + 0.0
+            if _compute_condition(evaluate(beta, states.count)) < _GOOD_CONDITION:
+                break
+        yield tuple(beta.tolist())
 
 
 _ONE = 1.0

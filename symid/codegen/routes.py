@@ -46,7 +46,6 @@ from symid.codegen.programs import (
     count_operations,
     differentiate_along,
     differentiate_backward,
-    differentiate_forward,
     order_by_growth,
 )
 from symid.dynamics import (
@@ -203,7 +202,7 @@ def _derive_torque(workspace: RouteWorkspace, kinetic: int, potential: int) -> l
     momenta = differentiate_backward(table, kinetic, inputs["dq"])
     slopes = differentiate_backward(table, table.add(kinetic, -potential), inputs["q"])
     moving = (*zip(inputs["q"], inputs["dq"], strict=True), *zip(inputs["dq"], inputs["ddq"], strict=True))
-    rates = differentiate_forward(table, momenta, dict(moving))
+    (rates,) = differentiate_along(table, momenta, [dict(moving)])
     return [table.add(rate, -slope) for rate, slope in zip(rates, slopes, strict=True)]
 
 
@@ -379,8 +378,9 @@ def _emit_feed_forward(workspace: RouteWorkspace, torques: RouteBuilder) -> tupl
     for name, rate in itertools.pairwise(("q", "dq", "ddq", "dddq", "ddddq")):
         seeds |= dict(zip(inputs[name], inputs[rate], strict=True))
     (values,) = workspace.recall(torques)
-    rates = differentiate_forward(table, values, seeds)
-    found = list(zip(values, rates, differentiate_forward(table, rates, seeds), strict=True))
+    (rates,) = differentiate_along(table, values, [seeds])
+    (seconds,) = differentiate_along(table, rates, [seeds])
+    found = list(zip(values, rates, seconds, strict=True))
     torsions = [
         _invert_torque(algebra, spring, torque, plays)
         for (spring, plays), torque in zip(springs, found, strict=True)
@@ -575,8 +575,10 @@ def choose_route(
             # Only those with a chance, for each takes seconds.
             costly = {name for name in routes if any(word in name for word in _COSTLY)}
             routes = {name: routes[name] for name in routes if name not in costly} or routes
-        built = {name: workspace.recall(build) for name, build in routes.items()}
-        counts = {name: table.count(itertools.chain(*ports)) for name, ports in built.items()}
+        built, counts = dict[str, tuple[Elements, ...]](), dict[str, Operations]()
+        for name, build in routes.items():
+            built[name] = workspace.recall(build)
+            counts[name] = table.count(itertools.chain(*built[name]))
         costs = {name: count.mul + count.add for name, count in counts.items()}
         chosen = min(costs, key=costs.__getitem__)
         rows = (
