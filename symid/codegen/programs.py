@@ -185,7 +185,7 @@ def _renumber(
 _ODD = frozenset({Op.SIN, Op.TAN, Op.TANH, Op.SIGN})
 _EVEN = frozenset({Op.COS, Op.ABS, Op.IS_ZERO})
 # The first entries of every table.
-_ZERO, _ONE, _TWO = 1, 2, 3
+_ZERO, _ONE = 1, 2
 
 
 class ExpressionTable:
@@ -266,17 +266,6 @@ class ExpressionTable:
                 return self._constants[factor], other if ref > 0 else -other
         return None
 
-    def _simplify_sum(self, left: int, right: int) -> int:
-        """Return a simpler form of left + right, 0 if there is none."""
-        a, b = self._get_constant(left), self._get_constant(right)
-        if a is not None and b is not None:
-            return self.constant(a + b)
-        rest = self._locate_rest(left, right) or self._locate_rest(right, left)
-        if rest or left != right:
-            return rest
-        split = self._split_constant(left)
-        return self.mul(self.constant(2.0 * split[0]), split[1]) if split else 0
-
     def add(self, left: int, right: int) -> int:
         """Return left + right."""
         if left in (_ZERO, -_ZERO):
@@ -295,26 +284,15 @@ class ExpressionTable:
         pair = (first, second) if first <= second else (second, first)
         number = known.get(pair)
         if number is None:
-            simple = self._simplify_sum(left, right)
-            if simple:
-                return simple
+            a, b = self._get_constant(left), self._get_constant(right)
+            if a is not None and b is not None:
+                return self.constant(a + b)
+            if rest := self._locate_rest(left, right) or self._locate_rest(right, left):
+                return rest
+            if left == right and (split := self._split_constant(left)):
+                return self.mul(self.constant(2.0 * split[0]), split[1])
             number = known[pair] = self._append(op, pair)
         return number if positive else -number
-
-    def _simplify_product(self, left: int, right: int) -> int:
-        """Return a simpler form of left * right, 0 if there is none."""
-        a, b = self._get_constant(left), self._get_constant(right)
-        if a is not None and b is not None:
-            return self.constant(a * b)
-        if b is not None:
-            left, right, a = right, left, b
-        if a is None:
-            return 0
-        if abs(left) == _TWO:
-            signed = right if left > 0 else -right
-            return self.add(signed, signed)
-        split = self._split_constant(right)
-        return self.mul(self.constant(a * split[0]), split[1]) if split else 0
 
     def mul(self, left: int, right: int) -> int:
         """Return left * right."""
@@ -328,9 +306,15 @@ class ExpressionTable:
             return high if positive else -high
         number = self._products.get((low, high))
         if number is None:
-            simple = self._simplify_product(left, right)
-            if simple:
-                return simple
+            a, b = self._get_constant(left), self._get_constant(right)
+            if a is not None and b is not None:
+                return self.constant(a * b)
+            factor, value = (a, right) if b is None else (b, left)
+            if factor is not None and abs(factor) == 2.0:
+                signed = value if factor > 0 else -value
+                return self.add(signed, signed)
+            if factor is not None and (split := self._split_constant(value)):
+                return self.mul(self.constant(factor * split[0]), split[1])
             number = self._products[low, high] = self._append(Op.MUL, (low, high))
         return number if positive else -number
 

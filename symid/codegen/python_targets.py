@@ -188,24 +188,6 @@ def _write_c(name: str, functions: Sequence[ca.Function]) -> str:
     return f"/* {BANNER} */\n{generator.dump()}"
 
 
-def _write_c_files(material: Material, functions: Sequence[ca.Function]) -> list[tuple[str, str]]:
-    plain, info = list_casadi_sources(material.prefix)
-    jacobians = f"{material.prefix}_casadi_jacobians.c"
-    derived = [function.jacobian() for function in functions if function.name() in _JACOBIANS]
-    files = [(plain, _write_c(plain, functions))]
-    files += [(jacobians, _write_c(jacobians, derived))] if derived else []
-    digest = material.compute_digest("casadi", files)
-    # As plain C has them, a pointer for each input and output.
-    calls: list[Fields] = []
-    for spec in material.card.functions:
-        if spec.name in _PLANT_FUNCTIONS:
-            inputs, outputs = ([port.name for port in ports] for ports in (spec.inputs, spec.outputs))
-            given = [*(f"const double *{name}" for name in inputs), *(f"double *{name}" for name in outputs)]
-            texts = {"arguments": given, "inputs": inputs, "outputs": outputs}
-            calls.append({"name": spec.name, **{key: ", ".join(names) for key, names in texts.items()}})
-    return [*files, (info, material.write("casadi/info.c.jinja", digest=digest, calls=calls))]
-
-
 def generate_casadi_target(functions: Functions, options: GenerateOptions | None = None) -> SourceSet:
     """Return the files that users of CasADi take: functions, C, loader with self-test, README, manifest.
 
@@ -219,7 +201,21 @@ def generate_casadi_target(functions: Functions, options: GenerateOptions | None
     def describe(ports: Sequence[Port]) -> list[str]:
         return [repr((port.name, get_matrix_shape(port), port.unit, port.meaning)) for port in ports]
 
-    sources = _write_c_files(material, functions.functions)
+    plain, info = list_casadi_sources(material.prefix)
+    jacobians = f"{material.prefix}_casadi_jacobians.c"
+    derived = [function.jacobian() for function in functions.functions if function.name() in _JACOBIANS]
+    sources = [(plain, _write_c(plain, functions.functions))]
+    sources += [(jacobians, _write_c(jacobians, derived))] if derived else []
+    digest = material.compute_digest("casadi", sources)
+    # As plain C has them, a pointer for each input and output.
+    calls: list[Fields] = []
+    for spec in material.card.functions:
+        if spec.name in _PLANT_FUNCTIONS:
+            inputs, outputs = ([port.name for port in ports] for ports in (spec.inputs, spec.outputs))
+            given = [*(f"const double *{name}" for name in inputs), *(f"double *{name}" for name in outputs)]
+            texts = {"arguments": given, "inputs": inputs, "outputs": outputs}
+            calls.append({"name": spec.name, **{key: ", ".join(names) for key, names in texts.items()}})
+    sources.append((info, material.write("casadi/info.c.jinja", digest=digest, calls=calls)))
     objects = " ".join(f"{path.removesuffix('.c')}.o" for path, _ in sources)
     version, example = ca.CasadiMeta.version(), material.card.functions[0].name
     readme = material.write("casadi/README.md.jinja", casadi=version, example=example)
