@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
-from symid.codegen.catalogue import list_robot_specs
+from symid.codegen.functions import list_robot_specs
 from symid.codegen.programs import count_operations
 from symid.codegen.routes import choose_route
 from symid.dynamics.base_parameters import derive_base_parameters

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import strategies as st
 from sympy import QQ
 
+from symid.codegen.equation_routes import build_workspace
 from symid.codegen.programs import Op
 from symid.codegen.routes import list_routes
-from symid.codegen.workspace import build_workspace
 from symid.joint_models import FrictionValues
 from symid.notation import INERTIAL
 from symid.robot.description import Coupling, Drive, Joint, JointKind, Mimic, Robot, Spring

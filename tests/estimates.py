@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from symid.codegen.catalogue import build_model_card
+from symid.codegen.functions import build_model_card
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.identification.estimators.estimate import Estimate, Outcome, ParameterEstimate, Residual
 from symid.identification.stored import write_fit

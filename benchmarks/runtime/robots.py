@@ -18,7 +18,7 @@ import numpy as np
 from tools import NotInstalledError
 
 from symid.arrays import FloatArray
-from symid.codegen.catalogue import MOST_FULL
+from symid.codegen.functions import MOST_FULL
 from symid.dynamics.base_parameters import BaseParameters, derive_base_parameters
 from symid.notation import INERTIAL
 from symid.robot.description import Drive, FrictionValues, Joint, JointKind, Limits, Robot

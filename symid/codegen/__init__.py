@@ -3,23 +3,15 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from symid.codegen.c_friction import generate_friction_state as generate_friction_state
+    from symid.codegen.c_library import generate_friction_state as generate_friction_state
     from symid.codegen.cache import (
         keep_dynamics as keep_dynamics,
         locate_cache_folder as locate_cache_folder,
         prepare_library as prepare_library,
     )
-    from symid.codegen.calls import Call as Call, choose_call_path as choose_call_path
     from symid.codegen.casadi_functions import (
         build_casadi_function as build_casadi_function,
         build_functions as build_functions,
-    )
-    from symid.codegen.catalogue import (
-        LIMITED as LIMITED,
-        build_model_card as build_model_card,
-        build_spring_vector as build_spring_vector,
-        list_robot_specs as list_robot_specs,
-        list_spring_parameters as list_spring_parameters,
     )
     from symid.codegen.compiled_models import (
         RIGID_FUNCTIONS as RIGID_FUNCTIONS,
@@ -30,6 +22,7 @@ if TYPE_CHECKING:
         RigidExperiment as RigidExperiment,
         RigidLog as RigidLog,
         RigidPlantRobot as RigidPlantRobot,
+        build_compiled_function as build_compiled_function,
         has_addresses as has_addresses,
         load_plant_code as load_plant_code,
         run_compiled_branch as run_compiled_branch,
@@ -41,22 +34,24 @@ if TYPE_CHECKING:
         generate_springs as generate_springs,
     )
     from symid.codegen.functions import (
+        LIMITED as LIMITED,
         FunctionSpec as FunctionSpec,
         JointCard as JointCard,
         ModelCard as ModelCard,
         ParameterCard as ParameterCard,
+        build_model_card as build_model_card,
+        build_spring_vector as build_spring_vector,
         compute_model_signature as compute_model_signature,
+        list_robot_specs as list_robot_specs,
+        list_spring_parameters as list_spring_parameters,
     )
     from symid.codegen.generation import (
         CodeRequest as CodeRequest,
         GeneratedFolder as GeneratedFolder,
         generate_folder as generate_folder,
     )
-    from symid.codegen.library import Library as Library
-    from symid.codegen.python_targets import (
-        build_compiled_function as build_compiled_function,
-        write_javascript_function as write_javascript_function,
-    )
+    from symid.codegen.library import Call as Call, Library as Library, choose_call_path as choose_call_path
+    from symid.codegen.python_targets import write_javascript_function as write_javascript_function
     from symid.codegen.routes import (
         RouteCount as RouteCount,
         choose_route as choose_route,

@@ -1,4 +1,4 @@
-"""A C99 library that stands alone: header, one file a function, self-test, example, build files.
+"""A C99 library that stands alone: header, a file a function, self-test, example, build files; friction laws.
 
 A private header has numbers side by side (SIMD), and sine and cosine of several angles at once:
 
@@ -8,11 +8,16 @@ S and C are minimax polynomials on |r| <= pi/4 (Remez 1934) for the relative err
 in 60 digits, each coefficient rounded before the others were fitted again; in exact arithmetic they err by
 less than 2^-57 (double) and 2^-27 (float). The example is a control loop with the robot that it moves.
 
+Friction laws stand alone too, a header and a source. Static ones have a function each,
+    double symid_friction_stribeck(double velocity, const double p[4]);
+where p holds the physical parameters in the order of the law; `DynamicLaw` is a struct for the deflection of
+the bristles of one joint, with functions to initialise and to advance it.
+
 Supported: double and float; one sample and batches; compilers with vector types of GCC, and C99 without;
-parameters as arguments or constants.
+parameters as arguments or constants; all friction laws of the joint models.
 Not supported: an example for elastic robots, but for those with stops and a function of the motor torques;
 compilers without C99 arrays of stated size (use clang-cl in place of Microsoft's); calls from Python without
-ctypes (see `calls`), for float.
+ctypes (see `library`), for float.
 """
 
 import math
@@ -21,10 +26,8 @@ from collections.abc import Mapping, Sequence
 from itertools import chain
 
 from symid import __version__
-from symid.codegen.c_friction import generate_friction_laws
-from symid.codegen.casadi_functions import Functions
+from symid.codegen.casadi_functions import Fields, Functions, Material, prepare_material, write_operations
 from symid.codegen.functions import FunctionSpec, ModelCard, ParameterCard, Port
-from symid.codegen.material import BANNER, Fields, Material, prepare_material, write_operations
 from symid.codegen.printing import (
     FunctionBody,
     list_streamed,
@@ -33,7 +36,7 @@ from symid.codegen.printing import (
     write_literal,
     write_table_lines,
 )
-from symid.codegen.programs import Program
+from symid.codegen.programs import ExpressionTable, Program, ValueAlgebra
 from symid.codegen.references import (
     ANGLE_LIMITS,
     FLOOR,
@@ -44,8 +47,159 @@ from symid.codegen.references import (
     ReferenceRows,
 )
 from symid.codegen.source_folder import SourceSet
-from symid.codegen.source_text import GenerateOptions, write_template
-from symid.joint_models import FRICTION_LAWS, REFERENCE_TEMPERATURE
+from symid.codegen.source_text import BANNER, GenerateOptions, clean_text, write_template
+from symid.joint_models import (
+    FRICTION_LAWS,
+    REFERENCE_TEMPERATURE,
+    DynamicLaw,
+    FrictionLaw,
+    compute_bristle_step,
+)
+
+_INPUT_UNITS = {
+    "velocity": "rad/s or m/s",
+    "load": "N m or N",
+    "position": "rad or m",
+    "temperature": "degC",
+}
+
+
+def build_law_program(law: FrictionLaw) -> Program:
+    """Return the torque of a law as a program of its inputs, a port each, and its physical parameters p."""
+    table = ExpressionTable()
+    algebra = ValueAlgebra(table)
+    inputs = {name: table.input(port, 0) for port, name in enumerate(law.inputs)}
+    values = [table.input(len(law.inputs), k) for k in range(len(law.physical))]
+    own = []
+    for row in law.unmixing:
+        shares = (pair for pair in zip(row, values, strict=True) if pair[0])
+        own.append(algebra.sum_values(algebra.scale(float(factor), value) for factor, value in shares))
+    count = len(law.linear)
+    pairs = zip(own[:count], law.columns(algebra, inputs, own[count:]), strict=True)
+    torque = algebra.sum_values(algebra.mul(factor, column) for factor, column in pairs)
+    spec = FunctionSpec(
+        name=_build_law_name(law),
+        inputs=(
+            *(Port(name=name, shape=(1,), unit=_INPUT_UNITS[name], meaning=name) for name in law.inputs),
+            Port(name="p", shape=(len(values),), unit="mixed", meaning="parameters", shared=True),
+        ),
+        outputs=(Port(name="tau", shape=(1,), unit="N m", meaning="friction torque"),),
+        meaning=law.formula,
+    )
+    return table.build_program(spec, [[torque]])
+
+
+def _build_law_name(law: FrictionLaw) -> str:
+    name = re.sub(r"[^a-z0-9]+", "_", law.name)
+    if not law.smoothing:
+        return name
+    return f"{name}_smooth_{re.sub(r'[^a-z0-9]+', '_', f'{law.smoothing:g}')}"
+
+
+def generate_friction_laws(
+    laws: Sequence[FrictionLaw], *, prefix: str = "symid", precision: str = "double"
+) -> tuple[tuple[str, str], ...]:
+    """Return path and text of the header and of the source of friction laws, which have different names.
+
+    The files are called `prefix`_friction_laws, and functions begin so; `precision` is "double" or "float".
+    """
+    helpers: set[str] = set()
+    functions: list[Fields] = []
+    for law in laws:
+        body = print_c(build_law_program(law), precision)
+        helpers.update(body.helpers)
+        # The program's inputs and output are arrays, those of the function numbers.
+        lines = [
+            re.sub(r"\b(velocity|load|position|temperature)\[0\]", r"\1", line) for line in body.statements
+        ]
+        inputs = "".join(f"{precision} {name}, " for name in law.inputs)
+        name = f"{prefix}_friction_{_build_law_name(law)}"
+        comment = [f"@brief {clean_text(law.formula)}", ""]
+        comment += map(
+            clean_text, (f"Law {law.name}. Source: {law.source}.", f"{law.smoothness} {law.passivity}")
+        )
+        comment += ["", *(f"@param [in] {port} {_INPUT_UNITS[port]}" for port in law.inputs)]
+        comment.append(f"@param [in] p {len(law.physical)} parameters")
+        for k, entry in enumerate(law.physical):
+            other = f" or {entry.unit_prismatic}" if entry.unit != entry.unit_prismatic else ""
+            comment.append("  " + clean_text(f"p[{k}] {entry.name} ({entry.unit}{other}): {entry.meaning}"))
+        comment.append("@return friction torque, N m or N, positive against positive velocity")
+        function: Fields = {
+            "name": name,
+            "lines": [f" {line}".rstrip() for line in comment],
+            "declaration": f"{precision} {name}({inputs}const {precision} p[{len(law.physical)}])",
+            "statements": (*lines[:-1], "return " + lines[-1].removeprefix("tau[0] = ")),
+        }
+        functions.append(function)
+    file = f"{prefix}_friction_laws"
+    facts = {"banner": BANNER, "file": file, "functions": functions}
+    return (
+        (f"{file}.h", write_template("c/friction.h.jinja", facts, macro=file.upper())),
+        (f"{file}.c", write_template("c/friction.c.jinja", facts, helpers=sorted(helpers))),
+    )
+
+
+_LAW_BANNER = "Generated by symid. Do not edit: change the law or the template, and write it again."
+
+
+def build_step_program(law: DynamicLaw) -> Program:
+    """Return a step as a program: parameters p, held velocity and period, z -> z after it, torque."""
+    table = ExpressionTable()
+    algebra = ValueAlgebra(table)
+    values = [table.input(0, k) for k in range(len(law.parameters))]
+    held = (table.input(1, 0), table.input(1, 1))
+    step = compute_bristle_step(algebra, law, held, table.input(2, 0), values)
+    spec = FunctionSpec(
+        name=f"{law.name}_step",
+        inputs=(
+            Port(name="p", shape=(len(values),), unit="mixed", meaning="parameters", shared=True),
+            Port(name="held", shape=(2,), unit="mixed", meaning="velocity and period of the step"),
+            Port(name="z", shape=(1,), unit="rad", meaning="deflection of the bristles"),
+        ),
+        outputs=(
+            Port(name="z_after", shape=(1,), unit="rad", meaning="deflection after the step"),
+            Port(name="torque", shape=(1,), unit="N m", meaning="friction torque after the step"),
+        ),
+        meaning=law.formula,
+    )
+    return table.build_program(spec, [[value] for value in step])
+
+
+def generate_friction_state(law: DynamicLaw, *, precision: str = "double") -> tuple[tuple[str, str], ...]:
+    """Return name and text of the header and the source of a law, for `precision` "double" or "float"."""
+    prefix = f"symid_friction_{law.name}"
+    body = print_c(build_step_program(law), precision)
+    largest = "FLT_MAX" if precision == "float" else "DBL_MAX"
+    # Conditions on the parameters; a NaN meets none.
+    checks, lines = [], []
+    for entry in law.parameters:
+        relation = ">=" if entry.lower_is_allowed else ">"
+        checks.append(f"p->{entry.name} {relation} {write_literal(entry.lower, precision)}")
+        upper = write_literal(entry.upper, precision) if math.isfinite(entry.upper) else largest
+        checks.append(f"p->{entry.name} <= {upper}")
+        lines.append(f"{entry.name}; /**< {entry.meaning}, {entry.unit} ({entry.unit_prismatic}) */")
+    facts = {"banner": _LAW_BANNER, "prefix": prefix, "macro": prefix.upper(), "real": precision}
+    header = write_template(
+        "c/friction_state.h.jinja",
+        facts,
+        law=law.name,
+        formula=clean_text(law.formula),
+        parameter_lines=lines,
+    )
+    source = write_template(
+        "c/friction_state.c.jinja",
+        facts,
+        zero=write_literal(0.0, precision),
+        size="fabsf" if precision == "float" else "fabs",
+        largest=largest,
+        parameter_count=len(law.parameters),
+        parameters=", ".join(f"state->parameters.{name}" for name in law.names),
+        helpers=body.helpers,
+        checks=checks,
+        statements=body.statements,
+    )
+    return ((f"{prefix}.h", header), (f"{prefix}.c", source))
+
 
 # Parts that sum up to pi/2, of which all but the last have exact products with n; coefficients of S and of C.
 _TRIGONOMETRY = {
@@ -234,7 +388,7 @@ def _write_friction_state(material: Material, ending: str) -> str:
     """Return the declarations (h) or the source (c) of the friction that remembers; nothing without."""
     if not material.bristles:
         return ""
-    real, ports = material.options.precision, _list_given_ports(material)
+    real, ports = material.options.precision, material.list_given_ports()
     given = "".join(f"const {real} {port.name}[{max(port.size, 1)}], " for port in ports)
     if ending == "h":
         lines = [f"@param[in] {port.name} {port.meaning}: {port.size}, {port.unit}" for port in ports]
@@ -248,51 +402,16 @@ def _write_friction_state(material: Material, ending: str) -> str:
     )
 
 
-def _list_given_ports(material: Material) -> list[Port]:
-    """Return what friction that remembers takes besides the motion and its state."""
-    spec = next(spec for spec in material.card.functions if spec.name == "friction_step")
-    return [port for port in spec.inputs if port.name not in {"dq", "way", "z"}]
-
-
-def _write_function(material: Material, program: Program) -> str:
-    real, spec = material.options.precision, program.spec
-    own = material.options.trigonometry == "own"
-    body = print_c(program, real, together=own)
-    lanes = print_simd(program, real) if own else FunctionBody(statements=())
-    text = "\n".join(chain(body.statements, *(part.statements for part in body.parts)))
-    includes = []
-    if lanes.statements or "find_sines(" in text:
-        includes.append(f'#include "{material.prefix}{_SIMD_HEADER}"')
-    if re.search(r"\b(sin|cos|tan|sqrt|exp|tanh|pow|fabs)f?\(", text):
-        includes += ["", "#include <math.h>"]
-    ports, (definition, batch_definition) = (*spec.inputs, *spec.outputs), _declare(spec, real, "restrict ")
-    return material.write(
-        "c/function.c.jinja",
-        name=spec.name,
-        includes=includes,
-        helpers=body.helpers,
-        definition=definition,
-        batch_definition=batch_definition,
-        null_test=" || ".join(f"{port.name} == NULL" for port in ports),
-        parts=body.parts,
-        lane_parts=lanes.parts,
-        statements=body.statements,
-        lane_bodies=[lanes.statements] if lanes.statements else [],
-        real=real,
-        streamed=[{"name": port.name, "size": port.size} for port in list_streamed(spec)],
-        call=", ".join(port.name if port.shared else f"{port.name} + {port.size} * k" for port in ports),
-    )
-
-
 # No multiple of the samples that vectors hold: each batch has some left over.
 _BATCH_SAMPLES = 13
 _FENCE = 8
 _UNTOUCHED = 12345.5
 
 
-def _list_tests(material: Material) -> tuple[list[Fields], list[Fields]]:
-    """Return the tables of numbers, each once, and what the functions are given and must return."""
-    real = material.options.precision
+def _write_self_test(material: Material, tolerance: str) -> str:
+    """Return the self-test of all functions."""
+    real, specs = material.options.precision, [program.spec for program in material.programs]
+    # Tables of numbers, each once, and what the functions are given and must return.
     arrays: dict[str, Fields] = {}
     tests: list[Fields] = []
 
@@ -304,31 +423,23 @@ def _list_tests(material: Material) -> tuple[list[Fields], list[Fields]]:
             arrays[name] = {"kind": kind, "name": name, "size": max(len(values), 1), "lines": lines}
         return name
 
-    for program, reference in zip(material.programs, material.references, strict=True):
-        spec, inputs, outputs = program.spec, [], []
+    for spec, reference in zip(specs, material.references, strict=True):
+        given, returned = [], []
         for port, table, rows in zip(spec.inputs, reference.tables, reference.inputs, strict=True):
             if port.shared:
                 places = f"NULL, {add_array(real, f'shared_{table}', rows)}"
             else:
                 places = f"{add_array('int32_t', f'state_{table}', rows)}, NULL"
-            inputs.append(f"{{ {places}, {port.size} }}")
+            given.append(f"{{ {places}, {port.size} }}")
         found = zip(spec.outputs, reference.whole, reference.sums, reference.scales, strict=True)
         for port, whole, sums, scale in found:
             tables = (("whole", whole), ("sums", sums))
             names = [add_array("double", f"{kind}_{spec.name}_{port.name}", rows) for kind, rows in tables]
-            outputs.append(f"{{ {', '.join(names)}, {scale!r}, {port.size} }}")
-        call = [f"in[{k}]" for k in range(len(inputs))] + [f"out[{k}]" for k in range(len(outputs))]
-        counts = {"input_count": len(inputs), "output_count": len(outputs)}
-        tests.append(
-            {"name": spec.name, "call": ", ".join(call), "inputs": inputs, "outputs": outputs, **counts}
-        )
-    return list(arrays.values()), tests
-
-
-def _write_self_test(material: Material, tolerance: str) -> str:
-    """Return the self-test of all functions."""
-    real, specs = material.options.precision, [program.spec for program in material.programs]
-    arrays, tests = _list_tests(material)
+            returned.append(f"{{ {', '.join(names)}, {scale!r}, {port.size} }}")
+        call = [f"in[{k}]" for k in range(len(given))] + [f"out[{k}]" for k in range(len(returned))]
+        counts = {"input_count": len(given), "output_count": len(returned)}
+        listed = {"inputs": given, "outputs": returned}
+        tests.append({"name": spec.name, "call": ", ".join(call), **listed, **counts})
     states = _write_state_tests(material)
     inputs = max(sum(port.size for port in spec.inputs if not port.shared) for spec in specs)
     outputs = max(sum(port.size * _BATCH_SAMPLES + _FENCE for port in spec.outputs) for spec in specs)
@@ -348,7 +459,7 @@ def _write_self_test(material: Material, tolerance: str) -> str:
         input_room=max(inputs * _BATCH_SAMPLES, 1),
         output_room=outputs,
         test_count=len(material.programs) + len(states),
-        arrays=arrays,
+        arrays=list(arrays.values()),
         tests=tests,
         state_lines=list(chain(*states.values())),
         state_tests=list(states),
@@ -376,7 +487,7 @@ def _write_state_tests(material: Material) -> dict[str, list[str]]:
             spring_lines=write_table_lines(given["h"][0], real),
         ).splitlines()
     if material.bristles:
-        given, ports = gather("friction_step"), _list_given_ports(material)
+        given, ports = gather("friction_step"), material.list_given_ports()
         tables = [
             {
                 "name": port.name,
@@ -458,11 +569,23 @@ def _write_control_loop(material: Material) -> str | None:
             "constants": "".join(f"{name}, " for name in vectors if name != "h"),
             "rotor_values": [] if "rotor" in vectors else [f"{{{rotors}}}"],
         }
+    # How the example calls friction up to its result: input by input, then the parameters.
+    places = {
+        "wanted": ("dqd", "qd, ", "tau, ", "&feed, dqd, period"),
+        "moving": ("dq", "q, ", "load, ", "&bristles, dq, substep"),
+        "motor": ("robot->dtheta", "robot->theta, ", "spring, ", "&robot->bristles, robot->dtheta, substep"),
+    }
+    calls = {}
+    for key, (velocity, position, load, step) in places.items():
+        texts = {"q": position, "load": load, "temperature": "temperature, "}
+        call = f"friction_state_step({step}, " if material.bristles else f"friction({velocity}, "
+        values = "f, " if "f" in vectors else ""
+        calls[key] = call + "".join(texts[name] for name in card.friction_inputs) + values
     suffix, warm = "f" if real == "float" else "", write_literal(REFERENCE_TEMPERATURE, real)
     return material.write(
         template,
         beta="beta, " if "beta" in vectors else "",
-        friction_arguments=_list_friction_arguments(material, "f, " if "f" in vectors else ""),
+        friction_arguments=[calls] if card.friction else [],
         remembers=material.bristles > 0,
         warm_values=[f"{{{', '.join([warm] * card.size)}}}"] if "temperature" in card.friction_inputs else [],
         zero=f"{{{write_literal(0.0, real)}}}",
@@ -474,36 +597,37 @@ def _write_control_loop(material: Material) -> str | None:
     )
 
 
-def _list_friction_arguments(material: Material, values: str) -> list[dict[str, str]]:
-    """Return the example's calls of friction up to its result; nothing without friction.
-
-    `values` is how friction parameters are passed.
-    """
-    card = material.card
-    if not card.friction:
-        return []
-    places = {
-        "wanted": {"q": "qd, ", "load": "tau, ", "temperature": "temperature, "},
-        "moving": {"q": "q, ", "load": "load, ", "temperature": "temperature, "},
-        "motor": {"q": "robot->theta, ", "load": "spring, ", "temperature": "temperature, "},
-    }
-    plain = {"wanted": "dqd", "moving": "dq", "motor": "robot->dtheta"}
-    states = {"wanted": ("feed", "period"), "moving": ("bristles", "substep")}
-    states |= {"motor": ("robot->bristles", "substep")}
-    calls = {}
-    for key, names in places.items():
-        call = f"friction({plain[key]}, "
-        if material.bristles:
-            state, step = states[key]
-            call = f"friction_state_step(&{state}, {plain[key]}, {step}, "
-        calls[key] = call + "".join(names[name] for name in card.friction_inputs) + values
-    return [calls]
-
-
 def _write_sources(material: Material) -> list[tuple[str, str]]:
     prefix, real = material.prefix, material.options.precision
-    written = ((program.spec.name, _write_function(material, program)) for program in material.programs)
-    functions = [(f"{prefix}_{name}.c", text) for name, text in written]
+    own, functions = material.options.trigonometry == "own", []
+    for program in material.programs:
+        spec, body = program.spec, print_c(program, real, together=own)
+        lanes = print_simd(program, real) if own else FunctionBody(statements=())
+        text = "\n".join(chain(body.statements, *(part.statements for part in body.parts)))
+        includes = []
+        if lanes.statements or "find_sines(" in text:
+            includes.append(f'#include "{prefix}{_SIMD_HEADER}"')
+        if re.search(r"\b(sin|cos|tan|sqrt|exp|tanh|pow|fabs)f?\(", text):
+            includes += ["", "#include <math.h>"]
+        ports = (*spec.inputs, *spec.outputs)
+        definition, batch_definition = _declare(spec, real, "restrict ")
+        text = material.write(
+            "c/function.c.jinja",
+            name=spec.name,
+            includes=includes,
+            helpers=body.helpers,
+            definition=definition,
+            batch_definition=batch_definition,
+            null_test=" || ".join(f"{port.name} == NULL" for port in ports),
+            parts=body.parts,
+            lane_parts=lanes.parts,
+            statements=body.statements,
+            lane_bodies=[lanes.statements] if lanes.statements else [],
+            real=real,
+            streamed=[{"name": port.name, "size": port.size} for port in list_streamed(spec)],
+            call=", ".join(port.name if port.shared else f"{port.name} + {port.size} * k" for port in ports),
+        )
+        functions.append((f"{prefix}_{spec.name}.c", text))
     if material.stops:
         functions.append((f"{prefix}_hysteresis.c", material.write("c/hysteresis.c.jinja")))
     if material.bristles:
@@ -543,8 +667,7 @@ def generate_c_library(functions: Functions, options: GenerateOptions | None = N
         example_target="".join(f" {program}" for program in programs[1:]),
     )
     # CMake knows numbers alone: 1.2.3.dev4 is 1.2.3.
-    numbers = re.match(r"\d+(\.\d+)*", __version__)
-    version = numbers.group() if numbers else "0"
+    version = numbers.group() if (numbers := re.match(r"\d+(\.\d+)*", __version__)) else "0"
     public = " ".join(path for path in headers if path != f"{prefix}{_SIMD_HEADER}")
     cmake = material.write(
         "c/CMakeLists.txt.jinja", cmake_version=version, headers=public, sources=sources, programs=programs

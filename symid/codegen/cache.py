@@ -11,6 +11,7 @@ write to the folders above the cache, against the user, or against root.
 """
 
 import contextlib
+import errno
 import functools
 import itertools
 import json
@@ -22,16 +23,15 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from filelock import FileLock, Timeout
+from filelock import BaseFileLock, FileLock, Timeout
 
 from symid import __version__
-from symid.codegen.calls import choose_call_path
 from symid.codegen.compiler import (
     CANDIDATES,
     Compiler,
@@ -40,7 +40,8 @@ from symid.codegen.compiler import (
     diagnose_compiler,
     locate_compiler,
 )
-from symid.codegen.library import Library, load_library
+from symid.codegen.functions import FOR_CONTROLLERS
+from symid.codegen.library import Library, choose_call_path, load_library
 from symid.codegen.source_folder import compute_digest, write_sources
 from symid.codegen.source_text import BACKENDS, build_library_prefix, check_choice, read_template_bytes
 from symid.environment import clear_scratch, mark_scratch
@@ -68,22 +69,14 @@ def locate_user_folder() -> Path | None:
     return home / ".cache" / "symid" if home.is_absolute() else None
 
 
-def _get_temporary_folder() -> Path:
-    return Path(tempfile.gettempdir()) / f"symid-{os.getuid()}"
-
-
 def locate_cache_folder() -> Path:
     """Return the folder in which libraries are looked for first."""
-    return locate_user_folder() or _get_temporary_folder()
+    return locate_user_folder() or Path(tempfile.gettempdir()) / f"symid-{os.getuid()}"
 
 
 def make_temporary_folder() -> Path:
-    """Return this user's own folder among the temporary ones, closed to all others.
-
-    Raises:
-        OSError: there is no place for temporary files.
-    """
-    folder = _get_temporary_folder()
+    """Return this user's own folder among the temporary ones, closed to others; OSError where none can be."""
+    folder = Path(tempfile.gettempdir()) / f"symid-{os.getuid()}"
     try:
         folder.mkdir(mode=stat.S_IRWXU)
     except FileExistsError:
@@ -116,6 +109,72 @@ def describe_entry_risk(entry: Path) -> str:
         return "it is no folder"
     weak = ((path, describe_path_risk(path)) for path in sorted(entry.rglob("*")))
     return next((f"{path.relative_to(entry)} {weakness}" for path, weakness in weak if weakness), "")
+
+
+_LOCK_PATIENCE = 1.0
+
+
+def _is_held(lock: BaseFileLock, file: Path) -> bool:
+    """Return whether `lock` is one on the file that now has the name, not on one that was removed."""
+    handle = lock._context.lock_file_fd  # noqa: SLF001  filelock offers no other way to it
+    try:
+        # None: where the system has no such locks, the file itself is the lock.
+        return handle is None or os.path.samestat(os.fstat(handle), file.lstat())
+    except FileNotFoundError:
+        return False
+
+
+@contextlib.contextmanager
+def lock_folder(folder: Path, progress: Callable[[], None]) -> Iterator[None]:
+    """Wait until no other process of this user has `folder`, and keep it from others in the context.
+
+    The lock is one of the system's on a file beside the folder or, where none can be written there, in the
+    user's cache folder. The file is removed; the file of a process that died does not lock. The folder need
+    not be there yet: missing folders above it are made, and removed if they stay empty. `progress` is called
+    once where the wait takes longer than a second.
+
+    Raises:
+        OutputError: no file for the lock can be written.
+    """
+    target, tell = folder.resolve(), functools.cache(progress)
+    missing = [place for place in target.parents if not place.exists()]
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        file = target.parent / f".{target.name}.symid-lock"
+        if not os.access(target.parent, os.W_OK | os.X_OK):
+            own = locate_user_folder()
+            if own is None:
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(target.parent))
+            own.mkdir(mode=stat.S_IRWXU, parents=True, exist_ok=True)
+            file = own / f"{compute_digest(os.fsencode(target))[:24]}.lock"
+        held = False
+        while not held:
+            lock = FileLock(file)
+            # A run that failed removes the folders that it made.
+            with contextlib.suppress(FileNotFoundError):
+                target.parent.mkdir(parents=True, exist_ok=True)
+                try:
+                    lock.acquire(timeout=_LOCK_PATIENCE)
+                except Timeout:
+                    tell()
+                    lock.acquire()
+                held = _is_held(lock, file)
+                if not held:
+                    lock.release()
+    except OSError as error:
+        where = f" ({error.filename})" if error.filename else ""
+        text = f"cannot be locked against other runs: {error.strerror or error}{where}"
+        raise OutputError(Notice(code="output.cannot-write", text=text, file=str(folder))) from error
+    try:
+        yield
+    finally:
+        # The file goes while the lock is held: who waits for it sees by `_is_held` that it was removed.
+        with contextlib.suppress(OSError):
+            file.unlink()
+        lock.release()
+        with contextlib.suppress(OSError):
+            for place in missing:
+                place.rmdir()
 
 
 def _remove_entry(path: Path) -> None:
@@ -195,22 +254,6 @@ def _store_entry(entry: CacheEntry[T], place: Path) -> None:
         shutil.rmtree(staging, ignore_errors=True)
 
 
-def _load_or_make(entry: CacheEntry[T], place: Path) -> tuple[T, str]:
-    """Return what is at `place`, made if it has to be, and what was wrong with the one before."""
-    damage = ""
-    if os.path.lexists(place) and not (damage := _describe_damage(place, entry.key)):
-        try:
-            return entry.load(place), ""
-        except (GenerationError, UsageError) as error:
-            # It agrees with its seal; but who can write an entry can write its seal.
-            damage = str(error)
-    # Only a damaged one: another process may have stored a sound entry since.
-    if damage:
-        _remove_entry(place)
-    _clear_scraps(place.parent)
-    return _make_alone(entry, place), damage
-
-
 def _clear_scraps(folder: Path) -> None:
     """Remove what processes that were killed left behind: of this machine at once, of others after a day."""
     # Sources that are written into a new folder have scratch beside it, under its name with a dot.
@@ -237,9 +280,6 @@ def _clear_scraps(folder: Path) -> None:
 
 def _make_alone(entry: CacheEntry[T], place: Path) -> T:
     """Return what one process has made, while others that need the same wait for it."""
-    # That room's file is built on this one.
-    from symid.codegen.generation import lock_folder
-
     with contextlib.ExitStack() as stack:
         # Where a file system has no locks, several make it, and the first one's stays.
         with contextlib.suppress(OutputError, NotImplementedError):
@@ -270,7 +310,18 @@ def _obtain_from(entry: CacheEntry[T], folder: Path) -> tuple[T, tuple[Notice, .
         if weakness and not (sticky and weakness == "may be written by others"):
             text = f"the cache folder {weakness}; make it yours alone (chmod go-w), or name another one"
             raise OutputError(Notice(code="output.cache", text=text, file=str(folder)))
-        found, damage = _load_or_make(entry, place)
+        damage = _describe_damage(place, entry.key) if os.path.lexists(place) else ""
+        if os.path.lexists(place) and not damage:
+            try:
+                return entry.load(place), ()
+            except (GenerationError, UsageError) as error:
+                # It agrees with its seal; but who can write an entry can write its seal.
+                damage = str(error)
+        # Only a damaged one: another process may have stored a sound entry since.
+        if damage:
+            _remove_entry(place)
+        _clear_scraps(place.parent)
+        found = _make_alone(entry, place)
     except OSError as error:
         text = f"the cache folder cannot be written: {error.strerror or error}"
         raise OutputError(Notice(code="output.cache", text=text, file=str(folder))) from error
@@ -354,51 +405,6 @@ def compute_library_key(
     return compute_signature(model, names, tools, machine, templates, _read_code_bytes(), built_by)
 
 
-def _make_library(
-    folder: Path,
-    robot: Robot,
-    names: tuple[str, ...] | None,
-    compiler: Compiler | None,
-    progress: Callable[[str], None],
-    *,
-    casadi: bool,
-    whole: bool,
-) -> None:
-    # Imported here: a library that is found needs neither CasADi nor SymPy.
-    from symid.codegen.c_library import generate_c_library, write_python_call
-    from symid.codegen.casadi_functions import build_functions
-    from symid.codegen.catalogue import FOR_CONTROLLERS
-    from symid.codegen.python_targets import (
-        generate_casadi_target,
-        generate_python_module,
-        list_casadi_sources,
-    )
-
-    progress(f"deriving the dynamics of {robot.name}")
-    functions = build_functions(robot, names=names, without=() if whole else FOR_CONTROLLERS)
-    prefix = build_library_prefix(robot.name)
-    flags: tuple[str, ...] = ()
-    if casadi:
-        progress("writing CasADi functions and their C")
-        write_sources(generate_casadi_target(functions), folder)
-        # Without Jacobians, which a `Library` does not have.
-        sources, binary = [folder / path for path in list_casadi_sources(prefix)], f"lib{prefix}_casadi.so"
-    elif compiler is None:
-        progress("writing the NumPy module")
-        write_sources(generate_python_module(functions), folder)
-    else:
-        progress("writing C")
-        paths = write_sources(generate_c_library(functions), folder)
-        sources = [path for path in paths if path.suffix == ".c" and path.name.startswith(f"{prefix}_")]
-        binary, flags = f"lib{prefix}.so", choose_call_path().flags
-        if flags:
-            sources.append(folder / "python_call.c")
-            sources[-1].write_text(write_python_call(functions.card, prefix), encoding="utf-8")
-    if compiler is not None:
-        progress(f"compiling with {compiler.path}")
-        compile_sources(replace(compiler, flags=(*compiler.flags, *flags)), sources, folder / binary)
-
-
 def prepare_library(
     robot: Robot,
     *,
@@ -433,16 +439,49 @@ def prepare_library(
     """
     check_choice("backend", backend, BACKENDS)
     casadi, report = backend == "casadi", progress or (lambda _: None)
-    whole = whole or names is not None
+    whole, prefix = whole or names is not None, build_library_prefix(robot.name)
 
     def obtain(compiler: Compiler | None, *notices: Notice) -> Library:
         calls = "" if casadi else choose_call_path().name
         key = compute_library_key(robot, names, compiler, calls=calls, casadi=casadi, whole=whole)
 
         def make(folder: Path) -> None:
-            _make_library(folder, robot, names, compiler, report, casadi=casadi, whole=whole)
+            # Imported here: a library that is found needs neither CasADi nor SymPy.
+            from symid.codegen.c_library import generate_c_library, write_python_call
+            from symid.codegen.casadi_functions import build_functions
+            from symid.codegen.python_targets import (
+                generate_casadi_target,
+                generate_python_module,
+                list_casadi_sources,
+            )
 
-        entry = CacheEntry(name=build_library_prefix(robot.name), key=key, make=make, load=load_library)
+            report(f"deriving the dynamics of {robot.name}")
+            functions = build_functions(robot, names=names, without=() if whole else FOR_CONTROLLERS)
+            flags: tuple[str, ...] = ()
+            if casadi:
+                report("writing CasADi functions and their C")
+                write_sources(generate_casadi_target(functions), folder)
+                # Without Jacobians, which a `Library` does not have.
+                sources = [folder / path for path in list_casadi_sources(prefix)]
+            elif compiler is None:
+                report("writing the NumPy module")
+                write_sources(generate_python_module(functions), folder)
+            else:
+                report("writing C")
+                paths = write_sources(generate_c_library(functions), folder)
+                sources = [
+                    path for path in paths if path.suffix == ".c" and path.name.startswith(f"{prefix}_")
+                ]
+                flags = choose_call_path().flags
+                if flags:
+                    sources.append(folder / "python_call.c")
+                    sources[-1].write_text(write_python_call(functions.card, prefix), encoding="utf-8")
+            if compiler is not None:
+                report(f"compiling with {compiler.path}")
+                binary = folder / f"lib{prefix}{'_casadi' if casadi else ''}.so"
+                compile_sources(replace(compiler, flags=(*compiler.flags, *flags)), sources, binary)
+
+        entry = CacheEntry(name=prefix, key=key, make=make, load=load_library)
         library, more = obtain_entry(entry, cache)
         library.notices = (*more, *notices)
         return library

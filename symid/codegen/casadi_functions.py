@@ -1,6 +1,7 @@
-"""The catalogue as programs and CasADi SX functions.
+"""The functions of a robot as programs and CasADi SX functions, and what all targets are printed from.
 
-Robot -> BaseParameters -> card;  Robot -> routes -> the program with the fewest operations -> SX function.
+Robot -> BaseParameters -> card;  Robot -> routes -> the program with the fewest operations -> SX function;
+these -> `Material`: reference values, the model as lines of text, the manifest.
 
 An SX operation costs the same Python time for one number as for many: instructions that do not need one
 another are written together, as one operation on columns.
@@ -10,17 +11,37 @@ Not supported: symbolic lengths without a value (RobotError).
 """
 
 import itertools
+import json
 import operator
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 
 import casadi as ca
 
-from symid.codegen.catalogue import build_model_card, get_constants, list_robot_specs
-from symid.codegen.functions import ModelCard, Port
-from symid.codegen.programs import ARITHMETIC, Op, Program
+from symid import __version__
+from symid.codegen.equation_routes import check_symbols
+from symid.codegen.functions import (
+    ModelCard,
+    ParameterCard,
+    Port,
+    build_model_card,
+    compute_build_digest,
+    get_constants,
+    list_robot_specs,
+    write_model_card,
+)
+from symid.codegen.printing import write_literal
+from symid.codegen.programs import ARITHMETIC, Op, Operations, Program, count_operations
+from symid.codegen.references import PER_UNIT, WHOLE, Reference, build_references
 from symid.codegen.routes import choose_route
-from symid.codegen.workspace import check_symbols
+from symid.codegen.source_folder import SourceSet, compute_digest
+from symid.codegen.source_text import (
+    BANNER,
+    GenerateOptions,
+    build_library_prefix,
+    clean_text,
+    write_template,
+)
 from symid.dynamics import build_standard_parameters, derive_base_parameters
 from symid.robot import Robot
 
@@ -50,60 +71,44 @@ def get_matrix_shape(port: Port) -> tuple[int, int]:
     return rows, port.size // rows if rows else 1
 
 
-def _group_instructions(program: Program) -> list[tuple[Op, list[int]]]:
-    """Return the instructions' numbers in groups of one operation; a group needs only earlier ones."""
-    levels = [0]
-    groups: dict[tuple[int, str], list[int]] = {}
-    for number, instruction in enumerate(program.instructions, start=1):
-        source = instruction.op in (Op.INPUT, Op.CONSTANT)
-        level = 0 if source else 1 + max(levels[abs(ref)] for ref in instruction.args)
-        levels.append(level)
-        if not source:
-            groups.setdefault((level, instruction.op.value), []).append(number)
-    ordered = sorted(groups.items(), key=lambda item: item[0][0])
-    return [(program.instructions[numbers[0] - 1].op, numbers) for _, numbers in ordered]
-
-
-class _ValuePool:
-    """A column of all values so far, and the place of each reference in it."""
-
-    def __init__(self, size: int) -> None:
-        self.column = ca.SX.zeros(size)
-        self.places: dict[int, int] = {}
-
-    def append(self, numbers: Sequence[int], values: ca.SX) -> None:
-        start = len(self.places)
-        self.places.update((number, start + k) for k, number in enumerate(numbers))
-        self.column[start : start + len(numbers)] = values
-
-    def read(self, refs: Sequence[int]) -> ca.SX:
-        # A pool of one value would give a row.
-        values = ca.vec(self.column[[self.places[abs(ref)] for ref in refs]])
-        if any(ref < 0 for ref in refs):
-            values = values * ca.DM([1.0 if ref > 0 else -1.0 for ref in refs])
-        return values
-
-
 def build_sx_function(program: Program) -> ca.Function:
     """Return the SX function of `program`; a port of shape (n, k, m) is a matrix of n rows, k m columns."""
     spec = program.spec
     inputs = [ca.SX.sym(port.name, *get_matrix_shape(port)) for port in spec.inputs]
-    pool = _ValuePool(len(program.instructions))
+    # A column of all values so far, and the place of each reference in it.
+    column, places = ca.SX.zeros(len(program.instructions)), dict[int, int]()
     numbered = list(enumerate(program.instructions, start=1))
-    if read := {k: one for k, one in numbered if one.op is Op.INPUT}:
+
+    def append(numbers: Collection[int], values: ca.SX) -> None:
+        start = len(places)
+        places.update((number, start + k) for k, number in enumerate(numbers))
+        column[start : start + len(numbers)] = values
+
+    def read(refs: Sequence[int]) -> ca.SX:
+        # A pool of one value would give a row.
+        values = ca.vec(column[[places[abs(ref)] for ref in refs]])
+        return values * ca.DM([1.0 if ref > 0 else -1.0 for ref in refs]) if min(refs) < 0 else values
+
+    if given := {k: one for k, one in numbered if one.op is Op.INPUT}:
         rows = [ca.vec(value.T) for value in inputs]
         starts = [0, *itertools.accumulate(value.numel() for value in rows)]
-        elements = [starts[one.args[0]] + one.args[1] for one in read.values()]
-        pool.append(list(read), ca.vertcat(*rows)[elements])
+        append(given, ca.vertcat(*rows)[[starts[one.args[0]] + one.args[1] for one in given.values()]])
     if known := {k: one.constant for k, one in numbered if one.op is Op.CONSTANT}:
-        pool.append(list(known), ca.SX(ca.DM(list(known.values()))))
-    for op, numbers in _group_instructions(program):
-        instructions = [program.instructions[number - 1] for number in numbers]
-        columns = zip(*(instruction.args for instruction in instructions), strict=True)
-        pool.append(numbers, _SX_RULES[op](*(pool.read(refs) for refs in columns)))
+        append(known, ca.SX(ca.DM(list(known.values()))))
+    # Groups of one operation; a group needs only earlier ones.
+    levels = [0]
+    groups: dict[tuple[int, str], list[int]] = {}
+    for number, one in numbered:
+        source = one.op in (Op.INPUT, Op.CONSTANT)
+        levels.append(0 if source else 1 + max(levels[abs(ref)] for ref in one.args))
+        if not source:
+            groups.setdefault((levels[-1], one.op.value), []).append(number)
+    for (_, op), numbers in sorted(groups.items(), key=lambda item: item[0][0]):
+        operands = zip(*(program.instructions[number - 1].args for number in numbers), strict=True)
+        append(numbers, _SX_RULES[Op(op)](*map(read, operands)))
     outputs = []
     for port, refs in zip(spec.outputs, program.outputs, strict=True):
-        values = pool.read(refs) if refs else ca.SX(0, 1)
+        values = read(refs) if refs else ca.SX(0, 1)
         outputs.append(ca.densify(ca.reshape(values, *reversed(get_matrix_shape(port))).T))
     names = ([port.name for port in spec.inputs], [port.name for port in spec.outputs])
     return ca.Function(spec.name, inputs, outputs, *names)
@@ -148,11 +153,14 @@ def build_functions(
         replace(spec, inputs=tuple(port for port in spec.inputs if port.name not in constants))
         for spec in specs
     )
-    programs = tuple(choose_route(robot, base, spec, constants).program for spec in specs)
+    programs, built = [], []
+    for spec in specs:
+        programs.append(choose_route(robot, base, spec, constants).program)
+        built.append(build_sx_function(programs[-1]))
     return Functions(
         card=replace(card, functions=specs),
-        programs=programs,
-        functions=tuple(map(build_sx_function, programs)),
+        programs=tuple(programs),
+        functions=tuple(built),
         constant=constant,
     )
 
@@ -168,3 +176,149 @@ def build_casadi_function(
     a power below one has none at rest. Arguments and errors are those of `build_functions`.
     """
     return build_functions(robot, names=(name,), standard=standard, constant=constant).functions[0]
+
+
+Fields = dict[str, object]
+"""One entry of a list in a template."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Material:
+    """What the printers of all targets start from.
+
+    `stops` is the number of plays in the state of the springs, `bristles` that of deflections in the state of
+    friction, 0 where the functions have no such state.
+    `facts` are what any template may ask for: names, and the model as lines of text.
+    """
+
+    card: ModelCard
+    prefix: str
+    options: GenerateOptions
+    programs: tuple[Program, ...]
+    references: tuple[Reference, ...]
+    operations: tuple[Operations, ...]
+    elastic_lines: tuple[str, ...]
+    stops: int
+    bristles: int
+    facts: Mapping[str, object]
+
+    def write(self, template: str, /, **values: object) -> str:
+        """Return a template filled with `values` and with facts of the model."""
+        return write_template(template, self.facts, **values)
+
+    def list_given_ports(self) -> list[Port]:
+        """Return what friction that remembers takes besides the motion and its state."""
+        spec = next(spec for spec in self.card.functions if spec.name == "friction_step")
+        return [port for port in spec.inputs if port.name not in {"dq", "way", "z"}]
+
+    def compute_digest(self, target: str, files: Iterable[tuple[str, str]]) -> str:
+        """Return the digest that a library of the C files among `files` holds; see `compute_build_digest`."""
+        precision = self.options.precision if target == "c" else "double"
+        digests = {path: compute_digest(text.encode()) for path, text in files}
+        return compute_build_digest(self.card, prefix=self.prefix, precision=precision, files=digests)
+
+    def collect(self, target: str, files: Sequence[tuple[str, str]]) -> SourceSet:
+        """Return `files` with their manifest: what wrote them, the model, digests, operation counts."""
+        names = [program.spec.name for program in self.programs]
+        manifest = {
+            "symid": __version__,
+            "target": target,
+            "prefix": self.prefix,
+            "precision": self.options.precision if target == "c" else "double",
+            "card": json.loads(write_model_card(self.card)),
+            "operations": {name: asdict(count) for name, count in zip(names, self.operations, strict=True)},
+            "files": {path: compute_digest(text.encode()) for path, text in files},
+        }
+        return SourceSet(files=tuple(files), manifest=json.dumps(manifest, indent=1, sort_keys=True) + "\n")
+
+
+def _describe_parameters(
+    vector: str, parameters: Sequence[ParameterCard], *, constant: bool = False
+) -> tuple[str, ...]:
+    lines = []
+    for k, parameter in enumerate(parameters):
+        grouped = f" = {parameter.expression}" if parameter.expression not in {"", parameter.name} else ""
+        grouped += f" = {parameter.value:.6g}" if constant else ""
+        lines.append(clean_text(f"{vector}[{k}] {parameter.name}{grouped} ({parameter.unit})"))
+    return tuple(lines) or ("none",)
+
+
+def prepare_material(functions: Functions, options: GenerateOptions) -> Material:
+    """Return programs, reference values and descriptions of `functions`.
+
+    Raises:
+        GenerationError: a program has no value anywhere, or disagrees with CasADi.
+    """
+    card, programs, constant = functions.card, functions.programs, functions.constant
+    prefix, real, stops = build_library_prefix(card.robot), options.precision, 0
+    specs = {spec.name: spec for spec in card.functions}
+    if specs.keys() >= {"hysteresis_step", "hysteresis_inverse_step"}:
+        stops = sum(port.size for port in specs["hysteresis_step"].inputs if port.name == "P")
+    bristles = 0
+    if "friction_step" in specs:
+        bristles = sum(port.size for port in specs["friction_step"].inputs if port.name == "z")
+    # A line a joint; with followers in the robot, coordinates and joints are numbered apart.
+    lines = []
+    for k, moving in enumerate(card.joints):
+        label = f"q[{k}]: joint {moving.number}," if card.followers else f"{moving.number}"
+        words = f"position in {moving.position_unit}, torque in {moving.torque_unit}"
+        if moving.smoothing:
+            words += f"; dry friction with tanh(v / {moving.smoothing:g}) in place of sign(v)"
+        lines.append(clean_text(f"{label} {moving.name}: {moving.kind}, {words}"))
+    for joint in card.followers:
+        times = {"1": "", "-1": "-"}.get(joint.multiplier, f"{joint.multiplier} ")
+        follows = f"follows {times}{joint.master}, link {joint.number}"
+        lines.append(clean_text(f"joint {joint.number}, {joint.name}: {joint.kind}, {follows}"))
+    # What a user must know of the springs of a robot whose joints are all elastic.
+    elastic = (
+        "",
+        "Elastic joints: the motor's angle theta is q + phi. The functions of q are those of the links, the",
+        "friction is that of the motors, at their velocity dtheta, and the rotors turn with the motors.",
+        "Spring: tau_J = v + sum of s_j max(v - R_j, 0) where R_j > 0, s_j min(v - R_j, 0) where R_j < 0,",
+        "v = k0 phi + kc phi^3 + sum of k_i (phi - P_i), plays P_i = max(phi - r_i, min(phi + r_i, P_i)).",
+        *(f"  {line}" for line in _describe_parameters("IA", card.rotors, constant=constant)),
+        *(f"  {line}" for line in _describe_parameters("h", card.springs)),
+    )
+    title = {"beta": "Base parameters beta", "pi": "Standard parameters pi"}[card.vector]
+    note = " (constants of the functions, as those of friction and rotors; no arguments)"
+    facts = {
+        "banner": BANNER,
+        "version": __version__,
+        "prefix": prefix,
+        "macro": prefix.upper(),
+        "robot": clean_text(card.robot),
+        "signature": card.signature,
+        "real": real,
+        "zero": write_literal(0.0, real),
+        "joint_count": card.size,
+        "spring_count": len(card.springs),
+        "stop_count": stops,
+        "bristle_count": bristles,
+        "extent": f"{card.links} joints, {card.size} of them with a coordinate"
+        if card.followers
+        else f"{card.size} joints",
+        "joint_lines": tuple(lines),
+        "beta_title": f"{title}{note if constant else ''}",
+        "beta_lines": _describe_parameters(card.vector, card.beta, constant=constant),
+        "friction_lines": _describe_parameters("f", card.friction, constant=constant),
+        "state_count": options.states,
+        "whole": min(WHOLE, options.states),
+        "per_unit": repr(float(PER_UNIT)),
+    }
+    return Material(
+        card=card,
+        prefix=prefix,
+        options=options,
+        programs=programs,
+        references=build_references(card, functions.functions, programs, options),
+        operations=tuple(map(count_operations, programs)),
+        elastic_lines=elastic if card.springs else (),
+        stops=stops,
+        bristles=bristles,
+        facts=facts,
+    )
+
+
+def write_operations(operations: Operations) -> str:
+    """Return the counts in words."""
+    return f"{operations.mul} products, {operations.add} sums, {operations.trig} elementary functions"

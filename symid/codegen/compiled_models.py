@@ -3,6 +3,9 @@
     plant     of elastic robots: one file that knows no robot calls the robot's functions by their addresses.
               Records are plain arrays: n joints with m stops and l knees each; what a joint lacks has a
               weight or slope of zero. Springs of other kinds are compiled for their numbers.
+    function  of a robot as an external one of CasADi: the generated C, with a Jacobian that calls the
+              generated C of its derivatives: `casadi.external` finds NAME and jac_NAME in one library.
+              Derivatives by parameters are regressors: dtau/dbeta = Y, dddq/dbeta = -M^-1 Y.
     branch    of an element along a recording: its step, as C of CasADi, in one loop over the samples, for
               all numbers of a structure; the bytes of CasADi's virtual machine, sooner.
 
@@ -13,24 +16,26 @@ changes during an experiment but the references; derivatives of branches.
 """
 
 import ctypes
+import logging
 import platform
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 
 from symid.arrays import FloatArray, FrozenArrays
-from symid.codegen.cache import CacheEntry, obtain_entry
+from symid.codegen.cache import CacheEntry, compute_library_key, obtain_entry
 from symid.codegen.compiler import Compiler, compile_sources, locate_compiler
 from symid.codegen.element_code import build_step
 from symid.codegen.library import Library, open_shared
 from symid.codegen.printing import print_c
-from symid.codegen.source_text import build_library_prefix, write_template
+from symid.codegen.source_folder import write_sources
+from symid.codegen.source_text import BANNER, build_library_prefix, write_template
 from symid.environment import locate_resource_folder
-from symid.errors import GenerationError, Notice, OutputError
+from symid.errors import GenerationError, Notice, OutputError, UsageError
 from symid.joint_models import (
     REFERENCE_TEMPERATURE,
     BranchPath,
@@ -41,7 +46,15 @@ from symid.joint_models import (
     run_branch,
     strip_branch,
 )
+from symid.robot import Robot
 from symid.serialization import compute_signature
+
+if TYPE_CHECKING:
+    import casadi as ca
+
+    from symid.codegen.casadi_functions import Functions
+
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -226,16 +239,8 @@ _PLANT_FILES = ("plant_calls.h", "elastic_plant.c", "rigid_plant.c")
 _ELEMENT = "symid_plant_pull"
 _BRANCH = "symid_branch"
 _READS = {"q": 1, "load": 2, "temperature": 4}
-_TABLES = ("rotor", "stiffness", "cubic", "damping", "radius", "weight", "knee", "slope")
-_REFERENCES = ("angle", "speed", "torque", "stiffness", "damping", "limit", "step")
 RIGID_FUNCTIONS = ("forward_dynamics", "mass_matrix", "bias")
 """That a rigid robot's plant calls, beside those of friction."""
-_RIGID_TABLES = (
-    *("viscous", "level", "curved", "varying", "bristled"),
-    *("owner", "stiffness", "element"),
-)
-_RIGID_REFERENCES = ("position", "speed", "torque", "stiffness", "damping", "limit", "step", "reach")
-_LOGGED = ("q", "dq", "theta", "dtheta", "spring", "torque", "work", "friction", "elastic", "damped")
 
 
 def _pack(*values: ctypes.c_double | int | FloatArray | None) -> ctypes.Structure:
@@ -268,33 +273,30 @@ class CompiledPlant:
         Raises:
             GenerationError: the library is none of compiled functions in double precision.
         """
-        shape, warm = (order.ticks, robot.size), np.full(robot.size, REFERENCE_TEMPERATURE)
-        arrays = {name: np.zeros(shape) for name in _LOGGED}
-        size = ctypes.c_size_t
-        sizes = (size(robot.size), size(order.play.shape[1]))
-        self.shared.symid_plant_scratch.restype = self.shared.symid_plant_run.restype = size
-        memory = np.zeros(self.shared.symid_plant_scratch(*sizes))
-        start = np.concatenate([order.q, np.zeros(robot.size), order.theta, np.zeros(robot.size)])
+        # The records of C have the fields of ours, in their order.
+        ticks, n, springs = order.ticks, robot.size, self.springs
+        warm = np.full(n, REFERENCE_TEMPERATURE)
+        arrays = {field.name: np.zeros((ticks, n)) for field in fields(PlantLog)[:-1]}
+        self.shared.symid_plant_scratch.restype = self.shared.symid_plant_run.restype = ctypes.c_size_t
+        memory = np.zeros(self.shared.symid_plant_scratch(*map(ctypes.c_size_t, (n, order.play.shape[1]))))
+        start = np.concatenate([order.q, np.zeros(n), order.theta, np.zeros(n)])
         plant = _pack(
-            robot.size,
+            n,
             order.play.shape[1],
             robot.knee.shape[1],
-            None if self.springs is None else _get_address(self.springs, _ELEMENT),
+            None if springs is None else ctypes.cast(springs[_ELEMENT], ctypes.c_void_p).value,
             _get_function_address(library, "forward_dynamics"),
             *_list_friction(library, robot.friction, warm),
             robot.beta,
-            *(getattr(robot, name) for name in _TABLES),
+            *(getattr(robot, field.name) for field in fields(robot)[2:]),
         )
-        references = (getattr(order, name) for name in _REFERENCES)
-        experiment = _pack(
-            order.ticks, order.substeps, order.parts, ctypes.c_double(order.period), *references
-        )
+        references = (getattr(order, field.name) for field in fields(order)[:7])
+        experiment = _pack(ticks, order.substeps, order.parts, ctypes.c_double(order.period), *references)
         answer = _pack(*arrays.values())
         inputs = tuple(ctypes.c_void_p(array.ctypes.data) for array in (start, order.play, memory))
-        ticks = self.shared.symid_plant_run(
-            ctypes.byref(plant), ctypes.byref(experiment), *inputs, ctypes.byref(answer)
-        )
-        return PlantLog(**arrays, ticks=int(ticks))
+        robot_given, order_given, logged = map(ctypes.byref, (plant, experiment, answer))
+        count = self.shared.symid_plant_run(robot_given, order_given, *inputs, logged)
+        return PlantLog(**arrays, ticks=int(count))
 
     def run_rigid(self, library: Library, robot: RigidPlantRobot, order: RigidExperiment) -> RigidLog:
         """Return what happens to a rigid robot, whose functions `library` has; see `RigidExperiment`.
@@ -312,9 +314,9 @@ class CompiledPlant:
         flags = (int(bool(part.any())) for part in (robot.curved, robot.varying))
         functions = (_get_function_address(library, name) for name in RIGID_FUNCTIONS)
         friction = _list_friction(library, robot.friction, warm, bends=bends > 0)
-        tables = (getattr(robot, name) for name in _RIGID_TABLES)
+        tables = (getattr(robot, field.name) for field in fields(robot)[2:])
         plant = _pack(size, bends, *flags, int(order.controlled), *functions, *friction, robot.beta, *tables)
-        references = (getattr(order, name) for name in _RIGID_REFERENCES)
+        references = (getattr(order, field.name) for field in fields(order)[:8])
         sizes, times = (ticks, order.substeps, int(order.sensed)), (order.period, order.blend)
         records = (plant, _pack(*sizes, *map(ctypes.c_double, times), *references), _pack(*arrays, end))
         robot_given, order_given, answer = map(ctypes.byref, records)
@@ -347,11 +349,8 @@ def _get_function_address(library: Library, name: str) -> int:
     if shared is None:
         text = f"the library of {library.card.robot!r} has no compiled functions in double precision"
         raise GenerationError(Notice(code="codegen.no-address", text=text))
-    return _get_address(shared, f"{build_library_prefix(library.card.robot)}_{name}")
-
-
-def _get_address(shared: ctypes.CDLL, name: str) -> int:
-    return int(ctypes.cast(getattr(shared, name), ctypes.c_void_p).value or 0)
+    symbol = getattr(shared, f"{build_library_prefix(library.card.robot)}_{name}")
+    return ctypes.cast(symbol, ctypes.c_void_p).value or 0
 
 
 def _list_friction(
@@ -465,3 +464,126 @@ def write_branch(plain: SteppedBranch) -> str:
     return write_template(
         "element/branch.c.jinja", {"step": generator.dump(), "size": step.size1_out(0), "name": _BRANCH}
     )
+
+
+COMPILED = ("inverse_dynamics", "forward_dynamics")
+"""Functions that `build_compiled_function` offers: those with a generated derivative."""
+
+
+def write_external(functions: "Functions", name: str) -> str:
+    """Return the C file that makes the generated C of `name` an external function of CasADi.
+
+    `functions` holds it, its derivatives and, where parameters are arguments, the torque regressor.
+    """
+    known = {spec.name: spec for spec in functions.card.functions}
+    spec, prefix = known[name], build_library_prefix(functions.card.robot)
+    # The statements that fill the blocks of the Jacobian, one an input, and the numbers they need.
+    n, count = spec.outputs[0].size, len(spec.inputs)
+    blocks = known[f"{spec.name}_derivatives"].outputs
+    forward = len(blocks) > 3
+    places, work = [], 0
+    for port in blocks:
+        places.append(f"w + {work}")
+        work += port.size
+    given = [f"take(arg[{k}])" for k in range(count)]
+    matrices = places[1:] if forward else places
+    call = f"{prefix}_{spec.name}_derivatives({', '.join((*given, *places))})"
+    lines = [f"if ({call} != 0) {{", "    return 1;", "}"]
+    lines += [f"give(res[{k}], {place}, {n}, {n}, 1.0);" for k, place in enumerate(matrices)]
+    if count > 3:
+        # By the parameters: the regressor, of forward dynamics at the acceleration that was found.
+        columns, regressor = spec.inputs[3].size, f"w + {work}"
+        motion = [*given[:2], places[0] if forward else given[2]]
+        work += n * columns
+        call = f"{prefix}_torque_regressor({', '.join((*motion, regressor))})"
+        lines += ["if (res[3] != NULL) {", f"    if ({call} != 0) {{", "        return 1;", "    }"]
+        target = regressor
+        if forward:
+            target, inverse = f"w + {work}", places[3]
+            work += n * columns
+            lines += [
+                f"    for (int i = 0; i < {n}; ++i) {{",
+                f"        for (int j = 0; j < {columns}; ++j) {{",
+                "            double sum = 0.0;",
+                f"            for (int k = 0; k < {n}; ++k) {{",
+                f"                sum -= ({inverse})[{n} * i + k] * ({regressor})[{columns} * k + j];",
+                "            }",
+                f"            ({target})[{columns} * i + j] = sum;",
+                "        }",
+                "    }",
+            ]
+        lines += [f"    give(res[3], {target}, {n}, {columns}, 1.0);", "}"]
+    (output,) = spec.outputs
+
+    def describe(label: str, rows: int, columns: int) -> dict[str, str]:
+        return {"name": f'"{label}"', "pattern": f"{{ {rows}, {columns}, 1 }}"}
+
+    inputs = [describe(port.name, port.size, 1) for port in spec.inputs]
+    outputs = [describe(f"jac_{output.name}_{port.name}", output.size, port.size) for port in spec.inputs]
+    value = describe(output.name, output.size, 1)
+    also = describe(f"out_{output.name}", output.size, 1)
+    return write_template(
+        "casadi/external.c.jinja",
+        {"banner": BANNER, "prefix": prefix},
+        name=name,
+        functions=[
+            {"name": name, "inputs": inputs, "outputs": [value]},
+            {"name": f"jac_{name}", "inputs": [*inputs, also], "outputs": outputs},
+        ],
+        inputs=", ".join(f"take(arg[{k}])" for k in range(len(inputs))),
+        size=output.size,
+        lines=lines,
+        longest=max(port.size for port in spec.inputs),
+        work=max(work, output.size),
+    )
+
+
+def build_compiled_function(
+    robot: Robot, name: str, *, standard: bool = False, constant: bool = False, cache: Path | None = None
+) -> "ca.Function":
+    """Return a function of `COMPILED` as an external one of CasADi that calls the generated C.
+
+    Its first derivatives are the generated C of the derivatives; it has no second ones. The library is taken
+    from the cache, or made now; what was wrong with the cache is logged. Other arguments and errors are those
+    of `build_functions`.
+
+    Raises:
+        GenerationError: there is no C compiler, or it fails.
+        OutputError: the folder `cache` cannot be written.
+        UsageError: the function has no generated derivative.
+    """
+    if name not in COMPILED:
+        text = f"compiled: function {name!r} has no generated derivative; there are {', '.join(COMPILED)}"
+        raise UsageError(Notice(code="usage.not-compiled", text=text))
+    compiler = locate_compiler(native=True)
+    if compiler is None:
+        text = "compiled: no C compiler answers (cc, gcc, clang); without one, take the function as it is"
+        raise GenerationError(Notice(code="codegen.no-compiler", text=text))
+    # Imported here: simulations need neither CasADi nor SymPy.
+    import casadi as ca
+
+    from symid.codegen.c_library import generate_c_library
+    from symid.codegen.casadi_functions import build_functions
+
+    names = (name, f"{name}_derivatives", *(() if constant else ("torque_regressor",)))
+    options = (standard, constant)
+
+    def make(folder: Path) -> None:
+        functions = build_functions(robot, names=names, standard=standard, constant=constant)
+        prefix = build_library_prefix(functions.card.robot)
+        paths = write_sources(generate_c_library(functions), folder)
+        glue = folder / f"{prefix}_external.c"
+        glue.write_text(write_external(functions, name), encoding="utf-8")
+        sources = [path for path in paths if path.suffix == ".c" and path.name.startswith(f"{prefix}_")]
+        compile_sources(compiler, [*sources, glue], folder / f"{name}.so")
+
+    entry = CacheEntry(
+        name=f"external-{name}",
+        key=compute_signature(compute_library_key(robot, names, compiler), options, platform.machine()),
+        make=make,
+        load=lambda folder: ca.external(name, str(folder / f"{name}.so")),
+    )
+    found, notices = obtain_entry(entry, cache)
+    for notice in notices:
+        _LOG.warning("%s", notice)
+    return found

@@ -44,10 +44,6 @@ class ObjectFile:
     constants: int
 
 
-def _read_text(content: bytes, start: int) -> str:
-    return content[start : content.index(b"\0", start)].decode("utf-8", "replace")
-
-
 def read_object_file(content: bytes) -> ObjectFile | None:
     """Return the sizes in an object file, None for a format that is not ELF or a file that is cut off."""
     if content[:4] != _ELF_MAGIC or content[4:5] not in _ELF_LAYOUTS:
@@ -55,19 +51,23 @@ def read_object_file(content: bytes) -> ObjectFile | None:
     start_place, start_format, counts, section_format, symbol_format, places = _ELF_LAYOUTS[content[4:5]]
     order = ">" if content[5:6] == b"\2" else "<"
     functions = {}
+
+    def read_text(begin: int) -> str:
+        return content[begin : content.index(b"\0", begin)].decode("utf-8", "replace")
+
     try:
         (start,) = struct.unpack_from(order + start_format, content, start_place)
         size, count, names = struct.unpack_from(f"{order}HHH", content, counts)
         # Name, kind, flags, address, offset, size, link.
         rows = [struct.unpack_from(order + section_format, content, start + size * k) for k in range(count)]
         base = rows[names][4]
-        constants = sum(row[5] for row in rows if _read_text(content, base + row[0]).startswith(".rodata"))
+        constants = sum(row[5] for row in rows if read_text(base + row[0]).startswith(".rodata"))
         for _, _, _, _, offset, length, link, *_ in (row for row in rows if row[1] == _ELF_SYMBOL_TABLE):
             for symbol in struct.iter_unpack(order + symbol_format, content[offset : offset + length]):
                 code, info, section = (symbol[place] for place in places)
                 # Functions of other files have no section here.
                 if info % 16 == _ELF_FUNCTION and section != 0:
-                    functions[_read_text(content, rows[link][4] + symbol[0])] = code
+                    functions[read_text(rows[link][4] + symbol[0])] = code
     except (struct.error, IndexError, ValueError):
         return None
     return ObjectFile(functions=functions, constants=constants)
@@ -91,18 +91,6 @@ class CodeSize:
     batch_stack: int | None
 
 
-def _read_stack_frames(path: Path) -> dict[str, int] | None:
-    """Return bytes of stack by function; the compiler writes file:line:column:name, size and kind."""
-    try:
-        rows = [line.split("\t") for line in path.read_text(encoding="utf-8").splitlines()]
-        # The size of a frame without a bound means nothing.
-        if any("dynamic" in row[2] and "bounded" not in row[2] for row in rows):
-            return None
-        return {row[0].rpartition(":")[2]: int(row[1]) for row in rows}
-    except (OSError, ValueError, IndexError):
-        return None
-
-
 def measure_code_sizes(folder: Path, prefix: str, names: Sequence[str]) -> dict[str, CodeSize]:
     """Return the sizes of the functions `names` of a library, where the folder's object files have them."""
     sizes = {}
@@ -120,8 +108,15 @@ def measure_code_sizes(folder: Path, prefix: str, names: Sequence[str]) -> dict[
         code = sum(
             size for part, size in found.functions.items() if part == own[0] or part.startswith(own[1:])
         )
-        frames = _read_stack_frames(folder / f"{symbol}.su")
+        frames: dict[str, int] | None = None
         stack = None
+        with contextlib.suppress(OSError, ValueError, IndexError):
+            # The compiler writes file:line:column:name, size and kind.
+            lines = (folder / f"{symbol}.su").read_text(encoding="utf-8").splitlines()
+            rows = [line.split("\t") for line in lines]
+            # The size of a frame without a bound means nothing.
+            if not any("dynamic" in row[2] and "bounded" not in row[2] for row in rows):
+                frames = {row[0].rpartition(":")[2]: int(row[1]) for row in rows}
         if frames is not None:
             inside = [frame for name, frame in frames.items() if "part_" in name and symbol not in name]
             stack = sum(frames.values()) - sum(inside) + max(inside, default=0)

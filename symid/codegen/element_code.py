@@ -14,22 +14,14 @@ Not supported: energy of a cubic spring together with knees (NaN in Python, no f
 import json
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from symid import __version__
 from symid.codegen.functions import FunctionSpec, Port
-from symid.codegen.generation import (
-    CodeRequest,
-    GeneratedFolder,
-    choose_runner,
-    describe_untested,
-    lock_folder,
-    read_unchanged,
-    write_tested,
-)
+from symid.codegen.generation import CodeRequest, GeneratedFolder, choose_runner, write_folder
 from symid.codegen.printing import print_c, print_python, write_literal
 from symid.codegen.programs import ExpressionTable, Program, ValueAlgebra, count_operations
 from symid.codegen.source_folder import SourceSet, compute_digest
@@ -96,67 +88,57 @@ def build_step(elasticity: Elasticity, *, rated: bool = False) -> Program:
 
     `rated`: the velocity is a third number of `held`, else it is the way over the period.
     """
-    table, algebra, size = _begin(elasticity)
+    table = ExpressionTable()
+    algebra, size = ValueAlgebra(table), len(start_states(elasticity, 0.0))
     held = (table.input(0, 0), table.input(0, 1))
     velocity = table.input(0, 2) if rated else None
     states = [table.input(1, k) for k in range(size)]
     values = {name: table.constant(value) for name, value in list_element_values(elasticity).items()}
     step = advance_element(algebra, elasticity, values, held, states, velocity=velocity)
     stored = algebra.zero if step.stored is None else step.stored
-    taken = (_port("held", 3 if rated else 2), _port("states", size))
-    spec = _specify("step", taken, (_port("y"), _port("after", size), _port("stored")))
-    return table.build_program(spec, [[step.output], step.states, [stored]])
+    outputs = {"y": [step.output], "after": step.states, "stored": [stored]}
+    return _build_program(table, "step", {"held": 3 if rated else 2, "states": size}, outputs)
 
 
 def build_start(elasticity: Elasticity, side: float) -> Program:
     """Return the states where the input stands still: x -> states."""
-    table, algebra, size = _begin(elasticity)
-    states = start_element(algebra, elasticity, table.input(0, 0), side)
-    spec = _specify("start", (_port("x"),), (_port("states", size),))
-    return table.build_program(spec, [states])
+    table = ExpressionTable()
+    states = start_element(ValueAlgebra(table), elasticity, table.input(0, 0), side)
+    return _build_program(table, "start", {"x": 1}, {"states": states})
 
 
 def build_inverse(elasticity: Elasticity) -> Program:
     """Return the inverse in closed form: y, states -> x; the states are those of the element."""
-    table, algebra, size = _begin(elasticity)
+    table, size = ExpressionTable(), len(start_states(elasticity, 0.0))
     values = {name: table.constant(value) for name, value in list_element_values(elasticity).items()}
     states = [table.input(1, k) for k in range(size)]
-    x = invert_step(algebra, elasticity, values, table.input(0, 0), states)
-    spec = _specify("inverse", (_port("y"), _port("states", size)), (_port("x"),))
-    return table.build_program(spec, [[x]])
+    x = invert_step(ValueAlgebra(table), elasticity, values, table.input(0, 0), states)
+    return _build_program(table, "inverse", {"y": 1, "states": size}, {"x": [x]})
 
 
-def _begin(elasticity: Elasticity) -> tuple[ExpressionTable, ValueAlgebra, int]:
-    table = ExpressionTable()
-    return table, ValueAlgebra(table), len(start_states(elasticity, 0.0))
+def _build_program(
+    table: ExpressionTable, name: str, inputs: Mapping[str, int], outputs: Mapping[str, Sequence[int]]
+) -> Program:
+    """Return the program of outputs by their names; inputs are given with their sizes."""
+    taken, made = (
+        tuple(Port(name=port, shape=(size,), unit="mixed", meaning=port) for port, size in sizes.items())
+        for sizes in (inputs, {port: len(refs) for port, refs in outputs.items()})
+    )
+    spec = FunctionSpec(name=name, inputs=taken, outputs=made, meaning=name)
+    return table.build_program(spec, outputs.values())
 
 
-def _port(name: str, size: int = 1) -> Port:
-    return Port(name=name, shape=(size,), unit="mixed", meaning=name)
+def _build_programs(elasticity: Elasticity) -> dict[str, Program]:
+    """Return step, starts and, where it has a closed form, inverse."""
+    programs = {"step": build_step(elasticity)}
+    programs |= {name: build_start(elasticity, float(side)) for side, name in _SIDES}
+    return programs | ({"inverse": build_inverse(elasticity)} if has_closed_inverse(elasticity) else {})
 
 
-def _specify(name: str, inputs: tuple[Port, ...], outputs: tuple[Port, ...]) -> FunctionSpec:
-    return FunctionSpec(name=name, inputs=inputs, outputs=outputs, meaning=name)
-
-
-def _knows_energy(elasticity: Elasticity) -> bool:
-    return not (elasticity.cubic and elasticity.knees)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Sample:
-    """A step of the self-test: input, length, output, stored energy."""
-
-    x: float
-    period: float
-    y: float
-    stored: float
-
-
-def _make_samples(elasticity: Elasticity, order: ElementCode) -> list[_Sample]:
-    """Return steps of a swelling oscillation, by the element itself over floats."""
+def _make_samples(elasticity: Elasticity, order: ElementCode) -> list[dict[str, float]]:
+    """Return steps of a swelling oscillation by the element over floats: input, length, output, energy."""
     algebra, values = build_float_carrier(), list_element_values(elasticity)
-    states, samples = start_states(elasticity, 0.0), []
+    states, samples = start_states(elasticity, 0.0), list[dict[str, float]]()
     for k in range(1, _TEST_STEPS + 1):
         # Numbers of few digits: floats and doubles read the same.
         x = round(order.reach * k / _TEST_STEPS * math.sin(0.7 * k) * 4096.0 / order.reach) / 4096.0
@@ -164,7 +146,7 @@ def _make_samples(elasticity: Elasticity, order: ElementCode) -> list[_Sample]:
         period = order.period * (1.0 + 0.5 * (k % 3))
         step = advance_element(algebra, elasticity, values, (x, period), states)
         states = step.states
-        samples.append(_Sample(x=x, period=period, y=step.output, stored=step.stored or 0.0))
+        samples.append({"x": x, "period": period, "y": step.output, "stored": step.stored or 0.0})
     return samples
 
 
@@ -181,7 +163,7 @@ def _list_facts(elasticity: Elasticity, order: ElementCode) -> dict[str, object]
         "real": order.precision,
         "size": len(start_states(elasticity, 0.0)),
         "timed": needs_time(elasticity),
-        "energy": _knows_energy(elasticity),
+        "energy": not (elasticity.cubic and elasticity.knees),
         "passive": is_passive_element(elasticity),
         "inverse": "" if inverse else "closed" if has_closed_inverse(elasticity) else "search",
         "no_inverse": clean_text(inverse),
@@ -189,10 +171,10 @@ def _list_facts(elasticity: Elasticity, order: ElementCode) -> dict[str, object]
         "value_lines": [clean_text(f"{name} = {value:.9g}") for name, value in values.items()],
         "zero": write_literal(0.0, order.precision),
         "one": write_literal(1.0, order.precision),
-        "samples": [asdict(sample) for sample in samples],
+        "samples": samples,
         "sample_count": len(samples),
-        "output_scale": max(abs(sample.y) for sample in samples),
-        "energy_scale": max((abs(sample.stored) for sample in samples), default=0.0) or 1.0,
+        "output_scale": max(abs(sample["y"]) for sample in samples),
+        "energy_scale": max(abs(sample["stored"]) for sample in samples) or 1.0,
         "input_scale": order.reach,
         "tolerance": "2e-4" if order.precision == "float" else "1e-11",
         "slope": 0.0 if inverse else find_least_slope(elasticity),
@@ -201,27 +183,15 @@ def _list_facts(elasticity: Elasticity, order: ElementCode) -> dict[str, object]
 
 def _write_c(elasticity: Elasticity, order: ElementCode) -> list[tuple[str, str]]:
     facts = _list_facts(elasticity, order)
-    parts: dict[str, list[str]] = {}
-    helpers: set[str] = set()
-
-    def add(name: str, program: Program) -> None:
-        body = print_c(program, order.precision)
-        parts[name] = list(body.statements)
-        helpers.update(body.helpers)
-
-    add("step", build_step(elasticity))
-    for side, name in _SIDES:
-        add(name, build_start(elasticity, float(side)))
-    if facts["inverse"] == "closed":
-        add("inverse", build_inverse(elasticity))
+    bodies = {name: print_c(one, order.precision) for name, one in _build_programs(elasticity).items()}
+    parts = {name: list(body.statements) for name, body in bodies.items()}
+    helpers = {helper for body in bodies.values() for helper in body.helpers}
 
     def literal(value: float) -> str:
         return write_literal(value, order.precision)
 
-    rows = [
-        "{" + ", ".join(literal(v) for v in (s.x, s.period, s.y, s.stored)) + "},"
-        for s in _make_samples(elasticity, order)
-    ]
+    samples = _make_samples(elasticity, order)
+    rows = ["{" + ", ".join(map(literal, sample.values())) + "}," for sample in samples]
     numbers = {
         name: literal(float(str(facts[name])))
         for name in ("output_scale", "energy_scale", "input_scale", "tolerance", "slope")
@@ -235,36 +205,9 @@ def _write_c(elasticity: Elasticity, order: ElementCode) -> list[tuple[str, str]
         "margin": literal(_MARGINS[bool(suffix)]),
     }
     prefix = str(facts["prefix"])
-    return [
-        (f"{prefix}.h", write_template("element/element.h.jinja", facts)),
-        (f"{prefix}.c", write_template("element/element.c.jinja", facts)),
-        ("selftest.c", write_template("element/selftest.c.jinja", facts)),
-        ("Makefile", write_template("element/Makefile.jinja", facts)),
-    ]
-
-
-def _write_python(elasticity: Elasticity, order: ElementCode) -> list[tuple[str, str]]:
-    facts = _list_facts(elasticity, order)
-    parts = {"step": print_python(build_step(elasticity), plain=True)}
-    parts |= {name: print_python(build_start(elasticity, float(side)), plain=True) for side, name in _SIDES}
-    if facts["inverse"] == "closed":
-        parts["inverse"] = print_python(build_inverse(elasticity), plain=True)
-    rows = [repr((s.x, s.period, s.y, s.stored)) for s in _make_samples(elasticity, order)]
-    text = write_template("element/element.py.jinja", {**facts, "parts": parts, "rows": rows})
-    return [(f"{facts['prefix']}.py", text)]
-
-
-def _write_casadi(elasticity: Elasticity, order: ElementCode) -> list[tuple[str, str]]:
-    facts = _list_facts(elasticity, order)
-    functions = build_element_functions(elasticity)
-    rows = [repr((s.x, s.period, s.y, s.stored)) for s in _make_samples(elasticity, order)]
-    prefix = str(facts["prefix"])
-    text = write_template(
-        "element/casadi.py.jinja",
-        {**facts, "rows": rows, "names": list(functions), "start": repr(start_states(elasticity, 0.0))},
-    )
-    files = [(f"{prefix}_{name}.casadi", function.serialize()) for name, function in functions.items()]
-    return [(f"{prefix}.py", text), *files]
+    names = {"element.h": f"{prefix}.h", "element.c": f"{prefix}.c"}
+    files = (*names, "selftest.c", "Makefile")
+    return [(names.get(file, file), write_template(f"element/{file}.jinja", facts)) for file in files]
 
 
 def build_element_functions(elasticity: Elasticity) -> Mapping[str, "Function"]:
@@ -289,13 +232,6 @@ def build_element_functions(elasticity: Elasticity) -> Mapping[str, "Function"]:
     return found
 
 
-_WRITERS: Mapping[str, Callable[[Elasticity, ElementCode], list[tuple[str, str]]]] = {
-    "c": _write_c,
-    "python": _write_python,
-    "casadi": _write_casadi,
-}
-
-
 def generate_element(
     elasticity: Elasticity,
     order: ElementCode,
@@ -315,21 +251,15 @@ def generate_element(
     kind = "c" if order.target == "c" else "python"
     _, runner = choose_runner(kind)
     inputs = compute_signature(__version__, elasticity, order, runner)
-    with lock_folder(folder, lambda: progress(f"{folder}: waiting for another run that writes it")):
-        found = None if force else read_unchanged(folder, inputs)
-        if found is None:
-            progress(f"writing {order.target} code")
-            sources = build_sources(elasticity, order)
-            manifest, record = write_tested(sources, folder, kind, inputs, progress, force=force)
-        else:
-            manifest, record = found
-    return GeneratedFolder(
-        folder=folder,
-        manifest=manifest,
-        record=record,
-        unchanged=found is not None,
-        notices=describe_untested(folder, record),
-    )
+
+    def build() -> SourceSet:
+        progress(f"writing {order.target} code")
+        return build_sources(elasticity, order)
+
+    return write_folder(build, folder, kind, inputs, progress, force=force)
+
+
+_SHARE, _REACH = 3.0, 0.01
 
 
 def generate_springs(
@@ -346,13 +276,29 @@ def generate_springs(
     known = {name: spring for name, spring in springs.items() if spring.initial_stiffness is not None}
     made = []
     for name, spring in known.items():
+        # A torsion at which all parts of a spring work: thrice what bends them.
+        places = [stop.threshold for stop in spring.stops]
+        for branch in spring.branches:
+            match branch:
+                case SlipSpring():
+                    places.append(branch.threshold)
+                case Relays():
+                    places += [abs(branch.low), abs(branch.low + branch.step * len(branch.ramps))]
+                case BoucWen():
+                    places.append(branch.length)
+                case AttractedSlip():
+                    places += branch.thresholds
+                case BristleBranch():
+                    places += [abs(bend) for bend in branch.start(build_float_carrier(), 0.0, 1.0)]
+                case Relaxation():
+                    pass
         label = re.sub(r"\W", "_", name, flags=re.ASCII)
         owner = f"joint {clean_text(name)} of robot {clean_text(robot.name)}"
         own = ElementCode(
             name=f"{robot.name}_{label}",
             target=order.target,
             precision=order.options.precision,
-            reach=_find_reach(spring),
+            reach=spring.backlash + (_SHARE * max(places) if places else _REACH),
             facts=(f"Spring of {owner}: torque of its torsion.",),
         )
         place = folder / f"spring_{label}"
@@ -366,43 +312,30 @@ def generate_springs(
     return tuple(made), tuple(notices)
 
 
-_SHARE = 3.0
-_REACH = 0.01
-
-
-def _find_reach(elasticity: Elasticity) -> float:
-    """Return a torsion, rad or m, at which all parts of a spring work: thrice what bends them."""
-    places = [stop.threshold for stop in elasticity.stops]
-    for branch in elasticity.branches:
-        match branch:
-            case SlipSpring():
-                places.append(branch.threshold)
-            case Relays():
-                places += [abs(branch.low), abs(branch.low + branch.step * len(branch.ramps))]
-            case BoucWen():
-                places.append(branch.length)
-            case AttractedSlip():
-                places += branch.thresholds
-            case BristleBranch():
-                places += [abs(bend) for bend in branch.start(build_float_carrier(), 0.0, 1.0)]
-            case Relaxation():
-                pass
-    return elasticity.backlash + (_SHARE * max(places) if places else _REACH)
-
-
 def build_sources(elasticity: Elasticity, order: ElementCode) -> SourceSet:
     """Return the files of an element's code, and their manifest."""
-    files = _WRITERS[order.target](elasticity, order)
-    programs = {"step": build_step(elasticity)}
-    if has_closed_inverse(elasticity):
-        programs["inverse"] = build_inverse(elasticity)
+    facts, prefix = _list_facts(elasticity, order), build_library_prefix(order.name)
+    programs = _build_programs(elasticity)
+    if order.target == "c":
+        files = _write_c(elasticity, order)
+    else:
+        facts["rows"] = [repr(tuple(sample.values())) for sample in _make_samples(elasticity, order)]
+    if order.target == "python":
+        facts["parts"] = {name: print_python(one, plain=True) for name, one in programs.items()}
+        files = [(f"{prefix}.py", write_template("element/element.py.jinja", facts))]
+    if order.target == "casadi":
+        functions = build_element_functions(elasticity)
+        facts |= {"names": list(functions), "start": repr(start_states(elasticity, 0.0))}
+        files = [(f"{prefix}.py", write_template("element/casadi.py.jinja", facts))]
+        files += [(f"{prefix}_{name}.casadi", function.serialize()) for name, function in functions.items()]
+    listed = [name for name in ("step", "inverse") if name in programs]
     manifest = {
         "symid": __version__,
         "target": order.target,
-        "prefix": build_library_prefix(order.name),
+        "prefix": prefix,
         "precision": order.precision if order.target == "c" else "double",
-        "card": {"functions": [{"name": name} for name in programs]},
-        "operations": {name: asdict(count_operations(program)) for name, program in programs.items()},
+        "card": {"functions": [{"name": name} for name in listed]},
+        "operations": {name: asdict(count_operations(programs[name])) for name in listed},
         "files": {path: compute_digest(text.encode()) for path, text in files},
     }
     return SourceSet(files=tuple(files), manifest=json.dumps(manifest, indent=1, sort_keys=True) + "\n")

@@ -1,34 +1,174 @@
-"""Routes to forward dynamics, to the Coriolis matrix, and to derivatives of the equations of motion.
+"""What all routes start from; routes to forward dynamics and derivatives of the equations of motion.
 
-A route is a builder: workspace -> elements of all output ports, see `routes`. M ddq = tau - c takes
-operations that grow with the third power of the joints, by articulated bodies with their number. With
-M = dtau/dddq, and the other derivatives of tau(q, dq, ddq) at the acceleration that the torque gives,
+A route is a builder: workspace -> elements of all output ports, see `routes`. A coordinate that is not an
+input of the function is zero: gravity is inverse dynamics at rest. The shares of joints that follow another
+are added at its coordinate.
+
+M ddq = tau - c takes operations that grow with the third power of the joints, by articulated bodies with
+their number. With M = dtau/dddq, and the other derivatives of tau(q, dq, ddq) at the acceleration that the
+torque gives,
 
     dddq/dtau = M^-1,   dddq/dq = -M^-1 dtau/dq,   dddq/ddq = -M^-1 dtau/ddq.
 
 The derivative by velocities is twice the Coriolis matrix C, so that the bias torque costs no recursion of its
 own: C dq + rest. M^-1 = L^-1 D^-1 L^-T shares the factors of M = L' D L with the acceleration.
+
+Supported: rigid robots, trees, symbolic lengths with a value; without one where the workspace is exact.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import chain, product
 
-from symid.codegen.programs import ExpressionTable, differentiate_along
-from symid.codegen.workspace import Elements, RouteBuilder, RouteWorkspace
+from symid.codegen.functions import Constants, FunctionSpec
+from symid.codegen.programs import ExpressionTable, Op, ValueAlgebra, differentiate_along
 from symid.dynamics import (
+    BaseParameters,
+    Label,
     ProjectionFrame,
+    Recursion,
+    RobotState,
+    build_recursion,
+    choose_origin_shifts,
     compute_coriolis_matrix,
     compute_equation_terms,
     compute_forward_dynamics,
     compute_mass_derivatives,
     compute_torque_derivatives,
+    fix_last_link_axes,
     fold_matrix,
     fold_vector,
+    list_symbols,
+    remove_constant_rotations,
+    shift_origins,
+    shift_parameters,
+    spread_coordinates,
 )
+from symid.errors import Notice, RobotError
 from symid.robot import Robot
 
+Elements = tuple[int, ...]
+"""The references of one output port in row-major order."""
+RouteBuilder = Callable[["RouteWorkspace"], tuple[Elements, ...]]
+"""A route: what it makes of a workspace are the elements of all output ports."""
 Matrix = Sequence[Sequence[int]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RouteWorkspace:
+    """References to every vector a route may ask for, zeros where the function has no such input.
+
+    `parameters` holds the base parameters as sparse link parameters.
+    """
+
+    base: BaseParameters
+    table: ExpressionTable
+    algebra: ValueAlgebra
+    inputs: Mapping[str, tuple[int, ...]]
+    recursion: Recursion[int]
+    parameters: Mapping[Label, int]
+    built: dict[RouteBuilder, tuple[Elements, ...]] = field(default_factory=dict)
+
+    def recall(self, build: RouteBuilder) -> tuple[Elements, ...]:
+        """Return what `build` makes in this workspace; it is made once."""
+        if build not in self.built:
+            self.built[build] = build(self)
+        return self.built[build]
+
+    @property
+    def robot(self) -> Robot:
+        """Return the robot."""
+        return self.recursion.robot
+
+    def spread(self, values: Sequence[int]) -> tuple[int, ...]:
+        """Return the values of the joints from those of the coordinates."""
+        return spread_coordinates(self.robot, self.algebra, values)[: self.robot.size]
+
+    def shift(self) -> "RouteWorkspace":
+        """Return the same workspace with link origins moved along their joints' axes."""
+        shifts = choose_origin_shifts(self.robot)
+        shifted, state = shift_origins(self.robot, shifts), self.recursion.state
+        recursion = build_recursion(shifted, self.algebra, state)
+        parameters = shift_parameters(self.algebra, self.parameters, shifts)
+        return replace(self, recursion=recursion, parameters=parameters, built={})
+
+    def hold(self) -> "RouteWorkspace":
+        """Return the same workspace with the last links in axes that do not turn with them."""
+        recursion, parameters = fix_last_link_axes(self.recursion, self.parameters)
+        return replace(self, recursion=recursion, parameters=parameters, built={})
+
+    def flatten_vector(self, values: Sequence[int]) -> Elements:
+        """Return a value per joint as a port of shape (n,)."""
+        return fold_vector(self.robot, self.algebra, values)
+
+    def flatten_matrix(self, matrix: Matrix) -> Elements:
+        """Return a matrix of the joints as that of the coordinates, row by row."""
+        return tuple(chain(*fold_matrix(self.robot, self.algebra, matrix)))
+
+    def differentiate(self, values: Sequence[int], name: str) -> list[list[int]]:
+        """Return the derivatives of values by each element of input `name`."""
+        one = self.table.constant(1.0)
+        return differentiate_along(self.table, values, [{ref: one} for ref in self.inputs[name]])
+
+    def flatten_columns(self, columns: Sequence[Sequence[int]]) -> Elements:
+        """Return columns with an entry a coordinate as a port of shape (n, columns)."""
+        return tuple(chain(*zip(*columns, strict=True)))
+
+
+def check_symbols(robot: Robot) -> None:
+    """Raise RobotError where a symbolic length has no value."""
+    missing = ", ".join(name for name in list_symbols(robot) if name not in dict(robot.symbols))
+    if missing:
+        text = f"code needs a value for the symbolic length {missing}: add it under [symbols], in m"
+        raise RobotError(Notice(code="robot.symbol-without-value", text=text, file=robot.path))
+
+
+def build_workspace(
+    robot: Robot,
+    base: BaseParameters,
+    spec: FunctionSpec,
+    turns: Mapping[int, float] | None = None,
+    constants: Constants | None = None,
+    *,
+    exact: bool = False,
+) -> RouteWorkspace:
+    """Return a new workspace for the function `spec`.
+
+    `turns` are constant turns of joints (`list_constant_rotations`), in rad, that are added to the joints'
+    angles; the others are part of the placements. `constants` are values of vectors that are no inputs of the
+    function. `exact` keeps numbers and symbolic lengths as they are, see `ValueAlgebra.numbers`.
+    """
+    turns = turns or {}
+    table = ExpressionTable()
+    zero = table.constant(0.0)
+    moving = ("q", "dq", "ddq", "dqr", "ddqr", "tau")
+    sizes = {**dict.fromkeys(moving, robot.freedom), base.vector: base.count, "f": len(base.friction)}
+    inputs = {name: (zero,) * size for name, size in sizes.items()}
+    for number, port in enumerate(spec.inputs):
+        inputs[port.name] = tuple(table.input(number, element) for element in range(port.size))
+    for name, values in (constants or {}).items():
+        inputs[name] = tuple(map(table.constant, values))
+    algebra = ValueAlgebra(table, dict(robot.symbols), {} if exact else None)
+    position, velocity, acceleration = (
+        spread_coordinates(robot, algebra, inputs[name])[: robot.size] for name in ("q", "dq", "ddq")
+    )
+    angles = [table.add(angle, table.constant(turns.get(joint, 0.0))) for joint, angle in enumerate(position)]
+    state = RobotState(
+        sine=tuple(table.apply(Op.SIN, angle) for angle in angles),
+        cosine=tuple(table.apply(Op.COS, angle) for angle in angles),
+        position=position,
+        velocity=velocity,
+        acceleration=acceleration,
+    )
+    return RouteWorkspace(
+        base=base,
+        table=table,
+        algebra=algebra,
+        inputs=inputs,
+        recursion=build_recursion(remove_constant_rotations(robot, turns), algebra, state),
+        parameters=dict(zip(base.keys, inputs[base.vector], strict=True)),
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,7 +213,7 @@ class _Factors:
         return result
 
 
-def _remove(table: ExpressionTable, start: int, products: Sequence[tuple[int, int]]) -> int:
+def _remove(table: ExpressionTable, start: int, products: Iterable[tuple[int, int]]) -> int:
     """Return `start` less the products."""
     for left, right in products:
         start = table.add(start, -table.mul(left, right))
@@ -96,179 +236,115 @@ def _factorise(table: ExpressionTable, matrix: Matrix) -> _Factors:
     return _Factors(table=table, lower=lower, inverses=inverses)
 
 
-def build_forward_dynamics_route(mass: RouteBuilder, torques: RouteBuilder) -> RouteBuilder:
-    """Return the route that solves M ddq = tau - c for a matrix and a bias torque from two other routes."""
-
-    def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-        table, n = workspace.table, workspace.robot.freedom
-        (entries,), (bias,) = workspace.recall(mass), workspace.recall(torques)
-        rest = [table.add(tau, -c) for tau, c in zip(workspace.inputs["tau"], bias, strict=True)]
-        factors = _factorise(table, [entries[n * row : n * (row + 1)] for row in range(n)])
-        return (tuple(factors.solve(rest)),)
-
-    return build
+Place = Callable[[Robot], ProjectionFrame] | None
+"""Where wrenches of composite bodies stop on their way down to the joints; None: at every joint."""
 
 
-def build_articulated_route(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+def build_forward_dynamics(
+    workspace: RouteWorkspace, mass: RouteBuilder, torques: RouteBuilder
+) -> tuple[Elements, ...]:
+    """Solve M ddq = tau - c for a matrix and a bias torque from two other routes."""
+    table, n = workspace.table, workspace.robot.freedom
+    (entries,), (bias,) = workspace.recall(mass), workspace.recall(torques)
+    rest = [table.add(tau, -c) for tau, c in zip(workspace.inputs["tau"], bias, strict=True)]
+    factors = _factorise(table, [entries[n * row : n * (row + 1)] for row in range(n)])
+    return (tuple(factors.solve(rest)),)
+
+
+def build_articulated(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     """Build the accelerations by articulated bodies: without a matrix, the route of robots of many joints."""
     table, tau = workspace.table, workspace.spread(workspace.inputs["tau"])
-    one = table.constant(1.0)
-    return (
-        compute_forward_dynamics(
-            workspace.recursion, workspace.parameters, tau, lambda value: table.div(one, value)
-        ),
-    )
+    invert = partial(table.div, table.constant(1.0))
+    return (compute_forward_dynamics(workspace.recursion, workspace.parameters, tau, invert),)
 
 
-def build_differentiated_route(torques: RouteBuilder, mass: RouteBuilder) -> RouteBuilder:
-    """Return the route that differentiates the torques of one route and takes the matrix of another."""
-
-    def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-        table = workspace.table
-        (values,) = workspace.recall(torques)
-        one = table.constant(1.0)
-        blocks = []
-        for name in ("q", "dq"):
-            directions = [{ref: one} for ref in workspace.inputs[name]]
-            columns = differentiate_along(table, values, directions)
-            blocks.append(workspace.flatten_columns(columns))
-        return (*blocks, *workspace.recall(mass))
-
-    return build
+def build_differentiated(
+    workspace: RouteWorkspace, torques: RouteBuilder, mass: RouteBuilder
+) -> tuple[Elements, ...]:
+    """Differentiate the torques of one route, and take the matrix of another."""
+    (values,) = workspace.recall(torques)
+    blocks = [workspace.differentiate(values, name) for name in ("q", "dq")]
+    return (*map(workspace.flatten_columns, blocks), *workspace.recall(mass))
 
 
-def _flatten(workspace: RouteWorkspace, matrix: Matrix) -> Elements:
-    """Return a matrix of the joints as that of the coordinates, row by row."""
-    return tuple(chain(*fold_matrix(workspace.robot, workspace.algebra, matrix)))
+def build_derivatives(workspace: RouteWorkspace, place: Place) -> tuple[Elements, ...]:
+    """Build dtau/dq, dtau/ddq and M by composite bodies."""
+    meet = place and place(workspace.robot)
+    found = compute_torque_derivatives(workspace.recursion, workspace.parameters, meet=meet)
+    blocks = (found.by_position, found.by_velocity, found.by_acceleration)
+    return tuple(map(workspace.flatten_matrix, blocks))
 
 
-def build_derivatives_route(place: Callable[[Robot], ProjectionFrame] | None) -> RouteBuilder:
-    """Return the route to dtau/dq, dtau/ddq and M by composite bodies, whose wrenches stop at `place`."""
-
-    def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-        meet = place(workspace.robot) if place else None
-        found = compute_torque_derivatives(workspace.recursion, workspace.parameters, meet=meet)
-        blocks = (found.by_position, found.by_velocity, found.by_acceleration)
-        return tuple(_flatten(workspace, block) for block in blocks)
-
-    return build
+def build_mass_derivatives(workspace: RouteWorkspace, place: Place) -> tuple[Elements, ...]:
+    """Build dM/dq by composite bodies."""
+    meet = place and place(workspace.robot)
+    slopes = compute_mass_derivatives(workspace.recursion, workspace.parameters, meet=meet)
+    entries = zip(*map(workspace.flatten_matrix, slopes), strict=True)
+    return (tuple(chain(*map(workspace.flatten_vector, entries))),)
 
 
-def build_mass_derivatives_route(place: Callable[[Robot], ProjectionFrame] | None) -> RouteBuilder:
-    """Return the route to dM/dq by composite bodies, whose wrenches stop at `place`."""
-
-    def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-        robot, algebra = workspace.robot, workspace.algebra
-        meet = place(robot) if place else None
-        slopes = compute_mass_derivatives(workspace.recursion, workspace.parameters, meet=meet)
-        matrices = [_flatten(workspace, matrix) for matrix in slopes]
-        return (tuple(chain(*(fold_vector(robot, algebra, part) for part in zip(*matrices, strict=True)))),)
-
-    return build
-
-
-def build_second_derivatives_route(place: Callable[[Robot], ProjectionFrame] | None) -> RouteBuilder:
-    """Return the route to the second derivatives of tau, and dM/dq, that differentiates the first ones.
+def build_second_derivatives(workspace: RouteWorkspace, place: Place) -> tuple[Elements, ...]:
+    """Build the second derivatives of tau, and dM/dq, by differentiating the first ones.
 
     By two velocities they are sums of c_ijk, of dM/dq. Of d^2 tau/dq^2 half is computed.
     """
-    first, third = build_derivatives_route(place), build_mass_derivatives_route(place)
+    table, n = workspace.table, workspace.robot.freedom
+    by_q, by_dq, _ = build_derivatives(workspace, place)
+    (mass,) = build_mass_derivatives(workspace, place)
+    twice, mixed = (workspace.differentiate(values, "q") for values in (by_q, by_dq))
+    indices = list(product(range(n), repeat=3))
 
-    def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-        table, n = workspace.table, workspace.robot.freedom
-        by_q, by_dq, _ = workspace.recall(first)
-        (mass,) = workspace.recall(third)
-        directions = [{ref: table.constant(1.0)} for ref in workspace.inputs["q"]]
-        twice = differentiate_along(table, by_q, directions)
-        mixed = differentiate_along(table, by_dq, directions)
-        indices = list(product(range(n), repeat=3))
+    def add_symbols(i: int, j: int, k: int) -> int:
+        first, second, third = (mass[n * (n * a + b) + c] for a, b, c in ((i, j, k), (i, k, j), (j, k, i)))
+        return table.add(table.add(first, second), -third)
 
-        def read(i: int, j: int, k: int) -> int:
-            return mass[n * (n * i + j) + k]
-
-        def add_symbols(i: int, j: int, k: int) -> int:
-            return table.add(table.add(read(i, j, k), read(i, k, j)), -read(j, k, i))
-
-        return (
-            tuple(twice[max(j, k)][n * i + min(j, k)] for i, j, k in indices),
-            tuple(mixed[j][n * i + k] for i, j, k in indices),
-            tuple(add_symbols(i, max(j, k), min(j, k)) for i, j, k in indices),
-            mass,
-        )
-
-    return build
+    return (
+        tuple(twice[max(j, k)][n * i + min(j, k)] for i, j, k in indices),
+        tuple(mixed[j][n * i + k] for i, j, k in indices),
+        tuple(add_symbols(i, max(j, k), min(j, k)) for i, j, k in indices),
+        mass,
+    )
 
 
-def build_differentiated_mass_route(mass: RouteBuilder) -> RouteBuilder:
-    """Return the route that differentiates the mass matrix of another route."""
-
-    def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-        table = workspace.table
-        (values,) = workspace.recall(mass)
-        directions = [{ref: table.constant(1.0)} for ref in workspace.inputs["q"]]
-        return (workspace.flatten_columns(differentiate_along(table, values, directions)),)
-
-    return build
+def build_differentiated_mass(workspace: RouteWorkspace, mass: RouteBuilder) -> tuple[Elements, ...]:
+    """Differentiate the mass matrix of another route."""
+    (values,) = workspace.recall(mass)
+    return (workspace.flatten_columns(workspace.differentiate(values, "q")),)
 
 
-def build_regressor_derivatives_route(regressor: RouteBuilder) -> RouteBuilder:
-    """Return the route that differentiates the torque regressor of another route by q, dq and ddq."""
-
-    def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-        table = workspace.table
-        (values,) = workspace.recall(regressor)
-        one = table.constant(1.0)
-        blocks = (
-            differentiate_along(table, values, [{ref: one} for ref in workspace.inputs[name]])
-            for name in ("q", "dq", "ddq")
-        )
-        return tuple(map(workspace.flatten_columns, blocks))
-
-    return build
+def build_regressor_derivatives(workspace: RouteWorkspace, regressor: RouteBuilder) -> tuple[Elements, ...]:
+    """Differentiate the torque regressor of another route by q, dq and ddq."""
+    (values,) = workspace.recall(regressor)
+    blocks = (workspace.differentiate(values, name) for name in ("q", "dq", "ddq"))
+    return tuple(map(workspace.flatten_columns, blocks))
 
 
-def build_coriolis_route(place: Callable[[Robot], ProjectionFrame] | None) -> RouteBuilder:
-    """Return the route to the Coriolis matrix by composite bodies, whose wrenches stop at `place`."""
-
-    def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-        meet = place(workspace.robot) if place else None
-        matrix = compute_coriolis_matrix(workspace.recursion, workspace.parameters, meet=meet)
-        return (_flatten(workspace, matrix),)
-
-    return build
+def build_coriolis(workspace: RouteWorkspace, place: Place) -> tuple[Elements, ...]:
+    """Build the Coriolis matrix by composite bodies."""
+    meet = place and place(workspace.robot)
+    matrix = compute_coriolis_matrix(workspace.recursion, workspace.parameters, meet=meet)
+    return (workspace.flatten_matrix(matrix),)
 
 
-def build_forward_derivatives_route(place: Callable[[Robot], ProjectionFrame] | None) -> RouteBuilder:
-    """Return the route to ddq and its derivatives by q, dq and tau (see above)."""
-
-    def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-        robot, table, algebra, inputs = workspace.robot, workspace.table, workspace.algebra, workspace.inputs
-        meet = place(robot) if place else None
-        terms = compute_equation_terms(workspace.recursion, workspace.parameters, meet=meet)
-        mass, coriolis = (fold_matrix(robot, algebra, part) for part in (terms.mass, terms.twice_coriolis))
-        factors, halves = _factorise(table, mass), list(map(algebra.half, inputs["dq"]))
-        rest = zip(inputs["tau"], fold_vector(robot, algebra, terms.rest), coriolis, strict=True)
-        forces = [
-            _remove(table, table.add(tau, -load), list(zip(row, halves, strict=True)))
-            for tau, load, row in rest
+def build_forward_derivatives(workspace: RouteWorkspace, place: Place) -> tuple[Elements, ...]:
+    """Build ddq and its derivatives by q, dq and tau (see above)."""
+    robot, table, algebra, inputs = workspace.robot, workspace.table, workspace.algebra, workspace.inputs
+    meet, zero = place and place(robot), table.constant(0.0)
+    terms = compute_equation_terms(workspace.recursion, workspace.parameters, meet=meet)
+    mass, coriolis = (fold_matrix(robot, algebra, part) for part in (terms.mass, terms.twice_coriolis))
+    factors, halves = _factorise(table, mass), list(map(algebra.half, inputs["dq"]))
+    rest = zip(inputs["tau"], workspace.flatten_vector(terms.rest), coriolis, strict=True)
+    forces = [_remove(table, table.add(tau, -load), zip(row, halves, strict=True)) for tau, load, row in rest]
+    ddq = factors.solve(forces)
+    state = replace(workspace.recursion.state, acceleration=workspace.spread(ddq))
+    moving = replace(workspace.recursion, state=state)
+    found = compute_torque_derivatives(moving, workspace.parameters, meet=meet)
+    slopes, inverse = fold_matrix(robot, algebra, found.by_position), factors.invert()
+    products = [
+        [
+            [_remove(table, zero, zip(row, column, strict=True)) for row in inverse]
+            for column in zip(*block, strict=True)
         ]
-        ddq = factors.solve(forces)
-        state = replace(workspace.recursion.state, acceleration=workspace.spread(ddq))
-        moving = replace(workspace.recursion, state=state)
-        slopes = fold_matrix(
-            robot,
-            algebra,
-            compute_torque_derivatives(moving, workspace.parameters, meet=meet).by_position,
-        )
-        inverse = factors.invert()
-        products = [
-            [
-                [_remove(table, table.constant(0.0), list(zip(row, column, strict=True))) for row in inverse]
-                for column in zip(*block, strict=True)
-            ]
-            for block in (slopes, coriolis)
-        ]
-        blocks = (workspace.flatten_columns(columns) for columns in products)
-        return (tuple(ddq), *blocks, tuple(chain(*inverse)))
-
-    return build
+        for block in (slopes, coriolis)
+    ]
+    return (tuple(ddq), *map(workspace.flatten_columns, products), tuple(chain(*inverse)))

@@ -145,26 +145,20 @@ def _replace_squares(value: PolyElement, squares: Sequence[KnownSquare]) -> Poly
     return value.ring.from_dict(terms)
 
 
-def _choose_useful_values(program: Program, sizes: Sequence[int]) -> frozenset[int]:
-    """Return the values whose polynomials are written, see `write_values`, or lead to others."""
-    algebraic = mark_algebraic(program.instructions)
-    wanted = {abs(ref) for port in program.outputs for ref in port}
-    for number in range(len(program.instructions), 0, -1):
-        instruction = program.instructions[number - 1]
-        if instruction.op in SOURCE_OPS:
-            wanted.add(number)
-        elif not algebraic[number] or instruction.op in _TRIGONOMETRIC or number in wanted:
-            if sizes[number] <= _MOST_OPERATIONS or not algebraic[number]:
-                wanted.update(instruction.operands)
-            else:
-                wanted.discard(number)
-    return frozenset(wanted)
-
-
 def build_polynomials(source: ExactProgram, letters: PolynomialGenerators) -> list[PolyElement | None]:
     """Return the polynomial of every value by its reference; None where it is long, or none at all."""
-    ring, squares = letters.ring, letters.squares
-    wanted = _choose_useful_values(source.program, count_expanded_values(source.program.instructions))
+    ring, squares, instructions = letters.ring, letters.squares, source.program.instructions
+    sizes, algebraic = count_expanded_values(instructions), mark_algebraic(instructions)
+    # The values whose polynomials are written, see `write_values`, or lead to others.
+    wanted = {abs(ref) for port in source.program.outputs for ref in port}
+    for number, one in zip(range(len(instructions), 0, -1), reversed(instructions), strict=True):
+        if one.op in SOURCE_OPS:
+            wanted.add(number)
+        elif not algebraic[number] or one.op in _TRIGONOMETRIC or number in wanted:
+            if sizes[number] <= _MOST_OPERATIONS or not algebraic[number]:
+                wanted.update(one.operands)
+            else:
+                wanted.discard(number)
     values: list[PolyElement | None] = [ring.zero]
 
     def compute(number: int, instruction: Instruction) -> PolyElement | None:
@@ -193,7 +187,7 @@ def build_polynomials(source: ExactProgram, letters: PolynomialGenerators) -> li
             result = _replace_squares(left * right, squares)
         return result if len(result) <= _MOST_TERMS else None
 
-    for number, instruction in enumerate(source.program.instructions, start=1):
+    for number, instruction in enumerate(instructions, start=1):
         values.append(compute(number, instruction))
     return values
 

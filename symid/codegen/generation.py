@@ -11,31 +11,25 @@ machines.
 """
 
 import contextlib
-import errno
 import functools
 import json
 import os
 import platform
 import re
 import shutil
-import stat
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import NoReturn
 
-from filelock import BaseFileLock, FileLock, Timeout
-
-from symid.codegen.cache import compute_library_key, locate_user_folder
+from symid.codegen.cache import compute_library_key, lock_folder
 from symid.codegen.compiler import STACK_FLAG, CodeSize, Compiler, locate_compiler, measure_code_sizes
 from symid.codegen.source_folder import (
     MANIFEST,
     SourceSet,
     check_folder,
-    compute_digest,
     get_listed_digests,
     is_unchanged,
     read_manifest,
@@ -43,78 +37,11 @@ from symid.codegen.source_folder import (
 )
 from symid.codegen.source_text import GenerateOptions, check_choice
 from symid.environment import make_scratch_folder
-from symid.errors import GenerationError, Notice, OutputError, UsageError
+from symid.errors import GenerationError, Notice, UsageError
 from symid.robot import Robot
 from symid.serialization import compute_signature
 
 _ENTRY = "build"
-_LOCK_PATIENCE = 1.0
-
-
-def _is_held(lock: BaseFileLock, file: Path) -> bool:
-    """Return whether `lock` is one on the file that now has the name, not on one that was removed."""
-    handle = lock._context.lock_file_fd  # noqa: SLF001  filelock offers no other way to it
-    try:
-        # None: where the system has no such locks, the file itself is the lock.
-        return handle is None or os.path.samestat(os.fstat(handle), file.lstat())
-    except FileNotFoundError:
-        return False
-
-
-def _acquire_lock(target: Path, progress: Callable[[], None]) -> tuple[BaseFileLock, Path]:
-    file = target.parent / f".{target.name}.symid-lock"
-    if not os.access(target.parent, os.W_OK | os.X_OK):
-        own = locate_user_folder()
-        if own is None:
-            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(target.parent))
-        own.mkdir(mode=stat.S_IRWXU, parents=True, exist_ok=True)
-        file = own / f"{compute_digest(os.fsencode(target))[:24]}.lock"
-    while True:
-        lock = FileLock(file)
-        # A run that failed removes the folders that it made.
-        with contextlib.suppress(FileNotFoundError):
-            target.parent.mkdir(parents=True, exist_ok=True)
-            try:
-                lock.acquire(timeout=_LOCK_PATIENCE)
-            except Timeout:
-                progress()
-                lock.acquire()
-            if _is_held(lock, file):
-                return lock, file
-            lock.release()
-
-
-@contextlib.contextmanager
-def lock_folder(folder: Path, progress: Callable[[], None]) -> Iterator[None]:
-    """Wait until no other process of this user has `folder`, and keep it from others in the context.
-
-    The lock is one of the system's on a file beside the folder or, where none can be written there, in the
-    user's cache folder. The file is removed; the file of a process that died does not lock. The folder need
-    not be there yet: missing folders above it are made, and removed if they stay empty. `progress` is called
-    once where the wait takes longer than a second.
-
-    Raises:
-        OutputError: no file for the lock can be written.
-    """
-    target = folder.resolve()
-    missing = [place for place in target.parents if not place.exists()]
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        lock, file = _acquire_lock(target, functools.cache(progress))
-    except OSError as error:
-        where = f" ({error.filename})" if error.filename else ""
-        text = f"cannot be locked against other runs: {error.strerror or error}{where}"
-        raise OutputError(Notice(code="output.cannot-write", text=text, file=str(folder))) from error
-    try:
-        yield
-    finally:
-        # The file goes while the lock is held: who waits for it sees by `_is_held` that it was removed.
-        with contextlib.suppress(OSError):
-            file.unlink()
-        lock.release()
-        with contextlib.suppress(OSError):
-            for place in missing:
-                place.rmdir()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -146,7 +73,7 @@ def _compute_seal(manifest: Mapping[str, object]) -> str:
     return compute_signature({key: value for key, value in manifest.items() if key != _ENTRY})
 
 
-def read_unchanged(folder: Path, inputs: str) -> tuple[Mapping[str, object], BuildRecord] | None:
+def _read_unchanged(folder: Path, inputs: str) -> tuple[Mapping[str, object], BuildRecord] | None:
     """Return the manifest and the record of a folder that was made from `inputs` and is as it was then."""
     manifest = read_manifest(folder)
     found = None if manifest is None else manifest.get(_ENTRY)
@@ -162,13 +89,6 @@ def read_unchanged(folder: Path, inputs: str) -> tuple[Mapping[str, object], Bui
         return None
     same = record.inputs == inputs and seal == _compute_seal(manifest) and is_unchanged(folder, manifest)
     return (manifest, record) if same else None
-
-
-def add_build_record(sources: SourceSet, record: BuildRecord) -> SourceSet:
-    """Return `sources` with `record` in their manifest."""
-    manifest = json.loads(sources.manifest)
-    manifest[_ENTRY] = {**asdict(record), "seal": _compute_seal(manifest)}
-    return replace(sources, manifest=json.dumps(manifest, indent=1, sort_keys=True) + "\n")
 
 
 _SELFTEST_TIMEOUT = 1800.0
@@ -205,32 +125,6 @@ def choose_runner(target: str) -> tuple[Compiler | None, str]:
     return compiler, built_by
 
 
-def _fail_selftest(folder: Path, text: str) -> NoReturn:
-    text = f"nothing was written: the self-test failed: {text}"
-    raise GenerationError(Notice(code="generate.selftest-failed", text=text, file=str(folder)))
-
-
-def _run_command(folder: Path, copy: Path, command: list[str]) -> subprocess.CompletedProcess[str]:
-    environment = {name: value for name, value in os.environ.items() if name not in _MAKE_VARIABLES}
-    try:
-        return subprocess.run(
-            command,
-            cwd=copy,
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            check=False,
-            timeout=_SELFTEST_TIMEOUT,
-        )
-    except subprocess.TimeoutExpired:
-        why = f"did not end within {_SELFTEST_TIMEOUT:g} s"
-    except OSError as error:
-        why = f"cannot be run: {error.strerror or error}"
-    _fail_selftest(folder, f"`{' '.join(command)}` {why}")
-
-
 def run_selftest(
     sources: SourceSet, folder: Path, target: str, inputs: str, progress: Callable[[str], None]
 ) -> BuildRecord:
@@ -248,10 +142,35 @@ def run_selftest(
     progress("running the self-test")
     manifest = json.loads(sources.manifest)
     prefix, names = str(manifest.get("prefix")), tuple(read_operations(manifest))
+
+    def fail(why: str) -> GenerationError:
+        text = f"nothing was written: the self-test failed: {why}"
+        return GenerationError(Notice(code="generate.selftest-failed", text=text, file=str(folder)))
+
     with make_scratch_folder() as scratch:
         copy = scratch / "code"
         write_sources(sources, copy)
-        run = functools.partial(_run_command, folder, copy)
+        environment = {name: value for name, value in os.environ.items() if name not in _MAKE_VARIABLES}
+
+        def run(command: list[str]) -> subprocess.CompletedProcess[str]:
+            try:
+                return subprocess.run(
+                    command,
+                    cwd=copy,
+                    env=environment,
+                    stdin=subprocess.DEVNULL,
+                    capture_output=True,
+                    text=True,
+                    errors="replace",
+                    check=False,
+                    timeout=_SELFTEST_TIMEOUT,
+                )
+            except subprocess.TimeoutExpired:
+                text = f"`{' '.join(command)}` did not end within {_SELFTEST_TIMEOUT:g} s"
+            except OSError as error:
+                text = f"`{' '.join(command)}` cannot be run: {error.strerror or error}"
+            raise fail(text)
+
         done = None
         if compiler is not None:
             goal = "shared" if target == "casadi" else "selftest"
@@ -266,8 +185,8 @@ def run_selftest(
             done = run(["node", "selftest.mjs"] if target == "js" else command)
             failed = done.returncode or not _PASSED.fullmatch(done.stdout.rstrip("\n").rpartition("\n")[2])
         if failed:
-            how = f"`{' '.join(done.args)}` ended with {done.returncode}"
-            _fail_selftest(folder, f"{how}\n{done.stdout}{done.stderr}".rstrip())
+            how = f"`{' '.join(done.args)}` ended with {done.returncode}\n{done.stdout}{done.stderr}"
+            raise fail(how.rstrip())
         sizes = measure_code_sizes(copy, prefix, names) if target == "c" else {}
     flags = _SELFTEST_FLAGS if compiler else ""
     return BuildRecord(inputs=inputs, selftest="passed", runner=runner, flags=flags, sizes=sizes)
@@ -356,68 +275,66 @@ def generate_folder(
     compiler, runner = choose_runner(order.target)
     described, key = replace(robot, path="", notices=()), compute_library_key(robot, order.names, compiler)
     inputs = compute_signature(key, described, order, runner)
-    with lock_folder(folder, lambda: progress(f"{folder}: waiting for another run that writes it")):
-        found = None if force else read_unchanged(folder, inputs)
-        if found is None:
-            # Imported here: where nothing has changed, neither CasADi nor SymPy is needed.
-            from symid.codegen.c_library import generate_c_library
-            from symid.codegen.casadi_functions import build_functions
-            from symid.codegen.python_targets import (
-                generate_casadi_target,
-                generate_javascript_module,
-                generate_python_module,
-            )
 
-            check_folder(folder)
-            progress(f"deriving the functions of {robot.name}")
-            standard = order.parameters == "standard"
-            functions = build_functions(robot, names=order.names, standard=standard, constant=order.constant)
-            progress(f"writing {order.target} code")
-            generate = {
-                "python": generate_python_module,
-                "casadi": generate_casadi_target,
-                "js": generate_javascript_module,
-            }
-            sources = generate.get(order.target, generate_c_library)(functions, order.options)
-            manifest, record = write_tested(sources, folder, order.target, inputs, progress, force=force)
-        else:
-            manifest, record = found
-    return GeneratedFolder(
-        folder=folder,
-        manifest=manifest,
-        record=record,
-        unchanged=found is not None,
-        notices=describe_untested(folder, record),
-    )
+    def build() -> SourceSet:
+        # Imported here: where nothing has changed, neither CasADi nor SymPy is needed.
+        from symid.codegen.c_library import generate_c_library
+        from symid.codegen.casadi_functions import build_functions
+        from symid.codegen.python_targets import (
+            generate_casadi_target,
+            generate_javascript_module,
+            generate_python_module,
+        )
+
+        check_folder(folder)
+        progress(f"deriving the functions of {robot.name}")
+        standard = order.parameters == "standard"
+        functions = build_functions(robot, names=order.names, standard=standard, constant=order.constant)
+        progress(f"writing {order.target} code")
+        generate = {
+            "python": generate_python_module,
+            "casadi": generate_casadi_target,
+            "js": generate_javascript_module,
+        }
+        return generate.get(order.target, generate_c_library)(functions, order.options)
+
+    return write_folder(build, folder, order.target, inputs, progress, force=force)
 
 
-def write_tested(
-    sources: SourceSet,
+def write_folder(
+    build: Callable[[], SourceSet],
     folder: Path,
     target: str,
     inputs: str,
     progress: Callable[[str], None],
     *,
     force: bool,
-) -> tuple[Mapping[str, object], BuildRecord]:
-    """Test `sources`, write them with the record of the test, and return their manifest and that record.
+) -> GeneratedFolder:
+    """Test what `build` makes of `inputs` and write it, unless the folder holds it already.
 
     Raises:
         OutputError: the folder cannot be written, or holds what symid did not write.
         GenerationError: the code fails its self-test; nothing was written.
     """
-    check_folder(folder, sources, force=force)
-    record = run_selftest(sources, folder, target, inputs, progress)
-    tested = add_build_record(sources, record)
-    write_sources(tested, folder, force=force)
-    return json.loads(tested.manifest), record
-
-
-def describe_untested(folder: Path, record: BuildRecord) -> tuple[Notice, ...]:
-    """Return the warning of a self-test that was not run, where it was not."""
-    if record.selftest == "passed":
-        return ()
-    text = "its self-test was not run: no C compiler or no make; install them, then `make check` there"
-    if (folder / "selftest.mjs").exists():
-        text = "its self-test was not run: no Node; install it, then `node selftest.mjs` there"
-    return (Notice(code="generate.selftest-not-run", text=text, file=str(folder)),)
+    with lock_folder(folder, lambda: progress(f"{folder}: waiting for another run that writes it")):
+        found = None if force else _read_unchanged(folder, inputs)
+        unchanged = found is not None
+        if found is None:
+            sources = build()
+            check_folder(folder, sources, force=force)
+            record = run_selftest(sources, folder, target, inputs, progress)
+            made = json.loads(sources.manifest)
+            made[_ENTRY] = {**asdict(record), "seal": _compute_seal(made)}
+            text = json.dumps(made, indent=1, sort_keys=True) + "\n"
+            write_sources(replace(sources, manifest=text), folder, force=force)
+            found = json.loads(text), record
+        manifest, record = found
+    notices = []
+    if record.selftest != "passed":
+        text = "its self-test was not run: no C compiler or no make; install them, then `make check` there"
+        if (folder / "selftest.mjs").exists():
+            text = "its self-test was not run: no Node; install it, then `node selftest.mjs` there"
+        notices.append(Notice(code="generate.selftest-not-run", text=text, file=str(folder)))
+    return GeneratedFolder(
+        folder=folder, manifest=manifest, record=record, unchanged=unchanged, notices=tuple(notices)
+    )

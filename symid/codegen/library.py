@@ -1,40 +1,40 @@
 """A robot's functions, ready to call: compiled C, the NumPy module, or CasADi.
 
 Folder of generated sources, for C with the shared library in it -> `Library`, which checks what a caller
-gives, and the `Engine` behind it, which computes. A compiled library holds a digest of what it must have been
-built from: model card, precision and sources, not the flags of the compiler.
+gives and turns it into arrays, and the `Engine` behind it, which computes. A compiled library holds a digest
+of what it must have been built from: model card, precision and sources, not the flags of the compiler.
 
-Supported: one sample and batches; double precision, and float libraries through conversion; libraries that
-were built again while this process had the old one loaded.
-Not supported: shared libraries of another machine, or built from other sources than the folder's; files
-that a newer CasADi wrote.
+A shared library can hold the extension module of `python_call.c`: functions of CPython without copies. It
+uses Python's limited API, the same for every version from 3.11, and NumPy's for arrays; where their headers
+are not installed, calls go through ctypes.
+
+Supported: anything that NumPy reads as real numbers, one sample or a batch; double precision, and float
+libraries through conversion; libraries that were built again while this process had the old one loaded;
+extensions for CPython with its global lock, which a call holds, in double precision.
+Not supported: complex numbers, text, rows of unequal length, arrays of objects; shared libraries of another
+machine, or built from other sources than the folder's; files that a newer CasADi wrote; extensions for other
+interpreters, free-threaded builds and float libraries.
 """
 
 import contextlib
 import ctypes
 import shutil
+import sys
+import sysconfig
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.machinery import ExtensionFileLoader, ModuleSpec
+from importlib.util import module_from_spec
+from itertools import combinations
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, cast, final
 
 import numpy as np
 
 from symid.arrays import FloatArray
-from symid.codegen.calls import (
-    Arrays,
-    Call,
-    allocate_output,
-    build_load_error,
-    check_inputs,
-    check_outputs,
-    check_sample,
-    get_spec,
-    load_extension,
-    redirect_outputs,
-)
-from symid.codegen.functions import FunctionSpec, ModelCard, Port, write_model_card
+from symid.codegen.functions import FunctionSpec, ModelCard, Port, compute_build_digest
 from symid.codegen.source_folder import (
     get_listed_digests,
     is_unchanged,
@@ -43,21 +43,191 @@ from symid.codegen.source_folder import (
 )
 from symid.environment import make_scratch_folder
 from symid.errors import GenerationError, InputError, Notice, UsageError
-from symid.serialization import compute_signature, read_record
+from symid.serialization import read_record
+
+_REAL_KINDS = "biuf"
+_DOUBLE = np.dtype(np.float64)
+
+Arrays = tuple[FloatArray, ...]
+Call = Callable[..., Arrays]
+
+
+def get_spec(card: ModelCard, name: str) -> FunctionSpec:
+    """Return the function `name` of the card; UsageError where there is none."""
+    specs = {spec.name: spec for spec in card.functions}
+    if name not in specs:
+        text = f"the library of {card.robot!r} has no function {name!r}; it has {', '.join(specs)}"
+        raise UsageError(Notice(code="usage.unknown-function", text=text))
+    return specs[name]
+
+
+def _build_error(card: ModelCard, spec: FunctionSpec, text: str) -> UsageError:
+    text = f"function {spec.name!r} of {card.robot!r}: {text}"
+    return UsageError(Notice(code="usage.shape", text=text))
+
+
+def _convert_inputs(card: ModelCard, spec: FunctionSpec, inputs: Sequence[object]) -> Arrays:
+    if len(inputs) != len(spec.inputs):
+        names = ", ".join(port.name for port in spec.inputs)
+        raise _build_error(card, spec, f"expected the inputs {names}, got {len(inputs)} arrays")
+    arrays = []
+    for port, value in zip(spec.inputs, inputs, strict=True):
+        try:
+            array = np.asarray(value)
+        except (TypeError, ValueError, OverflowError) as error:
+            text = f"input {port.name!r}: expected an array of numbers, got {error}"
+            raise _build_error(card, spec, text) from error
+        if array.dtype.kind not in _REAL_KINDS:
+            text = f"input {port.name!r}: expected real numbers, got an array of {array.dtype}"
+            raise _build_error(card, spec, text)
+        arrays.append(np.ascontiguousarray(array, dtype=np.float64))
+    return tuple(arrays)
+
+
+def check_inputs(card: ModelCard, spec: FunctionSpec, inputs: Sequence[object]) -> tuple[int | None, Arrays]:
+    """Return the number of samples, None for one, and the inputs as arrays; UsageError for a wrong one."""
+    arrays = _convert_inputs(card, spec, inputs)
+    pairs = tuple(zip(spec.inputs, arrays, strict=True))
+    leads = [pair for pair in pairs if not pair[0].shared][:1]
+    samples = next((array.shape[0] for port, array in leads if array.ndim == len(port.shape) + 1), None)
+    for port, array in pairs:
+        batch = () if port.shared or samples is None else (samples,)
+        if array.shape != (*batch, *port.shape):
+            allowed = f"{port.shape}" if port.shared else f"{port.shape} or (N, {str(port.shape)[1:]}"
+            text = f"input {port.name!r}: expected the shape {allowed}, the same N for all, got {array.shape}"
+            raise _build_error(card, spec, text)
+    return samples, arrays
+
+
+def check_sample(card: ModelCard, spec: FunctionSpec, inputs: Sequence[object]) -> Arrays:
+    """Return the inputs of one sample as arrays of float64, which may have strides; else a UsageError."""
+    # The usual case takes a few comparisons; anything else is converted or refused.
+    if len(inputs) == len(spec.inputs):
+        for port, value in zip(spec.inputs, inputs, strict=True):
+            if type(value) is not np.ndarray or value.dtype is not _DOUBLE or value.shape != port.shape:
+                break
+        else:
+            return cast("Arrays", tuple(inputs))
+    arrays = _convert_inputs(card, spec, inputs)
+    for port, array in zip(spec.inputs, arrays, strict=True):
+        if array.shape != port.shape:
+            text = f"input {port.name!r}: expected the shape {port.shape} of one sample, got {array.shape}"
+            raise _build_error(card, spec, text)
+    return arrays
+
+
+def check_outputs(card: ModelCard, spec: FunctionSpec, samples: int | None, out: object) -> Arrays:
+    """Return a caller's arrays that outputs are written to; UsageError where one does not fit its output."""
+    names = ", ".join(port.name for port in spec.outputs)
+    if not isinstance(out, tuple | list) or len(out) != len(spec.outputs):
+        got = f"{len(out)} of them" if isinstance(out, tuple | list) else f"a {type(out).__name__}"
+        raise _build_error(card, spec, f"out: expected a tuple of arrays for the outputs {names}, got {got}")
+    pairs = list(zip(spec.outputs, out, strict=True))
+    for port, array in pairs:
+        shape, got = port.shape if samples is None else (samples, *port.shape), ""
+        if not isinstance(array, np.ndarray):
+            got = f"a {type(array).__name__}"
+        elif array.dtype != np.float64 or not array.dtype.isnative:
+            got = f"an array of {array.dtype.str}"
+        elif array.shape != shape:
+            got = f"the shape {array.shape}"
+        elif not (array.flags.c_contiguous and array.flags.aligned and array.flags.writeable):
+            got = "one that cannot be written in place, row after row"
+        if got:
+            text = f"out, for {port.name!r}: expected an array of float64 of the shape {shape}, got {got}"
+            raise _build_error(card, spec, text)
+    for (one, first), (other, second) in combinations(pairs, 2):
+        if np.may_share_memory(first, second):
+            text = f"out: the arrays for {one.name!r} and {other.name!r} share memory; give separate ones"
+            raise _build_error(card, spec, text)
+    return tuple(out)
+
+
+def allocate_output(port: Port, samples: int | None, dtype: type[np.floating]) -> FloatArray:
+    """Return an array for an output, its values not set."""
+    return np.empty(port.shape if samples is None else (samples, *port.shape), dtype=dtype)
+
+
+def redirect_outputs(card: ModelCard, spec: FunctionSpec, call: Call, kept: Arrays | None) -> Call:
+    """Return `call` of one sample, its outputs written to the arrays `kept` if there are any.
+
+    These are checked again at each call: UsageError where they cannot take the outputs any more.
+    """
+    if kept is None:
+        return call
+
+    def call_and_keep(*values: FloatArray) -> Arrays:
+        outputs = call(*values)
+        for target, output in zip(check_outputs(card, spec, None, kept), outputs, strict=True):
+            target[...] = output
+        return kept
+
+    return call_and_keep
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CallPath:
+    """How compiled functions are called from this Python: by its limited API, or by ctypes.
+
+    Attributes:
+        name: of the interface; for ctypes also the reason.
+        flags: of the compiler, for Python's and NumPy's headers; none for ctypes.
+        remedy: what would make calls faster, or nothing.
+    """
+
+    name: str
+    flags: tuple[str, ...] = ()
+    remedy: str = ""
+
+
+def choose_call_path() -> CallPath:
+    """Return how compiled functions are called from this Python."""
+    if sys.implementation.name != "cpython":
+        return CallPath(name=f"ctypes: this is {sys.implementation.name}, not CPython")
+    if sysconfig.get_config_var("Py_GIL_DISABLED"):
+        return CallPath(name="ctypes: a free-threaded Python has no limited API")
+    python, numpy = sysconfig.get_path("include"), np.get_include()
+    wanted = {
+        Path(python, "Python.h"): "python3-dev",
+        Path(numpy, "numpy/arrayobject.h"): "python3-numpy-dev",
+    }
+    for header, package in wanted.items():
+        if not header.is_file():
+            remedy = f"install {package} (its name on Debian); single samples are then ten times as fast"
+            return CallPath(name=f"ctypes: {header} is not installed", remedy=remedy)
+    # Python.h includes pyconfig.h, which belongs to this machine and may stand apart.
+    folders = dict.fromkeys((python, sysconfig.get_path("platinclude"), numpy))
+    flags = [flag for folder in folders for flag in ("-isystem", folder)]
+    name = f"Python's limited API, arrays of NumPy {np.__version__.partition('.')[0]}"
+    return CallPath(name=name, flags=tuple(flags))
+
+
+def build_load_error(path: Path, text: str) -> GenerationError:
+    """Return the error that a generated file cannot be loaded."""
+    notice = Notice(code="codegen.cannot-load", text=f"cannot be loaded: {text}", file=str(path))
+    return GenerationError(notice)
+
+
+def load_extension(binary: Path, prefix: str) -> ModuleType | None:
+    """Return the extension module in a library, or None where calls go through ctypes.
+
+    Its `bind(name, ask, kept)` returns a function for one sample. `ask` is the same function in Python, for
+    unusual calls; `kept` is the tuple of arrays that every call overwrites and returns, or None for new ones
+    at each call. GenerationError where it does not load with this Python and NumPy.
+    """
+    if not choose_call_path().flags or not hasattr(ctypes.CDLL(str(binary)), f"PyInit_{prefix}"):
+        return None
+    loader = ExtensionFileLoader(prefix, str(binary))
+    try:
+        module = module_from_spec(ModuleSpec(prefix, loader, origin=str(binary)))
+        loader.exec_module(module)
+    except ImportError as error:
+        raise build_load_error(binary, f"{error}; build it again on this machine") from error
+    return module
+
 
 if TYPE_CHECKING:
     import casadi as ca
-
-
-def compute_build_digest(card: ModelCard, *, prefix: str, precision: str, files: Mapping[str, str]) -> str:
-    """Return the digest of all that fixes the interface of a library and its numbers.
-
-    Of `files`, digests by path, headers and functions count; the file that holds this digest does not.
-    """
-    names = (path for path in files if path.startswith(f"{prefix}_") and path.endswith((".c", ".h")))
-    counted = {f"{prefix}.h", *names} - {f"{prefix}_info.c"}
-    compiled = {path: digest for path, digest in files.items() if path in counted}
-    return compute_signature(prefix, precision, write_model_card(card), compiled)
 
 
 def open_shared(binary: Path) -> ctypes.CDLL:
@@ -187,8 +357,8 @@ class _CompiledEngine:
     """Functions of a shared library; `digest` is what it must have been built from.
 
     A batch goes through ctypes, which passes arrays without a copy and releases the interpreter's lock.
-    `bind` gives a built-in function where it can (see `calls`), which holds the lock; elsewhere it goes
-    through ctypes and copies its few numbers.
+    `bind` gives a built-in function where it can (see `load_extension`), which holds the lock; elsewhere it
+    goes through ctypes and copies its few numbers.
     """
 
     backend = "c"
@@ -206,10 +376,9 @@ class _CompiledEngine:
         self.addresses = self._shared if self._dtype is np.float64 else None
 
     def _get_symbol(self, name: str) -> Callable[..., int]:
-        try:
-            symbol: Callable[..., int] = getattr(self._shared, f"{self._prefix}_{name}")
-        except AttributeError as error:
-            raise _build_stale_error(self.binary) from error
+        symbol: Callable[..., int] | None = getattr(self._shared, f"{self._prefix}_{name}", None)
+        if symbol is None:
+            raise _build_stale_error(self.binary)
         return symbol
 
     def run(
@@ -309,18 +478,13 @@ class _PythonEngine:
         return outputs
 
     def bind(self, card: ModelCard, spec: FunctionSpec, kept: Arrays | None) -> Call:
-        def call(*values: FloatArray) -> Arrays:
-            return self._call(spec.name, check_sample(card, spec, values))
-
-        return redirect_outputs(card, spec, call, kept)
+        return redirect_outputs(
+            card, spec, lambda *values: self._call(spec.name, check_sample(card, spec, values)), kept
+        )
 
 
 def import_generated_module(path: Path) -> ModuleType:
-    """Return the generated module at `path`, from its source, not from byte code beside it.
-
-    Raises:
-        GenerationError: it cannot be read or is no Python.
-    """
+    """Return the module at `path`, from its source, not from byte code; GenerationError where it is none."""
     module = ModuleType(path.stem)
     module.__file__ = str(path)
     try:
@@ -429,21 +593,6 @@ precision, if there is one. `run` computes a batch, or one sample where `samples
 """
 
 
-def _load_serialized(folder: Path, card: ModelCard) -> "dict[str, ca.Function]":
-    import casadi as ca
-
-    functions = {}
-    for spec in card.functions:
-        path = folder / f"{spec.name}.casadi"
-        try:
-            functions[spec.name] = ca.Function.load(str(path))
-        except RuntimeError as error:
-            reader = f"CasADi {ca.CasadiMeta.version()}"
-            text = f"{reader} cannot read it; generate it again with this version\n{error}"
-            raise build_load_error(path, text) from error
-    return functions
-
-
 _UPDATE_PATIENCE = 1.0
 _UPDATE_LOOK = 0.05
 
@@ -505,7 +654,18 @@ def load_library(folder: Path) -> Library:
     elif target == "casadi":
         text = f"no {binary.name}: CasADi's virtual machine is used, which is slower; run `make shared` there"
         notice = Notice(code="codegen.casadi-machine", text=text, file=str(folder))
-        library = Library(card, _CasadiEngine(_load_serialized(folder, card)), (notice,))
+        import casadi as ca
+
+        functions = {}
+        for spec in card.functions:
+            path = folder / f"{spec.name}.casadi"
+            try:
+                functions[spec.name] = ca.Function.load(str(path))
+            except RuntimeError as error:
+                reader = f"CasADi {ca.CasadiMeta.version()}"
+                text = f"{reader} cannot read it; generate it again with this version\n{error}"
+                raise build_load_error(path, text) from error
+        library = Library(card, _CasadiEngine(functions), (notice,))
     else:
         text = f"has no {binary.name}; run `make shared` in it"
         raise UsageError(Notice(code="usage.not-compiled", text=text, file=str(folder)))

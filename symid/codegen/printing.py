@@ -70,14 +70,6 @@ def _write_instruction(
     return f"{call(instruction.op)}({', '.join(map(read, instruction.args))})"
 
 
-def _write_element_index(port: Port, element: int) -> str:
-    places = []
-    for extent in reversed(port.shape):
-        element, place = divmod(element, extent)
-        places.append(str(place))
-    return ", ".join(["...", *reversed(places)])
-
-
 def print_python(program: Program, *, plain: bool = False) -> list[str]:
     """Return the statements of a NumPy function; elements are the last axes, samples the axes before.
 
@@ -90,7 +82,9 @@ def print_python(program: Program, *, plain: bool = False) -> list[str]:
         return f"_{op.value}" if op in _HELPER_OPS and op not in _NUMPY_OPS else f"np.{op.value}"
 
     def index(port: Port, element: int) -> str:
-        return str(element) if plain else _write_element_index(port, element)
+        if plain:
+            return str(element)
+        return ", ".join(["...", *map(str, np.unravel_index(element, port.shape))])
 
     return _print_registers(program, call, index)
 
@@ -248,8 +242,20 @@ class _CPrinter:
                 self.names[number] = self.write_input(*instruction.args)
         for number in self.angles.before:
             yield from self._print_instruction(number)
-        if self.angles.places:
-            yield from self._print_angles()
+        if not self.angles.places:
+            return
+        texts = [self.read(ref) for ref in self.angles.places]
+        if self.kind == "lanes":
+            size = room = str(len(texts))
+            listed = ", ".join(texts)
+        else:
+            size, room = f"COUNT({len(texts)})", f"ROOM({len(texts)})"
+            texts += [self.write_constant(0.0)] * (-len(texts) % _GROUP_SIZE)
+            groups = (texts[k : k + _GROUP_SIZE] for k in range(0, len(texts), _GROUP_SIZE))
+            listed = ", ".join(f"EIGHT({', '.join(group)})" for group in groups)
+        yield f"const lanes angles[{room}] = {{{listed}}};"
+        yield from (f"lanes {name}[{room}];" for name in ("sines", "cosines"))
+        yield f"find_sines({size}, angles, sines, cosines);"
 
     def _print_step(self, number: int) -> Iterator[str]:
         """Yield an instruction, if it was not printed before, and the outputs that have their value then."""
@@ -302,21 +308,6 @@ class _CPrinter:
             text = f"{name}[{place}]" if self.kind == "lanes" else f"AT({name}, {place})"
         self.names[number] = f"t{number}"
         yield f"const {self.kind} t{number} = {text};"
-
-    def _print_angles(self) -> Iterator[str]:
-        texts = [self.read(ref) for ref in self.angles.places]
-        if self.kind == "lanes":
-            size = room = str(len(texts))
-            listed = ", ".join(texts)
-        else:
-            size, room = f"COUNT({len(texts)})", f"ROOM({len(texts)})"
-            texts += [self.write_constant(0.0)] * (-len(texts) % _GROUP_SIZE)
-            groups = (texts[k : k + _GROUP_SIZE] for k in range(0, len(texts), _GROUP_SIZE))
-            listed = ", ".join(f"EIGHT({', '.join(group)})" for group in groups)
-        yield f"const lanes angles[{room}] = {{{listed}}};"
-        yield f"lanes sines[{room}];"
-        yield f"lanes cosines[{room}];"
-        yield f"find_sines({size}, angles, sines, cosines);"
 
 
 def print_c(program: Program, precision: str, *, together: bool = False) -> FunctionBody:

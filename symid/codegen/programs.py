@@ -185,7 +185,7 @@ def _renumber(
 _ODD = frozenset({Op.SIN, Op.TAN, Op.TANH, Op.SIGN})
 _EVEN = frozenset({Op.COS, Op.ABS, Op.IS_ZERO})
 # The first entries of every table.
-_ZERO, _ONE, _TWO = 1, 2, 3
+_ZERO, _ONE = 1, 2
 
 
 class ExpressionTable:
@@ -266,17 +266,6 @@ class ExpressionTable:
                 return self._constants[factor], other if ref > 0 else -other
         return None
 
-    def _simplify_sum(self, left: int, right: int) -> int:
-        """Return a simpler form of left + right, 0 if there is none."""
-        a, b = self._get_constant(left), self._get_constant(right)
-        if a is not None and b is not None:
-            return self.constant(a + b)
-        rest = self._locate_rest(left, right) or self._locate_rest(right, left)
-        if rest or left != right:
-            return rest
-        split = self._split_constant(left)
-        return self.mul(self.constant(2.0 * split[0]), split[1]) if split else 0
-
     def add(self, left: int, right: int) -> int:
         """Return left + right."""
         if left in (_ZERO, -_ZERO):
@@ -295,26 +284,15 @@ class ExpressionTable:
         pair = (first, second) if first <= second else (second, first)
         number = known.get(pair)
         if number is None:
-            simple = self._simplify_sum(left, right)
-            if simple:
-                return simple
+            a, b = self._get_constant(left), self._get_constant(right)
+            if a is not None and b is not None:
+                return self.constant(a + b)
+            if rest := self._locate_rest(left, right) or self._locate_rest(right, left):
+                return rest
+            if left == right and (split := self._split_constant(left)):
+                return self.mul(self.constant(2.0 * split[0]), split[1])
             number = known[pair] = self._append(op, pair)
         return number if positive else -number
-
-    def _simplify_product(self, left: int, right: int) -> int:
-        """Return a simpler form of left * right, 0 if there is none."""
-        a, b = self._get_constant(left), self._get_constant(right)
-        if a is not None and b is not None:
-            return self.constant(a * b)
-        if b is not None:
-            left, right, a = right, left, b
-        if a is None:
-            return 0
-        if abs(left) == _TWO:
-            signed = right if left > 0 else -right
-            return self.add(signed, signed)
-        split = self._split_constant(right)
-        return self.mul(self.constant(a * split[0]), split[1]) if split else 0
 
     def mul(self, left: int, right: int) -> int:
         """Return left * right."""
@@ -328,9 +306,15 @@ class ExpressionTable:
             return high if positive else -high
         number = self._products.get((low, high))
         if number is None:
-            simple = self._simplify_product(left, right)
-            if simple:
-                return simple
+            a, b = self._get_constant(left), self._get_constant(right)
+            if a is not None and b is not None:
+                return self.constant(a * b)
+            factor, value = (a, right) if b is None else (b, left)
+            if factor is not None and abs(factor) == 2.0:
+                signed = value if factor > 0 else -value
+                return self.add(signed, signed)
+            if factor is not None and (split := self._split_constant(value)):
+                return self.mul(self.constant(factor * split[0]), split[1])
             number = self._products[low, high] = self._append(Op.MUL, (low, high))
         return number if positive else -number
 
@@ -349,15 +333,11 @@ class ExpressionTable:
 
     def apply(self, op: Op, *args: int) -> int:
         """Return an elementary function, comparison or selection of `args`."""
-        if op in _ODD:
-            number = self._intern(op, (abs(args[0]),))
-            return number if args[0] > 0 else -number
-        if op in _EVEN:
-            return self._intern(op, (abs(args[0]),))
-        return self._intern(op, args)
+        number = self._intern(op, (abs(args[0]),) if op in _ODD or op in _EVEN else args)
+        return -number if op in _ODD and args[0] < 0 else number
 
-    def _list_needed(self, outputs: Iterable[int]) -> list[int]:
-        """Return the numbers of the instructions that `outputs` need, in order."""
+    def walk(self, outputs: Iterable[int]) -> list[tuple[int, Op, tuple[int, ...]]]:
+        """Return number, operation and arguments of the instructions that `outputs` need, in order."""
         needed: set[int] = set()
         waiting = [abs(ref) for ref in outputs]
         while waiting:
@@ -366,15 +346,11 @@ class ExpressionTable:
                 needed.add(number)
                 waiting.extend(map(abs, self._sources[number - 1]))
         # Sorted, the set's own order takes no part.
-        return sorted(needed)
-
-    def walk(self, outputs: Iterable[int]) -> list[tuple[int, Op, tuple[int, ...]]]:
-        """Return number, operation and arguments of the instructions that `outputs` need, in order."""
-        return [(k, self._ops[k - 1], self._args[k - 1]) for k in self._list_needed(outputs)]
+        return [(k, self._ops[k - 1], self._args[k - 1]) for k in sorted(needed)]
 
     def count(self, outputs: Iterable[int]) -> Operations:
         """Return the operations that `outputs` need; see `count_operations`."""
-        return _count([self._ops[number - 1] for number in self._list_needed(outputs)])
+        return _count([op for _, op, _ in self.walk(outputs)])
 
     def build_program(self, spec: FunctionSpec, outputs: Iterable[Iterable[int]]) -> Program:
         """Return the instructions that `outputs` (by port, row-major) need, in order and numbered anew."""
@@ -388,10 +364,9 @@ class ExpressionTable:
             if len(refs) != port.size:
                 message = f"{spec.name}, {port.name}: expected {port.size} values, got {len(refs)}"
                 raise ValueError(message)
-        steps = self.walk(itertools.chain(*wanted))
         instructions = {
             k: Instruction(op, args if op is Op.INPUT else clean(args), self._constants.get(k, 0.0))
-            for k, op, args in steps
+            for k, op, args in self.walk(itertools.chain(*wanted))
         }
         return _renumber(spec, instructions, wanted)
 
@@ -420,19 +395,19 @@ class ValueAlgebra(Algebra[int]):
     table: ExpressionTable
     symbols: Mapping[str, float] = field(default_factory=dict)
     numbers: dict[Exact, int] | None = None
+    # Methods of the table, bound once: they are called millions of times.
+    add: Callable[[int, int], int] = field(init=False, repr=False, compare=False)
+    mul: Callable[[int, int], int] = field(init=False, repr=False, compare=False)
+    div: Callable[[int, int], int] = field(init=False, repr=False, compare=False)
+    zero, one = _ZERO, _ONE
     sin, cos, tanh, exp = map(_apply, (Op.SIN, Op.COS, Op.TANH, Op.EXP))
     power, absolute, sign = map(_apply, (Op.POWER, Op.ABS, Op.SIGN))
     maximum, minimum = map(_apply, (Op.MAXIMUM, Op.MINIMUM))
 
-    @property
-    def zero(self) -> int:
-        """Return zero."""
-        return self.table.constant(0.0)
-
-    @property
-    def one(self) -> int:
-        """Return one."""
-        return self.table.constant(1.0)
+    def __post_init__(self) -> None:
+        """Bind the methods."""
+        for name in ("add", "mul", "div"):
+            object.__setattr__(self, name, getattr(self.table, name))
 
     def constant(self, value: Exact) -> int:
         """Return `value`, or the double nearest to it."""
@@ -446,21 +421,9 @@ class ValueAlgebra(Algebra[int]):
             self.numbers[value] = self.table.input(NUMBERS, len(self.numbers))
         return self.numbers[value]
 
-    def add(self, left: int, right: int) -> int:
-        """Return left + right."""
-        return self.table.add(left, right)
-
     def sub(self, left: int, right: int) -> int:
         """Return left - right."""
         return self.table.add(left, -right)
-
-    def mul(self, left: int, right: int) -> int:
-        """Return left * right."""
-        return self.table.mul(left, right)
-
-    def div(self, left: int, right: int) -> int:
-        """Return left / right."""
-        return self.table.div(left, right)
 
     def neg(self, value: int) -> int:
         """Return -value; there is one zero."""
@@ -537,13 +500,6 @@ def differentiate_along(
             rates[number] = total
         results.append([rates.get(ref, zero) if ref > 0 else -rates.get(-ref, zero) for ref in values])
     return results
-
-
-def differentiate_forward(
-    table: ExpressionTable, values: Sequence[int], seeds: Mapping[int, int]
-) -> list[int]:
-    """Return the derivatives of `values` in one direction; see `differentiate_along`."""
-    return differentiate_along(table, values, [seeds])[0]
 
 
 def differentiate_backward(table: ExpressionTable, value: int, inputs: Sequence[int]) -> list[int]:

@@ -102,29 +102,22 @@ def compute_exact_outputs(
 ) -> tuple[DecimalArray, ...]:
     """Return per output port the elements at every state, (states, size), from those of the input ports.
 
-    Raises:
-        GenerationError: the function has no value at one of the states.
+    GenerationError where the function has no value at one of the states.
     """
     values: dict[int, Any] = {}
-
-    def read(ref: int) -> Any:  # noqa: ANN401  a number, or an array of them
-        return values[ref] if ref > 0 else -values[-ref]
-
-    def compute(instruction: Instruction) -> Any:  # noqa: ANN401
-        if instruction.op is Op.INPUT:
-            port, element = instruction.args
-            return inputs[port][..., element]
-        if instruction.op is Op.CONSTANT:
-            return Decimal(instruction.constant)
-        return _DECIMAL_RULES[instruction.op](*map(read, instruction.args))
-
     outputs = tuple(np.empty((states, len(refs)), dtype=object) for refs in program.outputs)
     try:
         with localcontext(_DECIMAL_CONTEXT):
-            for number, instruction, given, over in _walk(program):
-                values[number] = compute(instruction)
+            for number, one, given, over in _walk(program):
+                if one.op is Op.INPUT:
+                    values[number] = inputs[one.args[0]][..., one.args[1]]
+                elif one.op is Op.CONSTANT:
+                    values[number] = Decimal(one.constant)
+                else:
+                    operands = [values[ref] if ref > 0 else -values[-ref] for ref in one.args]
+                    values[number] = _DECIMAL_RULES[one.op](*operands)
                 for port, element, ref in given:
-                    outputs[port][:, element] = read(ref)
+                    outputs[port][:, element] = values[number] if ref > 0 else -values[number]
                 for old in over:
                     del values[old]
     except (DecimalException, ArithmeticError, ValueError, TypeError) as error:
@@ -158,8 +151,7 @@ InputElements = frozenset[tuple[str, int, int]]
 
 def _list_input_uses(program: Program) -> tuple[InputElements, InputElements]:
     """Return the elements whose sines or cosines `program` takes, and those that it uses otherwise."""
-    taken: set[tuple[str, int, int]] = set()
-    otherwise: set[tuple[str, int, int]] = set()
+    taken, otherwise = set[tuple[str, int, int]](), set[tuple[str, int, int]]()
     elements: dict[int, tuple[str, int, int]] = {}
     for number, instruction in enumerate(program.instructions, start=1):
         if instruction.op is Op.INPUT:
@@ -217,13 +209,12 @@ class SampleStates:
         # All of a port stays near, if the program needs one of its elements to.
         ports = {element[:2] for element in otherwise & self.angles}
         near = frozenset(element for element in self.angles if element[:2] in ports)
-
-        def name(port: Port) -> str:
-            own = f"{port.name}_{port.size}"
-            return port.name if port.shared else f"{own}_near" if (port.name, port.size) in ports else own
-
-        inputs = program.spec.inputs
-        return tuple(map(name, inputs)), [self.find(port, near) for port in inputs]
+        names, values = [], []
+        for port in program.spec.inputs:
+            own = f"_{port.size}_near" if (port.name, port.size) in ports else f"_{port.size}"
+            names.append(port.name if port.shared else port.name + own)
+            values.append(self.find(port, near))
+        return tuple(names), values
 
 
 def evaluate_casadi(
@@ -308,47 +299,40 @@ def choose_parameters(
     given = [known] if len(known) == len(stated) and np.isfinite(known).all() else []
     drawn = SampleStates(count=_ATTEMPTS, seed=states.seed, shared={})
     draws = drawn.find(Port(name=card.vector, shape=(len(card.beta),), unit="", meaning=""))
-    matrices = _evaluate_mass_matrices(card, functions, programs, states) if stated else None
-    if matrices is not None:
-        given = [beta for beta in given if _compute_condition(matrices(beta, None)) < _LARGEST_CONDITION]
-    yield from (tuple(beta.tolist()) for beta in given)
-    if matrices is None:
-        yield from map(tuple, draws.tolist())
+    masses = [
+        (function, program)
+        for function, program in zip(functions, programs, strict=True)
+        if program.spec.name == "mass_matrix" and card.vector in {port.name for port in program.spec.inputs}
+    ]
+    if not (stated and masses):
+        yield from (tuple(beta.tolist()) for beta in (*given, *draws))
         return
-    # What all states of a large robot need would not fit into memory; a part of them determines beta.
-    few = max(_FEWEST_PROJECTED, _MOST_NUMBERS // (card.size**2 * len(stated)))
-    columns = np.stack([matrices(unit, few) for unit in np.eye(len(stated))], axis=-1)
-    inertia = _project_positive_definite(columns)
-    for draw in draws:
-        for multiple in _MULTIPLES:
-            beta = np.floor((draw + multiple * inertia) * PER_UNIT + _ROUNDING_EDGE) / PER_UNIT + 0.0
-            if _compute_condition(matrices(beta, None)) < _GOOD_CONDITION:
-                break
-        yield tuple(beta.tolist())
-
-
-def _evaluate_mass_matrices(
-    card: ModelCard, functions: Sequence[ca.Function], programs: Sequence[Program], states: SampleStates
-) -> Callable[[FloatArray, int | None], FloatArray] | None:
-    """Return the mass matrices (states, n, n) of a beta at the first states, or all; None without them."""
-    places = [k for k, program in enumerate(programs) if program.spec.name == "mass_matrix"]
-    if not any(card.vector in {port.name for port in programs[k].spec.inputs} for k in places):
-        return None
-    function, program = functions[places[0]], programs[places[0]]
+    function, program = masses[0]
+    ports = program.spec.inputs
     _, inputs = replace(states, shared={card.vector: (0.0,) * len(card.beta)}).compute_all(program)
-    vector = [port.name for port in program.spec.inputs].index(card.vector)
+    vector = [port.name for port in ports].index(card.vector)
 
-    def evaluate(beta: FloatArray, few: int | None) -> FloatArray:
-        count = min(states.count, few or states.count)
-        own = [
-            values if port.shared else values[:count]
-            for port, values in zip(program.spec.inputs, inputs, strict=True)
-        ]
+    def evaluate(beta: FloatArray, count: int) -> FloatArray:
+        """Return the mass matrices (states, n, n) at the first states."""
+        own = [v if port.shared else v[:count] for port, v in zip(ports, inputs, strict=True)]
         own[vector] = beta
         (matrices,) = evaluate_casadi(function, program, own, count)
         return matrices.reshape(-1, card.size, card.size)
 
-    return evaluate
+    for beta in given:
+        if _compute_condition(evaluate(beta, states.count)) < _LARGEST_CONDITION:
+            yield tuple(beta.tolist())
+    # What all states of a large robot need would not fit into memory; a part of them determines beta.
+    few = max(_FEWEST_PROJECTED, _MOST_NUMBERS // (card.size**2 * len(stated)))
+    units = np.eye(len(stated))
+    columns = np.stack([evaluate(unit, min(states.count, few)) for unit in units], axis=-1)
+    inertia = _project_positive_definite(columns)
+    for draw in draws:
+        for multiple in _MULTIPLES:
+            beta = np.floor((draw + multiple * inertia) * PER_UNIT + _ROUNDING_EDGE) / PER_UNIT + 0.0
+            if _compute_condition(evaluate(beta, states.count)) < _GOOD_CONDITION:
+                break
+        yield tuple(beta.tolist())
 
 
 _ONE = 1.0
@@ -497,7 +481,7 @@ def _compute_scales(values: FloatArray) -> FloatArray:
 
 def _convert_to_rows(values: FloatArray) -> tuple[tuple[float, ...], ...]:
     # Adding zero turns a negative zero into zero.
-    return tuple(tuple(row) for row in (np.atleast_2d(values) + 0.0).tolist())
+    return tuple(map(tuple, (np.atleast_2d(values) + 0.0).tolist()))
 
 
 def _build_reference(
@@ -545,8 +529,7 @@ def build_references(
 ) -> tuple[Reference, ...]:
     """Return inputs and outputs of every function at random states.
 
-    Raises:
-        GenerationError: a program does not compute what CasADi computes, or has no value anywhere.
+    GenerationError where a program does not compute what CasADi computes, or has no value anywhere.
     """
     # In place of unknown stiffnesses: random numbers would be no springs, and have no inverse.
     springs = {}
@@ -559,30 +542,30 @@ def build_references(
         springs |= {"f": tuple(1.0 if entry.value is None else entry.value for entry in card.friction)}
     angles, limit = list_angle_inputs(programs), ANGLE_LIMITS[options.precision]
     drawn = SampleStates(count=options.states, seed=options.seed, shared={}, angles=angles, limit=limit)
-    eased, failures = [], []
+    eased: list[tuple[float, SampleStates, list[tuple[float, ...]]]] = []
+    failures: list[GenerationError] = []
     # Bounds of long programs take long, and none is without some rounding: the first beta is as good.
     long = sum(len(program.instructions) for program in programs) > _LONG
 
-    def build(states: SampleStates, eases: list[tuple[float, ...]]) -> tuple[Reference, ...] | None:
+    def list_attempts() -> Iterator[tuple[SampleStates, list[tuple[float, ...]]]]:
+        """Yield states without much rounding; where it is large everywhere, those of the least of all."""
+        for beta in choose_parameters(card, functions, programs, drawn):
+            states = replace(drawn, shared={card.vector: beta, **springs})
+            eases = [find_ease(one, states.compute_all(one)[1], options.precision) for one in programs]
+            worst = max((max(ease, default=1.0) for ease in eases), default=1.0)
+            if worst == 1.0 or long:
+                yield states, eases
+            if worst > 1.0:
+                eased.append((worst, states, eases))
+        for _, states, eases in sorted(eased, key=operator.itemgetter(0)):
+            yield states, eases
+
+    for states, eases in list_attempts():
         try:
-            made = zip(functions, programs, eases, strict=True)
             return tuple(
-                _build_reference(function, program, states, ease) for function, program, ease in made
+                _build_reference(function, program, states, ease)
+                for function, program, ease in zip(functions, programs, eases, strict=True)
             )
         except GenerationError as error:
             failures.append(error)
-            return None
-
-    for beta in choose_parameters(card, functions, programs, drawn):
-        states = replace(drawn, shared={card.vector: beta, **springs})
-        eases = [find_ease(one, states.compute_all(one)[1], options.precision) for one in programs]
-        worst = max((max(ease, default=1.0) for ease in eases), default=1.0)
-        if (worst == 1.0 or long) and (found := build(states, eases)):
-            return found
-        if worst > 1.0:
-            eased.append((worst, states, eases))
-    # Rounding is large everywhere: the least of all.
-    for _, states, eases in sorted(eased, key=operator.itemgetter(0)):
-        if found := build(states, eases):
-            return found
     raise failures[-1]

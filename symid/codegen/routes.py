@@ -16,21 +16,27 @@ Not supported: damping, cubic springs and coupled drives in the inverse of a spr
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
-from symid.codegen.catalogue import FRICTION_INPUTS, Constants, list_bristles, list_robot_specs
 from symid.codegen.equation_routes import (
-    build_articulated_route,
-    build_coriolis_route,
-    build_derivatives_route,
-    build_differentiated_mass_route,
-    build_differentiated_route,
-    build_forward_derivatives_route,
-    build_forward_dynamics_route,
-    build_mass_derivatives_route,
-    build_regressor_derivatives_route,
-    build_second_derivatives_route,
+    Elements,
+    Place,
+    RouteBuilder,
+    RouteWorkspace,
+    build_articulated,
+    build_coriolis,
+    build_derivatives,
+    build_differentiated,
+    build_differentiated_mass,
+    build_forward_derivatives,
+    build_forward_dynamics,
+    build_mass_derivatives,
+    build_regressor_derivatives,
+    build_second_derivatives,
+    build_workspace,
+    check_symbols,
 )
-from symid.codegen.functions import FunctionSpec
+from symid.codegen.functions import FRICTION_INPUTS, Constants, FunctionSpec, list_bristles, list_robot_specs
 from symid.codegen.programs import (
     Op,
     Operations,
@@ -40,15 +46,14 @@ from symid.codegen.programs import (
     count_operations,
     differentiate_along,
     differentiate_backward,
-    differentiate_forward,
     order_by_growth,
 )
-from symid.codegen.workspace import Elements, RouteBuilder, RouteWorkspace, build_workspace, check_symbols
 from symid.dynamics import (
     DRIVE_PARAMETERS,
     BaseParameters,
     Columns,
     ProjectionFrame,
+    build_recursion,
     compute_body_energy,
     compute_drive_energy,
     compute_energy_regressor,
@@ -62,7 +67,6 @@ from symid.dynamics import (
     compute_tensor_torques,
     compute_torque_columns,
     derive_base_parameters,
-    fold_matrix,
     gather_body,
     get_friction,
     list_constant_rotations,
@@ -86,29 +90,20 @@ Routes = Mapping[str, RouteBuilder]
 
 
 def _emit_forward_kinematics(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-    poses = compute_link_poses(workspace.recursion)
-    rotations = tuple(entry for pose in poses for row in pose.rotation for entry in row)
-    return rotations, tuple(entry for pose in poses for entry in pose.origin)
-
-
-def _emit_jacobian(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-    rows = compute_jacobian(workspace.recursion)
-    return (tuple(entry for row in rows for entry in workspace.flatten_vector(row)),)
-
-
-def _spread_friction_inputs(workspace: RouteWorkspace) -> dict[str, Elements]:
-    """Return what friction depends on, by its name in laws, of every joint and coupled drive."""
-    given = {"velocity": "dq", **FRICTION_INPUTS}
-    return {
-        name: tuple(spread_coordinates(workspace.robot, workspace.algebra, workspace.inputs[port]))
-        for name, port in given.items()
-        if port in workspace.inputs
-    }
+    poses, join = compute_link_poses(workspace.recursion), itertools.chain.from_iterable
+    rotations = join(join(pose.rotation for pose in poses))
+    return tuple(rotations), tuple(join(pose.origin for pose in poses))
 
 
 def _list_friction_columns(workspace: RouteWorkspace) -> list[list[int]]:
     """Return the friction regressor by columns; friction acts on the coordinates that turn its drive."""
-    robot, algebra, spread = workspace.robot, workspace.algebra, _spread_friction_inputs(workspace)
+    robot, algebra, given = workspace.robot, workspace.algebra, {"velocity": "dq", **FRICTION_INPUTS}
+    # What friction depends on, by its name in laws, of every joint and coupled drive.
+    spread = {
+        name: tuple(spread_coordinates(robot, algebra, workspace.inputs[port]))
+        for name, port in given.items()
+        if port in workspace.inputs
+    }
     columns = []
     for parameter in workspace.base.friction:
         index, name = parameter.label
@@ -147,8 +142,7 @@ def _emit_friction_step(workspace: RouteWorkspace) -> tuple[Elements, Elements]:
     zero, columns = [algebra.zero] * robot.freedom, _list_friction_columns(workspace)
     plain = [zero if at in remembering else row for (at, _), row in zip(labels, columns, strict=True)]
     torques = _combine_columns(workspace, plain, parameters, robot.freedom)
-    velocity = _spread_friction_inputs(workspace)["velocity"]
-    ways = spread_coordinates(robot, algebra, workspace.inputs["way"])
+    velocity, ways = (spread_coordinates(robot, algebra, workspace.inputs[name]) for name in ("dq", "way"))
     states, after = iter(workspace.inputs["z"]), list[int]()
     for index, count in remembering.items():
         friction = robot.joints[index].friction
@@ -168,17 +162,15 @@ def _emit_friction_step(workspace: RouteWorkspace) -> tuple[Elements, Elements]:
 
 def _emit_energy_regressor(workspace: RouteWorkspace) -> tuple[Elements, Elements]:
     algebra = workspace.algebra
-    kinetic, potential = [], []
     rows = [compute_energy_regressor(algebra, motion) for motion in workspace.recursion.motions]
+    pairs = []
     for link, name in workspace.base.keys:
         if name in DRIVE_PARAMETERS:
-            drive = compute_drive_energy(workspace.recursion, (link, name))
-            kinetic.append(drive[0])
-            potential.append(drive[1])
+            pairs.append(compute_drive_energy(workspace.recursion, (link, name)))
         else:
-            kinetic.append(rows[link][0][INERTIAL.index(name)])
-            potential.append(rows[link][1][INERTIAL.index(name)])
-    return tuple(kinetic), tuple(potential)
+            place = INERTIAL.index(name)
+            pairs.append((rows[link][0][place], rows[link][1][place]))
+    return tuple(pair[0] for pair in pairs), tuple(pair[1] for pair in pairs)
 
 
 def _multiply_parameters(workspace: RouteWorkspace, row: Sequence[int]) -> Elements:
@@ -210,13 +202,8 @@ def _derive_torque(workspace: RouteWorkspace, kinetic: int, potential: int) -> l
     momenta = differentiate_backward(table, kinetic, inputs["dq"])
     slopes = differentiate_backward(table, table.add(kinetic, -potential), inputs["q"])
     moving = (*zip(inputs["q"], inputs["dq"], strict=True), *zip(inputs["dq"], inputs["ddq"], strict=True))
-    rates = differentiate_forward(table, momenta, dict(moving))
+    (rates,) = differentiate_along(table, momenta, [dict(moving)])
     return [table.add(rate, -slope) for rate, slope in zip(rates, slopes, strict=True)]
-
-
-def _emit_derived_torques(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-    (kinetic,), (potential,) = _emit_energy(workspace)
-    return (tuple(_derive_torque(workspace, kinetic, potential)),)
 
 
 def _emit_derived_mass_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]:
@@ -224,25 +211,22 @@ def _emit_derived_mass_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]
 
     The velocities are inputs of the momentum only: p is linear in them, its derivatives are free of them.
     """
-    table = workspace.table
+    table, one = workspace.table, workspace.algebra.one
     rates = tuple(table.input(-1, joint) for joint in range(workspace.robot.freedom))
-    moving = workspace.move(rates)
+    state = replace(workspace.recursion.state, velocity=workspace.spread(rates))
+    recursion = build_recursion(workspace.robot, workspace.algebra, state)
+    moving = replace(workspace, recursion=recursion, built={})
     (kinetic,) = _multiply_parameters(moving, _emit_energy_regressor(moving)[0])
     momenta = differentiate_backward(table, kinetic, rates)
-    one = table.constant(1.0)
     columns = differentiate_along(table, momenta, [{rate: one} for rate in rates])
     return (workspace.flatten_columns(columns),)
-
-
-def _emit_torques_by_tensors(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-    return (workspace.flatten_vector(compute_tensor_torques(workspace.recursion, workspace.parameters)),)
 
 
 def _emit_torques_by_regressor(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     parameters = workspace.parameters
     found = compute_torque_columns(workspace.recursion, workspace.base.keys, meet=lambda link: link)
-    columns = [found[key] for key in parameters]
-    torques = _combine_columns(workspace, columns, tuple(parameters.values()), workspace.robot.size)
+    columns, values = [found[key] for key in parameters], tuple(parameters.values())
+    torques = _combine_columns(workspace, columns, values, workspace.robot.size)
     return (workspace.flatten_vector(torques),)
 
 
@@ -260,27 +244,20 @@ def _emit_coriolis_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     return (workspace.flatten_columns(columns),)
 
 
-def _project_in_link(_robot: Robot) -> ProjectionFrame:
-    """Return the meeting in every link's own frame."""
-    return lambda link: link
-
-
 def _project_before_leaves(robot: Robot) -> ProjectionFrame:
     """Return the meeting in a link's own frame, for a link that carries no other in its parent's.
 
     Into a last frame, the screws of all joints would be turned for one link only.
     """
     parents = {joint.parent for joint in robot.joints}
-    places = [
-        link if link in parents or joint.parent < 0 else joint.parent
-        for link, joint in enumerate(robot.joints)
-    ]
-    return places.__getitem__
+    return lambda link: (
+        link if link in parents or robot.joints[link].parent < 0 else robot.joints[link].parent
+    )
 
 
-_PROJECTION_PLACES: Mapping[str, Callable[[Robot], ProjectionFrame] | None] = {
+_PROJECTION_PLACES: Mapping[str, Place] = {
     "column recursion": None,
-    "axis projection": _project_in_link,
+    "axis projection": lambda _: lambda link: link,
     "axis projection, last links one joint down": _project_before_leaves,
 }
 
@@ -295,52 +272,41 @@ def _list_regressor_routes(
     `reference` names the inputs that `compute` takes besides the state.
     """
 
-    def build_route(place: Callable[[Robot], ProjectionFrame] | None) -> RouteBuilder:
-        def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-            meet = place(workspace.robot) if place else None
-            given = tuple(workspace.spread(workspace.inputs[name]) for name in reference)
-            keys = workspace.base.keys
-            columns = compute(workspace.recursion, keys, *((given,) if given else ()), meet=meet)
-            folded = [workspace.flatten_vector(columns[key]) for key in keys]
-            return (workspace.flatten_columns(folded),)
-
-        return build
+    def build(workspace: RouteWorkspace, place: Place) -> tuple[Elements, ...]:
+        given = tuple(workspace.spread(workspace.inputs[name]) for name in reference)
+        keys, options = workspace.base.keys, ((given,) if given else ())
+        columns = compute(workspace.recursion, keys, *options, meet=place and place(workspace.robot))
+        return (workspace.flatten_columns([workspace.flatten_vector(columns[key]) for key in keys]),)
 
     def build_derived(workspace: RouteWorkspace) -> tuple[Elements, ...]:
         pairs = zip(*_emit_energy_regressor(workspace), strict=True)
         columns = [derive(workspace, t, v) for t, v in pairs] if derive else []
         return (workspace.flatten_columns(columns),)
 
-    routes = {label: build_route(place) for label, place in _PROJECTION_PLACES.items()}
+    routes: dict[str, RouteBuilder] = {
+        label: partial(build, place=place) for label, place in _PROJECTION_PLACES.items()
+    }
     return {**routes, "differentiation of the energy": build_derived} if derive else routes
 
 
-def _meet_at(depth: int) -> Callable[[Robot], ProjectionFrame]:
+def _meet_at(depth: int, robot: Robot) -> ProjectionFrame:
     """Return the meeting in the link `depth` links above the first one of its chain, or the link itself."""
 
-    def place(robot: Robot) -> ProjectionFrame:
-        def locate(link: int) -> int:
-            path = [link]
-            while (parent := robot.joints[path[0]].parent) >= 0:
-                path.insert(0, parent)
-            return path[min(depth, len(path) - 1)]
+    def locate(link: int) -> int:
+        path = [link]
+        while (parent := robot.joints[path[0]].parent) >= 0:
+            path.insert(0, parent)
+        return path[min(depth, len(path) - 1)]
 
-        return locate
-
-    return place
+    return locate
 
 
-def _build_mass_matrix_route(depth: int | None) -> RouteBuilder:
-    """Return the route by composite bodies whose momenta stop `depth` links above the first one."""
-
-    def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-        robot = workspace.robot
-        meet = None if depth is None else _meet_at(depth)(robot)
-        matrix = compute_mass_matrix(workspace.recursion, workspace.parameters, meet=meet)
-        rows = fold_matrix(robot, workspace.recursion.algebra, matrix)
-        return (tuple(itertools.chain(*rows)),)
-
-    return build
+def _emit_mass_matrix(workspace: RouteWorkspace, place: Place = None) -> tuple[Elements, ...]:
+    """Return the mass matrix by composite bodies, whose momenta stop at `place`."""
+    meet = place and place(workspace.robot)
+    return (
+        workspace.flatten_matrix(compute_mass_matrix(workspace.recursion, workspace.parameters, meet=meet)),
+    )
 
 
 def _list_springs(workspace: RouteWorkspace, memory: str) -> list[tuple[SpringTerms[int], Elements]]:
@@ -365,27 +331,17 @@ def _list_springs(workspace: RouteWorkspace, memory: str) -> list[tuple[SpringTe
     return springs
 
 
-def _append_plays(*ports: Sequence[int], plays: Sequence[Sequence[int]]) -> tuple[Elements, ...]:
-    """Return values per coordinate and, where there are stops, the plays after the step."""
-    after = tuple(itertools.chain(*plays))
-    return (*map(tuple, ports), *((after,) if after else ()))
-
-
-def _build_hysteresis_route(given: str, memory: str) -> RouteBuilder:
-    """Return the route to torques from torsions phi and plays P, or back from torques tau_J and plays Q."""
-
-    def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-        algebra, steps = workspace.algebra, []
-        for (spring, plays), value in zip(
-            _list_springs(workspace, memory), workspace.inputs[given], strict=True
-        ):
-            if given == "phi":
-                steps.append(advance_spring(algebra, spring, value, plays))
-            else:
-                steps.append(advance_inverse_spring(algebra, invert_spring(algebra, spring), value, plays))
-        return _append_plays([found for found, _ in steps], plays=[after for _, after in steps])
-
-    return build
+def _emit_hysteresis(workspace: RouteWorkspace, given: str, memory: str) -> tuple[Elements, ...]:
+    """Return torques from torsions phi and plays P, or back from torques tau_J and plays Q; and the plays."""
+    algebra, steps = workspace.algebra, []
+    springs = zip(_list_springs(workspace, memory), workspace.inputs[given], strict=True)
+    for (spring, plays), value in springs:
+        if given == "phi":
+            steps.append(advance_spring(algebra, spring, value, plays))
+        else:
+            steps.append(advance_inverse_spring(algebra, invert_spring(algebra, spring), value, plays))
+    after = tuple(itertools.chain(*(play for _, play in steps)))
+    return (tuple(found for found, _ in steps), *((after,) if after else ()))
 
 
 def _invert_torque(
@@ -414,33 +370,31 @@ def _invert_torque(
     return value, algebra.mul(compliance, rate), algebra.mul(compliance, second), after
 
 
-def _build_feed_forward_route(torques: RouteBuilder) -> RouteBuilder:
-    """Return the route to the torques of the motors that takes those of the links from another route."""
-
-    def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-        algebra, inputs, table = workspace.algebra, workspace.inputs, workspace.table
-        springs = _list_springs(workspace, "Q")
-        seeds: dict[int, int] = {}
-        for name, rate in itertools.pairwise(("q", "dq", "ddq", "dddq", "ddddq")):
-            seeds |= dict(zip(inputs[name], inputs[rate], strict=True))
-        (values,) = workspace.recall(torques)
-        rates = differentiate_forward(table, values, seeds)
-        found = list(zip(values, rates, differentiate_forward(table, rates, seeds), strict=True))
-        torsions = [
-            _invert_torque(algebra, spring, torque, plays)
-            for (spring, plays), torque in zip(springs, found, strict=True)
-        ]
-        theta = [algebra.add(q, torsion[0]) for q, torsion in zip(inputs["q"], torsions, strict=True)]
-        dtheta = [algebra.add(dq, torsion[1]) for dq, torsion in zip(inputs["dq"], torsions, strict=True)]
-        motion = {"dq": tuple(dtheta), "q": tuple(theta), "load": tuple(values)}
-        (friction,) = _emit_friction(replace(workspace, inputs={**inputs, **motion}, built={}))
-        motors = []
-        for k, torsion in enumerate(torsions):
-            inertial = algebra.mul(inputs["IA"][k], algebra.add(inputs["ddq"][k], torsion[2]))
-            motors.append(algebra.add(algebra.add(inertial, friction[k]), values[k]))
-        return _append_plays(motors, theta, dtheta, plays=[torsion[3] for torsion in torsions])
-
-    return build
+def _emit_feed_forward(workspace: RouteWorkspace, torques: RouteBuilder) -> tuple[Elements, ...]:
+    """Return the torques of the motors, with those of the links from another route."""
+    algebra, inputs, table = workspace.algebra, workspace.inputs, workspace.table
+    springs = _list_springs(workspace, "Q")
+    seeds: dict[int, int] = {}
+    for name, rate in itertools.pairwise(("q", "dq", "ddq", "dddq", "ddddq")):
+        seeds |= dict(zip(inputs[name], inputs[rate], strict=True))
+    (values,) = workspace.recall(torques)
+    (rates,) = differentiate_along(table, values, [seeds])
+    (seconds,) = differentiate_along(table, rates, [seeds])
+    found = list(zip(values, rates, seconds, strict=True))
+    torsions = [
+        _invert_torque(algebra, spring, torque, plays)
+        for (spring, plays), torque in zip(springs, found, strict=True)
+    ]
+    theta = tuple(algebra.add(q, torsion[0]) for q, torsion in zip(inputs["q"], torsions, strict=True))
+    dtheta = tuple(algebra.add(dq, torsion[1]) for dq, torsion in zip(inputs["dq"], torsions, strict=True))
+    motion = {"dq": dtheta, "q": theta, "load": tuple(values)}
+    (friction,) = _emit_friction(replace(workspace, inputs={**inputs, **motion}, built={}))
+    motors = []
+    for k, torsion in enumerate(torsions):
+        inertial = algebra.mul(inputs["IA"][k], algebra.add(inputs["ddq"][k], torsion[2]))
+        motors.append(algebra.add(algebra.add(inertial, friction[k]), values[k]))
+    after = tuple(itertools.chain(*(torsion[3] for torsion in torsions)))
+    return (tuple(motors), theta, dtheta, *((after,) if after else ()))
 
 
 def _list_variants(name: str, build: RouteBuilder, *, both: bool = True) -> Routes:
@@ -454,46 +408,41 @@ def _list_variants(name: str, build: RouteBuilder, *, both: bool = True) -> Rout
     return {**routes, last: lambda workspace: build(workspace.shift().hold())} if both else routes
 
 
-_emit_mass_matrix = _build_mass_matrix_route(None)
 _MASS_ROUTES: Routes = {
     "composite bodies": _emit_mass_matrix,
-    "composite bodies, meeting in the second link": _build_mass_matrix_route(1),
-    "composite bodies, meeting in the third link": _build_mass_matrix_route(2),
+    "composite bodies, meeting in the second link": partial(_emit_mass_matrix, place=partial(_meet_at, 1)),
+    "composite bodies, meeting in the third link": partial(_emit_mass_matrix, place=partial(_meet_at, 2)),
     "composite bodies, shifted origins": lambda workspace: _emit_mass_matrix(workspace.shift()),
 }
 _RECURSION_ROUTES: Routes = {
     "vector recursion": lambda w: (w.flatten_vector(compute_inverse_dynamics(w.recursion, w.parameters)),),
-    **_list_variants("tensor recursion", _emit_torques_by_tensors),
+    **_list_variants(
+        "tensor recursion",
+        lambda w: (w.flatten_vector(compute_tensor_torques(w.recursion, w.parameters)),),
+    ),
 }
 _TORQUE_ROUTES: Routes = {
     **_RECURSION_ROUTES,
     "regressor times parameters": _emit_torques_by_regressor,
-    "differentiation of the energy": _emit_derived_torques,
+    "differentiation of the energy": lambda w: (
+        tuple(_derive_torque(w, *itertools.chain(*_emit_energy(w)))),
+    ),
 }
 
 
-def _combine_routes(build: Callable[[RouteBuilder, RouteBuilder], RouteBuilder], parts: Routes) -> Routes:
-    """Return the routes that take a mass matrix and `parts` from other routes."""
-    return {
-        f"{mass}; {part}": build(_MASS_ROUTES[mass], parts[part]) for mass in _MASS_ROUTES for part in parts
-    }
-
-
-def _list_composite_routes(
-    build: Callable[[Callable[[Robot], ProjectionFrame] | None], RouteBuilder],
-) -> Routes:
+def _list_composite_routes(build: Callable[..., tuple[Elements, ...]]) -> Routes:
     """Return the routes whose wrenches of composite bodies go down to every joint, or stop before.
 
     Last links are held in all of them: their composite bodies are carried without a turn.
     """
-    places = {
+    places: Mapping[str, Place] = {
         "": None,
-        ", meeting in the third link": _meet_at(2),
-        ", meeting in the fourth link": _meet_at(3),
+        ", meeting in the third link": partial(_meet_at, 2),
+        ", meeting in the fourth link": partial(_meet_at, 3),
     }
     routes: dict[str, RouteBuilder] = {}
     for ending, place in places.items():
-        variants = _list_variants(f"composite bodies{ending}", build(place))
+        variants = _list_variants(f"composite bodies{ending}", partial(build, place=place))
         routes |= {name: variant for name, variant in variants.items() if name.endswith("held")}
     return routes
 
@@ -503,34 +452,42 @@ _DIFFERENTIATED = ("tensor recursion", "tensor recursion, last links held")
 _TORQUE_REGRESSOR_ROUTES = _list_regressor_routes(compute_torque_columns, _derive_torque)
 ROUTES: Mapping[str, Routes] = {
     "forward_kinematics": {"chain of frames": _emit_forward_kinematics},
-    "jacobian": {"axes in the base frame": _emit_jacobian},
+    "jacobian": {
+        "axes in the base frame": lambda w: (
+            tuple(itertools.chain(*map(w.flatten_vector, compute_jacobian(w.recursion)))),
+        )
+    },
     "mass_matrix": {**_MASS_ROUTES, "differentiation of the energy": _emit_derived_mass_matrix},
     "coriolis_matrix": {
-        **_list_composite_routes(build_coriolis_route),
+        **_list_composite_routes(build_coriolis),
         **_list_variants("torques of unit rates", _emit_coriolis_matrix),
     },
     "gravity": _TORQUE_ROUTES,
     "bias": _TORQUE_ROUTES,
     "inverse_dynamics": _TORQUE_ROUTES,
     "forward_dynamics": {
-        **_combine_routes(build_forward_dynamics_route, _RECURSION_ROUTES),
-        **_list_variants(_ARTICULATED, build_articulated_route),
+        **{
+            f"{mass}; {torques}": partial(build_forward_dynamics, mass=_MASS_ROUTES[mass], torques=route)
+            for mass in _MASS_ROUTES
+            for torques, route in _RECURSION_ROUTES.items()
+        },
+        **_list_variants(_ARTICULATED, build_articulated),
     },
     "inverse_dynamics_derivatives": {
-        **_list_composite_routes(build_derivatives_route),
+        **_list_composite_routes(build_derivatives),
         **{
-            f"differentiation of the {name}": build_differentiated_route(
-                _RECURSION_ROUTES[name], _emit_mass_matrix
+            f"differentiation of the {name}": partial(
+                build_differentiated, torques=_RECURSION_ROUTES[name], mass=_emit_mass_matrix
             )
             for name in _DIFFERENTIATED
         },
     },
-    "forward_dynamics_derivatives": _list_composite_routes(build_forward_derivatives_route),
+    "forward_dynamics_derivatives": _list_composite_routes(build_forward_derivatives),
     "mass_matrix_derivatives": {
-        **_list_composite_routes(build_mass_derivatives_route),
-        "differentiation of composite bodies": build_differentiated_mass_route(_emit_mass_matrix),
+        **_list_composite_routes(build_mass_derivatives),
+        "differentiation of composite bodies": partial(build_differentiated_mass, mass=_emit_mass_matrix),
     },
-    "inverse_dynamics_second_derivatives": _list_composite_routes(build_second_derivatives_route),
+    "inverse_dynamics_second_derivatives": _list_composite_routes(build_second_derivatives),
     "energy": {
         "regressor times parameters": _emit_energy,
         **_list_variants("sum over bodies", _emit_energy_of_bodies, both=False),
@@ -545,7 +502,7 @@ ROUTES: Mapping[str, Routes] = {
     ),
     "torque_regressor": _TORQUE_REGRESSOR_ROUTES,
     "torque_regressor_derivatives": {
-        f"{name}, differentiated": build_regressor_derivatives_route(route)
+        f"{name}, differentiated": partial(build_regressor_derivatives, regressor=route)
         for name, route in _TORQUE_REGRESSOR_ROUTES.items()
     },
     "slotine_li_regressor": _list_regressor_routes(compute_torque_columns, reference=("dqr", "ddqr")),
@@ -554,10 +511,10 @@ ROUTES: Mapping[str, Routes] = {
         "columns of the joint models": lambda w: (w.flatten_columns(_list_friction_columns(w)),)
     },
     "friction_step": {"bristles and columns": _emit_friction_step},
-    "hysteresis_step": {"plays": _build_hysteresis_route("phi", "P")},
-    "hysteresis_inverse_step": {"plays of the inverse": _build_hysteresis_route("tau_J", "Q")},
+    "hysteresis_step": {"plays": partial(_emit_hysteresis, given="phi", memory="P")},
+    "hysteresis_inverse_step": {"plays of the inverse": partial(_emit_hysteresis, given="tau_J", memory="Q")},
     "elastic_inverse_dynamics": {
-        name: _build_feed_forward_route(build) for name, build in _RECURSION_ROUTES.items()
+        name: partial(_emit_feed_forward, torques=build) for name, build in _RECURSION_ROUTES.items()
     },
 }
 """Per function of the catalogue its routes by name; of routes that cost the same the first is taken."""
@@ -601,14 +558,6 @@ def list_routes(robot: Robot, function: str) -> Routes:
     return {name: build for name, build in routes.items() if not name.startswith(_ARTICULATED)}
 
 
-def _list_promising(robot: Robot, routes: Routes) -> Routes:
-    """Return the routes that are tried: for many joints only those with a chance, for each takes seconds."""
-    if robot.freedom <= _MOST_TRIED:
-        return routes
-    promising = {name: build for name, build in routes.items() if not any(word in name for word in _COSTLY)}
-    return promising or routes
-
-
 def choose_route(
     robot: Robot, base: BaseParameters, spec: FunctionSpec, constants: Constants | None = None
 ) -> RouteChoice:
@@ -621,9 +570,15 @@ def choose_route(
     for turned in (None, turns) if turns else (None,):
         workspace = build_workspace(robot, base, spec, turned, constants)
         table = workspace.table
-        routes = _list_promising(robot, list_routes(robot, spec.name))
-        built = {name: workspace.recall(build) for name, build in routes.items()}
-        counts = {name: table.count(itertools.chain(*ports)) for name, ports in built.items()}
+        routes = list_routes(robot, spec.name)
+        if robot.freedom > _MOST_TRIED:
+            # Only those with a chance, for each takes seconds.
+            costly = {name for name in routes if any(word in name for word in _COSTLY)}
+            routes = {name: routes[name] for name in routes if name not in costly} or routes
+        built, counts = dict[str, tuple[Elements, ...]](), dict[str, Operations]()
+        for name, build in routes.items():
+            built[name] = workspace.recall(build)
+            counts[name] = table.count(itertools.chain(*built[name]))
         costs = {name: count.mul + count.add for name, count in counts.items()}
         chosen = min(costs, key=costs.__getitem__)
         rows = (

@@ -92,21 +92,6 @@ def _sync_to_disk(path: Path) -> None:
         os.close(handle)
 
 
-def _copy_owner(source: Path, *targets: Path) -> None:
-    """Give `targets` the owner of `source`, where the user may."""
-    wanted = source.stat()
-    with contextlib.suppress(OSError):
-        for target in targets:
-            found = target.stat()
-            if (wanted.st_uid, wanted.st_gid) != (found.st_uid, found.st_gid):
-                os.chown(target, wanted.st_uid, wanted.st_gid)
-
-
-def _build_write_error(error: OSError, folder: Path) -> OutputError:
-    text = f"cannot be written: {error.strerror or error}"
-    return OutputError(Notice(code="output.cannot-write", text=text, file=str(folder)))
-
-
 def _read_listed(folder: Path) -> tuple[ListedDigests, bool]:
     """Return the digests of the files that symid wrote, and whether a manifest of symid is there."""
     # After an interrupted update, a file may be as the old manifest says or as that of the update does.
@@ -194,11 +179,17 @@ def _update_folder(sources: SourceSet, folder: Path, listed: ListedDigests) -> N
     moved = False
     try:
         _write_staging(sources, staging)
-        _copy_owner(folder, staging, *sorted(staging.rglob("*")))
-        for path, _ in sources.files:
-            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        # The folder's owner has the files too, where the user may give them.
+        wanted = folder.stat()
+        with contextlib.suppress(OSError):
+            for path in (staging, *sorted(staging.rglob("*"))):
+                found = path.stat()
+                if (wanted.st_uid, wanted.st_gid) != (found.st_uid, found.st_gid):
+                    os.chown(path, wanted.st_uid, wanted.st_gid)
+        for name, _ in sources.files:
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
             moved = True
-            (staging / path).replace(folder / path)
+            (staging / name).replace(folder / name)
         _remove_stale_files(folder, sources, listed)
         for place in sorted({(folder / path).parent for path, _ in sources.files}):
             _sync_to_disk(place)
@@ -238,7 +229,8 @@ def write_sources(sources: SourceSet, folder: Path, *, force: bool = False) -> t
             with contextlib.suppress(OSError):
                 _sync_to_disk(target.parent)
     except OSError as error:
-        raise _build_write_error(error, folder) from error
+        text = f"cannot be written: {error.strerror or error}"
+        raise OutputError(Notice(code="output.cannot-write", text=text, file=str(folder))) from error
     finally:
         shutil.rmtree(staging, ignore_errors=True)
     return tuple(folder / path for path, _ in (*sources.files, (MANIFEST, "")))

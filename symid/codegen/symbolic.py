@@ -13,11 +13,16 @@ from typing import Any, TypeAlias
 import sympy
 from sympy import Expr, ImmutableDenseMatrix, Rational, Symbol
 
-from symid.codegen.catalogue import list_bristles, list_robot_specs, list_spring_parameters
+from symid.codegen.equation_routes import build_workspace
 from symid.codegen.expressions import ExactProgram, count_expanded_operations, share_values, write_values
-from symid.codegen.functions import FunctionSpec, Port
+from symid.codegen.functions import (
+    FunctionSpec,
+    Port,
+    list_bristles,
+    list_robot_specs,
+    list_spring_parameters,
+)
 from symid.codegen.routes import list_routes
-from symid.codegen.workspace import build_workspace
 from symid.dynamics import (
     BaseParameters,
     build_standard_parameters,
@@ -142,10 +147,8 @@ class SymbolicFunction:
             UsageError: the expressions have more than 20 000 operations.
         """
         if self.operations > _LONGEST_PRINT:
-            text = (
-                f"function '{self.name}' has {self.operations} operations when written out, more than "
-                f"{_LONGEST_PRINT}; print entries of `outputs`, or the steps of `share()`"
-            )
+            text = f"function '{self.name}' has {self.operations} operations when written out, more than "
+            text += f"{_LONGEST_PRINT}; print entries of `outputs`, or the steps of `share()`"
             raise UsageError(Notice(code="usage.too-long", text=text))
         return "\n".join(self._write_equations())
 
@@ -176,16 +179,6 @@ def _write_index(letter: str, *indices: str) -> str:
         return rf"{{{letter}}}_{{{','.join(indices)}}}"
     below = ",".join(part for part in (match["below"], *indices) if part)
     return f"{match['letter']}_{{{below}}}{match['above'] or ''}"
-
-
-def _write_name(name: str) -> str:
-    """Return a symbol in LaTeX: dq1, Fv2, k1_2; of other names what lessons write."""
-    match = _NUMBERED.match(name)
-    if match and match["letter"] + match["place"] in _LATEX:
-        return _write_index(_LATEX[match["letter"] + match["place"]], match["number"])
-    if match and match["letter"] in _LATEX:
-        return _write_index(_LATEX[match["letter"]], *filter(None, (match["place"],)), match["number"])
-    return write_name_latex(name)
 
 
 def _list_names(robot: Robot, base: BaseParameters, port: Port) -> list[str]:
@@ -248,6 +241,16 @@ def derive_symbolic(
     Raises:
         UsageError: the catalogue has no such function for this robot, or `symbols` do not fit it.
     """
+
+    def write_latex(symbol: str) -> str:
+        """Return a symbol in LaTeX: dq1, Fv2, k1_2; of other names what lessons write."""
+        if match := _NUMBERED.match(symbol):
+            if whole := _LATEX.get(match["letter"] + match["place"]):
+                return _write_index(whole, match["number"])
+            if letter := _LATEX.get(match["letter"]):
+                return _write_index(letter, *filter(None, (match["place"],)), match["number"])
+        return write_name_latex(symbol)
+
     if standard or base is None:
         base = build_standard_parameters(robot) if standard else derive_base_parameters(robot)
     (spec,) = list_robot_specs(robot, base, (name,))
@@ -286,6 +289,6 @@ def derive_symbolic(
         },
         operations=sizes[route],
         route=route,
-        names={x: _write_name(x.name) for column in columns for x in column if isinstance(x, Symbol)},
+        names={x: write_latex(x.name) for column in columns for x in column if isinstance(x, Symbol)},
         source=source,
     )

@@ -57,16 +57,6 @@ def _move_origin(joint: Joint, step: Exact) -> Joint:
     return replace(joint, placement=replace(placement, translation=(x, y, z)))
 
 
-def _is_level(robot: Robot, link: int) -> bool:
-    """Return whether all origins from the first link of the branch up to `link` coincide."""
-    while robot.joints[link].parent >= 0:
-        joint = robot.joints[link]
-        if joint.kind is not JointKind.REVOLUTE or any(joint.placement.translation):
-            return False
-        link = joint.parent
-    return True
-
-
 def choose_origin_shifts(robot: Robot) -> dict[int, Exact]:
     """Return by how much which origins are moved back along their joint's axis, in m."""
     parents = {joint.parent for joint in robot.joints}
@@ -78,8 +68,12 @@ def choose_origin_shifts(robot: Robot) -> dict[int, Exact]:
             axial = axial + row[2] * length
         if joint.parent < 0 or joint.kind is not JointKind.REVOLUTE or not axial:
             continue
-        bare = not any(_move_origin(joint, -axial).placement.translation)
-        if link not in parents or (bare and _is_level(robot, joint.parent)):
+        # Of a link that carries others, only where all origins of its branch before it coincide.
+        before, level = joint.parent, not any(_move_origin(joint, -axial).placement.translation)
+        while level and (earlier := robot.joints[before]).parent >= 0:
+            level = earlier.kind is JointKind.REVOLUTE and not any(earlier.placement.translation)
+            before = earlier.parent
+        if level or link not in parents:
             shifts[link] = axial
     return shifts
 

@@ -20,7 +20,6 @@ from typing import Generic
 from symid.dynamics.algebra import Algebra, Matrix, T, Vector
 from symid.dynamics.bodies import Parameters, add_drive_torques, gather_body, solve_articulated_bodies
 from symid.dynamics.recursion import (
-    LinkMotion,
     Recursion,
     Screw,
     Wrench,
@@ -162,60 +161,45 @@ def _build_acceleration_tensor(
     )
 
 
-def _carry_acceleration(
-    recursion: Recursion[T],
-    joint: int,
-    parent: AccelerationTensor[T],
-    others: tuple[LinkMotion[T], ...],
-    reference: Reference[T],
-) -> tuple[Vector[T], Vector[T], Vector[T] | None]:
-    """Return dw, a and, where it is known, the column of U along the axis of a link, from its parent's.
-
-    U_j z = R' (U_p z_p);  dw_j z = dw_p z_p + ddq;
-    a_j = R' (a_p + U_p r) (+ 2 w x z dq + z ddq if prismatic).
-    """
-    algebra, frame, zero = recursion.algebra, recursion.frames[joint], recursion.algebra.zero
-    own: Vector[T] = (zero, zero, reference[1][joint])
-    angular, turning = recursion.motions[joint].angular, (zero, zero, reference[0][joint])
-    rate = rotate_to_link(algebra, frame, parent.rate)
-    if frame.revolute:
-        rate = algebra.add_vectors(rate, algebra.cross(angular, turning), own)
-    swing = algebra.apply_matrix(parent.tensor, frame.origin)
-    linear = rotate_to_link(algebra, frame, algebra.add_vectors(parent.linear, swing))
-    if not frame.revolute:
-        first = algebra.cross(angular, turning)
-        second = algebra.cross(others[joint].angular, (zero, zero, recursion.state.velocity[joint]))
-        return rate, algebra.add_vectors(linear, first, second, own), None
-    axis = (frame.fixed[0][2], frame.fixed[1][2], frame.fixed[2][2])
-    # Where the axis is one of the parent's axes, its column of U is known.
-    if sum(bool(row[2]) for row in recursion.robot.joints[joint].placement.rotation) > 1:
-        return rate, linear, None
-    return rate, linear, rotate_to_link(algebra, frame, algebra.apply_matrix(parent.tensor, axis))
-
-
 def compute_acceleration_tensors(
     recursion: Recursion[T], reference: Reference[T] | None = None
 ) -> tuple[AccelerationTensor[T], ...]:
     """Return the acceleration tensor of every link.
 
+    U_j z = R' (U_p z_p), where that is known;  dw_j z = dw_p z_p + ddq;
+    a_j = R' (a_p + U_p r) (+ 2 w x z dq + z ddq if prismatic).
     `reference` replaces dq and ddq in what is differentiated; None for themselves.
     """
     robot, algebra, state = recursion.robot, recursion.algebra, recursion.state
-    chosen = reference or (state.velocity, state.acceleration)
-    others = recursion.motions
-    if reference:
-        others = compute_motions(robot, algebra, recursion.frames, reference[0])
-    none = (algebra.zero,) * 3
+    rates, accelerations = reference or (state.velocity, state.acceleration)
+    others = compute_motions(robot, algebra, recursion.frames, rates) if reference else recursion.motions
+    zero = algebra.zero
+    none = (zero, zero, zero)
     start, still = compute_base_acceleration(recursion), (none, none, none)
     base = AccelerationTensor(
         rate=none, linear=start, tensor=still, axial=none, products=none, differences=none
     )
     spins: list[AccelerationTensor[T]] = []
-    for index, joint in enumerate(robot.joints):
+    for index, (joint, frame) in enumerate(zip(robot.joints, recursion.frames, strict=True)):
         parent = spins[joint.parent] if joint.parent >= 0 else base
-        turns = (recursion.motions[index].angular, others[index].angular if reference else None)
-        carried = _carry_acceleration(recursion, index, parent, others, chosen)
-        spins.append(_build_acceleration_tensor(algebra, turns, *carried))
+        own: Vector[T] = (zero, zero, accelerations[index])
+        angular, turning = recursion.motions[index].angular, (zero, zero, rates[index])
+        rate = rotate_to_link(algebra, frame, parent.rate)
+        if frame.revolute:
+            rate = algebra.add_vectors(rate, algebra.cross(angular, turning), own)
+        swing = algebra.apply_matrix(parent.tensor, frame.origin)
+        linear = rotate_to_link(algebra, frame, algebra.add_vectors(parent.linear, swing))
+        column: Vector[T] | None = None
+        if not frame.revolute:
+            first = algebra.cross(angular, turning)
+            second = algebra.cross(others[index].angular, (zero, zero, state.velocity[index]))
+            linear = algebra.add_vectors(linear, first, second, own)
+        elif sum(bool(row[2]) for row in joint.placement.rotation) == 1:
+            # Where the axis is one of the parent's axes, its column of U is known.
+            axis = (frame.fixed[0][2], frame.fixed[1][2], frame.fixed[2][2])
+            column = rotate_to_link(algebra, frame, algebra.apply_matrix(parent.tensor, axis))
+        turns = (angular, others[index].angular if reference else None)
+        spins.append(_build_acceleration_tensor(algebra, turns, rate, linear, column))
     return tuple(spins)
 
 
@@ -242,33 +226,24 @@ def compute_tensor_wrench(algebra: Algebra[T], name: str, spin: AccelerationTens
     return Wrench(force=(u[0][k], u[1][k], u[2][k]), moment=moment)
 
 
-def _compute_tensor_moment(
-    algebra: Algebra[T], tensor: tuple[tuple[T, T, T], ...], spin: AccelerationTensor[T]
-) -> Vector[T]:
-    """Return I dw + w x I w, with the moments of inertia collected by products of w."""
-    (xx, xy, xz), (_, yy, yz), (_, _, zz) = tensor
-    mul, minus, neg = algebra.mul, algebra.sub, algebra.neg
-    u, (x, y, z), p, d = spin.tensor, spin.axial, spin.products, spin.differences
-
-    def add(*terms: T) -> T:
-        return algebra.sum_values(terms)
-
-    return (
-        add(mul(xx, x), neg(mul(xy, u[2][0])), mul(xz, u[1][0]), mul(yz, d[0]), mul(minus(zz, yy), p[0])),
-        add(mul(yy, y), mul(xy, u[2][1]), neg(mul(yz, u[0][1])), mul(xz, d[1]), mul(minus(xx, zz), p[1])),
-        add(mul(zz, z), neg(mul(xz, u[1][2])), mul(yz, u[0][2]), mul(xy, d[2]), mul(minus(yy, xx), p[2])),
-    )
-
-
 def compute_link_wrenches(
     recursion: Recursion[T], parameters: Parameters[T], spins: Sequence[AccelerationTensor[T]]
 ) -> list[Wrench[T]]:
     """Return the wrench that moves each link: f = M a + U MS, n = I dw + w x I w + MS x a."""
     algebra, wrenches = recursion.algebra, []
+    mul, minus, neg, total = algebra.mul, algebra.sub, algebra.neg, algebra.sum_values
     for link, spin in enumerate(spins):
         tensor, moments, mass = gather_body(algebra, parameters, link)
         force = algebra.apply_matrix(spin.tensor, moments)
-        moment = _compute_tensor_moment(algebra, tensor, spin)
+        # I dw + w x I w, with the moments of inertia collected by products of w.
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = tensor
+        u, (x, y, z), p, d = spin.tensor, spin.axial, spin.products, spin.differences
+        terms = (mul(xx, x), neg(mul(xy, u[2][0])), mul(xz, u[1][0]), mul(yz, d[0]), mul(minus(zz, yy), p[0]))
+        along = total(terms)
+        terms = (mul(yy, y), mul(xy, u[2][1]), neg(mul(yz, u[0][1])), mul(xz, d[1]), mul(minus(xx, zz), p[1]))
+        across = total(terms)
+        terms = (mul(zz, z), neg(mul(xz, u[1][2])), mul(yz, u[0][2]), mul(xy, d[2]), mul(minus(yy, xx), p[2]))
+        moment: Vector[T] = (along, across, total(terms))
         force = algebra.add_vectors(force, algebra.scale_vector(mass, spin.linear))
         moment = algebra.add_vectors(moment, algebra.cross(moments, spin.linear))
         wrenches.append(Wrench(force=force, moment=moment))

@@ -68,13 +68,12 @@ class FramePose(Generic[T]):
 
 def _lift_placement(placement: Placement, algebra: Algebra[T]) -> tuple[Matrix[T], Vector[T]]:
     """Return rotation and translation of a placement in the carrier."""
-
-    def lift(row: Sequence[Exact]) -> Vector[T]:
-        x, y, z = (algebra.constant(value) for value in row)
-        return x, y, z
-
-    first, second, third = (lift(row) for row in placement.rotation)
-    return (first, second, third), lift(placement.translation)
+    lifted: list[Vector[T]] = []
+    for row in (*placement.rotation, placement.translation):
+        x, y, z = map(algebra.constant, row)
+        lifted.append((x, y, z))
+    first, second, third, origin = lifted
+    return (first, second, third), origin
 
 
 def build_frames(robot: Robot, algebra: Algebra[T], state: RobotState[T]) -> tuple[LinkFrame[T], ...]:
@@ -261,9 +260,8 @@ def compute_screw_rates(recursion: Recursion[T]) -> tuple[Screw[T], ...]:
 def transform_screw(algebra: Algebra[T], frame: LinkFrame[T], screw: Screw[T]) -> Screw[T]:
     """Return a screw about the parent's origin in the link's axes, about the link's origin."""
     moved = algebra.add_vectors(screw.linear, algebra.cross(screw.angular, frame.origin))
-    return Screw(
-        angular=rotate_to_link(algebra, frame, screw.angular), linear=rotate_to_link(algebra, frame, moved)
-    )
+    angular = rotate_to_link(algebra, frame, screw.angular)
+    return Screw(angular=angular, linear=rotate_to_link(algebra, frame, moved))
 
 
 def transform_screws(recursion: Recursion[T], own: tuple[Screw[T], ...]) -> Screws[T]:
@@ -275,10 +273,13 @@ def transform_screws(recursion: Recursion[T], own: tuple[Screw[T], ...]) -> Scre
     found: dict[tuple[int, int], Screw[T]] = {(joint, joint): screw for joint, screw in enumerate(own)}
 
     def find(joint: int, link: int) -> Screw[T]:
-        if (joint, link) not in found:
-            before = find(joint, robot.joints[link].parent)
-            found[joint, link] = transform_screw(algebra, recursion.frames[link], before)
-        return found[joint, link]
+        missing = [link]
+        while (joint, missing[-1]) not in found:
+            missing.append(robot.joints[missing[-1]].parent)
+        screw = found[joint, missing.pop()]
+        for place in reversed(missing):
+            screw = found[joint, place] = transform_screw(algebra, recursion.frames[place], screw)
+        return screw
 
     return find
 

@@ -8,7 +8,7 @@ import pytest
 
 import symid
 from symid.cli.main import run
-from symid.codegen.catalogue import build_model_card
+from symid.codegen.functions import build_model_card
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.errors import EstimateError, UsageError
 from symid.identification.elastic.estimate import ElasticEstimate

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import symid
-from symid.codegen.c_friction import generate_friction_state
+from symid.codegen.c_library import generate_friction_state
 from symid.joint_models.dynamic_friction import get_dynamic_law
 from symid.robot.toml_reader import parse_robot
 from symid.simulation.friction_rig import Rig, RigOptions, SpringDrive, simulate_friction_rig

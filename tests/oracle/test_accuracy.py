@@ -4,7 +4,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from symid.codegen.catalogue import list_robot_specs
+from symid.codegen.functions import list_robot_specs
 from symid.codegen.programs import Op
 from symid.codegen.routes import choose_route
 from symid.dynamics.base_parameters import derive_base_parameters

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from symid.codegen.catalogue import list_robot_specs
+from symid.codegen.functions import list_robot_specs
 from symid.codegen.programs import count_operations
 from symid.codegen.routes import choose_route, list_routes
 from symid.dynamics.base_parameters import derive_base_parameters

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from symid.codegen.casadi_functions import build_casadi_function, build_functions
-from symid.codegen.catalogue import build_spring_vector
+from symid.codegen.functions import build_spring_vector
 from symid.errors import UsageError
 from symid.joint_models import FrictionValues
 from symid.notation import INERTIAL

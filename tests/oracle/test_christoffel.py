@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from symid.codegen.catalogue import list_robot_specs
+from symid.codegen.functions import list_robot_specs
 from symid.dynamics.base_parameters import derive_base_parameters
 from tests.chains import PANDA, PUMA560, STANFORD, TWO_LINK, build_route_programs, run_program, trees
 

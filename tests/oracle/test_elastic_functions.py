@@ -12,7 +12,7 @@ import sympy
 
 from symid.codegen.c_library import generate_c_library
 from symid.codegen.casadi_functions import build_functions
-from symid.codegen.catalogue import build_spring_vector, count_elastic_sizes
+from symid.codegen.functions import build_spring_vector, count_elastic_sizes
 from symid.codegen.library import load_library
 from symid.codegen.python_targets import generate_python_module
 from symid.codegen.source_folder import write_sources

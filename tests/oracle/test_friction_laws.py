@@ -7,7 +7,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from symid.codegen.c_friction import build_law_program, generate_friction_laws
+from symid.codegen.c_library import build_law_program, generate_friction_laws
 from symid.codegen.compiler import locate_compiler
 from symid.joint_models.carriers import OperatorCarrier
 from symid.joint_models.friction_catalogue import get_law

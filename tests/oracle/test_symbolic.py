@@ -14,7 +14,7 @@ import pytest
 import sympy
 from sympy.physics.mechanics import dynamicsymbols
 
-from symid.codegen.catalogue import list_robot_specs
+from symid.codegen.functions import list_robot_specs
 from symid.codegen.routes import choose_route
 from symid.codegen.symbolic import derive_symbolic
 from symid.dynamics.base_parameters import build_standard_parameters, derive_base_parameters

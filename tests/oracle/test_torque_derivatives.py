@@ -6,7 +6,7 @@ import pytest
 from sympy import QQ
 
 from symid.codegen.casadi_functions import build_casadi_function
-from symid.codegen.catalogue import list_robot_specs
+from symid.codegen.functions import list_robot_specs
 from symid.codegen.routes import choose_route
 from symid.dynamics.algebra import build_state
 from symid.dynamics.base_parameters import derive_base_parameters

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 
 from symid.codegen.casadi_functions import build_functions
-from symid.codegen.catalogue import ElasticSizes, list_robot_specs, list_specs
+from symid.codegen.functions import ElasticSizes, list_robot_specs, list_specs
 from symid.codegen.printing import print_c
 from symid.codegen.programs import count_operations
 from symid.codegen.python_targets import generate_python_module

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from symid.codegen.catalogue import list_specs
-from symid.codegen.functions import JointCard, ModelCard, ParameterCard
+from symid.codegen.functions import JointCard, ModelCard, ParameterCard, list_specs
 from symid.logs.recording import Recording, Signals
 
 L, G = 0.5, 9.81

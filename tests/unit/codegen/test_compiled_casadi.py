@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from symid.codegen.casadi_functions import build_casadi_function
-from symid.codegen.python_targets import COMPILED, build_compiled_function
+from symid.codegen.compiled_models import COMPILED, build_compiled_function
 from symid.errors import UsageError
 from symid.robot.toml_reader import read_robot
 

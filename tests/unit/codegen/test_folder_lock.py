@@ -9,8 +9,8 @@ import time
 
 import pytest
 
-from symid.codegen import generation
-from symid.codegen.generation import lock_folder
+from symid.codegen import cache
+from symid.codegen.cache import lock_folder
 from symid.errors import OutputError
 
 
@@ -75,7 +75,7 @@ def test_other_folders_are_not_locked(tmp_path):
 HOLD = """
 import sys, time
 from pathlib import Path
-from symid.codegen.generation import lock_folder
+from symid.codegen.cache import lock_folder
 with lock_folder(Path(sys.argv[1]), lambda: None):
     print("locked", flush=True)
     time.sleep(60)
@@ -101,7 +101,7 @@ def test_a_killed_process_with_another_temporary_folder_holds_nothing(tmp_path, 
 TAKE = """
 import os, sys
 from pathlib import Path
-from symid.codegen.generation import lock_folder
+from symid.codegen.cache import lock_folder
 inside = Path(sys.argv[2])
 for _ in range(40):
     with lock_folder(Path(sys.argv[1]), lambda: None):
@@ -143,13 +143,13 @@ def test_a_run_that_makes_the_folders_above_is_waited_for(tmp_path):
 def test_a_lock_on_a_file_that_was_removed_is_none(tmp_path):
     """Whoever comes next makes a file anew, and would not see it."""
     path = tmp_path / ".out.symid-lock"
-    lock = generation.FileLock(path)
+    lock = cache.FileLock(path)
     with lock:
-        assert generation._is_held(lock, path)
+        assert cache._is_held(lock, path)
         path.unlink()
-        assert not generation._is_held(lock, path)
+        assert not cache._is_held(lock, path)
         path.touch()
-        assert not generation._is_held(lock, path)
+        assert not cache._is_held(lock, path)
 
 
 def test_beside_a_folder_that_cannot_be_written_the_cache_folder_has_the_lock(tmp_path, monkeypatch):
@@ -169,6 +169,6 @@ def test_a_lock_that_cannot_be_written_is_said(tmp_path, monkeypatch):
     assert caught.value.notices[0].code == "output.cannot-write"
     assert caught.value.notices[0].file == str(tmp_path / "out")
     monkeypatch.setattr(os, "access", lambda *_: False)
-    monkeypatch.setattr(generation, "locate_user_folder", lambda: None)
+    monkeypatch.setattr(cache, "locate_user_folder", lambda: None)
     with pytest.raises(OutputError, match="Permission denied"), lock_folder(tmp_path / "other", print):
         pass

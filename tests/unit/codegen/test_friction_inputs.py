@@ -11,7 +11,7 @@ import pytest
 from symid.codegen.c_library import generate_c_library
 from symid.codegen.cache import prepare_library
 from symid.codegen.casadi_functions import build_functions
-from symid.codegen.catalogue import build_spring_vector
+from symid.codegen.functions import build_spring_vector
 from symid.codegen.source_folder import write_sources
 from symid.codegen.source_text import GenerateOptions
 from symid.joint_models import FrictionValues, get_law

@@ -7,7 +7,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from symid.codegen.c_friction import build_step_program, generate_friction_state
+from symid.codegen.c_library import build_step_program, generate_friction_state
 from symid.codegen.programs import count_operations
 from symid.joint_models.carriers import OperatorCarrier, build_float_carrier
 from symid.joint_models.dynamic_friction import (

@@ -13,9 +13,8 @@ import pytest
 
 from symid.codegen.c_library import generate_c_library, write_simd_header
 from symid.codegen.casadi_functions import build_functions
-from symid.codegen.catalogue import list_robot_specs
 from symid.codegen.compiler import locate_compiler
-from symid.codegen.functions import FunctionSpec, Port
+from symid.codegen.functions import FunctionSpec, Port, list_robot_specs
 from symid.codegen.printing import group_angles, print_c, print_simd
 from symid.codegen.programs import ExpressionTable, Op, Program
 from symid.codegen.source_folder import write_sources

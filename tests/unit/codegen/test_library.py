@@ -12,9 +12,8 @@ import pytest
 
 from symid.codegen import library as library_module
 from symid.codegen.c_library import generate_c_library
-from symid.codegen.calls import check_outputs
 from symid.codegen.casadi_functions import build_functions
-from symid.codegen.library import load_library
+from symid.codegen.library import check_outputs, load_library
 from symid.codegen.python_targets import generate_casadi_target, generate_python_module
 from symid.codegen.source_folder import write_sources
 from symid.codegen.source_text import GenerateOptions

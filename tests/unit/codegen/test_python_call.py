@@ -16,9 +16,8 @@ import pytest
 
 from symid.codegen.c_library import write_python_call
 from symid.codegen.cache import prepare_library
-from symid.codegen.calls import choose_call_path, load_extension
 from symid.codegen.functions import FunctionSpec, ModelCard, Port
-from symid.codegen.library import load_library
+from symid.codegen.library import choose_call_path, load_extension, load_library
 from symid.errors import GenerationError, UsageError
 from symid.robot.toml_reader import read_robot
 

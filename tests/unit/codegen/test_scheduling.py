@@ -5,8 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from symid.codegen.catalogue import list_robot_specs
-from symid.codegen.functions import FunctionSpec, Port
+from symid.codegen.functions import FunctionSpec, Port, list_robot_specs
 from symid.codegen.printing import print_python
 from symid.codegen.programs import ExpressionTable, Op, build_depth_first, count_operations
 from symid.dynamics.base_parameters import derive_base_parameters

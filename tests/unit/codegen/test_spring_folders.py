@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import symid
-from symid.codegen.catalogue import build_spring_vector
+from symid.codegen.functions import build_spring_vector
 from symid.errors import UsageError
 from symid.joint_models import BoucWen, Elasticity, Relaxation, Stop, run_element
 from tests.elements import ELEMENTS

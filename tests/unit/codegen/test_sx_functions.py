@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from symid.codegen.casadi_functions import build_sx_function
-from symid.codegen.catalogue import list_robot_specs
-from symid.codegen.functions import FunctionSpec, Port
+from symid.codegen.functions import FunctionSpec, Port, list_robot_specs
 from symid.codegen.programs import ExpressionTable, Op, count_operations
 from symid.codegen.routes import choose_route
 from symid.dynamics.base_parameters import derive_base_parameters

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from symid.codegen import source_text
-from symid.codegen.c_friction import generate_friction_state
-from symid.codegen.c_library import generate_c_library, write_python_call
+from symid.codegen.c_library import generate_c_library, generate_friction_state, write_python_call
 from symid.codegen.casadi_functions import build_functions
-from symid.codegen.compiled_models import write_branch, write_springs
+from symid.codegen.compiled_models import write_branch, write_external, write_springs
 from symid.codegen.element_code import ElementCode, build_sources
 from symid.codegen.printing import write_literal
-from symid.codegen.python_targets import generate_casadi_target, generate_python_module, write_external
+from symid.codegen.python_targets import generate_casadi_target, generate_python_module
 from symid.codegen.source_text import GenerateOptions, read_template_bytes, write_template
 from symid.errors import GenerationError, UsageError
 from symid.joint_models import Elasticity, FrictionValues, Relaxation, get_dynamic_law

@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 from hypothesis import given, settings
 
-from symid.codegen.catalogue import list_robot_specs
+from symid.codegen.equation_routes import build_workspace
+from symid.codegen.functions import list_robot_specs
 from symid.codegen.programs import count_operations
 from symid.codegen.routes import choose_route, list_routes
-from symid.codegen.workspace import build_workspace
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.dynamics.frame_choice import list_constant_rotations, remove_constant_rotations
 from symid.robot.geometry import Exact, build_exact_angle, place_modified_dh
